@@ -1,0 +1,1 @@
+"""This is where the pictures of the paper and the report live."""

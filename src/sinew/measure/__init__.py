@@ -1,0 +1,1 @@
+"""This is where the nouns live: recordings, results, estimates, units, files and the error tree."""

@@ -1,0 +1,101 @@
+"""This is where datasets become NetCDF files and come back, whole or not at all."""
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from sinew.measure.errors import FileError, SchemaError
+from sinew.measure.provenance import content_hash
+from sinew.measure.schema import validate_recording
+
+__all__ = ["load_dataset", "load_recording", "save_dataset", "save_recording", "write_atomically"]
+
+
+def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+    """Write a file whole or not at all: to a temporary neighbour, flushed to disk, then renamed.
+
+    write: gets the temporary path and writes the content there.
+    Raises FileError where the folder cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    except OSError as error:
+        raise FileError(f"cannot write {path}: {error.strerror or error}; choose a folder that you may write") from error
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        write(temporary)
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+    except OSError as error:
+        raise FileError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def save_dataset(dataset: xr.Dataset, path: Path) -> None:
+    """Write any dataset as NetCDF-4, atomically, with its content hash in the attributes.
+
+    The content hash is that of the values as a reader gets them. Raises FileError where the file cannot be written.
+    """
+    stored = dataset.assign_attrs(content_hash=content_hash(dataset))
+    encoding: dict[str, dict[str, Any]] = {}
+    for name in stored.variables:
+        if stored[name].dtype.kind in "fi" and stored[name].size > 4096:
+            encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
+    for name in stored.data_vars:
+        if stored[name].dtype.kind == "f":
+            encoding.setdefault(str(name), {})["_FillValue"] = None
+    write_atomically(path, lambda temporary: stored.to_netcdf(temporary, engine="netcdf4", encoding=encoding) and None)
+
+
+def load_dataset(path: Path) -> xr.Dataset:
+    """Return the dataset of a NetCDF file, read whole into memory.
+
+    Raises FileError where the file is absent, is not NetCDF, is cut short, or no longer matches its content hash.
+    """
+    if not path.is_file():
+        raise FileError(f"no such file: {path}")
+    try:
+        with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
+            dataset = opened.load()
+    except (OSError, ValueError, RuntimeError, KeyError, AttributeError) as error:
+        raise FileError(f"{path} is not a readable NetCDF file (damaged or cut short?): {error}") from error
+    for name in dataset.variables:
+        dataset[name].encoding = {}
+    dataset.encoding = {}
+    claimed = dataset.attrs.get("content_hash")
+    if claimed is not None and claimed != content_hash(dataset):
+        raise FileError(f"{path} does not match its own content hash: it was changed after Sinew wrote it")
+    return dataset
+
+
+def save_recording(recording: xr.Dataset, path: Path) -> None:
+    """Check a recording and write it atomically. Raises SchemaError or FileError."""
+    save_dataset(validate_recording(recording), path)
+
+
+def load_recording(path: Path) -> xr.Dataset:
+    """Return a checked recording from a NetCDF file. Raises FileError or SchemaError."""
+    dataset = load_dataset(path)
+    if "kind" in dataset:
+        dataset["kind"] = dataset["kind"].astype(object)
+    try:
+        return validate_recording(dataset)
+    except SchemaError as error:
+        raise SchemaError(f"{path}: {error}") from error
+
+

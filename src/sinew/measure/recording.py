@@ -1,0 +1,87 @@
+"""This is where recordings are put together and taken apart into segments."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from sinew.measure.errors import SchemaError
+from sinew.measure.schema import RECORDING_SCHEMA, SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
+
+__all__ = ["Segment", "build_recording", "iterate_segments", "segment_slices"]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """What was asked for in one stretch of a recording.
+
+    kind: settle, steady, ring-down or idle.
+    pretension_mm: common shortening of the tendons from first contact [mm].
+    frequency_hz, amplitude_deg: of the drive; NaN where there is none (idle, foreign ring-down).
+    repeat: index of the repetition, from 0.
+    """
+
+    kind: SegmentKind
+    pretension_mm: float
+    frequency_hz: float
+    amplitude_deg: float
+    repeat: int
+
+
+def build_recording(
+    samples: Mapping[str, ArrayLike],
+    segments: Sequence[Segment],
+    row_size: Sequence[int],
+    attrs: Mapping[str, Any],
+    units: Mapping[str, str] | None = None,
+) -> xr.Dataset:
+    """Return a valid recording.
+
+    samples: arrays by schema name, all of the same first length; see `SAMPLE_VARIABLES`.
+    segments, row_size: what was asked for, and how many samples it got, in order.
+    attrs: provenance; see `sinew.measure.provenance`.
+    units: units of `response` and `drive`, which the schema leaves open.
+    Raises SchemaError where the parts do not fit together.
+    """
+    variables: dict[str, tuple[tuple[str, ...], ArrayLike, dict[str, str]]] = {}
+    for name, values in samples.items():
+        if name not in SAMPLE_VARIABLES:
+            raise SchemaError(f"unknown sample variable {name!r}, expected one of {', '.join(SAMPLE_VARIABLES)}")
+        row = SAMPLE_VARIABLES[name]
+        unit = (units or {}).get(name, "") if row.unit == "*" else row.unit
+        variables[name] = (row.dims, values, {"units": unit, "long_name": row.meaning})
+    columns: dict[str, ArrayLike] = {
+        "row_size": np.asarray(row_size, dtype=np.int64),
+        "kind": np.asarray([s.kind for s in segments], dtype=object),
+        "pretension_mm": np.asarray([s.pretension_mm for s in segments], dtype=float),
+        "frequency_hz": np.asarray([s.frequency_hz for s in segments], dtype=float),
+        "amplitude_deg": np.asarray([s.amplitude_deg for s in segments], dtype=float),
+        "repeat": np.asarray([s.repeat for s in segments], dtype=np.int64),
+    }
+    for name, values in columns.items():
+        row = SEGMENT_VARIABLES[name]
+        variables[name] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})
+    try:
+        dataset = xr.Dataset(variables)
+    except ValueError as error:
+        raise SchemaError(f"samples do not fit together: {error}") from error
+    dataset["row_size"].attrs["sample_dimension"] = "sample"
+    dataset.attrs = {"Conventions": "CF-1.11", "featureType": "timeSeries", **attrs, "schema": RECORDING_SCHEMA}
+    return validate_recording(dataset)
+
+
+def segment_slices(recording: xr.Dataset) -> list[slice]:
+    """Return the sample slice of every segment, in order."""
+    ends = np.cumsum(recording["row_size"].values)
+    return [slice(int(end - size), int(end)) for end, size in zip(ends, recording["row_size"].values, strict=True)]
+
+
+def iterate_segments(recording: xr.Dataset, kind: SegmentKind | None = None) -> Iterator[tuple[int, Segment, slice]]:
+    """Yield (index, segment, sample slice) of every segment, or of those of one kind."""
+    columns = [recording[name].values for name in ("kind", "pretension_mm", "frequency_hz", "amplitude_deg", "repeat")]
+    for index, (where, row) in enumerate(zip(segment_slices(recording), zip(*columns, strict=True), strict=True)):
+        if kind is None or row[0] == kind:
+            yield index, Segment(row[0], float(row[1]), float(row[2]), float(row[3]), int(row[4])), where

@@ -1,0 +1,110 @@
+"""This is where the shape of analysed results is written down and checked.
+
+Results are an `xarray.Dataset` over the axes pretension (p), frequency (f) and repeat (r). A part that a recording
+cannot give (no sweep, no ring-down) is absent as a whole; a single missing measurement is NaN.
+A quantity `q` with an interval has the companions `q_std`, `q_low`, `q_high` (standard deviation of the value over
+repeats, and ends of the 90 % interval), the suffix standing before the unit: `resonance_std_hz`.
+"""
+
+import xarray as xr
+
+from sinew.measure.errors import SchemaError
+from sinew.measure.schema import Variable
+
+__all__ = ["RESULTS_SCHEMA", "RESULT_VARIABLES", "validate_results"]
+
+RESULTS_SCHEMA = "sinew-results-1"
+
+_P, _PR, _PFR = ("pretension",), ("pretension", "repeat"), ("pretension", "frequency", "repeat")
+
+_COORDINATES = {
+    "pretension_mm": Variable(_P, "mm", "commanded pretension"),
+    "frequency_hz": Variable(("frequency",), "Hz", "commanded drive frequency"),
+}
+
+_RESPONSE = {
+    "amplitude_rad": Variable(_PFR, "rad", "torsion amplitude, fundamental by least squares"),
+    "amplitude_std_rad": Variable(_PFR, "rad", "standard deviation of the fundamental"),
+    "amplitude_peaks_rad": Variable(_PFR, "rad", "torsion amplitude, mean of both-sided peaks (paper)"),
+    "drive_amplitude_rad": Variable(_PFR, "rad", "measured drive amplitude, fundamental"),
+    "drive_amplitude_std_rad": Variable(_PFR, "rad", "standard deviation of the drive amplitude"),
+    "gain": Variable(_PFR, "1", "mean of peaks over nominal drive amplitude (paper Eq. 6)"),
+    "gain_harmonic": Variable(_PFR, "1", "fundamental over nominal drive amplitude"),
+    "gain_measured_drive": Variable(_PFR, "1", "fundamental over measured drive amplitude"),
+    "gain_measured_drive_std": Variable(_PFR, "1", "standard deviation of the gain by measured drive"),
+    "phase_lag_rad": Variable(_PFR, "rad", "lag of the torsion behind the drive, delay budget corrected, positive lag"),
+    "phase_std_rad": Variable(_PFR, "rad", "standard deviation of the lag from noise"),
+    "phase_delay_std_rad": Variable(_PFR, "rad", "standard uncertainty of the lag from the delay budget"),
+    "lissajous_phase_rad": Variable(_PFR, "rad", "lag from the area and extent of the Lissajous ellipse"),
+    "distortion": Variable(_PFR, "1", "harmonics 2 to 5 over fundamental of the torsion"),
+    "drive_distortion": Variable(_PFR, "1", "harmonics 2 to 5 over fundamental of the drive"),
+    "settled": Variable(_PFR, "1", "1 where the amplitude had stopped changing, else 0"),
+    "drift_per_period": Variable(_PFR, "1", "relative change of amplitude per period inside the group"),
+    "saturated_share": Variable(_PFR, "1", "share of samples with the drive's duty at its limit"),
+    "drive_current_rms_a": Variable(_PFR, "A", "root mean square of the drive current"),
+}
+
+_RING_DOWN = {
+    "paper_decay_rate_per_s": Variable(_PR, "1/s", "λ of the peak envelope (paper)"),
+    "paper_omega_rad_s": Variable(_PR, "rad/s", "mean angular frequency ⟨ω⟩ of the decay (paper)"),
+    "paper_lehr_damping": Variable(_PR, "1", "λ/⟨ω⟩ (paper Eq. 7)"),
+    "paper_quality": Variable(_PR, "1", "quality factor 1/(2 D) (paper Eq. 8)"),
+    "paper_damping_n_m_s_rad": Variable(_PR, "N*m*s/rad", "d = 2 λ I (paper Eq. 9)"),
+    "paper_stiffness_n_m_rad": Variable(_PR, "N*m/rad", "k = ω² I (paper Eq. 10)"),
+    "decay_rate_per_s": Variable(_PR, "1/s", "λ of the time-domain fit"),
+    "decay_rate_std_per_s": Variable(_PR, "1/s", "standard deviation of λ"),
+    "decay_frequency_hz": Variable(_PR, "Hz", "damped frequency of the time-domain fit"),
+    "decay_frequency_std_hz": Variable(_PR, "Hz", "standard deviation of the damped frequency"),
+    "damping_ratio": Variable(_PR, "1", "λ/sqrt(ω_d² + λ²) of the time-domain fit"),
+    "damping_ratio_std": Variable(_PR, "1", "standard deviation of the damping ratio"),
+    "rest_drift": Variable(_PR, "*", "drift of the rest position over the decay, unit of the response"),
+    "exponential": Variable(_PR, "1", "1 where the decay is exponential within its noise, else 0"),
+}
+
+
+_SUFFIXES = {"1": "", "Hz": "_hz", "rad": "_rad"}
+
+
+def _with_interval(name: str, unit: str, meaning: str) -> dict[str, Variable]:
+    suffix = _SUFFIXES[unit]
+    stem = name.removesuffix(suffix)
+    rows = {name: Variable(_P, unit, meaning)}
+    for extra, text in (("std", "standard deviation over repeats"), ("low", "low end"), ("high", "high end")):
+        rows[f"{stem}_{extra}{suffix}"] = Variable(_P, unit, f"{meaning}: {text}")
+    return rows
+
+
+_RESONANCE = {
+    **_with_interval("resonance_hz", "Hz", "frequency of the largest gain"),
+    **_with_interval("gain_peak", "1", "largest gain (nominal drive, mean of peaks)"),
+    **_with_interval("gain_peak_measured_drive", "1", "largest gain by measured drive"),
+    **_with_interval("resonance_measured_drive_hz", "Hz", "frequency of the largest gain by measured drive"),
+    **_with_interval("phase_90_hz", "Hz", "frequency at which the lag passes 90°"),
+    **_with_interval("half_power_width_hz", "Hz", "width of the gain by measured drive at peak/sqrt(2)"),
+    **_with_interval("drive_amplitude_at_resonance_rad", "rad", "measured drive amplitude at resonance_hz"),
+}
+
+RESULT_VARIABLES: dict[str, Variable] = {**_COORDINATES, **_RESPONSE, **_RESONANCE, **_RING_DOWN}
+
+
+def validate_results(results: xr.Dataset) -> xr.Dataset:
+    """Return the results unchanged if they keep the schema. Raises SchemaError with one sentence."""
+    schema = results.attrs.get("schema")
+    if schema != RESULTS_SCHEMA:
+        raise SchemaError(f"these are not results of schema {RESULTS_SCHEMA!r} (found {schema!r})")
+    for name in map(str, results.variables):
+        if name in results.dims:
+            continue
+        row = RESULT_VARIABLES.get(name)
+        if row is None:
+            raise SchemaError(f"unknown result variable {name!r}")
+        if results[name].dims != row.dims:
+            raise SchemaError(f"result variable {name!r} has dimensions {results[name].dims}, expected {row.dims}")
+        unit = results[name].attrs.get("units", "")
+        if row.unit not in ("*", unit):
+            raise SchemaError(f"result variable {name!r} has unit {unit!r}, expected {row.unit!r}")
+    for part in (_RESPONSE, _RESONANCE, _RING_DOWN):
+        missing = [name for name in part if name not in results]
+        if missing and len(missing) < len(part):
+            raise SchemaError(f"results lack {missing[0]!r}, which belongs beside {next(n for n in part if n in results)!r}")
+    return results

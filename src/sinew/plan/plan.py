@@ -1,0 +1,158 @@
+"""This is where a campaign is written down: pretensions, sweep, ring-downs, and the segments they unroll to."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from sinew.measure.recording import Segment
+from sinew.measure.schema import SegmentKind
+
+__all__ = ["Group", "Plan", "Pretension", "RingDown", "Sweep", "TendonMode"]
+
+_STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+TendonMode = Literal["position", "position-with-current-limit", "current"]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class Pretension(BaseModel):
+    """The pretensions to visit and how the tendon motors hold them.
+
+    pretension_mm: common shortening of the four tendons from first contact [mm], in the order of visiting.
+    mode: position, position with a current limit, or current (constant tension).
+    rest_s: idle record after each change, at rest, for the gyroscope bias [s].
+    """
+
+    model_config = _STRICT
+
+    pretension_mm: tuple[NotNegative, ...] = Field(min_length=1)
+    mode: TendonMode = "position"
+    rest_s: Positive = 1.0
+
+
+class Sweep(BaseModel):
+    """Frequency groups (paper, section 4.1): at each frequency settle, then record whole periods.
+
+    frequency_hz: drive frequencies [Hz], increasing.
+    amplitude_deg: nominal drive amplitude θ_d [deg].
+    settle_s: transient delay before each group [s] (paper: 3 s).
+    periods: recorded periods in a group (paper: 5).
+    repeats: measurements of each group n_m (paper: 3).
+    """
+
+    model_config = _STRICT
+
+    frequency_hz: tuple[Positive, ...] = Field(min_length=1)
+    amplitude_deg: Positive = 20.0
+    settle_s: NotNegative = 3.0
+    periods: int = Field(default=5, ge=1)
+    repeats: int = Field(default=3, ge=1)
+
+    @model_validator(mode="after")
+    def _increasing(self) -> "Sweep":
+        if any(b <= a for a, b in zip(self.frequency_hz, self.frequency_hz[1:], strict=False)):
+            raise ValueError("frequency_hz must increase from one entry to the next")
+        return self
+
+
+class RingDown(BaseModel):
+    """Free decays (paper, section 4.2): drive, stop the drive at its zero crossing, record.
+
+    frequency_hz: drive frequency [Hz] at the first and at the last pretension of the plan, linear between.
+    amplitude_deg: nominal drive amplitude [deg].
+    drive_s: how long the drive runs before it stops, at least [s].
+    record_s: how long the free decay is recorded [s].
+    repeats: number of decays at each pretension.
+    """
+
+    model_config = _STRICT
+
+    frequency_hz: tuple[Positive, Positive]
+    amplitude_deg: Positive = 20.0
+    drive_s: Positive = 3.0
+    record_s: Positive = 3.0
+    repeats: int = Field(default=3, ge=1)
+
+
+@dataclass(frozen=True)
+class Group:
+    """One motion of the drive from rest: a settle followed by a record, or an idle record.
+
+    kind: of the record (steady, ring-down or idle).
+    pretension_mm, frequency_hz, amplitude_deg, repeat: as in `sinew.measure.recording.Segment`.
+    settle_s: how long the drive runs before the record [s]; a ring-down's drive stops at its end.
+    record_s: length of the record [s].
+    """
+
+    kind: SegmentKind
+    pretension_mm: float
+    frequency_hz: float
+    amplitude_deg: float
+    repeat: int
+    settle_s: float
+    record_s: float
+
+    @property
+    def duration_s(self) -> float:
+        """Length of settle and record together [s]."""
+        return self.settle_s + self.record_s
+
+    def segment(self, kind: SegmentKind) -> Segment:
+        """Return what a recording says of this group's settle or record."""
+        return Segment(kind, self.pretension_mm, self.frequency_hz, self.amplitude_deg, self.repeat)
+
+    def sample_counts(self, sample_hz: float) -> tuple[int, int]:
+        """Return the numbers of samples in settle and record at a sample rate [Hz]."""
+        settle = math.ceil(self.settle_s * sample_hz - 1e-9)
+        return settle, max(1, round(self.record_s * sample_hz))
+
+
+class Plan(BaseModel):
+    """A whole campaign.
+
+    name: for titles and file names.
+    sample_hz: rate at which motors and IMU are recorded [Hz].
+    """
+
+    model_config = _STRICT
+
+    name: str = Field(min_length=1)
+    sample_hz: Positive = 200.0
+    pretension: Pretension
+    sweep: Sweep | None = None
+    ring_down: RingDown | None = None
+
+    @model_validator(mode="after")
+    def _something_to_do(self) -> "Plan":
+        if self.sweep is None and self.ring_down is None:
+            raise ValueError("a plan needs a [sweep], a [ring_down] or both")
+        return self
+
+    def groups(self) -> list[Group]:
+        """Return the whole campaign as groups, in the order in which they are run."""
+        return [group for index in range(len(self.pretension.pretension_mm)) for group in self._groups_at(index)]
+
+    def _groups_at(self, index: int) -> Iterator[Group]:
+        pretension = self.pretension.pretension_mm[index]
+        yield Group("idle", pretension, math.nan, math.nan, 0, 0.0, self.pretension.rest_s)
+        if (sweep := self.sweep) is not None:
+            for repeat in range(sweep.repeats):
+                for frequency in sweep.frequency_hz:
+                    record = sweep.periods / frequency
+                    yield Group("steady", pretension, frequency, sweep.amplitude_deg, repeat, sweep.settle_s, record)
+        if (ring := self.ring_down) is not None:
+            first, last = self.pretension.pretension_mm[0], self.pretension.pretension_mm[-1]
+            share = (pretension - first) / (last - first) if last != first else 0.0
+            frequency = ring.frequency_hz[0] + share * (ring.frequency_hz[1] - ring.frequency_hz[0])
+            stop = _crossing_after(ring.drive_s, frequency)
+            for repeat in range(ring.repeats):
+                yield Group("ring-down", pretension, frequency, ring.amplitude_deg, repeat, stop, ring.record_s)
+
+
+def _crossing_after(time_s: float, frequency_hz: float) -> float:
+    """Return the first rising zero crossing of sin(2π f t) at or after a time [s]."""
+    return math.ceil(time_s * frequency_hz - 1e-9) / frequency_hz
