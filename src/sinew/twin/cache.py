@@ -1,0 +1,30 @@
+"""This is where JAX is set up: double precision, and compiled code kept from run to run."""
+
+import os
+from functools import cache
+from pathlib import Path
+
+import jax
+
+__all__ = ["cache_folder", "configure"]
+
+
+def cache_folder() -> Path:
+    """Return the folder of compiled code: $SINEW_CACHE, else $XDG_CACHE_HOME/sinew, else ~/.cache/sinew."""
+    if chosen := os.environ.get("SINEW_CACHE"):
+        return Path(chosen)
+    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "sinew"
+
+
+@cache
+def configure() -> None:
+    """Switch JAX to double precision on the CPU and to the persistent compilation cache; once per process."""
+    jax.config.update("jax_enable_x64", True)
+    folder = cache_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return  # a read-only home costs a compilation each time, nothing else
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)

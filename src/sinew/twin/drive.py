@@ -1,0 +1,42 @@
+"""This is where the drive motor turns an error of angle into torque and current."""
+
+import jax
+import jax.numpy as jnp
+
+from sinew.twin.parameters import Parameters
+
+__all__ = ["SLIDING_SPEED", "commanded_angle", "duty", "horn_torque", "motor_current"]
+
+SLIDING_SPEED = 0.05
+"""Speed over which gear friction turns round [rad/s]; Coulomb friction is regularised as tanh(ω/ω_s)."""
+
+
+def commanded_angle(time_s: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Return the commanded lever angle, speed and acceleration: A sin Ωt until the drive stops, then zero."""
+    driven = jnp.where(time_s < p.stop_s, p.amplitude, 0.0)
+    s, c = jnp.sin(p.omega * time_s), jnp.cos(p.omega * time_s)
+    return driven * s, driven * p.omega * c, -driven * p.omega**2 * s
+
+
+def duty(error: jax.Array, p: Parameters) -> jax.Array:
+    """Return the duty of the position loop, -limit..limit, for an error of angle [rad].
+
+    The loop sees the unrounded angle: rounding to the encoder's 0.088° would only dither the duty by 0.7 %, and it
+    would hide the loop from differentiation.
+    """
+    return jnp.clip(p.position_gain * error, -p.duty_limit, p.duty_limit)
+
+
+def horn_torque(duty_now: jax.Array, speed: jax.Array, p: Parameters) -> jax.Array:
+    """Return the torque at the horn [N m] at a duty and a speed [rad/s].
+
+    The line through stall torque and no-load speed (data sheet), scaled by duty and supply voltage: back-EMF limits
+    the speed. Friction is taken out of that line, so both data-sheet points are met.
+    """
+    friction = p.drive_friction * jnp.tanh(speed / SLIDING_SPEED)
+    return p.duty_torque * duty_now - p.speed_slope * speed - friction
+
+
+def motor_current(duty_now: jax.Array, speed: jax.Array, p: Parameters) -> jax.Array:
+    """Return the motor current [A]: the electrical torque over the torque constant at the horn."""
+    return (p.duty_torque * duty_now - p.speed_slope * speed) / p.torque_constant

@@ -1,0 +1,68 @@
+"""This is where the joint's potential energy is written down, once; every force is its derivative."""
+
+import jax
+import jax.numpy as jnp
+
+from sinew.twin.kinematics import guide_points, head_pose, tendon_lengths
+from sinew.twin.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters
+
+__all__ = ["potential", "silicone_energy", "tendon_energy", "tendon_stretch", "tendon_tension", "viscoelastic_energy"]
+
+
+def silicone_energy(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
+    """Return the relaxed strain energy of the silicone [J].
+
+    Incompressible neo-Hookean solid cylinder in combined torsion and compression (Rivlin), stretch λ = 1 - x/L:
+    W = (G L / 2) [A (λ² + 2/λ - 3) + J φ² / (L² λ)].
+    """
+    stretch = 1 - shortening / p.length
+    axial = p.axial_rigidity * p.length * (stretch**2 + 2 / stretch - 3)
+    return 0.5 * (axial + p.torsional_rigidity * torsion**2 / (p.length * stretch))
+
+
+def viscoelastic_energy(
+    torsion: jax.Array, shortening: jax.Array, memory: jax.Array, axial_memory: jax.Array, p: Parameters
+) -> jax.Array:
+    """Return the energy in the Maxwell branches [J].
+
+    memory [rad], axial_memory [m]: dashpot positions q_i, u_i, shape (branch,). Branch stiffnesses are the shares
+    g_i of the torsional stiffness G J/(L λ) at the present stretch, and of the axial one 3 G A/L.
+    """
+    stretch = 1 - shortening / p.length
+    torsional = p.torsional_rigidity / (p.length * stretch)
+    axial = 3 * p.axial_rigidity / p.length
+    stored = torsional * (torsion - memory) ** 2 + axial * (shortening - axial_memory) ** 2
+    return 0.5 * jnp.sum(p.prony_shares * stored)
+
+
+def tendon_stretch(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
+    """Return the elongation ℓ - ℓ_c of every tendon [m], shape (tendon,); negative means slack."""
+    base, head = (guide_points(radius, p.guide_directions) for radius in (p.base_radius, p.head_radius))
+    return tendon_lengths(base, head, *head_pose(torsion, shortening, p.free_span)) - p.cable_end
+
+
+def tendon_energy(stretch: jax.Array, p: Parameters) -> jax.Array:
+    """Return the energy of tendons of given elongation [m]: elementwise, [J].
+
+    The motor decides. Position: ½ k_t s² where taut, 0 where slack. Position with current limit: the same up to the
+    limit, beyond it the motor yields at constant tension. Current: constant tension, T s.
+    """
+    taut = jnp.maximum(stretch, 0.0)
+    position = 0.5 * p.stiffness * taut**2
+    yielding = p.held_tension * (taut - 0.5 * p.held_tension / p.stiffness)
+    limited = jnp.where(p.stiffness * taut < p.held_tension, position, yielding)
+    current = p.held_tension * stretch
+    return jnp.where(p.mode == CURRENT, current, jnp.where(p.mode == POSITION_LIMITED, limited, position))
+
+
+def tendon_tension(stretch: jax.Array, p: Parameters) -> jax.Array:
+    """Return the tension of tendons of given elongation [m], elementwise [N]: the derivative of `tendon_energy`."""
+    position = p.stiffness * jnp.maximum(stretch, 0.0)
+    held = jnp.where(p.mode == CURRENT, p.held_tension, jnp.minimum(position, p.held_tension))
+    return jnp.where(p.mode == POSITION, position, held)
+
+
+def potential(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
+    """Return the relaxed potential energy V(φ, x; ℓ_c) of silicone and tendons [J]."""
+    tendons = jnp.sum(tendon_energy(tendon_stretch(torsion, shortening, p), p))
+    return silicone_energy(torsion, shortening, p) + tendons

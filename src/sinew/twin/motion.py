@@ -1,0 +1,117 @@
+"""This is where the equations of motion stand: one function, from state to rate."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from sinew.twin.drive import commanded_angle, duty, horn_torque
+from sinew.twin.energy import potential, tendon_stretch, tendon_tension, viscoelastic_energy
+from sinew.twin.parameters import Parameters
+from sinew.twin.prony import BRANCHES, relaxation_times
+
+__all__ = ["State", "dissipation", "friction_torque", "mechanical_energy", "rate", "state_at_rest"]
+
+
+class State(NamedTuple):
+    """State of one lane.
+
+    torsion φ, torsion_rate [rad, rad/s]; shortening x, shortening_rate [m, m/s]; lever θ against the head and
+    lever_rate; bristle z of the guide friction, -1..1; memory q_i [rad] and axial_memory u_i [m] of the silicone,
+    (branch,); gyro and gyro_rate: the low-pass of the gyroscope [rad/s, rad/s²].
+    """
+
+    torsion: jax.Array
+    torsion_rate: jax.Array
+    shortening: jax.Array
+    shortening_rate: jax.Array
+    lever: jax.Array
+    lever_rate: jax.Array
+    bristle: jax.Array
+    memory: jax.Array
+    axial_memory: jax.Array
+    gyro: jax.Array
+    gyro_rate: jax.Array
+
+
+def state_at_rest(shortening: jax.Array, p: Parameters) -> State:
+    """Return the state of a joint that has rested at an axial shortening [m] until the silicone relaxed.
+
+    A prescribed lever starts at the speed of its command.
+    """
+    zero = jnp.zeros(())
+    start = jnp.where(p.prescribed > 0, p.amplitude * p.omega, 0.0)
+    memory = jnp.zeros(BRANCHES)
+    return State(zero, zero, shortening, zero, zero, start, zero, memory, memory + shortening, zero, zero)
+
+
+def friction_torque(state: State, p: Parameters) -> jax.Array:
+    """Return the guides' friction torque on the head [N m], opposing the motion: Dahl, level μ·ΣT.
+
+    Level and presliding stiffness both grow with the tension in the tendons: F = μ ΣT z, stiffness μ ΣT/φ_s.
+    """
+    tension = jnp.sum(tendon_tension(tendon_stretch(state.torsion, state.shortening, p), p))
+    return p.guide_friction * tension * state.bristle
+
+
+def _strain_energy(torsion: jax.Array, shortening: jax.Array, state: State, p: Parameters) -> jax.Array:
+    stored = viscoelastic_energy(torsion, shortening, state.memory, state.axial_memory, p)
+    return potential(torsion, shortening, p) + stored
+
+
+def rate(time_s: jax.Array, state: State, p: Parameters) -> State:
+    """Return the time derivative of the state.
+
+    Kinetic energy T = ½ I_h φ̇² + ½ I_l (φ̇ + θ̇)² + ½ J_a θ̇² + ½ m_h ẋ²; forces are -∇V by automatic
+    differentiation. The rotor's spin about its own axis adds J_a/353 to the coupling and is left out.
+    """
+    slope = jax.grad(_strain_energy, argnums=(0, 1))(state.torsion, state.shortening, state, p)
+    torque = -slope[0] - p.viscous * state.torsion_rate - friction_torque(state, p)
+    goal, goal_rate, goal_acceleration = commanded_angle(time_s, p)
+    horn = horn_torque(duty(goal - state.lever, p), state.lever_rate, p)
+
+    # [I_h + I_l, I_l; I_l, I_l + J_a] [φ̈; θ̈] = [torque; horn]
+    a, b, c = p.head + p.lever, p.lever, p.lever + p.armature
+    determinant = a * c - b * b
+    prescribed = p.prescribed > 0
+    lever_acceleration = jnp.where(prescribed, goal_acceleration, (a * horn - b * torque) / determinant)
+    torsion_acceleration = (torque - b * lever_acceleration) / a
+
+    times = relaxation_times()
+    speed = state.torsion_rate
+    w = p.low_pass_omega
+    return State(
+        torsion=speed,
+        torsion_rate=torsion_acceleration,
+        shortening=state.shortening_rate,
+        shortening_rate=-slope[1] / p.head_mass,
+        lever=jnp.where(prescribed, goal_rate, state.lever_rate),
+        lever_rate=lever_acceleration,
+        bristle=(speed - jnp.abs(speed) * state.bristle) / p.presliding_angle,
+        memory=(state.torsion - state.memory) / times,
+        axial_memory=(state.shortening - state.axial_memory) / times,
+        gyro=state.gyro_rate,
+        gyro_rate=w * w * (speed - state.gyro) - jnp.sqrt(2.0) * w * state.gyro_rate,
+    )
+
+
+def mechanical_energy(state: State, p: Parameters) -> jax.Array:
+    """Return kinetic plus stored energy [J]; the bristles' energy is counted with the friction work."""
+    lever = state.torsion_rate + state.lever_rate
+    kinetic = p.head * state.torsion_rate**2 + p.lever * lever**2 + p.armature * state.lever_rate**2
+    kinetic = 0.5 * (kinetic + p.head_mass * state.shortening_rate**2)
+    return kinetic + _strain_energy(state.torsion, state.shortening, state, p)
+
+
+def dissipation(time_s: jax.Array, state: State, p: Parameters) -> tuple[jax.Array, jax.Array]:
+    """Return (power lost in silicone, viscous damper and guides, power delivered by the horn) [W]."""
+    stretch = 1 - state.shortening / p.length
+    torsional = p.torsional_rigidity / (p.length * stretch)
+    axial = 3 * p.axial_rigidity / p.length
+    times = relaxation_times()
+    branch = torsional * (state.torsion - state.memory) ** 2 + axial * (state.shortening - state.axial_memory) ** 2
+    lost = jnp.sum(p.prony_shares * branch / times) + p.viscous * state.torsion_rate**2
+    lost = lost + friction_torque(state, p) * state.torsion_rate
+    goal, _, _ = commanded_angle(time_s, p)
+    horn = horn_torque(duty(goal - state.lever, p), state.lever_rate, p)
+    return lost, horn * state.lever_rate

@@ -1,0 +1,108 @@
+"""This is where a rig becomes the numbers of the equations of motion, one value per lane."""
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from sinew.plan.rig import RigSpec
+from sinew.twin.kinematics import guide_directions
+from sinew.twin.prony import prony_shares
+
+__all__ = ["POSITION", "POSITION_LIMITED", "TENDON_MODES", "CURRENT", "Parameters", "from_rig"]
+
+POSITION, POSITION_LIMITED, CURRENT = 0.0, 1.0, 2.0
+TENDON_MODES = {"position": POSITION, "position-with-current-limit": POSITION_LIMITED, "current": CURRENT}
+
+
+class Parameters(NamedTuple):
+    """Everything the equations of motion need, in SI; each leaf is a scalar, or has a leading lane axis.
+
+    Silicone: length L, torsional_rigidity G·J, axial_rigidity G·A, prony_shares g_i (branch,), viscous d.
+    Inertia: head I_h, lever I_l, armature J_a, head_mass m_h.
+    Tendons: guide_directions (tendon, 2) as cosine and sine, radii, free_span L_t, stiffness k_t (cable and servo in series), cable_end ℓ_c (length at which the
+    cable between the guides goes slack; the motor's doing), held_tension (current mode, or the limit), mode,
+    guide_friction μ [m], presliding_angle [rad].
+    Drive: duty_torque and speed_slope of the torque line, friction, position_gain, duty_limit, torque_constant.
+    Motion asked for: amplitude [rad], omega [rad/s], stop_s (when the drive stops), prescribed (1: the lever
+    follows the command exactly). Sensor: low_pass_omega [rad/s].
+    """
+
+    length: jax.Array
+    torsional_rigidity: jax.Array
+    axial_rigidity: jax.Array
+    prony_shares: jax.Array
+    viscous: jax.Array
+    head: jax.Array
+    lever: jax.Array
+    armature: jax.Array
+    head_mass: jax.Array
+    guide_directions: jax.Array
+    base_radius: jax.Array
+    head_radius: jax.Array
+    free_span: jax.Array
+    stiffness: jax.Array
+    cable_end: jax.Array
+    held_tension: jax.Array
+    mode: jax.Array
+    guide_friction: jax.Array
+    presliding_angle: jax.Array
+    duty_torque: jax.Array
+    speed_slope: jax.Array
+    drive_friction: jax.Array
+    position_gain: jax.Array
+    duty_limit: jax.Array
+    torque_constant: jax.Array
+    amplitude: jax.Array
+    omega: jax.Array
+    stop_s: jax.Array
+    prescribed: jax.Array
+    low_pass_omega: jax.Array
+
+
+def from_rig(rig: RigSpec) -> Parameters:
+    """Return scalar parameters of a rig at rest: tendons slack (cable_end huge), drive idle.
+
+    The cross-section's second moments follow from the diameter: J = π d⁴/32, A = π d²/4, and G = G·J / J.
+    The drive's torque line goes through stall torque and no-load speed at nominal voltage; its Coulomb friction is
+    contained in that line, so duty_torque is larger than the stall torque by the friction.
+    """
+    silicone, tendons, drive = rig.silicone, rig.tendons, rig.drive
+    diameter = silicone.diameter.value
+    shear_modulus = silicone.torsional_rigidity.value / (np.pi * diameter**4 / 32)
+    series = 1 / (1 / tendons.cable_stiffness.value + 1 / tendons.servo_stiffness.value)
+    stall = drive.stall_torque.value + drive.friction.value
+    supply = drive.supply_voltage.value / drive.nominal_voltage.value
+    values = {
+        "length": silicone.length.value,
+        "torsional_rigidity": silicone.torsional_rigidity.value,
+        "axial_rigidity": shear_modulus * np.pi * diameter**2 / 4,
+        "prony_shares": prony_shares(silicone.loss_factor.value),
+        "viscous": silicone.viscous.value,
+        "head": rig.inertia.head.value,
+        "lever": rig.inertia.lever.value,
+        "armature": drive.armature.value,
+        "head_mass": rig.inertia.head_mass.value,
+        "guide_directions": guide_directions(tendons.count),
+        "base_radius": tendons.base_radius.value,
+        "head_radius": tendons.head_radius.value,
+        "free_span": tendons.free_span.value,
+        "stiffness": series,
+        "cable_end": 1e3,
+        "held_tension": 0.0,
+        "mode": POSITION,
+        "guide_friction": tendons.guide_friction.value,
+        "presliding_angle": tendons.presliding_angle.value,
+        "duty_torque": stall * supply,
+        "speed_slope": drive.stall_torque.value / drive.no_load_speed.value,
+        "drive_friction": drive.friction.value,
+        "position_gain": drive.position_gain.value,
+        "duty_limit": drive.duty_limit.value,
+        "torque_constant": stall / drive.stall_current.value,
+        "amplitude": 0.0,
+        "omega": 1.0,
+        "stop_s": np.inf,
+        "prescribed": 0.0,
+        "low_pass_omega": 2 * np.pi * rig.imu.low_pass.value,
+    }
+    return Parameters(**{name: np.asarray(value, dtype=float) for name, value in values.items()})  # type: ignore[arg-type]

@@ -1,0 +1,199 @@
+"""This is where a plan runs on the twin and becomes a recording."""
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+import jax
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sinew.measure.provenance import provenance
+from sinew.measure.recording import Segment, build_recording
+from sinew.plan.plan import Group, Plan, TendonMode
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_plan, dump_rig
+from sinew.twin.cache import configure
+from sinew.twin.drive import motor_current
+from sinew.twin.effects import Effects
+from sinew.twin.energy import tendon_tension
+from sinew.twin.integrate import STEPS_PER_SAMPLE, Track, integrate
+from sinew.twin.parameters import CURRENT, TENDON_MODES, Parameters, from_rig
+from sinew.twin.sensors import read_accelerometer, read_gyro, read_rounded, stamp
+from sinew.twin.statics import set_pretension
+
+__all__ = ["LIMIT_RESERVE_N", "lane_parameters", "rest_tension", "simulate", "simulate_tracks"]
+
+LIMIT_RESERVE_N = 5.0
+"""Tension above that at rest at which a current-limited position loop yields [N]; the paper does not give it."""
+
+Lanes = tuple[Parameters, NDArray[np.float64]]
+
+
+@cache
+def _set_pretension() -> Callable[..., Any]:
+    return jax.jit(jax.vmap(set_pretension, in_axes=(0, 0, None, None, None)))
+
+
+def lane_parameters(
+    groups: Sequence[Group],
+    rig: RigSpec,
+    *,
+    mode: TendonMode = "position",
+    effects: Effects | None = None,
+    rng: np.random.Generator | None = None,
+) -> Lanes:
+    """Return (parameters with a lane axis, shortening at rest [m]) for groups, one lane each.
+
+    rng: draws the scatter of pretension and friction, one draw for each pair of pretension and repeat.
+    """
+    configure()
+    effects = effects or Effects()
+    pairs = {pair: i for i, pair in enumerate(dict.fromkeys((g.pretension_mm, g.repeat) for g in groups))}
+    pair = np.array([pairs[g.pretension_mm, g.repeat] for g in groups])
+    scatter = np.zeros((2, len(pairs)))
+    if rng is not None and effects.repeatability:
+        widths = (rig.repeatability.pretension.value, rig.repeatability.guide_friction.value)
+        scatter = np.array(widths)[:, None] * rng.standard_normal(scatter.shape)
+
+    lanes = len(groups)
+    p = jax.tree.map(lambda leaf: np.broadcast_to(leaf, (lanes, *np.shape(leaf))).copy(), from_rig(rig))
+    driven = np.array([g.kind != "idle" for g in groups])
+    frequency = np.array([g.frequency_hz if g.kind != "idle" else 1.0 for g in groups])
+    amplitude = np.array([np.radians(g.amplitude_deg) if g.kind != "idle" else 0.0 for g in groups])
+    p = p._replace(
+        amplitude=np.where(driven, amplitude, 0.0),
+        omega=2 * np.pi * frequency,
+        stop_s=np.array([g.settle_s if g.kind == "ring-down" else np.inf for g in groups]),
+        guide_friction=p.guide_friction * np.maximum(0.0, 1 + scatter[1, pair]),
+    )
+    p = effects.applied(p)
+    if not effects.tendons:
+        return p, np.zeros(lanes)
+    pretension = np.maximum(0.0, np.array([g.pretension_mm for g in groups]) * 1e-3 + scatter[0, pair])
+    held = TENDON_MODES[mode] if effects.length_locking else CURRENT
+    contact = rig.tendons.first_contact_tension.value
+    p, shortening = _set_pretension()(p, pretension, contact, held, LIMIT_RESERVE_N)
+    return jax.tree.map(np.asarray, p), np.asarray(shortening)
+
+
+def rest_tension(pretension_mm: Sequence[float], rig: RigSpec) -> NDArray[np.float64]:
+    """Return the tension of each tendon at rest [N] at every pretension [mm], shape (pretension,)."""
+    groups = [Group("idle", p, np.nan, np.nan, 0, 0.0, 1.0) for p in pretension_mm]
+    p, _ = lane_parameters(groups, rig, mode="current")
+    return np.asarray(p.held_tension)
+
+
+def simulate_tracks(
+    lanes: Lanes,
+    groups: Sequence[Group],
+    sample_hz: float,
+    *,
+    steps: int = STEPS_PER_SAMPLE,
+    progress: Callable[[float, float], None] | None = None,
+) -> list[Track]:
+    """Return the true motion of every group, sampled at `sample_hz`; see `sinew.twin.integrate`."""
+    samples = [sum(g.sample_counts(sample_hz)) for g in groups]
+    return integrate(*lanes, samples, 1 / sample_hz, steps=steps, progress=progress)
+
+
+def simulate(
+    plan: Plan,
+    rig: RigSpec,
+    *,
+    seed: int = 0,
+    effects: Effects | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> xr.Dataset:
+    """Return the recording that the plan gives on the rig's physics twin.
+
+    seed: of scatter, noise and jitter; the same seed gives the same recording.
+    progress: called with (done, total) simulated seconds.
+    Every group starts from rest; the pause before it is not recorded.
+    """
+    effects = effects or Effects()
+    scatter, noise = (np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(2))
+    groups = plan.groups()
+    p, shortening = lane_parameters(groups, rig, mode=plan.pretension.mode, effects=effects, rng=scatter)
+    tracks = simulate_tracks((p, shortening), groups, plan.sample_hz, progress=progress)
+    samples = _read(tracks, groups, p, plan, rig, effects, noise)
+    segments, sizes = _segments(groups, plan.sample_hz)
+    off = [name for name in Effects.names() if not getattr(effects, name)]
+    attrs = provenance("twin", rig=dump_rig(rig), plan=dump_plan(plan), seed=seed, effects_off=" ".join(off))
+    return build_recording(samples, segments, sizes, attrs)
+
+
+def _segments(groups: Sequence[Group], sample_hz: float) -> tuple[list[Segment], list[int]]:
+    segments, sizes = [], []
+    for group in groups:
+        settle, record = group.sample_counts(sample_hz)
+        for kind, size in (("settle", settle), (group.kind, record)):
+            if size:
+                segments.append(group.segment(kind))
+                sizes.append(size)
+    return segments, sizes
+
+
+def _read(
+    tracks: Sequence[Track],
+    groups: Sequence[Group],
+    p: Parameters,
+    plan: Plan,
+    rig: RigSpec,
+    effects: Effects,
+    rng: np.random.Generator,
+) -> dict[str, NDArray[Any]]:
+    """Return every channel of the recording over all groups, one after the other."""
+    counts = np.array([track.torsion.size for track in tracks])
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    joined = Track(*(np.concatenate([getattr(t, name) for t in tracks], axis=-1) for name in Track._fields))
+    each: Parameters = jax.tree.map(lambda leaf: np.repeat(leaf, counts, axis=0), p)
+    own_time = (np.arange(counts.sum()) - np.repeat(starts, counts)) / plan.sample_hz
+    command = np.where(own_time < each.stop_s, each.amplitude * np.sin(each.omega * own_time), 0.0)
+
+    drive, bus, tendons = rig.drive, rig.bus, rig.tendons
+    late = bus.drive_delay.value if effects.sensor_filter else 0.0
+    lever = joined.lever - late * joined.lever_rate
+    current = np.asarray(motor_current(joined.duty, joined.lever_rate, each))
+    tension = np.asarray(tendon_tension(joined.stretch, each)).T
+    taken_up = (_take_up(joined.stretch, tension, each, starts, counts, groups, rig)) / tendons.pulley_radius.value
+    pull = tension * tendons.pulley_radius.value / tendons.torque_constant.value
+    turn = 2 * np.pi
+    return {
+        "time_s": stamp(counts, plan.sample_hz, bus, effects, rng),
+        "drive_command_rad": command.astype(np.float32),
+        "drive_rad": read_rounded(lever, turn / drive.counts_per_turn.value, effects).astype(np.float32),
+        "drive_current_a": read_rounded(current, drive.current_lsb.value, effects).astype(np.float32),
+        "drive_pwm": read_rounded(joined.duty, drive.duty_lsb.value, effects).astype(np.float32),
+        "tendon_rad": read_rounded(taken_up, turn / tendons.counts_per_turn.value, effects).astype(np.float32),
+        "tendon_current_a": read_rounded(pull, tendons.current_lsb.value, effects).astype(np.float32),
+        "gyro_rad_s": read_gyro(
+            joined.gyro, joined.gyro_rate, joined.torsion_rate, starts, plan.sample_hz, rig.imu, effects, rng
+        ),
+        "acceleration_m_s2": read_accelerometer(
+            joined.torsion_rate, joined.torsion_acceleration, rig.imu, effects, rng
+        ),
+    }
+
+
+def _take_up(
+    stretch: NDArray[np.float64],
+    tension: NDArray[np.float64],
+    each: Parameters,
+    starts: NDArray[np.intp],
+    counts: NDArray[np.intp],
+    groups: Sequence[Group],
+    rig: RigSpec,
+) -> NDArray[np.float64]:
+    """Return how much cable the motors have taken up since first contact [m], shape (sample, tendon).
+
+    A group starts at rest with its pretension taken up, less what the servo gives way under the added tension;
+    then the motor follows length and tension: Δw = -Δℓ + ΔT/k_cable.
+    """
+    cable, servo = rig.tendons.cable_stiffness.value, rig.tendons.servo_stiffness.value
+    contact = rig.tendons.first_contact_tension.value
+    pretension = np.repeat([g.pretension_mm * 1e-3 for g in groups], counts)[:, None]
+    rest = np.repeat(starts, counts)
+    moved = -(stretch.T - stretch.T[rest]) + (tension - tension[rest]) / cable
+    return np.asarray(pretension - (tension[rest] - contact) / servo + moved)

@@ -1,0 +1,60 @@
+"""This is where the joint at rest is solved: first contact, pretension, tension."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+
+from sinew.twin.energy import potential, silicone_energy, tendon_stretch, tendon_tension
+from sinew.twin.parameters import CURRENT, POSITION, Parameters
+
+__all__ = ["axial_force", "rest_shortening", "set_pretension", "torsional_stiffness"]
+
+_NEWTON_STEPS = 30
+
+
+def _solve(slope, start: jax.Array) -> jax.Array:  # type: ignore[no-untyped-def]
+    """Return the root of a scalar function by a fixed number of Newton steps."""
+    curvature = jax.grad(slope)
+
+    def step(_: int, x: jax.Array) -> jax.Array:
+        return x - slope(x) / curvature(x)
+
+    return jax.lax.fori_loop(0, _NEWTON_STEPS, step, start)
+
+
+def rest_shortening(p: Parameters) -> jax.Array:
+    """Return the axial shortening x [m] at which the untwisted, relaxed joint rests: ∂V/∂x = 0 at φ = 0."""
+    slope = jax.grad(partial(potential, jnp.zeros(())), argnums=0)
+    return _solve(lambda x: slope(x, p), 0.001 * p.length)
+
+
+def set_pretension(
+    p: Parameters, pretension: jax.Array, first_contact_tension: jax.Array, mode: jax.Array, limit: jax.Array
+) -> tuple[Parameters, jax.Array]:
+    """Return (parameters with the motors set, shortening at rest [m]) at a pretension.
+
+    pretension: common shortening of the cables from first contact [m].
+    first_contact_tension: tension of each tendon at pretension zero [N] (the current-controlled pull).
+    mode: of the motors. In current mode they hold the tension that position mode has at rest at this pretension.
+    limit: tension above that at rest, at which a current-limited position loop yields [N].
+    """
+    contact = p._replace(mode=jnp.full((), CURRENT), held_tension=first_contact_tension)
+    x0 = rest_shortening(contact)
+    untwisted = tendon_stretch(jnp.zeros(()), x0, p._replace(cable_end=jnp.zeros(())))[0]
+    first_end = untwisted - first_contact_tension / p.stiffness
+    held = p._replace(mode=jnp.full((), POSITION), cable_end=first_end - pretension)
+    shortening = rest_shortening(held)
+    tension = tendon_tension(tendon_stretch(jnp.zeros(()), shortening, held), held)[0]
+    set_tension = jnp.where(mode == CURRENT, tension, tension + limit)
+    return held._replace(mode=mode, held_tension=set_tension), shortening
+
+
+def torsional_stiffness(shortening: jax.Array, p: Parameters) -> jax.Array:
+    """Return the relaxed small-angle torsional stiffness ∂²V/∂φ² at φ = 0 [N m/rad]."""
+    return jax.hessian(potential)(jnp.zeros(()), shortening, p)
+
+
+def axial_force(shortening: jax.Array, torsion: jax.Array, p: Parameters) -> jax.Array:
+    """Return the force [N] with which the twisted silicone resists a shortening: ∂W/∂x."""
+    return jax.grad(silicone_energy, argnums=1)(torsion, shortening, p)
