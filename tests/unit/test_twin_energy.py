@@ -1,0 +1,133 @@
+"""Energy, stiffness and statics of the twin against closed forms."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import load_rig
+from sinew.twin.cache import configure
+from sinew.twin.energy import potential, silicone_energy, tendon_energy, tendon_stretch, tendon_tension
+from sinew.twin.kinematics import guide_directions, guide_points, tendon_lengths
+from sinew.twin.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters, from_rig
+from sinew.twin.prony import complex_stiffness, prony_shares
+from sinew.twin.statics import axial_force, rest_shortening, set_pretension, torsional_stiffness
+
+configure()
+
+
+@pytest.fixture(scope="module")
+def rig() -> RigSpec:
+    return load_rig("paper")
+
+
+def _held(rig: RigSpec, pretension_m: float, mode: float) -> tuple[Parameters, jax.Array]:
+    contact = rig.tendons.first_contact_tension.value
+    return set_pretension(from_rig(rig), pretension_m, contact, mode, 5.0)
+
+
+@pytest.mark.parametrize("mode", [POSITION, POSITION_LIMITED, CURRENT])
+@pytest.mark.parametrize("pretension_m", [0.0, 0.005, 0.012])
+def test_small_angle_stiffness_is_silicone_plus_geometric_stiffness(
+    rig: RigSpec, mode: float, pretension_m: float
+) -> None:
+    p, x = _held(rig, pretension_m, mode)
+    stretch = tendon_stretch(jnp.zeros(()), x, p)
+    tension = float(tendon_tension(stretch, p)[0])
+    span = float(stretch[0] + p.cable_end)
+    silicone = float(p.torsional_rigidity / (p.length - x))
+    geometric = 4 * tension * float(p.base_radius * p.head_radius) / span
+    assert float(torsional_stiffness(x, p)) == pytest.approx(silicone + geometric, rel=1e-9)
+
+
+@pytest.mark.parametrize(("stretch", "twist_rad"), [(1.0, 0.5), (0.9, 1.0), (0.85, -0.7), (1.05, 0.3)])
+def test_torque_and_axial_force_equal_rivlins_stress_field(rig: RigSpec, stretch: float, twist_rad: float) -> None:
+    p = from_rig(rig)
+    length, radius0 = float(p.length), rig.silicone.diameter.value / 2
+    shear = float(p.torsional_rigidity) / (np.pi * radius0**4 / 2)
+    twist = twist_rad / length
+    radius = radius0 / np.sqrt(stretch)
+
+    # Cauchy stress of the incompressible neo-Hookean cylinder, pressure from radial equilibrium and a free surface
+    def axial(r: float) -> float:
+        radial = -shear * twist**2 * (radius**2 - r**2) / 2
+        return shear * (stretch**2 - 1 / stretch) + radial
+
+    force = quad(lambda r: axial(r) * 2 * np.pi * r, 0, radius)[0]
+    torque = quad(lambda r: r * (shear * r * twist * stretch) * 2 * np.pi * r, 0, radius)[0]
+
+    shortening = jnp.asarray((1 - stretch) * length)
+    found_torque = jax.grad(silicone_energy)(jnp.asarray(twist_rad), shortening, p)
+    assert float(found_torque) == pytest.approx(torque, rel=1e-9)
+    assert -float(axial_force(shortening, jnp.asarray(twist_rad), p)) == pytest.approx(force, rel=1e-9, abs=1e-9)
+
+
+def test_tension_is_the_derivative_of_tendon_energy_in_every_mode(rig: RigSpec) -> None:
+    p = from_rig(rig)._replace(held_tension=jnp.asarray(30.0))
+    for mode in (POSITION, POSITION_LIMITED, CURRENT):
+        held = p._replace(mode=jnp.asarray(mode))
+        for stretch in (-1e-3, 1e-4, 4e-4, 1e-3):
+            slope = jax.grad(tendon_energy)(jnp.asarray(stretch), held)
+            assert float(slope) == pytest.approx(float(tendon_tension(jnp.asarray(stretch), held)), abs=1e-9)
+
+
+def test_slack_tendon_pulls_nothing(rig: RigSpec) -> None:
+    assert float(tendon_tension(jnp.asarray(-1e-6), from_rig(rig))) == 0.0
+
+
+def test_first_contact_carries_the_set_tension_and_balances_the_silicone(rig: RigSpec) -> None:
+    p, x = _held(rig, 0.0, POSITION)
+    tension = float(tendon_tension(tendon_stretch(jnp.zeros(()), x, p), p).sum())
+    contact = rig.tendons.first_contact_tension.value
+    assert tension == pytest.approx(4 * contact, rel=1e-9)
+    assert float(axial_force(x, jnp.zeros(()), p)) == pytest.approx(4 * contact, rel=1e-9)
+
+
+def _secant_stiffness(p: Parameters, angle: float) -> float:
+    """Return torque over angle with the head free to sink."""
+    slope = jax.grad(potential, argnums=(0, 1))
+    curvature = jax.grad(lambda y: slope(jnp.asarray(angle), y, p)[1])
+    x = float(rest_shortening(p))
+    for _ in range(30):
+        x -= float(slope(jnp.asarray(angle), jnp.asarray(x), p)[1] / curvature(jnp.asarray(x)))
+    return float(slope(jnp.asarray(angle), jnp.asarray(x), p)[0]) / angle
+
+
+def test_locked_length_hardens_the_joint_and_held_current_does_not(rig: RigSpec) -> None:
+    locked, _ = _held(rig, 0.006, POSITION)
+    current, _ = _held(rig, 0.006, CURRENT)
+    small, large = np.radians(1.0), np.radians(50.0)
+    assert _secant_stiffness(locked, large) > 1.02 * _secant_stiffness(locked, small)
+    # held tension follows the chord, whose torque grows less than the angle
+    assert _secant_stiffness(current, large) < _secant_stiffness(current, small)
+
+
+def test_lengths_of_straight_tendons_follow_the_chord_formula() -> None:
+    directions = jnp.asarray(guide_directions(4))
+    base, head = guide_points(jnp.asarray(0.03), directions), guide_points(jnp.asarray(0.02), directions)
+    angle, height = 0.8, 0.09
+    rotation = jnp.asarray(
+        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]], dtype=float
+    )
+    lengths = tendon_lengths(base, head, rotation, jnp.asarray([height, 0.0, 0.0]))
+    chord = np.sqrt(height**2 + 0.03**2 + 0.02**2 - 2 * 0.03 * 0.02 * np.cos(angle))
+    np.testing.assert_allclose(lengths, chord, rtol=1e-14)
+
+
+def test_a_tilted_head_shortens_one_tendon_and_lengthens_its_opposite() -> None:
+    directions = jnp.asarray(guide_directions(4))
+    guides = guide_points(jnp.asarray(0.03), directions)
+    tilt = 0.05
+    rotation = jnp.asarray([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    lengths = np.asarray(tendon_lengths(guides, guides, rotation, jnp.asarray([0.09, 0.0, 0.0])))
+    # tendons 1 and 3 sit on ±z, the axis that a rotation about y tips
+    assert lengths[1] - lengths[3] == pytest.approx(2 * 0.03 * np.sin(tilt), rel=0.01)
+    assert lengths[0] == pytest.approx(lengths[2], rel=1e-12)
+
+
+@pytest.mark.parametrize("loss_factor", [0.02, 0.1, 0.2])
+def test_prony_series_holds_the_loss_factor_constant_over_two_decades(loss_factor: float) -> None:
+    ratio = complex_stiffness(prony_shares(loss_factor), np.geomspace(0.3, 30, 50))
+    np.testing.assert_allclose(ratio.imag / ratio.real, loss_factor, rtol=0.03)
