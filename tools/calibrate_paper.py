@@ -147,6 +147,8 @@ def _lehr(group: Group, track: Track) -> float:
     start, _ = group.sample_counts(SAMPLE_HZ)
     torsion = track.torsion[start:]
     at, _ = find_peaks(np.abs(torsion), height=np.radians(1.0))
+    if at.size < 4:
+        return 1.0  # no oscillation to speak of: far outside the paper's numbers
     time_s, height = at / SAMPLE_HZ, np.abs(torsion[at])
     (_, decay), _ = curve_fit(lambda t, a, rate: a * np.exp(-rate * t), time_s, height, (height[0], 1.5))
     return float(decay / (np.pi / np.mean(np.diff(time_s))))
@@ -165,7 +167,7 @@ def misfit(observed: Vector) -> Vector:
     return (observed - value) * 3 / np.array([t.tolerance for t in TARGETS])
 
 
-class _Met(Exception):
+class _MetError(Exception):
     """Raised inside a search as soon as the paper's numbers are met."""
 
 
@@ -193,7 +195,7 @@ def fit(
         observed = observe([rig_with(base, complete(x))])[0]
         if prior < 1 and admissible(observed):
             best[:] = [complete(x), observed]
-            raise _Met
+            raise _MetError
         return np.concatenate([misfit(observed), prior * x])
 
     def jacobian(x: Vector) -> NDArray[np.float64]:
@@ -206,7 +208,7 @@ def fit(
     x0 = np.clip((values[free] - likely[free]) / width[free], low + 1e-6, high - 1e-6)
     try:
         solution = least_squares(residual, x0, jacobian, bounds=(low, high), max_nfev=steps, xtol=1e-3, ftol=1e-3)
-    except _Met:
+    except _MetError:
         return best[0], best[1]
     final = complete(solution.x)
     return final, observe([rig_with(base, final)])[0]
@@ -231,7 +233,7 @@ def together(base: RigSpec, values: Vector, index: int) -> tuple[float, float]:
 
         def met(value: float) -> bool:
             nonlocal last
-            found, observed = fit(base, last, {index: value}, steps=8, prior=0.1)  # noqa: B023
+            found, observed = fit(base, last, {index: value}, steps=8, prior=0.1)
             if admissible(observed):
                 last = found
             return bool(admissible(observed))
@@ -270,7 +272,7 @@ def find_ranges(base: RigSpec, values: Vector) -> dict[str, dict[str, object]]:
             "alone": [float(f"{v:.4g}") for v in one],
             "together": [float(f"{v:.4g}") for v in all_],
         }
-        print(f"{free.name:32} alone {one[0]:.4g} .. {one[1]:.4g}   together {all_[0]:.4g} .. {all_[1]:.4g}", flush=True)
+        print(f"{free.name:32} alone {one[0]:.4g} .. {one[1]:.4g}, together {all_[0]:.4g} .. {all_[1]:.4g}", flush=True)
     return ranges
 
 

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.twin.cache import configure
-from sinew.twin.energy import potential, silicone_energy, tendon_energy, tendon_stretch, tendon_tension
+from sinew.twin.energy import potential, silicone_energy, tendon_energy, tendon_stretch, tendon_tension, total_tension
 from sinew.twin.kinematics import guide_directions, guide_points, tendon_lengths
 from sinew.twin.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters, from_rig
 from sinew.twin.prony import complex_stiffness, prony_shares
@@ -34,9 +34,9 @@ def test_small_angle_stiffness_is_silicone_plus_geometric_stiffness(
     rig: RigSpec, mode: float, pretension_m: float
 ) -> None:
     p, x = _held(rig, pretension_m, mode)
-    stretch = tendon_stretch(jnp.zeros(()), x, p)
-    tension = float(tendon_tension(stretch, p)[0])
-    span = float(stretch[0] + p.cable_end)
+    stretch = tendon_stretch(jnp.zeros(()), x, p)[0]
+    tension = float(tendon_tension(stretch, p))
+    span = float(stretch + p.cable_end)
     silicone = float(p.torsional_rigidity / (p.length - x))
     geometric = 4 * tension * float(p.base_radius * p.head_radius) / span
     assert float(torsional_stiffness(x, p)) == pytest.approx(silicone + geometric, rel=1e-9)
@@ -79,7 +79,7 @@ def test_slack_tendon_pulls_nothing(rig: RigSpec) -> None:
 
 def test_first_contact_carries_the_set_tension_and_balances_the_silicone(rig: RigSpec) -> None:
     p, x = _held(rig, 0.0, POSITION)
-    tension = float(tendon_tension(tendon_stretch(jnp.zeros(()), x, p), p).sum())
+    tension = float(total_tension(jnp.zeros(()), x, p))
     contact = rig.tendons.first_contact_tension.value
     assert tension == pytest.approx(4 * contact, rel=1e-9)
     assert float(axial_force(x, jnp.zeros(()), p)) == pytest.approx(4 * contact, rel=1e-9)
@@ -104,24 +104,25 @@ def test_locked_length_hardens_the_joint_and_held_current_does_not(rig: RigSpec)
     assert _secant_stiffness(current, large) < _secant_stiffness(current, small)
 
 
+def _scalars(matrix: list[list[float]]) -> tuple[tuple[jax.Array, ...], ...]:
+    return tuple(tuple(jnp.asarray(float(entry)) for entry in row) for row in matrix)
+
+
 def test_lengths_of_straight_tendons_follow_the_chord_formula() -> None:
-    directions = jnp.asarray(guide_directions(4))
+    directions = _scalars(guide_directions(4))
     base, head = guide_points(jnp.asarray(0.03), directions), guide_points(jnp.asarray(0.02), directions)
     angle, height = 0.8, 0.09
-    rotation = jnp.asarray(
-        [[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]], dtype=float
-    )
-    lengths = tendon_lengths(base, head, rotation, jnp.asarray([height, 0.0, 0.0]))
+    rotation = _scalars([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
+    lengths = tendon_lengths(base, head, (rotation, _scalars([[height, 0, 0]])[0]))
     chord = np.sqrt(height**2 + 0.03**2 + 0.02**2 - 2 * 0.03 * 0.02 * np.cos(angle))
     np.testing.assert_allclose(lengths, chord, rtol=1e-14)
 
 
 def test_a_tilted_head_shortens_one_tendon_and_lengthens_its_opposite() -> None:
-    directions = jnp.asarray(guide_directions(4))
-    guides = guide_points(jnp.asarray(0.03), directions)
+    guides = guide_points(jnp.asarray(0.03), _scalars(guide_directions(4)))
     tilt = 0.05
-    rotation = jnp.asarray([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
-    lengths = np.asarray(tendon_lengths(guides, guides, rotation, jnp.asarray([0.09, 0.0, 0.0])))
+    rotation = _scalars([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    lengths = [float(length) for length in tendon_lengths(guides, guides, (rotation, _scalars([[0.09, 0, 0]])[0]))]
     # tendons 1 and 3 sit on ±z, the axis that a rotation about y tips
     assert lengths[1] - lengths[3] == pytest.approx(2 * 0.03 * np.sin(tilt), rel=0.01)
     assert lengths[0] == pytest.approx(lengths[2], rel=1e-12)

@@ -44,4 +44,8 @@ class Estimate:
         def number(x: float) -> float | None:
             return float(x) if math.isfinite(x) else None
 
-        return {"value": number(self.value), "std": number(self.std), "interval90": [number(self.low), number(self.high)]}
+        return {
+            "value": number(self.value),
+            "std": number(self.std),
+            "interval90": [number(self.low), number(self.high)],
+        }

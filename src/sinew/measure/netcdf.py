@@ -12,7 +12,7 @@ from sinew.measure.errors import FileError, SchemaError
 from sinew.measure.provenance import content_hash
 from sinew.measure.schema import validate_recording
 
-__all__ = ["load_dataset", "load_recording", "save_dataset", "save_recording", "write_atomically"]
+__all__ = ["is_netcdf", "load_dataset", "load_recording", "save_dataset", "save_recording", "write_atomically"]
 
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
@@ -25,7 +25,9 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
     except OSError as error:
-        raise FileError(f"cannot write {path}: {error.strerror or error}; choose a folder that you may write") from error
+        raise FileError(
+            f"cannot write {path}: {error.strerror or error}; choose a folder that you may write"
+        ) from error
     os.close(handle)
     temporary = Path(name)
     try:
@@ -34,8 +36,9 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
             os.fsync(written.fileno())
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
-    except OSError as error:
-        raise FileError(f"cannot write {path}: {error.strerror or error}") from error
+    except (OSError, RuntimeError) as error:  # the NetCDF library reports a full disk as RuntimeError
+        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        raise FileError(f"cannot write {path}: {reason}; choose another place and check the free space") from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -62,18 +65,33 @@ def save_dataset(dataset: xr.Dataset, path: Path) -> None:
     write_atomically(path, lambda temporary: stored.to_netcdf(temporary, engine="netcdf4", encoding=encoding) and None)
 
 
+def is_netcdf(path: Path) -> bool:
+    """Return whether a file is NetCDF, going by its first bytes and not by its name.
+
+    Raises FileError where it is absent, a folder, or cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return file.read(8).startswith((b"\x89HDF\r\n\x1a\n", b"CDF\x01", b"CDF\x02", b"CDF\x05"))
+    except OSError as error:
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+
+
 def load_dataset(path: Path) -> xr.Dataset:
     """Return the dataset of a NetCDF file, read whole into memory.
 
     Raises FileError where the file is absent, is not NetCDF, is cut short, or no longer matches its content hash.
     """
-    if not path.is_file():
-        raise FileError(f"no such file: {path}")
+    if not is_netcdf(path):
+        raise FileError(f"{path} is not a NetCDF file; expected a recording or results that Sinew wrote")
     try:
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
             dataset = opened.load()
-    except (OSError, ValueError, RuntimeError, KeyError, AttributeError) as error:
-        raise FileError(f"{path} is not a readable NetCDF file (damaged or cut short?): {error}") from error
+    except (OSError, ValueError, RuntimeError, LookupError, AttributeError, TypeError) as error:
+        reason = " ".join(str(error).split())
+        raise FileError(
+            f"{path} is a damaged NetCDF file, perhaps cut short ({reason}); copy or write it anew"
+        ) from error
     for name in dataset.variables:
         dataset[name].encoding = {}
     dataset.encoding = {}
@@ -97,5 +115,3 @@ def load_recording(path: Path) -> xr.Dataset:
         return validate_recording(dataset)
     except SchemaError as error:
         raise SchemaError(f"{path}: {error}") from error
-
-

@@ -2,6 +2,7 @@
 
 import hashlib
 import platform
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -40,17 +41,23 @@ def provenance(source: str, *, rig: str = "", plan: str = "", seed: int | None =
 
 
 def content_hash(dataset: xr.Dataset) -> str:
-    """Return the SHA-256 over names, dimensions, values and attributes of a dataset, as hexadecimal text."""
+    """Return the SHA-256 over names, dimensions, types, values and attributes of a dataset, as hexadecimal text."""
     digest = hashlib.sha256()
     for name in sorted(map(str, dataset.variables)):
         variable = dataset[name]
         digest.update(f"{name}{variable.dims}{variable.shape}".encode())
         values = variable.values
-        if values.dtype.kind in "OUS":
+        if values.dtype.kind in "OUST":
             digest.update("\0".join(map(str, values.ravel())).encode())
         else:
+            digest.update(values.dtype.str.encode())
             digest.update(np.ascontiguousarray(values).tobytes())
-    for key in sorted(map(str, dataset.attrs)):
-        if key not in _UNHASHED:
-            digest.update(f"{key}={dataset.attrs[key]}".encode())
+        digest.update(_attributes_text(variable.attrs).encode())
+    digest.update(_attributes_text(dataset.attrs).encode())
     return digest.hexdigest()
+
+
+def _attributes_text(attrs: Mapping[Any, Any]) -> str:
+    """Return attributes as one text, the same before and after a file turned lists into arrays."""
+    rows = ((str(key), np.atleast_1d(attrs[key]).tolist()) for key in sorted(attrs, key=str) if key not in _UNHASHED)
+    return "\0".join(f"{key}={values}" for key, values in rows)

@@ -106,5 +106,7 @@ def validate_results(results: xr.Dataset) -> xr.Dataset:
     for part in (_RESPONSE, _RESONANCE, _RING_DOWN):
         missing = [name for name in part if name not in results]
         if missing and len(missing) < len(part):
-            raise SchemaError(f"results lack {missing[0]!r}, which belongs beside {next(n for n in part if n in results)!r}")
+            raise SchemaError(
+                f"results lack {missing[0]!r}, which belongs beside {next(n for n in part if n in results)!r}"
+            )
     return results

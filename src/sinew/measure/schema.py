@@ -45,7 +45,9 @@ SAMPLE_VARIABLES: dict[str, Variable] = {
     "drive_current_a": Variable(("sample",), "A", "measured current of the drive motor, signed"),
     "drive_pwm": Variable(("sample",), "1", "measured duty of the drive motor, -1..1"),
     "tendon_rad": Variable(("sample", "tendon"), "rad", "measured position of the tendon motors; pulling is positive"),
-    "tendon_current_a": Variable(("sample", "tendon"), "A", "measured current of the tendon motors; pulling is positive"),
+    "tendon_current_a": Variable(
+        ("sample", "tendon"), "A", "measured current of the tendon motors; pulling is positive"
+    ),
     "gyro_rad_s": Variable(("sample", "axis"), "rad/s", "gyroscope on the head plate, axes of frame H"),
     "acceleration_m_s2": Variable(("sample", "axis"), "m/s2", "accelerometer on the head plate, axes of frame H"),
     "torsion_rad": Variable(("sample",), "rad", "torsion of the head, where an angle was measured directly"),
@@ -57,7 +59,9 @@ SAMPLE_VARIABLES: dict[str, Variable] = {
 SEGMENT_VARIABLES: dict[str, Variable] = {
     "row_size": Variable(("segment",), "1", "number of samples in the segment", True),
     "kind": Variable(("segment",), "", "settle, steady, ring-down or idle", True),
-    "pretension_mm": Variable(("segment",), "mm", "commanded common shortening of the tendons from first contact", True),
+    "pretension_mm": Variable(
+        ("segment",), "mm", "commanded common shortening of the tendons from first contact", True
+    ),
     "frequency_hz": Variable(("segment",), "Hz", "commanded drive frequency; NaN where there is none", True),
     "amplitude_deg": Variable(("segment",), "deg", "commanded drive amplitude; NaN where there is none", True),
     "repeat": Variable(("segment",), "1", "index of the repetition, from 0", True),
@@ -97,6 +101,8 @@ def _check_variable(recording: xr.Dataset, name: str, variable: Variable) -> Non
             raise SchemaError(f"recording variable {name!r} needs its unit in the attribute 'units'")
     elif unit != variable.unit:
         raise SchemaError(f"recording variable {name!r} has unit {unit!r}, expected {variable.unit!r}")
+    if name != "kind" and found.dtype.kind not in "fiu":
+        raise SchemaError(f"recording variable {name!r} holds {found.dtype} values, expected numbers")
     if variable.dims[0] == "sample" and not bool(np.isfinite(found.values).all()):
         where = int(np.argmin(np.isfinite(found.values).reshape(found.shape[0], -1).all(axis=1)))
         raise SchemaError(f"recording variable {name!r} holds NaN or infinity (first at sample {where})")
@@ -112,8 +118,8 @@ def _check_segments(recording: xr.Dataset) -> None:
     unknown = sorted(set(map(str, recording["kind"].values)) - set(get_args(SegmentKind)))
     if unknown:
         raise SchemaError(f"unknown segment kind {unknown[0]!r}, expected one of {', '.join(get_args(SegmentKind))}")
-    if (recording["pretension_mm"].values < 0).any():
-        raise SchemaError("recording has a negative pretension_mm; pretension counts from first contact, 0 mm")
+    if not (recording["pretension_mm"].values >= 0).all():
+        raise SchemaError("recording has a negative or missing pretension_mm; it counts from first contact, 0 mm")
 
 
 def _check_times(recording: xr.Dataset) -> None:

@@ -1,5 +1,8 @@
 """This is where a unit that a person wrote becomes SI and radians."""
 
+import re
+import tokenize
+from collections.abc import Callable
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -8,54 +11,162 @@ from sinew.measure.errors import UnitError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["canonical_unit", "convert"]
+__all__ = ["canonical_unit", "convert", "unit_in_name", "unit_suffix"]
+
+# Words that people write and pint does not read, or reads as something else (it takes "Nm" for a yarn count).
+_SPELLINGS = {
+    "degs": "deg",
+    "Deg": "deg",
+    "dps": "(deg/s)",
+    "rev": "turn",
+    "rps": "(turn/s)",
+    "hz": "Hz",
+    "Nm": "(N*m)",
+    "mNm": "(mN*m)",
+    "Nmm": "(N*mm)",
+    "Ncm": "(N*cm)",
+    "Nms": "(N*m*s)",
+    "volts": "V",
+    "msec": "ms",
+    "usec": "us",
+}
+_AMBIGUOUS = {
+    "g": "'gram' or 'g_0' (9.80665 m/s2)",
+    "G": "'g_0' (9.80665 m/s2) or 'gauss'",
+    "mg": "'milligram' or 'mg_0' (9.80665e-3 m/s2)",
+}
+# The units that Sinew writes. The first of a dimension wins, unless the second was asked for by name.
+_PREFERRED = (
+    *("m", "m/s", "m/s2", "rad", "rad/s", "rad/s2", "s", "1/s", "kg", "kg*m2", "N", "N/m", "N*m", "N*m/rad"),
+    *("N*m*s/rad", "Pa", "V", "V/s", "A", "W", "ohm", "T"),
+)
+_BY_NAME = {"hertz": "Hz", "joule": "J"}
+# Suffixes of column names that are clear about their unit, longest first.
+_SUFFIXES = {
+    "deg_s": "deg/s",
+    "rad_s": "rad/s",
+    "rad_s2": "rad/s2",
+    "m_s": "m/s",
+    "m_s2": "m/s2",
+    "n_m": "N*m",
+    "s": "s",
+    "ms": "ms",
+    "us": "us",
+    "deg": "deg",
+    "rad": "rad",
+    "m": "m",
+    "cm": "cm",
+    "mm": "mm",
+    "um": "um",
+    "v": "V",
+    "mv": "mV",
+    "hz": "Hz",
+    "dps": "deg/s",
+}
+# What pint raises on text that is no unit, besides its own errors.
+_UNREADABLE = (tokenize.TokenError, ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError)
+_WORD = re.compile(r"(?<!\w)[^\W\d_]+(?!\w)")
+_LETTERS = re.compile(r"[A-Za-z_°µμΩ%·²³⁻¹\s*/^().\-0-9]{1,40}")
+_POWER_OF_NUMBER = re.compile(r"[\d)]\s*(\*\*|\^)|\d{3}")
+_BARE_POWER = re.compile(r"(?<=[A-Za-zµμΩ])([234])(?!\w)")
 
 
 @cache
 def _registry() -> "pint.UnitRegistry[Any]":
-    import pint  # noqa: PLC0415  (half a second; only files with units pay for it)
+    import pint
 
     return pint.UnitRegistry()
 
 
+@cache
 def _parse(unit: str) -> Any:
-    import pint  # noqa: PLC0415
+    import pint
 
+    text = unit.strip()
+    if text in _AMBIGUOUS:
+        raise UnitError(f"unit {unit!r} is ambiguous; write {_AMBIGUOUS[text]}")
+    unknown = UnitError(f"unknown unit {unit!r}; write it like deg, rad, mm, m, s, ms, Hz, V, A, N*m, deg/s or 1")
+    if text in ("1", ""):
+        return _registry().parse_units("")
+    if not _LETTERS.fullmatch(text) or _POWER_OF_NUMBER.search(text):
+        raise unknown
+    text = _WORD.sub(lambda word: _SPELLINGS.get(word[0], word[0]), _BARE_POWER.sub(r"**\1", text))
     try:
-        return _registry().parse_units("" if unit.strip() in ("1", "") else unit)
-    except (pint.PintError, AttributeError, ValueError, TypeError) as error:
-        raise UnitError(f"unknown unit {unit!r}; write it like deg, rad, mm, m, s, ms, Hz, V, A, N*m or 1") from error
+        return _registry().parse_units(text)
+    except (*_UNREADABLE, pint.PintError) as error:
+        raise unknown from error
+
+
+def _factor(unit: str, scale: Callable[[float], float]) -> float:
+    """Return the factor of a conversion that must have no offset (degrees Celsius) and no logarithm (decibel)."""
+    if scale(0.0) != 0:
+        raise UnitError(f"unit {unit!r} does not start at zero (offset or logarithm); convert the column beforehand")
+    return scale(1.0)
 
 
 @cache
 def convert(unit: str, to: str) -> float:
     """Return the factor that turns a number in `unit` into one in `to`.
 
-    Raises UnitError where a unit is unknown or the dimensions differ.
+    Raises UnitError where a unit is unknown, has an offset or is logarithmic, or the dimensions differ.
     """
-    import pint  # noqa: PLC0415
+    import pint
 
     source, target = _parse(unit), _parse(to)
+    quantity = _registry().Quantity
     try:
-        return float(_registry().Quantity(1.0, source).to(target).magnitude)
+        return _factor(unit, lambda number: float(quantity(number, source).to(target).magnitude))
     except pint.PintError as error:
         raise UnitError(f"unit {unit!r} cannot be turned into {to!r}: {error}") from error
 
 
+def _base(unit: Any) -> Any:
+    return _registry().Quantity(1.0, unit).to_base_units().units
+
+
+@cache
+def _preferred() -> dict[Any, str]:
+    return {_base(_parse(text)): text for text in reversed(_PREFERRED)}
+
+
+@cache
 def canonical_unit(unit: str) -> tuple[str, float]:
     """Return (SI unit with radians for angles, factor) for any unit; "1" for a plain number.
 
-    Raises UnitError where the unit is unknown or has an offset (degrees Celsius).
+    The SI unit is written the way the schema writes it where it is a common one ("N*m", "rad/s", "m/s2", "V").
+    Raises UnitError where the unit is unknown, ambiguous (g), logarithmic, or has an offset (degrees Celsius).
     """
-    if unit.strip() in ("1", ""):
-        return "1", 1.0
     parsed = _parse(unit)
-    registry = _registry()
-    if registry.Quantity(1.0, parsed).check("[]"):
-        angle = "deg" in unit.lower() or "rad" in unit.lower() or "turn" in unit.lower() or "rev" in unit.lower()
-        return ("rad", convert(unit, "rad")) if angle else ("1", convert(unit, "1"))
-    base = registry.Quantity(1.0, parsed).to_base_units()
-    offset = registry.Quantity(0.0, parsed).to_base_units().magnitude
-    if abs(offset) > 0:
-        raise UnitError(f"unit {unit!r} has an offset; convert the column to an absolute unit first")
-    return f"{base.units:~C}", float(base.magnitude)
+    base = _base(parsed)
+    quantity = _registry().Quantity
+    factor = _factor(unit, lambda number: float(quantity(number, parsed).to(base).magnitude))
+    for name, text in _BY_NAME.items():
+        if name in str(parsed) and _base(_parse(text)) == base:
+            return text, factor
+    if base.dimensionless and "radian" not in str(base):
+        return "1", convert(unit, "1")
+    return _preferred().get(base) or f"{base:~C}", factor
+
+
+def unit_in_name(column: str) -> str | None:
+    """Return the unit that a column's name states, or None.
+
+    Brackets state it ("angle (deg)", "x [mm]"), and so do the suffixes that can hardly mean anything else
+    ("t_ms", "Tip-1_x_m", "gyro_deg_s"). A bracket that holds no unit is a remark and states nothing.
+    """
+    bracket = re.search(r"[\[(]([^\[\]()]*)[\])]\s*$", column)
+    if bracket:
+        try:
+            canonical_unit(bracket[1])
+        except UnitError:
+            return None
+        return bracket[1].strip() or None
+    for suffix in sorted(_SUFFIXES, key=len, reverse=True):
+        if column.lower().endswith(f"_{suffix}"):
+            return _SUFFIXES[suffix]
+    return None
+
+
+def unit_suffix(unit: str) -> str | None:
+    """Return the suffix that states a unit in a name ("rad/s" gives "rad_s"), or None where there is none."""
+    return next((suffix for suffix, stated in _SUFFIXES.items() if stated == unit), None)

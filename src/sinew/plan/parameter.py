@@ -1,13 +1,16 @@
 """This is where one number of a rig keeps its unit, its origin and its bounds."""
 
-from typing import Annotated, Any, Literal
+import math
+from collections.abc import Callable
+from decimal import Decimal
+from typing import Literal, cast
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, model_validator
 
 from sinew.measure.errors import UnitError
 from sinew.measure.units import convert
 
-__all__ = ["Origin", "Parameter", "Quantity"]
+__all__ = ["Origin", "Parameter", "converted", "not_negative", "positive", "signed"]
 
 Origin = Literal["paper", "data sheet", "calibrated", "assumed"]
 
@@ -41,28 +44,52 @@ class Parameter(BaseModel):
         return Parameter(**{**self.model_dump(), "value": float(value), "origin": origin or self.origin})
 
 
-def _in_unit(unit: str) -> Any:
+def converted(number: float, unit: str, to: str) -> float:
+    """Return a number in another unit; a decimal prefix shifts the written point, so that 27.4 mm is 0.0274 m.
+
+    Raises UnitError where a unit is unknown or the dimensions differ.
+    """
+    if unit == to:
+        return number
+    factor = convert(unit, to)
+    exponent = round(math.log10(factor))
+    if factor == float(f"1e{exponent}"):
+        return float(Decimal(repr(float(number))).scaleb(exponent))
+    return number * factor
+
+
+def signed(unit: str) -> AfterValidator:
+    """Return the validator of a parameter that is kept in `unit`, whatever unit the file used."""
+
     def to_unit(parameter: Parameter) -> Parameter:
         if parameter.unit == unit:
             return parameter
         try:
-            factor = convert(parameter.unit, unit)
+            value, low, high = (converted(x, parameter.unit, unit) for x in (parameter.value, *parameter.bounds))
         except UnitError as error:
             raise ValueError(str(error)) from error
-        low, high = parameter.bounds
-        return Parameter(
-            value=parameter.value * factor,
-            unit=unit,
-            origin=parameter.origin,
-            bounds=(low * factor, high * factor),
-            note=parameter.note,
-        )
+        return Parameter(value=value, unit=unit, origin=parameter.origin, bounds=(low, high), note=parameter.note)
 
-    return to_unit
+    return AfterValidator(to_unit)
 
 
-class Quantity:
-    """`Quantity["m"]` is the type of a parameter that is kept in metres, whatever unit the file used."""
+def not_negative(unit: str) -> AfterValidator:
+    """Return the validator of a parameter that is kept in `unit` and must not be negative, nor its bounds."""
+    return _from_zero(unit, strictly=False)
 
-    def __class_getitem__(cls, unit: str) -> Any:
-        return Annotated[Parameter, AfterValidator(_in_unit(unit))]
+
+def positive(unit: str) -> AfterValidator:
+    """Return the validator of a parameter that is kept in `unit` and must be positive, and so its bounds."""
+    return _from_zero(unit, strictly=True)
+
+
+def _from_zero(unit: str, *, strictly: bool) -> AfterValidator:
+    convert_first = cast(Callable[[Parameter], Parameter], signed(unit).func)
+
+    def check(parameter: Parameter) -> Parameter:
+        low = parameter.bounds[0]
+        if low < 0 or (strictly and low == 0):
+            raise ValueError(f"lower bound {low:g} {parameter.unit} must be {'above' if strictly else 'at least'} 0")
+        return convert_first(parameter)
+
+    return AfterValidator(check)

@@ -3,15 +3,23 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from sinew.plan.parameter import Parameter, Quantity
+from sinew.plan.parameter import Parameter, not_negative, positive, signed
 
 __all__ = ["Bus", "Drive", "Imu", "Inertia", "Limits", "Repeatability", "RigSpec", "Silicone", "Tendons"]
 
 _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 Positive = Annotated[float, Field(gt=0)]
-Window = tuple[float, float]
+
+
+def _ordered(window: tuple[float, float]) -> tuple[float, float]:
+    if not window[0] < window[1]:
+        raise ValueError(f"the first number, {window[0]:g}, must be below the second, {window[1]:g}")
+    return window
+
+
+Window = Annotated[tuple[float, float], AfterValidator(_ordered)]
 
 
 class Silicone(BaseModel):
@@ -24,11 +32,11 @@ class Silicone(BaseModel):
 
     model_config = _STRICT
 
-    length: Quantity["m"]
-    torsional_rigidity: Quantity["N*m^2"]
-    diameter: Quantity["m"]
-    loss_factor: Quantity["1"]
-    viscous: Quantity["N*m*s/rad"]
+    length: Annotated[Parameter, positive("m")]
+    torsional_rigidity: Annotated[Parameter, positive("N*m^2")]
+    diameter: Annotated[Parameter, positive("m")]
+    loss_factor: Annotated[Parameter, not_negative("1")]
+    viscous: Annotated[Parameter, not_negative("N*m*s/rad")]
 
 
 class Inertia(BaseModel):
@@ -36,9 +44,9 @@ class Inertia(BaseModel):
 
     model_config = _STRICT
 
-    head: Quantity["kg*m^2"]
-    lever: Quantity["kg*m^2"]
-    head_mass: Quantity["kg"]
+    head: Annotated[Parameter, positive("kg*m^2")]
+    lever: Annotated[Parameter, positive("kg*m^2")]
+    head_mass: Annotated[Parameter, positive("kg")]
 
 
 class Tendons(BaseModel):
@@ -56,18 +64,18 @@ class Tendons(BaseModel):
     model_config = _STRICT
 
     count: int = Field(ge=2, le=12)
-    base_radius: Quantity["m"]
-    head_radius: Quantity["m"]
-    free_span: Quantity["m"]
-    cable_stiffness: Quantity["N/m"]
-    servo_stiffness: Quantity["N/m"]
-    first_contact_tension: Quantity["N"]
-    guide_friction: Quantity["m"]
-    presliding_angle: Quantity["rad"]
-    pulley_radius: Quantity["m"]
-    torque_constant: Quantity["N*m/A"]
-    current_lsb: Quantity["A"]
-    counts_per_turn: Quantity["1"]
+    base_radius: Annotated[Parameter, positive("m")]
+    head_radius: Annotated[Parameter, positive("m")]
+    free_span: Annotated[Parameter, positive("m")]
+    cable_stiffness: Annotated[Parameter, positive("N/m")]
+    servo_stiffness: Annotated[Parameter, positive("N/m")]
+    first_contact_tension: Annotated[Parameter, not_negative("N")]
+    guide_friction: Annotated[Parameter, not_negative("m")]
+    presliding_angle: Annotated[Parameter, positive("rad")]
+    pulley_radius: Annotated[Parameter, positive("m")]
+    torque_constant: Annotated[Parameter, positive("N*m/A")]
+    current_lsb: Annotated[Parameter, positive("A")]
+    counts_per_turn: Annotated[Parameter, positive("1")]
 
 
 class Drive(BaseModel):
@@ -81,18 +89,18 @@ class Drive(BaseModel):
 
     model_config = _STRICT
 
-    nominal_voltage: Quantity["V"]
-    supply_voltage: Quantity["V"]
-    stall_torque: Quantity["N*m"]
-    no_load_speed: Quantity["rad/s"]
-    stall_current: Quantity["A"]
-    friction: Quantity["N*m"]
-    position_gain: Quantity["1/rad"]
-    duty_limit: Quantity["1"]
-    armature: Quantity["kg*m^2"]
-    current_lsb: Quantity["A"]
-    duty_lsb: Quantity["1"]
-    counts_per_turn: Quantity["1"]
+    nominal_voltage: Annotated[Parameter, positive("V")]
+    supply_voltage: Annotated[Parameter, positive("V")]
+    stall_torque: Annotated[Parameter, positive("N*m")]
+    no_load_speed: Annotated[Parameter, positive("rad/s")]
+    stall_current: Annotated[Parameter, positive("A")]
+    friction: Annotated[Parameter, not_negative("N*m")]
+    position_gain: Annotated[Parameter, positive("1/rad")]
+    duty_limit: Annotated[Parameter, positive("1")]
+    armature: Annotated[Parameter, positive("kg*m^2")]
+    current_lsb: Annotated[Parameter, positive("A")]
+    duty_lsb: Annotated[Parameter, positive("1")]
+    counts_per_turn: Annotated[Parameter, positive("1")]
 
 
 class Imu(BaseModel):
@@ -107,19 +115,19 @@ class Imu(BaseModel):
 
     model_config = _STRICT
 
-    gyro_range: Quantity["rad/s"]
-    gyro_lsb: Quantity["rad/s"]
-    gyro_noise: Quantity["rad/s"]
-    gyro_bias: Quantity["rad/s"]
-    accelerometer_range: Quantity["m/s^2"]
-    accelerometer_lsb: Quantity["m/s^2"]
-    accelerometer_noise: Quantity["m/s^2"]
-    mount_radius: Quantity["m"]
-    low_pass: Quantity["Hz"]
-    residual_delay: Quantity["s"]
+    gyro_range: Annotated[Parameter, positive("rad/s")]
+    gyro_lsb: Annotated[Parameter, positive("rad/s")]
+    gyro_noise: Annotated[Parameter, not_negative("rad/s")]
+    gyro_bias: Annotated[Parameter, signed("rad/s")]
+    accelerometer_range: Annotated[Parameter, positive("m/s^2")]
+    accelerometer_lsb: Annotated[Parameter, positive("m/s^2")]
+    accelerometer_noise: Annotated[Parameter, not_negative("m/s^2")]
+    mount_radius: Annotated[Parameter, not_negative("m")]
+    low_pass: Annotated[Parameter, positive("Hz")]
+    residual_delay: Annotated[Parameter, not_negative("s")]
     average_samples: int = Field(ge=1, le=64)
     dead_band: int = Field(ge=0, le=64)
-    delay_std: Quantity["s"]
+    delay_std: Annotated[Parameter, not_negative("s")]
 
 
 class Bus(BaseModel):
@@ -128,8 +136,8 @@ class Bus(BaseModel):
 
     model_config = _STRICT
 
-    stamp_jitter: Quantity["s"]
-    drive_delay: Quantity["s"]
+    stamp_jitter: Annotated[Parameter, not_negative("s")]
+    drive_delay: Annotated[Parameter, signed("s")]
 
 
 class Repeatability(BaseModel):
@@ -137,8 +145,8 @@ class Repeatability(BaseModel):
 
     model_config = _STRICT
 
-    pretension: Quantity["m"]
-    guide_friction: Quantity["1"]
+    pretension: Annotated[Parameter, not_negative("m")]
+    guide_friction: Annotated[Parameter, not_negative("1")]
 
 
 class Limits(BaseModel):

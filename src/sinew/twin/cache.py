@@ -1,5 +1,6 @@
 """This is where JAX is set up: double precision, and compiled code kept from run to run."""
 
+import contextlib
 import os
 from functools import cache
 from pathlib import Path
@@ -19,12 +20,12 @@ def cache_folder() -> Path:
 @cache
 def configure() -> None:
     """Switch JAX to double precision on the CPU and to the persistent compilation cache; once per process."""
-    jax.config.update("jax_enable_x64", True)
+    settings: dict[str, object] = {"jax_enable_x64": True}
     folder = cache_folder()
-    try:
+    with contextlib.suppress(OSError):  # a read-only home costs a compilation each time, nothing else
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return  # a read-only home costs a compilation each time, nothing else
-    jax.config.update("jax_compilation_cache_dir", str(folder))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+        settings["jax_compilation_cache_dir"] = str(folder)
+        settings["jax_persistent_cache_min_compile_time_secs"] = 0.2
+        settings["jax_persistent_cache_min_entry_size_bytes"] = 0
+    for name, value in settings.items():
+        jax.config.update(name, value)  # type: ignore[no-untyped-call]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields, replace
 
-import numpy as np
+import jax.numpy as jnp
 
 from sinew.measure.errors import SpecError
 from sinew.twin.parameters import Parameters
@@ -54,13 +54,13 @@ class Effects:
     def applied(self, p: Parameters) -> Parameters:
         """Return the parameters with the mechanical effects that are off taken out."""
         if not self.silicone_loss:
-            p = p._replace(prony_shares=np.zeros_like(p.prony_shares))
+            p = p._replace(prony_shares=tuple(jnp.zeros_like(share) for share in p.prony_shares))
         if not self.guide_friction:
-            p = p._replace(guide_friction=np.zeros_like(p.guide_friction))
+            p = p._replace(guide_friction=jnp.zeros_like(p.guide_friction))
         if not self.axial_motion:
-            p = p._replace(head_mass=np.full_like(p.head_mass, 1e12))
+            p = p._replace(head_mass=jnp.full_like(p.head_mass, 1e12))
         if not self.drive_saturation:
-            p = p._replace(duty_limit=np.full_like(p.duty_limit, 1e6))
+            p = p._replace(duty_limit=jnp.full_like(p.duty_limit, 1e6))
         if not self.drive_dynamics:
-            p = p._replace(prescribed=np.ones_like(p.prescribed))
+            p = p._replace(prescribed=jnp.ones_like(p.prescribed))
         return p

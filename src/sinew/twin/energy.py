@@ -6,7 +6,15 @@ import jax.numpy as jnp
 from sinew.twin.kinematics import guide_points, head_pose, tendon_lengths
 from sinew.twin.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters
 
-__all__ = ["potential", "silicone_energy", "tendon_energy", "tendon_stretch", "tendon_tension", "viscoelastic_energy"]
+__all__ = [
+    "potential",
+    "silicone_energy",
+    "tendon_energy",
+    "tendon_stretch",
+    "tendon_tension",
+    "total_tension",
+    "viscoelastic_energy",
+]
 
 
 def silicone_energy(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
@@ -21,24 +29,31 @@ def silicone_energy(torsion: jax.Array, shortening: jax.Array, p: Parameters) ->
 
 
 def viscoelastic_energy(
-    torsion: jax.Array, shortening: jax.Array, memory: jax.Array, axial_memory: jax.Array, p: Parameters
+    torsion: jax.Array,
+    shortening: jax.Array,
+    memory: tuple[jax.Array, ...],
+    axial_memory: tuple[jax.Array, ...],
+    p: Parameters,
 ) -> jax.Array:
     """Return the energy in the Maxwell branches [J].
 
-    memory [rad], axial_memory [m]: dashpot positions q_i, u_i, shape (branch,). Branch stiffnesses are the shares
+    memory [rad], axial_memory [m]: dashpot positions q_i, u_i, by branch. Branch stiffnesses are the shares
     g_i of the torsional stiffness G J/(L λ) at the present stretch, and of the axial one 3 G A/L.
     """
     stretch = 1 - shortening / p.length
     torsional = p.torsional_rigidity / (p.length * stretch)
     axial = 3 * p.axial_rigidity / p.length
-    stored = torsional * (torsion - memory) ** 2 + axial * (shortening - axial_memory) ** 2
-    return 0.5 * jnp.sum(p.prony_shares * stored)
+    stored = jnp.zeros_like(torsion)
+    for share, q, u in zip(p.prony_shares, memory, axial_memory, strict=True):
+        stored = stored + share * (torsional * (torsion - q) ** 2 + axial * (shortening - u) ** 2)
+    return 0.5 * stored
 
 
-def tendon_stretch(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
-    """Return the elongation ℓ - ℓ_c of every tendon [m], shape (tendon,); negative means slack."""
+def tendon_stretch(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> tuple[jax.Array, ...]:
+    """Return the elongation ℓ - ℓ_c of every tendon [m]; negative means slack."""
     base, head = (guide_points(radius, p.guide_directions) for radius in (p.base_radius, p.head_radius))
-    return tendon_lengths(base, head, *head_pose(torsion, shortening, p.free_span)) - p.cable_end
+    lengths = tendon_lengths(base, head, head_pose(torsion, shortening, p.free_span))
+    return tuple(length - p.cable_end for length in lengths)
 
 
 def tendon_energy(stretch: jax.Array, p: Parameters) -> jax.Array:
@@ -62,7 +77,12 @@ def tendon_tension(stretch: jax.Array, p: Parameters) -> jax.Array:
     return jnp.where(p.mode == POSITION, position, held)
 
 
+def total_tension(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
+    """Return the sum of all tendons' tensions ΣT [N]."""
+    return jnp.asarray(sum(tendon_tension(stretch, p) for stretch in tendon_stretch(torsion, shortening, p)))
+
+
 def potential(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
     """Return the relaxed potential energy V(φ, x; ℓ_c) of silicone and tendons [J]."""
-    tendons = jnp.sum(tendon_energy(tendon_stretch(torsion, shortening, p), p))
+    tendons = sum(tendon_energy(stretch, p) for stretch in tendon_stretch(torsion, shortening, p))
     return silicone_energy(torsion, shortening, p) + tendons

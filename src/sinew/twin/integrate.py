@@ -46,16 +46,19 @@ class Track(NamedTuple):
 
 def _step(time_s: jax.Array, state: State, step_s: jax.Array, p: Parameters) -> State:
     def moved(slope: State, share: float) -> State:
-        return jax.tree.map(lambda y, dy: y + share * step_s * dy, state, slope)
+        at: State = jax.tree.map(lambda y, dy: y + share * step_s * dy, state, slope)
+        return at
 
     k1 = rate(time_s, state, p)
     k2 = rate(time_s + 0.5 * step_s, moved(k1, 0.5), p)
     k3 = rate(time_s + 0.5 * step_s, moved(k2, 0.5), p)
     k4 = rate(time_s + step_s, moved(k3, 1.0), p)
-    return jax.tree.map(
-        lambda y, a, b, c, d: y + step_s / 6 * (a + 2 * b + 2 * c + d),
-        state, k1, k2, k3, k4,
-    )  # fmt: skip
+
+    def combined(y: jax.Array, a: jax.Array, b: jax.Array, c: jax.Array, d: jax.Array) -> jax.Array:
+        return y + step_s / 6 * (a + 2 * b + 2 * c + d)
+
+    after: State = jax.tree.map(combined, state, k1, k2, k3, k4)
+    return after
 
 
 def _observe(time_s: jax.Array, state: State, p: Parameters) -> jax.Array:
@@ -73,11 +76,13 @@ def _observe(time_s: jax.Array, state: State, p: Parameters) -> jax.Array:
         state.gyro_rate,
         state.bristle,
     ]
-    return jnp.concatenate([jnp.stack(seen), tendon_stretch(state.torsion, state.shortening, p)])
+    return jnp.stack([*seen, *tendon_stretch(state.torsion, state.shortening, p)])
 
 
 @partial(jax.jit, static_argnames=("room", "steps"))
-def _batch(p: Parameters, shortening: jax.Array, sample_s: jax.Array, samples: jax.Array, room: int, steps: int) -> jax.Array:
+def _batch(
+    p: Parameters, shortening: jax.Array, sample_s: jax.Array, samples: jax.Array, room: int, steps: int
+) -> jax.Array:
     """Return observations (room, lane, channel) of one batch; only the first `samples` are filled."""
     step_s = sample_s / steps
     states = jax.vmap(state_at_rest)(shortening, p)
@@ -95,9 +100,10 @@ def _batch(p: Parameters, shortening: jax.Array, sample_s: jax.Array, samples: j
         _, now = jax.lax.fori_loop(0, steps, substep, (time_s, now))
         return now, kept
 
-    channels = len(Track._fields) - 1 + p.guide_directions.shape[-2]
+    channels = len(Track._fields) - 1 + len(p.guide_directions)
     kept = jnp.zeros((room, shortening.shape[0], channels))
-    return jax.lax.fori_loop(0, samples, sample, (states, kept))[1]
+    _, filled = jax.lax.fori_loop(0, samples, sample, (states, kept))
+    return jnp.asarray(filled)
 
 
 @cache
@@ -140,7 +146,8 @@ def integrate(
         lanes, kept = future.result()
         for column, lane in enumerate(lanes):
             rows = kept[: samples[lane], column].T.copy()
-            tracks[int(lane)] = Track(*rows[: len(Track._fields) - 1], stretch=rows[len(Track._fields) - 1 :])
+            single = len(Track._fields) - 1
+            tracks[int(lane)] = Track(*rows[:single], stretch=rows[single:])  # type: ignore[misc]
             done += samples[lane] * sample_s
         if progress is not None:
             progress(done, total)

@@ -5,42 +5,49 @@ against B and the position of H's origin in B. Today the head twists and sinks; 
 change here.
 """
 
+import math
+
 import jax
 import jax.numpy as jnp
-import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["guide_directions", "guide_points", "head_pose", "tendon_lengths"]
+__all__ = ["Pose", "Vector", "guide_directions", "guide_points", "head_pose", "tendon_lengths"]
 
-
-def guide_directions(count: int) -> NDArray[np.float64]:
-    """Return cosine and sine of the angles of `count` equally spaced guides on their circle, shape (count, 2)."""
-    angle = np.arange(count) * (2 * np.pi / count)
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+# Vectors, matrices and lists of points are tuples of scalars and the loops over them are unrolled: over a batch
+# each scalar is one array over the lanes, and the compiler fuses everything into a single pass.
+Scalar = jax.Array
+Vector = tuple[Scalar, Scalar, Scalar]
+Pose = tuple[tuple[Vector, Vector, Vector], Vector]
 
 
-def guide_points(radius: jax.Array, directions: jax.Array) -> jax.Array:
-    """Return guide points on a circle about the x axis [m], shape (tendon, 3); directions as above."""
-    return jnp.concatenate([jnp.zeros_like(directions[:, :1]), radius * directions], axis=-1)
+def guide_directions(count: int) -> tuple[tuple[float, float], ...]:
+    """Return cosine and sine of the angles of `count` equally spaced guides on their circle."""
+    angles = [2 * math.pi * i / count for i in range(count)]
+    return tuple((math.cos(angle), math.sin(angle)) for angle in angles)
 
 
-def head_pose(torsion: jax.Array, shortening: jax.Array, free_span: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Return (rotation (3, 3), position (3,) [m]) of a head that is twisted [rad] about x and sunk [m]."""
+def guide_points(radius: Scalar, directions: tuple[tuple[Scalar, Scalar], ...]) -> tuple[Vector, ...]:
+    """Return guide points on a circle about the x axis [m]; directions as above."""
+    return tuple((jnp.zeros_like(radius), radius * c, radius * s) for c, s in directions)
+
+
+def head_pose(torsion: Scalar, shortening: Scalar, free_span: Scalar) -> Pose:
+    """Return (rows of the rotation, position [m]) of a head that is twisted [rad] about x and sunk [m]."""
     c, s = jnp.cos(torsion), jnp.sin(torsion)
     one, zero = jnp.ones_like(c), jnp.zeros_like(c)
-    rotation = jnp.stack(
-        [jnp.stack([one, zero, zero]), jnp.stack([zero, c, -s]), jnp.stack([zero, s, c])],
-    )
-    return rotation, jnp.stack([free_span - shortening, zero, zero])
+    return ((one, zero, zero), (zero, c, -s), (zero, s, c)), (free_span - shortening, zero, zero)
 
 
-def tendon_lengths(base: jax.Array, head: jax.Array, rotation: jax.Array, position: jax.Array) -> jax.Array:
-    """Return the straight free spans between base guides and head guides [m], shape (tendon,).
+def tendon_lengths(base: tuple[Vector, ...], head: tuple[Vector, ...], pose: Pose) -> tuple[Scalar, ...]:
+    """Return the straight free span between each base guide and its head guide [m].
 
-    base: guide points in B [m], (tendon, 3). head: guide points in H [m], (tendon, 3).
-    rotation, position: pose of H in B.
+    base: guide points in B [m]. head: guide points in H [m]. pose: of H in B.
     The spans are chords from plate to plate, not helices in the body: 17 % of torque at 60° of torsion.
     """
-    # written out instead of head @ rotation.T: a batched 3x3 matrix product is a slow call inside a compiled loop
-    points = sum((head[:, i, None] * rotation[:, i] for i in range(3)), position)
-    return jnp.sqrt(jnp.sum((points - base) ** 2, axis=-1))
+    rotation, position = pose
+    lengths = []
+    for foot, guide in zip(base, head, strict=True):
+        square = jnp.zeros_like(position[0])
+        for row, offset, below in zip(rotation, position, foot, strict=True):
+            square = square + (offset + sum(r * g for r, g in zip(row, guide, strict=True)) - below) ** 2
+        lengths.append(jnp.sqrt(square))
+    return tuple(lengths)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from sinew.twin.drive import commanded_angle, duty, horn_torque
-from sinew.twin.energy import potential, tendon_stretch, tendon_tension, viscoelastic_energy
+from sinew.twin.energy import potential, total_tension, viscoelastic_energy
 from sinew.twin.parameters import Parameters
 from sinew.twin.prony import BRANCHES, relaxation_times
 
@@ -17,8 +17,8 @@ class State(NamedTuple):
     """State of one lane.
 
     torsion φ, torsion_rate [rad, rad/s]; shortening x, shortening_rate [m, m/s]; lever θ against the head and
-    lever_rate; bristle z of the guide friction, -1..1; memory q_i [rad] and axial_memory u_i [m] of the silicone,
-    (branch,); gyro and gyro_rate: the low-pass of the gyroscope [rad/s, rad/s²].
+    lever_rate; bristle z of the guide friction, -1..1; memory q_i [rad] and axial_memory u_i [m] of the silicone, by
+    branch; gyro and gyro_rate: the low-pass of the gyroscope [rad/s, rad/s²].
     """
 
     torsion: jax.Array
@@ -28,8 +28,8 @@ class State(NamedTuple):
     lever: jax.Array
     lever_rate: jax.Array
     bristle: jax.Array
-    memory: jax.Array
-    axial_memory: jax.Array
+    memory: tuple[jax.Array, ...]
+    axial_memory: tuple[jax.Array, ...]
     gyro: jax.Array
     gyro_rate: jax.Array
 
@@ -41,8 +41,8 @@ def state_at_rest(shortening: jax.Array, p: Parameters) -> State:
     """
     zero = jnp.zeros(())
     start = jnp.where(p.prescribed > 0, p.amplitude * p.omega, 0.0)
-    memory = jnp.zeros(BRANCHES)
-    return State(zero, zero, shortening, zero, zero, start, zero, memory, memory + shortening, zero, zero)
+    memory, axial_memory = (zero,) * BRANCHES, (shortening,) * BRANCHES
+    return State(zero, zero, shortening, zero, zero, start, zero, memory, axial_memory, zero, zero)
 
 
 def friction_torque(state: State, p: Parameters) -> jax.Array:
@@ -50,8 +50,7 @@ def friction_torque(state: State, p: Parameters) -> jax.Array:
 
     Level and presliding stiffness both grow with the tension in the tendons: F = μ ΣT z, stiffness μ ΣT/φ_s.
     """
-    tension = jnp.sum(tendon_tension(tendon_stretch(state.torsion, state.shortening, p), p))
-    return p.guide_friction * tension * state.bristle
+    return p.guide_friction * total_tension(state.torsion, state.shortening, p) * state.bristle
 
 
 def _strain_energy(torsion: jax.Array, shortening: jax.Array, state: State, p: Parameters) -> jax.Array:
@@ -88,8 +87,8 @@ def rate(time_s: jax.Array, state: State, p: Parameters) -> State:
         lever=jnp.where(prescribed, goal_rate, state.lever_rate),
         lever_rate=lever_acceleration,
         bristle=(speed - jnp.abs(speed) * state.bristle) / p.presliding_angle,
-        memory=(state.torsion - state.memory) / times,
-        axial_memory=(state.shortening - state.axial_memory) / times,
+        memory=tuple((state.torsion - q) / tau for q, tau in zip(state.memory, times, strict=True)),
+        axial_memory=tuple((state.shortening - u) / tau for u, tau in zip(state.axial_memory, times, strict=True)),
         gyro=state.gyro_rate,
         gyro_rate=w * w * (speed - state.gyro) - jnp.sqrt(2.0) * w * state.gyro_rate,
     )
@@ -108,10 +107,10 @@ def dissipation(time_s: jax.Array, state: State, p: Parameters) -> tuple[jax.Arr
     stretch = 1 - state.shortening / p.length
     torsional = p.torsional_rigidity / (p.length * stretch)
     axial = 3 * p.axial_rigidity / p.length
-    times = relaxation_times()
-    branch = torsional * (state.torsion - state.memory) ** 2 + axial * (state.shortening - state.axial_memory) ** 2
-    lost = jnp.sum(p.prony_shares * branch / times) + p.viscous * state.torsion_rate**2
-    lost = lost + friction_torque(state, p) * state.torsion_rate
+    lost = p.viscous * state.torsion_rate**2 + friction_torque(state, p) * state.torsion_rate
+    for share, tau, q, u in zip(p.prony_shares, relaxation_times(), state.memory, state.axial_memory, strict=True):
+        branch = torsional * (state.torsion - q) ** 2 + axial * (state.shortening - u) ** 2
+        lost = lost + share * branch / tau
     goal, _, _ = commanded_angle(time_s, p)
     horn = horn_torque(duty(goal - state.lever, p), state.lever_rate, p)
     return lost, horn * state.lever_rate

@@ -9,7 +9,7 @@ from sinew.plan.rig import RigSpec
 from sinew.twin.kinematics import guide_directions
 from sinew.twin.prony import prony_shares
 
-__all__ = ["POSITION", "POSITION_LIMITED", "TENDON_MODES", "CURRENT", "Parameters", "from_rig"]
+__all__ = ["CURRENT", "POSITION", "POSITION_LIMITED", "TENDON_MODES", "Parameters", "from_rig"]
 
 POSITION, POSITION_LIMITED, CURRENT = 0.0, 1.0, 2.0
 TENDON_MODES = {"position": POSITION, "position-with-current-limit": POSITION_LIMITED, "current": CURRENT}
@@ -18,11 +18,11 @@ TENDON_MODES = {"position": POSITION, "position-with-current-limit": POSITION_LI
 class Parameters(NamedTuple):
     """Everything the equations of motion need, in SI; each leaf is a scalar, or has a leading lane axis.
 
-    Silicone: length L, torsional_rigidity G·J, axial_rigidity G·A, prony_shares g_i (branch,), viscous d.
+    Silicone: length L, torsional_rigidity G·J, axial_rigidity G·A, prony_shares g_i by branch, viscous d.
     Inertia: head I_h, lever I_l, armature J_a, head_mass m_h.
-    Tendons: guide_directions (tendon, 2) as cosine and sine, radii, free_span L_t, stiffness k_t (cable and servo in series), cable_end ℓ_c (length at which the
-    cable between the guides goes slack; the motor's doing), held_tension (current mode, or the limit), mode,
-    guide_friction μ [m], presliding_angle [rad].
+    Tendons: guide_directions by tendon as (cosine, sine), radii, free_span L_t, stiffness k_t (cable and servo in
+    series), cable_end ℓ_c (length at which the cable between the guides goes slack; the motor's doing),
+    held_tension (current mode, or the limit), mode, guide_friction μ [m], presliding_angle [rad].
     Drive: duty_torque and speed_slope of the torque line, friction, position_gain, duty_limit, torque_constant.
     Motion asked for: amplitude [rad], omega [rad/s], stop_s (when the drive stops), prescribed (1: the lever
     follows the command exactly). Sensor: low_pass_omega [rad/s].
@@ -31,13 +31,13 @@ class Parameters(NamedTuple):
     length: jax.Array
     torsional_rigidity: jax.Array
     axial_rigidity: jax.Array
-    prony_shares: jax.Array
+    prony_shares: tuple[jax.Array, ...]
     viscous: jax.Array
     head: jax.Array
     lever: jax.Array
     armature: jax.Array
     head_mass: jax.Array
-    guide_directions: jax.Array
+    guide_directions: tuple[tuple[jax.Array, jax.Array], ...]
     base_radius: jax.Array
     head_radius: jax.Array
     free_span: jax.Array
@@ -77,7 +77,7 @@ def from_rig(rig: RigSpec) -> Parameters:
         "length": silicone.length.value,
         "torsional_rigidity": silicone.torsional_rigidity.value,
         "axial_rigidity": shear_modulus * np.pi * diameter**2 / 4,
-        "prony_shares": prony_shares(silicone.loss_factor.value),
+        "prony_shares": tuple(prony_shares(silicone.loss_factor.value)),
         "viscous": silicone.viscous.value,
         "head": rig.inertia.head.value,
         "lever": rig.inertia.lever.value,
@@ -105,4 +105,4 @@ def from_rig(rig: RigSpec) -> Parameters:
         "prescribed": 0.0,
         "low_pass_omega": 2 * np.pi * rig.imu.low_pass.value,
     }
-    return Parameters(**{name: np.asarray(value, dtype=float) for name, value in values.items()})  # type: ignore[arg-type]
+    return jax.tree.map(lambda value: np.asarray(value, dtype=float), Parameters(**values))  # type: ignore[arg-type,no-any-return]

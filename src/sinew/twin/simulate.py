@@ -5,6 +5,7 @@ from functools import cache
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -27,6 +28,11 @@ __all__ = ["LIMIT_RESERVE_N", "lane_parameters", "rest_tension", "simulate", "si
 
 LIMIT_RESERVE_N = 5.0
 """Tension above that at rest at which a current-limited position loop yields [N]; the paper does not give it."""
+
+_READ = (
+    "amplitude", "omega", "stop_s", "duty_torque", "speed_slope", "torque_constant", "stiffness", "held_tension", "mode"
+)  # fmt: skip
+"""Parameters that the registers' readings depend on."""
 
 Lanes = tuple[Parameters, NDArray[np.float64]]
 
@@ -128,10 +134,11 @@ def _segments(groups: Sequence[Group], sample_hz: float) -> tuple[list[Segment],
     segments, sizes = [], []
     for group in groups:
         settle, record = group.sample_counts(sample_hz)
-        for kind, size in (("settle", settle), (group.kind, record)):
-            if size:
-                segments.append(group.segment(kind))
-                sizes.append(size)
+        if settle:
+            segments.append(group.segment("settle"))
+            sizes.append(settle)
+        segments.append(group.segment(group.kind))
+        sizes.append(record)
     return segments, sizes
 
 
@@ -148,16 +155,17 @@ def _read(
     counts = np.array([track.torsion.size for track in tracks])
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     joined = Track(*(np.concatenate([getattr(t, name) for t in tracks], axis=-1) for name in Track._fields))
-    each: Parameters = jax.tree.map(lambda leaf: np.repeat(leaf, counts, axis=0), p)
+    repeated: dict[str, Any] = {name: jnp.asarray(np.repeat(getattr(p, name), counts)) for name in _READ}
+    each = p._replace(**repeated)
     own_time = (np.arange(counts.sum()) - np.repeat(starts, counts)) / plan.sample_hz
     command = np.where(own_time < each.stop_s, each.amplitude * np.sin(each.omega * own_time), 0.0)
 
     drive, bus, tendons = rig.drive, rig.bus, rig.tendons
     late = bus.drive_delay.value if effects.sensor_filter else 0.0
     lever = joined.lever - late * joined.lever_rate
-    current = np.asarray(motor_current(joined.duty, joined.lever_rate, each))
-    tension = np.asarray(tendon_tension(joined.stretch, each)).T
-    taken_up = (_take_up(joined.stretch, tension, each, starts, counts, groups, rig)) / tendons.pulley_radius.value
+    current = np.asarray(motor_current(jnp.asarray(joined.duty), jnp.asarray(joined.lever_rate), each))
+    tension = np.asarray(tendon_tension(jnp.asarray(joined.stretch), each)).T
+    taken_up = _take_up(joined.stretch, tension, starts, counts, groups, rig) / tendons.pulley_radius.value
     pull = tension * tendons.pulley_radius.value / tendons.torque_constant.value
     turn = 2 * np.pi
     return {
@@ -180,7 +188,6 @@ def _read(
 def _take_up(
     stretch: NDArray[np.float64],
     tension: NDArray[np.float64],
-    each: Parameters,
     starts: NDArray[np.intp],
     counts: NDArray[np.intp],
     groups: Sequence[Group],

@@ -1,5 +1,6 @@
 """This is where the joint at rest is solved: first contact, pretension, tension."""
 
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -13,14 +14,15 @@ __all__ = ["axial_force", "rest_shortening", "set_pretension", "torsional_stiffn
 _NEWTON_STEPS = 30
 
 
-def _solve(slope, start: jax.Array) -> jax.Array:  # type: ignore[no-untyped-def]
+def _solve(slope: Callable[[jax.Array], jax.Array], start: jax.Array) -> jax.Array:
     """Return the root of a scalar function by a fixed number of Newton steps."""
     curvature = jax.grad(slope)
 
     def step(_: int, x: jax.Array) -> jax.Array:
-        return x - slope(x) / curvature(x)
+        return x - slope(x) / jnp.asarray(curvature(x))
 
-    return jax.lax.fori_loop(0, _NEWTON_STEPS, step, start)
+    root: jax.Array = jax.lax.fori_loop(0, _NEWTON_STEPS, step, start)
+    return root
 
 
 def rest_shortening(p: Parameters) -> jax.Array:
@@ -45,16 +47,16 @@ def set_pretension(
     first_end = untwisted - first_contact_tension / p.stiffness
     held = p._replace(mode=jnp.full((), POSITION), cable_end=first_end - pretension)
     shortening = rest_shortening(held)
-    tension = tendon_tension(tendon_stretch(jnp.zeros(()), shortening, held), held)[0]
+    tension = tendon_tension(tendon_stretch(jnp.zeros(()), shortening, held)[0], held)
     set_tension = jnp.where(mode == CURRENT, tension, tension + limit)
     return held._replace(mode=mode, held_tension=set_tension), shortening
 
 
 def torsional_stiffness(shortening: jax.Array, p: Parameters) -> jax.Array:
     """Return the relaxed small-angle torsional stiffness ∂²V/∂φ² at φ = 0 [N m/rad]."""
-    return jax.hessian(potential)(jnp.zeros(()), shortening, p)
+    return jnp.asarray(jax.hessian(potential)(jnp.zeros(()), shortening, p))
 
 
 def axial_force(shortening: jax.Array, torsion: jax.Array, p: Parameters) -> jax.Array:
     """Return the force [N] with which the twisted silicone resists a shortening: ∂W/∂x."""
-    return jax.grad(silicone_energy, argnums=1)(torsion, shortening, p)
+    return jnp.asarray(jax.grad(silicone_energy, argnums=1)(torsion, shortening, p))

@@ -1,0 +1,195 @@
+"""This is where the time stamps of a foreign recording are judged and, where that is right, put straight.
+
+Honest stamps are kept, jittering or irregular as they may be. Stamps that a busy host gave late to regular samples
+(see `sinew.measure.clock`) are replaced by the straight line through them. Gaps are refused or split.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.measure.clock import (
+    Gap,
+    afters,
+    follows_line,
+    gaps_of_clock,
+    gaps_of_irregular,
+    has_clock,
+    is_even,
+    off_line,
+)
+from sinew.measure.errors import TimeError
+
+__all__ = ["TimeDiagnosis", "Timeline", "diagnose_times", "refuse_backwards", "straighten_times"]
+
+Floats = NDArray[np.float64]
+Pattern = Literal["even", "jittering", "bursty", "irregular"]
+
+FEWEST_SAMPLES = 8
+
+
+@dataclass(frozen=True)
+class TimeDiagnosis:
+    """What the time stamps of a record are like.
+
+    step_s: sampling step, the slope of stamp over index between gaps [s]; median_step_s: median difference [s].
+    jitter_s: standard deviation of the stamps from the straight line between gaps [s].
+    longest_pause_s: longest difference that is not a gap [s]; repeated: how many stamps equal the one before.
+    pattern: even (jitter below 1 % of a step), jittering, bursty (regular samples that were stamped late, in
+        bursts), or irregular (steps that differ and no clock behind them).
+    gaps: in order. sentence: all this in words.
+    """
+
+    samples: int
+    step_s: float
+    median_step_s: float
+    jitter_s: float
+    longest_pause_s: float
+    repeated: int
+    pattern: Pattern
+    gaps: tuple[Gap, ...]
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Time that can be worked with.
+
+    time_s: one time for each sample [s], strictly increasing inside every piece.
+    pieces: the stretches between gaps. notes: sentences on what was found and done.
+    """
+
+    time_s: Floats
+    pieces: tuple[slice, ...]
+    notes: tuple[str, ...]
+    diagnosis: TimeDiagnosis
+
+
+def diagnose_times(stamps: Floats, *, first_row: int = 1) -> TimeDiagnosis:
+    """Return what a record's time stamps are like.
+
+    stamps: time stamps as logged [s], shape (n,).
+    first_row: data row of the first stamp, for the sentences of errors.
+    Raises TimeError for fewer than 8 stamps, NaN, time that goes backwards, and repeated stamps without a
+    regular clock behind them that could say which is which.
+    """
+    _refuse_nonsense(stamps, first_row)
+    steps = np.diff(stamps)
+    repeated = int((steps == 0).sum())
+    even, step = is_even(stamps, steps)
+    # Samples that were honestly stamped never share a stamp, so repeats are late stamps or rows written twice.
+    clock = even or has_clock(stamps, steps) or repeated > 0.02 * stamps.size
+    bursts = False
+    gaps: list[Gap] = []
+    if clock:
+        gaps, bursts, step = gaps_of_clock(stamps, steps, step, even)
+        clock = follows_line(stamps, gaps, step)
+    if not clock:
+        gaps, bursts, step = gaps_of_irregular(stamps, steps), False, float(steps.mean())
+    written_twice = even and not bursts and (repeated < 5 or np.ptp(off_line(stamps, gaps, step)) > 3 * step)
+    if repeated and (not clock or written_twice):
+        row = int(np.flatnonzero(steps == 0)[0]) + first_row
+        raise TimeError(
+            f"data rows {row} and {row + 1} have the same time stamp {stamps[row - first_row]:.6g} s and no regular "
+            "clock shows which is right; remove the repeated rows or export the time with more digits"
+        )
+    jitter = float(off_line(stamps, gaps, step).std()) if clock else float(np.delete(steps, afters(gaps)).std())
+    pattern: Pattern = "irregular"
+    if clock:
+        pattern = "bursty" if repeated or bursts else "even" if jitter < 0.01 * step else "jittering"
+    pause = float(np.delete(steps, afters(gaps)).max())
+    median = float(np.median(steps))
+    sentence = _sentence(stamps.size, step, jitter, pause, repeated, pattern, gaps)
+    return TimeDiagnosis(stamps.size, step, median, jitter, pause, repeated, pattern, tuple(gaps), sentence)
+
+
+def straighten_times(stamps: Floats, *, gaps: Literal["refuse", "split"] = "refuse", first_row: int = 1) -> Timeline:
+    """Return time to work with: honest stamps as they are, bursty ones replaced by the straight line through them.
+
+    stamps, first_row: as in `diagnose_times`.
+    gaps: refuse them, or split the record there; a piece of fewer than 8 samples is left out.
+    Raises TimeError as `diagnose_times` does, for a gap that is not to be split, and if no piece is long enough.
+    """
+    diagnosis = diagnose_times(stamps, first_row=first_row)
+    notes = [diagnosis.sentence]
+    if diagnosis.gaps and gaps == "refuse":
+        raise TimeError(_refusal(diagnosis.gaps, diagnosis.step_s, first_row))
+    edges = [0, *(gap.after + 1 for gap in diagnosis.gaps), stamps.size]
+    pieces = [slice(a, b) for a, b in pairwise(edges)]
+    kept = tuple(piece for piece in pieces if piece.stop - piece.start >= FEWEST_SAMPLES)
+    if not kept:
+        raise TimeError(
+            f"the gaps leave no piece of at least {FEWEST_SAMPLES} samples; choose a record with fewer gaps"
+        )
+    if diagnosis.gaps:
+        short = sum(piece.stop - piece.start for piece in pieces if piece not in kept)
+        left_out = f", {_counted(short, 'sample')} in shorter pieces left out" if short else ""
+        notes.append(f"split at {_counted(len(diagnosis.gaps), 'gap')} into {_counted(len(kept), 'piece')}{left_out}")
+    time = np.array(stamps, dtype=float)
+    if diagnosis.pattern == "bursty":
+        time -= off_line(stamps, diagnosis.gaps, diagnosis.step_s)
+        notes.append(
+            f"time stamps replaced by the straight line through them, one sample every {_time(diagnosis.step_s)}"
+        )
+    return Timeline(time, kept, tuple(notes), diagnosis)
+
+
+def _refuse_nonsense(stamps: Floats, first_row: int) -> None:
+    if stamps.size < FEWEST_SAMPLES:
+        raise TimeError(f"found {stamps.size} samples, expected at least {FEWEST_SAMPLES}; record or select more")
+    bad = np.flatnonzero(~np.isfinite(stamps))
+    if bad.size:
+        raise TimeError(
+            f"time stamp in data row {int(bad[0]) + first_row} is not a number; fill it in or remove the row"
+        )
+    refuse_backwards(stamps, first_row=first_row)
+    if stamps[-1] == stamps[0]:
+        raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
+
+
+def refuse_backwards(stamps: Floats, *, first_row: int = 1) -> None:
+    """Raise TimeError, naming the data row, where time goes backwards."""
+    back = np.flatnonzero(np.diff(stamps) < 0)
+    if back.size:
+        i = int(back[0])
+        raise TimeError(
+            f"time goes backwards at data row {i + 1 + first_row} (from {stamps[i]:.6g} s to {stamps[i + 1]:.6g} s); "
+            "sort the rows, or keep one run of the recorder in a file"
+        )
+
+
+def _sentence(
+    samples: int, step: float, jitter: float, pause: float, repeated: int, pattern: Pattern, gaps: Sequence[Gap]
+) -> str:
+    what = {
+        "even": "even",
+        "jittering": f"jittering by {_time(jitter)} (kept as they are)",
+        "bursty": f"stamped in bursts (jitter {_time(jitter)}, longest pause without a loss {_time(pause)}, "
+        f"{100 * repeated / samples:.0f} % repeated)",
+        "irregular": f"irregular (steps vary by {_time(jitter)}, at most {_time(pause)}; kept as they are)",
+    }[pattern]
+    gap = f"; {_counted(len(gaps), 'gap')}, the longest {max(g.stop_s - g.start_s for g in gaps):.4g} s" if gaps else ""
+    return f"{samples} time stamps, {'mean step' if pattern == 'irregular' else 'step'} {_time(step)}: {what}{gap}"
+
+
+def _refusal(gaps: Sequence[Gap], step: float, first_row: int) -> str:
+    gap = gaps[0]
+    more = f" and {_counted(len(gaps) - 1, 'more gap')}" if len(gaps) > 1 else ""
+    return (
+        f"gap of {gap.stop_s - gap.start_s:.4g} s after data row {gap.after + first_row} (from {gap.start_s:.6g} s to "
+        f"{gap.stop_s:.6g} s, about {gap.missing} samples of {_time(step)} missing){more}; "
+        "select one side of it with start and stop, or split the record at its gaps"
+    )
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def _time(seconds: float) -> str:
+    """Return a duration for people, in ms below a second."""
+    return f"{seconds * 1e3:.4g} ms" if seconds < 1 else f"{seconds:.4g} s"

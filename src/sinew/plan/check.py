@@ -1,0 +1,256 @@
+"""This is where a plan is looked through before anything moves: how long, how far the drive reaches, what breaks."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from sinew.measure.errors import SpecError
+from sinew.plan.plan import Plan
+from sinew.plan.reach import Reach, drive_reach
+from sinew.plan.rig import RigSpec
+
+__all__ = ["REACHED_SHARE", "Finding", "Preview", "check_plan", "refuse_beyond_limits"]
+
+REACHED_SHARE = 0.95
+"""Share of the nominal drive amplitude from which it counts as reached."""
+
+_SAMPLES_PER_PERIOD = 20
+_TRANSIENT_LEFT = 0.2
+_DECAY_PERIODS = 5
+
+
+class Finding(NamedTuple):
+    """What a check found: refuse stops a run, warn does not."""
+
+    severity: Literal["refuse", "warn"]
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Preview:
+    """What a plan will do on a rig.
+
+    duration_s: of all motions and rests, without the time to change pretension.
+    groups, samples: numbers of motions (idle records included) and of recorded samples.
+    frequency_hz: of the sweep. drive_amplitude_deg, drive_current_a: what the drive reaches there against a held
+    head, and the amplitude of its current's fundamental; see `sinew.plan.reach`.
+    full_amplitude_hz: up to where the nominal amplitude is reached (from the lowest frequency on); None if nowhere.
+    tension_n: of one tendon at each pretension, as the caller gave it; empty if it did not.
+    findings: refusals first.
+    """
+
+    duration_s: float
+    groups: int
+    samples: int
+    frequency_hz: tuple[float, ...]
+    drive_amplitude_deg: tuple[float, ...]
+    drive_current_a: tuple[float, ...]
+    full_amplitude_hz: float | None
+    tension_n: tuple[float, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def refusals(self) -> tuple[str, ...]:
+        """The sentences for which the plan must not run."""
+        return tuple(finding.sentence for finding in self.findings if finding.severity == "refuse")
+
+
+def check_plan(plan: Plan, rig: RigSpec, tension_n: Sequence[float] | None = None) -> Preview:
+    """Return duration, drive reach and every limit of the rig that the plan would break.
+
+    tension_n: tension of one tendon [N] at each pretension of the plan, where the caller has a model of it; without
+    it the limits on tension and tendon current are not checked. Raises ValueError where its length does not match.
+    """
+    tensions = () if tension_n is None else tuple(map(float, tension_n))
+    if tension_n is not None and len(tensions) != len(plan.pretension.pretension_mm):
+        raise ValueError(f"{len(tensions)} tensions for {len(plan.pretension.pretension_mm)} pretensions")
+    frequencies = plan.sweep.frequency_hz if plan.sweep else ()
+    amplitude = plan.sweep.amplitude_deg if plan.sweep else 0.0
+    reach = [drive_reach(rig, math.radians(amplitude), frequency) for frequency in frequencies]
+    reached_deg = [math.degrees(r.amplitude_rad) for r in reach]
+    groups = plan.groups()
+    findings = [
+        *_setting_findings(plan, rig),
+        *_current_findings(plan, rig, reach),
+        *_tension_findings(plan, rig, tensions),
+        *_reach_findings(plan, rig, reached_deg),
+        *_time_findings(plan, rig, tensions),
+    ]
+    return Preview(
+        duration_s=sum(group.duration_s for group in groups),
+        groups=len(groups),
+        samples=sum(sum(group.sample_counts(plan.sample_hz)) for group in groups),
+        frequency_hz=tuple(frequencies),
+        drive_amplitude_deg=tuple(reached_deg),
+        drive_current_a=tuple(r.current_a for r in reach),
+        full_amplitude_hz=_full_amplitude_hz(frequencies, reached_deg, amplitude),
+        tension_n=tensions,
+        findings=tuple(sorted(findings, key=lambda finding: finding.severity)),
+    )
+
+
+def refuse_beyond_limits(preview: Preview) -> None:
+    """Raise SpecError with the first refusal of a preview, and how many more there are; else do nothing."""
+    if preview.refusals:
+        more = len(preview.refusals) - 1
+        tail = f" (and {more} more refusal{'s' if more > 1 else ''}; see sinew check)" if more else ""
+        raise SpecError(preview.refusals[0] + tail)
+
+
+def _setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
+    """Yield what the plan sets beyond the limits: pretension, amplitude, frequency, sample rate, supply."""
+    limits = rig.limits
+    low, high = limits.pretension_mm
+    beyond = [p for p in plan.pretension.pretension_mm if not low <= p <= high]
+    if beyond:
+        yield Finding(
+            "refuse",
+            f"plan asks for a pretension of {max(beyond):g} mm, the rig allows {low:g} to {high:g} mm; "
+            "change pretension.pretension_mm",
+        )
+    for part, amplitude, frequency in _drives(plan):
+        if amplitude > limits.drive_amplitude_deg:
+            yield Finding(
+                "refuse",
+                f"{part} asks for {amplitude:g}°, the rig allows {limits.drive_amplitude_deg:g}°; "
+                f"lower {part}.amplitude_deg",
+            )
+        if frequency > limits.drive_hz:
+            yield Finding(
+                "refuse",
+                f"{part} asks for {frequency:g} Hz, the rig allows {limits.drive_hz:g} Hz; lower {part}.frequency_hz",
+            )
+        if frequency * _SAMPLES_PER_PERIOD > plan.sample_hz * (1 + 1e-12):
+            yield Finding(
+                "refuse",
+                f"{part} asks for {frequency:g} Hz, a tenth of the Nyquist frequency is "
+                f"{plan.sample_hz / _SAMPLES_PER_PERIOD:g} Hz; raise sample_hz to {frequency * _SAMPLES_PER_PERIOD:g}",
+            )
+    low, high = limits.voltage_v
+    supply = rig.drive.supply_voltage.value
+    if not low <= supply <= high:
+        yield Finding("refuse", f"drive.supply_voltage is {supply:g} V, the rig allows {low:g} to {high:g} V")
+
+
+def _drives(plan: Plan) -> Iterator[tuple[str, float, float]]:
+    """Yield (section, amplitude [deg], highest frequency [Hz]) of each driven part of a plan."""
+    if plan.sweep is not None:
+        yield "sweep", plan.sweep.amplitude_deg, max(plan.sweep.frequency_hz)
+    if plan.ring_down is not None:
+        yield "ring_down", plan.ring_down.amplitude_deg, max(plan.ring_down.frequency_hz)
+
+
+def _current_findings(plan: Plan, rig: RigSpec, reach: Sequence[Reach]) -> Iterator[Finding]:
+    limit = rig.limits.drive_current_a
+    worst = max(reach, key=lambda r: r.current_a, default=None)
+    if plan.sweep is not None and worst is not None and worst.current_a > limit:
+        frequency = plan.sweep.frequency_hz[list(reach).index(worst)]
+        yield Finding(
+            "refuse",
+            f"sweep drives a current of {worst.current_a:.2f} A at {frequency:g} Hz, the rig allows {limit:g} A; "
+            "lower sweep.amplitude_deg",
+        )
+
+
+def _tension_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iterator[Finding]:
+    if not tension_n:
+        return
+    limits, tendons = rig.limits, rig.tendons
+    worst = max(range(len(tension_n)), key=lambda index: tension_n[index])
+    where = f"at {plan.pretension.pretension_mm[worst]:g} mm"
+    advice = "lower pretension.pretension_mm"
+    if tension_n[worst] > limits.tension_n:
+        yield Finding(
+            "refuse",
+            f"each tendon pulls {tension_n[worst]:.0f} N {where}, the rig allows {limits.tension_n:g} N; {advice}",
+        )
+    current = tension_n[worst] * tendons.pulley_radius.value / tendons.torque_constant.value
+    if current > limits.tendon_current_a:
+        yield Finding(
+            "refuse",
+            f"each tendon motor draws {current:.2f} A {where}, the rig allows {limits.tendon_current_a:g} A; {advice}",
+        )
+    slack = [p for p, t in zip(plan.pretension.pretension_mm, tension_n, strict=True) if t <= 0]
+    if slack:
+        yield Finding("warn", f"tendons are slack at {slack[0]:g} mm; raise tendons.first_contact_tension")
+
+
+def _full_amplitude_hz(frequencies: Sequence[float], reached: Sequence[float], nominal: float) -> float | None:
+    full: float | None = None
+    for frequency, amplitude in zip(frequencies, reached, strict=True):
+        if amplitude < REACHED_SHARE * nominal:
+            break
+        full = frequency
+    return full
+
+
+def _reach_findings(plan: Plan, rig: RigSpec, reached: Sequence[float]) -> Iterator[Finding]:
+    """Yield where the drive falls short: an outcome to know of, not a fault, for the response is measured anyway."""
+    if (sweep := plan.sweep) is not None:
+        short = [
+            (f, a) for f, a in zip(sweep.frequency_hz, reached, strict=True) if a < REACHED_SHARE * sweep.amplitude_deg
+        ]
+        if short:
+            frequency, amplitude = min(short, key=lambda pair: pair[1])
+            full = _full_amplitude_hz(sweep.frequency_hz, reached, sweep.amplitude_deg)
+            up_to = f"up to {full:g} Hz" if full is not None else "at none of the lowest frequencies"
+            yield Finding(
+                "warn",
+                f"sweep asks for {sweep.amplitude_deg:g}° at {frequency:g} Hz, against a held head the drive reaches "
+                f"{amplitude:.1f}° there; it reaches {sweep.amplitude_deg:g}° (within {1 - REACHED_SHARE:.0%}) {up_to}",
+            )
+    if (ring := plan.ring_down) is not None:
+        frequency = max(ring.frequency_hz)
+        amplitude = math.degrees(drive_reach(rig, math.radians(ring.amplitude_deg), frequency).amplitude_rad)
+        if amplitude < REACHED_SHARE * ring.amplitude_deg:
+            yield Finding(
+                "warn",
+                f"ring_down asks for {ring.amplitude_deg:g}° at {frequency:g} Hz, against a held head the drive "
+                f"reaches {amplitude:.1f}° there",
+            )
+
+
+def _time_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iterator[Finding]:
+    """Yield what is short: settling against the damping, repeats against a spread, the decay against its period."""
+    if (sweep := plan.sweep) is not None:
+        decay = _slowest_decay(rig, math.radians(sweep.amplitude_deg), min(tension_n, default=0.0))
+        left = math.exp(-decay * sweep.settle_s)
+        if left > _TRANSIENT_LEFT:
+            enough = (
+                f"{-math.log(_TRANSIENT_LEFT) / decay:.1f} s would leave {_TRANSIENT_LEFT:.0%}"
+                if decay > 0
+                else "nothing damps it"
+            )
+            yield Finding(
+                "warn", f"sweep.settle_s = {sweep.settle_s:g} s may leave {left:.0%} of the start transient; {enough}"
+            )
+        if sweep.repeats < 2:
+            yield Finding("warn", "sweep.repeats = 1 gives no standard deviation; 3 repeats are the paper's")
+    if (ring := plan.ring_down) is not None:
+        lowest = min(ring.frequency_hz)
+        if ring.record_s * lowest < _DECAY_PERIODS:
+            yield Finding(
+                "warn",
+                f"ring_down.record_s = {ring.record_s:g} s holds {ring.record_s * lowest:.1f} periods at {lowest:g} "
+                f"Hz; {_DECAY_PERIODS / lowest:.1f} s would hold {_DECAY_PERIODS}",
+            )
+
+
+def _slowest_decay(rig: RigSpec, amplitude_rad: float, tension_n: float) -> float:
+    """Return an estimate of the decay rate λ [1/s] of the joint at a torsion amplitude and a tension of each tendon.
+
+    Loss factor η, dashpot d and the Dahl loop of the guides, which takes 4 F (a - φ_s tanh(a/φ_s)) of energy in a
+    cycle of amplitude a, with F = μ ΣT: λ = (η/2 + loop/(2π k a²)) ω₀ + d/(2 I), k = GJ/L + N T r_b r_h/ℓ. At tension
+    zero only the bare silicone damps.
+    """
+    silicone, tendons = rig.silicone, rig.tendons
+    total = tendons.count * tension_n
+    arms = tendons.base_radius.value * tendons.head_radius.value
+    stiffness = silicone.torsional_rigidity.value / silicone.length.value + total * arms / tendons.free_span.value
+    inertia = rig.inertia.head.value + rig.inertia.lever.value
+    presliding = tendons.presliding_angle.value
+    swept = amplitude_rad - presliding * math.tanh(amplitude_rad / presliding)
+    loop = 4 * tendons.guide_friction.value * total * swept
+    ratio = silicone.loss_factor.value / 2 + loop / (2 * math.pi * stiffness * amplitude_rad**2)
+    return ratio * math.sqrt(stiffness / inertia) + silicone.viscous.value / (2 * inertia)

@@ -1,0 +1,198 @@
+"""This is where rigs and plans become TOML files and come back, number for number."""
+
+import math
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from sinew.measure.errors import SpecError
+from sinew.plan.complaint import complaint
+from sinew.plan.library import read_spec
+from sinew.plan.parameter import Parameter, converted
+from sinew.plan.plan import Plan
+from sinew.plan.rig import RigSpec
+
+__all__ = ["dump_plan", "dump_rig", "load_plan", "load_rig", "parse_plan", "parse_rig"]
+
+_Spec = TypeVar("_Spec", RigSpec, Plan)
+
+_RIG_HEADER = """\
+# A test bed. Each parameter has a value in its unit, an origin (paper, data sheet, calibrated or assumed), the bounds
+# of what is physically thinkable, and a note. Any unit of the right dimension may stand here.
+"""
+_PLAN_HEADER = """\
+# A campaign: pretensions to visit; at each of them a sweep, ring-downs, or both.
+"""
+
+_FILE_UNITS = {
+    "silicone.length": "mm",
+    "silicone.diameter": "mm",
+    "tendons.base_radius": "mm",
+    "tendons.head_radius": "mm",
+    "tendons.free_span": "mm",
+    "tendons.guide_friction": "mm",
+    "tendons.pulley_radius": "mm",
+    "tendons.current_lsb": "mA",
+    "drive.no_load_speed": "rpm",
+    "drive.current_lsb": "mA",
+    "imu.gyro_range": "deg/s",
+    "imu.gyro_lsb": "deg/s",
+    "imu.gyro_noise": "deg/s",
+    "imu.gyro_bias": "deg/s",
+    "imu.accelerometer_range": "g_0",
+    "imu.accelerometer_lsb": "g_0",
+    "imu.accelerometer_noise": "g_0",
+    "imu.mount_radius": "mm",
+    "imu.residual_delay": "ms",
+    "imu.delay_std": "ms",
+    "bus.stamp_jitter": "ms",
+    "bus.drive_delay": "ms",
+    "repeatability.pretension": "mm",
+}
+"""Units that read better in a file than those that the model keeps."""
+
+
+def load_rig(path_or_name: str | Path) -> RigSpec:
+    """Return the rig of a TOML file, or the shipped one of that name (`paper`). Raises SpecError."""
+    return parse_rig(read_spec("rigs", path_or_name), source=str(path_or_name))
+
+
+def load_plan(path_or_name: str | Path) -> Plan:
+    """Return the plan of a TOML file, or the shipped one of that name (`paper`, `short`). Raises SpecError."""
+    return parse_plan(read_spec("plans", path_or_name), source=str(path_or_name))
+
+
+def parse_rig(text: str, source: str = "rig") -> RigSpec:
+    """Return the rig that a TOML text describes.
+
+    source: what to call the text in an error, its path for instance.
+    Raises SpecError with one line on the first fault, and how many more there are.
+    """
+    return _parse(text, source, RigSpec, "rig")
+
+
+def parse_plan(text: str, source: str = "plan") -> Plan:
+    """Return the plan that a TOML text describes; arguments and errors as for `parse_rig`."""
+    return _parse(text, source, Plan, "plan")
+
+
+def dump_rig(rig: RigSpec) -> str:
+    """Return a rig as TOML, one line a parameter, such that `parse_rig` gives the same rig to the last bit."""
+    return _RIG_HEADER + _table(rig)
+
+
+def dump_plan(plan: Plan) -> str:
+    """Return a plan as TOML, such that `parse_plan` gives the same plan to the last bit."""
+    return _PLAN_HEADER + _table(plan)
+
+
+def _parse(text: str, source: str, model: type[_Spec], what: str) -> _Spec:
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SpecError(f"{source} is not valid TOML: {error}") from error
+    other, other_what = (Plan, "plan") if what == "rig" else (RigSpec, "rig")
+    if _shared_keys(data, other) > _shared_keys(data, model):
+        raise SpecError(f"{source} is a {other_what}, expected a {what}")
+    try:
+        return model.model_validate(_frozen(data), strict=True)
+    except ValidationError as error:
+        raise SpecError(f"{source}: {complaint(error, model, what)}") from error
+
+
+def _shared_keys(data: dict[str, Any], model: type[BaseModel]) -> int:
+    return len(data.keys() & model.model_fields.keys())
+
+
+def _frozen(value: Any) -> Any:
+    """Return the same data with tuples for lists: strict validation takes no lists for tuples."""
+    if isinstance(value, dict):
+        return {key: _frozen(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return tuple(_frozen(inner) for inner in value)
+    return value
+
+
+def _table(model: BaseModel, prefix: str = "") -> str:
+    """Return plain keys, then aligned parameter lines, then sections, in the order of the model."""
+    values = {name: getattr(model, name) for name in type(model).model_fields}
+    plain = [f"{k} = {_literal(v)}" for k, v in values.items() if v is not None and not isinstance(v, BaseModel)]
+    rows = [_parameter_cells(k, v, prefix + k) for k, v in values.items() if isinstance(v, Parameter)]
+    lines = plain + _aligned(rows)
+    for name, value in values.items():
+        if isinstance(value, BaseModel) and not isinstance(value, Parameter):
+            lines += ["", f"[{prefix}{name}]", _table(value, f"{prefix}{name}.").rstrip("\n")]
+    return "\n".join(lines) + "\n"
+
+
+def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _parameter_cells(key: str, parameter: Parameter, dotted: str) -> list[str]:
+    unit, value, low, high = _best_unit(parameter, _FILE_UNITS.get(dotted, parameter.unit))
+    note = f"note = {_literal(parameter.note)}" if parameter.note else ""
+    return [
+        key,
+        f" = {{ value = {value}, ",
+        f"unit = {_literal(unit)}, ",
+        f"origin = {_literal(parameter.origin)}, ",
+        f"bounds = [{low}, {high}]{', ' if parameter.note else ''}",
+        f"{note} }}",
+    ]
+
+
+def _best_unit(parameter: Parameter, wanted: str) -> tuple[str, str, str, str]:
+    """Return (unit, value, low, high) as text: of the units that read back exactly, the one with fewer characters.
+
+    A product of two floats cannot always be undone, so a number may have no exact text in the wanted unit; then the
+    unit of the model stands in the file.
+    """
+    numbers = (parameter.value, *parameter.bounds)
+    exact = [_literal(number) for number in numbers]
+    best = (parameter.unit, exact[0], exact[1], exact[2])
+    if wanted != parameter.unit:
+        texts = [_text_in(number, parameter.unit, wanted) for number in numbers]
+        a, b, c = texts
+        if a is not None and b is not None and c is not None and len(a + b + c) <= len("".join(exact)) + 3:
+            return wanted, a, b, c
+    return best
+
+
+def _text_in(number: float, unit: str, wanted: str) -> str | None:
+    guess = converted(number, unit, wanted)
+    if not math.isfinite(guess):
+        return None
+    rounded = (float(f"{guess:.{digits}g}") for digits in (15, 16, 17))
+    neighbours = (math.nextafter(guess, math.inf), math.nextafter(guess, -math.inf))
+    for candidate in (*rounded, *neighbours):
+        if converted(candidate, wanted, unit) == number:
+            return _literal(candidate)
+    return None
+
+
+def _literal(value: object) -> str:
+    """Return a TOML literal; whole floats lose their point, lists are broken at 100 characters."""
+    if isinstance(value, tuple):
+        return _list([_literal(inner) for inner in value])
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        value = int(value)
+    return tomli_w.dumps({"k": value}).removeprefix("k = ").rstrip("\n")
+
+
+def _list(items: Sequence[str]) -> str:
+    flat = f"[{', '.join(items)}]"
+    if len(flat) <= 90:
+        return flat
+    lines, line = [], "   "
+    for item in items:
+        if len(line) + len(item) > 98:
+            lines.append(line)
+            line = "   "
+        line += f" {item},"
+    return "\n".join(["[", *lines, line, "]"])

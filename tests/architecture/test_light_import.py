@@ -1,0 +1,41 @@
+"""What an import loads: heavy packages only where they are used."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[2] / "src"
+MEASURE = sorted(f"sinew.measure.{path.stem}" for path in (SOURCE / "sinew" / "measure").glob("[a-z]*.py"))
+
+
+def modules_loaded_by(code: str) -> set[str]:
+    """Return the top-level packages that a fresh interpreter has loaded after running `code`."""
+    report = "import sys; print(*{name.split('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", f"{code}\n{report}"], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize("package", ["jax", "matplotlib", "numpy", "pandas", "pint", "scipy", "serial", "xarray"])
+def test_importing_sinew_loads_no(package: str) -> None:
+    assert package not in modules_loaded_by("import sinew")
+
+
+def test_importing_all_of_measure_loads_neither_jax_nor_matplotlib_nor_serial() -> None:
+    loaded = modules_loaded_by(f"import {', '.join(MEASURE)}")
+    assert loaded & {"jax", "matplotlib", "serial"} == set()
+
+
+def test_importing_all_of_measure_does_load_what_the_check_looks_for_in_kind() -> None:
+    assert "xarray" in modules_loaded_by(f"import {', '.join(MEASURE)}")
+
+
+def test_reading_a_csv_file_loads_neither_jax_nor_matplotlib_nor_serial(tmp_path: Path) -> None:
+    file = tmp_path / "swing.csv"
+    file.write_text("t_s,angle_deg\n" + "".join(f"{i / 100},{i % 7}\n" for i in range(50)), encoding="utf-8")
+    loaded = modules_loaded_by(
+        "from pathlib import Path; from sinew.measure.csv import import_csv; "
+        f"import_csv(Path({str(file)!r}), time='t_s', response='angle_deg')"
+    )
+    assert loaded & {"jax", "matplotlib", "serial"} == set()

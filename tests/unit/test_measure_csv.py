@@ -1,0 +1,270 @@
+"""CSV in and out, and MATLAB files out."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import io
+
+from sinew.measure.csv import export_csv, import_csv
+from sinew.measure.errors import FileError, RecordingError, SinewError, TimeError, UnitError
+from sinew.measure.mat import export_mat
+from sinew.measure.provenance import provenance
+from sinew.measure.recording import Segment, build_recording
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+with_data = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not at ../shared/data")
+BEAMS = [f"beam_{load}_V2_{run}.csv" for load in ("gravity", "load52", "load101") for run in "ab"]
+PENDULUMS = ["60.csv", "70.csv", "80P.csv", "90p.csv", "100.csv", "110Pnedulum-120-14-1.6-2.csv"]
+PENDULUMS += ["120Pnedulum-120-14-1.6.csv", "120Pnedulum-120-14-1.6-2.csv"]
+
+
+@pytest.fixture
+def swing(tmp_path: Path) -> Path:
+    """Write two seconds of a swing at 100 Hz: the angle is 10° at first and 10 ° + row after it."""
+    path = tmp_path / "swing.csv"
+    rows = [f"{i / 100},{10 + i},{20 + i},{1000 * i},{i / 10},{5}" for i in range(200)]
+    path.write_text("t_s,angle_deg,other_deg,tip_um,rate_dps,lever (deg)\n" + "\n".join(rows), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def bench() -> xr.Dataset:
+    """Return a small recording with every kind of channel."""
+    n, random = 30, np.random.default_rng(1)
+    samples = {
+        "time_s": np.arange(n) / 200,
+        "drive_rad": random.normal(size=n),
+        "gyro_rad_s": random.normal(size=(n, 3)),
+        "tendon_current_a": random.normal(size=(n, 4)),
+        "response": random.normal(size=n),
+    }
+    segments = [Segment("settle", 2.0, 3.1, 20.0, 0), Segment("steady", 2.0, 3.1, 20.0, 0)]
+    return build_recording(samples, segments, [10, 20], provenance("twin", seed=1), {"response": "N*m"})
+
+
+def test_an_angle_becomes_torsion_in_radians(swing: Path) -> None:
+    recording = import_csv(swing, time="t_s", response="angle_deg:deg")
+    assert float(recording["torsion_rad"][80]) == pytest.approx(math.pi / 2)
+
+
+def test_a_unit_in_the_name_of_the_column_counts(swing: Path) -> None:
+    recording = import_csv(swing, time="t_s", response="angle_deg", drive="lever (deg)")
+    assert float(recording["drive_rad"][0]) == pytest.approx(math.radians(5))
+
+
+def test_a_written_unit_goes_before_the_one_in_the_name(swing: Path) -> None:
+    recording = import_csv(swing, time="t_s", response="angle_deg:rad")
+    assert float(recording["torsion_rad"][0]) == 10
+
+
+def test_a_length_becomes_a_response_in_metres(swing: Path) -> None:
+    response = import_csv(swing, time="t_s", response="tip_um")["response"]
+    assert (response.attrs["units"], float(response[100])) == ("m", pytest.approx(0.1))
+
+
+def test_an_angular_rate_stays_a_rate_and_the_notes_say_so(swing: Path) -> None:
+    recording = import_csv(swing, time="t_s", response="rate_dps")
+    assert (recording["response"].attrs["units"], "is an angular rate" in recording.attrs["import_notes"]) == (
+        "rad/s",
+        True,
+    )
+
+
+def test_several_columns_are_averaged(swing: Path) -> None:
+    recording = import_csv(swing, time="t_s", response="angle_deg,other_deg:deg")
+    assert float(recording["torsion_rad"][0]) == pytest.approx(math.radians(15))
+
+
+def test_columns_of_different_units_are_not_averaged(swing: Path) -> None:
+    with pytest.raises(UnitError, match="have different units"):
+        import_csv(swing, time="t_s", response="angle_deg,tip_um")
+
+
+def test_a_part_is_taken_in_the_file_s_own_time(swing: Path) -> None:
+    time = import_csv(swing, time="t_s", response="angle_deg", start_s=0.5, stop_s=1.0)["time_s"].values
+    assert (time[0], time[-1], time.size) == (0.5, 1.0, 51)
+
+
+def test_time_in_milliseconds_becomes_seconds(swing: Path) -> None:
+    time = import_csv(swing, time="t_s:ms", response="angle_deg")["time_s"].values
+    assert time[-1] == pytest.approx(1.99e-3)
+
+
+def test_a_ring_down_becomes_one_ring_down_segment_of_unknown_drive(swing: Path) -> None:
+    recording = import_csv(swing, time="t_s", response="angle_deg", pretension_mm=3.0)
+    row = [recording[name].item() for name in ("kind", "row_size", "pretension_mm", "repeat")]
+    assert (row, bool(np.isnan(recording["frequency_hz"].item()))) == (["ring-down", 200, 3.0, 0], True)
+
+
+def test_a_sweep_becomes_one_steady_segment(swing: Path) -> None:
+    recording = import_csv(swing, time="t_s", response="angle_deg", drive="lever (deg)", kind="sweep")
+    assert recording["kind"].values.tolist() == ["steady"]
+
+
+def test_a_record_with_a_gap_is_split_into_segments_when_asked(swing: Path) -> None:
+    lines = swing.read_text(encoding="utf-8").splitlines()
+    swing.write_text("\n".join(lines[:81] + lines[101:]), encoding="utf-8")
+    recording = import_csv(swing, time="t_s", response="angle_deg", gaps="split")
+    assert recording["row_size"].values.tolist() == [80, 100]
+
+
+def test_a_split_is_in_the_notes(swing: Path) -> None:
+    lines = swing.read_text(encoding="utf-8").splitlines()
+    swing.write_text("\n".join(lines[:81] + lines[101:]), encoding="utf-8")
+    recording = import_csv(swing, time="t_s", response="angle_deg", gaps="split")
+    assert "split at 1 gap into 2 pieces" in recording.attrs["import_notes"]
+
+
+def test_a_gap_outside_the_part_that_is_taken_does_no_harm(swing: Path) -> None:
+    lines = swing.read_text(encoding="utf-8").splitlines()
+    swing.write_text("\n".join(lines[:81] + lines[101:]), encoding="utf-8")
+    assert import_csv(swing, time="t_s", response="angle_deg", start_s=1.0).sizes["sample"] == 100
+
+
+def test_an_empty_cell_outside_the_part_that_is_taken_does_no_harm(swing: Path) -> None:
+    swing.write_text(swing.read_text(encoding="utf-8").replace("0.0,10,", "0.0,,"), encoding="utf-8")
+    assert import_csv(swing, time="t_s", response="angle_deg", start_s=0.5).sizes["sample"] == 150
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "said"),
+    [
+        ({"response": "angle"}, RecordingError, "no column 'angle', did you mean 'angle_deg'"),
+        ({"time": "time"}, RecordingError, "no column 'time'"),
+        ({"drive": "lever"}, RecordingError, "no column 'lever', did you mean 'lever \\(deg\\)'"),
+        ({"time": "t_s,angle_deg"}, RecordingError, "time needs one column, found 2"),
+        ({"response": "angle_deg:degg"}, UnitError, "unknown unit 'degg'"),
+        ({"response": "angle_deg:g"}, UnitError, "ambiguous"),
+        ({"time": "t_s:mm"}, UnitError, "'mm' cannot be turned into 's'"),
+        ({"start_s": 1.0, "stop_s": 0.5}, TimeError, "expected start before stop"),
+        ({"start_s": 5.0}, TimeError, "no samples from 5 s .* runs from 0 s to 1.99 s"),
+        ({"start_s": 1.95}, TimeError, "found 5 samples, expected at least 8"),
+        ({"pretension_mm": -1.0}, RecordingError, "found pretension_mm = -1, expected 0 or more"),
+        ({"pretension_mm": math.nan}, RecordingError, "found pretension_mm = nan, expected 0 or more"),
+        ({"kind": "song"}, RecordingError, "unknown kind 'song', expected one of ring-down, sweep"),
+        ({"time": "other_deg:s", "response": "lever (deg):furlongish"}, UnitError, "unknown unit"),
+        ({"time": "lever (deg):s"}, TimeError, "is this the time column"),
+    ],
+)
+def test_a_wrong_wish_is_answered_with_one_helpful_line(
+    swing: Path, options: dict[str, object], error: type[SinewError], said: str
+) -> None:
+    wish = {"time": "t_s", "response": "angle_deg"} | options
+    with pytest.raises(error, match=said) as caught:
+        import_csv(swing, **wish)  # type: ignore[arg-type]
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "error", "said"),
+    [
+        ("0.5,60,", "0.5,,", RecordingError, "column 'angle_deg' holds NaN or an empty cell in data row 51"),
+        ("0.5,60,", "0.5,sixty,", RecordingError, "column 'angle_deg' holds 'sixty' in data row 51"),
+        ("0.5,60,", ",60,", RecordingError, "column 't_s' holds NaN or an empty cell in data row 51"),
+        ("0.5,60,", "0.2,60,", TimeError, "backwards at data row 51 \\(from 0.49 s to 0.2 s\\)"),
+        ("0.5,60,", "0.49,60,", TimeError, "data rows 50 and 51 have the same time stamp 0.49 s"),
+    ],
+)
+def test_a_bad_cell_is_refused_by_its_row(swing: Path, old: str, new: str, error: type[SinewError], said: str) -> None:
+    swing.write_text(swing.read_text(encoding="utf-8").replace(f"\n{old}", f"\n{new}"), encoding="utf-8")
+    with pytest.raises(error, match=said):
+        import_csv(swing, time="t_s", response="angle_deg")
+
+
+def test_an_exported_table_has_its_units_in_the_names(bench: xr.Dataset, tmp_path: Path) -> None:
+    export_csv(bench, tmp_path / "out.csv")
+    header = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert header == [
+        *("time_s", "segment", "kind", "pretension_mm", "frequency_hz", "amplitude_deg", "repeat", "drive_rad"),
+        *(f"tendon_{i}_current_a" for i in (1, 2, 3, 4)),
+        *("gyro_x_rad_s", "gyro_y_rad_s", "gyro_z_rad_s", "response_n_m"),
+    ]
+
+
+def test_an_exported_table_says_for_each_sample_what_was_asked_for(bench: xr.Dataset, tmp_path: Path) -> None:
+    export_csv(bench, tmp_path / "out.csv")
+    rows = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()[1:]
+    assert [row.split(",")[2] for row in rows] == ["settle"] * 10 + ["steady"] * 20
+
+
+@pytest.mark.parametrize("unit", ["N*m", "m", "V", "1", "kg/m**3"])
+def test_an_exported_table_reads_back_unchanged(bench: xr.Dataset, tmp_path: Path, unit: str) -> None:
+    bench["response"].attrs["units"] = unit
+    export_csv(bench, tmp_path / "out.csv")
+    column = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()[0].split(",")[-1]
+    back = import_csv(tmp_path / "out.csv", time="time_s", response=column)["response"]
+    assert (back.attrs["units"], back.values.tolist()) == (unit, bench["response"].values.tolist())
+
+
+@pytest.mark.parametrize(("export", "name"), [(export_csv, "out.csv"), (export_mat, "out.mat")])
+def test_an_export_to_a_place_that_cannot_be_is_refused_and_leaves_nothing(
+    bench: xr.Dataset, tmp_path: Path, export: object, name: str
+) -> None:
+    (tmp_path / "file").write_text("in the way", encoding="utf-8")
+    with pytest.raises(FileError, match="choose a folder that you may write"):
+        export(bench, tmp_path / "file" / name)  # type: ignore[operator]
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_matlab_file_holds_the_channels_unchanged(bench: xr.Dataset, tmp_path: Path) -> None:
+    export_mat(bench, tmp_path / "out.mat")
+    assert np.array_equal(io.loadmat(tmp_path / "out.mat")["gyro_rad_s"], bench["gyro_rad_s"].values)
+
+
+def test_a_matlab_file_tells_which_samples_are_in_which_segment(bench: xr.Dataset, tmp_path: Path) -> None:
+    export_mat(bench, tmp_path / "out.mat")
+    segments = io.loadmat(tmp_path / "out.mat", simplify_cells=True)["segments"]
+    assert (segments["first"].tolist(), segments["last"].tolist(), segments["kind"].tolist()) == (
+        [1, 11],
+        [10, 30],
+        ["settle", "steady"],
+    )
+
+
+def test_a_matlab_file_tells_the_units(bench: xr.Dataset, tmp_path: Path) -> None:
+    export_mat(bench, tmp_path / "out.mat")
+    units = io.loadmat(tmp_path / "out.mat", simplify_cells=True)["units"]
+    assert (units["gyro_rad_s"], units["response"], units["pretension_mm"]) == ("rad/s", "N*m", "mm")
+
+
+@with_data
+@pytest.mark.parametrize("name", BEAMS)
+def test_a_silicone_beam_is_imported_with_even_stamps_of_10_ms(name: str) -> None:
+    tips = "Tip-1_x_m,Tip-2_x_m,Tip-3_x_m:m"
+    recording = import_csv(DATA / "silicone_beam_dragonskin10" / name, time="t_s", response=tips)
+    assert "step 10 ms: even" in recording.attrs["import_notes"]
+
+
+@with_data
+@pytest.mark.parametrize("name", BEAMS)
+def test_the_tip_of_a_silicone_beam_starts_where_its_source_says(name: str) -> None:
+    tips = "Tip-1_x_m,Tip-2_x_m,Tip-3_x_m"
+    recording = import_csv(DATA / "silicone_beam_dragonskin10" / name, time="t_s", response=tips)
+    assert 0.0592 <= float(recording["response"][0]) <= 0.0606
+
+
+@with_data
+@pytest.mark.parametrize("name", PENDULUMS)
+def test_a_pendulum_log_in_serial_bursts_gets_the_step_that_its_source_states(name: str) -> None:
+    recording = import_csv(DATA / "torsion_spring_pendulum" / name, time="host_time_s", response="angle_deg:deg")
+    steps = np.diff(recording["time_s"].values)
+    assert 3.8505e-3 <= steps.min() <= steps.max() <= 3.8585e-3
+
+
+@with_data
+@pytest.mark.parametrize("name", PENDULUMS)
+def test_a_pendulum_log_says_that_its_stamps_came_in_bursts(name: str) -> None:
+    recording = import_csv(DATA / "torsion_spring_pendulum" / name, time="host_time_s", response="angle_deg:deg")
+    assert "stamped in bursts" in recording.attrs["import_notes"]
+
+
+@with_data
+@pytest.mark.parametrize("name", PENDULUMS)
+def test_forty_samples_cut_from_a_real_log_in_bursts_are_missed(name: str, tmp_path: Path) -> None:
+    lines = (DATA / "torsion_spring_pendulum" / name).read_text(encoding="utf-8").splitlines()
+    (tmp_path / "cut.csv").write_text("\n".join(lines[:3000] + lines[3040:]), encoding="utf-8")
+    with pytest.raises(TimeError, match=r"about (39|40|41) samples"):
+        import_csv(tmp_path / "cut.csv", time="host_time_s", response="angle_deg:deg")

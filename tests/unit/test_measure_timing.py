@@ -1,0 +1,189 @@
+"""Time stamps as loggers leave them: what is kept, straightened, split and refused."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sinew.measure.errors import TimeError
+from sinew.measure.timing import diagnose_times, straighten_times
+
+EVEN = np.arange(1000) * 0.01
+
+
+def through_a_serial_buffer(true: NDArray[np.float64], period: float, quick: float) -> NDArray[np.float64]:
+    """Stamp samples as a host does that reads its buffer every `period` seconds, `quick` seconds a sample."""
+    read_at = np.ceil(true / period) * period
+    waiting = np.zeros(true.size)
+    for i in range(1, true.size):
+        waiting[i] = waiting[i - 1] + 1 if read_at[i] == read_at[i - 1] else 0
+    return np.asarray(read_at + quick * waiting)
+
+
+def after_a_hiccup(stamps: NDArray[np.float64], first: int, last: int, quick: float = 0.0) -> NDArray[np.float64]:
+    """Stamp samples `first` to `last` only when sample `last` came, `quick` seconds apart."""
+    late = stamps.copy()
+    late[first : last + 1] = stamps[last] - quick * np.arange(last - first, -1, -1)
+    return late
+
+
+def test_even_stamps_are_called_even() -> None:
+    assert diagnose_times(EVEN).pattern == "even"
+
+
+def test_slightly_jittering_stamps_are_kept_as_they_are() -> None:
+    stamps = EVEN + np.random.default_rng(1).normal(0, 5e-4, EVEN.size)
+    assert np.array_equal(straighten_times(stamps).time_s, stamps)
+
+
+def test_the_jitter_of_jittering_stamps_is_measured() -> None:
+    stamps = EVEN + np.random.default_rng(2).normal(0, 5e-4, EVEN.size)
+    assert diagnose_times(stamps).jitter_s == pytest.approx(5e-4, rel=0.1)
+
+
+def test_one_missing_sample_is_no_gap() -> None:
+    assert diagnose_times(np.delete(EVEN, 400)).gaps == ()
+
+
+@pytest.mark.parametrize("missing", [3, 10, 60, 500])
+def test_missing_samples_are_counted_where_they_are_missing(missing: int) -> None:
+    (gap,) = diagnose_times(np.delete(EVEN, slice(300, 300 + missing))).gaps
+    assert (gap.after, gap.missing) == (299, missing)
+
+
+def test_several_gaps_are_found_one_by_one() -> None:
+    gaps = diagnose_times(np.delete(EVEN, np.r_[300:310, 320:350, 700:705])).gaps
+    assert [(gap.after, gap.missing) for gap in gaps] == [(299, 10), (309, 30), (659, 5)]
+
+
+def test_a_gap_is_refused_with_place_length_and_ways_out() -> None:
+    said = (
+        r"gap of 0.11 s after data row 300 \(from 2.99 s to 3.1 s, about 10 samples of 10 ms missing\); select .* split"
+    )
+    with pytest.raises(TimeError, match=said):
+        straighten_times(np.delete(EVEN, slice(300, 310)))
+
+
+def test_rows_are_named_as_they_stand_in_the_file() -> None:
+    with pytest.raises(TimeError, match="after data row 350 "):
+        straighten_times(np.delete(EVEN, slice(300, 310)), first_row=51)
+
+
+def test_a_record_is_split_at_its_gap_when_asked() -> None:
+    timeline = straighten_times(np.delete(EVEN, slice(300, 310)), gaps="split")
+    assert timeline.pieces == (slice(0, 300), slice(300, 990))
+
+
+def test_a_piece_too_short_to_use_is_left_out_and_mentioned() -> None:
+    timeline = straighten_times(np.delete(EVEN, slice(5, 60)), gaps="split")
+    assert (timeline.pieces, "5 samples in shorter pieces left out" in timeline.notes[1]) == ((slice(5, 945),), True)
+
+
+def test_stamps_in_serial_bursts_are_called_bursty() -> None:
+    assert diagnose_times(through_a_serial_buffer(np.arange(3000) / 260, 0.05, 0.0)).pattern == "bursty"
+
+
+@pytest.mark.parametrize("quick", [0.0, 3e-4])
+def test_the_step_behind_serial_bursts_is_recovered(quick: float) -> None:
+    stamps = through_a_serial_buffer(np.arange(3000) / 260, 0.05, quick)
+    assert diagnose_times(stamps).step_s == pytest.approx(1 / 260, rel=2e-4)
+
+
+def test_bursty_stamps_are_replaced_by_the_true_time_up_to_a_constant_delay() -> None:
+    true = np.arange(3000) / 260
+    delay = straighten_times(through_a_serial_buffer(true, 0.05, 0.0)).time_s - true
+    assert np.ptp(delay) < 0.2 / 260
+
+
+def test_replacing_stamps_is_said() -> None:
+    notes = straighten_times(through_a_serial_buffer(np.arange(3000) / 260, 0.05, 0.0)).notes
+    assert "replaced by the straight line" in notes[-1]
+
+
+def test_stamps_rounded_to_few_digits_are_replaced_by_the_line() -> None:
+    true = np.arange(2000) / 1000
+    time = straighten_times(np.floor(true * 100) / 100).time_s
+    assert np.ptp(time - true) < 0.5 / 1000
+
+
+@pytest.mark.parametrize("quick", [0.0, 5e-4])
+def test_a_pause_whose_samples_come_later_is_no_gap(quick: float) -> None:
+    assert diagnose_times(after_a_hiccup(EVEN, 400, 412, quick)).gaps == ()
+
+
+@pytest.mark.parametrize("quick", [0.0, 5e-4])
+def test_after_a_pause_whose_samples_come_later_the_line_replaces_the_stamps(quick: float) -> None:
+    time = straighten_times(after_a_hiccup(EVEN, 400, 412, quick)).time_s
+    assert np.ptp(time - EVEN) < 0.002
+
+
+def test_a_record_that_ends_while_late_stamps_catch_up_has_no_gap() -> None:
+    stamps = np.r_[EVEN[:980], 9.95 + 1e-4 * np.arange(15)]
+    assert diagnose_times(stamps).gaps == ()
+
+
+def test_a_gap_beside_a_pause_without_loss_is_found_alone() -> None:
+    stamps = np.delete(after_a_hiccup(EVEN, 400, 412, 5e-4), slice(420, 450))
+    assert [(gap.after, gap.missing) for gap in diagnose_times(stamps).gaps] == [(419, 30)]
+
+
+@pytest.mark.parametrize("missing", [20, 40, 400])
+def test_missing_samples_among_serial_bursts_are_found(missing: int) -> None:
+    stamps = np.delete(through_a_serial_buffer(np.arange(4000) / 260, 0.05, 3e-4), slice(1500, 1500 + missing))
+    (gap,) = diagnose_times(stamps).gaps
+    assert gap.missing == pytest.approx(missing, abs=1)
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        np.random.default_rng(3).uniform(0.002, 0.018, 1000),
+        np.random.default_rng(4).exponential(0.01, 1000),
+        np.linspace(0.005, 0.02, 1000),
+        np.repeat([0.01, 0.03], 500),
+    ],
+    ids=["uniform", "exponential", "ever slower", "two rates"],
+)
+def test_irregular_but_honest_stamps_are_kept(steps: NDArray[np.float64]) -> None:
+    stamps = np.cumsum(steps)
+    assert np.array_equal(straighten_times(stamps).time_s, stamps)
+
+
+def test_a_gap_stands_out_from_irregular_stamps() -> None:
+    steps = np.random.default_rng(5).uniform(0.002, 0.018, 1000)
+    steps[500] = 0.3
+    assert [gap.after for gap in diagnose_times(np.cumsum(steps)).gaps] == [499]
+
+
+def test_a_repeated_row_is_refused_with_its_number() -> None:
+    with pytest.raises(TimeError, match="data rows 501 and 502 have the same time stamp 5 s"):
+        diagnose_times(np.insert(EVEN, 500, EVEN[500]))
+
+
+def test_time_that_goes_backwards_is_refused_with_the_row() -> None:
+    with pytest.raises(TimeError, match=r"backwards at data row 1001 \(from 9.99 s to 0 s\)"):
+        diagnose_times(np.r_[EVEN, EVEN])
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_stamp_that_is_no_number_is_refused_with_the_row(bad: float) -> None:
+    with pytest.raises(TimeError, match="data row 6 is not a number"):
+        diagnose_times(np.where(np.arange(1000) == 5, bad, EVEN))
+
+
+def test_time_that_stands_still_is_refused() -> None:
+    with pytest.raises(TimeError, match="all 100 time stamps are 3 s"):
+        diagnose_times(np.full(100, 3.0))
+
+
+def test_too_few_samples_are_refused_with_the_number_needed() -> None:
+    with pytest.raises(TimeError, match="found 7 samples, expected at least 8"):
+        diagnose_times(EVEN[:7])
+
+
+def test_seconds_since_1970_are_even_too() -> None:
+    assert diagnose_times(1.7e9 + EVEN).pattern == "even"
+
+
+def test_a_record_of_which_gaps_leave_only_crumbs_is_refused() -> None:
+    with pytest.raises(TimeError, match="no piece of at least 8 samples"):
+        straighten_times(np.delete(EVEN[:60], slice(5, 53)), gaps="split")

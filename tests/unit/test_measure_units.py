@@ -1,0 +1,129 @@
+"""Units that people write in headers and on the command line."""
+
+import math
+
+import pytest
+
+from sinew.measure.errors import UnitError
+from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
+
+DEGREE = math.pi / 180
+
+
+@pytest.mark.parametrize(
+    ("written", "unit", "factor"),
+    [
+        ("deg", "rad", DEGREE),
+        ("°", "rad", DEGREE),
+        ("degrees", "rad", DEGREE),
+        ("rad", "rad", 1),
+        ("mrad", "rad", 1e-3),
+        ("rev", "rad", 2 * math.pi),
+        ("mm", "m", 1e-3),
+        ("um", "m", 1e-6),
+        ("in", "m", 0.0254),
+        ("s", "s", 1),
+        ("ms", "s", 1e-3),
+        ("us", "s", 1e-6),
+        ("µs", "s", 1e-6),
+        ("V", "V", 1),
+        ("mV", "V", 1e-3),
+        ("A", "A", 1),
+        ("mA", "A", 1e-3),
+        ("N", "N", 1),
+        ("kN", "N", 1e3),
+        ("N*m", "N*m", 1),
+        ("Nm", "N*m", 1),
+        ("N m", "N*m", 1),
+        ("N·m", "N*m", 1),
+        ("mNm", "N*m", 1e-3),
+        ("J", "J", 1),
+        ("N*m/rad", "N*m/rad", 1),
+        ("N*m*s/rad", "N*m*s/rad", 1),
+        ("N/mm", "N/m", 1e3),
+        ("deg/s", "rad/s", DEGREE),
+        ("°/s", "rad/s", DEGREE),
+        ("dps", "rad/s", DEGREE),
+        ("rpm", "rad/s", 2 * math.pi / 60),
+        ("deg/s^2", "rad/s2", DEGREE),
+        ("m/s2", "m/s2", 1),
+        ("m/s^2", "m/s2", 1),
+        ("m/s²", "m/s2", 1),
+        ("g_0", "m/s2", 9.80665),
+        ("Hz", "Hz", 1),
+        ("kHz", "Hz", 1e3),
+        ("1/s", "1/s", 1),
+        ("kg", "kg", 1),
+        ("gram", "kg", 1e-3),
+        ("kg*m^2", "kg*m2", 1),
+        ("%", "1", 0.01),
+        ("counts", "1", 1),
+        ("1", "1", 1),
+        ("", "1", 1),
+    ],
+)
+def test_a_written_unit_becomes_a_readable_one_in_si_and_radians(written: str, unit: str, factor: float) -> None:
+    assert canonical_unit(written) == (unit, pytest.approx(factor, rel=1e-12))
+
+
+@pytest.mark.parametrize("written", ["hello there", "xyz", "9**9**9", "m**9999", "2*m", "(", "m)", "**", "🙂"])
+def test_what_is_no_unit_is_refused_with_examples_of_units(written: str) -> None:
+    with pytest.raises(UnitError, match=r"unknown unit .* write it like deg, rad"):
+        canonical_unit(written)
+
+
+@pytest.mark.parametrize("written", ["g", "G", "mg"])
+def test_a_unit_that_may_be_mass_or_acceleration_is_refused_with_both_ways_out(written: str) -> None:
+    with pytest.raises(UnitError, match=r"ambiguous; write '.*_0'"):
+        canonical_unit(written)
+
+
+@pytest.mark.parametrize("written", ["degC", "°C", "dB"])
+def test_a_unit_that_is_no_plain_factor_is_refused(written: str) -> None:
+    with pytest.raises(UnitError, match="does not start at zero"):
+        canonical_unit(written)
+
+
+def test_a_conversion_between_dimensions_is_refused_naming_both() -> None:
+    with pytest.raises(UnitError, match="'mm' cannot be turned into 's'"):
+        convert("mm", "s")
+
+
+def test_a_conversion_of_an_offset_unit_is_refused() -> None:
+    with pytest.raises(UnitError, match="does not start at zero"):
+        convert("degC", "K")
+
+
+def test_a_conversion_between_written_forms_of_one_unit_is_one() -> None:
+    assert convert("Nm", "N*m") == 1
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        ("host_time_s", "s"),
+        ("t_ms", "ms"),
+        ("angle_deg", "deg"),
+        ("Tip-1_x_m", "m"),
+        ("tip_MM", "mm"),
+        ("X1_V", "V"),
+        ("gyro_x_rad_s", "rad/s"),
+        ("acceleration_z_m_s2", "m/s2"),
+        ("torque_n_m", "N*m"),
+        ("angle (deg)", "deg"),
+        ("x [mm]", "mm"),
+        ("torque [N m]", "N m"),
+        ("x (raw)", None),
+        ("x (copy) y", None),
+        ("angle_a", None),
+        ("t", None),
+        ("s", None),
+    ],
+)
+def test_a_column_name_states_a_unit_only_where_that_is_clear(column: str, unit: str | None) -> None:
+    assert unit_in_name(column) == unit
+
+
+@pytest.mark.parametrize("unit", ["rad", "rad/s", "m", "m/s2", "N*m", "V", "s"])
+def test_a_name_that_is_given_a_suffix_states_that_unit_again(unit: str) -> None:
+    assert unit_in_name(f"x_{unit_suffix(unit)}") == unit
