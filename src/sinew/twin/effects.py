@@ -21,6 +21,7 @@ class Effects:
     axial_motion: shortening of the silicone while it twists; off, the head stays at its height at rest.
     drive_saturation: the duty limit of the drive's position loop.
     drive_dynamics: the drive's servo; off, the lever follows the command exactly and stops without recoil.
+    drive_recoil: motion of the stopped lever on its servo; off, a stopped lever is locked to the head.
     sensor_filter: low-pass, averaging and delays of the sensors.
     sensor_noise: noise, bias, rounding and dead band of the sensors.
     stamp_jitter: jitter of the time stamps.
@@ -34,6 +35,7 @@ class Effects:
     axial_motion: bool = True
     drive_saturation: bool = True
     drive_dynamics: bool = True
+    drive_recoil: bool = True
     sensor_filter: bool = True
     sensor_noise: bool = True
     stamp_jitter: bool = True
@@ -63,4 +65,6 @@ class Effects:
             p = p._replace(duty_limit=jnp.full_like(p.duty_limit, 1e6))
         if not self.drive_dynamics:
             p = p._replace(prescribed=jnp.ones_like(p.prescribed))
+        if not self.drive_recoil:
+            p = p._replace(locked_stop=jnp.ones_like(p.locked_stop))
         return p

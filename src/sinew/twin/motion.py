@@ -10,7 +10,11 @@ from sinew.twin.energy import potential, total_tension, viscoelastic_energy
 from sinew.twin.parameters import Parameters
 from sinew.twin.prony import BRANCHES, relaxation_times
 
-__all__ = ["State", "dissipation", "friction_torque", "mechanical_energy", "rate", "state_at_rest"]
+__all__ = ["LOCKING_TIME", "State", "dissipation", "friction_torque", "mechanical_energy", "rate", "state_at_rest"]
+
+
+LOCKING_TIME = 5e-3
+"""Time in which the speed of a lever that is locked on stopping is forgotten [s]; it acts on nothing."""
 
 
 class State(NamedTuple):
@@ -72,7 +76,8 @@ def rate(time_s: jax.Array, state: State, p: Parameters) -> State:
     # [I_h + I_l, I_l; I_l, I_l + J_a] [φ̈; θ̈] = [torque; horn]
     a, b, c = p.head + p.lever, p.lever, p.lever + p.armature
     determinant = a * c - b * b
-    prescribed = p.prescribed > 0
+    locked = (p.locked_stop > 0) & (time_s >= p.stop_s)
+    prescribed = (p.prescribed > 0) | locked
     lever_acceleration = jnp.where(prescribed, goal_acceleration, (a * horn - b * torque) / determinant)
     torsion_acceleration = (torque - b * lever_acceleration) / a
 
@@ -85,7 +90,7 @@ def rate(time_s: jax.Array, state: State, p: Parameters) -> State:
         shortening=state.shortening_rate,
         shortening_rate=-slope[1] / p.head_mass,
         lever=jnp.where(prescribed, goal_rate, state.lever_rate),
-        lever_rate=lever_acceleration,
+        lever_rate=jnp.where(locked, -state.lever_rate / LOCKING_TIME, lever_acceleration),
         bristle=(speed - jnp.abs(speed) * state.bristle) / p.presliding_angle,
         memory=tuple((state.torsion - q) / tau for q, tau in zip(state.memory, times, strict=True)),
         axial_memory=tuple((state.shortening - u) / tau for u, tau in zip(state.axial_memory, times, strict=True)),

@@ -25,7 +25,7 @@ class Parameters(NamedTuple):
     held_tension (current mode, or the limit), mode, guide_friction μ [m], presliding_angle [rad].
     Drive: duty_torque and speed_slope of the torque line, friction, position_gain, duty_limit, torque_constant.
     Motion asked for: amplitude [rad], omega [rad/s], stop_s (when the drive stops), prescribed (1: the lever
-    follows the command exactly). Sensor: low_pass_omega [rad/s].
+    follows the command exactly), locked_stop (1: a stopped lever is locked to the head). Sensor: low_pass_omega [rad/s].
     """
 
     length: jax.Array
@@ -57,6 +57,7 @@ class Parameters(NamedTuple):
     omega: jax.Array
     stop_s: jax.Array
     prescribed: jax.Array
+    locked_stop: jax.Array
     low_pass_omega: jax.Array
 
 
@@ -103,6 +104,7 @@ def from_rig(rig: RigSpec) -> Parameters:
         "omega": 1.0,
         "stop_s": np.inf,
         "prescribed": 0.0,
+        "locked_stop": 0.0,
         "low_pass_omega": 2 * np.pi * rig.imu.low_pass.value,
     }
     return jax.tree.map(lambda value: np.asarray(value, dtype=float), Parameters(**values))  # type: ignore[arg-type,no-any-return]

@@ -24,7 +24,7 @@ from sinew.twin.parameters import CURRENT, TENDON_MODES, Parameters, from_rig
 from sinew.twin.sensors import read_accelerometer, read_gyro, read_rounded, stamp
 from sinew.twin.statics import set_pretension
 
-__all__ = ["LIMIT_RESERVE_N", "lane_parameters", "rest_tension", "simulate", "simulate_tracks"]
+__all__ = ["LIMIT_RESERVE_N", "lane_parameters", "record_tracks", "rest_tension", "simulate", "simulate_tracks"]
 
 LIMIT_RESERVE_N = 5.0
 """Tension above that at rest at which a current-limited position loop yields [N]; the paper does not give it."""
@@ -121,12 +121,30 @@ def simulate(
     effects = effects or Effects()
     scatter, noise = (np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(2))
     groups = plan.groups()
-    p, shortening = lane_parameters(groups, rig, mode=plan.pretension.mode, effects=effects, rng=scatter)
-    tracks = simulate_tracks((p, shortening), groups, plan.sample_hz, progress=progress)
-    samples = _read(tracks, groups, p, plan, rig, effects, noise)
+    lanes = lane_parameters(groups, rig, mode=plan.pretension.mode, effects=effects, rng=scatter)
+    tracks = simulate_tracks(lanes, groups, plan.sample_hz, progress=progress)
+    recording = record_tracks(tracks, lanes, plan, rig, effects=effects, rng=noise)
+    return recording.assign_attrs(seed=seed)
+
+
+def record_tracks(
+    tracks: Sequence[Track],
+    lanes: Lanes,
+    plan: Plan,
+    rig: RigSpec,
+    *,
+    effects: Effects,
+    rng: np.random.Generator,
+) -> xr.Dataset:
+    """Return the recording of a plan's true motion: what the sensors of the rig would have said of it.
+
+    tracks, lanes: of the plan's groups, in their order. rng: of noise, bias and jitter.
+    """
+    groups = plan.groups()
+    samples = _read(tracks, groups, lanes[0], plan, rig, effects, rng)
     segments, sizes = _segments(groups, plan.sample_hz)
     off = [name for name in Effects.names() if not getattr(effects, name)]
-    attrs = provenance("twin", rig=dump_rig(rig), plan=dump_plan(plan), seed=seed, effects_off=" ".join(off))
+    attrs = provenance("twin", rig=dump_rig(rig), plan=dump_plan(plan), effects_off=" ".join(off))
     return build_recording(samples, segments, sizes, attrs)
 
 
