@@ -20,9 +20,10 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.optimize import curve_fit, least_squares
+from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
+from sinew.analysis.envelope import fit_envelope
 from sinew.measure.netcdf import write_atomically
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
@@ -143,15 +144,16 @@ def _amplitudes(group: Group, track: Track) -> tuple[complex, complex]:
 
 
 def _lehr(group: Group, track: Track) -> float:
-    """Return λ/⟨ω⟩ of a free decay by the paper's method, on the true torsion."""
+    """Return λ/⟨ω⟩ of a free decay by the paper's method, on the true torsion from one period after the stop.
+
+    In that period the lever is still settling on its servo; the analysis of a recording leaves it out as well.
+    """
     start, _ = group.sample_counts(SAMPLE_HZ)
-    torsion = track.torsion[start:]
-    at, _ = find_peaks(np.abs(torsion), height=np.radians(1.0))
+    torsion = track.torsion[start + round(SAMPLE_HZ / group.frequency_hz) :]
+    at, _ = find_peaks(np.abs(torsion), height=0.02 * float(np.abs(torsion).max()))
     if at.size < 4:
         return 1.0  # no oscillation to speak of: far outside the paper's numbers
-    time_s, height = at / SAMPLE_HZ, np.abs(torsion[at])
-    (_, decay), _ = curve_fit(lambda t, a, rate: a * np.exp(-rate * t), time_s, height, (height[0], 1.5))
-    return float(decay / (np.pi / np.mean(np.diff(time_s))))
+    return fit_envelope(at / SAMPLE_HZ, np.abs(torsion[at])).lehr_damping
 
 
 def scaled(base: RigSpec) -> tuple[Vector, Vector, Vector]:
@@ -276,6 +278,10 @@ def find_ranges(base: RigSpec, values: Vector) -> dict[str, dict[str, object]]:
     return ranges
 
 
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")
+
+
 def main() -> None:
     """Run the calibration."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -293,11 +299,11 @@ def main() -> None:
     if not admissible(observed):
         raise SystemExit("the paper's numbers are not all met; nothing was written")
     text = dump_rig(rig_with(base, values))
-    write_atomically(RIG, lambda path: path.write_text(text) and None)
+    write_atomically(RIG, lambda path: _write(path, text))
     print(f"wrote {RIG}", flush=True)
     if chosen.ranges:
         ranges = find_ranges(base, values)
-        write_atomically(RANGES, lambda path: path.write_text(json.dumps(ranges, indent=1) + "\n") and None)
+        write_atomically(RANGES, lambda path: _write(path, json.dumps(ranges, indent=1) + "\n"))
         print(f"wrote {RANGES}")
 
 

@@ -12,7 +12,7 @@ error of amplitude E, the motor gives the torque amplitude τ u_max y(x), y = x 
 error add up to the command.
 
 Where a joint resonates, its head swings against the lever and takes torque that the held head does not: there the twin
-shows up to 40 % less amplitude (paper's rig), and slightly more above the resonance.
+shows up to a third less amplitude (paper's rig), and slightly more above the resonance.
 """
 
 import math

@@ -25,7 +25,8 @@ class Parameters(NamedTuple):
     held_tension (current mode, or the limit), mode, guide_friction μ [m], presliding_angle [rad].
     Drive: duty_torque and speed_slope of the torque line, friction, position_gain, duty_limit, torque_constant.
     Motion asked for: amplitude [rad], omega [rad/s], stop_s (when the drive stops), prescribed (1: the lever
-    follows the command exactly), locked_stop (1: a stopped lever is locked to the head). Sensor: low_pass_omega [rad/s].
+    follows the command exactly), locked_stop (1: a stopped lever is locked to the head).
+    Sensor: low_pass_omega [rad/s].
     """
 
     length: jax.Array

@@ -1,0 +1,61 @@
+# A user needs two commands, `make reproduce` and `make test`; both set up .venv by themselves. `make help` lists the rest.
+
+VENV := .venv
+BIN := $(VENV)/bin
+OUT ?= out/reproduce
+PYTHON ?=
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.NOTPARALLEL:
+.PHONY: help setup setup-dev reproduce pictures test test-slow check bench docs reference lock clean
+
+help: ## list these targets
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(VENV)/.runtime ## make .venv with what Sinew needs (PYTHON=... picks the interpreter)
+
+reproduce: $(VENV)/.runtime ## the paper's campaign on the twin: table, figures and report in out/reproduce (OUT=...)
+	$(BIN)/sinew reproduce --out $(OUT)
+
+test: $(VENV)/.dev ## the fast tests
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile -m "not slow and not hardware"
+
+test-slow: $(VENV)/.dev ## the long proofs: coverage of intervals, the whole campaign, executed tutorials
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 2 --dist loadfile -m "slow and not hardware"
+
+check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the docs, no hosts in the tree
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python tools/check_links.py
+	$(BIN)/python tools/check_hosts.py
+
+bench: $(VENV)/.dev ## speed beside solve_ivp and MuJoCo, in one run
+	$(BIN)/python -m benchmarks
+
+docs: $(VENV)/.dev ## the documentation as HTML in docs/_build
+	$(BIN)/python -m sphinx -q -W --keep-going -n -b html docs docs/_build
+	@echo "docs/_build/index.html"
+
+pictures: reproduce ## the pictures of README and docs, from the figures of `make reproduce`
+	$(BIN)/python tools/copy_pictures.py $(OUT)/figures docs/pictures
+
+reference: $(VENV)/.runtime ## write the generated pages of docs/reference anew
+	$(BIN)/python tools/write_reference.py
+
+lock: ## write requirements.txt and requirements-dev.txt anew from pyproject.toml (needs uv; see docs/how-to)
+	sh tools/lock.sh
+
+clean: ## remove what the other targets made, except .venv
+	rm -rf out build dist docs/_build .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	find src tests tools benchmarks -name __pycache__ -type d -prune -exec rm -rf {} +
+
+setup-dev: $(VENV)/.dev
+
+$(VENV)/.runtime: requirements.txt pyproject.toml tools/setup.sh
+	@PYTHON="$(PYTHON)" sh tools/setup.sh runtime
+
+$(VENV)/.dev: $(VENV)/.runtime requirements-dev.txt
+	@sh tools/setup.sh dev

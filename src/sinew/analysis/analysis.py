@@ -1,0 +1,153 @@
+"""This is where a recording becomes results: sweep, resonance and ring-down in one dataset."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sinew.analysis.groups import split_by_drive
+from sinew.analysis.repeats import combine_repeats
+from sinew.analysis.resonance import FEWEST_FREQUENCIES, estimate_resonance
+from sinew.analysis.response import estimate_response, response_dataset
+from sinew.analysis.torsion import drive_channel, response_channel
+from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import Estimate
+from sinew.measure.provenance import content_hash, provenance
+from sinew.measure.results import RESULTS_SCHEMA, validate_results
+from sinew.plan.rig import RigSpec
+
+__all__ = ["analyse_recording", "join_parts", "response_table_json"]
+
+
+def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.Dataset:
+    """Return the results of a recording, valid by the result schema, with provenance in the attributes.
+
+    rig: whose sensor chain and inertia are used; None for a foreign recording (perfect sensors, no k and d).
+    The sweep part is there if the recording has steady segments (those without a frequency are first split by their
+    drive), the resonance part if these hold six frequencies or more, the ring-down part if there are ring-downs.
+    Attributes: `recording_hash`, `response_unit`, `drive_unit`, `resonance_notes`, and those of `provenance`.
+    Raises RecordingError where the recording holds neither a steady segment nor a ring-down, or cannot be analysed.
+    """
+    kinds = set(map(str, recording["kind"].values))
+    if not kinds & {"steady", "ring-down"}:
+        found = ", ".join(sorted(kinds))
+        raise RecordingError(f"nothing to analyse: found only {found} segments, expected steady ones or ring-downs")
+    parts: list[xr.Dataset] = []
+    notes = ""
+    if "steady" in kinds:
+        response = estimate_response(split_by_drive(recording), rig)
+        sweep = response_dataset(response)
+        if response.frequency_hz.size >= FEWEST_FREQUENCIES:
+            resonance = estimate_resonance(response)
+            notes = str(resonance.attrs["resonance_notes"])
+            sweep = sweep.assign(resonance.data_vars)
+        else:
+            count = response.frequency_hz.size
+            notes = f"{count} frequencies are too few for a resonance; measure at least {FEWEST_FREQUENCIES}"
+        parts.append(sweep)
+    if "ring-down" in kinds:
+        from sinew.analysis.ring_down import analyse_ring_downs
+
+        inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
+        parts.append(analyse_ring_downs(recording, inertia))
+    results = join_parts(parts)
+    results.attrs = {**_attributes(recording), "resonance_notes": notes}
+    return validate_results(results)
+
+
+def _attributes(recording: xr.Dataset) -> dict[str, Any]:
+    """Return the provenance of results: what the recording says of itself, its hash, and this program's versions."""
+    drive = drive_channel(recording)
+    kept = recording.attrs
+    seed = int(kept.get("seed", -1))
+    return provenance(
+        str(kept.get("source", "import")),
+        rig=str(kept.get("rig", "")),
+        plan=str(kept.get("plan", "")),
+        seed=None if seed < 0 else seed,
+        schema=RESULTS_SCHEMA,
+        recording_hash=str(kept.get("content_hash") or content_hash(recording)),
+        recording_versions=str(kept.get("versions", "")),
+        response_unit="rad" if response_channel(recording).is_rate else response_channel(recording).unit,
+        drive_unit="" if drive is None else drive.unit,
+    )
+
+
+def join_parts(parts: list[xr.Dataset]) -> xr.Dataset:
+    """Return the parts on one pretension axis and one repeat axis, NaN where a part has nothing there."""
+    if len(parts) == 1:
+        return parts[0]
+    pretension = np.unique(np.concatenate([part["pretension_mm"].values for part in parts]))
+    repeats = max(part.sizes["repeat"] for part in parts)
+    out = xr.Dataset({"pretension_mm": ("pretension", pretension, parts[0]["pretension_mm"].attrs)})
+    for part in parts:
+        rows = np.searchsorted(pretension, part["pretension_mm"].values)
+        for name, variable in part.variables.items():
+            if name == "pretension_mm" or name in part.dims:
+                continue
+            values = variable.values
+            for axis, dim in enumerate(variable.dims):
+                if dim in ("pretension", "repeat"):
+                    shape = list(values.shape)
+                    shape[axis] = pretension.size if dim == "pretension" else repeats
+                    place: list[Any] = [slice(None)] * len(shape)
+                    place[axis] = rows if dim == "pretension" else slice(0, values.shape[axis])
+                    wider = np.full(shape, np.nan)
+                    wider[tuple(place)] = values
+                    values = wider
+            out[name] = (variable.dims, values, variable.attrs)
+    return out
+
+
+def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the response table, one row per pretension and frequency that was measured, ready for JSON.
+
+    Numbers without an interval are means over repeats; gain_measured_drive and phase_lag_deg are
+    `{"value", "std", "interval90"}` of that mean, the latter with the delay budget's uncertainty. `settled` is true
+    where every repeat had settled. What was not measured is null. Raises RecordingError where there is no sweep.
+    """
+    if "gain" not in results:
+        raise RecordingError("these results hold no sweep; analyse a recording with steady segments")
+    columns = {str(name): results[name].values for name in results.data_vars}
+    delay = _mean(columns["phase_delay_std_rad"])
+    gain = combine_repeats(columns["gain_measured_drive"], columns["gain_measured_drive_std"])
+    lag = combine_repeats(columns["phase_lag_rad"], columns["phase_std_rad"], np.inf, np.nan_to_num(delay))
+    plain, settled = {name: _mean(columns[name]) for name in _PLAIN}, _mean(columns["settled"])
+    rows = []
+    for p, f in np.ndindex(*delay.shape):
+        repeats = int(np.isfinite(columns["distortion"][p, f]).sum())
+        if not repeats:
+            continue
+        row: dict[str, Any] = {
+            "pretension_mm": float(results["pretension_mm"].values[p]),
+            "frequency_hz": float(results["frequency_hz"].values[f]),
+            "repeats": repeats,
+        }
+        row |= {name: float(mean[p, f]) if np.isfinite(mean[p, f]) else None for name, mean in plain.items()}
+        for name, part, scale in (("gain_measured_drive", gain, 1.0), ("phase_lag_deg", lag, 180.0 / np.pi)):
+            numbers = (part.value[p, f], part.std_of_value[p, f], part.low[p, f], part.high[p, f])
+            row[name] = Estimate(*(float(number) * scale for number in numbers)).to_json()
+        row["settled"] = bool(settled[p, f] == 1.0)
+        rows.append(row)
+    return rows
+
+
+_PLAIN = (
+    "gain",
+    "gain_harmonic",
+    "amplitude_rad",
+    "amplitude_peaks_rad",
+    "drive_amplitude_rad",
+    "distortion",
+    "drive_distortion",
+    "drift_per_period",
+    "saturated_share",
+    "drive_current_rms_a",
+)
+
+
+def _mean(values: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Return the mean over the last axis, NaN left out, NaN where there is nothing."""
+    valid = np.isfinite(values)
+    count = valid.sum(axis=-1)
+    return np.where(count > 0, np.where(valid, values, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)

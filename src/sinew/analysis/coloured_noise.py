@@ -1,0 +1,104 @@
+"""This is where the residuals of a fit say how coloured their noise is, and what that does to the fit's covariance.
+
+Sensors average and filter, so neighbouring samples share noise, and a covariance that takes them for independent is
+too small by the share of noise below the oscillation's frequency. The residuals are described by an autoregression
+(Yule-Walker, order by the corrected Akaike criterion), which needs few samples; the covariance is then the sandwich
+(JᵀJ)⁻¹ JᵀΓJ (JᵀJ)⁻¹ with Γ the autocovariance of that process. A Newey-West sandwich of the scores would use only the
+few samples in which a decay is still large, and be too small for a short one.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["noise_spectrum", "orthonormal", "sandwich"]
+
+Array = NDArray[np.float64]
+
+_MAX_ORDER = 8
+
+
+def noise_spectrum(residual: Array, jacobian: Array) -> Array:
+    """Return the power spectrum of the noise, shape (size/2 + 1,), on the grid of `rfft` with size >= 2 n samples.
+
+    residual: shape (n,), evenly sampled; jacobian: shape (n, m), of the fit that left these residuals. The spectrum's
+    mean over the whole circle of frequencies is the variance of one sample; white noise has it everywhere.
+
+    A fit takes from the residuals what of the noise looks like its parameters, mostly at low frequency. That bias is
+    undone: the expected lagged sums of (1 - QQᵀ)·noise are linear in the noise's autocovariance, and are solved for it
+    (Worsley et al., NeuroImage 15, 2002).
+    """
+    n = residual.size
+    size = 2 ** int(np.ceil(np.log2(2 * n)))
+    lags = _unbiased_lags(residual, orthonormal(jacobian), min(_MAX_ORDER, n // 10))
+    if not lags[0] > 0:
+        return np.full(size // 2 + 1, float(residual @ residual) / n)
+    coefficients, innovation = _best_order(lags, n)
+    response = np.fft.rfft(np.concatenate([[1.0], -coefficients]), size)
+    return np.asarray(innovation / np.abs(response) ** 2, dtype=float)
+
+
+def orthonormal(jacobian: Array) -> Array:
+    """Return an orthonormal basis of the columns, shape (n, <= m); by the Gram matrix, faster than QR for tall ones."""
+    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    kept = values > 1e-13 * values[-1]
+    return np.asarray(jacobian @ (vectors[:, kept] / np.sqrt(values[kept])), dtype=float)
+
+
+def _unbiased_lags(residual: Array, basis: Array, order: int) -> Array:
+    n = residual.size
+    sums = np.array([float(residual[: n - k] @ residual[k:]) for k in range(order + 1)])
+    shifted = [basis]
+    for k in range(1, order + 1):
+        moved = np.zeros_like(basis)
+        moved[:-k] += 0.5 * basis[k:]
+        moved[k:] += 0.5 * basis[:-k]
+        shifted.append(moved)
+    inner = [basis.T @ moved for moved in shifted]
+    expected = np.empty((order + 1, order + 1))
+    for k in range(order + 1):
+        for j in range(order + 1):
+            lost = float(np.sum(shifted[k] * shifted[j])), float(np.sum(inner[k] * inner[j].T))
+            expected[k, j] = (1.0 if j == 0 else 2.0) * (lost[1] - 2.0 * lost[0]) + (n - k if j == k else 0.0)
+    return np.asarray(np.linalg.solve(expected, sums), dtype=float)
+
+
+def _best_order(lags: Array, n: int) -> tuple[Array, float]:
+    """Return (coefficients, innovation variance) of the autoregression that the criterion prefers (Levinson)."""
+    coefficients, innovation = np.zeros(0), float(lags[0])
+    best, chosen = n * np.log(innovation), (coefficients, innovation)
+    for order in range(1, lags.size):
+        past = float(coefficients @ lags[order - 1 : 0 : -1]) if order > 1 else 0.0
+        reflection = (float(lags[order]) - past) / innovation
+        if abs(reflection) >= 1.0:
+            break
+        coefficients = np.concatenate([coefficients - reflection * coefficients[::-1], [reflection]])
+        innovation *= 1.0 - reflection**2
+        criterion = n * np.log(innovation) + 2.0 * order * n / (n - order - 1.0)
+        if criterion < best - 2.0:  # a little evidence, or white noise is called coloured too often
+            best, chosen = criterion, (coefficients, innovation)
+    return chosen
+
+
+def sandwich(jacobian: Array, residual: Array) -> tuple[Array, float]:
+    """Return (covariance, degrees of freedom) of parameters fitted by least squares under coloured noise.
+
+    jacobian: shape (n, m), derivatives of the model at the solution; residual: shape (n,).
+    The degrees of freedom are those of the variance estimate, n γ₀² / Σ γ² less m, at least one; γ at all lags.
+    """
+    n, m = jacobian.shape
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    scaled = jacobian / scale
+    spectrum = noise_spectrum(residual, scaled)
+    size = 2 * (spectrum.size - 1)
+    weight = np.full(spectrum.size, 2.0 / size)  # both halves of the circle
+    weight[[0, -1]] = 1.0 / size
+    variance = float(weight @ spectrum)
+    if variance <= 0:
+        return np.zeros((m, m)), float(max(n - m, 1))
+    effective = n * variance**2 / float(weight @ spectrum**2)
+    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
+    waves = np.fft.rfft(scaled, size, axis=0)
+    middle = np.real((waves.conj().T * (weight * spectrum)) @ waves)
+    covariance = inverse @ middle @ inverse / np.outer(scale, scale)
+    return np.asarray(covariance, dtype=float), max(effective - m, 1.0)

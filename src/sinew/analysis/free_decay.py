@@ -1,0 +1,175 @@
+"""This is where the free decay in a record is found and fitted, whatever came before it."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sinew.analysis.decay_fit import DecayFit, fit_decay, fit_decay_and_rest
+from sinew.analysis.decay_start import drive_stop, first_free_peak
+from sinew.analysis.peaks import Peaks, find_peaks
+from sinew.measure.errors import RecordingError, TimeError
+
+__all__ = ["checked_record", "evenly", "free_decay"]
+
+Array = NDArray[np.float64]
+
+_HALF_CYCLES = 3.0  # a decay must last at least so long
+_WINDOW = 6.0  # time constants of the fit: later there is only noise, which tells how coloured it is
+_SAMPLES_PER_HALF = 20  # of the fit, where the record has at least twice as many
+_LARGEST_GAP = 5.0  # steps between samples
+_SETTLE = 0.2  # half periods after the drive's stop before the decay is taken for free: jerk and sensor delay
+_WON_BACK = 2.0  # half periods by which the start may move back where the samples agree with the fit
+
+
+def checked_record(
+    time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
+) -> tuple[Array, Array, Array | None]:
+    """Return time, response and drive as arrays of shape (n,), or raise RecordingError with what is wrong."""
+    t, x = np.asarray(time_s, dtype=float), np.asarray(response, dtype=float)
+    lever = None if drive is None else np.asarray(drive, dtype=float)
+    for name, values in (("response", x), ("drive", lever)):
+        if values is not None and (values.ndim != 1 or values.shape != t.shape):
+            raise RecordingError(
+                f"time has shape {t.shape} and {name} {values.shape}; expected one column of equal length each"
+            )
+        if values is not None and not np.isfinite(values).all():
+            where = int(np.argmin(np.isfinite(values)))
+            raise RecordingError(
+                f"the {name} holds NaN or infinity (first at sample {where}); cut the record or mend it"
+            )
+    if t.size < 16:
+        raise RecordingError(
+            f"ring-down too short: {t.size} samples; record at least {_HALF_CYCLES:.0f} half cycles, 8 samples each"
+        )
+    steps = np.diff(t)
+    if not np.isfinite(t).all() or steps.min() <= 0:
+        raise TimeError("time does not increase everywhere; sort the record or use its sample index")
+    if steps.max() > _LARGEST_GAP * np.median(steps):
+        where = int(np.argmax(steps))
+        raise TimeError(
+            f"gap of {steps[where]:.3g} s after {t[where]:.3f} s; analyse the part behind it (--start) alone"
+        )
+    return t, x, lever
+
+
+def evenly(t: Array, x: Array, lever: Array | None) -> tuple[Array, Array, Array | None]:
+    """Return the record on an even time base, interpolated where the steps differ by more than 1 %."""
+    steps = np.diff(t)
+    if np.ptp(steps) <= 0.02 * float(np.median(steps)):
+        return t, x, lever
+    even = np.linspace(t[0], t[-1], t.size)
+    return even, np.interp(even, t, x), None if lever is None else np.interp(even, t, lever)
+
+
+def free_decay(t: Array, x: Array, lever: Array | None) -> tuple[DecayFit, Array, Array, Peaks]:
+    """Return (direct fit, times and samples it was fitted to, peaks of the same stretch).
+
+    t, x: shape (n,), even time base; lever: the drive, shape (n,), or None where it was not measured.
+    Raises RecordingError where the free decay is too short, or is none.
+    """
+    after = 0 if lever is None else int(np.searchsorted(t, drive_stop(t, lever)))
+    if t.size - after < 16:
+        raise RecordingError(f"ring-down too short: {t.size - after} samples after the drive stopped; record longer")
+    peaks = find_peaks(t[after:], x[after:])
+    half = peaks.half_period_s
+    if lever is None:
+        first = first_free_peak(t, x, peaks)
+        start = float(peaks.time_s[first])
+        earliest = max(float(t[0]), start - _WON_BACK * half)
+    else:
+        first = int(np.argmax(peaks.swing))
+        start = earliest = float(t[after]) + _SETTLE * half * (after > 0)
+    _check_length(t, peaks, first, start)
+    guess = _guess(peaks, first)
+    stop = min(float(t[-1]), start + max(_WINDOW / max(guess[0], 1e-9), 6.0 * half))
+    t, x = _block_means(t, x, half)
+    inside = _within(t, start, stop)
+    fit = fit_decay_and_rest(t[inside], x[inside], guess)
+    fit = _won_back(t, x, fit, earliest, peaks)
+    _check_decay(fit, peaks, first)
+    inside, margin = _within(t, fit.start_s, stop), 0.05 * half
+    return fit, t[inside], x[inside], peaks.between(min(fit.start_s, start) - margin, stop + margin)
+
+
+def _within(t: Array, start: float, stop: float) -> NDArray[np.bool_]:
+    return np.asarray((t >= start - 1e-9) & (t <= stop + 1e-9))
+
+
+def _block_means(t: Array, x: Array, half: float) -> tuple[Array, Array]:
+    """Return means over blocks of samples that leave 20 or more per half period; loses nothing of the poles."""
+    size = int(half / (_SAMPLES_PER_HALF * float(t[1] - t[0])))
+    if size < 2:
+        return t, x
+    count = t.size // size
+    return (
+        np.asarray(t[: count * size].reshape(count, size).mean(axis=1)),
+        np.asarray(x[: count * size].reshape(count, size).mean(axis=1)),
+    )
+
+
+def _guess(peaks: Peaks, first: int) -> tuple[float, float]:
+    """Return (λ, ω) from the swings after the first free peak, weighted by size."""
+    swing = peaks.swing[first:]
+    middle = 0.5 * (peaks.time_s[first:-1] + peaks.time_s[first + 1 :])
+    solid = swing > max(0.05 * swing[0], 4.0 * peaks.value_std)
+    solid[:2] = True
+    rate = -float(np.polyfit(middle[solid], np.log(swing[solid]), 1, w=swing[solid])[0])
+    spacing = np.diff(peaks.time_s[first:])[solid]
+    return rate, float(np.pi / np.average(spacing, weights=swing[solid]))
+
+
+def _check_length(t: Array, peaks: Peaks, first: int, start: float) -> None:
+    half, swing = peaks.half_period_s, peaks.swing
+    if swing.size - first < 2 or t[-1] - start < _HALF_CYCLES * half:
+        if (
+            first >= 2
+            and swing[first] > 1.3 * float(np.median(swing[:first]))
+            and t[-1] - peaks.time_s[-1] < 3.0 * half
+        ):
+            raise RecordingError(
+                "the oscillation grows instead of decaying; a ring-down needs the part after its drive stopped"
+            )
+        raise RecordingError(
+            f"ring-down too short: {max(t[-1] - start, 0.0) / half:.1f} half cycles of free decay after {start:.3f} s, "
+            f"at least {_HALF_CYCLES:.0f} are needed; record longer or start from a larger amplitude"
+        )
+
+
+def _check_decay(fit: DecayFit, peaks: Peaks, first: int) -> None:
+    rate, std = fit.decay_rate_per_s, float(np.sqrt(fit.pole_covariance()[0, 0]))
+    ratio = peaks.swing[-1] / peaks.swing[first]
+    if rate <= 0 and ratio > 1.1:
+        raise RecordingError(
+            "the oscillation grows instead of decaying; a ring-down needs the part after its drive stopped"
+        )
+    if rate <= 2.0 * std:
+        raise RecordingError(
+            f"no decay found: the oscillation has λ = {rate:.3g} ± {std:.2g} 1/s; a ring-down needs the part after its "
+            "drive stopped"
+        )
+
+
+def _won_back(t: Array, x: Array, fit: DecayFit, earliest: float, peaks: Peaks) -> DecayFit:
+    """Return the fit begun earlier, by steps of a quarter half period, as far as the samples agree with it.
+
+    Agreement: the mean squared deviation of a step stays within three standard deviations of the noise's, and twice
+    those of the extrapolated fit. Where it ends, the last step that agreed is given back: part of it may be driven.
+    """
+    begin, end = (int(np.searchsorted(t, time - 1e-9)) for time in (earliest, fit.start_s))
+    last = end + fit.residual.size
+    size = max(3, int(0.25 * peaks.half_period_s / float(t[1] - t[0])))
+    fits = [fit]
+    while end - begin >= 3:
+        low = max(begin, end - size)
+        chunk, noise = t[low:end], min(float(np.mean(fits[-1].residual ** 2)), 4.0 * peaks.noise**2)
+        off = x[low:end] - fits[-1].model(chunk)
+        colour = fits[-1].residual.size / (fits[-1].degrees_of_freedom + fits[-1].parameters.size)
+        allowed = (1.0 + 3.0 * np.sqrt(2.0 * colour / chunk.size)) * noise + 4.0 * float(
+            fits[-1].model_variance(chunk).mean()
+        )
+        if float(np.mean(off**2)) > allowed + (0.005 * fits[-1].amplitude) ** 2:
+            return fits[max(0, len(fits) - 2)]
+        end = low
+        guess = fits[-1].decay_rate_per_s, fits[-1].omega_rad_s
+        relaxing = float(np.exp(fit.parameters[7])) if fit.relaxing else None
+        fits.append(fit_decay(t[end:last], x[end:last], guess, relaxing=relaxing))
+    return fits[-1]

@@ -1,0 +1,205 @@
+"""This is where harmonics of a known frequency are fitted, with the noise that is really there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["HARMONICS", "Harmonics", "fit_harmonics", "refine_frequency", "relative_noise", "waveform"]
+
+HARMONICS = 5
+_LINES = 12
+_SIDEBANDS = 8
+_NYQUIST_SHARE = 0.45
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Harmonics:
+    """Harmonics of s records of q signals each: x(t) = offset + slope·(t - t₀) + Re Σ X_h exp(jhΩ(t - t₀)).
+
+    frequency_hz, reference_s: Ω/2π and t₀ of each record, shape (s,).
+    coefficient: X_h for h = 1..5, shape (s, q, h), in the unit of the signal; NaN above 0.45 of the sample rate.
+    std: standard deviation of the real and of the imaginary part of X_h, each, shape (s, q, h).
+    offset, slope: shape (s, q).
+    growth: change of X_1 per period, complex, shape (s, q); growth_std: of its real and imaginary part, each.
+    sidebands: what the residual puts m cycles per record above and below the fundamental, complex,
+    shape (s, q, m, 2), relative to nothing; NaN where the record is too short for any.
+    """
+
+    frequency_hz: Floats
+    reference_s: Floats
+    coefficient: Complexes
+    std: Floats
+    offset: Floats
+    slope: Floats
+    growth: Complexes
+    growth_std: Floats
+    sidebands: Complexes
+
+
+def fit_harmonics(time_s: Floats, signal: Floats, frequency_hz: Floats) -> Harmonics:
+    """Return offset, slope, the fundamental and harmonics 2 to 5 of records of equal length, by least squares.
+
+    time_s: stamps as they are, jitter included, shape (s, n). signal: shape (s, q, n). frequency_hz: shape (s,).
+
+    The standard deviations come from the residual's own spectrum: on the grid of whole cycles per record the residual
+    is projected on the twelve lines nearest to each harmonic that are no harmonic themselves. What noise puts there it
+    puts on the harmonic too, whatever its colour; a formula for white noise is too small by two for a gyroscope
+    behind a 41 Hz low-pass and a three-sample average, and knows nothing of a transient that has not died.
+    Records must hold at least one period and more samples than coefficients; ValueError otherwise.
+    """
+    records, samples = time_s.shape
+    span = (time_s[:, -1] - time_s[:, 0]) * samples / max(samples - 1, 1)
+    count = int(min(HARMONICS, np.floor(_NYQUIST_SHARE * (samples / span / frequency_hz).min())))
+    if count < 1 or (span * frequency_hz).min() < 0.8 or samples < 2 * count + 6:
+        raise ValueError(f"{samples} samples over {float(span.min()):g} s cannot hold harmonics of the drive")
+    periods = np.maximum(1, np.rint(span * frequency_hz)).astype(int)
+    reference = 0.5 * (time_s[:, 0] + time_s[:, -1])
+    shape = (records, signal.shape[1])
+    parts = {
+        "coefficient": np.full((*shape, HARMONICS), np.nan + 0j),
+        "std": np.full((*shape, HARMONICS), np.nan),
+        "offset": np.empty(shape),
+        "slope": np.empty(shape),
+        "growth": np.empty(shape, dtype=complex),
+        "growth_std": np.empty(shape),
+        "sidebands": np.full((*shape, _SIDEBANDS, 2), np.nan + 0j),
+    }
+    for whole in np.unique(periods):
+        for rows in np.array_split(np.flatnonzero(periods == whole), -(-int((periods == whole).sum()) // 64)):
+            batch = _fit_batch(
+                time_s[rows] - reference[rows, None], signal[rows], frequency_hz[rows], int(whole), count
+            )
+            for name, values in zip(parts, batch, strict=True):
+                if name in ("coefficient", "std"):
+                    parts[name][rows, :, :count] = values
+                else:
+                    parts[name][rows] = values
+    return Harmonics(frequency_hz, reference, **parts)
+
+
+def _fit_batch(
+    time: Floats, signal: Floats, frequency: Floats, whole: int, count: int
+) -> tuple[NDArray[np.generic], ...]:
+    """Return the fields from coefficient to sidebands of records with one number of whole periods."""
+    samples = time.shape[1]
+    lines = _line_numbers(whole, count, int(_NYQUIST_SHARE * samples))
+    carrier = np.exp(2j * np.pi * frequency[:, None] * time)
+    waves = np.stack([carrier**h for h in range(1, count + 1)], axis=1)
+    half = 0.5 * (time[:, -1] - time[:, 0])[:, None]
+    trend = np.stack([np.ones_like(time), time / half], axis=1)
+    design = np.concatenate([trend, waves.real, -waves.imag], axis=1)
+    moments = signal @ design.transpose(0, 2, 1)
+    solution = np.linalg.solve(design @ design.transpose(0, 2, 1), moments.transpose(0, 2, 1)).transpose(0, 2, 1)
+    coefficient = solution[:, :, 2 : 2 + count] + 1j * solution[:, :, 2 + count :]
+    residual = signal - solution @ design
+
+    ramp = trend[:, 1]
+    power = (ramp**2).sum(axis=1)[:, None]
+    growth = 2.0 * np.einsum("sqn,sn->sq", residual, ramp * waves[:, 0].conj()) / power
+    if lines.size < 4:
+        variance = np.repeat(2.0 * (residual**2).mean(axis=2)[:, :, None] / (samples - design.shape[1]), count, axis=2)
+        floor, sidebands = variance[:, :, 0], np.full((*signal.shape[:2], _SIDEBANDS, 2), np.nan + 0j)
+    else:
+        amplitudes = _line_amplitudes(residual, time * frequency[:, None] / whole, lines)
+        sidebands, spectrum = _sidebands(amplitudes, lines, whole), np.abs(amplitudes) ** 2
+        nearest = [np.argsort(np.abs(lines - h * whole), kind="stable")[:_LINES] for h in range(1, count + 1)]
+        variance = np.stack([0.5 * spectrum[:, :, rows].mean(axis=2) for rows in nearest], axis=2)
+        floor = 0.5 * np.median(spectrum[:, :, nearest[0]], axis=2) / np.log(2.0)
+    per_period = 2.0 / whole
+    return (
+        coefficient,
+        np.sqrt(variance),
+        solution[:, :, 0],
+        solution[:, :, 1] / half,
+        growth * per_period,
+        np.sqrt(floor * samples / power) * per_period,
+        sidebands,
+    )
+
+
+def _line_numbers(whole: int, count: int, highest: int) -> NDArray[np.int64]:
+    """Return the lines (cycles per record) that tell of noise: no harmonics, not the lowest, below Nyquist."""
+    numbers = np.arange(2, max(count * whole + _LINES, 3 * _LINES // 2 + count) + 1)
+    is_harmonic = (numbers % whole == 0) & (numbers <= count * whole)
+    return np.asarray(numbers[~is_harmonic & (numbers <= highest)], dtype=np.int64)
+
+
+def _line_amplitudes(residual: Floats, cycles: Floats, lines: NDArray[np.int64]) -> Complexes:
+    """Return 2/n Σ r exp(-2πi k c) at the lines k, shape (s, q, lines)."""
+    step = np.exp(-2j * np.pi * cycles)
+    wave, number = step ** int(lines[0]), int(lines[0])
+    amplitudes = np.empty((*residual.shape[:2], lines.size), dtype=complex)
+    for column, line in enumerate(lines):
+        while number < line:
+            wave = wave * step
+            number += 1
+        amplitudes[:, :, column] = 2.0 / residual.shape[2] * np.einsum("sqn,sn->sq", residual, wave)
+    return amplitudes
+
+
+def _sidebands(amplitudes: Complexes, lines: NDArray[np.int64], whole: int) -> Complexes:
+    """Return the amplitudes m lines above and below the fundamental, (s, q, 8, 2), for the eight smallest such m."""
+    place = {int(line): column for column, line in enumerate(lines)}
+    pairs = [m for m in range(1, int(lines[-1])) if whole + m in place and abs(whole - m) in place][:_SIDEBANDS]
+    out = np.full((*amplitudes.shape[:2], _SIDEBANDS, 2), np.nan + 0j)
+    for column, m in enumerate(pairs):
+        lower = amplitudes[:, :, place[abs(whole - m)]]
+        out[:, :, column, 0] = amplitudes[:, :, place[whole + m]]
+        out[:, :, column, 1] = lower if m < whole else lower.conj()
+    return out
+
+
+def relative_noise(fitted: Harmonics, signal: int, reference: int | None = None) -> tuple[Floats, Floats]:
+    """Return relative standard deviation of a fundamental's amplitude, and standard deviation of its phase [rad], (s,).
+
+    reference: another signal; then amplitude and phase are those of the quotient of the two, and what both share, as
+    they do the jitter of the stamps, drops out. The sidebands of the residual, seen from the fundamental, part into
+    those that modulate amplitude and those that modulate phase; jitter is nearly all of the second kind.
+    """
+
+    def seen_from_fundamental(column: int) -> Complexes:
+        size = fitted.coefficient[:, column, 0, None, None]
+        return np.asarray(fitted.sidebands[:, column] / np.where(size == 0, np.nan, size))
+
+    noise = seen_from_fundamental(signal)
+    if reference is not None:
+        noise = noise - seen_from_fundamental(reference)
+    upper, lower = noise[:, :, 0], noise[:, :, 1].conj()
+    count = np.isfinite(upper).sum(axis=1)
+    parts = [np.nansum(np.abs(0.5 * part) ** 2, axis=1) for part in (upper + lower, upper - lower)]
+    few = count < 3
+    plain = np.zeros(few.size)
+    for column in (signal,) if reference is None else (signal, reference):
+        size = np.abs(fitted.coefficient[:, column, 0])
+        plain = np.hypot(
+            plain, np.divide(fitted.std[:, column, 0], size, out=np.full_like(size, np.nan), where=size > 0)
+        )
+    amplitude, phase = (np.where(few, plain, np.sqrt(part / np.maximum(count, 1))) for part in parts)
+    return amplitude, phase
+
+
+def waveform(coefficient: Complexes, angle: Floats) -> Floats:
+    """Return Re Σ X_h exp(jhψ) for coefficients (s, h), NaN harmonics left out, at phases ψ (s, n) or (n,)."""
+    total = np.zeros(np.broadcast_shapes(angle.shape, (coefficient.shape[0], 1)))
+    for h in range(1, coefficient.shape[1] + 1):
+        total += (np.nan_to_num(coefficient[:, h - 1])[:, None] * np.exp(1j * h * angle)).real
+    return total
+
+
+def refine_frequency(time_s: Floats, signal: Floats, frequency_hz: float) -> float:
+    """Return the frequency of a steady periodic signal [Hz], from a guess that is right within a fifth of 1/duration.
+
+    time_s, signal: shape (n,). The phase of the fundamental must not turn inside the record: its growth per period
+    gives the correction (Newton on the least-squares phase), until it is below 1e-9 of the frequency.
+    """
+    for _ in range(20):
+        fitted = fit_harmonics(time_s[None], signal[None, None], np.array([frequency_hz]))
+        turn = float((fitted.growth[0, 0] / fitted.coefficient[0, 0, 0]).imag) / (2.0 * np.pi)
+        frequency_hz *= 1.0 + turn
+        if abs(turn) < 1e-9:
+            break
+    return frequency_hz

@@ -1,0 +1,285 @@
+"""This is where a ring-down becomes frequency, damping and a verdict, with intervals."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy import integrate
+
+from sinew.analysis.decay_fit import DecayFit
+from sinew.analysis.decay_shape import (
+    SIGNIFICANCE,
+    AmplitudeDependence,
+    DecayShape,
+    amplitude_dependence,
+    bend_p_value,
+    fit_bent,
+    judge_shape,
+)
+from sinew.analysis.envelope import Envelope, fit_envelope, large_peaks
+from sinew.analysis.free_decay import checked_record, evenly, free_decay
+from sinew.analysis.peaks import Peaks, find_peaks
+from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import Estimate
+from sinew.measure.recording import Segment, iterate_segments
+from sinew.measure.results import RESULT_VARIABLES
+
+__all__ = ["RingDown", "analyse_ring_down", "analyse_ring_downs", "ring_down_json"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RingDown:
+    """One analysed ring-down.
+
+    frequency_hz: damped frequency ω_d/2π [Hz]; natural_frequency_hz: undamped, sqrt(ω_d² + λ²)/2π [Hz].
+    damping_ratio: λ/sqrt(ω_d² + λ²); decay_rate_per_s: λ [1/s]; quality: 1/(2·damping_ratio).
+    All by the direct time-domain fit; of a decay that is not exponential they are means weighted by amplitude.
+    rest_drift: change of the rest position from start_s to stop_s, unit of the response (a rate's: of its bias).
+    paper: the paper's method, Eq. 7-10 with the damped frequency as printed.
+    shape: exponential or not; dependence: frequency and damping against amplitude.
+    start_s, stop_s: the free decay that was used, in the time of the record.
+    fit: the direct fit, for its curve. peak_time_s, peak_value: shape (h,), both-sided peaks about the rest position.
+    unit: of the response; peak_unit: of peaks and amplitudes (of the angle where the response is a rate).
+    """
+
+    frequency_hz: Estimate
+    natural_frequency_hz: Estimate
+    damping_ratio: Estimate
+    decay_rate_per_s: Estimate
+    quality: Estimate
+    rest_drift: Estimate
+    paper: Envelope
+    shape: DecayShape
+    dependence: AmplitudeDependence
+    start_s: float
+    stop_s: float
+    fit: DecayFit
+    peak_time_s: Array
+    peak_value: Array
+    unit: str
+    peak_unit: str
+
+
+def analyse_ring_down(
+    time_s: ArrayLike,
+    response: ArrayLike,
+    *,
+    drive: ArrayLike | None = None,
+    is_rate: bool = False,
+    unit: str = "rad",
+    inertia_kg_m2: float | None = None,
+) -> RingDown:
+    """Return what a record of a free decay says; the start of the decay is found.
+
+    time_s: shape (n,), increasing [s]; response: shape (n,), in `unit`; drive: shape (n,), any unit, if measured.
+    is_rate: the response is the rate of an angle or displacement (gyroscope). Its decay has the same poles and is
+        fitted as it is; peaks and amplitudes are those of its integral.
+    inertia_kg_m2: I, for the paper's d and k.
+
+    The drive tells when it stopped; without it, the start is sought in the response. Window: six time constants. The
+    direct fit's standard deviations hold for coloured noise; intervals are Student's with effective degrees of freedom.
+    Raises RecordingError (TimeError for time stamps) where the record holds no ring-down that can be analysed.
+    """
+    t, x, lever = evenly(*checked_record(time_s, response, drive))
+    fit, t, x, peaks = free_decay(t, x, lever)
+    if is_rate:
+        peaks = find_peaks(t, _angle(t, x, fit))
+    times, heights = _heights(peaks, fit, is_rate)
+    bent = fit_bent(t, x, fit, times, np.abs(heights))
+    rest = bent if bend_p_value(bent) < SIGNIFICANCE else fit
+    times, heights = _heights(peaks, rest, is_rate)
+    table = amplitude_dependence(times, heights, peaks.value_std)
+    peak_unit = _integrated(unit) if is_rate else unit
+    return RingDown(
+        **_estimates(fit),
+        rest_drift=Estimate.student(*rest.drift(), rest.degrees_of_freedom),
+        paper=fit_envelope(times, np.abs(heights), inertia_kg_m2),
+        shape=judge_shape(bent, table, peak_unit),
+        dependence=table,
+        start_s=fit.start_s,
+        stop_s=fit.stop_s,
+        fit=fit,
+        peak_time_s=times,
+        peak_value=heights,
+        unit=unit,
+        peak_unit=peak_unit,
+    )
+
+
+def _angle(t: Array, rate: Array, fit: DecayFit) -> Array:
+    """Return the angle about its rest position, shape (n,): the rate less its bias, integrated, less its drift."""
+    angle = integrate.cumulative_trapezoid(rate - fit.rest(t), t, initial=0)
+    wave = np.exp((1j * fit.omega_rad_s - fit.decay_rate_per_s) * (t - fit.start_s))
+    basis = np.stack([wave.real, wave.imag, np.ones_like(t), t - fit.start_s], axis=1)
+    drift = np.linalg.lstsq(basis, angle, rcond=None)[0][2:]
+    return np.asarray(angle - basis[:, 2:] @ drift, dtype=float)
+
+
+def _heights(peaks: Peaks, fit: DecayFit, is_rate: bool) -> tuple[Array, Array]:
+    """Return (times, heights about the rest position) of the peaks of the free decay."""
+    rest = np.zeros(peaks.time_s.size) if is_rate else fit.rest(peaks.time_s)
+    times, heights = large_peaks(peaks, rest)
+    if times.size < 3:
+        raise RecordingError(
+            f"ring-down too short: {times.size} peaks of the free decay stand out of the noise, at least 3 are needed; "
+            "start from a larger amplitude or record longer"
+        )
+    return times, heights
+
+
+def _estimates(fit: DecayFit) -> dict[str, Estimate]:
+    rate, omega, covariance = fit.decay_rate_per_s, fit.omega_rad_s, fit.pole_covariance()
+    natural = float(np.hypot(rate, omega))
+    damping = rate / natural
+
+    def estimate(value: float, by_rate: float, by_omega: float) -> Estimate:
+        gradient = np.array([by_rate, by_omega])
+        return Estimate.student(value, float(np.sqrt(gradient @ covariance @ gradient)), fit.degrees_of_freedom)
+
+    turn = 1.0 / (2.0 * np.pi)
+    ratio = estimate(damping, omega**2 / natural**3, -rate * omega / natural**3)
+    quality = Estimate(
+        0.5 / damping, 0.5 * ratio.std / damping**2, 0.5 / ratio.high, 0.5 / ratio.low if ratio.low > 0 else np.inf
+    )
+    return {
+        "frequency_hz": estimate(omega * turn, 0.0, turn),
+        "natural_frequency_hz": estimate(natural * turn, rate / natural * turn, omega / natural * turn),
+        "damping_ratio": ratio,
+        "decay_rate_per_s": estimate(rate, 1.0, 0.0),
+        "quality": quality,
+    }
+
+
+def _integrated(unit: str) -> str:
+    return unit.removesuffix("/s") if unit.endswith("/s") else f"{unit} s"
+
+
+def ring_down_json(result: RingDown) -> dict[str, Any]:
+    """Return the document of `sinew analyse --kind ring-down`, of plain numbers, lists and texts.
+
+    Amplitudes are in `peak_unit`, `rest_drift` in `unit`. `omega_rad_s` and `lehr_damping` of the paper's method use
+    the damped frequency, as Eq. 7 does; `damping_ratio` is by the undamped one.
+    """
+    table = result.dependence
+    return {
+        "kind": "ring-down",
+        "frequency_hz": result.frequency_hz.to_json(),
+        "damping_ratio": result.damping_ratio.to_json(),
+        "decay_rate_per_s": result.decay_rate_per_s.to_json(),
+        "paper_method": {
+            "decay_rate_per_s": result.paper.decay_rate_per_s,
+            "omega_rad_s": result.paper.omega_rad_s,
+            "lehr_damping": result.paper.lehr_damping,
+        },
+        "exponential": result.shape.exponential,
+        "reason": result.shape.reason,
+        "rest_drift": result.rest_drift.value,
+        "amplitude_dependence": {
+            "amplitude": table.amplitude.tolist(),
+            "frequency_hz": table.frequency_hz.tolist(),
+            "damping_ratio": table.damping_ratio.tolist(),
+        },
+    }
+
+
+def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None) -> xr.Dataset:
+    """Return the ring-down part of the results: the variables of the result schema over (pretension, repeat).
+
+    inertia_kg_m2: I of head and lever, for the paper's d and k; NaN without it.
+
+    The response is torsion_rad, else the x axis of the gyroscope (a rate), else response. Two periods of the settle
+    segment before a ring-down, where there is one, show when the drive stopped. A ring-down that cannot be analysed
+    is NaN, and the attribute `ring_down_notes` says why.
+    Raises RecordingError where there is no ring-down, or none can be analysed.
+    """
+    found: list[tuple[Segment, RingDown]] = []
+    notes: list[str] = []
+    segments = list(iterate_segments(recording))
+    asked = [segment for _, segment, _ in segments if segment.kind == "ring-down"]
+    if not asked:
+        raise RecordingError("recording has no ring-down segment; expected at least one")
+    for index, segment, where in segments:
+        if segment.kind != "ring-down":
+            continue
+        try:
+            found.append((segment, _analyse_segment(recording, segments, index, where, inertia_kg_m2)))
+        except RecordingError as error:
+            notes.append(f"ring-down {segment.repeat} at {segment.pretension_mm:g} mm: {error}")
+    if not found:
+        raise RecordingError(notes[0])
+    pretension = np.unique([segment.pretension_mm for segment in asked])
+    shape = pretension.size, max(segment.repeat for segment in asked) + 1
+    columns = {name: np.full(shape, np.nan) for name in _numbers(found[0][1])}
+    for segment, result in found:
+        place = int(np.searchsorted(pretension, segment.pretension_mm)), segment.repeat
+        for name, value in _numbers(result).items():
+            columns[name][place] = value
+    rows = {name: RESULT_VARIABLES[name] for name in ("pretension_mm", *columns)}
+    units = {name: found[0][1].unit if row.unit == "*" else row.unit for name, row in rows.items()}
+    return xr.Dataset(
+        {
+            name: (
+                row.dims,
+                pretension if name == "pretension_mm" else columns[name],
+                {"units": units[name], "long_name": row.meaning},
+            )
+            for name, row in rows.items()
+        },
+        attrs={"ring_down_notes": "; ".join(notes)},
+    ).set_coords("pretension_mm")
+
+
+def _analyse_segment(
+    recording: xr.Dataset,
+    segments: list[tuple[int, Segment, slice]],
+    index: int,
+    where: slice,
+    inertia_kg_m2: float | None,
+) -> RingDown:
+    name = next(name for name in ("torsion_rad", "gyro_rad_s", "response") if name in recording)
+    lever = next((name for name in ("drive_rad", "drive") if name in recording), None)
+    time = recording["time_s"].values
+    if lever is not None and index > 0:
+        before, here = segments[index - 1], segments[index][1]
+        same = (before[1].pretension_mm, before[1].frequency_hz, before[1].repeat) == (
+            here.pretension_mm,
+            here.frequency_hz,
+            here.repeat,
+        )
+        if before[1].kind == "settle" and same:
+            first = int(np.searchsorted(time[before[2]], time[where.start] - 2.0 / here.frequency_hz))
+            where = slice(before[2].start + first, where.stop)
+    values = recording[name].values[where]
+    unit = str(recording[name].attrs["units"])
+    return analyse_ring_down(
+        time[where],
+        values[:, 0] if values.ndim == 2 else values,
+        drive=None if lever is None else recording[lever].values[where],
+        is_rate=unit == "rad/s",
+        unit=unit,
+        inertia_kg_m2=inertia_kg_m2,
+    )
+
+
+def _numbers(result: RingDown) -> dict[str, float]:
+    paper = result.paper
+    return {
+        "paper_decay_rate_per_s": paper.decay_rate_per_s,
+        "paper_omega_rad_s": paper.omega_rad_s,
+        "paper_lehr_damping": paper.lehr_damping,
+        "paper_quality": paper.quality,
+        "paper_damping_n_m_s_rad": paper.damping_n_m_s_rad,
+        "paper_stiffness_n_m_rad": paper.stiffness_n_m_rad,
+        "decay_rate_per_s": result.decay_rate_per_s.value,
+        "decay_rate_std_per_s": result.decay_rate_per_s.std,
+        "decay_frequency_hz": result.frequency_hz.value,
+        "decay_frequency_std_hz": result.frequency_hz.std,
+        "damping_ratio": result.damping_ratio.value,
+        "damping_ratio_std": result.damping_ratio.std,
+        "rest_drift": result.rest_drift.value,
+        "exponential": float(result.shape.exponential),
+    }

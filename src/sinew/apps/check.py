@@ -1,0 +1,76 @@
+"""This is where `sinew check` previews a plan: duration, drive reach, tensions, and the limits it would break."""
+
+from typing import TYPE_CHECKING, Any
+
+from sinew.apps.console import print_json, print_table
+from sinew.apps.options import Json, PlanArgument, Rig
+
+if TYPE_CHECKING:
+    from sinew.plan.check import Preview
+    from sinew.plan.plan import Plan
+    from sinew.plan.rig import RigSpec
+
+__all__ = ["check", "preview_plan"]
+
+
+def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
+    """Preview a plan on a rig before anything moves.
+
+    Prints duration, the drive amplitude that can be reached at each frequency, the tendon tensions, and every limit
+    of the rig that the plan would break. Ends with status 2 if there is one.
+    """
+    from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
+    from sinew.plan.toml import load_plan, load_rig
+
+    plan_, rig_ = load_plan(plan), load_rig(rig)
+    preview = preview_plan(plan_, rig_)
+    if json:
+        print_json(_document(plan_, rig_, preview))
+    else:
+        _print_preview(plan_, rig_, preview)
+    refuse_beyond_limits(preview)
+    return 0
+
+
+def preview_plan(plan: "Plan", rig: "RigSpec") -> "Preview":
+    """Return the check of a plan with the tensions that the twin's statics give."""
+    from sinew.plan.check import check_plan
+    from sinew.twin.simulate import rest_tension
+
+    return check_plan(plan, rig, rest_tension(plan.pretension.pretension_mm, rig).tolist())
+
+
+def _document(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, Any]:
+    drive = zip(preview.frequency_hz, preview.drive_amplitude_deg, preview.drive_current_a, strict=True)
+    tension = zip(plan.pretension.pretension_mm, preview.tension_n, strict=True)
+    return {
+        "plan": plan.name,
+        "rig": rig.name,
+        "ok": not preview.refusals,
+        "duration_s": preview.duration_s,
+        "groups": preview.groups,
+        "samples": preview.samples,
+        "full_amplitude_hz": preview.full_amplitude_hz,
+        "drive": [{"frequency_hz": f, "amplitude_deg": a, "current_a": c} for f, a, c in drive],
+        "tension": [{"pretension_mm": p, "tension_n": t} for p, t in tension],
+        "findings": [{"severity": f.severity, "sentence": f.sentence} for f in preview.findings],
+    }
+
+
+def _print_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> None:
+    minutes, seconds = divmod(round(preview.duration_s), 60)
+    print(f"plan {plan.name} on rig {rig.name}: {preview.groups} motions, {preview.samples} samples,", end=" ")
+    print(f"{minutes} min {seconds} s without the changes of pretension")
+    if preview.frequency_hz and plan.sweep is not None:
+        rows = [
+            (f"{row['frequency_hz']:g}", f"{row['amplitude_deg']:.1f}", f"{row['current_a']:.2f}")
+            for row in _document(plan, rig, preview)["drive"]
+        ]
+        title = f"drive, nominal {plan.sweep.amplitude_deg:g}°, against a held head (less where the joint resonates)"
+        print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)
+    held = [(f"{p:g}", f"{t:.1f}") for p, t in zip(plan.pretension.pretension_mm, preview.tension_n, strict=True)]
+    print_table(("pretension/mm", "tension of each tendon/N"), held, "tendons at rest")
+    for finding in preview.findings:
+        print(f"{'REFUSED' if finding.severity == 'refuse' else 'warning'}: {finding.sentence}")
+    if not preview.refusals:
+        print("no limit of the rig is broken")

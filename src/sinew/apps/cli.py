@@ -1,0 +1,75 @@
+"""This is where the command `sinew` is put together and where an error becomes one line and an exit status.
+
+Exit status: 0 on success, 2 on wrong input (one line on stderr), 130 when interrupted. Any other exception is a fault
+of Sinew's own and keeps its traceback.
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from sinew import __version__
+from sinew.apps import analyse, check, convert, reproduce, simulate
+from sinew.measure.errors import SinewError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="sinew",
+    help="Sinew: a resonance laboratory for tendon-driven continuum joints, in software.",
+    epilog="Example: sinew reproduce --out out/paper",
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+app.command(epilog="Example: sinew check plans/paper.toml --rig rigs/paper.toml")(check.check)
+app.command(epilog="Example: sinew simulate short --rig paper --out run/recording.nc --without guide_friction")(
+    simulate.simulate
+)
+app.command(epilog="Example: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json")(
+    analyse.analyse
+)
+app.command("import", epilog="Example: sinew import decay.csv --time t_s --response angle:deg --out decay.nc")(
+    convert.import_
+)
+app.command(epilog="Example: sinew export run/recording.nc --to mat --out run/recording.mat")(convert.export)
+app.command(epilog="Example: sinew report out/paper")(reproduce.report)
+app.command(epilog="Example: sinew reproduce --out out/paper --seed 1")(reproduce.reproduce)
+
+
+@app.callback(invoke_without_command=True)
+def _sinew(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.")] = False,
+) -> None:
+    if version:
+        print(f"sinew {__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command line (`sys.argv` by default) and return its exit status."""
+    try:
+        status = app(args=None if arguments is None else list(arguments), standalone_mode=False, prog_name="sinew")
+        sys.stdout.flush()
+    except SinewError as error:
+        return _refuse(str(error), 2)
+    except typer.TyperException as error:
+        return _refuse(getattr(error, "format_message", error.__str__)(), 2)
+    except (KeyboardInterrupt, typer.Abort):
+        return _refuse("interrupted; what was being written is not there, what was finished is", 130)
+    except BrokenPipeError:
+        # The reader of a pipe has left (`sinew ... | head`); without this Python complains again while it exits.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    return status if isinstance(status, int) else 0
+
+
+def _refuse(sentence: str, status: int) -> int:
+    print(f"sinew: {' '.join(sentence.split())}", file=sys.stderr)
+    return status

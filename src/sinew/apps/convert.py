@@ -1,0 +1,111 @@
+"""This is where `sinew import` and `sinew export` carry recordings in and out of other programs' files."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+
+import typer
+
+from sinew.apps.console import print_json, remark, require_file
+from sinew.apps.options import ColumnDrive, ColumnResponse, ColumnTime, Gaps, Json, Start, Stop
+from sinew.measure.errors import SpecError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["export", "import_", "read_csv"]
+
+
+def read_csv(
+    file: Path,
+    kind: str,
+    time: str | None,
+    response: str | None,
+    drive: str | None,
+    start: float | None,
+    stop: float | None,
+    gaps: str,
+) -> "xr.Dataset":
+    """Return a CSV file as a recording, with the words of the command line checked. Raises SinewError."""
+    from sinew.measure.csv import import_csv  # pandas and xarray: not for --help
+
+    if time is None or response is None:
+        missing = "--time" if time is None else "--response"
+        raise SpecError(f"{file.name} is a table: name its columns; {missing} COL is missing")
+    _one_of("--kind", kind, ("ring-down", "sweep"))
+    _one_of("--gaps", gaps, ("refuse", "split"))
+    return import_csv(
+        file,
+        time=time,
+        response=response,
+        drive=drive,
+        kind=cast(Literal["ring-down", "sweep"], kind),
+        start_s=start,
+        stop_s=stop,
+        gaps=cast(Literal["refuse", "split"], gaps),
+    )
+
+
+def _one_of(option: str, found: str, expected: tuple[str, ...]) -> None:
+    if found not in expected:
+        raise SpecError(f"{option} is {found!r}, expected {' or '.join(expected)}")
+
+
+def import_(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The recording to write, NetCDF.")],
+    time: ColumnTime = None,
+    response: ColumnResponse = None,
+    drive: ColumnDrive = None,
+    kind: Annotated[str, typer.Option("--kind", metavar="ring-down|sweep", help="What was recorded.")] = "ring-down",
+    start: Start = None,
+    stop: Stop = None,
+    gaps: Gaps = "refuse",
+    json: Json = False,
+) -> None:
+    """Turn a CSV file into a recording.
+
+    Units: after the column (angle:deg), else from its name (angle_deg, x [mm]), else 1; time is in seconds.
+    """
+    from sinew.measure.netcdf import save_recording
+
+    recording = read_csv(file, kind, time, response, drive, start, stop, gaps)
+    save_recording(recording, require_file(out))
+    notes = [note for note in str(recording.attrs.get("import_notes", "")).splitlines() if note]
+    document: dict[str, Any] = {
+        "recording": str(out),
+        "segments": recording.sizes["segment"],
+        "samples": recording.sizes["sample"],
+        "notes": notes,
+    }
+    if json:
+        print_json(document)
+        return
+    print(f"{out}: {document['samples']} samples in {document['segments']} segments")
+    for note in notes:
+        remark(note)
+
+
+def export(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording, NetCDF.")],
+    to: Annotated[str, typer.Option("--to", metavar="csv|mat", help="The format to write.")],
+    out: Annotated[Path, typer.Option("--out", metavar="PATH", help="The file to write.")],
+    json: Json = False,
+) -> None:
+    """Write a recording as a CSV table or a MATLAB file."""
+    _one_of("--to", to, ("csv", "mat"))
+    from sinew.measure.netcdf import load_recording
+
+    recording = load_recording(file)
+    require_file(out)
+    if to == "csv":
+        from sinew.measure.csv import export_csv
+
+        export_csv(recording, out)
+    else:
+        from sinew.measure.mat import export_mat
+
+        export_mat(recording, out)
+    if json:
+        print_json({"file": str(out), "format": to, "samples": recording.sizes["sample"]})
+    else:
+        print(f"{out}: {recording.sizes['sample']} samples")

@@ -1,0 +1,244 @@
+"""This is where `sinew reproduce` runs a whole campaign on the twin, and `sinew report` writes its pages anew."""
+
+import json as json_module
+import os
+import shlex
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sinew.apps.console import print_json, print_table, progress_bar, require_folder, write_json
+from sinew.apps.options import Json, Rig, Seed
+from sinew.measure.errors import FileError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from sinew.plan.plan import Plan
+    from sinew.plan.rig import RigSpec
+
+__all__ = ["report", "reproduce"]
+
+
+@dataclass(frozen=True)
+class _Campaign:
+    """Everything that the pages of a campaign are made from.
+
+    beyond: results of a sweep above the paper's 12 mm, or None. effects: what each effect of the twin adds, see
+    `sinew.figures.shares`; empty where it was not measured. rebuild: the command that makes all of it again.
+    """
+
+    recording: "xr.Dataset"
+    results: "xr.Dataset"
+    beyond: "xr.Dataset | None"
+    rig: "RigSpec"
+    effects: list[dict[str, Any]]
+    simulated_s: float
+    rebuild: str
+
+
+def reproduce(
+    plan: Annotated[str, typer.Option("--plan", metavar="PLAN", help="A plan: a file or a shipped name.")] = "paper",
+    rig: Rig = "paper",
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for everything that is written.")] = Path(
+        "out/reproduce"
+    ),
+    seed: Seed = 0,
+    beyond: Annotated[
+        str | None,
+        typer.Option(
+            "--beyond",
+            metavar="PLAN",
+            help="A sweep above 12 mm for the paper's threshold; `beyond` with plan `paper`.",
+        ),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Run the paper's campaign on the physics twin and set its numbers beside the paper's.
+
+    Writes recording.nc, results.nc, figures/, report.html and summary.json, and beyond.nc, the results of the sweep
+    above the paper's range.
+    """
+    from sinew.apps.check import preview_plan
+    from sinew.measure.netcdf import save_dataset, save_recording
+    from sinew.plan.check import refuse_beyond_limits
+    from sinew.plan.toml import load_plan, load_rig
+    from sinew.twin.simulate import simulate
+
+    began = time.monotonic()
+    if beyond is None and plan == "paper":
+        beyond = "beyond"
+    plans, rig_ = [load_plan(name) for name in (plan, beyond) if name is not None], load_rig(rig)
+    previews = [preview_plan(each, rig_) for each in plans]
+    for preview in previews:
+        refuse_beyond_limits(preview)
+    require_folder(out)
+    with progress_bar("simulate") as progress:
+        recording = simulate(plans[0], rig_, seed=seed, progress=progress)
+    save_recording(recording, out / "recording.nc")
+    results = _analyse(recording, rig_, out)
+    further = None
+    if beyond is not None:
+        with progress_bar("simulate above the paper's range") as progress:
+            further = _analysed(simulate(plans[1], rig_, seed=seed, progress=progress), rig_)
+        save_dataset(further, out / "beyond.nc")
+    effects = _measure_effects(plans[0], rig_, out)
+    command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
+    campaign = _Campaign(
+        recording,
+        results,
+        further,
+        rig_,
+        effects,
+        sum(preview.duration_s for preview in previews),
+        shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else [])),
+    )
+    _show(_write_pages(campaign, out, began=began), out, json=json)
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with a recording.nc.")],
+    rig: Annotated[str | None, typer.Option("--rig", metavar="RIG", help="A rig; else the recording's.")] = None,
+    json: Json = False,
+) -> None:
+    """Write figures, summary and report of a recording anew, from the files in its folder."""
+    from sinew.apps.analyse import recording_rig
+    from sinew.measure.netcdf import load_dataset, load_recording
+    from sinew.measure.results import validate_results
+
+    if not (folder / "recording.nc").is_file():
+        raise FileError(f"found no recording.nc in {folder}; expected a folder that sinew simulate or reproduce wrote")
+    began = time.monotonic()
+    recording = load_recording(folder / "recording.nc")
+    rig_ = recording_rig(recording, rig)
+    require_folder(folder)
+    if (folder / "results.nc").is_file() and rig is None:
+        results = validate_results(load_dataset(folder / "results.nc"))
+    else:
+        results = _analyse(recording, rig_, folder)
+    further = folder / "beyond.nc"
+    before = _read_summary(folder / "summary.json")
+    steps = recording["time_s"].diff("sample")
+    campaign = _Campaign(
+        recording,
+        results,
+        validate_results(load_dataset(further)) if further.is_file() else None,
+        rig_,
+        _read_list(folder / "effects.json"),
+        before.get("simulated_s", float(steps.median()) * recording.sizes["sample"]),
+        shlex.join(["sinew", "report", str(folder)]),
+    )
+    _show(_write_pages(campaign, folder, began=began, wall_s=before.get("wall_s")), folder, json=json)
+
+
+def _measure_effects(plan: "Plan", rig: "RigSpec", folder: Path) -> list[dict[str, Any]]:
+    """Return the share of each effect, also written to effects.json; empty for a plan of other pretensions."""
+    from sinew.figures.shares import SHARE_PRETENSIONS_MM, effect_shares
+
+    if not set(SHARE_PRETENSIONS_MM) <= set(plan.pretension.pretension_mm):
+        return []
+    with progress_bar("switch effects off"):
+        rows = effect_shares(rig)
+    write_json(rows, folder / "effects.json")
+    return rows
+
+
+def _read_list(path: Path) -> list[dict[str, Any]]:
+    """Return the rows that an earlier run wrote; empty where there is no such file."""
+    try:
+        found = json_module.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    return found if isinstance(found, list) else []
+
+
+def _analyse(recording: "xr.Dataset", rig: "RigSpec", folder: Path) -> "xr.Dataset":
+    from sinew.measure.netcdf import save_dataset
+
+    with progress_bar("analyse"):
+        results = _analysed(recording, rig)
+    save_dataset(results, folder / "results.nc")
+    return results
+
+
+def _analysed(recording: "xr.Dataset", rig: "RigSpec") -> "xr.Dataset":
+    from sinew.analysis.analysis import analyse_recording
+
+    return analyse_recording(recording, rig)
+
+
+def _read_summary(path: Path) -> dict[str, float]:
+    """Return what an earlier run said of its own time; empty where there is no such file."""
+    try:
+        found = json_module.loads(path.read_text(encoding="utf-8"))
+        return {"wall_s": float(found["wall_s"]), "simulated_s": float(found["simulated_s"])}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: float | None = None) -> dict[str, Any]:
+    from sinew.figures.figures import draw_figures
+    from sinew.figures.report import write_report
+    from sinew.figures.summary import summarise
+
+    with progress_bar("draw"):
+        workers = min(4, os.cpu_count() or 1)
+        figures = draw_figures(campaign.recording, campaign.results, folder / "figures", workers=workers)
+        elapsed = wall_s if wall_s is not None else time.monotonic() - began
+        summary = summarise(
+            campaign.results,
+            wall_s=elapsed,
+            simulated_s=campaign.simulated_s,
+            beyond=campaign.beyond,
+            rig=campaign.rig,
+        )
+        write_json(summary, folder / "summary.json")
+        write_report(
+            folder,
+            results=campaign.results,
+            figures=figures,
+            summary=summary,
+            rig=campaign.rig,
+            determination=_determination(campaign.rig),
+            effects=campaign.effects,
+            rebuild=campaign.rebuild,
+        )
+    return summary
+
+
+def _determination(rig: "RigSpec") -> dict[str, dict[str, Any]] | None:
+    """Return how far the parameters of a shipped rig can move; None for any other rig, even one of the same name."""
+    from sinew.plan.library import list_shipped, read_ranges
+    from sinew.plan.toml import load_rig
+
+    known = rig.name in list_shipped("rigs") and load_rig(rig.name) == rig
+    return read_ranges(rig.name) if known else None
+
+
+def _show(summary: dict[str, Any], folder: Path, *, json: bool) -> None:
+    if json:
+        print_json(summary)
+        return
+    rows = [
+        (
+            str(row["quantity"]),
+            _number(row["paper"]),
+            _number(row["measured"]),
+            _number(row["tolerance"]),
+            "ok" if row["ok"] else "NOT OK",
+            str(row["where"]),
+        )
+        for row in summary["paper"]
+    ]
+    print_table(("quantity", "paper", "measured", "tolerance", "", "where"), rows, "paper against measured")
+    kept = sum(bool(row["ok"]) for row in summary["paper"])
+    print(f"{kept} of {len(rows)} rows within tolerance")
+    print(f"{summary['simulated_s']:.0f} s of motion, {summary['wall_s']:.0f} s of work")
+    print(f"report: {folder / 'report.html'}")
+
+
+def _number(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value or "")

@@ -1,0 +1,57 @@
+"""This is where `sinew simulate` runs a plan on the physics twin and writes the recording."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from sinew.apps.console import print_json, progress_bar, require_file
+from sinew.apps.options import Json, PlanArgument, Rig, Seed
+
+__all__ = ["simulate"]
+
+
+def simulate(
+    plan: PlanArgument,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The recording to write, NetCDF.")],
+    rig: Rig = "paper",
+    seed: Seed = 0,
+    without: Annotated[
+        list[str] | None,
+        typer.Option("--without", metavar="EFFECT", help="Switch an effect of the twin off; may be repeated."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Run a plan on the physics twin and write the recording.
+
+    Refuses a plan that breaks a limit of the rig; `sinew check` says which.
+    """
+    from sinew.apps.check import preview_plan
+    from sinew.measure.netcdf import save_recording
+    from sinew.plan.check import refuse_beyond_limits
+    from sinew.plan.toml import load_plan, load_rig
+    from sinew.twin.effects import Effects
+    from sinew.twin.simulate import simulate as run
+
+    plan_, rig_ = load_plan(plan), load_rig(rig)
+    effects = Effects().without(*(without or ()))
+    preview = preview_plan(plan_, rig_)
+    refuse_beyond_limits(preview)
+    require_file(out)
+    with progress_bar("simulate") as progress:
+        recording = run(plan_, rig_, seed=seed, effects=effects, progress=progress)
+    save_recording(recording, out)
+    document: dict[str, Any] = {
+        "recording": str(out),
+        "plan": plan_.name,
+        "rig": rig_.name,
+        "seed": seed,
+        "effects_off": list(without or ()),
+        "segments": recording.sizes["segment"],
+        "samples": recording.sizes["sample"],
+        "simulated_s": preview.duration_s,
+    }
+    if json:
+        print_json(document)
+    else:
+        print(f"{out}: {document['samples']} samples in {document['segments']} segments, {preview.duration_s:.0f} s")

@@ -1,0 +1,87 @@
+"""This is where everything becomes one HTML page that needs nothing beside itself."""
+
+import base64
+import functools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+
+from sinew.figures.captions import CAPTIONS, Caption
+from sinew.figures.tables import fixed, measured_tables, number, parameter_rows, reaches
+from sinew.measure.netcdf import write_atomically
+from sinew.plan.rig import RigSpec
+
+__all__ = ["write_report"]
+
+
+def write_report(
+    folder: Path,
+    *,
+    results: xr.Dataset,
+    figures: Sequence[Path] = (),
+    summary: Mapping[str, Any] | None = None,
+    rig: RigSpec | None = None,
+    determination: Mapping[str, Mapping[str, Any]] | None = None,
+    effects: Sequence[Mapping[str, Any]] | None = None,
+    rebuild: str = "",
+) -> Path:
+    """Write report.html into a folder, atomically, and return its path. What is not given is left out.
+
+    figures: files of `draw_figures`; the PNGs among them are put into the page.
+    summary: of `summarise`. rig: whose parameters are listed.
+    determination: by parameter, `{"value", "unit", "alone": [low, high], "together": [low, high], "bounds": [low,
+    high], "sentence"}`: how far it can move without leaving the paper's numbers, alone and with the others following.
+    effects: rows of `{"effect", "resonance_hz_0", "resonance_hz_12", "gain_0", "gain_12", "damping_0", "damping_12"}`.
+    rebuild: the command that makes all of this again.
+    Raises FileError where the folder cannot be written.
+    """
+    paper = list(summary["paper"]) if summary is not None else []
+    page = _template().render(
+        title=f"the rig “{rig.name}”" if rig is not None else "a recording",
+        paper=paper,
+        agreeing=sum(bool(row["ok"]) for row in paper),
+        tables=measured_tables(results),
+        notes=str(results.attrs.get("resonance_notes", "")),
+        pictures=[_picture(path) for path in figures if path.suffix == ".png"],
+        parameters=parameter_rows(rig) if rig is not None else [],
+        reaches=reaches(determination or {}),
+        effects=list(effects or ()),
+        rebuild=rebuild,
+        timing={key: summary[key] for key in ("wall_s", "simulated_s")} if summary is not None else {},
+        origins=_origins(results),
+        texts={name: str(results.attrs[name]) for name in ("rig", "plan") if str(results.attrs.get(name, "")).strip()},
+    )
+    path = folder / "report.html"
+    content = page.encode("utf-8")
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(content)
+
+    write_atomically(path, write)
+    return path
+
+
+@functools.cache
+def _template() -> Template:
+    loader = FileSystemLoader(Path(__file__).parent / "templates")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"number": number, "fixed": fixed}
+    return environment.get_template("report.html")
+
+
+def _picture(path: Path) -> dict[str, Any]:
+    name = path.stem
+    caption = CAPTIONS.get(name, Caption(name.replace("_", " "), "", "", name.replace("_", " ")))
+    return {"name": name, "caption": caption, "data": base64.b64encode(path.read_bytes()).decode("ascii")}
+
+
+def _origins(results: xr.Dataset) -> list[tuple[str, str]]:
+    """Return what the results say of how they were made: source, versions, seed and content hashes."""
+    names = ["source", "versions", "seed", *sorted(k for k in map(str, results.attrs) if k.endswith("hash"))]
+    rows = [(name.replace("_", " "), str(results.attrs[name])) for name in names if name in results.attrs]
+    return [row for row in rows if row != ("seed", "-1")]

@@ -1,0 +1,187 @@
+"""This is where all figures get the same look: sizes, type, colours, markers, and how they reach a file.
+
+Figures are made for print: 180 mm wide (two columns), type of at least 8 points, no mathtext. Pretension and drive
+frequency each have one sequential colour map, even in lightness, so that they survive grey printing and colour
+blindness; both are cut before they become too light for white paper.
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from sinew.measure.netcdf import write_atomically
+
+__all__ = [
+    "ACCENT",
+    "GREEN",
+    "GREY",
+    "INK",
+    "MARKERS",
+    "RED",
+    "WIDTH_IN",
+    "Floats",
+    "few",
+    "frequency_colours",
+    "frequency_map",
+    "in_style",
+    "new_figure",
+    "note_panel",
+    "pretension_bar",
+    "pretension_colours",
+    "save_figure",
+    "styled",
+]
+
+Floats = NDArray[np.float64]
+
+WIDTH_IN = 7.1
+INK, GREY, ACCENT, RED, GREEN = "#1a1a1a", "#8c8c8c", "#0b5fa5", "#c1272d", "#1b7f3b"
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+_STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8.5,
+    "axes.titlesize": 9.0,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8.5,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": "#4d4d4d",
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e3e3e3",
+    "grid.linewidth": 0.6,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.color": "#4d4d4d",
+    "ytick.color": "#4d4d4d",
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "legend.fontsize": 8.0,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 4.0,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "figure.dpi": 100.0,
+    "pdf.fonttype": 42,
+    "path.simplify_threshold": 0.3,
+}
+_DPI = 180
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def styled() -> AbstractContextManager[None]:
+    """Return a context in which matplotlib draws in our style."""
+    return mpl.rc_context(cast(Any, _STYLE))
+
+
+def in_style(function: Callable[P, R]) -> Callable[P, R]:
+    """Return the function, run in our style."""
+
+    @functools.wraps(function)
+    def wrapped(*args: P.args, **kwargs: P.kwargs) -> R:
+        with styled():
+            return function(*args, **kwargs)
+
+    return wrapped
+
+
+def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
+    """Return an empty figure, two columns wide, that arranges its axes by itself."""
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def _cut(name: str, low: float, high: float) -> ListedColormap:
+    return ListedColormap(mpl.colormaps[name](np.linspace(low, high, 256)), name=f"{name}-cut")
+
+
+@functools.cache
+def _pretension_map() -> ListedColormap:
+    return _cut("viridis", 0.0, 0.80)
+
+
+@functools.cache
+def frequency_map() -> ListedColormap:
+    """Return the colour map of drive frequency."""
+    return _cut("plasma", 0.0, 0.80)
+
+
+def pretension_colours(pretension_mm: ArrayLike) -> NDArray[np.float64]:
+    """Return one colour (p, rgba) for each pretension, dark to light as pretension rises."""
+    return np.asarray(_pretension_map()(_pretension_norm(pretension_mm)(np.asarray(pretension_mm, dtype=float))))
+
+
+def frequency_colours(frequency_hz: ArrayLike) -> NDArray[np.float64]:
+    """Return one colour (f, rgba) for each drive frequency, dark to light as frequency rises."""
+    values = np.asarray(frequency_hz, dtype=float)
+    return np.asarray(frequency_map()(Normalize(values.min(), max(values.max(), values.min() + 1e-9))(values)))
+
+
+def _pretension_norm(pretension_mm: ArrayLike) -> Normalize:
+    values = np.asarray(pretension_mm, dtype=float)
+    return Normalize(values.min(), max(values.max(), values.min() + 1e-9))
+
+
+def pretension_bar(figure: Figure, axes: Sequence[Axes], pretension_mm: ArrayLike) -> None:
+    """Add the key from colour to pretension, one step for each measured pretension, right of the axes."""
+    values = np.unique(np.asarray(pretension_mm, dtype=float))
+    if values.size < 2:
+        return
+    middles = (values[:-1] + values[1:]) / 2
+    edges = np.concatenate([[2 * values[0] - middles[0]], middles, [2 * values[-1] - middles[-1]]])
+    colours = ListedColormap(pretension_colours(values))
+    mappable = ScalarMappable(BoundaryNorm(edges, values.size), colours)
+    bar = figure.colorbar(mappable, ax=list(axes), label="pretension in mm", aspect=32, pad=0.015, fraction=0.035)
+    bar.set_ticks(list(values[few(values.size, 13)]))
+    bar.ax.minorticks_off()
+    bar.ax.tick_params(length=0)
+    bar.outline.set_visible(False)
+
+
+def few(count: int, at_most: int) -> NDArray[np.int64]:
+    """Return at most so many indices into `count` entries, first and last among them.
+
+    They are evenly spread where that leaves two thirds of `at_most` or more, else as evenly as rounding allows.
+    """
+    if count <= at_most:
+        return np.arange(count)
+    for size in range(at_most, max(2, 2 * at_most // 3 - 1), -1):
+        if (count - 1) % (size - 1) == 0:
+            return np.arange(0, count, (count - 1) // (size - 1))
+    return np.unique(np.linspace(0, count - 1, at_most).round().astype(np.int64))
+
+
+def note_panel(axes: Axes, letter: str, text: str) -> None:
+    """Give a panel its letter and its title."""
+    axes.set_title(f"({letter}) {text}" if letter else text)
+
+
+def save_figure(figure: Figure, folder: Path, stem: str, formats: Sequence[str]) -> list[Path]:
+    """Write a figure once for each format and return the paths. Raises FileError where the folder cannot be written."""
+    paths = [folder / f"{stem}.{name}" for name in formats]
+    with styled():
+        for path, name in zip(paths, formats, strict=True):
+            metadata = {"CreationDate": None} if name == "pdf" else None
+
+            def write(temporary: Path, name: str = name, metadata: dict[str, None] | None = metadata) -> None:
+                figure.savefig(temporary, format=name, dpi=_DPI, metadata=metadata)
+
+            write_atomically(path, write)
+            figure.set_layout_engine("none")  # arranged once; the second file keeps the places
+    return paths

@@ -1,0 +1,98 @@
+"""This is where the tree itself is checked: no hosts, no dead links, locks that match what the package asks for."""
+
+import re
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from tools import check_hosts, check_links, write_reference
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def in_a_clone() -> bool:
+    git = shutil.which("git")
+    return (
+        git is not None
+        and subprocess.run([git, "rev-parse"], cwd=ROOT, capture_output=True, check=False).returncode == 0
+    )
+
+
+clone_only = pytest.mark.skipif(not in_a_clone(), reason="not a git clone: what is committed cannot be listed")
+
+
+@clone_only
+def test_no_committed_text_names_a_package_index_or_a_path_of_one_machine(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check_hosts.main() == 0, capsys.readouterr().out
+
+
+@clone_only
+def test_every_link_inside_the_pages_leads_somewhere(capsys: pytest.CaptureFixture[str]) -> None:
+    assert check_links.main() == 0, capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("notes.md", "get it from py" + "pi.org"),
+        ("requirements.txt", "--index" + "-url somewhere"),
+        ("requirements.txt", "package @ https" + "://example.net/package.whl"),
+        (".ci/run", "curl https" + "://example.net"),
+        ("notes.md", "see /ro" + "ot/notes"),
+    ],
+)
+def test_a_line_that_must_not_be_committed_is_found(name: str, line: str) -> None:
+    assert check_hosts.find_hosts(f"fine\n{line}\n", name) != []
+
+
+def test_an_address_of_a_web_page_is_fine_in_prose() -> None:
+    assert check_hosts.find_hosts("see https://example.net/paper\n", "docs/page.md") == []
+
+
+def test_a_link_to_an_absent_page_and_to_an_absent_heading_are_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# Here it is\n[a](absent.md) [b](#nowhere) [c](#here-it-is) [d](https://example.net)\n`[e](no.md)`\n"
+    )
+    assert len(check_links.broken_links(page)) == 2
+
+
+@pytest.mark.parametrize("name", sorted(write_reference.reference_pages()))
+def test_the_committed_reference_page_is_what_the_schema_says(name: str) -> None:
+    written = (ROOT / name).read_text(encoding="utf-8")
+    assert written == write_reference.reference_pages()[name], "run `make reference`"
+
+
+def locked(name: str) -> dict[str, str]:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    return dict(re.findall(r"^([a-z0-9.-]+)==(\S+)", text, re.MULTILINE))
+
+
+def wanted(*extras: str) -> list[Requirement]:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    lines = project["dependencies"] + [line for extra in extras for line in project["optional-dependencies"][extra]]
+    return [Requirement(line) for line in lines]
+
+
+def test_the_lock_answers_every_dependency_of_the_package() -> None:
+    pins = locked("requirements.txt")
+    assert [str(r) for r in wanted() if not r.specifier.contains(pins.get(canonicalize_name(r.name), "0"))] == []
+
+
+def test_the_development_lock_answers_every_development_dependency() -> None:
+    pins = locked("requirements-dev.txt")
+    assert [str(r) for r in wanted("dev") if not r.specifier.contains(pins.get(canonicalize_name(r.name), "0"))] == []
+
+
+def test_the_development_lock_moves_no_version_of_the_runtime_lock() -> None:
+    assert locked("requirements.txt").items() <= locked("requirements-dev.txt").items()
+
+
+@pytest.mark.parametrize("name", ["requirements.txt", "requirements-dev.txt"])
+def test_every_locked_package_has_a_hash(name: str) -> None:
+    text = (ROOT / name).read_text(encoding="utf-8")
+    assert re.findall(r"^(\S+==\S+)(?!\S)(?! \\\n    --hash=sha256:[0-9a-f]{64})", text, re.MULTILINE) == []

@@ -1,0 +1,77 @@
+"""`sinew check`: what it previews, and how it refuses."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sinew.apps.cli import main
+from sinew.plan.toml import dump_plan, load_plan
+
+
+@pytest.fixture
+def refused_plan(tmp_path: Path) -> Path:
+    plan = load_plan("short").model_copy(deep=True)
+    text = dump_plan(plan).replace("pretension_mm = [0, 6, 12]", "pretension_mm = [0, 6, 25]")
+    path = tmp_path / "beyond.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def document(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    main(["check", *arguments, "--json"])
+    return dict(json.loads(capsys.readouterr().out))
+
+
+def test_the_document_has_the_keys_of_the_reference(capsys: pytest.CaptureFixture[str]) -> None:
+    found = document(capsys, "short")
+    assert set(found) == {
+        "plan",
+        "rig",
+        "ok",
+        "duration_s",
+        "groups",
+        "samples",
+        "full_amplitude_hz",
+        "drive",
+        "tension",
+        "findings",
+    }
+
+
+def test_each_frequency_and_each_pretension_has_its_row(capsys: pytest.CaptureFixture[str]) -> None:
+    found, plan = document(capsys, "short"), load_plan("short")
+    assert plan.sweep is not None
+    assert [row["frequency_hz"] for row in found["drive"]] == list(plan.sweep.frequency_hz)
+    assert [row["pretension_mm"] for row in found["tension"]] == [0, 6, 12]
+
+
+def test_tension_rises_with_pretension(capsys: pytest.CaptureFixture[str]) -> None:
+    tensions = [row["tension_n"] for row in document(capsys, "short")["tension"]]
+    assert tensions == sorted(set(tensions))
+
+
+def test_the_papers_plan_on_the_papers_rig_is_ok(capsys: pytest.CaptureFixture[str]) -> None:
+    assert document(capsys, "plans/paper.toml", "--rig", "rigs/paper.toml")["ok"] is True
+
+
+def test_a_refused_plan_ends_with_status_2_and_its_sentence(
+    refused_plan: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status = main(["check", str(refused_plan)])
+    out, err = capsys.readouterr()
+    assert status == 2
+    assert "plan asks for a pretension of 25 mm, the rig allows 0 to 16 mm" in err
+    assert "REFUSED: " in out
+
+
+def test_a_refused_plan_still_gives_its_document(refused_plan: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = document(capsys, str(refused_plan))
+    assert found["ok"] is False
+    assert found["findings"][0]["severity"] == "refuse"
+
+
+def test_the_drives_shortfall_is_told_to_a_person(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["check", "paper"])
+    assert "sweep asks for 20° at 6 Hz" in capsys.readouterr().out

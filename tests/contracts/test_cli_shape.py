@@ -1,0 +1,125 @@
+"""What every command of `sinew` keeps to: help with an example, exit status, one line on stderr, quiet pipes."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from sinew import __version__
+from sinew.apps.cli import app, main
+
+SINEW = Path(sys.executable).with_name("sinew")
+COMMANDS = ("analyse", "check", "export", "import", "report", "reproduce", "simulate")
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([SINEW, *arguments], capture_output=True, text=True, check=False)
+
+
+def test_the_commands_are_those_of_the_reference() -> None:
+    assert tuple(sorted(typer.main.get_command(app).commands)) == COMMANDS  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help_ends_with_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    status = main([*command.split(), "--help"])
+    last_paragraph = capsys.readouterr().out.rstrip().split("\n\n")[-1]
+    assert status == 0
+    assert last_paragraph.split()[:2] == ["Example:", "sinew"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_example_in_help_is_a_command_line_that_parses(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    main([command, "--help"])
+    example = capsys.readouterr().out.rstrip().split("Example: sinew ")[-1].split()
+    found = typer.main.get_command(app).commands[command]  # type: ignore[attr-defined]
+    assert example[0] == command
+    assert found.make_context(command, example[1:]).params
+
+
+def test_help_loads_neither_jax_nor_numpy_nor_rich() -> None:
+    code = (
+        "import sys; from sinew.apps.cli import main; main(['analyse', '--help']);"
+        "print([m for m in ('jax', 'numpy', 'xarray', 'pandas', 'matplotlib', 'rich') if m in sys.modules],"
+        " file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+def test_the_version_is_the_packages() -> None:
+    assert run("--version").stdout == f"sinew {__version__}\n"
+
+
+def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    assert "Commands:" in capsys.readouterr().out
+
+
+USAGE_FAULTS = {
+    "unknown command": (("chek",), "Did you mean 'check'?"),
+    "unknown option": (("check", "paper", "--rgi", "paper"), "--rgi"),
+    "missing argument": (("check",), "PLAN"),
+    "missing option": (("simulate", "paper"), "--out"),
+    "text for a number": (("simulate", "short", "--out", "x.nc", "--seed", "one"), "--seed"),
+    "unknown kind": (("analyse", "x.csv", "--kind", "decay", "--time", "t", "--response", "x"), "ring-down or sweep"),
+    "unknown format": (("export", "x.nc", "--to", "xls", "--out", "x.xls"), "csv or mat"),
+    "unknown effect": (("simulate", "short", "--out", "x.nc", "--without", "gravity"), "unknown effect 'gravity'"),
+    "table without kind": (("analyse", "x.csv", "--time", "t", "--response", "x"), "--kind ring-down or --kind sweep"),
+    "table without time": (("analyse", "x.csv", "--kind", "sweep", "--response", "x"), "--time COL is missing"),
+    "columns of a recording": (("analyse", "x.nc", "--time", "t"), "are for CSV"),
+    "folder without recording": (("report", "nowhere"), "found no recording.nc in nowhere"),
+    "unknown plan": (("reproduce", "--plan", "papre"), "did you mean paper?"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), USAGE_FAULTS.values(), ids=USAGE_FAULTS.keys())
+def test_a_wrong_command_line_is_one_line_and_status_2(
+    arguments: tuple[str, ...],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status = main(list(arguments))
+    out, err = capsys.readouterr()
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("sinew: ")
+    assert sentence in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_wrong_command_line_leaves_the_process_with_status_2_and_one_line() -> None:
+    done = run("check", "nope")
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+
+
+def test_json_is_the_only_thing_on_stdout() -> None:
+    done = run("check", "short", "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["plan"] == "short"
+
+
+def test_a_reader_that_leaves_early_causes_no_traceback() -> None:
+    done = subprocess.run(
+        ["bash", "-c", f"{SINEW} check paper | true; exit ${{PIPESTATUS[0]}}"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert "Traceback" not in done.stderr
+
+
+def test_a_fault_of_our_own_is_not_swallowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("sinew.plan.toml.load_plan", broken)
+    with pytest.raises(ZeroDivisionError):
+        main(["check", "paper"])

@@ -1,0 +1,131 @@
+"""This is where foreign sweeps are taken apart by their drive alone."""
+
+import numpy as np
+import pytest
+from tests.unit.analysis_sweep import Joint
+
+from sinew.analysis.groups import split_by_drive
+from sinew.analysis.resonance import estimate_resonance
+from sinew.analysis.response import estimate_response
+from sinew.measure.errors import RecordingError
+from sinew.measure.provenance import provenance
+from sinew.measure.recording import Segment, build_recording
+
+JOINT = Joint(damping=0.1)
+FREQUENCY_HZ = np.arange(2.0, 5.0, 0.15)
+
+
+def one_segment(time_s, drive, torsion):
+    samples = {"time_s": time_s, "drive_rad": drive, "torsion_rad": torsion}
+    return build_recording(samples, [Segment("steady", 0.0, np.nan, np.nan, 0)], [time_s.size], provenance("import"))
+
+
+def stepped(frequency_hz, *, periods=30, pause_s=0.0, noise=2e-3, jitter_s=0.5e-3, seed=0):
+    """A stepped sine of 17.2° at 100 Hz as somebody else would record it: one stretch, each step with its transient."""
+    random = np.random.default_rng(seed)
+    time, drive, torsion = [], [], []
+    clock, phase = 0.0, 0.0
+    for f in frequency_hz:
+        steps = np.arange(int(periods / f * 100)) / 100
+        angle = phase + 2 * np.pi * f * steps
+        free = 2 * np.pi * JOINT.natural_hz * (1j - JOINT.damping)
+        time.append(clock + steps)
+        drive.append(0.3 * np.sin(angle))
+        torsion.append(0.3 * (JOINT.transfer(f) * np.exp(1j * angle)).imag + 0.15 * np.exp(free * steps).real)
+        clock, phase = clock + steps.size / 100, phase + 2 * np.pi * f * steps.size / 100
+        if pause_s:
+            rest = np.arange(int(pause_s * 100)) / 100
+            time.append(clock + rest)
+            drive.append(0 * rest)
+            torsion.append(0 * rest)
+            clock, phase = clock + rest.size / 100, 0.0
+    columns = [np.concatenate(c) for c in (time, drive, torsion)]
+    size = columns[0].size
+    columns[0] = columns[0] + jitter_s * random.uniform(-1, 1, size)
+    return one_segment(
+        columns[0], columns[1] + noise * random.normal(size=size), columns[2] + noise * random.normal(size=size)
+    )
+
+
+def steady(recording, name):
+    return recording[name].values[recording["kind"].values == "steady"]
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"pause_s": 1.0}, {"noise": 0.015}, {"noise": 0.015, "pause_s": 0.7, "periods": 14}]
+)
+def test_every_step_of_a_stepped_sine_is_found_with_its_frequency(options) -> None:
+    found = split_by_drive(stepped(FREQUENCY_HZ, **options))
+    np.testing.assert_allclose(steady(found, "frequency_hz"), FREQUENCY_HZ, rtol=5e-4)
+
+
+def test_the_amplitude_is_that_of_the_measured_drive() -> None:
+    np.testing.assert_allclose(
+        steady(split_by_drive(stepped(FREQUENCY_HZ)), "amplitude_deg"), np.rad2deg(0.3), rtol=0.005
+    )
+
+
+def test_no_sample_is_lost() -> None:
+    recording = stepped(FREQUENCY_HZ, pause_s=1.0)
+    np.testing.assert_array_equal(split_by_drive(recording)["torsion_rad"], recording["torsion_rad"])
+
+
+def test_the_transient_is_left_to_the_settle() -> None:
+    response = estimate_response(split_by_drive(stepped(FREQUENCY_HZ))).columns
+    assert response["settled"].min() == 1.0
+
+
+def test_a_foreign_stepped_sine_gives_the_joints_gain() -> None:
+    response = estimate_response(split_by_drive(stepped(FREQUENCY_HZ)))
+    expected = np.abs(JOINT.transfer(response.frequency_hz))
+    np.testing.assert_allclose(response.columns["gain_measured_drive"][0, :, 0] / expected, 1.0, atol=0.003)
+
+
+def test_a_foreign_stepped_sine_gives_the_joints_resonance() -> None:
+    resonance = estimate_resonance(estimate_response(split_by_drive(stepped(FREQUENCY_HZ, periods=40))))
+    assert resonance["resonance_hz"].item() == pytest.approx(JOINT.resonance_hz, rel=1e-3)
+
+
+def test_a_recording_of_one_frequency_is_one_group() -> None:
+    assert split_by_drive(stepped([3.0]))["kind"].values.tolist()[:2] == ["settle", "steady"]
+
+
+def test_a_frequency_that_comes_again_is_the_next_repeat() -> None:
+    found = split_by_drive(stepped([2.5, 3.0, 3.5, 3.0, 2.5]))
+    assert steady(found, "repeat").tolist() == [0, 0, 0, 1, 1]
+
+
+def test_a_recording_that_knows_its_frequencies_comes_back_as_it_is() -> None:
+    once = split_by_drive(stepped([2.5, 3.0]))
+    assert split_by_drive(once) is once
+
+
+def test_a_sweep_without_drive_is_refused() -> None:
+    with pytest.raises(RecordingError, match="needs a drive signal"):
+        split_by_drive(stepped([3.0]).drop_vars("drive_rad"))
+
+
+@pytest.mark.parametrize("duration_s", [60.0, 300.0])
+def test_a_drive_that_sweeps_without_holding_is_refused(duration_s: float) -> None:
+    time = np.arange(0, duration_s, 0.01)
+    chirp = np.sin(2 * np.pi * (time + 2 / duration_s * time**2))
+    with pytest.raises(RecordingError, match="no group of constant drive frequency"):
+        split_by_drive(one_segment(time, chirp, chirp))
+
+
+def test_a_drive_of_noise_is_refused() -> None:
+    time = np.arange(0, 60, 0.01)
+    noise = np.random.default_rng(0).normal(size=time.size)
+    with pytest.raises(RecordingError, match="no group of constant drive frequency"):
+        split_by_drive(one_segment(time, noise, noise))
+
+
+def test_a_drive_that_stands_still_is_refused() -> None:
+    time = np.arange(0, 60, 0.01)
+    with pytest.raises(RecordingError, match="no group of constant drive frequency"):
+        split_by_drive(one_segment(time, 0 * time, np.sin(time)))
+
+
+def test_four_periods_are_too_few_for_a_group() -> None:
+    with pytest.raises(RecordingError, match="at least 6 equal periods"):
+        split_by_drive(stepped([3.0], periods=4))

@@ -1,0 +1,206 @@
+"""This is where resonance, crossing and width are checked against closed forms, and their intervals against chance."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
+
+from sinew.analysis.repeats import combine_repeats
+from sinew.analysis.resonance import Peak, estimate_resonance, find_crossing, find_peak
+from sinew.analysis.response import estimate_response
+
+FREQUENCY_HZ = np.unique(np.round(np.r_[np.linspace(1.53, 5.97, 15), np.linspace(2.61, 3.91, 14)], 6))
+TRIALS = 200
+
+
+def peak_of(response, frequency_hz=FREQUENCY_HZ) -> Peak:
+    std = np.full(frequency_hz.size, 1e-4)
+    return find_peak(frequency_hz, response, std, std)
+
+
+def covered(results, stem: str, suffix: str, truth: float) -> float:
+    low, high = results[f"{stem}_low{suffix}"].values, results[f"{stem}_high{suffix}"].values
+    return float(np.mean((low <= truth) & (truth <= high)))
+
+
+def trials(damping: float, repeats: int, delay_std_s: float = 0.0):
+    """One joint measured anew in each of 200 campaigns, laid side by side on the pretension axis."""
+    late = delay_std_s * np.random.default_rng(7).normal(size=TRIALS)
+    joints = [Joint(damping=damping)] * TRIALS
+    recording = sweep(joints, FREQUENCY_HZ[4:-3], repeats=repeats, sensing=Sensing(), late_s=late, seed=3)
+    return estimate_resonance(estimate_response(recording, rig_with(Sensing(), delay_std_s)))
+
+
+@pytest.fixture(scope="module")
+def three_repeats():
+    return trials(0.08, 3)
+
+
+@pytest.fixture(scope="module")
+def one_repeat():
+    return trials(0.12, 1)
+
+
+def test_the_resonance_of_three_repeats_lies_in_its_interval_85_to_95_times_in_100(three_repeats) -> None:
+    assert 0.85 <= covered(three_repeats, "resonance", "_hz", Joint(damping=0.08).resonance_hz) <= 0.95
+
+
+def test_the_90_degree_crossing_of_three_repeats_lies_in_its_interval_85_to_95_times_in_100(three_repeats) -> None:
+    assert 0.85 <= covered(three_repeats, "phase_90", "_hz", 3.2) <= 0.95
+
+
+def test_the_resonance_by_measured_drive_lies_in_its_interval_85_to_95_times_in_100(three_repeats) -> None:
+    assert 0.85 <= covered(three_repeats, "resonance_measured_drive", "_hz", Joint(damping=0.08).resonance_hz) <= 0.95
+
+
+def test_the_largest_gain_lies_in_its_interval_85_to_95_times_in_100(three_repeats) -> None:
+    largest = abs(Joint(damping=0.08).transfer(Joint(damping=0.08).resonance_hz))
+    assert 0.85 <= covered(three_repeats, "gain_peak", "", largest) <= 0.95
+
+
+def test_the_resonance_of_a_single_repeat_lies_in_its_interval_85_to_95_times_in_100(one_repeat) -> None:
+    assert 0.85 <= covered(one_repeat, "resonance", "_hz", Joint(damping=0.12).resonance_hz) <= 0.96
+
+
+def test_the_crossing_of_a_single_repeat_lies_in_its_interval_85_to_95_times_in_100(one_repeat) -> None:
+    assert 0.85 <= covered(one_repeat, "phase_90", "_hz", 3.2) <= 0.95
+
+
+def test_the_crossings_interval_holds_the_delays_uncertainty() -> None:
+    assert 0.85 <= covered(trials(0.12, 1, delay_std_s=0.5e-3), "phase_90", "_hz", 3.2) <= 0.95
+
+
+@pytest.mark.parametrize("damping", [0.03, 0.08, 0.15, 0.25])
+def test_the_peak_of_the_linear_joint_is_where_the_formula_puts_it(damping: float) -> None:
+    joint = Joint(damping=damping)
+    assert peak_of(joint.transfer(FREQUENCY_HZ)).frequency_hz[0] == pytest.approx(joint.resonance_hz, rel=1e-6)
+
+
+@pytest.mark.parametrize("damping", [0.03, 0.08, 0.15, 0.25])
+def test_the_lag_passes_90_degrees_at_the_undamped_frequency(damping: float) -> None:
+    assert peak_of(Joint(damping=damping).transfer(FREQUENCY_HZ)).crossing_hz[0] == pytest.approx(3.2, rel=1e-6)
+
+
+@pytest.mark.parametrize("damping", [0.03, 0.08, 0.15])
+def test_the_half_power_width_is_the_distance_of_the_half_power_points(damping: float) -> None:
+    joint = Joint(damping=damping)
+    level = abs(joint.transfer(joint.resonance_hz)) / np.sqrt(2)
+
+    def above(frequency_hz: float) -> float:
+        return abs(joint.transfer(frequency_hz)) - level
+
+    width = brentq(above, joint.resonance_hz, 6.0) - brentq(above, 1.0, joint.resonance_hz)
+    assert peak_of(joint.transfer(FREQUENCY_HZ)).width_hz[0] == pytest.approx(width, rel=1e-4)
+
+
+def test_hysteretic_damping_is_fitted_as_well_as_viscous() -> None:
+    ratio = FREQUENCY_HZ / 3.2
+    peak = peak_of(0.65 * ratio**2 / (1 + 0.16j - ratio**2))
+    # |H|² = r⁴/((1 - r²)² + η²) is largest at r² = 1 + η²
+    assert peak.frequency_hz[0] == pytest.approx(3.2 * np.sqrt(1 + 0.16**2), rel=1e-4)
+
+
+def test_a_drive_that_falls_short_moves_the_nominal_peak_down_as_it_should() -> None:
+    joint = Joint(damping=0.12)
+
+    def drive(frequency_hz):
+        return 1 / (1 + (frequency_hz / 4) ** 2)
+
+    fine = np.linspace(2.5, 4.0, 150001)
+    truth = fine[np.argmax(np.abs(joint.transfer(fine)) * drive(fine))]
+    peak = peak_of(joint.transfer(FREQUENCY_HZ) * drive(FREQUENCY_HZ))
+    assert peak.frequency_hz[0] == pytest.approx(truth, rel=5e-4)
+
+
+def hardening(frequency_hz, share=0.02):
+    """First harmonic balance of a joint whose stiffness grows by `share` at the linear resonance's amplitude."""
+    joint = Joint(damping=0.1)
+    largest = abs(joint.transfer(joint.resonance_hz))
+    response = []
+    for f in frequency_hz:
+        ratio, size = f / joint.natural_hz, abs(joint.transfer(f))
+        for _ in range(60):
+            stiff = 1 + share * (size / largest) ** 2
+            value = joint.share * ratio**2 / (stiff - ratio**2 + 2j * joint.damping * ratio)
+            size = 0.5 * size + 0.5 * abs(value)
+        response.append(value)
+    return np.array(response)
+
+
+def test_the_peak_of_a_mildly_hardening_joint_is_found_within_half_a_percent() -> None:
+    fine = np.linspace(3.0, 3.6, 601)
+    truth = fine[np.argmax(np.abs(hardening(fine)))]
+    assert peak_of(hardening(FREQUENCY_HZ)).frequency_hz[0] == pytest.approx(truth, rel=5e-3)
+
+
+def test_a_gain_that_only_rises_has_no_peak_and_says_so() -> None:
+    low = np.linspace(1.0, 2.8, 19)
+    peak = peak_of(Joint().transfer(low), low)
+    assert np.isnan(peak.frequency_hz[0])
+    assert "highest frequency" in peak.reason
+
+
+def test_a_gain_that_only_falls_has_no_peak_and_says_so() -> None:
+    high = np.linspace(3.5, 6.0, 19)
+    assert "lowest frequency" in peak_of(Joint().transfer(high), high).reason
+
+
+def test_five_frequencies_are_too_few() -> None:
+    assert "too few" in peak_of(Joint().transfer(FREQUENCY_HZ[:5]), FREQUENCY_HZ[:5]).reason
+
+
+def test_missing_points_are_left_out() -> None:
+    response = Joint().transfer(FREQUENCY_HZ)
+    response[[3, 9]] = np.nan
+    assert peak_of(response).frequency_hz[0] == pytest.approx(Joint().resonance_hz, rel=1e-6)
+
+
+def test_a_crossing_far_from_the_peak_is_found_beside_it() -> None:
+    # a second delay of 40 ms turns the lag by 46 degrees at 3.2 Hz, so that 90 degrees come early
+    response = Joint(damping=0.03).transfer(FREQUENCY_HZ) * np.exp(-2j * np.pi * FREQUENCY_HZ * 0.04)
+
+    def lag(frequency_hz: float) -> float:
+        turned = Joint(damping=0.03).transfer(frequency_hz) * np.exp(-2j * np.pi * frequency_hz * 0.04)
+        return -np.angle(turned) - np.pi / 2
+
+    std = np.full(FREQUENCY_HZ.size, 1e-4)
+    found = find_crossing(FREQUENCY_HZ, response, std, std).crossing_hz[0]
+    assert found == pytest.approx(brentq(lag, 2.5, 3.19), abs=0.02)
+
+
+def test_a_lag_that_never_reaches_90_degrees_has_no_crossing() -> None:
+    low = np.linspace(1.0, 2.8, 19)
+    std = np.full(19, 1e-4)
+    assert "does not pass 90°" in find_crossing(low, Joint().transfer(low), std, std).reason
+
+
+def test_absent_readings_of_a_recording_have_their_reason_in_the_notes() -> None:
+    response = estimate_response(sweep([Joint()], np.linspace(1.5, 2.7, 9)), rig_with(QUIET))
+    assert (
+        "0 mm, repeat 0: the gain is largest at the highest frequency" in estimate_resonance(response).resonance_notes
+    )
+
+
+def test_the_drive_amplitude_at_resonance_is_read_off_the_measured_drive() -> None:
+    response = estimate_response(
+        sweep([Joint()], FREQUENCY_HZ, drive_amplitude=lambda f: 0.3 - 0.03 * f), rig_with(QUIET)
+    )
+    found = estimate_resonance(response)
+    expected = 0.3 - 0.03 * found["resonance_hz"].item()
+    assert found["drive_amplitude_at_resonance_rad"].item() == pytest.approx(expected, rel=1e-9)
+
+
+def test_repeats_are_combined_by_students_t() -> None:
+    combined = combine_repeats(np.array([1.0, 2.0, 3.0]), np.full(3, 9.0))
+    # t(0.95, 2) = 2.91999
+    assert (combined.value, combined.std) == (pytest.approx(2.0), pytest.approx(1.0))
+    assert combined.high - combined.value == pytest.approx(2.91999 / np.sqrt(3), rel=1e-5)
+
+
+def test_a_single_repeat_keeps_its_fits_interval() -> None:
+    combined = combine_repeats(np.array([np.nan, 2.0]), np.array([9.0, 0.5]))
+    assert combined.high == pytest.approx(2.0 + 1.644854 * 0.5)
+
+
+def test_no_repeat_gives_nan() -> None:
+    assert np.isnan(combine_repeats(np.array([np.nan, np.nan]), np.ones(2)).low)

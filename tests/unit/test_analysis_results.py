@@ -1,0 +1,144 @@
+"""This is where a whole recording becomes results, and results a map and a table."""
+
+import json
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
+
+from sinew.analysis.analysis import analyse_recording, join_parts, response_table_json
+from sinew.analysis.ridge import gain_map
+from sinew.measure.errors import RecordingError
+from sinew.measure.netcdf import load_dataset, save_dataset
+from sinew.measure.provenance import content_hash
+from sinew.measure.results import RESULT_VARIABLES, validate_results
+
+FREQUENCY_HZ = np.linspace(1.53, 5.97, 24)
+JOINTS = [Joint(natural_hz=3.0), Joint(natural_hz=3.6, damping=0.09), Joint(natural_hz=4.1, damping=0.1)]
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return sweep(JOINTS, FREQUENCY_HZ, repeats=3, sensing=Sensing())
+
+
+@pytest.fixture(scope="module")
+def results(recording):
+    return analyse_recording(recording, rig_with(Sensing(), delay_std_s=0.3e-3))
+
+
+def test_results_keep_their_schema(results) -> None:
+    assert validate_results(results) is results
+
+
+def test_results_of_a_sweep_have_every_variable_of_response_and_resonance(results) -> None:
+    axes = {("pretension", "frequency", "repeat"), ("pretension",), ("frequency",)}
+    assert {name for name, row in RESULT_VARIABLES.items() if row.dims in axes} <= set(map(str, results.variables))
+
+
+def test_results_know_which_recording_they_come_from(recording, results) -> None:
+    assert results.attrs["recording_hash"] == content_hash(recording)
+
+
+def test_results_survive_a_file(results, tmp_path) -> None:
+    save_dataset(results, tmp_path / "results.nc")
+    assert content_hash(load_dataset(tmp_path / "results.nc").drop_attrs()) == content_hash(results.drop_attrs())
+
+
+def test_the_resonances_are_those_of_the_joints(results) -> None:
+    np.testing.assert_allclose(results["resonance_hz"], [joint.resonance_hz for joint in JOINTS], rtol=3e-4)
+
+
+def test_five_frequencies_give_a_response_without_resonance() -> None:
+    found = analyse_recording(sweep(JOINTS[:1], [2.0, 2.5, 3.0, 3.5, 4.0]), rig_with(QUIET))
+    assert "resonance_hz" not in found
+    assert "too few" in found.attrs["resonance_notes"]
+
+
+def test_a_recording_of_rest_alone_is_refused() -> None:
+    rest = sweep(JOINTS[:1], [2.0])
+    rest["kind"][0] = "idle"
+    with pytest.raises(RecordingError, match="only idle segments"):
+        analyse_recording(rest)
+
+
+def test_the_table_has_a_row_for_each_pretension_and_frequency(results) -> None:
+    assert len(response_table_json(results)) == 3 * FREQUENCY_HZ.size
+
+
+def test_the_table_is_json_without_nan(results) -> None:
+    assert json.loads(json.dumps(response_table_json(results), allow_nan=False))
+
+
+def test_a_row_of_the_table_holds_the_gain_and_its_interval(results) -> None:
+    row = response_table_json(results)[7]
+    low, high = row["gain_measured_drive"]["interval90"]
+    assert low < row["gain_measured_drive"]["value"] < high
+
+
+def test_a_row_of_the_table_holds_the_lag_in_degrees_with_the_delays_share(results) -> None:
+    row = response_table_json(results)[7]
+    assert row["phase_lag_deg"]["std"] >= 360 * row["frequency_hz"] * 0.3e-3
+
+
+def test_what_was_not_recorded_is_null_in_the_table(results) -> None:
+    assert response_table_json(results)[0]["drive_current_rms_a"] is None
+
+
+def test_the_map_holds_the_mean_over_repeats(results) -> None:
+    np.testing.assert_allclose(gain_map(results)["gain"], results["gain"].mean("repeat"))
+
+
+def test_the_maps_tube_is_one_standard_deviation_over_repeats(results) -> None:
+    np.testing.assert_allclose(gain_map(results)["gain_std"], results["gain"].std("repeat", ddof=1))
+
+
+def test_the_ridge_of_the_map_is_the_resonance(results) -> None:
+    np.testing.assert_array_equal(
+        gain_map(results, "gain_measured_drive")["ridge_hz"], results["resonance_measured_drive_hz"]
+    )
+
+
+def test_results_without_sweep_have_no_map(results) -> None:
+    with pytest.raises(RecordingError, match="no sweep"):
+        gain_map(results[["pretension_mm"]])
+
+
+def test_twelve_hundred_segments_take_less_than_three_seconds() -> None:
+    recording = sweep([Joint()] * 13, np.linspace(1.53, 5.97, 31), repeats=3, sensing=Sensing())
+    started = time.process_time()
+    analyse_recording(recording, rig_with(Sensing()))
+    assert time.process_time() - started < 3.0
+
+
+def test_analysis_imports_neither_jax_nor_the_twin() -> None:
+    code = (
+        "import sys, sinew.analysis.analysis; print({'jax', 'sinew.twin', 'matplotlib'} & set(sys.modules) or 'none')"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "none"
+
+
+def ring_down_part(pretension_mm, repeats: int) -> xr.Dataset:
+    values = np.add.outer(np.asarray(pretension_mm), np.arange(repeats) / 10)
+    return xr.Dataset(
+        {
+            "pretension_mm": ("pretension", np.asarray(pretension_mm), {"units": "mm"}),
+            "damping_ratio": (("pretension", "repeat"), values, {"units": "1"}),
+        }
+    )
+
+
+def test_a_ring_down_part_joins_a_sweep_at_its_own_pretensions(results) -> None:
+    joined = join_parts([results, ring_down_part([1.0, 5.0], 2)])
+    np.testing.assert_array_equal(joined["pretension_mm"], [0, 1, 2, 5])
+    np.testing.assert_array_equal(joined["damping_ratio"].values[:, 1], [np.nan, 1.1, np.nan, 5.1])
+
+
+def test_joining_a_ring_down_part_moves_no_gain(results) -> None:
+    joined = join_parts([results, ring_down_part([1.0, 5.0], 4)])
+    np.testing.assert_array_equal(joined["gain"].values[:3, :, :3], results["gain"].values)

@@ -1,0 +1,59 @@
+"""This is where the delay budget is checked against formulas and against filters that run in time."""
+
+import numpy as np
+import pytest
+from scipy import signal
+from tests.unit.analysis_sweep import SAMPLE_HZ, Joint, Sensing, gyro_chain, rig_with, sweep
+
+from sinew.analysis.sensor import DelayBudget, delay_budget, drive_chain, sample_rate, torsion_chain, torsion_delay
+
+FREQUENCY_HZ = np.array([1.5, 3.0, 4.3, 6.0, 12.0])
+
+
+def budget_of_the_paper() -> DelayBudget:
+    return DelayBudget(SAMPLE_HZ, 41.0, 0.4e-3, 3, 0.4e-3)
+
+
+def test_the_chain_is_the_product_of_its_parts() -> None:
+    expected = [gyro_chain(Sensing(), f) for f in FREQUENCY_HZ]
+    np.testing.assert_allclose(torsion_chain(budget_of_the_paper(), FREQUENCY_HZ), expected, rtol=1e-12)
+
+
+def test_the_low_pass_is_the_butterworth_filter_of_scipy() -> None:
+    _, expected = signal.freqs(*signal.butter(2, 2 * np.pi * 41.0, analog=True), worN=2 * np.pi * FREQUENCY_HZ)
+    np.testing.assert_allclose(torsion_chain(DelayBudget(200.0, 41.0), FREQUENCY_HZ), expected, rtol=1e-12)
+
+
+def test_the_average_is_what_a_running_mean_of_the_newest_samples_does() -> None:
+    time = np.arange(4000) / SAMPLE_HZ
+    wave = np.exp(2j * np.pi * 6.0 * time)
+    averaged = signal.lfilter(np.ones(3) / 3, [1.0], wave)
+    assert torsion_chain(DelayBudget(SAMPLE_HZ, average_samples=3), 6.0) == pytest.approx(averaged[-1] / wave[-1])
+
+
+def test_an_mpu9250_behind_the_opencr_library_lags_by_about_eleven_milliseconds() -> None:
+    assert torsion_delay(budget_of_the_paper(), 3.0) == pytest.approx(10.9e-3, abs=0.2e-3)
+
+
+def test_the_drive_is_a_pure_delay() -> None:
+    budget = DelayBudget(200.0, drive_delay_s=2e-3)
+    np.testing.assert_allclose(np.angle(drive_chain(budget, FREQUENCY_HZ)), -2 * np.pi * FREQUENCY_HZ * 2e-3)
+
+
+def test_a_perfect_sensor_changes_nothing() -> None:
+    np.testing.assert_array_equal(torsion_chain(DelayBudget(200.0), FREQUENCY_HZ), np.ones(5))
+
+
+def test_a_recording_without_rig_has_a_perfect_sensor() -> None:
+    recording = sweep([Joint()], [3.0])
+    assert delay_budget(recording, None) == DelayBudget(sample_rate(recording))
+
+
+def test_the_budget_reads_the_rig() -> None:
+    budget = delay_budget(sweep([Joint()], [3.0]), rig_with(Sensing(drive_delay_s=1.3e-3)))
+    assert (budget.low_pass_hz, budget.average_samples, budget.drive_delay_s) == pytest.approx((41.0, 3, 1.3e-3))
+
+
+def test_the_sample_rate_survives_jitter() -> None:
+    recording = sweep([Joint()], [2.0, 3.0, 4.0], sensing=Sensing(jitter_s=0.5e-3))
+    assert sample_rate(recording) == pytest.approx(SAMPLE_HZ, rel=0.01)

@@ -1,0 +1,210 @@
+"""The summary and the table of the paper say what the results say, and admit what they do not."""
+
+import json
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import xarray as xr
+from tests.unit.figures_sample import FULL, foreign_ring_down, sample_results
+
+from sinew.figures.paper import Row, paper_table
+from sinew.figures.summary import summarise
+from sinew.plan.toml import dump_rig, load_rig
+
+
+def campaign() -> xr.Dataset:
+    return sample_results(*FULL)
+
+
+def above_threshold(*gain: float) -> xr.Dataset:
+    results = sample_results(tuple(13.0 + i for i in range(len(gain))), FULL[1], repeats=1)
+    results["gain_peak"].values[:] = gain
+    return results
+
+
+def row(rows: list[Row], text: str) -> Row:
+    return next(row for row in rows if text in row["quantity"])
+
+
+def test_the_summary_has_the_keys_that_scripts_rely_on() -> None:
+    summary = summarise(campaign(), wall_s=1.0, simulated_s=2.0)
+    assert list(summary) == [
+        "pretension_mm",
+        "resonance_hz",
+        "resonance_hz_std",
+        "gain",
+        "gain_std",
+        "gain_measured_drive",
+        "phase_90_hz",
+        "drive_amplitude_deg_at_resonance",
+        "ring_down",
+        "paper",
+        "wall_s",
+        "simulated_s",
+    ]
+    assert list(summary["ring_down"]) == [
+        "pretension_mm",
+        "decay_rate_per_s",
+        "omega_rad_s",
+        "lehr_damping",
+        "lehr_damping_std",
+    ]
+    assert all(list(r) == ["quantity", "paper", "measured", "tolerance", "ok", "where"] for r in summary["paper"])
+
+
+def test_what_was_not_measured_is_null_in_the_json() -> None:
+    results = campaign()
+    results["resonance_hz"].values[3] = np.nan
+    summary = json.loads(json.dumps(summarise(results, wall_s=1.0, simulated_s=2.0), allow_nan=False))
+    assert summary["resonance_hz"][3] is None
+    assert row(summary["paper"], "resonance does not rise")["measured"] is None
+
+
+def test_the_drive_amplitude_is_in_degrees() -> None:
+    results = campaign()
+    results["drive_amplitude_at_resonance_rad"].values[:] = math.pi / 18
+    assert summarise(results, wall_s=1, simulated_s=1)["drive_amplitude_deg_at_resonance"] == pytest.approx([10.0] * 13)
+
+
+def test_ring_down_columns_leave_out_pretensions_without_ring_downs() -> None:
+    results = campaign()
+    for name in results.data_vars:
+        if results[name].dims == ("pretension", "repeat"):
+            results[name].values[5] = np.nan
+    found = summarise(results, wall_s=1, simulated_s=1)["ring_down"]
+    assert found["pretension_mm"] == [float(p) for p in range(13) if p != 5]
+    assert {len(column) for column in found.values()} == {12}
+
+
+def test_ring_down_numbers_are_means_and_sample_deviations_of_the_papers_method() -> None:
+    results = campaign()
+    results["paper_lehr_damping"].values[0] = [0.07, 0.08, 0.09]
+    found = summarise(results, wall_s=1, simulated_s=1)["ring_down"]
+    assert found["lehr_damping"][0] == pytest.approx(0.08)
+    assert found["lehr_damping_std"][0] == pytest.approx(0.01)
+
+
+def test_one_repeat_has_no_standard_deviation() -> None:
+    results = campaign().isel(repeat=[0])
+    assert summarise(results, wall_s=1, simulated_s=1)["ring_down"]["lehr_damping_std"] == [None] * 13
+
+
+def test_a_campaign_like_the_papers_agrees_in_every_row() -> None:
+    rows = paper_table(campaign(), above_threshold(1.2, 0.9), load_rig("paper"))
+    assert [r["quantity"] for r in rows if not r["ok"]] == []
+    assert len(rows) == 14
+
+
+def test_the_rig_of_the_results_is_used_where_none_is_given() -> None:
+    results = campaign().assign_attrs(rig=dump_rig(load_rig("paper")))
+    assert row(summarise(results, wall_s=1, simulated_s=1)["paper"], "stiffness k")["ok"]
+
+
+def _set(name: str, index: object, value: float) -> Callable[[xr.Dataset], None]:
+    def change(results: xr.Dataset) -> None:
+        results[name].values[index] = value
+
+    return change
+
+
+def _turn(name: str) -> Callable[[xr.Dataset], None]:
+    def change(results: xr.Dataset) -> None:
+        results[name].values[:] = results[name].values[::-1].copy()
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "quantity"),
+    [
+        (_set("resonance_hz", 0, 3.101), "resonance frequency at 0 mm"),
+        (_set("resonance_hz", 12, 4.199), "resonance frequency at 12 mm"),
+        (_set("gain_peak", 0, 2.951), "gain at resonance at 0 mm"),
+        (_set("gain_peak", 12, 1.501), "gain at resonance at 12 mm"),
+        (_set("resonance_hz", 6, 3.0), "resonance does not rise"),
+        (_set("gain_peak", 6, 1.0), "gain does not fall"),
+        (_set("phase_90_hz", 4, 9.0), "90° crossing"),
+        (_turn("paper_decay_rate_per_s"), "of λ over"),
+        (_turn("paper_omega_rad_s"), "of ⟨ω⟩ over"),
+        (_set("paper_lehr_damping", 7, 0.10), "spread of Lehr's damping"),
+        (_set("drive_amplitude_at_resonance_rad", 8, 0.3), "drive amplitude there"),
+        (_set("resonance_hz", 5, math.nan), "resonance does not rise"),
+        (_set("phase_90_hz", 5, math.nan), "90° crossing"),
+        (_set("resonance_hz", 5, math.nan), "drive amplitude there"),
+        (_set("gain_peak", 12, math.nan), "gain at resonance at 12 mm"),
+    ],
+)
+def test_a_campaign_that_breaks_one_statement_fails_in_its_row(
+    change: Callable[[xr.Dataset], None], quantity: str
+) -> None:
+    results = campaign()
+    change(results)
+    assert not row(paper_table(results), quantity)["ok"]
+
+
+@pytest.mark.parametrize(("measured", "ok"), [(3.1, True), (2.9, True), (3.1001, False), (2.8999, False)])
+def test_the_tolerance_includes_its_ends(measured: float, ok: bool) -> None:
+    results = campaign()
+    results["resonance_hz"].values[0] = measured
+    assert row(paper_table(results), "resonance frequency at 0 mm")["ok"] is ok
+
+
+def test_the_number_of_steps_against_the_trend_is_counted() -> None:
+    results = campaign()
+    results["gain_peak"].values[[3, 8]] += 1.0
+    assert row(paper_table(results), "gain does not fall")["measured"] == 2
+
+
+def test_the_order_of_the_pretensions_in_the_results_does_not_matter() -> None:
+    results = campaign().isel(pretension=slice(None, None, -1))
+    assert all(r["ok"] for r in paper_table(results))
+
+
+def test_one_falling_pair_of_78_lowers_the_rank_correlation_by_two_78ths() -> None:
+    results = campaign()
+    rate = results["paper_decay_rate_per_s"].values
+    rate[[4, 5]] = rate[[5, 4]]
+    found = row(paper_table(results), "of λ over")
+    assert found["measured"] == pytest.approx(1 - 2 / 78)
+    assert found["ok"]
+
+
+def test_a_level_decay_rate_does_not_count_as_rising() -> None:
+    results = campaign()
+    results["paper_decay_rate_per_s"].values[:] = 1.7
+    found = row(paper_table(results), "of λ over")
+    assert (found["measured"], found["ok"]) == (0.0, False)
+
+
+@pytest.mark.parametrize(("gains", "furthest", "ok"), [((1.2, 0.9), 1.2, True), ((1.1, 0.69), 0.69, False)])
+def test_the_gain_above_the_threshold_is_the_one_furthest_from_one(
+    gains: tuple[float, ...], furthest: float, ok: bool
+) -> None:
+    found = row(paper_table(campaign(), above_threshold(*gains)), "above the threshold")
+    assert (found["measured"], found["ok"]) == (furthest, ok)
+
+
+def test_the_bare_silicone_is_stiff_and_slow_as_equation_5_says() -> None:
+    rows = paper_table(campaign(), rig=load_rig("paper"))
+    assert row(rows, "stiffness k")["measured"] == pytest.approx(0.29 / 0.095)
+    slow = row(rows, "frequency of the bare silicone")["measured"]
+    assert slow == pytest.approx(math.sqrt(0.29 / 0.095 / 12.74e-3) / (2 * math.pi), rel=1e-3)
+
+
+def test_another_silicone_fails_equation_5() -> None:
+    rows = paper_table(campaign(), rig=load_rig("paper").with_values({"silicone.torsional_rigidity": 0.3}))
+    assert not row(rows, "stiffness k")["ok"]
+
+
+def test_pretensions_that_were_not_visited_have_no_rows() -> None:
+    rows = paper_table(campaign().isel(pretension=slice(0, 9)))
+    assert not [r for r in rows if "12 mm" in r["quantity"]]
+    assert row(rows, "resonance frequency at 0 mm")["ok"]
+
+
+def test_a_foreign_ring_down_has_no_rows_and_no_sweep() -> None:
+    summary = summarise(foreign_ring_down()[1], wall_s=1, simulated_s=0)
+    assert summary["paper"] == summary["resonance_hz"] == []
+    assert summary["ring_down"]["decay_rate_per_s"] == [0.7]

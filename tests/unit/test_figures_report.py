@@ -1,0 +1,217 @@
+"""The report is one page that holds everything, trusts no text, and leaves out what is not there."""
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from tests.unit.figures_sample import SMALL, foreign_ring_down, sample_recording, sample_results
+
+from sinew.figures.captions import CAPTIONS
+from sinew.figures.figures import draw_figures
+from sinew.figures.report import write_report
+from sinew.figures.summary import summarise
+from sinew.figures.tables import measured_tables, number, reaches
+from sinew.measure.errors import FileError
+from sinew.plan.toml import load_rig
+
+DETERMINATION = {
+    "silicone.diameter": {
+        "value": 0.056,
+        "unit": "m",
+        "alone": [0.055, 0.057],
+        "together": [0.054, 0.058],
+        "bounds": [0.04, 0.08],
+        "sentence": "The gain at 12 mm fixes it.",
+    },
+    "drive.armature": {
+        "value": 0.01,
+        "unit": "kg*m^2",
+        "alone": [0.008, 0.012],
+        "together": [0.003, 0.03],
+        "bounds": [0.003, 0.03],
+        "sentence": "Nothing fixes it.",
+    },
+}
+EFFECTS = [
+    {
+        "effect": "<b>no friction</b>",
+        "resonance_hz_0": 3.0,
+        "resonance_hz_12": None,
+        "gain_0": 4.1,
+        "gain_12": 2.9,
+        "damping_0": 0.05,
+        "damping_12": 0.031,
+    }
+]
+
+
+class Outline(HTMLParser):
+    """Every tag that opens must close, and nothing may point outside the page."""
+
+    VOID = ("meta", "img", "br")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.links: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.tags: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.add(tag)
+        self.links += [value or "" for name, value in attrs if name in ("href", "src", "xlink:href")]
+        if tag == "img":
+            self.images.append(dict(attrs))
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def outline(page: str) -> Outline:
+    parser = Outline()
+    parser.feed(page)
+    parser.close()
+    return parser
+
+
+@pytest.fixture(scope="module")
+def figures(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return draw_figures(sample_recording(*SMALL), sample_results(*SMALL), tmp_path_factory.mktemp("figures"), ("png",))
+
+
+@pytest.fixture(scope="module")
+def page(figures: list[Path], tmp_path_factory: pytest.TempPathFactory) -> str:
+    results = sample_results(*SMALL).assign_attrs(content_hash="c0ffee", recording_hash="beef")
+    rig = load_rig("paper").model_copy(update={"name": "<script>alert(1)</script>"})
+    path = write_report(
+        tmp_path_factory.mktemp("report"),
+        results=results,
+        figures=figures,
+        summary=summarise(results, wall_s=12.0, simulated_s=5000.0, rig=rig),
+        rig=rig,
+        determination=DETERMINATION,
+        effects=EFFECTS,
+        rebuild="make reproduce",
+    )
+    return path.read_text(encoding="utf-8")
+
+
+def test_every_tag_that_opens_is_closed(page: str) -> None:
+    assert outline(page).open == []
+
+
+def test_the_page_asks_for_nothing_from_outside(page: str) -> None:
+    found = outline(page)
+    assert all(link.startswith(("data:image/png;base64,", "#")) for link in found.links)
+    assert not found.tags & {"script", "link", "iframe", "object", "embed"}
+    assert not re.search(r"https?:|url\(|@import", re.sub(r"base64,[A-Za-z0-9+/=]+", "", page))
+
+
+def test_every_figure_is_in_the_page_with_words_for_those_who_cannot_see_it(page: str) -> None:
+    assert [image["alt"] for image in outline(page).images] == [caption.alt for caption in CAPTIONS.values()]
+
+
+def test_links_inside_the_page_lead_somewhere(page: str) -> None:
+    targets = set(re.findall(r'id="([^"]+)"', page))
+    assert {link[1:] for link in outline(page).links if link.startswith("#")} <= targets
+
+
+def test_a_malicious_rig_name_is_text(page: str) -> None:
+    assert "<script" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
+
+
+def test_a_malicious_effect_is_text(page: str) -> None:
+    assert "&lt;b&gt;no friction&lt;/b&gt;" in page
+
+
+def test_the_page_follows_the_readers_light_or_dark_scheme(page: str) -> None:
+    assert "prefers-color-scheme: dark" in page
+
+
+def test_the_first_sentence_counts_what_lies_outside(tmp_path: Path) -> None:
+    results = sample_results(*SMALL)
+    results["gain_peak"].values[0] = 9.0
+    summary = summarise(results, wall_s=1, simulated_s=1)
+    page = write_report(tmp_path, results=results, summary=summary).read_text(encoding="utf-8")
+    assert f"1 of {len(summary['paper'])} quantities" in page
+
+
+def test_every_parameter_of_the_rig_is_listed_with_its_origin(page: str) -> None:
+    for name, parameter in load_rig("paper").parameters():
+        assert re.search(
+            rf"<code>{re.escape(name)}</code>(?:(?!</tr>).)*<td>{parameter.origin}</td>", page, re.DOTALL
+        ), name
+
+
+def test_parameters_are_split_into_determined_and_not(page: str) -> None:
+    determined, rest = page.split("<h3>Not determined</h3>")
+    assert "The gain at 12 mm fixes it." in determined
+    assert "Nothing fixes it." in rest
+
+
+def test_how_to_rebuild_names_command_seed_and_hashes(page: str) -> None:
+    tail = page.split('<section id="rebuild">')[1]
+    for text in ("make reproduce", "sinew 0.1.0", '<td class="hash">7</td>', "c0ffee", "beef"):
+        assert text in tail
+
+
+def test_a_missing_number_is_a_dash(page: str) -> None:
+    effects = page.split('<section id="effects">')[1].split("</section>")[0]
+    assert re.findall(r'<td class="n">([^<]*)</td>', effects) == ["3.00", "–", "4.10", "2.90", "0.050", "0.031"]
+
+
+def test_a_foreign_recording_gets_a_report_without_the_papers_sections(tmp_path: Path) -> None:
+    recording, results = foreign_ring_down()
+    path = write_report(tmp_path, results=results, figures=draw_figures(recording, results, tmp_path / "figures"))
+    found = set(re.findall(r'<section id="([^"]+)"', path.read_text(encoding="utf-8")))
+    assert found == {"measured", "figures", "rebuild"}
+
+
+def test_the_report_leaves_no_other_file_behind(tmp_path: Path) -> None:
+    write_report(tmp_path / "out", results=foreign_ring_down()[1])
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["report.html"]
+
+
+def test_a_report_into_a_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("")
+    with pytest.raises(FileError, match=r"report\.html"):
+        write_report(tmp_path / "out", results=foreign_ring_down()[1])
+
+
+def test_the_share_of_the_bounds_is_that_of_the_range_with_all_others_following() -> None:
+    first, last = reaches(DETERMINATION)
+    assert (first.name, first.share, first.is_determined) == ("silicone.diameter", pytest.approx(0.1), True)
+    assert (last.share, last.is_determined) == (1.0, False)
+
+
+def test_bars_lie_on_a_scale_of_the_bounds() -> None:
+    bars = reaches(DETERMINATION)[0].bars
+    assert bars == pytest.approx(
+        {"alone_low": 37.5, "alone_high": 42.5, "together_low": 35.0, "together_high": 45.0, "value": 40.0}
+    )
+
+
+@pytest.mark.parametrize(
+    ("value", "spread", "text"),
+    [
+        (3.0151, 0.0052, "3.015 ± 0.005"),
+        (2.8082, 0.0153, "2.808 ± 0.015"),
+        (0.0406803, 0.0000071, "0.04068 ± 0.00001"),
+        (22.88, 0.21, "22.9 ± 0.2"),
+        (-1.26, 0.3, "−1.3 ± 0.3"),
+        (1.23456, 0.0, "1.235"),
+    ],
+)
+def test_measured_values_are_cut_at_their_spread(value: float, spread: float, text: str) -> None:
+    results = sample_results(*SMALL)
+    results["resonance_hz"].values[0], results["resonance_std_hz"].values[0] = value, spread
+    assert measured_tables(results)[0].rows[0][1] == text
+
+
+@pytest.mark.parametrize(("value", "text"), [(None, "–"), (float("nan"), "–"), (-2.5, "−2.5"), (1e-7, "1e-07")])
+def test_numbers_read_as_print_has_them(value: float | None, text: str) -> None:
+    assert number(value) == text

@@ -1,0 +1,143 @@
+"""What a check says of a plan before anything moves."""
+
+import math
+import re
+from typing import Any
+
+import pytest
+
+from sinew.measure.errors import SpecError
+from sinew.plan.check import Preview, check_plan, refuse_beyond_limits
+from sinew.plan.plan import Plan
+from sinew.plan.toml import load_plan, load_rig
+
+RIG = load_rig("paper").with_values({"drive.supply_voltage": 14.7, "silicone.loss_factor": 0.1})
+
+
+def plan_with(**changes: Any) -> Plan:
+    data = load_plan("short").model_dump()
+    for dotted, value in changes.items():
+        section, _, key = dotted.rpartition("__")
+        (data[section] if section else data)[key] = value
+    return Plan.model_validate(data)
+
+
+def sentences(preview: Preview, severity: str) -> str:
+    return "\n".join(f.sentence for f in preview.findings if f.severity == severity)
+
+
+def test_the_papers_plan_breaks_no_limit_of_the_papers_rig() -> None:
+    assert check_plan(load_plan("paper"), RIG).refusals == ()
+
+
+def test_the_duration_is_the_sum_of_rests_settles_periods_and_decays() -> None:
+    plan = Plan.model_validate(
+        {
+            "name": "x",
+            "pretension": {"pretension_mm": (0.0, 5.0), "rest_s": 2.0},
+            "sweep": {"frequency_hz": (2.0, 4.0), "settle_s": 3.0, "periods": 4, "repeats": 3},
+            "ring_down": {"frequency_hz": (2.0, 2.0), "drive_s": 3.0, "record_s": 5.0, "repeats": 2},
+        }
+    )
+    assert check_plan(plan, RIG).duration_s == pytest.approx(2 * (2 + 3 * (3 + 2 + 3 + 1) + 2 * (3 + 5)))
+
+
+def test_samples_are_the_duration_at_the_sample_rate() -> None:
+    preview = check_plan(plan_with(sweep__frequency_hz=(2.0, 4.0), ring_down__frequency_hz=(4.0, 4.0)), RIG)
+    assert preview.samples == pytest.approx(preview.duration_s * 200)
+
+
+REFUSALS = {
+    "pretension": ({"pretension__pretension_mm": (0.0, 18.0)}, "a pretension of 18 mm, the rig allows 0 to 16 mm"),
+    "amplitude": ({"sweep__amplitude_deg": 50.0}, "sweep asks for 50°, the rig allows 45°"),
+    "ring-down amplitude": ({"ring_down__amplitude_deg": 50.0}, "ring_down asks for 50°, the rig allows 45°"),
+    "frequency": ({"sweep__frequency_hz": (2.0, 12.0), "sample_hz": 500.0}, "asks for 12 Hz, the rig allows 10 Hz"),
+    "sample rate": ({"sample_hz": 100.0}, "a tenth of the Nyquist frequency is 5 Hz; raise sample_hz to 120"),
+}
+
+
+@pytest.mark.parametrize(("changes", "sentence"), REFUSALS.values(), ids=REFUSALS.keys())
+def test_a_plan_beyond_a_limit_is_refused_in_a_sentence(changes: dict[str, Any], sentence: str) -> None:
+    assert sentence in sentences(check_plan(plan_with(**changes), RIG), "refuse")
+
+
+def test_a_supply_outside_the_motors_range_is_refused() -> None:
+    data = RIG.model_dump()
+    data["limits"]["voltage_v"] = (10.0, 14.0)
+    preview = check_plan(load_plan("short"), type(RIG).model_validate(data))
+    assert "drive.supply_voltage is 14.7 V, the rig allows 10 to 14 V" in sentences(preview, "refuse")
+
+
+def test_a_drive_current_beyond_the_limit_is_refused() -> None:
+    data = RIG.model_dump()
+    data["limits"]["drive_current_a"] = 0.5
+    preview = check_plan(load_plan("short"), type(RIG).model_validate(data))
+    assert "the rig allows 0.5 A" in sentences(preview, "refuse")
+
+
+def test_a_tension_beyond_the_limit_is_refused_where_the_caller_knows_it() -> None:
+    preview = check_plan(load_plan("short"), RIG, tension_n=(10.0, 100.0, 230.0))
+    assert "each tendon pulls 230 N at 12 mm, the rig allows 200 N" in sentences(preview, "refuse")
+
+
+def test_a_tendon_current_is_tension_times_pulley_over_torque_constant() -> None:
+    tension = 1.5 * RIG.tendons.torque_constant.value / RIG.tendons.pulley_radius.value
+    preview = check_plan(load_plan("short"), RIG, tension_n=(10.0, 20.0, tension))
+    assert "each tendon motor draws 1.50 A at 12 mm, the rig allows 1.3 A" in sentences(preview, "refuse")
+
+
+def test_slack_tendons_are_warned_of() -> None:
+    preview = check_plan(load_plan("short"), RIG, tension_n=(0.0, 20.0, 40.0))
+    assert "tendons are slack at 0 mm" in sentences(preview, "warn")
+
+
+def test_a_list_of_tensions_must_match_the_pretensions() -> None:
+    with pytest.raises(ValueError, match="2 tensions for 3 pretensions"):
+        check_plan(load_plan("short"), RIG, tension_n=(1.0, 2.0))
+
+
+def test_a_drive_that_falls_short_is_a_warning_with_both_numbers() -> None:
+    preview = check_plan(load_plan("paper"), RIG)
+    assert (
+        f"sweep asks for 20° at 6 Hz, against a held head the drive reaches {preview.drive_amplitude_deg[-1]:.1f}°"
+        in (sentences(preview, "warn"))
+    )
+
+
+def test_the_nominal_amplitude_is_reached_up_to_the_frequency_that_is_told() -> None:
+    preview = check_plan(load_plan("paper"), RIG)
+    reached = [f for f, a in zip(preview.frequency_hz, preview.drive_amplitude_deg, strict=True) if a >= 19]
+    assert preview.full_amplitude_hz == max(reached)
+
+
+def test_a_settle_time_that_is_short_against_the_damping_is_warned_of() -> None:
+    decay = 0.1 / 2 * math.sqrt(0.29 / 0.095 / 12.74e-3)
+    expected = f"may leave {math.exp(-decay):.0%} of the start transient"
+    assert expected in sentences(check_plan(plan_with(sweep__settle_s=1.0), RIG), "warn")
+
+
+def test_the_guides_friction_shortens_the_settling_that_is_needed() -> None:
+    plan = plan_with(sweep__settle_s=1.0)
+    bare = sentences(check_plan(plan, RIG), "warn")
+    guided = sentences(check_plan(plan, RIG, tension_n=(15.0, 50.0, 90.0)), "warn")
+    left = [int(re.search(r"may leave (\d+)%", text)[1]) for text in (bare, guided)]  # type: ignore[index]
+    assert left[1] < left[0]
+
+
+def test_a_decay_of_few_periods_is_warned_of() -> None:
+    preview = check_plan(plan_with(ring_down__record_s=1.0), RIG)
+    assert "ring_down.record_s = 1 s holds 3.0 periods at 3 Hz" in sentences(preview, "warn")
+
+
+def test_a_single_repeat_is_warned_of() -> None:
+    assert "gives no standard deviation" in sentences(check_plan(load_plan("short"), RIG), "warn")
+
+
+def test_a_refused_plan_raises_its_first_refusal_and_counts_the_others() -> None:
+    preview = check_plan(plan_with(sweep__amplitude_deg=50.0, ring_down__amplitude_deg=50.0), RIG)
+    with pytest.raises(SpecError, match=r"^sweep asks for 50°.*\(and 1 more refusal; see sinew check\)$"):
+        refuse_beyond_limits(preview)
+
+
+def test_a_plan_within_the_limits_passes() -> None:
+    refuse_beyond_limits(check_plan(load_plan("short"), RIG))

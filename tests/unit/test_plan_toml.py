@@ -1,0 +1,201 @@
+"""Rigs and plans as TOML: names, paths, and one helpful line for each fault."""
+
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from sinew.measure.errors import SpecError
+from sinew.plan.library import list_shipped
+from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig, parse_plan, parse_rig
+
+ROOT = Path(__file__).parents[2]
+# With fixed values, so that a recalibration of the shipped rig does not move the lines that these tests break.
+RIG_TEXT = dump_rig(
+    load_rig("paper").with_values(
+        {"tendons.base_radius": 0.0278, "drive.supply_voltage": 14.7, "silicone.length": 0.095}
+    )
+)
+PLAN_TEXT = (ROOT / "plans" / "paper.toml").read_text(encoding="utf-8")
+
+
+def test_shipped_rigs_and_plans_are_listed_by_name() -> None:
+    assert (list_shipped("rigs"), list_shipped("plans")) == (["paper"], ["beyond", "paper", "short"])
+
+
+@pytest.mark.parametrize("name", ["paper", "paper.toml", "rigs/paper.toml", ROOT / "rigs" / "paper.toml"])
+def test_a_shipped_rig_is_found_by_name_and_by_path(
+    name: str | Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert load_rig(name) == parse_rig((ROOT / "rigs" / "paper.toml").read_text(encoding="utf-8"))
+
+
+def test_a_file_comes_before_a_shipped_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("paper.toml").write_text(PLAN_TEXT.replace('name = "paper"', 'name = "mine"'), encoding="utf-8")
+    assert load_plan("paper.toml").name == "mine"
+
+
+@pytest.mark.parametrize("name", list_shipped("rigs"))
+def test_a_shipped_rig_is_in_the_form_that_dump_gives(name: str) -> None:
+    text = (ROOT / "rigs" / f"{name}.toml").read_text(encoding="utf-8")
+    assert dump_rig(parse_rig(text)) == text
+
+
+@pytest.mark.parametrize("name", list_shipped("plans"))
+def test_a_shipped_plan_is_in_the_form_that_dump_gives(name: str) -> None:
+    text = (ROOT / "plans" / f"{name}.toml").read_text(encoding="utf-8")
+    assert dump_plan(parse_plan(text)) == text
+
+
+def test_a_unit_of_the_file_becomes_si_without_a_rounding_error() -> None:
+    text = RIG_TEXT.replace("value = 27.8,", "value = 27.4,")
+    assert parse_rig(text).tendons.base_radius.value == 0.0274
+
+
+def test_a_value_keeps_its_unit_bounds_origin_and_note() -> None:
+    speed = load_rig("paper").drive.no_load_speed
+    assert (speed.unit, speed.origin, speed.note) == ("rad/s", "data sheet", "XM430-W350 at 12 V")
+    assert speed.value == pytest.approx(46 * 2 * math.pi / 60, rel=1e-12)
+
+
+RIG_FAULTS = {
+    "misspelt key": (
+        "pulley_radius  ",
+        "pully_radius  ",
+        "unknown rig key tendons.pully_radius; did you mean pulley_radius?",
+    ),
+    "key in the wrong section": (
+        r"\[bus\]",
+        "[bus]\nlow_pass = 3",
+        "unknown rig key bus.low_pass; did you mean imu.low_pass?",
+    ),
+    "key from nowhere": (r"\[bus\]", "[bus]\nzzz = 3", "expected one of stamp_jitter, drive_delay"),
+    "unknown section": (r"\[bus\]", "[buss]", "unknown rig key buss; did you mean bus?"),
+    "missing parameter": ("count = 4\n", "", "rig key tendons.count is missing; expected a whole number"),
+    "number instead of a parameter": (
+        r"\[bus\]\nstamp_jitter = {",
+        "[bus]\nstamp_jitter = 3\nx = {",
+        "(and 1 more fault)",
+    ),
+    "text for a number": (
+        "count = 4",
+        'count = "four"',
+        "rig key tendons.count: found 'four', expected a valid integer",
+    ),
+    "fraction for a count": ("count = 4", "count = 4.5", "rig key tendons.count: found 4.5, expected a valid integer"),
+    "unit of another dimension": (
+        r'(length .*)unit = "mm"',
+        r'\1unit = "kg"',
+        "rig key silicone.length: unit 'kg' cannot be turned into 'm'",
+    ),
+    "unknown unit": ('unit = "rpm"', 'unit = "rqm"', "rig key drive.no_load_speed: unknown unit 'rqm'"),
+    "value outside its bounds": (
+        "value = 14.7,",
+        "value = 24,",
+        "rig key drive.supply_voltage: value 24 V is outside its bounds [10, 14.8]",
+    ),
+    "negative length": (
+        r"bounds = \[90, 100\]",
+        "bounds = [-1, 100]",
+        "rig key silicone.length: lower bound -1 mm must be above 0",
+    ),
+    "unknown origin": (
+        'origin = "paper"',
+        'origin = "guess"',
+        "expected 'paper', 'data sheet', 'calibrated' or 'assumed'",
+    ),
+    "not a number": (
+        "value = 14.7,",
+        "value = nan,",
+        "rig key drive.supply_voltage.value: found nan, expected a finite number",
+    ),
+    "limits the wrong way round": (
+        r"pretension_mm = \[0, 16\]",
+        "pretension_mm = [16, 0]",
+        "rig key limits.pretension_mm: the first number, 16, must be below the second, 0",
+    ),
+    "broken TOML": ("count = 4", "count == 4", "is not valid TOML"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), RIG_FAULTS.values(), ids=RIG_FAULTS.keys())
+def test_a_fault_in_a_rig_is_one_line_with_file_and_key(old: str, new: str, sentence: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    broken, count = re.subn(old, new, RIG_TEXT, count=1)
+    path.write_text(broken, encoding="utf-8")
+    with pytest.raises(SpecError) as caught:
+        load_rig(path)
+    assert count == 1
+    message = str(caught.value)
+    assert sentence in message
+    assert message.startswith(str(path))
+    assert "\n" not in message
+
+
+PLAN_FAULTS = {
+    "negative pretension": (
+        "pretension_mm = [0, 1, 2,",
+        "pretension_mm = [0, -1, 2,",
+        "plan key pretension.pretension_mm[1]: found -1, expected greater than or equal to 0",
+    ),
+    "text for a number": (
+        "amplitude_deg = 20",
+        'amplitude_deg = "20"',
+        "plan key sweep.amplitude_deg: found '20', expected a valid number",
+    ),
+    "frequencies that fall": ("1.5, 1.8", "1.8, 1.5", "plan key sweep: frequency_hz must increase"),
+    "infinite frequency": ("5.6, 6,", "5.6, inf,", "found inf, expected a finite number"),
+    "no repeats": ("repeats = 3", "repeats = 0", "found 0, expected greater than or equal to 1"),
+    "unknown mode": (
+        'mode = "position"',
+        'mode = "velocity"',
+        "'position', 'position-with-current-limit' or 'current'",
+    ),
+    "three ring-down frequencies": ("[3, 4.3]", "[3, 4, 4.3]", "expected at most 2 items, not 3"),
+    "nothing to do": (PLAN_TEXT[PLAN_TEXT.index("[sweep]") :], "", "a plan needs a [sweep], a [ring_down] or both"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), PLAN_FAULTS.values(), ids=PLAN_FAULTS.keys())
+def test_a_fault_in_a_plan_is_one_line_with_its_key(old: str, new: str, sentence: str) -> None:
+    assert old in PLAN_TEXT
+    with pytest.raises(SpecError) as caught:
+        parse_plan(PLAN_TEXT.replace(old, new, 1))
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_of_several_faults_the_first_is_told_and_the_rest_counted() -> None:
+    text = PLAN_TEXT.replace("settle_s = 3", "settle_s = -3").replace("periods = 5", "periods = 0")
+    with pytest.raises(SpecError, match=r"sweep\.settle_s: found -3.*\(and 1 more fault\)$"):
+        parse_plan(text)
+
+
+def test_a_misspelt_key_is_not_counted_again_as_missing() -> None:
+    with pytest.raises(SpecError, match=r"did you mean pulley_radius\?$"):
+        parse_rig(RIG_TEXT.replace("pulley_radius  ", "pully_radius  "))
+
+
+def test_a_rig_in_place_of_a_plan_is_called_a_rig() -> None:
+    with pytest.raises(SpecError, match="plan is a rig, expected a plan"):
+        parse_plan(RIG_TEXT)
+
+
+def test_a_name_that_nearly_matches_is_suggested() -> None:
+    with pytest.raises(SpecError, match=r"no plan shrt: .*ships beyond, paper, short; did you mean short\?"):
+        load_plan("shrt")
+
+
+def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "junk.toml"
+    path.write_bytes(b"\x89HDF\r\n\xff\xfe")
+    with pytest.raises(SpecError, match=r"junk\.toml is not text"):
+        load_plan(path)
+
+
+def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="is not a file; expected a rig as a TOML file"):
+        load_rig(tmp_path)

@@ -1,0 +1,237 @@
+"""Ring-downs whose answer is known in closed form."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import ellipk
+from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, dry_friction, lever, times
+
+from sinew.analysis.decay_start import drive_stop
+from sinew.analysis.peaks import find_peaks
+from sinew.analysis.ring_down import analyse_ring_down, ring_down_json
+
+dampings = pytest.mark.parametrize("damping", [0.005, 0.03, 0.08, 0.17, 0.25])
+
+
+@dampings
+def test_without_noise_the_damping_ratio_is_exact(damping: float) -> None:
+    t = times()
+    result = analyse_ring_down(t, Decay(damping).angle(t))
+    assert result.damping_ratio.value == pytest.approx(damping, rel=1e-6)
+
+
+@dampings
+def test_without_noise_the_damped_frequency_is_exact(damping: float) -> None:
+    t = times()
+    result = analyse_ring_down(t, Decay(damping).angle(t))
+    assert result.frequency_hz.value == pytest.approx(FREQUENCY_HZ * np.sqrt(1 - damping**2), rel=1e-7)
+
+
+def test_the_natural_frequency_is_the_undamped_one() -> None:
+    t = times()
+    result = analyse_ring_down(t, Decay(0.25).angle(t))
+    assert result.natural_frequency_hz.value == pytest.approx(FREQUENCY_HZ, rel=1e-7)
+
+
+def test_a_sample_rate_of_thirteen_per_period_leaves_the_paper_method_within_one_percent() -> None:
+    t = times(sample_hz=39.0, duration_s=6.0)
+    result = analyse_ring_down(t, Decay(0.03).angle(t))
+    assert result.paper.decay_rate_per_s == pytest.approx(Decay(0.03).decay_rate, rel=0.01)
+
+
+@pytest.mark.parametrize("damping", [0.03, 0.08, 0.17])
+def test_the_paper_damping_divides_by_the_damped_frequency(damping: float) -> None:
+    t = times(sample_hz=500.0)
+    result = analyse_ring_down(t, Decay(damping).angle(t))
+    assert result.paper.lehr_damping == pytest.approx(damping / np.sqrt(1 - damping**2), rel=2e-3)
+
+
+def test_the_paper_stiffness_and_damping_are_those_of_the_oscillator() -> None:
+    inertia, stiffness = 0.0127, 0.0127 * (2 * np.pi * FREQUENCY_HZ) ** 2
+    t = times(sample_hz=500.0)
+    paper = analyse_ring_down(t, Decay(0.08).angle(t), inertia_kg_m2=inertia).paper
+    measured = paper.stiffness_undamped_n_m_rad, paper.stiffness_n_m_rad, paper.damping_n_m_s_rad
+    damped = stiffness * (1 - 0.08**2)
+    assert measured == pytest.approx((stiffness, damped, 2 * 0.08 * np.sqrt(stiffness * inertia)), rel=2e-3)
+
+
+def test_without_inertia_there_is_no_stiffness() -> None:
+    t = times()
+    assert np.isnan(analyse_ring_down(t, Decay().angle(t)).paper.stiffness_n_m_rad)
+
+
+def test_a_steady_drift_of_the_rest_position_is_reported_over_the_decay() -> None:
+    t = times()
+    result = analyse_ring_down(t, Decay(0.08).angle(t) + 5 + 0.7 * t)
+    assert result.rest_drift.value == pytest.approx(0.7 * (result.stop_s - result.start_s), rel=1e-6)
+
+
+def test_creep_does_not_move_the_damping() -> None:
+    t = times()
+    result = analyse_ring_down(t, Decay(0.08).angle(t) + 3 * np.exp(-t / 0.6))
+    assert result.damping_ratio.value == pytest.approx(0.08, rel=1e-3)
+
+
+def test_creep_is_reported_as_drift() -> None:
+    t = times()
+    result = analyse_ring_down(t, Decay(0.08).angle(t) + 3 * np.exp(-t / 0.6))
+    change = 3 * (np.exp(-result.stop_s / 0.6) - np.exp(-result.start_s / 0.6))
+    assert result.rest_drift.value == pytest.approx(change, rel=0.02)
+
+
+@pytest.mark.parametrize("phase", np.linspace(0, np.pi, 7))
+def test_behind_a_drive_the_decay_starts_within_half_a_cycle_of_its_stop(phase: float) -> None:
+    t = times(before_s=2.0)
+    noise = 0.1 * np.random.default_rng(7).standard_normal(t.size)
+    result = analyse_ring_down(t, Decay(0.08, phase=phase).driven_until_zero(t) + noise)
+    assert -0.02 < result.start_s < 0.5 / FREQUENCY_HZ + 0.02
+
+
+def test_behind_a_hold_the_decay_starts_after_the_release() -> None:
+    t = times(before_s=0.5)
+    noise = 0.1 * np.random.default_rng(7).standard_normal(t.size)
+    result = analyse_ring_down(t, Decay(0.08).held_until_zero(t) + noise)
+    assert -0.02 < result.start_s < 0.6 / FREQUENCY_HZ
+
+
+def test_an_overshoot_early_in_the_drive_is_not_taken_for_the_decay() -> None:
+    t = times(before_s=4.0)
+    beat = np.where(t < -2, 1 + 0.6 * np.exp(-(((t + 3.2) / 0.4) ** 2)), 1)
+    result = analyse_ring_down(t, beat * Decay(0.05).driven_until_zero(t))
+    assert -0.02 < result.start_s < 1.0 / FREQUENCY_HZ
+
+
+def test_the_stop_of_the_drive_is_its_zero_crossing_whatever_the_lever_does_after() -> None:
+    t = times(before_s=2.0, sample_hz=200.0)
+    assert drive_stop(t, lever(t)) == pytest.approx(0.0, abs=0.02)
+
+
+def test_a_given_drive_sets_the_start() -> None:
+    t = times(before_s=2.0, sample_hz=200.0)
+    result = analyse_ring_down(t, Decay(0.08).driven_until_zero(t), drive=lever(t))
+    assert 0 <= result.start_s < 0.2 / FREQUENCY_HZ
+
+
+def test_a_drive_that_never_moves_leaves_the_whole_record() -> None:
+    t = times()
+    noise = 0.01 * np.random.default_rng(7).standard_normal(t.size)
+    assert analyse_ring_down(t, Decay(0.08).angle(t), drive=noise).start_s == 0.0
+
+
+def test_a_rate_has_the_poles_of_its_angle() -> None:
+    t = times(sample_hz=200.0)
+    result = analyse_ring_down(t, Decay(0.17).rate(t) + 2, is_rate=True, unit="deg/s")
+    found = result.damping_ratio.value, result.frequency_hz.value
+    assert found == pytest.approx((0.17, FREQUENCY_HZ * np.sqrt(1 - 0.17**2)), rel=1e-6)
+
+
+def test_the_peaks_of_a_rate_are_those_of_its_angle() -> None:
+    t = times(sample_hz=200.0)
+    decay = Decay(0.08, phase=0.4)
+    result = analyse_ring_down(t, decay.rate(t) + 2, is_rate=True, unit="deg/s")
+    assert result.peak_value[:6] == pytest.approx(decay.angle(result.peak_time_s[:6]), rel=0.01)
+
+
+def test_the_peaks_of_a_rate_have_the_unit_of_the_angle() -> None:
+    t = times(sample_hz=200.0)
+    assert analyse_ring_down(t, Decay().rate(t), is_rate=True, unit="deg/s").peak_unit == "deg"
+
+
+def test_noise_adds_no_peaks() -> None:
+    t = times()
+    noisy = Decay(0.03).angle(t) + 0.5 * np.random.default_rng(3).standard_normal(t.size)
+    assert find_peaks(t, noisy).time_s.size == find_peaks(t, Decay(0.03).angle(t)).time_s.size
+
+
+def test_a_viscous_decay_is_called_exponential() -> None:
+    t = times()
+    noisy = Decay(0.08).angle(t) + 0.1 * np.random.default_rng(3).standard_normal(t.size)
+    assert analyse_ring_down(t, noisy).shape.exponential
+
+
+def test_a_viscous_decay_without_noise_is_called_exponential() -> None:
+    t = times(duration_s=10.0)
+    assert analyse_ring_down(t, Decay(0.02).angle(t)).shape.exponential
+
+
+def test_dry_friction_is_called_not_exponential() -> None:
+    t = times(duration_s=12.0)
+    assert not analyse_ring_down(t, dry_friction(t), unit="deg").shape.exponential
+
+
+def test_dry_friction_is_named_by_damping_that_rises_as_the_amplitude_falls() -> None:
+    t = times(duration_s=12.0)
+    assert "damping rises" in analyse_ring_down(t, dry_friction(t), unit="deg").shape.reason
+
+
+def test_the_damping_in_windows_follows_viscous_and_dry_friction() -> None:
+    # A half cycle takes A to A·e^{-λ T/2} - step·(1 + e^{-λ T/2}): over it, ln of the swing falls by λ T/2 + 2 step/A.
+    t = times(duration_s=12.0, sample_hz=200.0)
+    table = analyse_ring_down(t, dry_friction(t, step=0.1), unit="deg").dependence
+    large = table.amplitude > 6
+    expected = 0.005 + 2 * 0.1 / (np.pi * table.amplitude[large])
+    assert table.damping_ratio[large] == pytest.approx(expected, rel=0.03)
+
+
+def test_quadratic_drag_is_named_by_losses_that_grow_with_amplitude() -> None:
+    t = times(duration_s=10.0)
+    swing = solve_ivp(
+        lambda _, y: [y[1], -((2 * np.pi * 3) ** 2) * y[0] - 0.1 * y[1] * abs(y[1]) - 0.3 * y[1]],
+        (0, 10),
+        [1, 0],
+        t_eval=t,
+        rtol=1e-9,
+        atol=1e-11,
+    )
+    assert "losses that grow with amplitude" in analyse_ring_down(t, swing.y[0]).shape.reason
+
+
+def test_a_large_swing_keeps_the_exact_period_of_the_pendulum() -> None:
+    t = times(duration_s=20.0)
+    swing = solve_ivp(
+        lambda _, y: [y[1], -((2 * np.pi) ** 2) * np.sin(y[0]) - 0.15 * y[1]],
+        (0, 20),
+        [np.deg2rad(150), 0],
+        t_eval=t,
+        rtol=1e-9,
+        atol=1e-11,
+    )
+    table = analyse_ring_down(t, swing.y[0]).dependence
+    exact = np.pi / (2 * ellipk(np.sin(table.amplitude / 2) ** 2))
+    assert table.frequency_hz == pytest.approx(exact, rel=0.01)
+
+
+def test_a_softening_swing_says_so() -> None:
+    t = times(duration_s=20.0)
+    swing = solve_ivp(
+        lambda _, y: [y[1], -((2 * np.pi) ** 2) * np.sin(y[0]) - 0.15 * y[1]],
+        (0, 20),
+        [np.deg2rad(90), 0],
+        t_eval=t,
+        rtol=1e-9,
+    )
+    assert "softening" in analyse_ring_down(t, swing.y[0]).shape.reason
+
+
+def test_the_document_has_the_promised_keys() -> None:
+    t = times()
+    document = ring_down_json(analyse_ring_down(t, Decay().angle(t)))
+    assert list(document) == [
+        "kind",
+        "frequency_hz",
+        "damping_ratio",
+        "decay_rate_per_s",
+        "paper_method",
+        "exponential",
+        "reason",
+        "rest_drift",
+        "amplitude_dependence",
+    ]
+
+
+def test_jittering_time_stamps_leave_the_damping_within_half_a_percent() -> None:
+    rng = np.random.default_rng(5)
+    t = times(sample_hz=200.0)
+    jittering = t + rng.uniform(-0.002, 0.002, t.size)
+    result = analyse_ring_down(jittering, Decay(0.08).angle(jittering))
+    assert result.damping_ratio.value == pytest.approx(0.08, rel=5e-3)

@@ -1,0 +1,153 @@
+"""This is where the generated pages of docs/reference come from: the schema's tables and the command's own help.
+
+`make reference` writes docs/reference/recording.md, results.md and cli.md anew; a test compares what is committed with
+what this program would write.
+"""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+if __package__ in (None, ""):
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import typer
+from typer.testing import CliRunner
+
+from sinew.apps.cli import app
+from sinew.measure import results, schema
+from tools.tree import ROOT
+
+__all__ = ["cli_page", "main", "recording_page", "reference_pages", "results_page"]
+
+_NOTE = "<!-- written by tools/write_reference.py (`make reference`); edit that, not this -->\n"
+
+
+def _table(rows: Mapping[str, schema.Variable], *, required: bool) -> str:
+    """Return a Markdown table of schema rows, with a column for what a recording must have where asked for."""
+    lines = ["| variable | dimensions | unit | meaning |" + (" needed |" if required else "")]
+    lines.append("|---|---|---|---|" + ("---|" if required else ""))
+    for name, row in rows.items():
+        unit = {"": "text", "*": "attribute `units`"}.get(row.unit, row.unit)
+        line = f"| `{name}` | {', '.join(row.dims)} | {unit} | {row.meaning} |"
+        lines.append(line + (f" {'yes' if row.required else ''} |" if required else ""))
+    return "\n".join(lines) + "\n"
+
+
+def recording_page() -> str:
+    """Return the page on recordings, from `sinew.measure.schema`."""
+    return f"""{_NOTE}
+# Recording
+
+A recording is an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{schema.RECORDING_SCHEMA}"`.
+It holds samples and segments as a contiguous ragged array in the CF sense: the samples of segment *i* are the
+`row_size[i]` samples after those of the segments before it. The twin, the emulated bench, the real bench and imported
+files give the same thing.
+
+It is checked when it is made, written and read. Besides the tables below:
+
+- it has at least one response: `torsion_rad`, `gyro_rad_s` or `response`;
+- no sample is NaN or infinite, and `time_s` increases inside each segment (segments may lie apart in time);
+- every segment has at least one sample, its `kind` is settle, steady, ring-down or idle, and its pretension is not
+  negative.
+
+## Samples
+
+{_table(schema.SAMPLE_VARIABLES, required=True)}
+## Segments
+
+{_table(schema.SEGMENT_VARIABLES, required=True)}
+What belongs to which kind of segment: [decision 5](../decisions/0005-segments.md).
+
+## Attributes
+
+| attribute | meaning |
+|---|---|
+| `schema` | `{schema.RECORDING_SCHEMA}` |
+| `source` | twin, emulator, bench or import |
+| `rig`, `plan` | their TOML texts, whole; empty where there is none |
+| `versions` | of Sinew, Python and the packages that made the numbers |
+| `seed` | of the random numbers; -1 where there are none |
+| `content_hash` | SHA-256 over names, dimensions, values and attributes, checked on reading |
+| `Conventions`, `featureType` | what CF readers look for |
+
+The dimension `axis` counts x, y, z of the head's frame H ([conventions](../explanation/conventions.md)); `tendon`
+counts the tendons in the order of the rig.
+"""
+
+
+def results_page() -> str:
+    """Return the page on results, from `sinew.measure.results`."""
+    groups: dict[str, dict[str, schema.Variable]] = {}
+    titles = {
+        ("pretension", "frequency", "repeat"): "Response, of every group of every repeat",
+        ("pretension", "repeat"): "Ring-down, of every decay",
+        ("pretension",): "Resonance, over the repeats",
+        ("frequency",): "Axes",
+    }
+    for name, row in results.RESULT_VARIABLES.items():
+        dims = ("frequency",) if name == "pretension_mm" else row.dims
+        groups.setdefault(titles[dims], {})[name] = row
+    tables = "\n".join(f"## {title}\n\n{_table(rows, required=False)}" for title, rows in groups.items())
+    return f"""{_NOTE}
+# Results
+
+Results are an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{results.RESULTS_SCHEMA}"`, over the
+axes `pretension`, `frequency` and `repeat`. A part that the recording cannot give (no sweep, no ring-down) is absent as
+a whole; a single missing measurement is NaN. A quantity with an interval has companions whose suffix stands before the
+unit: `resonance_hz` has `resonance_std_hz`, `resonance_low_hz` and `resonance_high_hz`, the standard deviation over the
+repeats and the ends of the 90 % interval.
+
+{tables}
+How each number is made: [analysis](../explanation/analysis.md).
+"""
+
+
+def _help(*command: str) -> str:
+    """Return what `sinew COMMAND --help` prints on a terminal of 100 columns."""
+    said = CliRunner().invoke(app, [*command, "--help"], prog_name="sinew", terminal_width=100, color=False)
+    return "\n".join(line.rstrip() for line in said.output.strip().splitlines())
+
+
+def cli_page() -> str:
+    """Return the page on the command `sinew`, from its own help."""
+    names = typer.main.get_group(app).commands
+    sections = "\n".join(f"## sinew {name}\n\n```text\n{_help(name)}\n```\n" for name in names)
+    return f"""{_NOTE}
+# The command `sinew`
+
+`make setup` puts it at `.venv/bin/sinew`. Results go to stdout, progress and remarks to stderr; progress bars are shown
+on a terminal and not in a pipe. With `--json` stdout holds one JSON document and nothing else ([its form](json.md)).
+
+| exit status | meaning |
+|---|---|
+| 0 | success |
+| 2 | wrong input: one line on stderr says what was found, what was expected, what to do; nothing half-written stays |
+| 130 | interrupted |
+
+A rig or plan is the path of a TOML file, or the name of one that ships with Sinew: `paper`, and for a quick look the
+plan `short`.
+
+{sections}"""
+
+
+def reference_pages() -> dict[str, str]:
+    """Return the text of every generated page by its path inside the repository."""
+    return {
+        "docs/reference/cli.md": cli_page(),
+        "docs/reference/recording.md": recording_page(),
+        "docs/reference/results.md": results_page(),
+    }
+
+
+def main() -> int:
+    """Write every generated page; return the exit status."""
+    for name, text in reference_pages().items():
+        (ROOT / name).parent.mkdir(parents=True, exist_ok=True)
+        (ROOT / name).write_text(text, encoding="utf-8")
+        print(name)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
