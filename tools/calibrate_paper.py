@@ -166,7 +166,7 @@ def scaled(base: RigSpec) -> tuple[Vector, Vector, Vector]:
 def misfit(observed: Vector) -> Vector:
     """Return (observed - paper) in thirds of a tolerance; the last axis is the target."""
     value = np.array([t.value for t in TARGETS])
-    return (observed - value) * 3 / np.array([t.tolerance for t in TARGETS])
+    return np.asarray((observed - value) * 3 / np.array([t.tolerance for t in TARGETS]))
 
 
 class _MetError(Exception):

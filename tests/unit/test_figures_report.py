@@ -212,6 +212,12 @@ def test_measured_values_are_cut_at_their_spread(value: float, spread: float, te
     assert measured_tables(results)[0].rows[0][1] == text
 
 
+def test_decays_that_are_not_exponential_are_counted_below_the_ring_downs() -> None:
+    results = sample_results(*SMALL)
+    results["exponential"].values[0] = [0.0, 0.0, float("nan")]
+    assert measured_tables(results)[1].note == "Exponential within their noise: 9 of 11 decays."
+
+
 @pytest.mark.parametrize(("value", "text"), [(None, "–"), (float("nan"), "–"), (-2.5, "−2.5"), (1e-7, "1e-07")])
 def test_numbers_read_as_print_has_them(value: float | None, text: str) -> None:
     assert number(value) == text

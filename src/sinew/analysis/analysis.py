@@ -9,6 +9,7 @@ from sinew.analysis.groups import split_by_drive
 from sinew.analysis.repeats import combine_repeats
 from sinew.analysis.resonance import FEWEST_FREQUENCIES, estimate_resonance
 from sinew.analysis.response import estimate_response, response_dataset
+from sinew.analysis.ring_down import analyse_ring_downs
 from sinew.analysis.torsion import drive_channel, response_channel
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
@@ -25,7 +26,8 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     rig: whose sensor chain and inertia are used; None for a foreign recording (perfect sensors, no k and d).
     The sweep part is there if the recording has steady segments (those without a frequency are first split by their
     drive), the resonance part if these hold six frequencies or more, the ring-down part if there are ring-downs.
-    Attributes: `recording_hash`, `response_unit`, `drive_unit`, `resonance_notes`, and those of `provenance`.
+    Attributes: `recording_hash`, `response_unit`, `drive_unit`, `resonance_notes`, `ring_down_notes`,
+    and those of `provenance`.
     Raises RecordingError where the recording holds neither a steady segment nor a ring-down, or cannot be analysed.
     """
     kinds = set(map(str, recording["kind"].values))
@@ -46,12 +48,11 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
             notes = f"{count} frequencies are too few for a resonance; measure at least {FEWEST_FREQUENCIES}"
         parts.append(sweep)
     if "ring-down" in kinds:
-        from sinew.analysis.ring_down import analyse_ring_downs
-
         inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
         parts.append(analyse_ring_downs(recording, inertia))
     results = join_parts(parts)
-    results.attrs = {**_attributes(recording), "resonance_notes": notes}
+    told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith("_notes")}
+    results.attrs = {**_attributes(recording), **told, "resonance_notes": notes}
     return validate_results(results)
 
 

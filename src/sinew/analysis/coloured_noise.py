@@ -83,6 +83,8 @@ def sandwich(jacobian: Array, residual: Array) -> tuple[Array, float]:
     """Return (covariance, degrees of freedom) of parameters fitted by least squares under coloured noise.
 
     jacobian: shape (n, m), derivatives of the model at the solution; residual: shape (n,).
+    No variance is smaller than that for white noise of the same size: a spectrum from few samples that happens to dip
+    at the oscillation's frequency is no reason for confidence.
     The degrees of freedom are those of the variance estimate, n γ₀² / Σ γ² less m, at least one; γ at all lags.
     """
     n, m = jacobian.shape
@@ -100,5 +102,7 @@ def sandwich(jacobian: Array, residual: Array) -> tuple[Array, float]:
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
     waves = np.fft.rfft(scaled, size, axis=0)
     middle = np.real((waves.conj().T * (weight * spectrum)) @ waves)
-    covariance = inverse @ middle @ inverse / np.outer(scale, scale)
-    return np.asarray(covariance, dtype=float), max(effective - m, 1.0)
+    covariance = inverse @ middle @ inverse
+    white = variance * np.diag(inverse)
+    larger = np.sqrt(np.maximum(1.0, white / np.maximum(np.diag(covariance), 1e-300))) / scale
+    return np.asarray(covariance * np.outer(larger, larger), dtype=float), max(effective - m, 1.0)

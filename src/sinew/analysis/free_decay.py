@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import interpolate
 
 from sinew.analysis.decay_fit import DecayFit, fit_decay, fit_decay_and_rest
 from sinew.analysis.decay_start import drive_stop, first_free_peak
@@ -15,8 +16,10 @@ Array = NDArray[np.float64]
 _HALF_CYCLES = 3.0  # a decay must last at least so long
 _WINDOW = 6.0  # time constants of the fit: later there is only noise, which tells how coloured it is
 _SAMPLES_PER_HALF = 20  # of the fit, where the record has at least twice as many
+_JITTER = 0.4  # of a step, between the longest and the shortest
 _LARGEST_GAP = 5.0  # steps between samples
 _SETTLE = 0.2  # half periods after the drive's stop before the decay is taken for free: jerk and sensor delay
+_STEADY = 0.05  # of the whole fall of ln(swing): less in the first half is a drive that ran on
 _WON_BACK = 2.0  # half periods by which the start may move back where the samples agree with the fit
 
 
@@ -52,12 +55,17 @@ def checked_record(
 
 
 def evenly(t: Array, x: Array, lever: Array | None) -> tuple[Array, Array, Array | None]:
-    """Return the record on an even time base, interpolated where the steps differ by more than 1 %."""
+    """Return the record as it is, or on an even time base where the steps between samples differ by more than 40 %.
+
+    The fit uses the stamps as they are; only filters and noise spectra take them for even, and bear a little jitter.
+    Interpolation is by a cubic spline: linear, at 13 samples per radian, would add 0.07 % of the amplitude as noise.
+    """
     steps = np.diff(t)
-    if np.ptp(steps) <= 0.02 * float(np.median(steps)):
+    if np.ptp(steps) <= _JITTER * float(np.median(steps)):
         return t, x, lever
     even = np.linspace(t[0], t[-1], t.size)
-    return even, np.interp(even, t, x), None if lever is None else np.interp(even, t, lever)
+    response = np.asarray(interpolate.CubicSpline(t, x)(even), dtype=float)
+    return even, response, None if lever is None else np.interp(even, t, lever)
 
 
 def free_decay(t: Array, x: Array, lever: Array | None) -> tuple[DecayFit, Array, Array, Peaks]:
@@ -141,11 +149,25 @@ def _check_decay(fit: DecayFit, peaks: Peaks, first: int) -> None:
         raise RecordingError(
             "the oscillation grows instead of decaying; a ring-down needs the part after its drive stopped"
         )
+    if _steady_to_the_end(peaks.swing[first:]):
+        raise RecordingError(
+            "ring-down too short: the oscillation is steady until shortly before the end; record at least "
+            f"{_HALF_CYCLES:.0f} half cycles after the drive stopped"
+        )
     if rate <= 2.0 * std:
         raise RecordingError(
             f"no decay found: the oscillation has λ = {rate:.3g} ± {std:.2g} 1/s; a ring-down needs the part after its "
             "drive stopped"
         )
+
+
+def _steady_to_the_end(swing: Array) -> bool:
+    half = swing.size // 2
+    if half < 3:
+        return False
+    whole = float(np.log(swing[0] / swing[-1]))
+    early = float(np.log(swing[:2].mean() / swing[half - 1 : half + 1].mean()))
+    return whole > 0.1 and early < _STEADY * whole
 
 
 def _won_back(t: Array, x: Array, fit: DecayFit, earliest: float, peaks: Peaks) -> DecayFit:

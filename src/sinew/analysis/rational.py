@@ -14,6 +14,7 @@ Complexes = NDArray[np.complex128]
 _FULL = np.ones(8, dtype=bool)
 _PLAIN = np.array([True, True, True, True, True, True, False, False])
 _STEPS = 40
+_MISFIT = 5.0
 
 
 @dataclass(frozen=True)
@@ -71,22 +72,28 @@ class _Points:
 def fit_curve(frequency_hz: Floats, response: Complexes, size_std: Floats, angle_std: Floats) -> RationalCurve | None:
     """Return the weighted least-squares curve through complex points, all of shape (n,), or None where none fits.
 
-    size_std: relative, of the response's size; angle_std: of its angle [rad]. Half of each variance used is that of the
-    median point, for they are estimates themselves; only their ratios matter, since the covariance is scaled by the
-    residual. Start by Levy's linearisation with Sanathanan and Koerner's reweighting, then Levenberg-Marquardt on
-    the true residual. Where all eight parameters give a curve that leaves the points (too few, too noisy), six do:
-    a straight numerator. At least six points are needed.
+    size_std: relative, of the response's size; angle_std: of its angle [rad]. To each variance 0.3 of the median one
+    is added, for they are estimates themselves; only their ratios matter, since the covariance is scaled by the
+    residual. Where that is far beyond the noise the joint is not linear and the curve an approximation: the points
+    then weigh alike. Start by Levy's linearisation with Sanathanan and Koerner's reweighting, then
+    Levenberg-Marquardt on the true residual. Where all eight parameters give a curve that leaves the points (too few,
+    too noisy), six do: a straight numerator. At least six points are needed.
     """
     if frequency_hz.size < 6 or not np.abs(response).all():
         return None
     centre = 0.5 * float(frequency_hz[0] + frequency_hz[-1])
     half = 0.5 * float(frequency_hz[-1] - frequency_hz[0])
-    weights = [1.0 / np.sqrt(std**2 + 0.3 * np.median(std**2) + 1e-20) for std in (size_std, angle_std)]
-    points = _Points((frequency_hz - centre) / half, half / centre, response, *weights)
-    dense = np.linspace(-1.0, 1.0, 401)
+    v, w = (frequency_hz - centre) / half, half / centre
+    variances = [std**2 + 0.3 * np.median(std**2) + 1e-20 for std in (size_std, angle_std)]
+    points = _Points(v, w, response, *(1.0 / np.sqrt(variance) for variance in variances))
     for active in (_FULL, _PLAIN):
         parameters = _refine(_start(points, active), points, active)
-        highest = float(np.abs(evaluate_curve(parameters, dense, points.w)).max())
+        residual = _residual(parameters, points)
+        if residual @ residual > _MISFIT * (residual.size - active.sum()):
+            amiss = np.mean(np.abs(evaluate_curve(parameters, v, w) / response - 1.0) ** 2)
+            evened = _Points(v, w, response, *(1.0 / np.sqrt(variance + amiss) for variance in variances))
+            parameters, points = _refine(parameters, evened, active), evened
+        highest = float(np.abs(evaluate_curve(parameters, np.linspace(-1.0, 1.0, 401), w)).max())
         if np.isfinite(highest) and highest < 1.5 * float(np.abs(response).max()):
             root, freedom = _covariance_roots(parameters, points, active)
             return RationalCurve(centre, half, parameters, root, freedom, -1.0, 1.0)

@@ -185,7 +185,8 @@ def estimate_resonance(response: Response) -> xr.Dataset:
         for name, reading in _readings(response, p, r, *peaks).items():
             value[name][p, r], std[name][p, r], freedom[name][p, r] = reading
         delay[p, r] = _delay_share(response, p, r, peaks[2])
-        said = " and ".join(dict.fromkeys(peak.reason for peak in peaks if peak.reason))
+        used = peaks[1:] if math.isfinite(peaks[0].frequency_hz[0]) else peaks  # no one asks for a nominal width
+        said = " and ".join(dict.fromkeys(peak.reason for peak in used if peak.reason))
         if said and np.isfinite(response.columns["gain_harmonic"][p, :, r]).any():
             notes.append(f"{response.pretension_mm[p]:g} mm, repeat {r}: {said}")
     dataset = xr.Dataset(attrs={"resonance_notes": "\n".join(notes)})

@@ -44,7 +44,6 @@ def write_report(
         paper=paper,
         agreeing=sum(bool(row["ok"]) for row in paper),
         tables=measured_tables(results),
-        notes=str(results.attrs.get("resonance_notes", "")),
         pictures=[_picture(path) for path in figures if path.suffix == ".png"],
         parameters=parameter_rows(rig) if rig is not None else [],
         reaches=reaches(determination or {}),

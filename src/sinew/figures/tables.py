@@ -17,11 +17,12 @@ __all__ = ["Reach", "Table", "fixed", "measured_tables", "number", "parameter_ro
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text: title, head, and rows of the same length; the first cell of a row names it."""
+    """A table of text: title, head, rows of the same length (the first cell names the row), and a sentence below."""
 
     title: str
     head: list[str]
     rows: list[list[str]]
+    note: str
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -40,15 +41,25 @@ def fixed(value: float | None, decimals: int) -> str:
 def measured_tables(results: xr.Dataset) -> list[Table]:
     """Return what was measured at each pretension: of the sweep and of the ring-downs, each where there is one."""
     tables = []
-    for title, columns in (("Resonance", _resonance(results)), ("Ring-down", _decay(results))):
+    notes = (str(results.attrs.get("resonance_notes", "")), _verdict(results))
+    parts = (("Resonance", _resonance(results)), ("Ring-down", _decay(results)))
+    for (title, columns), note in zip(parts, notes, strict=True):
         known = [column for column in columns if np.isfinite(column[1]).any()]
         if not known:
             continue
         at = np.flatnonzero(np.any([np.isfinite(value) for _, value, _ in known], axis=0))
         pretension = results["pretension_mm"].values
         rows = [[number(pretension[p]), *(_pair(value[p], spread[p]) for _, value, spread in known)] for p in at]
-        tables.append(Table(title, ["p in mm", *(head for head, _, _ in known)], rows))
+        tables.append(Table(title, ["p in mm", *(head for head, _, _ in known)], rows, note))
     return tables
+
+
+def _verdict(results: xr.Dataset) -> str:
+    """Return how many of the decays are exponential, empty without ring-downs."""
+    if "exponential" not in results:
+        return ""
+    judged = results["exponential"].values[np.isfinite(results["exponential"].values)]
+    return f"Exponential within their noise: {int(judged.sum())} of {judged.size} decays."
 
 
 Column = tuple[str, Floats, Floats]
@@ -88,7 +99,6 @@ def _decay(results: xr.Dataset) -> list[Column]:
             ("D (direct fit)", "damping_ratio"),
             ("d in N m s/rad", "paper_damping_n_m_s_rad"),
             ("k in N m/rad", "paper_stiffness_n_m_rad"),
-            ("share exponential", "exponential"),
         )
     ]
 
