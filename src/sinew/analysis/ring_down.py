@@ -84,7 +84,7 @@ def analyse_ring_down(
     direct fit's standard deviations hold for coloured noise; intervals are Student's with effective degrees of freedom.
     Raises RecordingError (TimeError for time stamps) where the record holds no ring-down that can be analysed.
     """
-    t, x, lever = evenly(*checked_record(time_s, response, drive))
+    t, x, lever, clock = evenly(*checked_record(time_s, response, drive))
     fit, t, x, peaks = free_decay(t, x, lever)
     if is_rate:
         peaks = find_peaks(t, _angle(t, x, fit))
@@ -95,7 +95,7 @@ def analyse_ring_down(
     table = amplitude_dependence(times, heights, peaks.value_std)
     peak_unit = _integrated(unit) if is_rate else unit
     return RingDown(
-        **_estimates(fit),
+        **_estimates(fit, clock),
         rest_drift=Estimate.student(*rest.drift(), rest.degrees_of_freedom),
         paper=fit_envelope(times, np.abs(heights), inertia_kg_m2),
         shape=judge_shape(bent, table, peak_unit),
@@ -131,14 +131,17 @@ def _heights(peaks: Peaks, fit: DecayFit, is_rate: bool) -> tuple[Array, Array]:
     return times, heights
 
 
-def _estimates(fit: DecayFit) -> dict[str, Estimate]:
-    rate, omega, covariance = fit.decay_rate_per_s, fit.omega_rad_s, fit.pole_covariance()
+def _estimates(fit: DecayFit, clock_std: float) -> dict[str, Estimate]:
+    """Return the estimates of the poles; clock_std: relative, of the time scale, which D does not feel."""
+    rate, omega = fit.decay_rate_per_s, fit.omega_rad_s
+    covariance = fit.pole_covariance() + clock_std**2 * np.outer([rate, omega], [rate, omega])
     natural = float(np.hypot(rate, omega))
     damping = rate / natural
 
     def estimate(value: float, by_rate: float, by_omega: float) -> Estimate:
         gradient = np.array([by_rate, by_omega])
-        return Estimate.student(value, float(np.sqrt(gradient @ covariance @ gradient)), fit.degrees_of_freedom)
+        variance = max(float(gradient @ covariance @ gradient), 0.0)  # D of a perfect fit: round-off around zero
+        return Estimate.student(value, float(np.sqrt(variance)), fit.degrees_of_freedom)
 
     turn = 1.0 / (2.0 * np.pi)
     ratio = estimate(damping, omega**2 / natural**3, -rate * omega / natural**3)

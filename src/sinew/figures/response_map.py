@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from sinew.figures.spread import mean_and_spread
 from sinew.figures.style import INK, RED, Floats, in_style, new_figure, note_panel
 
-__all__ = ["draw_response_map"]
+__all__ = ["along_ridge", "draw_response_map"]
 
 _COLOURS = "cividis"
 _COLUMNS = 61

@@ -19,7 +19,7 @@ from sinew.twin.cache import configure
 from sinew.twin.drive import motor_current
 from sinew.twin.effects import Effects
 from sinew.twin.energy import tendon_tension
-from sinew.twin.integrate import STEPS_PER_SAMPLE, Track, integrate
+from sinew.twin.integrate import LANES, STEPS_PER_SAMPLE, Track, integrate
 from sinew.twin.parameters import CURRENT, TENDON_MODES, Parameters, from_rig
 from sinew.twin.sensors import read_accelerometer, read_gyro, read_rounded, stamp
 from sinew.twin.statics import set_pretension
@@ -79,9 +79,19 @@ def lane_parameters(
         return p, np.zeros(lanes)
     pretension = np.maximum(0.0, np.array([g.pretension_mm for g in groups]) * 1e-3 + scatter[0, pair])
     held = TENDON_MODES[mode] if effects.length_locking else CURRENT
-    contact = rig.tendons.first_contact_tension.value
-    p, shortening = _set_pretension()(p, pretension, contact, held, LIMIT_RESERVE_N)
-    return jax.tree.map(np.asarray, p), np.asarray(shortening)
+    return _pretensioned(p, pretension, rig.tendons.first_contact_tension.value, held)
+
+
+def _pretensioned(p: Parameters, pretension: NDArray[np.float64], contact: float, mode: float) -> Lanes:
+    """Return the lanes at their pretensions [m]; solved in blocks of one size, so that it is compiled once."""
+    lanes = pretension.size
+    blocks = []
+    for start in range(0, lanes, LANES):
+        index = np.minimum(np.arange(start, start + LANES), lanes - 1)
+        block = jax.tree.map(lambda leaf, index=index: np.asarray(leaf)[index], p)
+        blocks.append(_set_pretension()(block, pretension[index], contact, mode, LIMIT_RESERVE_N))
+    held, shortening = jax.tree.map(lambda *leaves: np.concatenate(leaves)[:lanes], *blocks)
+    return held, shortening
 
 
 def rest_tension(pretension_mm: Sequence[float], rig: RigSpec) -> NDArray[np.float64]:
