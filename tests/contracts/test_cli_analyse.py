@@ -127,7 +127,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 def test_reproduce_leaves_recording_results_figures_report_and_summary(campaign: Path) -> None:
     names = {path.name for path in campaign.iterdir()}
-    assert names == {"recording.nc", "results.nc", "figures", "report.html", "summary.json"}
+    assert names == {"recording.nc", "results.nc", "figures", "report.html", "summary.json", "effects.json"}
 
 
 @pytest.mark.slow

@@ -204,6 +204,7 @@ def _ring_down(values: dict[str, np.ndarray], p: int, r: int, joint: Joint) -> N
     ratio = joint.decay_rate / joint.omega
     for name, value in {
         "paper_decay_rate_per_s": joint.decay_rate,
+        "decay_start_s": 0.0,
         "paper_omega_rad_s": joint.omega,
         "paper_lehr_damping": ratio,
         "paper_quality": 0.5 / ratio,

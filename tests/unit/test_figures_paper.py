@@ -126,8 +126,8 @@ def _turn(name: str) -> Callable[[xr.Dataset], None]:
         (_set("resonance_hz", 6, 3.0), "resonance does not rise"),
         (_set("gain_peak", 6, 1.0), "gain does not fall"),
         (_set("phase_90_hz", 4, 9.0), "90° crossing"),
-        (_turn("paper_decay_rate_per_s"), "of λ over"),
-        (_turn("paper_omega_rad_s"), "of ⟨ω⟩ over"),
+        (_turn("paper_decay_rate_per_s"), "λ does not rise"),
+        (_turn("paper_omega_rad_s"), "⟨ω⟩ does not rise"),
         (_set("paper_lehr_damping", 7, 0.10), "spread of Lehr's damping"),
         (_set("drive_amplitude_at_resonance_rad", 8, 0.3), "drive amplitude at resonance"),
         (_set("resonance_hz", 5, math.nan), "resonance does not rise"),
@@ -162,20 +162,18 @@ def test_the_order_of_the_pretensions_in_the_results_does_not_matter() -> None:
     assert all(r["ok"] for r in paper_table(results))
 
 
-def test_one_falling_pair_of_78_lowers_the_rank_correlation_by_two_78ths() -> None:
+def test_one_falling_step_of_the_decay_rate_fails_its_row() -> None:
     results = campaign()
     rate = results["paper_decay_rate_per_s"].values
     rate[[4, 5]] = rate[[5, 4]]
-    found = row(paper_table(results), "of λ over")
-    assert found["measured"] == pytest.approx(1 - 2 / 78)
-    assert found["ok"]
+    found = row(paper_table(results), "λ does not rise")
+    assert (found["measured"], found["ok"]) == (1.0, False)
 
 
 def test_a_level_decay_rate_does_not_count_as_rising() -> None:
     results = campaign()
     results["paper_decay_rate_per_s"].values[:] = 1.7
-    found = row(paper_table(results), "of λ over")
-    assert (found["measured"], found["ok"]) == (0.0, False)
+    assert not row(paper_table(results), "λ does not rise")["ok"]
 
 
 @pytest.mark.parametrize(("gains", "furthest", "ok"), [((1.2, 0.9), 1.2, True), ((1.1, 0.59), 0.59, False)])

@@ -82,18 +82,26 @@ def evenly(t: Array, x: Array, lever: Array | None) -> tuple[Array, Array, Array
     return even, response, None if lever is None else np.interp(even, t, lever), 0.0
 
 
-def free_decay(t: Array, x: Array, lever: Array | None) -> tuple[DecayFit, Array, Array, Peaks]:
+def free_decay(
+    t: Array, x: Array, lever: Array | None, free_from_s: float | None = None
+) -> tuple[DecayFit, Array, Array, Peaks]:
     """Return (direct fit, times and samples it was fitted to, peaks of the same stretch).
 
     t, x: shape (n,), even time base; lever: the drive, shape (n,), or None where it was not measured.
+    free_from_s: where the decay is known to be free; None to seek it.
     Raises RecordingError where the free decay is too short, or is none.
     """
-    after = 0 if lever is None else int(np.searchsorted(t, drive_stop(t, lever)))
+    if free_from_s is not None:
+        after = int(np.searchsorted(t, free_from_s))
+    else:
+        after = 0 if lever is None else int(np.searchsorted(t, drive_stop(t, lever)))
     if t.size - after < 16:
         raise RecordingError(f"ring-down too short: {t.size - after} samples after the drive stopped; record longer")
     peaks = find_peaks(t[after:], x[after:])
     half = peaks.half_period_s
-    if lever is None:
+    if free_from_s is not None:
+        first, start, earliest = 0, float(t[after]), float(t[after])
+    elif lever is None:
         first = first_free_peak(t, x, peaks)
         start = float(peaks.time_s[first])
         earliest = max(float(t[0]), start - _WON_BACK * half)

@@ -72,20 +72,21 @@ def analyse_ring_down(
     is_rate: bool = False,
     unit: str = "rad",
     inertia_kg_m2: float | None = None,
+    free_from_s: float | None = None,
 ) -> RingDown:
-    """Return what a record of a free decay says; the start of the decay is found.
+    """Return what a record of a free decay says; the start of the decay is found, unless it is known.
 
     time_s: shape (n,), increasing [s]; response: shape (n,), in `unit`; drive: shape (n,), any unit, if measured.
     is_rate: the response is the rate of an angle or displacement (gyroscope). Its decay has the same poles and is
         fitted as it is; peaks and amplitudes are those of its integral.
-    inertia_kg_m2: I, for the paper's d and k.
+    inertia_kg_m2: I, for the paper's d and k. free_from_s: time from which the decay is known to be free [s].
 
     The drive tells when it stopped; without it, the start is sought in the response. Window: six time constants. The
     direct fit's standard deviations hold for coloured noise; intervals are Student's with effective degrees of freedom.
     Raises RecordingError (TimeError for time stamps) where the record holds no ring-down that can be analysed.
     """
     t, x, lever, clock = evenly(*checked_record(time_s, response, drive))
-    fit, t, x, peaks = free_decay(t, x, lever)
+    fit, t, x, peaks = free_decay(t, x, lever, free_from_s)
     if is_rate:
         peaks = find_peaks(t, _angle(t, x, fit))
     times, heights = _heights(peaks, fit, is_rate)
@@ -194,12 +195,14 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
 
     inertia_kg_m2: I of head and lever, for the paper's d and k; NaN without it.
 
-    The response is torsion_rad, else the x axis of the gyroscope (a rate), else response. Two periods of the settle
-    segment before a ring-down, where there is one, show when the drive stopped. A ring-down that cannot be analysed
-    is NaN, and the attribute `ring_down_notes` says why.
+    The response is torsion_rad, else the x axis of the gyroscope (a rate), else response. Behind a settle segment of
+    the same group the drive was told to stop where the ring-down begins, so nothing is sought: the first drive period,
+    in which the lever settles on its servo, is left out. A start that depended on how far the lever recoils would jump
+    with pretension and take Lehr's damping with it. A ring-down that cannot be analysed is NaN, and the attribute
+    `ring_down_notes` says why.
     Raises RecordingError where there is no ring-down, or none can be analysed.
     """
-    found: list[tuple[Segment, RingDown]] = []
+    found: list[tuple[Segment, RingDown, float]] = []
     notes: list[str] = []
     segments = list(iterate_segments(recording))
     asked = [segment for _, segment, _ in segments if segment.kind == "ring-down"]
@@ -209,17 +212,18 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
         if segment.kind != "ring-down":
             continue
         try:
-            found.append((segment, _analyse_segment(recording, segments, index, where, inertia_kg_m2)))
+            result = _analyse_segment(recording, segments, index, where, inertia_kg_m2)
+            found.append((segment, result, float(recording["time_s"].values[where.start])))
         except RecordingError as error:
             notes.append(f"ring-down {segment.repeat} at {segment.pretension_mm:g} mm: {error}")
     if not found:
         raise RecordingError(notes[0])
     pretension = np.unique([segment.pretension_mm for segment in asked])
     shape = pretension.size, max(segment.repeat for segment in asked) + 1
-    columns = {name: np.full(shape, np.nan) for name in _numbers(found[0][1])}
-    for segment, result in found:
+    columns = {name: np.full(shape, np.nan) for name in _numbers(*found[0][1:])}
+    for segment, result, begins_s in found:
         place = int(np.searchsorted(pretension, segment.pretension_mm)), segment.repeat
-        for name, value in _numbers(result).items():
+        for name, value in _numbers(result, begins_s).items():
             columns[name][place] = value
     rows = {name: RESULT_VARIABLES[name] for name in ("pretension_mm", *columns)}
     units = {name: found[0][1].unit if row.unit == "*" else row.unit for name, row in rows.items()}
@@ -246,7 +250,8 @@ def _analyse_segment(
     name = next(name for name in ("torsion_rad", "gyro_rad_s", "response") if name in recording)
     lever = next((name for name in ("drive_rad", "drive") if name in recording), None)
     time = recording["time_s"].values
-    if lever is not None and index > 0:
+    free_from = None
+    if index > 0:
         before, here = segments[index - 1], segments[index][1]
         same = (before[1].pretension_mm, before[1].frequency_hz, before[1].repeat) == (
             here.pretension_mm,
@@ -254,8 +259,7 @@ def _analyse_segment(
             here.repeat,
         )
         if before[1].kind == "settle" and same:
-            first = int(np.searchsorted(time[before[2]], time[where.start] - 2.0 / here.frequency_hz))
-            where = slice(before[2].start + first, where.stop)
+            free_from = float(time[where.start]) + 1.0 / here.frequency_hz
     values = recording[name].values[where]
     unit = str(recording[name].attrs["units"])
     return analyse_ring_down(
@@ -265,10 +269,11 @@ def _analyse_segment(
         is_rate=unit == "rad/s",
         unit=unit,
         inertia_kg_m2=inertia_kg_m2,
+        free_from_s=free_from,
     )
 
 
-def _numbers(result: RingDown) -> dict[str, float]:
+def _numbers(result: RingDown, begins_s: float) -> dict[str, float]:
     paper = result.paper
     return {
         "paper_decay_rate_per_s": paper.decay_rate_per_s,
@@ -277,6 +282,7 @@ def _numbers(result: RingDown) -> dict[str, float]:
         "paper_quality": paper.quality,
         "paper_damping_n_m_s_rad": paper.damping_n_m_s_rad,
         "paper_stiffness_n_m_rad": paper.stiffness_n_m_rad,
+        "decay_start_s": result.start_s - begins_s,
         "decay_rate_per_s": result.decay_rate_per_s.value,
         "decay_rate_std_per_s": result.decay_rate_per_s.std,
         "decay_frequency_hz": result.frequency_hz.value,

@@ -92,12 +92,12 @@ def _draw_one(axes: Axes, recording: xr.Dataset, groups: list[Group], here: xr.D
     group = nearest(groups, float(here["pretension_mm"]))
     assert group is not None
     first = here.isel(repeat=min(group.segment.repeat, here.sizes["repeat"] - 1))
-    decay_rate, omega = float(first["paper_decay_rate_per_s"]), float(first["paper_omega_rad_s"])
+    numbers = tuple(float(first[name]) for name in ("paper_decay_rate_per_s", "paper_omega_rad_s", "decay_start_s"))
     motion = released_motion(recording, group)
     model = None
-    if np.isfinite(decay_rate) and np.isfinite(omega):
-        motion = about_rest(motion, linear_decay(motion, decay_rate, omega))
-        model = linear_decay(motion, decay_rate, omega)
+    if np.isfinite(numbers).all():
+        motion = about_rest(motion, linear_decay(motion, *numbers))
+        model = linear_decay(motion, *numbers)
     t = motion.time_s[motion.time_s <= _WINDOW_S]
     axes.plot(t, motion.torsion[: t.size], color=GREY, linewidth=2.4, label="measured")
     if model is not None:

@@ -7,7 +7,6 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.analysis.decay_start import drive_stop, first_free_peak
 from sinew.analysis.envelope import large_peaks
 from sinew.analysis.peaks import find_peaks
 from sinew.figures.motion import Motion, at_pretension, groups_of, nearest, released_motion
@@ -44,34 +43,17 @@ class LinearDecay:
         return np.asarray(np.exp(-self.decay_rate * time_s) * swing + self.baseline(time_s))
 
 
-def linear_decay(motion: Motion, decay_rate: float, omega: float) -> LinearDecay:
-    """Return the linear model with given λ [1/s] and ω [rad/s], laid over the free part of a motion.
+def linear_decay(motion: Motion, decay_rate: float, omega: float, start_s: float) -> LinearDecay:
+    """Return the linear model with given λ [1/s] and ω [rad/s], laid over a motion from `start_s` on.
 
     Amplitude, phase, rest position and its drift are the least-squares ones.
     """
-    start = _free_from(motion)
-    free = motion.time_s >= start
+    free = motion.time_s >= start_s
     t = motion.time_s[free]
     fading = np.exp(-decay_rate * t)
     basis = np.column_stack([fading * np.cos(omega * t), fading * np.sin(omega * t), np.ones(t.size), t])
     weights = np.linalg.lstsq(basis, motion.torsion[free], rcond=None)[0]
-    return LinearDecay(decay_rate, omega, start, *map(float, weights))
-
-
-def _free_from(motion: Motion) -> float:
-    """Return when the free decay starts [s], at once where no peaks stand out.
-
-    That is the first peak after the drive has stopped (a lever that lags its command stops later than that), or the
-    first free peak where no drive was recorded.
-    """
-    try:
-        peaks = find_peaks(motion.time_s, motion.torsion)
-        if motion.drive is None:
-            return float(peaks.time_s[first_free_peak(motion.time_s, motion.torsion, peaks)])
-        stop = drive_stop(motion.time_s, motion.drive) + 0.2 * peaks.half_period_s
-        return float(peaks.time_s[peaks.time_s >= stop][0])
-    except (RecordingError, IndexError):
-        return float(motion.time_s[0])
+    return LinearDecay(decay_rate, omega, start_s, *map(float, weights))
 
 
 def about_rest(motion: Motion, model: LinearDecay) -> Motion:
@@ -93,28 +75,19 @@ def draw_decay(recording: xr.Dataset, results: xr.Dataset, pretension_mm: float 
         return None
     p = int(np.argmin(np.abs(results["pretension_mm"].values - group.segment.pretension_mm)))
     here = results.isel(pretension=p, repeat=min(group.segment.repeat, results.sizes["repeat"] - 1))
-    decay_rate, omega = float(here["paper_decay_rate_per_s"]), float(here["paper_omega_rad_s"])
-    if not (np.isfinite(decay_rate) and np.isfinite(omega)):
+    numbers = tuple(float(here[name]) for name in ("paper_decay_rate_per_s", "paper_omega_rad_s", "decay_start_s"))
+    if not np.isfinite(numbers).all():
         return None
     free, whole = released_motion(recording, group), released_motion(recording, group, with_settle=True)
     figure = new_figure(3.1)
     left, right = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
-    _draw_whole(left, about_rest(whole, linear_decay(_after(whole, 0.0), decay_rate, omega)))
-    model = linear_decay(free, decay_rate, omega)
-    free = about_rest(free, model)
-    _draw_envelope(right, free, linear_decay(free, decay_rate, omega))
+    _draw_whole(left, about_rest(whole, linear_decay(whole, *numbers)))
+    free = about_rest(free, linear_decay(free, *numbers))
+    _draw_envelope(right, free, linear_decay(free, *numbers))
     right.text(0.98, 0.97, _quantities(here), transform=right.transAxes, ha="right", va="top", linespacing=1.35)
     note_panel(left, "a", "excitation and free decay" if group.settle is not None else "recorded oscillation")
     note_panel(right, "b", "envelope" + at_pretension(recording, group.segment.pretension_mm))
     return figure
-
-
-def _after(motion: Motion, time_s: float) -> Motion:
-    late = motion.time_s >= time_s
-    drive = None if motion.drive is None else motion.drive[late]
-    return replace(
-        motion, time_s=motion.time_s[late], torsion=motion.torsion[late], rate=motion.rate[late], drive=drive
-    )
 
 
 def _draw_whole(axes: Axes, motion: Motion) -> None:

@@ -51,6 +51,7 @@ _RING_DOWN = {
     "paper_quality": Variable(_PR, "1", "quality factor 1/(2 D) (paper Eq. 8)"),
     "paper_damping_n_m_s_rad": Variable(_PR, "N*m*s/rad", "d = 2 λ I (paper Eq. 9)"),
     "paper_stiffness_n_m_rad": Variable(_PR, "N*m/rad", "k = ω² I (paper Eq. 10)"),
+    "decay_start_s": Variable(_PR, "s", "start of the decay that was fitted, from the start of its segment"),
     "decay_rate_per_s": Variable(_PR, "1/s", "λ of the time-domain fit"),
     "decay_rate_std_per_s": Variable(_PR, "1/s", "standard deviation of λ"),
     "decay_frequency_hz": Variable(_PR, "Hz", "damped frequency of the time-domain fit"),
