@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 
+from sinew.twin.kinematics import cos_sin
 from sinew.twin.parameters import Parameters
 
 __all__ = ["SLIDING_SPEED", "commanded_angle", "duty", "horn_torque", "motor_current"]
@@ -14,7 +15,7 @@ SLIDING_SPEED = 0.05
 def commanded_angle(time_s: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Return the commanded lever angle, speed and acceleration: A sin Ωt until the drive stops, then zero."""
     driven = jnp.where(time_s < p.stop_s, p.amplitude, 0.0)
-    s, c = jnp.sin(p.omega * time_s), jnp.cos(p.omega * time_s)
+    c, s = cos_sin(p.omega * time_s)
     return driven * s, driven * p.omega * c, -driven * p.omega**2 * s
 
 

@@ -18,7 +18,7 @@ from sinew.twin.parameters import Parameters
 
 __all__ = ["LANES", "STEPS_PER_SAMPLE", "Track", "integrate"]
 
-LANES = 128
+LANES = 64
 """Lanes in one batch: small enough for the second-level cache, large enough to hide the loop's overhead."""
 
 STEPS_PER_SAMPLE = 4
