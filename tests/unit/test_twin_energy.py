@@ -10,7 +10,7 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.twin.cache import configure
 from sinew.twin.energy import potential, silicone_energy, tendon_energy, tendon_stretch, tendon_tension, total_tension
-from sinew.twin.kinematics import guide_directions, guide_points, tendon_lengths
+from sinew.twin.kinematics import cos_sin, guide_directions, guide_points, tendon_lengths
 from sinew.twin.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters, from_rig
 from sinew.twin.prony import complex_stiffness, prony_shares
 from sinew.twin.statics import axial_force, rest_shortening, set_pretension, torsional_stiffness
@@ -132,3 +132,12 @@ def test_a_tilted_head_shortens_one_tendon_and_lengthens_its_opposite() -> None:
 def test_prony_series_holds_the_loss_factor_constant_over_two_decades(loss_factor: float) -> None:
     ratio = complex_stiffness(prony_shares(loss_factor), np.geomspace(0.3, 30, 50))
     np.testing.assert_allclose(ratio.imag / ratio.real, loss_factor, rtol=0.03)
+
+
+def test_cosine_and_sine_are_exact_at_any_angle_and_so_is_their_derivative() -> None:
+    angle = np.concatenate([np.linspace(-50, 50, 2001), np.pi * np.arange(-9, 10)])
+    c, s = jax.vmap(cos_sin)(jnp.asarray(angle))
+    np.testing.assert_allclose(c, np.cos(angle), atol=1e-14)
+    np.testing.assert_allclose(s, np.sin(angle), atol=1e-14)
+    slope = jax.vmap(jax.grad(lambda a: cos_sin(a)[0]))(jnp.asarray(angle))
+    np.testing.assert_allclose(slope, -np.sin(angle), atol=1e-14)
