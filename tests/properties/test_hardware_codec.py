@@ -151,6 +151,20 @@ def test_no_input_makes_the_decoder_raise_or_hold_more_than_one_packet(chunks: l
         assert len(decoder.rest) <= LONGEST + 7
 
 
+@pytest.mark.parametrize("params", [b"\xff\xff\xfd", b"\xff\xff\xfd\x00", b"\0\xff\xff\xfd\xff\xff"])
+def test_a_packet_whose_sender_did_not_stuff_is_not_believed_though_its_crc_is_right(params: bytes) -> None:
+    frame = HEADER + bytes([1, len(params) + 4, 0, 0x55, 0]) + params
+    assert Decoder().feed(frame + crc16(frame).to_bytes(2, "little")) == []
+
+
+def test_a_wrong_crc_inside_a_fast_status_that_is_still_coming_is_not_counted_byte_by_byte() -> None:
+    decoder = Decoder()
+    wrong = encode(Status(1, 0, b"data"))[:-1] + b"\x00"
+    for byte in encode(fast_status([Status(1, 0, wrong), Status(2, 0, bytes(20))])):
+        decoder.feed(bytes([byte]))
+    assert decoder.crc_errors == 0
+
+
 def test_a_header_that_announces_more_than_the_longest_packet_is_not_waited_for() -> None:
     decoder = Decoder()
     decoder.feed(HEADER + bytes([1, 0xFF, 0xFF, 0x55]))

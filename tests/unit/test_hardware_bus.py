@@ -5,7 +5,7 @@ from tests.unit.hardware_line import Arrivals, Line, ManualClock, Slave
 
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.codec import Status, encode
-from sinew.hardware.instructions import ACTION, READ, REBOOT, Read, Write
+from sinew.hardware.instructions import ACTION, READ, REBOOT, Read, Write, sync_read
 from sinew.hardware.reply import Outcome, Reply
 
 TIMING = BusTiming(baud=1_000_000, return_delay=500e-6, latency=0.005)
@@ -143,7 +143,8 @@ def test_an_answer_that_comes_byte_by_byte_behind_garbage_is_taken() -> None:
 
 def test_a_late_answer_is_not_taken_for_the_answer_to_the_next_question() -> None:
     bus, line, _ = bench(retries=0)
-    line.spoil = lambda n, wire: [(0.008 if n == 0 else 0.0, wire)]
+    # The bus gives up after 5.81 ms (see above); this comes after 6.3 ms, before a prompt answer to the next question.
+    line.spoil = lambda n, wire: [(0.0053 if n == 0 else 0.0, wire)]
     assert bus.read(1, 132, 4).outcome is Outcome.SILENT
     assert bus.read(1, 140, 4).data == bytes([140, 141, 142, 143])
 
@@ -153,6 +154,23 @@ def test_a_doubled_answer_is_not_taken_for_the_answer_to_the_next_question() -> 
     line.spoil = lambda n, wire: only_first(wire * 2)
     bus.read(1, 132, 4)
     assert bus.read(1, 140, 4).data == bytes([140, 141, 142, 143])
+
+
+def test_a_doubled_answer_counts_as_one_answer_and_a_stray() -> None:
+    bus, line, _ = bench()
+    line.spoil = lambda n, wire: only_first(wire * 2)
+    bus.read(1, 132, 4)
+    assert (bus.statistics.answers, bus.statistics.strays) == (1, 1)
+
+
+def test_a_fast_read_answered_in_another_order_is_not_believed() -> None:
+    bus, line, _ = bench(retries=0)
+    swapped = sync_read(126, 10, [2, 1], fast=True)
+    line.slaves[1].memory[126] = 0
+    other = Line(ManualClock(), *line.slaves.values())
+    other.write(encode(swapped))
+    line.spoil = lambda n, wire: only_first(other.read(other.clock.time + 1))
+    assert not any(reply.ok for reply in bus.sync_read(126, 10, [1, 2], fast=True).values())
 
 
 def test_an_answer_of_another_id_is_a_stray() -> None:

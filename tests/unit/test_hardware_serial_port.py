@@ -1,6 +1,8 @@
 """The serial port, on a pseudo-terminal."""
 
 import os
+import subprocess
+import sys
 import tty
 from collections.abc import Iterator
 
@@ -22,6 +24,11 @@ def ends() -> Iterator[tuple[int, str]]:
     yield far, os.ttyname(near)
     os.close(near)
     os.close(far)
+
+
+def test_pyserial_is_loaded_only_when_a_port_is_opened() -> None:
+    code = "import sys, sinew.hardware.serial_port, sinew.hardware.bus; print('serial' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"
 
 
 def test_bytes_go_out_as_they_are(ends: tuple[int, str]) -> None:
