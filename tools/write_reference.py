@@ -1,7 +1,7 @@
-"""This is where the generated pages of docs/reference come from: the schema's tables and the command's own help.
+"""This is where the generated pages of docs/reference come from: schema, register tables, the command's own help.
 
-`make reference` writes docs/reference/recording.md, results.md and cli.md anew; a test compares what is committed with
-what this program would write.
+`make reference` writes docs/reference/recording.md, results.md, registers.md and cli.md anew; a test compares what is
+committed with what this program would write.
 """
 
 import sys
@@ -15,10 +15,13 @@ import typer
 from typer.testing import CliRunner
 
 from sinew.apps.cli import app
+from sinew.hardware.imu_registers import IMUS
+from sinew.hardware.motor_registers import BAUD_RATES, HARDWARE_ERRORS, XH430_W350, XM430_W350
+from sinew.hardware.registers import Register, RegisterTable
 from sinew.measure import results, schema
 from tools.tree import ROOT
 
-__all__ = ["cli_page", "main", "recording_page", "reference_pages", "results_page"]
+__all__ = ["cli_page", "main", "recording_page", "reference_pages", "registers_page", "results_page"]
 
 _NOTE = "<!-- written by tools/write_reference.py (`make reference`); edit that, not this -->\n"
 
@@ -131,11 +134,65 @@ plan `short`.
 {sections}"""
 
 
+def _register_row(row: Register) -> str:
+    kind = "float" if row.is_float else "signed" if row.signed else ""
+    span = f"{row.lowest} to {row.highest}" if row.writable and not row.is_float else ""
+    unit = "" if row.unit == "1" else row.unit
+    count = f"{row.scale:.6g} {unit}".strip() if row.scale != 1 or unit else ""
+    initial = "" if row.initial is None else str(row.initial)
+    access = "RW" if row.writable else "R"
+    return f"| {row.address} | {row.size} | `{row.name}` | {access} | {kind} | {count} | {span} | {initial} |"
+
+
+def _register_table(table: RegisterTable) -> str:
+    """Return a Markdown table of registers; of the indirect ones only the first and the last of a run."""
+    lines = ["| address | bytes | register | access | kind | one count | counts allowed | initial |"]
+    lines.append("|---|---|---|---|---|---|---|---|")
+    shown = {f"indirect_{what}_{n}" for what in ("address", "data") for n in (1, 28, 29, 56)}
+    rows = [row for row in table if not row.name.startswith("indirect_") or row.name in shown]
+    return "\n".join([*lines, *(_register_row(row) for row in rows)]) + "\n"
+
+
+def registers_page() -> str:
+    """Return the page on registers, from the tables of `sinew.hardware`."""
+    other = [row for row in XM430_W350 if row != XH430_W350[row.name]]
+    differences = RegisterTable(XM430_W350.model, XM430_W350.number, tuple(other))
+    bauds = ", ".join(f"{count}: {baud}" for count, baud in enumerate(BAUD_RATES))
+    errors = ", ".join(f"bit {bit}: {what}" for bit, what in HARDWARE_ERRORS.items())
+    imus = "\n".join(f"## {t.model}, model {t.number:#06x}\n\n{_register_table(t)}" for t in IMUS.values())
+    return f"""{_NOTE}
+# Registers
+
+The control tables of the bench's motors and of the head's inertial sensor. A register of several bytes has its low byte
+first. Counts times *one count* is the quantity in SI, radians or degrees Celsius; no entry there means a plain number.
+What speaks them: [bus](../explanation/bus.md).
+
+## {XH430_W350.model}, model {XH430_W350.number}
+
+Registers below {XH430_W350.eeprom_stop} are kept without power and can be written only while `torque_enable` is 0.
+
+{_register_table(XH430_W350)}
+Of the 56 indirect addresses and data bytes the table shows the ends of the two runs, 1 to 28 and 29 to 56.
+
+- `baud_rate`: {bauds} baud.
+- `operating_mode`: 0 current, 1 velocity, 3 position, 4 extended position, 5 position with current limit, 16 PWM.
+- `hardware_error_status`, `shutdown`: {errors}.
+- `bus_watchdog`: reads -1 after it has stopped the motor; writing 0 clears it.
+
+## {XM430_W350.model}, model {XM430_W350.number}
+
+As above except:
+
+{_register_table(differences)}
+{imus}"""
+
+
 def reference_pages() -> dict[str, str]:
     """Return the text of every generated page by its path inside the repository."""
     return {
         "docs/reference/cli.md": cli_page(),
         "docs/reference/recording.md": recording_page(),
+        "docs/reference/registers.md": registers_page(),
         "docs/reference/results.md": results_page(),
     }
 

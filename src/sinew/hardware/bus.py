@@ -1,0 +1,276 @@
+"""This is where devices are asked and answers waited for, one transaction at a time.
+
+One thread owns a bus. Timeouts are what the bytes need on the wire, the devices' return delay and the latency of the
+port, told by a clock that never goes back. What a device does not do is an outcome in its `Reply`; only a port that is
+gone raises (PortError).
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from sinew.hardware import instructions as ask
+from sinew.hardware.codec import BROADCAST, FastStatus, Instruction, Packet, Status, encode, fast_blocks, wire_bytes
+from sinew.hardware.decoder import Decoder
+from sinew.hardware.reply import Outcome, Reply
+from sinew.hardware.transport import Clock, Transport
+
+__all__ = ["Bus", "BusTiming", "Statistics"]
+
+_BITS_PER_BYTE = 10  # start, eight, stop
+_CRC_NUMBER = 3
+_PING_DATA = 3
+_MOST_WAITS_FOR_QUIET = 5
+
+
+@dataclass(frozen=True, slots=True)
+class BusTiming:
+    """How long an answer may take.
+
+    baud: 1/s. return_delay: of the slowest device [s]; a factory-new motor waits 500 µs. latency: of port, driver and
+    operating system [s]; 16 ms for an FTDI adapter as it comes, 1 ms where its timer is set, and some for the computer.
+    """
+
+    baud: int = 1_000_000
+    return_delay: float = 500e-6
+    latency: float = 0.02
+
+    def allowed(self, sent: int, expected: int, answers: int) -> float:
+        """Return how long to wait [s] for `answers` of together `expected` bytes to a packet of `sent` bytes."""
+        return (sent + expected) * _BITS_PER_BYTE / self.baud + answers * self.return_delay + self.latency
+
+
+@dataclass(slots=True)
+class Statistics:
+    """What happened on a bus since it was made.
+
+    transactions: instructions sent, repeated ones included. retries: of them repeated. sent_bytes, received_bytes.
+    answers: status packets that belonged to a question. silent, damaged, refused, wrong_length, alerts: of those asked.
+    strays: whole packets nobody asked for (late, doubled, of another id, our own echo).
+    crc_errors: packets of full length with a wrong CRC. discarded_bytes: belonging to no packet.
+    """
+
+    transactions: int = 0
+    retries: int = 0
+    sent_bytes: int = 0
+    received_bytes: int = 0
+    answers: int = 0
+    silent: int = 0
+    damaged: int = 0
+    refused: int = 0
+    wrong_length: int = 0
+    alerts: int = 0
+    strays: int = 0
+    crc_errors: int = 0
+    discarded_bytes: int = 0
+
+
+class Bus:
+    """Asks devices on one line.
+
+    transport, clock: the seams; the transport's deadlines are told by this clock. retries: how often a device that did
+    not answer, or answered damaged, is asked again; what must not happen twice is never repeated.
+    """
+
+    def __init__(self, transport: Transport, clock: Clock, timing: BusTiming | None = None, retries: int = 1) -> None:
+        self._transport, self._clock = transport, clock
+        self.timing = timing or BusTiming()
+        self.retries = retries
+        self._statistics = Statistics()
+        self._decoder = Decoder()
+        self._suspect = False
+
+    @property
+    def statistics(self) -> Statistics:
+        """What happened so far; a copy."""
+        return replace(self._statistics, crc_errors=self._decoder.crc_errors, discarded_bytes=self._decoder.discarded)
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._transport.close()
+
+    def ping(self, device: int) -> Reply:
+        """Return the answer to a ping: model number (2 bytes) and firmware version (1)."""
+        return self._ask_one(ask.ping(device), _PING_DATA)
+
+    def scan(self, wait: float | None = None) -> dict[int, Reply]:
+        """Return the pings of all devices that answer to one question to all, by id.
+
+        wait: how long to listen [s]; by default as long as 253 devices may take.
+        """
+        sent = encode(ask.ping())
+        allowed = self.timing.allowed(len(sent), 253 * wire_bytes(_PING_DATA, status=True), 253)
+        stop = self._send(sent) + (allowed if wait is None else wait)
+        found: dict[int, Reply] = {}
+
+        def take(packet: Packet) -> bool:
+            if isinstance(packet, Status) and packet.id not in found:
+                found[packet.id] = self._judge(packet, _PING_DATA)
+                return True
+            return False
+
+        self._listen(stop, take, lambda: False)
+        return found
+
+    def read(self, device: int, address: int, length: int) -> Reply:
+        """Return `length` bytes from `address` on."""
+        return self._ask_one(ask.read(device, address, length), length)
+
+    def write(self, device: int, address: int, data: bytes) -> Reply:
+        """Store bytes from `address` on; return what the device says to that.
+
+        The device must answer to writes (register `status_return_level` 2, as from the factory).
+        """
+        return self._ask_one(ask.write(device, address, data), 0)
+
+    def reg_write(self, device: int, address: int, data: bytes) -> Reply:
+        """Have bytes kept ready until `action`; return what the device says to that."""
+        return self._ask_one(ask.reg_write(device, address, data), 0)
+
+    def action(self) -> None:
+        """Have all devices carry out what they keep ready. Nobody answers."""
+        self._tell(ask.action())
+
+    def reboot(self, device: int) -> Reply:
+        """Start a device anew; return what it says to that. Its torque is off afterwards. Never repeated."""
+        return self._ask_one(ask.reboot(device), 0, retries=0)
+
+    def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
+        """Store bytes, as many for each device, from `address` on, by id. Nobody answers."""
+        self._tell(ask.sync_write(address, data))
+
+    def bulk_write(self, writes: Sequence[ask.Write]) -> None:
+        """Store other bytes at other addresses of each device. Nobody answers."""
+        self._tell(ask.bulk_write(writes))
+
+    def sync_read(self, address: int, length: int, devices: Sequence[int], *, fast: bool = False) -> dict[int, Reply]:
+        """Return the same bytes of several devices, by id and in the order asked.
+
+        fast: in one packet of all (X430 motors from firmware 45 on). Who did not answer is asked alone.
+        """
+        reads = [ask.Read(device, address, length) for device in devices]
+        return self._ask_group(ask.sync_read(address, length, devices, fast=fast), reads, fast)
+
+    def bulk_read(self, reads: Sequence[ask.Read], *, fast: bool = False) -> dict[int, Reply]:
+        """Return other bytes of each device, by id and in the order asked; see `sync_read`."""
+        return self._ask_group(ask.bulk_read(reads, fast=fast), reads, fast)
+
+    def _ask_one(self, instruction: Instruction, length: int, retries: int | None = None) -> Reply:
+        allowed = self.retries if retries is None else retries
+        reply = self._ask_once(instruction, length)
+        while reply.attempts <= allowed and _is_worth_repeating(reply):
+            self._statistics.retries += 1
+            reply = replace(self._ask_once(instruction, length), attempts=reply.attempts + 1)
+        return reply
+
+    def _ask_once(self, instruction: Instruction, length: int) -> Reply:
+        sent = encode(instruction)
+        # Stuffing makes an answer longer by a third at most.
+        expected = wire_bytes(length + length // 3 + 1, status=True)
+        stop = self._send(sent) + self.timing.allowed(len(sent), expected, 1)
+        replies: list[Reply] = []
+
+        def take(packet: Packet) -> bool:
+            if not isinstance(packet, Status) or packet.id != instruction.id or replies:
+                return False
+            replies.append(self._judge(packet, length))
+            return True
+
+        heard = self._listen(stop, take, lambda: bool(replies))
+        return replies[0] if replies else self._missing(instruction.id, heard)
+
+    def _ask_group(self, instruction: Instruction, reads: Sequence[ask.Read], fast: bool) -> dict[int, Reply]:
+        lengths = {read.id: read.length for read in reads}
+        got: dict[int, Reply] = {}
+
+        def take(packet: Packet) -> bool:
+            if fast and isinstance(packet, FastStatus):
+                return self._take_blocks(encode(packet), lengths, got)
+            if fast or not isinstance(packet, Status) or packet.id not in lengths or packet.id in got:
+                return False
+            got[packet.id] = self._judge(packet, lengths[packet.id])
+            return True
+
+        sent = encode(instruction)
+        expected = sum(wire_bytes(n + n // 3 + 1, status=True) for n in lengths.values())
+        stop = self._send(sent) + self.timing.allowed(len(sent), expected, len(lengths))
+        heard = self._listen(stop, take, lambda: len(got) == len(lengths))
+        if fast and not got:
+            # What arrived before a device fell silent is as good as in a whole packet.
+            self._take_blocks(self._decoder.rest, lengths, got)
+        return {read.id: self._finish(read, got.get(read.id), heard) for read in reads}
+
+    def _finish(self, read: ask.Read, reply: Reply | None, heard: bool) -> Reply:
+        """Return the reply of a device of a group; who has none, or a damaged one, is asked alone."""
+        first = reply or self._missing(read.id, heard)
+        if not self.retries or not _is_worth_repeating(first):
+            return first
+        self._statistics.retries += 1
+        again = self._ask_one(ask.read(read.id, read.address, read.length), read.length, self.retries - 1)
+        return replace(again, attempts=again.attempts + 1)
+
+    def _take_blocks(self, frame: bytes, lengths: Mapping[int, int], got: dict[int, Reply]) -> bool:
+        blocks = fast_blocks(frame, list(lengths.values()))
+        fitting = [part for part, device in zip(blocks, lengths, strict=False) if part.id == device]
+        got.update({part.id: self._judge(part, lengths[part.id]) for part in fitting})
+        return bool(fitting)
+
+    def _tell(self, instruction: Instruction) -> None:
+        assert instruction.id == BROADCAST
+        self._send(encode(instruction))
+
+    def _send(self, data: bytes) -> float:
+        """Send an instruction on a line without old bytes; return when [s]."""
+        quiet = self.timing.latency if self._suspect else 0.0
+        patience = self._clock.now() + _MOST_WAITS_FOR_QUIET * quiet
+        while old := self._transport.read(self._clock.now() + quiet):
+            self._statistics.received_bytes += len(old)
+            self._statistics.strays += len(self._decoder.feed(old))
+            if self._clock.now() > patience:
+                break  # a line that never falls silent is no reason to wait for ever
+        self._decoder.reset()
+        self._suspect = False
+        self._transport.write(data)
+        self._statistics.transactions += 1
+        self._statistics.sent_bytes += len(data)
+        return self._clock.now()
+
+    def _listen(self, stop: float, take: Callable[[Packet], bool], done: Callable[[], bool]) -> bool:
+        """Hand packets to `take` until `done` or `stop` [s]; return whether bytes came that belong to no answer."""
+        rejected = self._decoder.discarded + self._decoder.crc_errors
+        late = False
+        while not done():
+            data = b"" if late else self._transport.read(stop)
+            if not data:
+                self._suspect = True
+                break
+            late = self._clock.now() > stop
+            self._statistics.received_bytes += len(data)
+            for packet in self._decoder.feed(data):
+                if not take(packet):
+                    self._statistics.strays += 1
+                    self._suspect = self._suspect or not isinstance(packet, Instruction)
+        return self._decoder.discarded + self._decoder.crc_errors > rejected or bool(self._decoder.rest)
+
+    def _judge(self, status: Status, length: int) -> Reply:
+        self._statistics.answers += 1
+        self._statistics.alerts += status.alert
+        reply = Reply(status.id, Outcome.ANSWERED, status.params, status.number, status.alert, at=self._clock.now())
+        if status.number:
+            self._statistics.refused += 1
+            return replace(reply, outcome=Outcome.REFUSED, data=b"")
+        if len(status.params) != length:
+            self._statistics.wrong_length += 1
+            self._suspect = True
+            return replace(reply, outcome=Outcome.WRONG_LENGTH, data=b"")
+        return reply
+
+    def _missing(self, device: int, heard: bool) -> Reply:
+        if heard:
+            self._statistics.damaged += 1
+        else:
+            self._statistics.silent += 1
+        return Reply(device, Outcome.DAMAGED if heard else Outcome.SILENT, at=self._clock.now())
+
+
+def _is_worth_repeating(reply: Reply) -> bool:
+    return not reply.ok and (reply.outcome is not Outcome.REFUSED or reply.number == _CRC_NUMBER)

@@ -1,0 +1,30 @@
+"""This is where what can go wrong between Sinew and a bench gets its name.
+
+    SinewError
+    └── HardwareError
+        ├── PacketError      a packet that cannot be sent: an id, address or length the protocol does not have
+        ├── RegisterError    no such register, or a value that it cannot hold
+        └── PortError        the serial port cannot be opened, or is gone
+
+A device that is silent, refuses or raises its alert is no exception but an outcome: see `sinew.hardware.reply`.
+"""
+
+from sinew.measure.errors import SinewError
+
+__all__ = ["HardwareError", "PacketError", "PortError", "RegisterError"]
+
+
+class HardwareError(SinewError):
+    """Base of what can go wrong between Sinew and a bench."""
+
+
+class PacketError(HardwareError):
+    """A packet that cannot be sent: an id, address or length the protocol does not have."""
+
+
+class RegisterError(HardwareError):
+    """No such register, or a value that it cannot hold."""
+
+
+class PortError(HardwareError):
+    """The serial port cannot be opened, or is gone."""

@@ -1,0 +1,166 @@
+"""This is where a register is described, and its bytes become a quantity and back.
+
+A register is a row: where it lies, what may be done to it, and what one count of it means. Quantities are in SI and
+radians; a duty (PWM) is a fraction of the supply and temperatures are in degrees Celsius.
+"""
+
+import difflib
+import math
+import struct
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+from sinew.hardware.errors import RegisterError
+
+__all__ = ["Register", "RegisterTable", "decode", "decode_raw", "encode", "encode_raw"]
+
+_FLOAT = struct.Struct("<f")
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One item of a control table.
+
+    name: as in the manual, with underscores. address, size: of its first byte, and how many [bytes].
+    writable: RW in the manual, else R. signed: two's complement. unit: of the decoded quantity; 1 for counts and bits.
+    scale: quantity of one count [unit]. low, high: counts that may be written; None: all that fit into the size.
+    initial: counts after factory reset or start; None where it depends.
+    is_float: the bytes are an IEEE 754 single instead of a count; then scale is 1.
+    """
+
+    name: str
+    address: int
+    size: int
+    writable: bool = False
+    signed: bool = False
+    unit: str = "1"
+    scale: float = 1.0
+    low: int | None = None
+    high: int | None = None
+    initial: int | None = None
+    is_float: bool = False
+
+    @property
+    def stop(self) -> int:
+        """The address behind its last byte."""
+        return self.address + self.size
+
+    @property
+    def lowest(self) -> int:
+        """The least count that may be written."""
+        return self.low if self.low is not None else -(1 << (8 * self.size - 1)) if self.signed else 0
+
+    @property
+    def highest(self) -> int:
+        """The greatest count that may be written."""
+        return self.high if self.high is not None else (1 << (8 * self.size - self.signed)) - 1
+
+
+@dataclass(frozen=True)
+class RegisterTable:
+    """The control table of one model.
+
+    model: its name. number: what it answers to a ping. rows: by address.
+    eeprom_stop: registers below it are kept without power, and locked while the torque is on; 0 where there are none.
+    """
+
+    model: str
+    number: int
+    rows: tuple[Register, ...]
+    eeprom_stop: int = 0
+    _by_name: dict[str, Register] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_by_name", {row.name: row for row in self.rows})
+
+    def __getitem__(self, name: str) -> Register:
+        """Return a register by its name; raises RegisterError with what there is instead."""
+        try:
+            return self._by_name[name]
+        except KeyError:
+            alike = difflib.get_close_matches(name, self._by_name, n=4)
+            hint = f"there is {', '.join(alike)}" if alike else "docs/reference/registers.md lists them"
+            raise RegisterError(f"{self.model} has no register {name!r}; {hint}") from None
+
+    def __iter__(self) -> Iterator[Register]:
+        return iter(self.rows)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._by_name
+
+    @property
+    def size(self) -> int:
+        """The address behind the last register."""
+        return max(row.stop for row in self.rows)
+
+    def block(self, names: Iterable[str]) -> tuple[int, int]:
+        """Return (address, length) of the smallest block that holds these registers."""
+        rows = [self[name] for name in names]
+        start = min(row.address for row in rows)
+        return start, max(row.stop for row in rows) - start
+
+    def values(self, names: Iterable[str], start: int, data: bytes) -> dict[str, float]:
+        """Return quantities by name out of a block of bytes that begins at address `start`.
+
+        Raises RegisterError if the block does not hold one of them.
+        """
+        return {name: decode(self[name], _cut(self[name], start, data)) for name in names}
+
+
+def decode_raw(register: Register, data: bytes) -> int | float:
+    """Return the counts that the bytes of a register stand for; of a float register, the number itself.
+
+    Raises RegisterError if there are more or fewer bytes than the register has.
+    """
+    if len(data) != register.size:
+        raise RegisterError(f"{register.name} came with {len(data)} bytes; expected {register.size}")
+    if register.is_float:
+        return float(_FLOAT.unpack(data)[0])
+    return int.from_bytes(data, "little", signed=register.signed)
+
+
+def encode_raw(register: Register, count: int) -> bytes:
+    """Return the bytes of so many counts.
+
+    Raises RegisterError if the register cannot be written, or not with that.
+    """
+    if not register.writable:
+        raise RegisterError(f"{register.name} can only be read; expected one that can be written")
+    if not register.lowest <= count <= register.highest:
+        unit = "" if register.unit == "1" else f" of {register.scale:.4g} {register.unit}"
+        raise RegisterError(
+            f"{register.name} cannot hold {count} counts{unit}; expected {register.lowest} to {register.highest}"
+        )
+    return count.to_bytes(register.size, "little", signed=register.signed)
+
+
+def decode(register: Register, data: bytes) -> float:
+    """Return the quantity [register.unit] that the bytes of a register stand for.
+
+    Raises RegisterError if there are more or fewer bytes than the register has.
+    """
+    return decode_raw(register, data) * register.scale
+
+
+def encode(register: Register, value: float) -> bytes:
+    """Return the bytes of the count nearest to a quantity [register.unit].
+
+    Raises RegisterError if the register cannot be written, or not with that.
+    """
+    if not math.isfinite(value):
+        raise RegisterError(f"{register.name} cannot hold {value}; expected a finite number")
+    if register.is_float:
+        if not register.writable:
+            raise RegisterError(f"{register.name} can only be read; expected one that can be written")
+        return _FLOAT.pack(value)
+    return encode_raw(register, round(value / register.scale))
+
+
+def _cut(register: Register, start: int, data: bytes) -> bytes:
+    at = register.address - start
+    if at < 0 or at + register.size > len(data):
+        raise RegisterError(
+            f"{register.name} lies at {register.address} to {register.stop - 1}, "
+            f"not within the {len(data)} bytes from {start} on; read a block that holds it"
+        )
+    return data[at : at + register.size]
