@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 
+from sinew.apps.analyse import decay_rows
 from sinew.apps.cli import main
 from sinew.measure.netcdf import load_dataset, load_recording
 from sinew.measure.results import validate_results
@@ -88,19 +90,121 @@ def test_a_person_reads_the_damping_ratio_and_whether_to_believe_it(
     assert "exponential: yes" in out
 
 
-def test_a_sweep_gives_gain_and_lag_at_each_frequency(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    rows, start = ["t,drive,phi"], 0.0
-    for frequency in (2.0, 3.0, 4.0):
+SWEEP = ("--kind", "sweep", "--time", "t", "--response", "phi:deg", "--drive", "drive:deg")
+
+
+def sweep_file(folder: Path, frequencies: list[float], damping: float) -> Path:
+    """Return a table of a joint of 3 Hz, φ̈ + 2Dω₀φ̇ + ω₀²φ = -θ̈ in steady state, with an encoder's noise."""
+    rows, start, generator = ["t,drive,phi"], 0.0, np.random.default_rng(5)
+    for frequency in frequencies:
+        ratio = frequency / 3.0
+        response = ratio**2 / (1 - ratio**2 + 2j * damping * ratio)
         time = np.arange(0, 30 / frequency, 0.005)
-        drive, phi = np.sin(2 * np.pi * frequency * time), 2 * np.sin(2 * np.pi * frequency * time - 0.5)
-        rows += [f"{start + t:.4f},{d:.6f},{p:.6f}" for t, d, p in zip(time, drive, phi, strict=True)]
+        drive = np.exp(2j * np.pi * frequency * time)
+        noise = generator.normal(0, 0.01, (2, time.size))
+        columns = (start + time, drive.imag + noise[0], (response * drive).imag + noise[1])
+        rows += [f"{t:.4f},{d:.6f},{p:.6f}" for t, d, p in zip(*columns, strict=True)]
         start += time[-1] + 0.005
-    (tmp_path / "sweep.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    columns = ("--kind", "sweep", "--time", "t", "--response", "phi:deg", "--drive", "drive:deg")
-    table = run(capsys, "analyse", tmp_path / "sweep.csv", *columns)["response"]
-    assert [row["frequency_hz"] for row in table] == pytest.approx([2, 3, 4], rel=1e-3)
-    assert [row["gain_measured_drive"]["value"] for row in table] == pytest.approx([2, 2, 2], rel=1e-3)
-    assert [row["phase_lag_deg"]["value"] for row in table] == pytest.approx([np.degrees(0.5)] * 3, abs=0.1)
+    (folder / "sweep.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    return folder / "sweep.csv"
+
+
+def test_a_sweep_gives_gain_and_lag_at_each_frequency(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = run(capsys, "analyse", sweep_file(tmp_path, [2.0, 2.5, 4.0], 0.1), *SWEEP)
+    ratio = np.array([2.0, 2.5, 4.0]) / 3
+    truth = ratio**2 / (1 - ratio**2 + 0.2j * ratio)
+    table = found["response"]
+    assert "resonance" not in found
+    assert [row["frequency_hz"] for row in table] == pytest.approx([2, 2.5, 4], rel=1e-3)
+    assert [row["gain_measured_drive"]["value"] for row in table] == pytest.approx(np.abs(truth), rel=5e-3)
+    assert [row["phase_lag_deg"]["value"] for row in table] == pytest.approx(-np.degrees(np.angle(truth)), abs=0.5)
+
+
+@pytest.fixture(scope="module")
+def wide_sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return sweep_file(tmp_path_factory.mktemp("sweep"), [2.0, 2.4, 2.7, 2.9, 3.1, 3.3, 3.6, 4.0], 0.1)
+
+
+def test_a_sweep_of_enough_frequencies_gives_the_resonance_of_the_closed_form(
+    wide_sweep: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (row,) = run(capsys, "analyse", wide_sweep, *SWEEP)["resonance"]
+    assert row["resonance_measured_drive_hz"]["value"] == pytest.approx(3 / np.sqrt(1 - 2 * 0.1**2), rel=5e-3)
+    assert row["gain_peak_measured_drive"]["value"] == pytest.approx(1 / (0.2 * np.sqrt(1 - 0.1**2)), rel=0.01)
+    assert row["phase_90_hz"]["value"] == pytest.approx(3.0, rel=5e-3)
+
+
+def test_the_resonance_has_the_keys_of_the_reference(wide_sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (row,) = run(capsys, "analyse", wide_sweep, *SWEEP)["resonance"]
+    assert row.pop("pretension_mm") == 0
+    assert {key: set(value) for key, value in row.items()} == dict.fromkeys(
+        (
+            "resonance_hz",
+            "gain_peak",
+            "gain_peak_measured_drive",
+            "resonance_measured_drive_hz",
+            "phase_90_hz",
+            "half_power_width_hz",
+            "drive_amplitude_at_resonance_rad",
+        ),
+        QUANTITY,
+    )
+
+
+def test_the_keys_of_a_sweeps_row_are_those_of_the_reference(
+    wide_sweep: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "json.md").read_text(encoding="utf-8")
+    found = run(capsys, "analyse", wide_sweep, *SWEEP)
+    keys = {*found["response"][0], *found["resonance"][0]}
+    assert {key for key in keys if f"`{key}`" not in page} == set()
+
+
+def test_the_tables_of_a_sweep_fit_a_hundred_columns(wide_sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["analyse", str(wide_sweep), *SWEEP]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if len(line) > 100] == []
+    assert "half-power/Hz" in "".join(lines)
+
+
+def test_a_longer_settling_leaves_a_shorter_record(
+    wide_sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lengths = []
+    for settle in ("1", "4"):
+        run(capsys, "analyse", wide_sweep, *SWEEP, "--settle", settle, "--out", tmp_path / settle)
+        found = load_recording(tmp_path / settle / "recording.nc")
+        lengths.append(int(found["row_size"].values[found["kind"].values == "steady"].sum()))
+    # eight groups lose three seconds at 200 Hz each, up to a period at either end
+    assert lengths[0] - lengths[1] == pytest.approx(8 * 3 * 200, rel=0.15)
+
+
+def test_settling_cannot_be_chosen_once_the_groups_are_cut(
+    wide_sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(capsys, "analyse", wide_sweep, *SWEEP, "--out", tmp_path / "out")
+    assert main(["analyse", str(tmp_path / "out" / "recording.nc"), "--settle", "1"]) == 2
+    assert "--settle comes too late" in capsys.readouterr().err
+
+
+def test_a_stretch_of_an_imported_recording_is_analysed_as_that_of_the_table(
+    decay: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stretch = ("--start", "1", "--stop", "4")
+    run(capsys, "import", decay, *COLUMNS, "--out", tmp_path / "decay.nc")
+    assert run(capsys, "analyse", tmp_path / "decay.nc", *stretch) == run(capsys, "analyse", decay, *COLUMNS, *stretch)
+
+
+def test_the_rate_of_a_single_decay_keeps_the_fits_own_uncertainty() -> None:
+    part = {"pretension": [0.0], "repeat": [0]}
+    names = ("decay_frequency_hz", "decay_rate_per_s", "damping_ratio", "paper_decay_rate_per_s")
+    own = ("decay_frequency_std_hz", "decay_rate_std_per_s", "damping_ratio_std")
+    columns = {name: (("pretension", "repeat"), [[3.0]]) for name in names}
+    columns |= {name: (("pretension", "repeat"), [[0.1]]) for name in own}
+    results = xr.Dataset({**columns, "pretension_mm": ("pretension", [0.0])}, coords=part)
+    row = decay_rows(results)[0]["decay_rate_per_s"]
+    assert row["std"] == pytest.approx(0.1)
+    assert row["interval90"] == pytest.approx([3.0 - 1.645 * 0.1, 3.0 + 1.645 * 0.1], abs=1e-4)
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no folder ../shared/data with recordings by others")
@@ -162,6 +266,13 @@ def test_report_writes_the_same_summary_anew(campaign: Path, capsys: pytest.Capt
     (campaign / "report.html").unlink()
     assert run(capsys, "report", campaign) == before
     assert (campaign / "report.html").is_file()
+
+
+@pytest.mark.slow
+def test_report_takes_up_all_that_reproduce_left(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(campaign), "--json"]) == 0
+    assert capsys.readouterr().err == ""
+    assert "sinew reproduce --plan" in (campaign / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

@@ -90,13 +90,25 @@ def folder_that_is_a_file(folder: Path) -> None:
     (folder / "out").write_text("in the way", encoding="utf-8")
 
 
+def imported(folder: Path) -> None:
+    table(folder)
+    save_recording(import_csv(folder / "in.csv", time="t", response="x:deg"), folder / "in.nc")
+
+
 SIMULATE = ("simulate", "plan.toml", "--out", "run/recording.nc")
 FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
     "missing column": (table, (*ANALYSE[:-4], "--response", "y:deg", "--out", "out"), "y"),
     "unknown unit": (table, (*ANALYSE[:-4], "--response", "x:furlogs", "--out", "out"), "unknown unit 'furlogs'"),
     "NaN": (with_nan, ANALYSE, "x"),
     "time going backwards": (with_time_backwards, ANALYSE, "backwards"),
-    "gap": (with_gap, ANALYSE, "gap"),
+    "gap": (with_gap, ANALYSE, "--gaps split"),
+    "stretch outside an imported recording": (
+        imported,
+        ("analyse", "in.nc", "--start", "20", "--out", "out"),
+        "the recording runs from 0 s to 9.99 s",
+    ),
+    "negative settling": (table, ("analyse", "in.csv", "--kind", "sweep", "--settle", "-1"), "of 0 s or more"),
+    "settling of a ring-down": (imported, ("analyse", "in.nc", "--settle", "1"), "this is a ring-down"),
     "empty file": (empty, ANALYSE, "empty"),
     "binary junk": (binary_junk, ANALYSE, "in.csv"),
     "no file": (absent, ANALYSE, "in.csv"),

@@ -1,6 +1,7 @@
 """`sinew simulate`, `export` and `import`: a recording comes out whole, with what it was made from."""
 
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,17 @@ def test_the_recording_holds_the_plan_and_rig_it_was_made_from(folder: Path) -> 
 def test_the_recording_holds_the_seed_and_the_effects_that_were_off(folder: Path) -> None:
     attrs = load_recording(folder / "recording.nc").attrs
     assert (attrs["seed"], set(attrs["effects_off"].split())) == (7, {"sensor_noise", "stamp_jitter"})
+
+
+def test_the_recording_holds_the_command_that_made_it(folder: Path) -> None:
+    words = shlex.split(load_recording(folder / "recording.nc").attrs["command"])
+    assert words[:2] + words[5:7] == ["sinew", "simulate", "--seed", "7"]
+    assert words[-4:] == ["--without", "sensor_noise", "--without", "stamp_jitter"]
+
+
+def test_a_stretch_of_a_campaign_is_refused_with_the_reason(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["analyse", str(folder / "recording.nc"), "--start", "1"]) == 2
+    assert "this one is a campaign whose segments are analysed whole" in capsys.readouterr().err
 
 
 def test_the_recording_has_the_samples_that_the_check_foretold(

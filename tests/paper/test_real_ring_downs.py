@@ -129,6 +129,13 @@ def test_the_mean_frequency_of_the_spring_pendulum_is_within_one_percent_of_its_
     assert pendulum(name).paper.omega_rad_s / (2 * np.pi) == pytest.approx(PENDULUM_HZ[name], rel=0.01)
 
 
+@each_pendulum
+def test_the_damping_of_the_spring_pendulum_is_the_mean_of_its_windows_weighted_by_amplitude(name: str) -> None:
+    result = pendulum(name)
+    mean = np.average(result.dependence.damping_ratio, weights=result.dependence.amplitude)
+    assert result.damping_ratio.value == pytest.approx(mean, rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("low", "high", "damping"), [(15, 30, 0.0065), (7, 15, 0.0068), (3, 7, 0.0079), (1, 3, 0.0120)]
 )
@@ -154,3 +161,9 @@ def test_the_largest_swing_that_is_compared_with_the_pendulum_exceeds_100_degree
 @each_swing
 def test_the_rod_is_called_softening_at_large_amplitude(name: str) -> None:
     assert "softening" in swing(name).shape.reason
+
+
+@each_swing
+def test_the_damping_of_the_rod_lies_between_those_of_its_windows(name: str) -> None:
+    result = swing(name)
+    assert result.dependence.damping_ratio.min() < result.damping_ratio.value < result.dependence.damping_ratio.max()

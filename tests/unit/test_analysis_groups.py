@@ -129,3 +129,31 @@ def test_a_drive_that_stands_still_is_refused() -> None:
 def test_four_periods_are_too_few_for_a_group() -> None:
     with pytest.raises(RecordingError, match="at least 6 equal periods"):
         split_by_drive(stepped([3.0], periods=4))
+
+
+def settled_for(recording) -> np.ndarray:
+    """Return how long each settle segment before a steady one lasts [s]."""
+    sizes, kinds = recording["row_size"].values, recording["kind"].values
+    return sizes[kinds == "settle"] / 100
+
+
+def test_a_given_settle_time_is_set_aside_at_the_start_of_each_frequency() -> None:
+    settled = settled_for(split_by_drive(stepped(FREQUENCY_HZ), settle_s=3.0))
+    # and up to a period and a bit more, for what follows is whole periods
+    assert np.all((settled >= 2.9) & (settled <= 3.0 + 3.2 / FREQUENCY_HZ))
+
+
+def test_a_settle_time_of_zero_leaves_all_but_the_outermost_periods_steady() -> None:
+    found = split_by_drive(stepped([3.0]), settle_s=0.0)
+    assert found["row_size"].values[found["kind"].values == "steady"] == pytest.approx([27 * 100 / 3], abs=101)
+
+
+def test_a_settle_time_longer_than_the_group_is_refused() -> None:
+    with pytest.raises(RecordingError, match="a settle time of 20 s leaves no whole period"):
+        split_by_drive(stepped([3.0]), settle_s=20.0)
+
+
+@pytest.mark.parametrize("settle_s", [-1.0, np.nan, np.inf])
+def test_a_settle_time_that_is_none_is_refused(settle_s: float) -> None:
+    with pytest.raises(RecordingError, match="settle time is"):
+        split_by_drive(stepped([3.0]), settle_s=settle_s)

@@ -133,6 +133,45 @@ def test_the_peak_of_a_mildly_hardening_joint_is_found_within_half_a_percent() -
     assert peak_of(hardening(FREQUENCY_HZ)).frequency_hz[0] == pytest.approx(truth, rel=5e-3)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.2])
+@pytest.mark.parametrize("step_hz", [0.05, 0.1, 0.15])
+def test_the_peak_of_a_hardening_joint_lies_in_its_interval_on_every_grid(share: float, step_hz: float) -> None:
+    fine = np.linspace(3.2, 3.8, 2401)
+    truth = fine[np.argmax(np.abs(hardening(fine, share)))]
+    off = []
+    for first in 1.5 + step_hz * np.arange(0.0, 1.0, 0.25):
+        grid = np.arange(first, 6.0, step_hz)
+        value, std, _ = peak_of(hardening(grid, share), grid).frequency_hz
+        off.append(abs(value - truth) / (1.645 * std))
+    assert max(off) < 1.0
+
+
+@pytest.mark.parametrize("share", [0.1, 0.2])
+def test_a_finer_grid_finds_the_peak_of_a_strongly_hardening_joint_within_half_a_percent(share: float) -> None:
+    fine = np.linspace(3.2, 3.8, 2401)
+    truth = fine[np.argmax(np.abs(hardening(fine, share)))]
+    grid = np.arange(1.5, 6.0, 0.05)
+    assert peak_of(hardening(grid, share), grid).frequency_hz[0] == pytest.approx(truth, rel=5e-3)
+
+
+def test_a_linear_joint_has_no_misfit() -> None:
+    noise = 1e-4 * np.random.default_rng(2).normal(size=(2, FREQUENCY_HZ.size))
+    peak = peak_of(Joint().transfer(FREQUENCY_HZ) * (1 + noise[0] + 1j * noise[1]))
+    assert (peak.frequency_misfit_hz, peak.gain_misfit) == (0.0, 0.0)
+
+
+class Hardening(Joint):
+    def transfer(self, frequency_hz):
+        return hardening([float(frequency_hz)], 0.15)[0]
+
+
+def test_the_misfit_of_a_hardening_joint_does_not_shrink_with_repeats() -> None:
+    misfit = peak_of(hardening(FREQUENCY_HZ, 0.15)).frequency_misfit_hz
+    found = estimate_resonance(estimate_response(sweep([Hardening()], FREQUENCY_HZ, repeats=4), rig_with(QUIET)))
+    half_width = (found["resonance_high_hz"] - found["resonance_low_hz"]).item() / 2
+    assert half_width == pytest.approx(1.644854 * misfit, rel=0.1)
+
+
 def test_a_gain_that_only_rises_has_no_peak_and_says_so() -> None:
     low = np.linspace(1.0, 2.8, 19)
     peak = peak_of(Joint().transfer(low), low)

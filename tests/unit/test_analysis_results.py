@@ -44,6 +44,11 @@ def test_results_know_which_recording_they_come_from(recording, results) -> None
     assert results.attrs["recording_hash"] == content_hash(recording)
 
 
+def test_results_know_which_effects_of_the_twin_were_off(recording) -> None:
+    part = recording.assign_attrs(effects_off="guide_friction sensor_noise")
+    assert analyse_recording(part).attrs["effects_off"] == "guide_friction sensor_noise"
+
+
 def test_results_survive_a_file(results, tmp_path) -> None:
     save_dataset(results, tmp_path / "results.nc")
     assert content_hash(load_dataset(tmp_path / "results.nc").drop_attrs()) == content_hash(results.drop_attrs())

@@ -2,20 +2,26 @@
 
 import json
 import math
+import re
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 from tests.unit.figures_sample import FULL, foreign_ring_down, sample_results
 
-from sinew.figures.paper import Row, paper_table
+from sinew.figures.paper import Row, paper_table, role_of
 from sinew.figures.summary import summarise
 from sinew.plan.toml import dump_rig, load_rig
 
 
 def campaign() -> xr.Dataset:
     return sample_results(*FULL)
+
+
+def table(results: xr.Dataset, beyond: xr.Dataset | None = None) -> list[Row]:
+    return paper_table(results, beyond, load_rig("paper"))
 
 
 def above_threshold(*gain: float) -> xr.Dataset:
@@ -29,7 +35,7 @@ def row(rows: list[Row], text: str) -> Row:
 
 
 def test_the_summary_has_the_keys_that_scripts_rely_on() -> None:
-    summary = summarise(campaign(), wall_s=1.0, simulated_s=2.0)
+    summary = summarise(campaign(), wall_s=1.0, simulated_s=2.0, rig=load_rig("paper"))
     assert list(summary) == [
         "pretension_mm",
         "resonance_hz",
@@ -57,7 +63,8 @@ def test_the_summary_has_the_keys_that_scripts_rely_on() -> None:
 def test_what_was_not_measured_is_null_in_the_json() -> None:
     results = campaign()
     results["resonance_hz"].values[3] = np.nan
-    summary = json.loads(json.dumps(summarise(results, wall_s=1.0, simulated_s=2.0), allow_nan=False))
+    summary = summarise(results, wall_s=1.0, simulated_s=2.0, rig=load_rig("paper"))
+    summary = json.loads(json.dumps(summary, allow_nan=False))
     assert summary["resonance_hz"][3] is None
     assert row(summary["paper"], "resonance does not rise")["measured"] is None
 
@@ -92,7 +99,7 @@ def test_one_repeat_has_no_standard_deviation() -> None:
 
 
 def test_a_campaign_like_the_papers_agrees_in_every_row() -> None:
-    rows = paper_table(campaign(), above_threshold(1.2, 0.9), load_rig("paper"))
+    rows = table(campaign(), above_threshold(1.2, 0.9))
     assert [r["quantity"] for r in rows if not r["ok"]] == []
     assert len(rows) == 14
 
@@ -141,46 +148,46 @@ def test_a_campaign_that_breaks_one_statement_fails_in_its_row(
 ) -> None:
     results = campaign()
     change(results)
-    assert not row(paper_table(results), quantity)["ok"]
+    assert not row(table(results), quantity)["ok"]
 
 
 @pytest.mark.parametrize(("measured", "ok"), [(3.1, True), (2.9, True), (3.1001, False), (2.8999, False)])
 def test_the_tolerance_includes_its_ends(measured: float, ok: bool) -> None:
     results = campaign()
     results["resonance_hz"].values[0] = measured
-    assert row(paper_table(results), "resonance frequency at 0 mm")["ok"] is ok
+    assert row(table(results), "resonance frequency at 0 mm")["ok"] is ok
 
 
 def test_the_number_of_steps_against_the_trend_is_counted() -> None:
     results = campaign()
     results["gain_peak"].values[[3, 8]] += 1.0
-    assert row(paper_table(results), "gain does not fall")["measured"] == 2
+    assert row(table(results), "gain does not fall")["measured"] == 2
 
 
 def test_the_order_of_the_pretensions_in_the_results_does_not_matter() -> None:
     results = campaign().isel(pretension=slice(None, None, -1))
-    assert all(r["ok"] for r in paper_table(results))
+    assert all(r["ok"] for r in table(results))
 
 
 def test_one_falling_step_of_the_decay_rate_fails_its_row() -> None:
     results = campaign()
     rate = results["paper_decay_rate_per_s"].values
     rate[[4, 5]] = rate[[5, 4]]
-    found = row(paper_table(results), "λ does not rise")
+    found = row(table(results), "λ does not rise")
     assert (found["measured"], found["ok"]) == (1.0, False)
 
 
 def test_a_level_decay_rate_does_not_count_as_rising() -> None:
     results = campaign()
     results["paper_decay_rate_per_s"].values[:] = 1.7
-    assert not row(paper_table(results), "λ does not rise")["ok"]
+    assert not row(table(results), "λ does not rise")["ok"]
 
 
 @pytest.mark.parametrize(("gains", "furthest", "ok"), [((1.2, 0.9), 1.2, True), ((1.1, 0.59), 0.59, False)])
 def test_the_gain_above_the_threshold_is_the_one_furthest_from_one(
     gains: tuple[float, ...], furthest: float, ok: bool
 ) -> None:
-    found = row(paper_table(campaign(), above_threshold(*gains)), "above the threshold")
+    found = row(table(campaign(), above_threshold(*gains)), "above the threshold")
     assert (found["measured"], found["ok"]) == (furthest, ok)
 
 
@@ -197,9 +204,39 @@ def test_another_silicone_fails_equation_5() -> None:
 
 
 def test_pretensions_that_were_not_visited_have_no_rows() -> None:
-    rows = paper_table(campaign().isel(pretension=slice(0, 9)))
+    rows = table(campaign().isel(pretension=slice(0, 9)))
     assert not [r for r in rows if "12 mm" in r["quantity"]]
     assert row(rows, "resonance frequency at 0 mm")["ok"]
+
+
+def test_without_a_rig_there_is_no_table_of_the_paper() -> None:
+    assert paper_table(campaign(), above_threshold(1.2)) == []
+
+
+def test_another_rig_is_not_held_against_the_paper() -> None:
+    assert paper_table(campaign(), rig=load_rig("paper").model_copy(update={"name": "mine"})) == []
+
+
+def test_an_imported_recording_is_not_held_against_the_paper() -> None:
+    assert table(campaign().assign_attrs(source="import")) == []
+
+
+def test_the_numbers_that_the_calibration_aims_at_are_told_from_the_others() -> None:
+    rig = load_rig("paper")
+    roles = [role_of(r["quantity"], rig) for r in table(campaign(), above_threshold(1.2, 0.9))]
+    assert [roles.count(role) for role in ("fitted", "input", "follows")] == [6, 2, 6]
+
+
+def test_a_rig_without_calibrated_parameters_was_fitted_to_nothing() -> None:
+    rig = load_rig("paper")
+    measured = rig.with_values({name: row.value for name, row in rig.parameters()}, origin="assumed")
+    assert "fitted" not in [role_of(r["quantity"], measured) for r in table(campaign())]
+
+
+def test_the_calibration_aims_at_nothing_but_the_rows_that_are_marked_as_fitted() -> None:
+    source = (Path(__file__).parents[2] / "tools" / "calibrate_paper.py").read_text(encoding="utf-8")
+    kinds = {re.split(r" at |,| minus", name)[0] for name in re.findall(r'Target\("([^"]+)"', source)}
+    assert kinds == {"resonance_hz", "gain", "damping spread", "90 degree crossing"}
 
 
 def test_a_foreign_ring_down_has_no_rows_and_no_sweep() -> None:

@@ -1,6 +1,7 @@
 """What the figures show is what the recording and the results hold."""
 
 import functools
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from tests.unit.figures_sample import SMALL, Joint, drive_share, foreign_ring_do
 from sinew.figures.captions import CAPTIONS
 from sinew.figures.damping import draw_damping
 from sinew.figures.decay import draw_decay, linear_decay
-from sinew.figures.drive_amplitude import draw_drive_amplitude
+from sinew.figures.drive_amplitude import draw_drive_amplitude, triangle_ceiling
 from sinew.figures.drive_groups import draw_drive_groups
 from sinew.figures.figures import FIGURES, build_figures, draw_figures
 from sinew.figures.lissajous import draw_lissajous
@@ -198,6 +199,13 @@ def test_the_ridge_of_the_map_is_the_resonance_over_pretension() -> None:
     )
 
 
+def test_the_numbers_on_the_map_keep_off_its_frame() -> None:
+    above = titled(figures()["figure08_map"], "from above")
+    (left, right), numbers = above.get_xlim(), [text for text in above.texts if text.get_text()]
+    assert numbers
+    assert all(left + 0.05 < text.get_position()[0] < right - 0.05 for text in numbers)
+
+
 def test_the_mesh_of_the_map_reproduces_a_straight_response() -> None:
     f = np.array([1.5, 2.0, 3.0, 4.5, 6.0])
     gain = 0.3 * f + np.array([[0.0], [1.0], [2.0]])
@@ -230,6 +238,23 @@ def test_lissajous_curves_reach_the_true_amplitudes() -> None:
         assert np.abs(line.get_ydata()).max() == pytest.approx(torsion, rel=0.02, abs=0.2)
 
 
+def test_the_fitted_ellipse_has_the_lag_of_the_joint() -> None:
+    middle = titled(figures()["figure07_lissajous"], "4 mm")
+    label = next(str(line.get_label()) for line in middle.lines if str(line.get_label()).startswith("ellipse"))
+    found = re.fullmatch(r"ellipse at ([\d.]+) Hz: lag (\d+)°", label)
+    assert found is not None
+    expected = -np.angle(complex(Joint.at(4.0).response(np.asarray(float(found[1])))))
+    assert float(found[2]) == pytest.approx(np.rad2deg(expected), abs=1.0)
+
+
+def test_the_fitted_ellipse_lies_on_its_curve() -> None:
+    middle = titled(figures()["figure07_lissajous"], "4 mm")
+    ellipse = next(line for line in middle.lines if str(line.get_label()).startswith("ellipse"))
+    size = [np.abs(np.asarray(values)).max() for values in ellipse.get_data()]
+    curves = [[np.abs(np.asarray(v)).max() for v in line.get_data()] for line in middle.lines if line is not ellipse]
+    assert min(np.abs(np.divide(size, curve) - 1).max() for curve in curves) < 0.02
+
+
 def test_lissajous_curves_rise_below_resonance_and_fall_above_it() -> None:
     middle = titled(figures()["figure07_lissajous"], "4 mm")
     curves = [line for line in middle.lines if len(line.get_xdata()) > 100]
@@ -247,6 +272,10 @@ def test_ideal_shapes_have_the_lag_in_their_title(degrees: int, product: float) 
 def test_the_sweep_shows_each_group_settling_and_recorded() -> None:
     sweep = titled(figures()["figure05_drive_groups"], "outline")
     assert len(sweep.collections) == 2 * len(SMALL[1])
+
+
+def test_the_sweep_names_its_pretension() -> None:
+    assert "0 mm" in titled(figures()["figure05_drive_groups"], "outline").get_title(loc="left")
 
 
 def test_the_outline_of_a_group_is_the_amplitude_of_its_drive() -> None:
@@ -336,6 +365,24 @@ def test_at_twelve_volts_a_drive_of_twenty_degrees_meets_its_no_load_speed_at_2_
     assert figure is not None
     frequency, reach = next(line for line in figure.axes[0].lines if line.get_linestyle() == "--").get_data()
     assert np.interp(-20.0, -np.asarray(reach), np.asarray(frequency)) == pytest.approx(2.20, abs=0.01)
+
+
+def test_the_ceiling_of_a_saturated_drive_is_the_fundamental_of_a_triangle_at_no_load_speed() -> None:
+    speed, f = 4.8, 3.0
+    t = np.arange(4096) / 4096 / f
+    triangle = speed / (4 * f) * (1 - 4 * np.abs(f * t - 0.5))
+    fundamental = 2 * abs(np.fft.rfft(triangle)[1]) / t.size
+    assert float(triangle_ceiling(np.array([f]), speed)[0]) == pytest.approx(fundamental, rel=1e-5)
+
+
+def test_the_ceiling_of_a_saturated_drive_lies_above_that_of_a_sine() -> None:
+    figure = draw_drive_amplitude(recording(), results().assign_attrs(rig=dump_rig(load_rig("paper"))))
+    assert figure is not None
+    sine, triangle = (
+        next(np.asarray(line.get_ydata()) for line in figure.axes[0].lines if line.get_linestyle() == style)
+        for style in ("--", "-.")
+    )
+    np.testing.assert_allclose(triangle / sine, 4 / np.pi)
 
 
 def test_the_portrait_of_a_linear_joint_is_an_ellipse_of_its_frequency() -> None:

@@ -4,15 +4,19 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray as xr
 from tests.unit.figures_sample import SMALL, foreign_ring_down, sample_recording, sample_results
 
 from sinew.figures.captions import CAPTIONS
 from sinew.figures.figures import draw_figures
 from sinew.figures.report import write_report
+from sinew.figures.shares import shares_plan
 from sinew.figures.summary import summarise
 from sinew.figures.tables import measured_tables, number, reaches
 from sinew.measure.errors import FileError
+from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 
 DETERMINATION = {
@@ -77,6 +81,16 @@ def outline(page: str) -> Outline:
     return parser
 
 
+def lead(page: str) -> str:
+    return page.split('<p class="lead">')[1].split("</p>")[0]
+
+
+def paper_page(folder: Path, results: xr.Dataset, rig: RigSpec | None = None) -> str:
+    rig = load_rig("paper") if rig is None else rig
+    summary = summarise(results, wall_s=1, simulated_s=1, rig=rig)
+    return write_report(folder, results=results, summary=summary, rig=rig).read_text(encoding="utf-8")
+
+
 @pytest.fixture(scope="module")
 def figures(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return draw_figures(sample_recording(*SMALL), sample_results(*SMALL), tmp_path_factory.mktemp("figures"), ("png",))
@@ -85,12 +99,13 @@ def figures(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 @pytest.fixture(scope="module")
 def page(figures: list[Path], tmp_path_factory: pytest.TempPathFactory) -> str:
     results = sample_results(*SMALL).assign_attrs(content_hash="c0ffee", recording_hash="beef")
-    rig = load_rig("paper").model_copy(update={"name": "<script>alert(1)</script>"})
+    rig = load_rig("paper")
     path = write_report(
         tmp_path_factory.mktemp("report"),
         results=results,
         figures=figures,
         summary=summarise(results, wall_s=12.0, simulated_s=5000.0, rig=rig),
+        beyond=sample_results((13.0, 14.0, 15.0, 16.0), SMALL[1], repeats=1),
         rig=rig,
         determination=DETERMINATION,
         effects=EFFECTS,
@@ -119,9 +134,73 @@ def test_links_inside_the_page_lead_somewhere(page: str) -> None:
     assert {link[1:] for link in outline(page).links if link.startswith("#")} <= targets
 
 
-def test_a_malicious_rig_name_is_text(page: str) -> None:
+def test_a_malicious_name_of_an_effect_that_is_off_is_text(tmp_path: Path) -> None:
+    results = sample_results(*SMALL).assign_attrs(effects_off="<script>alert(1)</script>")
+    page = write_report(tmp_path, results=results).read_text(encoding="utf-8")
     assert "<script" not in page
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in page
+
+
+def test_effects_that_were_off_are_named_before_anything_else(tmp_path: Path) -> None:
+    results = sample_results(*SMALL).assign_attrs(effects_off="guide_friction sensor_noise")
+    page = paper_page(tmp_path, results)
+    assert page.index("Simulated without: guide_friction, sensor_noise.") < page.index('class="lead"')
+
+
+def test_no_headline_of_agreement_stands_without_the_effects_that_were_off(tmp_path: Path) -> None:
+    results = sample_results(*SMALL).assign_attrs(effects_off="guide_friction sensor_noise")
+    assert "without guide_friction, sensor_noise" in lead(paper_page(tmp_path, results))
+
+
+def test_the_whole_twin_has_no_banner(page: str) -> None:
+    assert "Simulated without" not in page
+
+
+def test_the_headline_says_how_many_rows_were_fitted_and_put_in(page: str) -> None:
+    count = page.split('<section id="paper">')[1].split("</section>")[0].count("<tr>") - 1
+    assert f"{count} of {count} quantities" in lead(page)
+    assert "6 of them were fitted, 2 of them are inputs" in lead(page)
+
+
+def test_a_rig_that_was_not_calibrated_claims_no_fitted_rows(tmp_path: Path) -> None:
+    rig = load_rig("paper")
+    rig = rig.with_values({name: row.value for name, row in rig.parameters()}, origin="assumed")
+    assert "fitted" not in lead(paper_page(tmp_path, sample_results(*SMALL), rig))
+
+
+def test_each_row_of_the_papers_table_has_its_role(page: str) -> None:
+    table = page.split('<section id="paper">')[1].split("</section>")[0]
+    assert re.search(r"gain at resonance at 0 mm</th>(?:(?!</tr>).)*<td>fitted</td>", table, re.DOTALL)
+    assert re.search(r"stiffness k(?:(?!</tr>).)*<td>input</td>", table, re.DOTALL)
+    assert re.search(r"λ does not rise</th>(?:(?!</tr>).)*<td>follows</td>", table, re.DOTALL)
+
+
+def test_an_imported_recording_is_not_held_against_the_paper_whatever_its_summary_says(tmp_path: Path) -> None:
+    results = sample_results(*SMALL)
+    summary = summarise(results, wall_s=1, simulated_s=1, rig=load_rig("paper"))
+    path = write_report(tmp_path, results=results.assign_attrs(source="import"), summary=summary, rig=load_rig("paper"))
+    page = path.read_text(encoding="utf-8")
+    assert 'id="paper"' not in page
+    assert "<h1>Resonance report</h1>" in page
+    assert "Source: an imported recording." in page
+
+
+def test_the_sentence_above_the_effects_is_that_of_their_campaign(page: str) -> None:
+    plan = shares_plan()
+    assert plan.sweep is not None
+    grid = np.asarray(plan.sweep.frequency_hz)
+    said = page.split('<section id="effects">')[1].replace("&nbsp;", " ").replace("\n", " ")
+    assert f"{grid[0]:g} to {grid[-1]:g} Hz in steps of {grid[1] - grid[0]:.2f} Hz, one repeat" in said
+    assert plan.sweep.repeats == 1
+    assert " and ".join(f"{p:g}" for p in plan.pretension.pretension_mm) + " mm only" in said
+
+
+def test_a_drive_in_volts_keeps_its_unit_in_the_table() -> None:
+    results = sample_results(*SMALL).assign_attrs(response_unit="m", drive_unit="V")
+    results["drive_amplitude_at_resonance_rad"].values[:] = 2.5
+    table = measured_tables(results)[0]
+    assert table.rows[0][table.head.index("drive in V")].startswith("2.500")
+    assert "gain in m per V" in table.head
 
 
 def test_a_malicious_effect_is_text(page: str) -> None:
@@ -135,9 +214,7 @@ def test_the_page_follows_the_readers_light_or_dark_scheme(page: str) -> None:
 def test_the_first_sentence_counts_what_lies_outside(tmp_path: Path) -> None:
     results = sample_results(*SMALL)
     results["gain_peak"].values[0] = 9.0
-    summary = summarise(results, wall_s=1, simulated_s=1)
-    page = write_report(tmp_path, results=results, summary=summary).read_text(encoding="utf-8")
-    assert f"1 of {len(summary['paper'])} quantities" in page
+    assert '<span class="bad">1 of ' in lead(paper_page(tmp_path, results))
 
 
 def test_every_parameter_of_the_rig_is_listed_with_its_origin(page: str) -> None:
@@ -215,7 +292,13 @@ def test_measured_values_are_cut_at_their_spread(value: float, spread: float, te
 def test_decays_that_are_not_exponential_are_counted_below_the_ring_downs() -> None:
     results = sample_results(*SMALL)
     results["exponential"].values[0] = [0.0, 0.0, float("nan")]
-    assert measured_tables(results)[1].note == "Exponential within their noise: 9 of 11 decays."
+    note = measured_tables(results)[1].note
+    assert note.startswith("Exponential within their noise: 9 of 11 decays.")
+    assert "damping depends on the amplitude" in note
+
+
+def test_decays_that_all_are_exponential_need_no_further_word() -> None:
+    assert measured_tables(sample_results(*SMALL))[1].note == "Exponential within their noise: 12 of 12 decays."
 
 
 @pytest.mark.parametrize(("value", "text"), [(None, "–"), (float("nan"), "–"), (-2.5, "−2.5"), (1e-7, "1e-07")])

@@ -57,7 +57,8 @@ def test_several_gaps_are_found_one_by_one() -> None:
 
 def test_a_gap_is_refused_with_place_length_and_ways_out() -> None:
     said = (
-        r"gap of 0.11 s after data row 300 \(from 2.99 s to 3.1 s, about 10 samples of 10 ms missing\); select .* split"
+        r"gap of 0.11 s after data row 300 \(from 2.99 s to 3.1 s, about 10 samples of 10 ms missing\); select .*"
+        r"\(--start, --stop\), or split the record at its gaps \(--gaps split\)"
     )
     with pytest.raises(TimeError, match=said):
         straighten_times(np.delete(EVEN, slice(300, 310)))
@@ -157,6 +158,24 @@ def test_a_gap_stands_out_from_irregular_stamps() -> None:
 def test_a_repeated_row_is_refused_with_its_number() -> None:
     with pytest.raises(TimeError, match="data rows 501 and 502 have the same time stamp 5 s"):
         diagnose_times(np.insert(EVEN, 500, EVEN[500]))
+
+
+def test_a_row_written_twice_in_a_regular_clock_is_called_that() -> None:
+    with pytest.raises(
+        TimeError, match=r"in an otherwise regular clock of 10 ms: data row 502 was written twice; drop it"
+    ):
+        diagnose_times(np.insert(EVEN, 500, EVEN[500]))
+
+
+def test_a_stamp_copied_from_the_row_before_is_told_what_it_should_read() -> None:
+    with pytest.raises(TimeError, match=r"data row 502 should read 5\.01 s; correct its stamp or drop the row"):
+        diagnose_times(np.where(np.arange(1000) == 501, EVEN[500], EVEN))
+
+
+def test_a_repeated_stamp_without_a_clock_is_not_called_a_row_written_twice() -> None:
+    stamps = np.cumsum(np.random.default_rng(4).exponential(0.01, 1000))
+    with pytest.raises(TimeError, match="no regular clock shows which is right"):
+        diagnose_times(np.insert(stamps, 500, stamps[500]))
 
 
 def test_time_that_goes_backwards_is_refused_with_the_row() -> None:

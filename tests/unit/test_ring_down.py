@@ -173,6 +173,52 @@ def test_the_damping_in_windows_follows_viscous_and_dry_friction() -> None:
     assert table.damping_ratio[large] == pytest.approx(expected, rel=0.03)
 
 
+def drifting(t, rate=0.9, bend=-0.1, omega=15.0, turn=1.2):
+    """Return a decay whose rate is rate + 2 bend t [1/s] and whose frequency is omega + 2 turn t [rad/s]."""
+    return 30 * np.exp(-rate * t - bend * t**2) * np.cos(omega * t + turn * t**2)
+
+
+def drifting_means(start_s, stop_s, rate=0.9, bend=-0.1, omega=15.0, turn=1.2):
+    """Return the means of rate and frequency weighted by amplitude; that of the rate is the fall over the area."""
+    t = np.linspace(start_s, stop_s, 20001)
+    amplitude = np.exp(-rate * t - bend * t**2)
+    area = np.trapezoid(amplitude, t)
+    return (amplitude[0] - amplitude[-1]) / area, np.trapezoid((omega + 2 * turn * t) * amplitude, t) / area
+
+
+def test_the_rate_and_frequency_of_a_drifting_decay_are_means_weighted_by_amplitude() -> None:
+    t = times(duration_s=3.0, sample_hz=200.0)
+    result = analyse_ring_down(t, drifting(t))
+    expected = drifting_means(result.start_s, result.stop_s)
+    assert (result.decay_rate_per_s.value, 2 * np.pi * result.frequency_hz.value) == pytest.approx(expected, rel=1e-4)
+
+
+def test_the_intervals_of_a_drifting_decay_hold_its_means_about_nine_times_in_ten() -> None:
+    t = times(duration_s=3.0)
+    inside = []
+    for seed in range(60):
+        result = analyse_ring_down(t, drifting(t) + 0.3 * np.random.default_rng(seed).standard_normal(t.size))
+        rate, omega = drifting_means(result.start_s, result.stop_s)
+        damping, frequency = rate / np.hypot(rate, omega), omega / (2 * np.pi)
+        inside += [result.damping_ratio.low <= damping <= result.damping_ratio.high]
+        inside += [result.frequency_hz.low <= frequency <= result.frequency_hz.high]
+    assert 0.8 <= np.mean(inside) <= 0.97
+
+
+@pytest.mark.parametrize("step", [0.05, 0.1, 0.2])
+def test_the_interval_of_the_rate_of_dry_friction_holds_the_mean_weighted_by_amplitude(step: float) -> None:
+    # from crest to crest A falls to A e^{-λT/2} - step (1 + e^{-λT/2}); the mean is the whole fall over the area
+    t = times(duration_s=12.0, sample_hz=200.0)
+    result = analyse_ring_down(t, dry_friction(t, step=step), unit="deg")
+    half = 0.5 / (FREQUENCY_HZ * np.sqrt(1 - 0.005**2))
+    shrunk = np.exp(-0.005 * 2 * np.pi * FREQUENCY_HZ * half)
+    crests = [30.0]
+    while crests[-1] * shrunk > step * (1 + shrunk) and crests[-1] > np.abs(result.peak_value[-1]) * 1.001:
+        crests.append(crests[-1] * shrunk - step * (1 + shrunk))
+    area = half * (sum(crests) - 0.5 * (crests[0] + crests[-1]))
+    assert result.decay_rate_per_s.low <= (crests[0] - crests[-1]) / area <= result.decay_rate_per_s.high
+
+
 def test_quadratic_drag_is_named_by_losses_that_grow_with_amplitude() -> None:
     t = times(duration_s=10.0)
     swing = solve_ivp(

@@ -1,5 +1,7 @@
 """Records that hold no ring-down are refused with one helpful line."""
 
+import re
+
 import numpy as np
 import pytest
 from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, times
@@ -80,6 +82,18 @@ def test_ten_samples_are_refused() -> None:
 def test_a_drive_that_still_moves_at_the_end_is_refused() -> None:
     with pytest.raises(RecordingError, match="still moves at the end"):
         analyse_ring_down(T, Decay().angle(T), drive=np.cos(20 * T))
+
+
+@pytest.mark.parametrize("size", [1e300, 1e-300])
+def test_values_that_no_sensor_measures_are_refused_with_their_size(size: float) -> None:
+    with pytest.raises(RecordingError, match=re.escape(f"reaches {size:.3g}")):
+        analyse_ring_down(T, size * np.cos(20 * T) * np.exp(-T))
+
+
+@pytest.mark.parametrize("size", [1e12, 1e-12])
+def test_an_odd_unit_is_no_reason_to_refuse(size: float) -> None:
+    result = analyse_ring_down(T, size * Decay(0.08).angle(T))
+    assert result.damping_ratio.value == pytest.approx(0.08, rel=1e-5)
 
 
 def test_each_refusal_is_one_line() -> None:

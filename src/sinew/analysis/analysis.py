@@ -26,8 +26,8 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     rig: whose sensor chain and inertia are used; None for a foreign recording (perfect sensors, no k and d).
     The sweep part is there if the recording has steady segments (those without a frequency are first split by their
     drive), the resonance part if these hold six frequencies or more, the ring-down part if there are ring-downs.
-    Attributes: `recording_hash`, `response_unit`, `drive_unit`, `resonance_notes`, `ring_down_notes`,
-    and those of `provenance`.
+    Attributes: `recording_hash`, `response_unit`, `drive_unit`, `effects_off` (of the twin, names with spaces between,
+    empty for none), `resonance_notes`, `ring_down_notes`, and those of `provenance`.
     Raises RecordingError where the recording holds neither a steady segment nor a ring-down, or cannot be analysed.
     """
     kinds = set(map(str, recording["kind"].values))
@@ -68,6 +68,7 @@ def _attributes(recording: xr.Dataset) -> dict[str, Any]:
         seed=None if seed < 0 else seed,
         schema=RESULTS_SCHEMA,
         recording_hash=str(kept.get("content_hash") or content_hash(recording)),
+        effects_off=str(kept.get("effects_off", "")),
         recording_versions=str(kept.get("versions", "")),
         response_unit="rad" if response_channel(recording).is_rate else response_channel(recording).unit,
         drive_unit="" if drive is None else drive.unit,

@@ -16,6 +16,7 @@ __all__ = [
     "bend_p_value",
     "fit_bent",
     "judge_shape",
+    "mean_poles",
 ]
 
 Array = NDArray[np.float64]
@@ -28,6 +29,7 @@ _VERTEX = 1.23  # std of a vertex's phase by that of its relative height, for th
 SIGNIFICANCE = 0.01
 _DAMPING_EFFECT = 0.10  # relative change of the damping ratio that counts,
 _FREQUENCY_EFFECT = 0.01  # and of the frequency
+_STEPS = 2001  # of the means over the window
 _END_OF_EFFECT = 0.2  # of the first amplitude: end of the comparison by the bent fit
 
 
@@ -130,6 +132,49 @@ def fit_bent(time_s: Array, values: Array, fit: DecayFit, time_of_peaks_s: Array
     bend = (-float(log_size[0]), float(phase[0])) if degree == 2 else (0.0, 0.0)
     relaxing = float(np.exp(fit.parameters[7])) if fit.relaxing else None
     return fit_decay(time_s, values, (-float(log_size[-2]), float(phase[-2])), relaxing=relaxing, bend=bend)
+
+
+def mean_poles(bent: DecayFit, time_of_peaks_s: Array, size: Array, size_std: float) -> tuple[Array, Array]:
+    """Return ((λ, ω), their covariance), shape (2,) and (2, 2), as means over the window weighted by amplitude.
+
+    bent: from `fit_bent`, λ(t) = λ + 2 λ₂t [1/s] and ω(t) = ω + 2 ω₂t [rad/s] with the amplitude A(t) that follows:
+    ⟨λ⟩ = ∫ λ A dt / ∫ A dt, likewise ⟨ω⟩. The covariance is carried from the fit's, through the weights too.
+    time_of_peaks_s, size: shape (h,), three or more peaks, size_std: noise of one. The same means are taken from them,
+    without a model; where the two differ by more than twice the noise of the peaks, rate and frequency do not change
+    linearly with time either, and the difference is added to the standard deviation.
+    """
+    means, covariance = _means(bent, 0.0, 1.0)
+    edges = (time_of_peaks_s[[0, -1]] - bent.start_s) / bent.window_s
+    by_peaks, noise = _means_by_peaks(time_of_peaks_s, size, size_std)
+    off = _means(bent, *edges)[0] - by_peaks
+    return means, covariance + np.diag(np.where(np.abs(off) > 2.0 * noise, off, 0.0) ** 2)
+
+
+def _means(bent: DecayFit, low: float, high: float) -> tuple[Array, Array]:
+    """Return the means of (λ, ω) and their covariance between two times in units of the window."""
+    s = np.linspace(low, high, _STEPS)
+    places = np.array([0, 1, -2, -1])
+    rate, omega, bend, turn = bent.parameters[places]
+    amplitude = np.exp(np.clip(-rate * s - bend * s**2, -200.0, 50.0))
+    amplitude[[0, -1]] *= 0.5  # trapezoidal rule
+    weight = amplitude / amplitude.sum()
+    poles = np.stack([rate + 2.0 * bend * s, omega + 2.0 * turn * s])
+    means = poles @ weight
+    by_weight = (poles - means[:, None]) * weight @ np.stack([-s, -(s**2)], axis=1)
+    late = 2.0 * float(s @ weight)
+    gradient = np.array([[1.0, 0.0, late, 0.0], [0.0, 1.0, 0.0, late]])
+    gradient[:, [0, 2]] += by_weight
+    covariance = gradient @ bent.covariance[np.ix_(places, places)] @ gradient.T
+    return np.asarray(means / bent.window_s), np.asarray(covariance / bent.window_s**2)
+
+
+def _means_by_peaks(t: Array, size: Array, size_std: float) -> tuple[Array, Array]:
+    """Return the means of (λ, ω) from sizes and spacings of the peaks, and their standard deviations, (2,) each."""
+    middle = 0.5 * (size[1:] + size[:-1])
+    area = float(middle @ np.diff(t))
+    rate, omega = float(size[0] - size[-1]) / area, np.pi * float(middle.sum()) / area
+    shares = np.diff(middle, prepend=0.0, append=0.0) / size
+    return np.array([rate, omega]), size_std / area * np.array([np.sqrt(2.0), _VERTEX * float(np.linalg.norm(shares))])
 
 
 def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str) -> DecayShape:

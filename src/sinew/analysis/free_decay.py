@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 _HALF_CYCLES = 3.0  # a decay must last at least so long
 _WINDOW = 6.0  # time constants of the fit: later there is only noise, which tells how coloured it is
 _SAMPLES_PER_HALF = 20  # of the fit, where the record has at least twice as many
+_SMALLEST, _LARGEST = 1e-100, 1e100  # of a response: beyond, squares and their products leave the floating point
 _JITTER = 0.4  # of a step, between the longest and the shortest
 _LARGEST_GAP = 5.0  # steps between samples
 _SETTLE = 0.2  # half periods after the drive's stop before the decay is taken for free: jerk and sensor delay
@@ -38,6 +39,13 @@ def checked_record(
             where = int(np.argmin(np.isfinite(values)))
             raise RecordingError(
                 f"the {name} holds NaN or infinity (first at sample {where}); cut the record or mend it"
+            )
+    for name, values in (("response", x), ("drive", lever)):
+        largest = 0.0 if values is None or not values.size else float(np.abs(values).max())
+        if largest and not _SMALLEST <= largest <= _LARGEST:
+            raise RecordingError(
+                f"the {name} reaches {largest:.3g}, which no sensor measures; expected {_SMALLEST:g} to {_LARGEST:g}; "
+                "check its column and unit"
             )
     if t.size < 16:
         raise RecordingError(

@@ -33,17 +33,21 @@ class _Group:
     amplitude: float
 
 
-def split_by_drive(recording: xr.Dataset) -> xr.Dataset:
+def split_by_drive(recording: xr.Dataset, settle_s: float | None = None) -> xr.Dataset:
     """Return the same samples with a settle and a steady segment for each group of constant drive frequency.
 
     Only steady segments whose frequency is NaN are split; a recording without any comes back as it is. The drive's
     rising zero crossings give its periods; at least six in a row that agree (within four times their own noise, 0.3 %
-    at least, 2 % at most, without a trend) are a group. Its outermost periods are set aside; its first half settles,
-    the rest, whole periods, is steady.
+    at least, 2 % at most, without a trend) are a group. Its outermost periods are set aside; its first half settles, or
+    its first settle_s seconds where that is given, counted from the first of the equal periods; the rest, whole
+    periods, is steady.
     Between groups the samples belong to the next settle, after the last one to an idle segment. The amplitude is that
     of the measured drive where it is an angle, else NaN; a frequency that comes again is the next repeat.
-    Raises RecordingError without a drive, or where the drive never holds a frequency.
+    Raises RecordingError without a drive, where the drive never holds a frequency, where settle_s is no time, and where
+    it leaves no whole period of a group.
     """
+    if settle_s is not None and not (np.isfinite(settle_s) and settle_s >= 0):
+        raise RecordingError(f"settle time is {settle_s:g} s; give a finite number of seconds, zero or more")
     kinds, frequencies = recording["kind"].values, recording["frequency_hz"].values
     unknown = (kinds == "steady") & ~np.isfinite(frequencies)
     if not unknown.any():
@@ -69,7 +73,7 @@ def split_by_drive(recording: xr.Dataset) -> xr.Dataset:
                 f"found no group of constant drive frequency (at least {FEWEST_PERIODS} equal periods in a row); "
                 "cut the recording to its steady parts, or choose another drive column"
             )
-        parts = _label(known, groups, stamps[where], drive.unit == "rad")
+        parts = _label(known, groups, stamps[where], drive.unit == "rad", settle_s)
         segments += [segment for segment, _ in parts]
         sizes += [size for _, size in parts]
     samples = {name: recording[name].values for name in SAMPLE_VARIABLES if name in recording}
@@ -142,7 +146,24 @@ def _is_level(periods: Floats, tolerance: float) -> bool:
     return change <= max(0.5 * tolerance, 3.0 * scatter * float(np.sqrt(2.0 / third)))
 
 
-def _label(known: Segment, groups: list[_Group], stamps: Floats, is_angle: bool) -> list[tuple[Segment, int]]:
+def _steady_periods(group: _Group, start: float, end: float, settle_s: float | None) -> float:
+    """Return how many whole periods at the end of a group are steady; start, end: its first and last stamp [s]."""
+    left = (1.0 - SETTLE_SHARE) * (end - start)
+    if settle_s is not None:
+        # the group leaves out the first of its equal periods, which settles too
+        left = end - max(start, start - 1.0 / group.frequency_hz + settle_s)
+    periods = float(np.floor(left * group.frequency_hz + 0.1))
+    if periods < 1.0:
+        raise RecordingError(
+            f"the drive holds {group.frequency_hz:.4g} Hz for {end - start + 2.0 / group.frequency_hz:.3g} s, a settle "
+            f"time of {settle_s:g} s leaves no whole period of it; ask for a shorter one"
+        )
+    return periods
+
+
+def _label(
+    known: Segment, groups: list[_Group], stamps: Floats, is_angle: bool, settle_s: float | None
+) -> list[tuple[Segment, int]]:
     """Return the new segments of one stretch with their sizes, which add up to the stretch."""
     out: list[tuple[Segment, int]] = []
     seen: list[tuple[float, int]] = []
@@ -158,8 +179,8 @@ def _label(known: Segment, groups: list[_Group], stamps: Floats, is_angle: bool)
             seen.append((frequency, known.repeat + 1))
         amplitude = float(np.rad2deg(group.amplitude)) if is_angle else float("nan")
         settle = replace(known, kind="settle", frequency_hz=frequency, amplitude_deg=amplitude, repeat=repeat)
-        start, end = stamps[group.start], stamps[group.stop - 1]
-        periods = np.floor((1.0 - SETTLE_SHARE) * (end - start) * group.frequency_hz + 0.1)
+        end = float(stamps[group.stop - 1])
+        periods = _steady_periods(group, float(stamps[group.start]), end, settle_s)
         first = int(np.searchsorted(stamps, end - periods / group.frequency_hz))
         out.append((settle, first - done))
         out.append((replace(settle, kind="steady"), group.stop - first))

@@ -1,12 +1,15 @@
 """This is where a measured resonance is fitted by a rational curve, so that its peak can be read off between points."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["RationalCurve", "evaluate_curve", "fit_curve", "parameter_spread"]
+from sinew.analysis.response import wrapped_lag
+
+__all__ = ["RationalCurve", "evaluate_curve", "fit_curve", "parameter_spread", "read_curve"]
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -15,6 +18,7 @@ _FULL = np.ones(8, dtype=bool)
 _PLAIN = np.array([True, True, True, True, True, True, False, False])
 _STEPS = 40
 _MISFIT = 5.0
+_GRID = 2001
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class RationalCurve:
     denominator and numerator alike.
     parameters: a, b, Re c₀, Im c₀, Re c₁, ..., shape (8,). covariance_root: shape (8, 16), covariance = root·rootᵀ,
     eight columns from the residual of the sizes, eight from that of the angles; degrees_of_freedom of the two.
-    low, high: window of the fit in v.
+    low, high: window of the fit in v. fits: whether the residual is no more than the noise of the points explains.
     """
 
     centre_hz: float
@@ -37,6 +41,7 @@ class RationalCurve:
     degrees_of_freedom: tuple[float, float]
     low: float
     high: float
+    fits: bool = True
 
 
 def _denominator(parameters: Floats, v: Floats, w: float) -> Complexes:
@@ -89,14 +94,15 @@ def fit_curve(frequency_hz: Floats, response: Complexes, size_std: Floats, angle
     for active in (_FULL, _PLAIN):
         parameters = _refine(_start(points, active), points, active)
         residual = _residual(parameters, points)
-        if residual @ residual > _MISFIT * (residual.size - active.sum()):
+        fits = bool(residual @ residual <= _MISFIT * (residual.size - active.sum()))
+        if not fits:
             amiss = np.mean(np.abs(evaluate_curve(parameters, v, w) / response - 1.0) ** 2)
             evened = _Points(v, w, response, *(1.0 / np.sqrt(variance + amiss) for variance in variances))
             parameters, points = _refine(parameters, evened, active), evened
         highest = float(np.abs(evaluate_curve(parameters, np.linspace(-1.0, 1.0, 401), w)).max())
         if np.isfinite(highest) and highest < 1.5 * float(np.abs(response).max()):
             root, freedom = _covariance_roots(parameters, points, active)
-            return RationalCurve(centre, half, parameters, root, freedom, -1.0, 1.0)
+            return RationalCurve(centre, half, parameters, root, freedom, -1.0, 1.0, fits)
     return None
 
 
@@ -187,3 +193,46 @@ def parameter_spread(curve: RationalCurve) -> Floats:
     """
     steps = curve.covariance_root.T
     return np.concatenate([curve.parameters[None], curve.parameters + steps, curve.parameters - steps])
+
+
+def read_curve(curve: RationalCurve) -> tuple[Floats, bool]:
+    """Return peak frequency, gain, width, crossing and lag slope of the curve and its neighbours, shape (33, 5), and
+    whether the curve itself has its peak inside the window."""
+    v = np.linspace(curve.low, curve.high, _GRID)
+    h = evaluate_curve(parameter_spread(curve), v, curve.half_width_hz / curve.centre_hz)
+    gain = np.abs(h)
+    rows = np.arange(gain.shape[0])
+    top = np.clip(np.argmax(gain, axis=1), 1, _GRID - 2)
+    before, middle, after = (gain[rows, top + i] for i in (-1, 0, 1))
+    bend = before - 2.0 * middle + after
+    shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0).clip(-1.0, 1.0)
+    largest = middle - 0.25 * (before - after) * shift
+    width = np.full(rows.size, np.nan)
+    crossing, slope = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
+    lag = wrapped_lag(h)
+    for row in rows:
+        level = gain[row] - largest[row] / math.sqrt(2.0)
+        left, right = _zero(-level[top[row] :: -1]), _zero(-level[top[row] :])
+        width[row] = left + right
+        passes = np.flatnonzero((lag[row, :-1] < 0.5 * np.pi) & (lag[row, 1:] >= 0.5 * np.pi))
+        passes = passes[lag[row, passes + 1] - lag[row, passes] < 0.5 * np.pi]
+        if passes.size:
+            at = int(passes[np.argmin(np.abs(passes - top[row]))])
+            crossing[row] = at + _zero(lag[row, at : at + 2] - 0.5 * np.pi)
+            slope[row] = lag[row, at + 1] - lag[row, at]
+    pitch = (v[1] - v[0]) * curve.half_width_hz
+    start = curve.centre_hz + curve.low * curve.half_width_hz
+    readings = np.stack(
+        [start + pitch * (top + shift), largest, pitch * width, start + pitch * crossing, slope / pitch]
+    )
+    inside = 1 < np.argmax(gain[0]) < _GRID - 2
+    return readings.T, bool(inside)
+
+
+def _zero(values: Floats) -> float:
+    """Return the fractional index of the first passage from below to zero, NaN where there is none."""
+    above = np.flatnonzero(values >= 0)
+    if above.size == 0 or above[0] == 0:
+        return math.nan if above.size == 0 else 0.0
+    at = int(above[0])
+    return float(at - 1 - values[at - 1] / (values[at] - values[at - 1]))

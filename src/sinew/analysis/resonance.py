@@ -1,14 +1,15 @@
 """This is where a response curve gives its resonance: peak, 90° crossing and half-power width, with intervals."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.rational import RationalCurve, evaluate_curve, fit_curve, parameter_spread
+from sinew.analysis.crest import fit_crest, top_points
+from sinew.analysis.rational import RationalCurve, fit_curve, read_curve
 from sinew.analysis.repeats import Interval, combine_repeats
 from sinew.analysis.response import Response, wrapped_lag
 from sinew.measure.results import RESULT_VARIABLES
@@ -23,7 +24,8 @@ FEWEST_FREQUENCIES = 6
 _WINDOW_GAIN = 0.55
 _WINDOW_POINTS = 8
 _WINDOW_REACH = 0.6
-_GRID = 2001
+_TOP_GAIN = 0.8
+_TOP_POINTS = (5, 6)  # at least, of the polynomial and of the narrow rational curve
 Reading = tuple[float, float, float]
 _NAN: Reading = (math.nan, math.nan, math.nan)
 _QUANTITIES = (
@@ -44,6 +46,8 @@ class Peak:
     Each reading is (value, standard deviation, degrees of freedom of that deviation by Welch and Satterthwaite).
     frequency_hz, gain: of the largest gain. width_hz: between the points at gain/√2. crossing_hz: where the lag
     passes 90°; crossing_slope: change of lag with frequency there [rad/Hz].
+    frequency_misfit_hz, gain_misfit: share of the deviations that repeating does not make smaller, because the curve
+    is not that of a linear joint; zero where the curve fits the points within their noise.
     reason: one sentence where a reading is absent, else empty.
     """
 
@@ -52,6 +56,8 @@ class Peak:
     width_hz: Reading = _NAN
     crossing_hz: Reading = _NAN
     crossing_slope: float = math.nan
+    frequency_misfit_hz: float = 0.0
+    gain_misfit: float = 0.0
     reason: str = ""
 
 
@@ -83,6 +89,9 @@ def find_peak(frequency_hz: Floats, response: Complexes, size_std: Floats, angle
     size_std: relative standard deviation of the response's size; angle_std: of its angle [rad].
     A rational curve (`sinew.analysis.rational`) is fitted to the points around the largest gain, down to 0.55 of it;
     peak, crossing and width are read off the curve and their standard deviations propagated from its covariance.
+    Where that curve misfits by more than the noise explains (a drive that saturates, a joint that hardens), frequency
+    and gain of the peak are read off its top alone (points above 0.8 of the largest gain; `sinew.analysis.crest`), and
+    their standard deviations hold the disagreement with a rational curve through that top.
     A largest gain at the edge of the points is no resonance: the readings are NaN and `reason` says so.
     """
     f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)
@@ -93,13 +102,46 @@ def find_peak(frequency_hz: Floats, response: Complexes, size_std: Floats, angle
     curve = fit_curve(f[window], h[window], size[window], angle[window])
     if curve is None:
         return Peak(reason="no smooth curve fits the points around the largest gain; measure more frequencies there")
-    readings, inside = _read(curve)
+    readings, inside = read_curve(curve)
     if not inside:
         edge = "lowest" if readings[0, 0] < curve.centre_hz else "highest"
         return Peak(reason=f"the gain is largest at the {edge} frequency of the sweep; extend the sweep beyond it")
     reason = "" if np.isfinite(readings[0, 2]) else "the sweep does not reach down to half power on both sides"
     frequency, largest, width, crossing = (_reading(readings[:, i], curve) for i in range(4))
-    return Peak(frequency, largest, width, crossing, float(readings[0, 4]), reason)
+    peak = Peak(frequency, largest, width, crossing, float(readings[0, 4]), reason=reason)
+    return peak if curve.fits else _polished(peak, f, h, size, angle)
+
+
+def _polished(peak: Peak, f: Floats, h: Complexes, size: Floats, angle: Floats) -> Peak:
+    """Return the peak read off the top of the points alone, its misfit that of two models of that top.
+
+    The wide curve's standard deviation, scaled by its residual, belongs to the misfit too.
+    """
+    gain = np.abs(h)
+    near, beside = (top_points(gain, _TOP_GAIN, fewest) for fewest in _TOP_POINTS)
+    crest = fit_crest(f[near], gain[near], size[near])
+    highest = int(np.argmax(gain))
+    if crest is None:
+        where, noise = (peak.frequency_hz[0], peak.gain[0]), (0.0, 0.0)
+        other = float(f[highest]), float(gain[highest])
+    else:
+        where, noise = (crest.frequency_hz, crest.gain), (crest.frequency_std_hz, crest.gain_std)
+        curve = fit_curve(f[beside], h[beside], size[beside], angle[beside])
+        reading = np.array([peak.frequency_hz[0], peak.gain[0]]) if curve is None else read_curve(curve)[0][0, :2]
+        other = float(reading[0]), float(reading[1])
+    wide = peak.frequency_hz, peak.gain
+    misfit = [math.hypot(where[i] - other[i], wide[i][1]) for i in range(2)]
+    polished = [_with_misfit((where[i], noise[i], wide[i][2]), misfit[i]) for i in range(2)]
+    return replace(
+        peak, frequency_hz=polished[0], gain=polished[1], frequency_misfit_hz=misfit[0], gain_misfit=misfit[1]
+    )
+
+
+def _with_misfit(reading: Reading, misfit: float) -> Reading:
+    """Return a reading whose standard deviation holds a misfit, which is taken as known (Welch and Satterthwaite)."""
+    value, std, freedom = reading
+    both = math.hypot(std, misfit)
+    return value, both, freedom * (both / std) ** 4 if std > 0 else math.inf
 
 
 def _reading(values: Floats, curve: RationalCurve) -> Reading:
@@ -122,51 +164,8 @@ def find_crossing(frequency_hz: Floats, response: Complexes, size_std: Floats, a
     curve = fit_curve(f[window], h[window], size[window], angle[window])
     if curve is None:
         return Peak(reason="no smooth curve fits the points around the 90° crossing; measure more frequencies there")
-    readings, _ = _read(curve)
+    readings, _ = read_curve(curve)
     return Peak(crossing_hz=_reading(readings[:, 3], curve), crossing_slope=float(readings[0, 4]))
-
-
-def _read(curve: RationalCurve) -> tuple[Floats, bool]:
-    """Return peak frequency, gain, width, crossing and lag slope of the curve and its neighbours, shape (33, 5), and
-    whether the curve itself has its peak inside the window."""
-    v = np.linspace(curve.low, curve.high, _GRID)
-    h = evaluate_curve(parameter_spread(curve), v, curve.half_width_hz / curve.centre_hz)
-    gain = np.abs(h)
-    rows = np.arange(gain.shape[0])
-    top = np.clip(np.argmax(gain, axis=1), 1, _GRID - 2)
-    before, middle, after = (gain[rows, top + i] for i in (-1, 0, 1))
-    bend = before - 2.0 * middle + after
-    shift = np.where(bend < 0, 0.5 * (before - after) / np.where(bend < 0, bend, -1.0), 0.0).clip(-1.0, 1.0)
-    largest = middle - 0.25 * (before - after) * shift
-    width = np.full(rows.size, np.nan)
-    crossing, slope = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
-    lag = wrapped_lag(h)
-    for row in rows:
-        level = gain[row] - largest[row] / math.sqrt(2.0)
-        left, right = _zero(-level[top[row] :: -1]), _zero(-level[top[row] :])
-        width[row] = left + right
-        passes = np.flatnonzero((lag[row, :-1] < 0.5 * np.pi) & (lag[row, 1:] >= 0.5 * np.pi))
-        passes = passes[lag[row, passes + 1] - lag[row, passes] < 0.5 * np.pi]
-        if passes.size:
-            at = int(passes[np.argmin(np.abs(passes - top[row]))])
-            crossing[row] = at + _zero(lag[row, at : at + 2] - 0.5 * np.pi)
-            slope[row] = lag[row, at + 1] - lag[row, at]
-    pitch = (v[1] - v[0]) * curve.half_width_hz
-    start = curve.centre_hz + curve.low * curve.half_width_hz
-    readings = np.stack(
-        [start + pitch * (top + shift), largest, pitch * width, start + pitch * crossing, slope / pitch]
-    )
-    inside = 1 < np.argmax(gain[0]) < _GRID - 2
-    return readings.T, bool(inside)
-
-
-def _zero(values: Floats) -> float:
-    """Return the fractional index of the first passage from below to zero, NaN where there is none."""
-    above = np.flatnonzero(values >= 0)
-    if above.size == 0 or above[0] == 0:
-        return math.nan if above.size == 0 else 0.0
-    at = int(above[0])
-    return float(at - 1 - values[at - 1] / (values[at] - values[at - 1]))
 
 
 def estimate_resonance(response: Response) -> xr.Dataset:
@@ -174,25 +173,29 @@ def estimate_resonance(response: Response) -> xr.Dataset:
 
     Each repeat is fitted by itself; repeats are combined by Student's t, a single repeat keeps its fit's interval.
     gain_peak is the curve's largest gain by nominal drive times the ratio of the mean of peaks to the fundamental
-    there, so that it is the paper's. The interval of phase_90_hz holds the delay budget's uncertainty too.
+    there, so that it is the paper's. The interval of phase_90_hz holds the delay budget's uncertainty too, those of
+    the peaks the misfit of a curve that is not linear: repeats share both.
     Absent readings are NaN; the attribute `resonance_notes` says why, one line per pretension and repeat.
     """
     shape = (response.pretension_mm.size, response.transfer.shape[2])
     value, std, freedom = ({name: np.full(shape, np.nan) for name in _QUANTITIES} for _ in range(3))
-    delay, notes = np.full(shape, np.nan), []
+    shared = {name: np.full(shape, np.nan) for name in _QUANTITIES}
+    notes = []
     for p, r in np.ndindex(*shape):
         peaks = _peaks(response, p, r)
         for name, reading in _readings(response, p, r, *peaks).items():
             value[name][p, r], std[name][p, r], freedom[name][p, r] = reading
-        delay[p, r] = _delay_share(response, p, r, peaks[2])
+        for name, share in _shared(response, p, r, *peaks).items():
+            shared[name][p, r] = share
         used = peaks[1:] if math.isfinite(peaks[0].frequency_hz[0]) else peaks  # no one asks for a nominal width
         said = " and ".join(dict.fromkeys(peak.reason for peak in used if peak.reason))
         if said and np.isfinite(response.columns["gain_harmonic"][p, :, r]).any():
             notes.append(f"{response.pretension_mm[p]:g} mm, repeat {r}: {said}")
     dataset = xr.Dataset(attrs={"resonance_notes": "\n".join(notes)})
     for name in _QUANTITIES:
-        shared = _mean(delay) if name == "phase_90_hz" else 0.0
-        _store(dataset, name, combine_repeats(value[name], std[name], freedom[name], shared))
+        alone = np.isfinite(value[name]).sum(axis=1) == 1  # a single repeat's deviation holds its misfit already
+        common = np.where(alone & (name != "phase_90_hz"), 0.0, _mean(shared[name]))
+        _store(dataset, name, combine_repeats(value[name], std[name], freedom[name], common))
     return dataset
 
 
@@ -225,6 +228,17 @@ def _readings(response: Response, p: int, r: int, nominal: Peak, measured: Peak,
         "phase_90_hz": crossing.crossing_hz,
         "half_power_width_hz": measured.width_hz,
         "drive_amplitude_at_resonance_rad": (drive, drive_std, nominal.frequency_hz[2]),
+    }
+
+
+def _shared(response: Response, p: int, r: int, nominal: Peak, measured: Peak, crossing: Peak) -> dict[str, float]:
+    """Return the standard uncertainties that the repeats share, by name of the reading."""
+    return {
+        "resonance_hz": nominal.frequency_misfit_hz,
+        "gain_peak": nominal.gain_misfit,
+        "resonance_measured_drive_hz": measured.frequency_misfit_hz,
+        "gain_peak_measured_drive": measured.gain_misfit,
+        "phase_90_hz": _delay_share(response, p, r, crossing),
     }
 
 

@@ -17,6 +17,7 @@ from sinew.analysis.decay_shape import (
     bend_p_value,
     fit_bent,
     judge_shape,
+    mean_poles,
 )
 from sinew.analysis.envelope import Envelope, fit_envelope, large_peaks
 from sinew.analysis.free_decay import checked_record, evenly, free_decay
@@ -37,12 +38,16 @@ class RingDown:
 
     frequency_hz: damped frequency ω_d/2π [Hz]; natural_frequency_hz: undamped, sqrt(ω_d² + λ²)/2π [Hz].
     damping_ratio: λ/sqrt(ω_d² + λ²); decay_rate_per_s: λ [1/s]; quality: 1/(2·damping_ratio).
-    All by the direct time-domain fit; of a decay that is not exponential they are means weighted by amplitude.
+    All by the direct time-domain fit. Of a decay that is not exponential, whose one sinusoid would fall out of step and
+    take that for damping, the fit is the bent one (rate and frequency change linearly with time), λ and ω_d are its
+    means over the window weighted by the amplitude, ∫ λ A dt / ∫ A dt, and the rest follows from these two. Where the
+    same means of the peaks differ from them by more than noise, the difference is in the intervals.
     rest_drift: change of the rest position from start_s to stop_s, unit of the response (a rate's: of its bias).
     paper: the paper's method, Eq. 7-10 with the damped frequency as printed.
     shape: exponential or not; dependence: frequency and damping against amplitude.
     start_s, stop_s: the free decay that was used, in the time of the record.
-    fit: the direct fit, for its curve. peak_time_s, peak_value: shape (h,), both-sided peaks about the rest position.
+    fit: the direct fit, bent where the decay is not exponential, for its curve.
+    peak_time_s, peak_value: shape (h,), both-sided peaks about the rest position.
     unit: of the response; peak_unit: of peaks and amplitudes (of the angle where the response is a rate).
     """
 
@@ -95,11 +100,15 @@ def analyse_ring_down(
     times, heights = _heights(peaks, rest, is_rate)
     table = amplitude_dependence(times, heights, peaks.value_std)
     peak_unit = _integrated(unit) if is_rate else unit
+    shape = judge_shape(bent, table, peak_unit)
+    poles = np.array([fit.decay_rate_per_s, fit.omega_rad_s]), fit.pole_covariance()
+    if not shape.exponential:
+        fit, poles = bent, mean_poles(bent, times, np.abs(heights), peaks.value_std)
     return RingDown(
-        **_estimates(fit, clock),
+        **_estimates(*poles, fit.degrees_of_freedom, clock),
         rest_drift=Estimate.student(*rest.drift(), rest.degrees_of_freedom),
         paper=fit_envelope(times, np.abs(heights), inertia_kg_m2),
-        shape=judge_shape(bent, table, peak_unit),
+        shape=shape,
         dependence=table,
         start_s=fit.start_s,
         stop_s=fit.stop_s,
@@ -132,17 +141,17 @@ def _heights(peaks: Peaks, fit: DecayFit, is_rate: bool) -> tuple[Array, Array]:
     return times, heights
 
 
-def _estimates(fit: DecayFit, clock_std: float) -> dict[str, Estimate]:
-    """Return the estimates of the poles; clock_std: relative, of the time scale, which D does not feel."""
-    rate, omega = fit.decay_rate_per_s, fit.omega_rad_s
-    covariance = fit.pole_covariance() + clock_std**2 * np.outer([rate, omega], [rate, omega])
+def _estimates(poles: Array, covariance: Array, freedom: float, clock_std: float) -> dict[str, Estimate]:
+    """Return the estimates that follow from (λ, ω); clock_std: relative, of the time scale, which D does not feel."""
+    rate, omega = (float(pole) for pole in poles)
+    covariance = covariance + clock_std**2 * np.outer(poles, poles)
     natural = float(np.hypot(rate, omega))
     damping = rate / natural
 
     def estimate(value: float, by_rate: float, by_omega: float) -> Estimate:
         gradient = np.array([by_rate, by_omega])
         variance = max(float(gradient @ covariance @ gradient), 0.0)  # D of a perfect fit: round-off around zero
-        return Estimate.student(value, float(np.sqrt(variance)), fit.degrees_of_freedom)
+        return Estimate.student(value, float(np.sqrt(variance)), freedom)
 
     turn = 1.0 / (2.0 * np.pi)
     ratio = estimate(damping, omega**2 / natural**3, -rate * omega / natural**3)

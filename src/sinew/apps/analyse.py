@@ -1,21 +1,25 @@
 """This is where `sinew analyse` turns a recording, or somebody's CSV file, into resonance and damping."""
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import print_json, print_table, remark, require_folder, write_json
+from sinew.apps.console import print_json, remark, require_folder, write_json
 from sinew.apps.convert import read_csv
-from sinew.apps.options import ColumnDrive, ColumnResponse, ColumnTime, Gaps, Json, Start, Stop
+from sinew.apps.cut import cut_recording
+from sinew.apps.options import ColumnDrive, ColumnResponse, ColumnTime, Gaps, Json, Settle, Start, Stop
+from sinew.apps.tables import print_analysis
 from sinew.measure.errors import RecordingError, SpecError
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from sinew.measure.estimate import Estimate
     from sinew.plan.rig import RigSpec
 
-__all__ = ["analyse", "recording_rig"]
+__all__ = ["analyse", "analyse_with", "decay_rows", "recording_rig"]
 
 _HDF5, _CLASSIC = b"\x89HDF", b"CDF"
 
@@ -31,6 +35,7 @@ def analyse(
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",
+    settle: Settle = None,
     rig: Annotated[
         str | None, typer.Option("--rig", metavar="RIG", help="A rig: inertia and sensor delays; else the recording's.")
     ] = None,
@@ -42,37 +47,54 @@ def analyse(
     """Analyse a ring-down, a sweep or a whole recording.
 
     A ring-down gives frequency and damping with intervals, by the paper's method and by a direct fit; a sweep gives
-    the table of gain and phase.
+    the table of gain and phase, and from six frequencies on the resonance.
     """
+    if settle is not None and kind == "ring-down":
+        raise SpecError("--settle is for a sweep; the decay of a ring-down is found by itself")
+    if settle is not None and not 0 <= settle < math.inf:
+        raise SpecError(f"--settle is {settle:g}, expected a time of 0 s or more")
     if out is not None:
         require_folder(out)
     if _is_recording(file):
-        _refuse_columns(time, response, drive, start, stop, kind)
-        document, parts = _analyse_recording(file, rig)
+        _refuse_columns(time, response, drive, kind)
+        document, parts = _analyse_recording(file, rig, start, stop, settle)
     elif kind is None:
         raise SpecError(f"{file.name} is a table: say what it holds with --kind ring-down or --kind sweep")
     else:
         recording = read_csv(file, kind, time, response, drive, start, stop, gaps)
-        document, parts = _analyse_table(recording, kind, rig, has_drive=drive is not None)
+        document, parts = _analyse_table(recording, kind, rig, settle)
     if out is not None:
         _write(document, parts, out)
     if json:
         print_json(document)
     else:
-        _print(document, parts["recording.nc"])
+        print_analysis(document, parts["recording.nc"], parts.get("results.nc"))
     for note in str(parts["recording.nc"].attrs.get("import_notes", "")).splitlines():
         remark(note)
+    if "results.nc" in parts and "resonance" not in document and parts["results.nc"].attrs["resonance_notes"]:
+        remark(str(parts["results.nc"].attrs["resonance_notes"]))
 
 
-def recording_rig(recording: "xr.Dataset", rig: str | None) -> "RigSpec":
-    """Return the rig that the user named, else the one in the recording. Raises SpecError where there is neither."""
+def recording_rig(recording: "xr.Dataset", rig: str | None) -> "RigSpec | None":
+    """Return the rig that the user named, else the one in the recording, else None. Raises SpecError if it is bad."""
     from sinew.plan.toml import load_rig, parse_rig
 
     if rig is not None:
         return load_rig(rig)
-    if not recording.attrs.get("rig"):
-        raise SpecError("the recording names no rig; say which with --rig RIG")
-    return parse_rig(str(recording.attrs["rig"]), source="the recording's rig")
+    text = str(recording.attrs.get("rig", ""))
+    return parse_rig(text, source="the recording's rig") if text.strip() else None
+
+
+def analyse_with(recording: "xr.Dataset", rig: "RigSpec | None") -> "xr.Dataset":
+    """Return the results of a recording; their attribute `rig` is the rig they were made with.
+
+    rig: whose inertia and sensor delays are used; None for perfect sensors and no inertia.
+    """
+    from sinew.analysis.analysis import analyse_recording
+    from sinew.plan.toml import dump_rig
+
+    results = analyse_recording(recording, rig)
+    return results if rig == recording_rig(recording, None) else results.assign_attrs(rig=dump_rig(rig) if rig else "")
 
 
 def _is_recording(file: Path) -> bool:
@@ -87,65 +109,131 @@ def _is_recording(file: Path) -> bool:
 
 def _refuse_columns(*given: object) -> None:
     if any(value is not None for value in given):
-        raise SpecError(
-            "a recording knows its columns; --kind, --time, --response, --drive, --start, --stop are for CSV"
-        )
+        raise SpecError("a recording knows its columns; --kind, --time, --response, --drive are for CSV")
 
 
-def _analyse_recording(file: Path, rig: str | None) -> tuple[dict[str, Any], dict[str, "xr.Dataset"]]:
+def _analyse_recording(
+    file: Path, rig: str | None, start: float | None, stop: float | None, settle: float | None
+) -> tuple[dict[str, Any], dict[str, "xr.Dataset"]]:
     from sinew.measure.netcdf import load_recording
 
-    recording = load_recording(file)
-    kinds = set(map(str, recording["kind"].values))
+    recording = cut_recording(load_recording(file), start, stop)
     if recording.attrs.get("source") == "import":
-        kind = "ring-down" if "ring-down" in kinds else "sweep"
-        return _analyse_table(recording, kind, rig, has_drive="drive" in recording or "drive_rad" in recording)
-    from sinew.analysis.analysis import analyse_recording, response_table_json
-
-    results = analyse_recording(recording, recording_rig(recording, rig))
-    document: dict[str, Any] = {"kind": "recording"}
-    if "gain" in results:
-        document["response"] = response_table_json(results)
+        kinds = set(map(str, recording["kind"].values))
+        return _analyse_table(recording, "ring-down" if "ring-down" in kinds else "sweep", rig, settle)
+    if settle is not None:
+        raise SpecError("--settle is for the sweep of a foreign file; this recording says itself where it settles")
+    results = analyse_with(recording, recording_rig(recording, rig))
+    document: dict[str, Any] = {"kind": "recording", **_sweep_part(results)}
     if "decay_rate_per_s" in results:
-        document["ring_down"] = _decay_rows(results)
+        document["ring_down"] = decay_rows(results)
     return document, {"recording.nc": recording, "results.nc": results}
 
 
-def _decay_rows(results: "xr.Dataset") -> list[dict[str, Any]]:
-    """Return one row for each pretension: mean over the repeats, standard deviation and 90 % interval of that mean."""
+def _sweep_part(results: "xr.Dataset") -> dict[str, Any]:
+    """Return the response table, and the resonances where there were frequencies enough for them."""
+    from sinew.analysis.analysis import response_table_json
+
+    if "gain" not in results:
+        return {}
+    part: dict[str, Any] = {"response": response_table_json(results)}
+    return part | ({"resonance": _resonance_rows(results)} if "resonance_hz" in results else {})
+
+
+_RESONANCE = (
+    "resonance_hz",
+    "gain_peak",
+    "gain_peak_measured_drive",
+    "resonance_measured_drive_hz",
+    "phase_90_hz",
+    "half_power_width_hz",
+    "drive_amplitude_at_resonance_rad",
+)
+
+
+def _resonance_rows(results: "xr.Dataset") -> list[dict[str, Any]]:
+    """Return one row for each pretension, each quantity with the standard deviation of its value and its interval."""
     import numpy as np
 
-    from sinew.measure.estimate import Estimate
-
+    repeats = np.isfinite(results["gain"].values).any(axis=1).sum(axis=-1)
     rows = []
-    names = ("decay_frequency_hz", "decay_rate_per_s", "damping_ratio", "paper_decay_rate_per_s")
     for index, pretension in enumerate(results["pretension_mm"].values):
         row: dict[str, Any] = {"pretension_mm": float(pretension)}
-        for name in names:
-            found = results[name].values[index]
-            found = found[np.isfinite(found)]
-            if found.size:
-                spread = float(np.std(found, ddof=1) / np.sqrt(found.size)) if found.size > 1 else float("nan")
-                row[name] = Estimate.student(float(found.mean()), spread, found.size - 1).to_json()
+        for name in _RESONANCE:
+            suffix = next((unit for unit in ("_hz", "_rad") if name.endswith(unit)), "")
+            stem = name.removesuffix(suffix)
+            std, low, high = (float(results[f"{stem}_{end}{suffix}"].values[index]) for end in ("std", "low", "high"))
+            row[name] = _of_mean(float(results[name].values[index]), std, low, high, int(repeats[index])).to_json()
         rows.append(row)
     return rows
 
 
+def _of_mean(value: float, std: float, low: float, high: float, repeats: int) -> "Estimate":
+    """Return an estimate whose std is that of the value, from the standard deviation over repeats that results keep.
+
+    What the interval holds beyond Student's of the scatter (the delay budget) is shared by all repeats, and is added.
+    """
+    from scipy import special
+
+    from sinew.measure.estimate import Estimate
+
+    if repeats < 2 or not math.isfinite(high - low):
+        return Estimate(value, std, low, high)
+    own = std / math.sqrt(repeats)
+    scatter = float(special.stdtrit(repeats - 1, 0.95)) * own
+    shared = math.sqrt(max(0.0, (0.5 * (high - low)) ** 2 - scatter**2)) / 1.6448536269514722
+    return Estimate(value, math.hypot(own, shared), low, high)
+
+
+def decay_rows(results: "xr.Dataset") -> list[dict[str, Any]]:
+    """Return one row for each pretension: mean over the repeats, standard deviation and 90 % interval of that mean.
+
+    Where one repeat is left, the direct fit's own standard deviation and a normal interval.
+    """
+    import numpy as np
+
+    from sinew.analysis.repeats import combine_repeats
+    from sinew.measure.estimate import Estimate
+
+    rows: list[dict[str, Any]] = [{"pretension_mm": float(p)} for p in results["pretension_mm"].values]
+    for name, own in _DECAY.items():
+        values = results[name].values
+        mean = combine_repeats(values, results[own].values if own else np.full(values.shape, np.nan))
+        for row, numbers in zip(
+            rows, zip(mean.value, mean.std_of_value, mean.low, mean.high, strict=True), strict=True
+        ):
+            if np.isfinite(numbers[0]):
+                row[name] = Estimate(*map(float, numbers)).to_json()
+    return rows
+
+
+_DECAY = {
+    "decay_frequency_hz": "decay_frequency_std_hz",
+    "decay_rate_per_s": "decay_rate_std_per_s",
+    "damping_ratio": "damping_ratio_std",
+    "paper_decay_rate_per_s": "",
+}
+
+
 def _analyse_table(
-    recording: "xr.Dataset", kind: str, rig: str | None, *, has_drive: bool
+    recording: "xr.Dataset", kind: str, rig: str | None, settle: float | None
 ) -> tuple[dict[str, Any], dict[str, "xr.Dataset"]]:
     if kind == "ring-down":
+        if settle is not None:
+            raise SpecError("--settle is for a sweep, this is a ring-down; its decay is found by itself")
         return _analyse_ring_down(recording, rig), {"recording.nc": recording}
-    if not has_drive:
+    if "drive" not in recording and "drive_rad" not in recording:
         raise RecordingError("a sweep needs the drive beside the response; name its column with --drive COL[:unit]")
-    from sinew.analysis.analysis import analyse_recording, response_table_json
     from sinew.analysis.groups import split_by_drive
-    from sinew.plan.toml import load_rig
 
-    grouped = split_by_drive(recording)
-    results = analyse_recording(grouped, load_rig(rig) if rig else None)
-    document = {"kind": "sweep", "response": response_table_json(results)}
-    return document, {"recording.nc": grouped, "results.nc": results}
+    if settle is None:
+        grouped = split_by_drive(recording)
+    else:
+        grouped = split_by_drive(recording, settle_s=settle)
+        if grouped is recording:
+            raise SpecError("--settle comes too late, the groups of this recording are cut already; leave it out")
+    results = analyse_with(grouped, recording_rig(grouped, rig))
+    return {"kind": "sweep", **_sweep_part(results)}, {"recording.nc": grouped, "results.nc": results}
 
 
 def _analyse_ring_down(recording: "xr.Dataset", rig: str | None) -> dict[str, Any]:
@@ -186,47 +274,3 @@ def _write(document: dict[str, Any], parts: dict[str, "xr.Dataset"], folder: Pat
     for name, dataset in parts.items():
         (save_recording if name == "recording.nc" else save_dataset)(dataset, folder / name)
     write_json(document, folder / "analysis.json")
-
-
-def _print(document: dict[str, Any], recording: "xr.Dataset") -> None:
-    if document["kind"] == "ring-down":
-        _print_ring_down(document, recording)
-    for part in ("response", "ring_down"):
-        if document.get(part):
-            rows = document[part]
-            columns = list(rows[0])
-            print_table(columns, [[_cell(row.get(column)) for column in columns] for row in rows], part)
-
-
-def _print_ring_down(document: dict[str, Any], recording: "xr.Dataset") -> None:
-    print_table(
-        ("ring-down, direct fit", "value", "std", "90 % interval"),
-        [
-            (label, *_estimate_cells(document[key]))
-            for label, key in (
-                ("frequency/Hz", "frequency_hz"),
-                ("damping ratio", "damping_ratio"),
-                ("decay rate/(1/s)", "decay_rate_per_s"),
-            )
-        ],
-    )
-    paper = document["paper_method"]
-    print_table(("paper's method (Eq. 7)", "value"), [(key, _cell(value)) for key, value in paper.items()])
-    name = "torsion_rad" if "torsion_rad" in recording else "response"
-    print(f"exponential: {'yes' if document['exponential'] else 'no'}. {document['reason']}")
-    print(f"drift of the rest position: {_cell(document['rest_drift'])} {recording[name].attrs['units']}")
-
-
-def _estimate_cells(estimate: dict[str, Any]) -> tuple[str, str, str]:
-    low, high = estimate["interval90"]
-    return _cell(estimate["value"]), _cell(estimate["std"]), f"{_cell(low)} to {_cell(high)}"
-
-
-def _cell(value: Any) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, dict) and "value" in value:
-        return f"{_cell(value['value'])} ± {_cell(value['std'])}"
-    return f"{value:.5g}" if isinstance(value, int | float) else str(value)

@@ -64,7 +64,8 @@ def import_(
 ) -> None:
     """Turn a CSV file into a recording.
 
-    Units: after the column (angle:deg), else from its name (angle_deg, x [mm]), else 1; time is in seconds.
+    Units: after the column (angle:deg, stamp:ms), else from its name (angle_deg, x [mm]), else seconds for the time and
+    none for the rest.
     """
     from sinew.measure.netcdf import save_recording
 

@@ -13,6 +13,7 @@ __all__ = [
     "PlanArgument",
     "Rig",
     "Seed",
+    "Settle",
     "Start",
     "Stop",
 ]
@@ -32,3 +33,9 @@ ColumnDrive = Annotated[str | None, typer.Option("--drive", metavar="COL[:unit]"
 Start = Annotated[float | None, typer.Option("--start", metavar="S", help="Take samples from this time on [s].")]
 Stop = Annotated[float | None, typer.Option("--stop", metavar="S", help="Take samples up to this time [s].")]
 Gaps = Annotated[str, typer.Option("--gaps", metavar="refuse|split", help="What to do where samples are missing.")]
+Settle = Annotated[
+    float | None,
+    typer.Option(
+        "--settle", metavar="S", help="Sweep: how long each group settles before it is measured [s]; else its half."
+    ),
+]

@@ -1,6 +1,5 @@
 """This is where `sinew reproduce` runs a whole campaign on the twin, and `sinew report` writes its pages anew."""
 
-import json as json_module
 import os
 import shlex
 import time
@@ -10,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sinew.apps.analyse import analyse_with, recording_rig
 from sinew.apps.console import print_json, print_table, progress_bar, require_folder, write_json
 from sinew.apps.options import Json, Rig, Seed
+from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results, stored_times
 from sinew.measure.errors import FileError
 
 if TYPE_CHECKING:
@@ -27,14 +28,15 @@ __all__ = ["report", "reproduce"]
 class _Campaign:
     """Everything that the pages of a campaign are made from.
 
-    beyond: results of a sweep above the paper's 12 mm, or None. effects: what each effect of the twin adds, see
-    `sinew.figures.shares`; empty where it was not measured. rebuild: the command that makes all of it again.
+    beyond: results of a sweep above the paper's 12 mm, or None. rig: None where none is known.
+    effects: what each effect of the twin adds, see `sinew.figures.shares`; empty where it was not measured.
+    rebuild: the command that makes all of it again.
     """
 
     recording: "xr.Dataset"
     results: "xr.Dataset"
     beyond: "xr.Dataset | None"
-    rig: "RigSpec"
+    rig: "RigSpec | None"
     effects: list[dict[str, Any]]
     simulated_s: float
     rebuild: str
@@ -76,26 +78,24 @@ def reproduce(
     for preview in previews:
         refuse_beyond_limits(preview)
     require_folder(out)
+    command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
+    rebuild = shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else []))
     with progress_bar("simulate") as progress:
-        recording = simulate(plans[0], rig_, seed=seed, progress=progress)
+        recording = simulate(plans[0], rig_, seed=seed, progress=progress).assign_attrs(command=rebuild)
     save_recording(recording, out / "recording.nc")
     results = _analyse(recording, rig_, out)
     further = None
+    (out / "beyond.nc").unlink(missing_ok=True)
     if beyond is not None:
         with progress_bar("simulate above the paper's range") as progress:
-            further = _analysed(simulate(plans[1], rig_, seed=seed, progress=progress), rig_)
+            further = analyse_with(simulate(plans[1], rig_, seed=seed, progress=progress), rig_)
         save_dataset(further, out / "beyond.nc")
     effects = _measure_effects(plans[0], rig_, out)
-    command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
-    campaign = _Campaign(
-        recording,
-        results,
-        further,
-        rig_,
-        effects,
-        sum(preview.duration_s for preview in previews),
-        shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else [])),
-    )
+    if effects:
+        results = results.assign_attrs(effects_hash=hash_file(out / "effects.json"))
+        save_dataset(results, out / "results.nc")
+    simulated_s = sum(preview.duration_s for preview in previews)
+    campaign = _Campaign(recording, results, further, rig_, effects, simulated_s, rebuild)
     _show(_write_pages(campaign, out, began=began), out, json=json)
 
 
@@ -104,10 +104,12 @@ def report(
     rig: Annotated[str | None, typer.Option("--rig", metavar="RIG", help="A rig; else the recording's.")] = None,
     json: Json = False,
 ) -> None:
-    """Write figures, summary and report of a recording anew, from the files in its folder."""
-    from sinew.apps.analyse import recording_rig
-    from sinew.measure.netcdf import load_dataset, load_recording
-    from sinew.measure.results import validate_results
+    """Write figures, summary and report of a recording anew, from the files in its folder.
+
+    Results that were made from another recording or with another rig are made anew. A recording that names no rig
+    needs none: then nothing is said of stiffness and damping constants, and sensors are taken as perfect.
+    """
+    from sinew.measure.netcdf import load_recording
 
     if not (folder / "recording.nc").is_file():
         raise FileError(f"found no recording.nc in {folder}; expected a folder that sinew simulate or reproduce wrote")
@@ -115,29 +117,37 @@ def report(
     recording = load_recording(folder / "recording.nc")
     rig_ = recording_rig(recording, rig)
     require_folder(folder)
-    if (folder / "results.nc").is_file() and rig is None:
-        results = validate_results(load_dataset(folder / "results.nc"))
-    else:
+    results = stored_results(folder / "results.nc", recording, rig_)
+    before = {} if results is None else stored_times(folder / "summary.json")
+    if results is None:
         results = _analyse(recording, rig_, folder)
-    further = folder / "beyond.nc"
-    before = _read_summary(folder / "summary.json")
     steps = recording["time_s"].diff("sample")
     campaign = _Campaign(
         recording,
         results,
-        validate_results(load_dataset(further)) if further.is_file() else None,
+        stored_beyond(folder / "beyond.nc", rig_),
         rig_,
-        _read_list(folder / "effects.json"),
+        stored_effects(folder / "effects.json", results),
         before.get("simulated_s", float(steps.median()) * recording.sizes["sample"]),
-        shlex.join(["sinew", "report", str(folder)]),
+        _rebuild(recording, folder, rig),
     )
     _show(_write_pages(campaign, folder, began=began, wall_s=before.get("wall_s")), folder, json=json)
+
+
+def _rebuild(recording: "xr.Dataset", folder: Path, rig: str | None) -> str:
+    """Return what makes all of a folder again: the command that made its recording, and `report` where that is more."""
+    made = str(recording.attrs.get("command", ""))
+    if made.startswith("sinew reproduce ") and rig is None:
+        return made
+    again = shlex.join(["sinew", "report", str(folder), *(("--rig", rig) if rig is not None else ())])
+    return f"{made} && {again}" if made else again
 
 
 def _measure_effects(plan: "Plan", rig: "RigSpec", folder: Path) -> list[dict[str, Any]]:
     """Return the share of each effect, also written to effects.json; empty for a plan of other pretensions."""
     from sinew.figures.shares import SHARE_PRETENSIONS_MM, effect_shares
 
+    (folder / "effects.json").unlink(missing_ok=True)
     if not set(SHARE_PRETENSIONS_MM) <= set(plan.pretension.pretension_mm):
         return []
     with progress_bar("switch effects off"):
@@ -146,37 +156,13 @@ def _measure_effects(plan: "Plan", rig: "RigSpec", folder: Path) -> list[dict[st
     return rows
 
 
-def _read_list(path: Path) -> list[dict[str, Any]]:
-    """Return the rows that an earlier run wrote; empty where there is no such file."""
-    try:
-        found = json_module.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return []
-    return found if isinstance(found, list) else []
-
-
-def _analyse(recording: "xr.Dataset", rig: "RigSpec", folder: Path) -> "xr.Dataset":
+def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path) -> "xr.Dataset":
     from sinew.measure.netcdf import save_dataset
 
     with progress_bar("analyse"):
-        results = _analysed(recording, rig)
+        results = analyse_with(recording, rig)
     save_dataset(results, folder / "results.nc")
     return results
-
-
-def _analysed(recording: "xr.Dataset", rig: "RigSpec") -> "xr.Dataset":
-    from sinew.analysis.analysis import analyse_recording
-
-    return analyse_recording(recording, rig)
-
-
-def _read_summary(path: Path) -> dict[str, float]:
-    """Return what an earlier run said of its own time; empty where there is no such file."""
-    try:
-        found = json_module.loads(path.read_text(encoding="utf-8"))
-        return {"wall_s": float(found["wall_s"]), "simulated_s": float(found["simulated_s"])}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
 
 
 def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: float | None = None) -> dict[str, Any]:
@@ -201,6 +187,7 @@ def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: flo
             results=campaign.results,
             figures=figures,
             summary=summary,
+            beyond=campaign.beyond,
             rig=campaign.rig,
             determination=_determination(campaign.rig),
             effects=campaign.effects,
@@ -209,13 +196,14 @@ def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: flo
     return summary
 
 
-def _determination(rig: "RigSpec") -> dict[str, dict[str, Any]] | None:
+def _determination(rig: "RigSpec | None") -> dict[str, dict[str, Any]] | None:
     """Return how far the parameters of a shipped rig can move; None for any other rig, even one of the same name."""
     from sinew.plan.library import list_shipped, read_ranges
     from sinew.plan.toml import load_rig
 
-    known = rig.name in list_shipped("rigs") and load_rig(rig.name) == rig
-    return read_ranges(rig.name) if known else None
+    if rig is None or rig.name not in list_shipped("rigs") or load_rig(rig.name) != rig:
+        return None
+    return read_ranges(rig.name)
 
 
 def _show(summary: dict[str, Any], folder: Path, *, json: bool) -> None:
@@ -228,14 +216,15 @@ def _show(summary: dict[str, Any], folder: Path, *, json: bool) -> None:
             _number(row["paper"]),
             _number(row["measured"]),
             _number(row["tolerance"]),
-            "ok" if row["ok"] else "NOT OK",
+            "yes" if row["ok"] else "NO",
             str(row["where"]),
         )
         for row in summary["paper"]
     ]
-    print_table(("quantity", "paper", "measured", "tolerance", "", "where"), rows, "paper against measured")
-    kept = sum(bool(row["ok"]) for row in summary["paper"])
-    print(f"{kept} of {len(rows)} rows within tolerance")
+    if rows:
+        print_table(("quantity", "paper", "measured", "tolerance", "ok", "where"), rows, "paper against measured")
+        kept = sum(bool(row["ok"]) for row in summary["paper"])
+        print(f"{kept} of {len(rows)} rows within tolerance")
     print(f"{summary['simulated_s']:.0f} s of motion, {summary['wall_s']:.0f} s of work")
     print(f"report: {folder / 'report.html'}")
 

@@ -1,5 +1,6 @@
 """This is where `sinew simulate` runs a plan on the physics twin and writes the recording."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -40,7 +41,9 @@ def simulate(
     require_file(out)
     with progress_bar("simulate") as progress:
         recording = run(plan_, rig_, seed=seed, effects=effects, progress=progress)
-    save_recording(recording, out)
+    command = ["sinew", "simulate", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
+    command += [word for effect in without or () for word in ("--without", effect)]
+    save_recording(recording.assign_attrs(command=shlex.join(command)), out)
     document: dict[str, Any] = {
         "recording": str(out),
         "plan": plan_.name,

@@ -22,17 +22,17 @@ class Caption:
 CAPTIONS = {
     "figure05_drive_groups": Caption(
         "Figure 5: driving oscillation",
-        "(a) One sweep as it was driven: each group settles (grey) and is then recorded (colour). The numbers are "
-        "frequencies, the dotted lines the nominal amplitude. (b) to (d) Three groups close up: commanded (dashed), "
-        "settling (grey) and recorded (blue).",
+        "(a) The first sweep as it was driven, at the pretension in its title: each group settles (grey) and is then "
+        "recorded (colour). The numbers are frequencies, the dotted lines the nominal amplitude. (b) to (d) Three "
+        "groups close up: commanded (dashed), settling (grey) and recorded (blue).",
         "The paper drives groups of five periods at constant nominal amplitude, each after 3 s of settling.",
         "Drive angle over time for one whole sweep, and close-ups of three frequency groups, commanded and measured.",
     ),
     "figure06_response": Caption(
         "Figure 6: amplitude response and phase difference",
         "(a) Mean of the torsion's peaks over the nominal drive amplitude (Eq. 6). (b) Lag of the torsion behind the "
-        "drive. Lines are means over the repeats, tubes ±1 standard deviation; colour is pretension; rings mark the "
-        "resonance at each pretension, dashed lines a gain of one and a lag of 90°.",
+        "drive. Lines are means over the repeats, tubes ±1 standard deviation, often thinner than the line; colour is "
+        "pretension; rings mark the resonance at each pretension, dashed lines a gain of one and a lag of 90°.",
         "The paper finds the resonance rising from 3 to 4.3 Hz while the gain falls from 2.8 to 1.4, and a lag of 90° "
         "at resonance.",
         "Two panels over drive frequency, a line with a tube for each pretension: gain on the left, lag on the right.",
@@ -40,7 +40,8 @@ CAPTIONS = {
     "figure07_lissajous": Caption(
         "Figure 7: Lissajous curves",
         "Middle: measured torsion over measured drive, a colour for each frequency; dotted lines mark the nominal "
-        "drive amplitude. Left and right: the ideal shapes for lags of 0 to 180°, at equal amplitudes.",
+        "drive amplitude, the dashed line is the ellipse fitted to the curve whose lag is closest to 90°. "
+        "Left and right: the ideal shapes for lags of 0 to 180°, at equal amplitudes.",
         "The paper shows p = 4 mm: a rising line opens to an ellipse and closes again to a falling one, and the curves "
         "become narrower at high frequency, where the drive does not reach its amplitude.",
         "Closed curves of torsion over drive angle at several frequencies, between schematic ellipses for five lags.",
@@ -71,8 +72,9 @@ CAPTIONS = {
     "drive_amplitude": Caption(
         "Drive amplitude",
         "Measured drive amplitude over frequency at each pretension. The dotted line is the nominal amplitude, rings "
-        "mark the resonance; along the red dashed line, where the rig is known, the lever's peak speed is the motor's "
-        "no-load speed.",
+        "mark the resonance. Red, where the rig is known: along the dashed line a sine has the motor's no-load speed "
+        "ω₀ as its peak speed, amplitude ω₀/(2πf). A saturated drive runs nearly a triangle, at ω₀ all the time: its "
+        "peak ω₀/(4f) is π/2 times higher, its fundamental, which is what is measured here, 4/π times (dash-dotted).",
         "The paper reports that the amplitude falls as frequency rises and leaves open whether the drive or the joint "
         "limits the gain; this figure is added for that question.",
         "Measured drive amplitude over frequency, a line for each pretension, with the nominal amplitude dotted.",

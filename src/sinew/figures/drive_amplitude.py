@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 
 from sinew.figures.response import draw_tubes
 from sinew.figures.rig import rig_of
-from sinew.figures.style import GREY, INK, RED, in_style, new_figure, note_panel, pretension_bar
+from sinew.figures.style import GREY, INK, RED, Floats, in_style, new_figure, note_panel, pretension_bar
 
-__all__ = ["draw_drive_amplitude"]
+__all__ = ["draw_drive_amplitude", "sine_ceiling", "triangle_ceiling"]
 
 
 @in_style
@@ -18,7 +18,8 @@ def draw_drive_amplitude(recording: xr.Dataset, results: xr.Dataset) -> Figure |
     """Return measured drive amplitude [deg] over frequency, or None where the results hold no sweep.
 
     The dotted line is the nominal amplitude; rings mark the resonance at each pretension. Where the rig is known, a
-    red line shows the largest amplitude whose peak speed stays under the motor's no-load speed.
+    dashed line shows the largest sine whose peak speed stays under the motor's no-load speed, a dash-dotted one the
+    fundamental of a triangle at that speed, which no drive exceeds that never runs faster.
     """
     if "drive_amplitude_rad" not in results or "drive_rad" not in recording:
         return None
@@ -39,10 +40,12 @@ def draw_drive_amplitude(recording: xr.Dataset, results: xr.Dataset) -> Figure |
     speed = _no_load_speed(results)
     if speed is not None:
         fine = np.linspace(frequency.min(), frequency.max(), 120)
-        axes.plot(fine, np.rad2deg(speed / (2 * np.pi * fine)), color=RED, linestyle="--", linewidth=1.1)
-        height = 1.09 * top
-        place = min(max(np.rad2deg(speed / (2 * np.pi)) / height, frequency.min()), frequency.max())
-        axes.annotate("no-load speed", (place, height), (5, 0), textcoords="offset points", va="center", color=RED)
+        sine, triangle = (ceiling(fine, speed) for ceiling in (sine_ceiling, triangle_ceiling))
+        axes.plot(fine, np.rad2deg(sine), color=RED, linestyle="--", linewidth=1.1, label="sine at no-load speed")
+        axes.plot(
+            fine, np.rad2deg(triangle), color=RED, linestyle="-.", linewidth=1.1, label="triangle at no-load speed"
+        )
+        axes.legend(handles=axes.lines[-2:], loc="lower left", handlelength=2.6)
     if "resonance_hz" in results:
         height = np.rad2deg(results["drive_amplitude_at_resonance_rad"].values)
         where = results["resonance_hz"].values
@@ -55,6 +58,19 @@ def draw_drive_amplitude(recording: xr.Dataset, results: xr.Dataset) -> Figure |
 
 
 _ABOVE: dict[str, Any] = {"xytext": (-2, 4), "textcoords": "offset points", "ha": "right", "fontsize": 8}
+
+
+def sine_ceiling(frequency_hz: Floats, speed: float) -> Floats:
+    """Return the amplitude [rad] of the sine at a frequency [Hz] whose peak speed is `speed` [rad/s]: ω₀/(2πf)."""
+    return np.asarray(speed / (2 * np.pi * frequency_hz))
+
+
+def triangle_ceiling(frequency_hz: Floats, speed: float) -> Floats:
+    """Return the fundamental's amplitude [rad] of the triangle at constant speed [rad/s]: 2ω₀/(π²f).
+
+    Its peak is ω₀/(4f), of which the fundamental is the share 8/π².
+    """
+    return np.asarray(2 * speed / (np.pi**2 * frequency_hz))
 
 
 def _no_load_speed(results: xr.Dataset) -> float | None:

@@ -5,7 +5,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.figures.motion import Group, drive_of, groups_of
+from sinew.figures.motion import Group, at_pretension, drive_of, groups_of
 from sinew.figures.style import ACCENT, GREY, INK, Floats, few, frequency_colours, in_style, new_figure, note_panel
 
 __all__ = ["draw_drive_groups"]
@@ -62,7 +62,8 @@ def _draw_sweep(axes: Axes, recording: xr.Dataset, sweep: list[Group]) -> None:
     axes.set(xlabel="time in the sweep in s", ylabel="drive θ in degrees", ylim=(-1.2 * nominal, 1.45 * nominal))
     axes.margins(x=0.01)
     axes.set_yticks([-nominal, 0, nominal])
-    note_panel(axes, "a", "outline of one sweep: settling (grey), recorded (colour), frequency in Hz above")
+    place = at_pretension(recording, sweep[0].segment.pretension_mm)
+    note_panel(axes, "a", f"outline of a sweep{place}: settling (grey), recorded (colour), frequency in Hz")
 
 
 def _outline(time_s: Floats, values: Floats, frequency_hz: float) -> tuple[Floats, Floats, Floats]:

@@ -7,8 +7,18 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from sinew.figures.motion import at_pretension, groups_of, motion_of
-from sinew.figures.style import ACCENT, GREY, few, frequency_colours, frequency_map, in_style, new_figure, note_panel
+from sinew.figures.motion import Group, at_pretension, ellipse_of, groups_of, motion_of
+from sinew.figures.style import (
+    ACCENT,
+    GREY,
+    INK,
+    few,
+    frequency_colours,
+    frequency_map,
+    in_style,
+    new_figure,
+    note_panel,
+)
 
 __all__ = ["draw_lissajous"]
 
@@ -20,7 +30,8 @@ def draw_lissajous(recording: xr.Dataset, pretension_mm: float = 4.0, curves: in
     """Return Figure 7 of the paper, or None where drive and response were not both recorded in steady groups.
 
     Middle: measured curves of the first repeat at the pretension closest to `pretension_mm`, some frequencies of
-    it. Left and right: the ideal shapes for lags from 0 to 180 degrees, drive and torsion of equal amplitude.
+    it, and the ellipse fitted where the lag is closest to 90 degrees. Left and right: the ideal shapes for lags from
+    0 to 180 degrees, drive and torsion of equal amplitude.
     """
     groups = [g for g in groups_of(recording, "steady") if g.segment.repeat == 0]
     if not groups or not ({"drive_rad", "drive"} & set(map(str, recording.data_vars))):
@@ -40,6 +51,7 @@ def draw_lissajous(recording: xr.Dataset, pretension_mm: float = 4.0, curves: in
         assert motion.drive is not None
         label = motion.label
         middle.plot(motion.drive, motion.torsion, color=colour, linewidth=1.0)
+    _draw_ellipse(middle, recording, chosen)
     nominal = chosen[0].segment.amplitude_deg
     if "drive_rad" in recording and np.isfinite(nominal):
         for level in (-nominal, nominal):
@@ -50,6 +62,15 @@ def draw_lissajous(recording: xr.Dataset, pretension_mm: float = 4.0, curves: in
     note_panel(middle, "", "measured" + at_pretension(recording, found))
     _draw_key(figure, places["k"], frequencies)
     return figure
+
+
+def _draw_ellipse(axes: Axes, recording: xr.Dataset, groups: list[Group]) -> None:
+    """Draw the ellipse fitted to the curve whose lag is closest to a right angle, and say the lag."""
+    ellipses = [ellipse_of(recording, group) for group in groups]
+    i = min(range(len(groups)), key=lambda i: abs(ellipses[i].lag_rad - np.pi / 2))
+    label = f"ellipse at {groups[i].segment.frequency_hz:.3g} Hz: lag {np.rad2deg(ellipses[i].lag_rad):.0f}°"
+    axes.plot(*ellipses[i].curve(91), color=INK, linewidth=1.0, linestyle=(0, (4, 3)), zorder=4, label=label)
+    axes.legend(loc="upper left", borderaxespad=0.1, handlelength=2.4)
 
 
 def _draw_shape(axes: Axes, degrees: int) -> None:

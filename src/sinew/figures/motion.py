@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from sinew.analysis.lissajous import Ellipse, fit_ellipse
 from sinew.analysis.sensor import delay_budget, torsion_delay
 from sinew.analysis.torsion import drive_channel, integrate_rate, response_channel, steady_motion
 from sinew.figures.rig import rig_of
@@ -13,7 +14,17 @@ from sinew.figures.style import Floats
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.schema import SegmentKind
 
-__all__ = ["Group", "Motion", "at_pretension", "drive_of", "groups_of", "motion_of", "nearest", "released_motion"]
+__all__ = [
+    "Group",
+    "Motion",
+    "at_pretension",
+    "drive_of",
+    "ellipse_of",
+    "groups_of",
+    "motion_of",
+    "nearest",
+    "released_motion",
+]
 
 
 @dataclass(frozen=True)
@@ -77,14 +88,33 @@ def motion_of(recording: xr.Dataset, group: Group) -> Motion:
 
     Raises RecordingError where the group holds no whole period.
     """
-    alone = recording.isel(sample=group.record, segment=[group.index])
-    motion = steady_motion(alone, 0, rig_of(recording))
+    motion = _steady(recording, group)
     factor, unit = _in_degrees(str(motion["torsion"].attrs["units"]))
     drive = None
     if "drive" in motion:
         drive = motion["drive"].values * _in_degrees(str(motion["drive"].attrs["units"]))[0]
     time = motion["time_s"].values - recording["time_s"].values[group.record.start]
     return Motion(time, factor * motion["torsion"].values, factor * motion["rate"].values, drive, unit)
+
+
+def _steady(recording: xr.Dataset, group: Group) -> xr.Dataset:
+    return steady_motion(recording.isel(sample=group.record, segment=[group.index]), 0, rig_of(recording))
+
+
+def ellipse_of(recording: xr.Dataset, group: Group) -> Ellipse:
+    """Return the Lissajous ellipse of a steady group, in the units of `motion_of`.
+
+    Raises RecordingError where the group holds no whole period or no drive was recorded.
+    """
+    motion = _steady(recording, group)
+    ellipse = fit_ellipse(motion)
+    drive, torsion = (_in_degrees(str(motion[name].attrs["units"]))[0] for name in ("drive", "torsion"))
+    return Ellipse(
+        drive * ellipse.drive_amplitude,
+        torsion * ellipse.torsion_amplitude,
+        ellipse.lag_rad,
+        drive * torsion * ellipse.area,
+    )
 
 
 def at_pretension(recording: xr.Dataset, pretension_mm: float) -> str:

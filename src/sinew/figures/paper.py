@@ -1,7 +1,7 @@
 """This is where the paper's numbers meet the measured ones, each with a tolerance and its place in the paper."""
 
 import math
-from typing import TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 import xarray as xr
@@ -10,7 +10,9 @@ from sinew.figures.spread import mean_and_spread
 from sinew.figures.style import Floats
 from sinew.plan.rig import RigSpec
 
-__all__ = ["Row", "paper_table"]
+__all__ = ["Role", "Row", "is_the_papers", "paper_table", "role_of"]
+
+Role = Literal["fitted", "input", "follows"]
 
 
 _NEAR_ONE = 0.4
@@ -31,14 +33,44 @@ class Row(TypedDict):
     where: str
 
 
+def is_the_papers(results: xr.Dataset, rig: RigSpec | None) -> bool:
+    """Return whether results have to do with the paper: the rig is named `paper` and no file of others was imported."""
+    return rig is not None and rig.name == "paper" and results.attrs.get("source") != "import"
+
+
+_FITTED = (
+    "resonance frequency at",
+    "gain at resonance at",
+    "largest distance between 90° crossing",
+    "spread of Lehr's damping",
+)
+"""How the quantities begin that the calibration of the paper's rig aims at (tools/calibrate_paper.py, TARGETS)."""
+
+_INPUTS = ("stiffness k = G J / L", "frequency of the bare silicone")
+
+
+def role_of(quantity: str, rig: RigSpec) -> Role:
+    """Return what a row's agreement is worth: the rig was fitted to it, it is one of its inputs, or it follows.
+
+    Nothing counts as fitted on a rig without a calibrated parameter.
+    """
+    if quantity.startswith(_INPUTS):
+        return "input"
+    calibrated = any(parameter.origin == "calibrated" for _, parameter in rig.parameters())
+    return "fitted" if calibrated and quantity.startswith(_FITTED) else "follows"
+
+
 def paper_table(results: xr.Dataset, beyond: xr.Dataset | None = None, rig: RigSpec | None = None) -> list[Row]:
     """Return the rows for which the data hold the parts: sweep, ring-downs, a sweep above 12 mm, and the rig.
 
+    There are none for a rig other than the paper's, or for an imported recording (`is_the_papers`).
     Trends are counted on means over repeats, without regard to their spread.
     results: of the campaign. beyond: of a sweep at pretensions above 12 mm. rig: for Eq. 5.
     A part that is there but could not be measured (NaN) gives a row that is not ok.
     """
     rows: list[Row] = []
+    if rig is None or not is_the_papers(results, rig):
+        return rows
     if "resonance_hz" in results:
         rows += _ends(results) + _trends(results)
     if "paper_lehr_damping" in results:
@@ -47,9 +79,7 @@ def paper_table(results: xr.Dataset, beyond: xr.Dataset | None = None, rig: RigS
         rows += _drive(results)
     if beyond is not None and "gain_peak" in beyond:
         rows += _bounded(beyond)
-    if rig is not None:
-        rows += _bare_silicone(rig)
-    return rows
+    return rows + _bare_silicone(rig)
 
 
 def _row(quantity: str, paper: float, measured: float, tolerance: float, where: str, also: bool = True) -> Row:

@@ -10,7 +10,9 @@ import xarray as xr
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
 from sinew.figures.captions import CAPTIONS, Caption
+from sinew.figures.paper import is_the_papers, role_of
 from sinew.figures.tables import fixed, measured_tables, number, parameter_rows, reaches
+from sinew.figures.threshold import describe_threshold
 from sinew.measure.netcdf import write_atomically
 from sinew.plan.rig import RigSpec
 
@@ -23,6 +25,7 @@ def write_report(
     results: xr.Dataset,
     figures: Sequence[Path] = (),
     summary: Mapping[str, Any] | None = None,
+    beyond: xr.Dataset | None = None,
     rig: RigSpec | None = None,
     determination: Mapping[str, Mapping[str, Any]] | None = None,
     effects: Sequence[Mapping[str, Any]] | None = None,
@@ -31,18 +34,26 @@ def write_report(
     """Write report.html into a folder, atomically, and return its path. What is not given is left out.
 
     figures: files of `draw_figures`; the PNGs among them are put into the page.
-    summary: of `summarise`. rig: whose parameters are listed.
+    summary: of `summarise`; its table of the paper is shown where `is_the_papers` holds. rig: whose parameters are
+        listed. beyond: results of a sweep above 12 mm, for the sentences on the saturation threshold.
     determination: by parameter, `{"value", "unit", "alone": [low, high], "together": [low, high], "bounds": [low,
     high], "sentence"}`: how far it can move without leaving the paper's numbers, alone and with the others following.
     effects: rows of `{"effect", "resonance_hz_0", "resonance_hz_12", "gain_0", "gain_12", "damping_0", "damping_12"}`.
     rebuild: the command that makes all of this again.
     Raises FileError where the folder cannot be written.
     """
-    paper = list(summary["paper"]) if summary is not None else []
+    about_paper = is_the_papers(results, rig)
+    paper = _with_roles(summary["paper"], rig) if summary is not None and rig is not None and about_paper else []
+    source = str(results.attrs.get("source", ""))
     page = _template().render(
-        title=f"the rig “{rig.name}”" if rig is not None else "a recording",
+        title=f"Resonance report of the rig “{rig.name}”" if rig is not None and about_paper else "Resonance report",
+        source=_SOURCES.get(source, source),
+        effects_off=", ".join(str(results.attrs.get("effects_off", "")).split()),
         paper=paper,
         agreeing=sum(bool(row["ok"]) for row in paper),
+        earned=_earned(paper),
+        about_paper=about_paper,
+        threshold=describe_threshold(results, beyond, about_paper=about_paper),
         tables=measured_tables(results),
         pictures=[_picture(path) for path in figures if path.suffix == ".png"],
         parameters=parameter_rows(rig) if rig is not None else [],
@@ -61,6 +72,29 @@ def write_report(
 
     write_atomically(path, write)
     return path
+
+
+_SOURCES = {
+    "twin": "simulated by the physics twin",
+    "emulator": "recorded on the emulated rig",
+    "bench": "recorded on the bench",
+    "import": "an imported recording",
+}
+
+
+def _with_roles(rows: Sequence[Mapping[str, Any]], rig: RigSpec) -> list[dict[str, Any]]:
+    """Return the rows of the paper's table with the key `role`."""
+    return [{**row, "role": role_of(str(row["quantity"]), rig)} for row in rows]
+
+
+def _earned(paper: Sequence[Mapping[str, Any]]) -> str:
+    """Return how many of the rows were fitted or put in, as the end of a sentence; empty where none was."""
+    fitted, put_in = (sum(row["role"] == role for row in paper) for role in ("fitted", "input"))
+    told = [f"{n} of them {verb[n != 1]}" for n, verb in ((fitted, _WERE), (put_in, _ARE)) if n]
+    return ", ".join(told)
+
+
+_WERE, _ARE = ("was fitted", "were fitted"), ("is an input", "are inputs")
 
 
 @functools.cache

@@ -66,11 +66,12 @@ def draw_tubes(axes: Axes, frequency_hz: Floats, values: Floats, pretension_mm: 
     for p, colour in enumerate(pretension_colours(pretension_mm)):
         if np.isfinite(spread[p]).any():
             tube = (mean[p] - spread[p], mean[p] + spread[p])
-            axes.fill_between(frequency_hz, *tube, color=colour, alpha=0.28, linewidth=0)
+            axes.fill_between(frequency_hz, *tube, color=colour, alpha=0.45, linewidth=0.5)
         axes.plot(
             frequency_hz,
             mean[p],
             color=colour,
+            linewidth=0.8,
             marker=marked.get(p, ""),
             markevery=(p % 3, 3),
             markersize=3.6,

@@ -4,11 +4,12 @@ import numpy as np
 import xarray as xr
 from matplotlib import patheffects
 from matplotlib.axes import Axes
+from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from scipy.interpolate import PchipInterpolator
 
-from sinew.figures.spread import mean_and_spread
+from sinew.analysis.ridge import gain_map
 from sinew.figures.style import INK, RED, Floats, in_style, new_figure, note_panel
 
 __all__ = ["along_ridge", "draw_response_map"]
@@ -29,12 +30,11 @@ def draw_response_map(results: xr.Dataset) -> Figure | None:
         or min(results.sizes["pretension"], results.sizes["frequency"]) < 3
     ):
         return None
-    frequency, pretension = results["frequency_hz"].values, results["pretension_mm"].values
-    order = np.argsort(pretension)
-    measured = mean_and_spread(results["gain"].values)[0][order]
-    ridge = (results["resonance_hz"].values[order], pretension[order], results["gain_peak"].values[order])
-    x, gain = along_ridge(frequency, measured, ridge[0])
-    y = np.broadcast_to(pretension[order][:, None], x.shape)
+    drawn = gain_map(results).isel(pretension=np.argsort(results["pretension_mm"].values))
+    pretension = drawn["pretension_mm"].values
+    ridge = (drawn["ridge_hz"].values, pretension, drawn["ridge_gain"].values)
+    x, gain = along_ridge(drawn["frequency_hz"].values, drawn["gain"].values, ridge[0])
+    y = np.broadcast_to(pretension[:, None], x.shape)
     figure = new_figure(3.4)
     columns = figure.add_gridspec(1, 2, width_ratios=(1.15, 1.0))
     surface = figure.add_subplot(columns[0], projection="3d")
@@ -83,13 +83,28 @@ def _draw_surface(axes: Axes3D, x: Floats, y: Floats, gain: Floats, ridge: Ridge
     note_panel(axes, "a", "gain over frequency and pretension")
 
 
+def _label_places(lines: QuadContourSet, x: Floats, y: Floats) -> list[tuple[float, float]]:
+    """Return a place on each line of equal gain up to 1.5, at middle pretension and well inside the frame."""
+    (left, right), (low, high) = ((float(v.min()), float(v.max())) for v in (x, y))
+    places = []
+    for level, path in zip(lines.levels, lines.get_paths(), strict=True):
+        at, across = np.asarray(path.vertices, dtype=float).T
+        inside = (at > left + 0.08 * (right - left)) & (at < right - 0.08 * (right - left))
+        if level <= 1.5 and inside.any():
+            off = np.where(inside, np.abs(across - (low + high) / 2), np.inf)
+            best = int(np.argmin(off))
+            places.append((float(at[best]), float(across[best])))
+    return places
+
+
 def _draw_above(figure: Figure, axes: Axes, x: Floats, y: Floats, gain: Floats, ridge: Ridge) -> None:
     axes.grid(False)
     mesh = axes.pcolormesh(x, y, gain, cmap=_COLOURS, vmin=0, shading="gouraud", rasterized=True)
     levels = [level for level in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0) if np.nanmin(gain) < level < np.nanmax(gain)]
     if levels:
         lines = axes.contour(x, y, gain, levels=levels, colors="white", linewidths=0.6)
-        for text in axes.clabel(lines, [level for level in levels if level <= 1.5], fmt="%g", fontsize=8):
+        places = _label_places(lines, x, y)
+        for text in axes.clabel(lines, fmt="%g", fontsize=8, manual=places) if places else ():
             text.set_path_effects([patheffects.withStroke(linewidth=1.2, foreground="#333333")])
     halo = [patheffects.withStroke(linewidth=3.0, foreground="white")]
     axes.plot(ridge[0], ridge[1], color=RED, linewidth=1.6, path_effects=halo, zorder=4)

@@ -1,4 +1,4 @@
-"""This is where the share of each effect is measured: the same short campaign on the twin, one effect off at a time."""
+"""This is where the share of each effect is measured: one short campaign on the twin, one effect off at a time."""
 
 import math
 from typing import Any
@@ -31,7 +31,10 @@ SHARES: dict[str, tuple[str, ...]] = {
 
 
 def shares_plan() -> Plan:
-    """Return the short campaign: both ends of the paper's pretension range, one repeat."""
+    """Return the short campaign: both ends of the paper's pretension range, a coarse grid, one repeat.
+
+    The report says so above the table, in words of its own.
+    """
     return Plan(
         name="shares",
         pretension=Pretension(pretension_mm=SHARE_PRETENSIONS_MM),

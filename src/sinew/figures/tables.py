@@ -55,11 +55,14 @@ def measured_tables(results: xr.Dataset) -> list[Table]:
 
 
 def _verdict(results: xr.Dataset) -> str:
-    """Return how many of the decays are exponential, empty without ring-downs."""
+    """Return how many of the decays are exponential, and what follows where some are not; empty without ring-downs."""
     if "exponential" not in results:
         return ""
     judged = results["exponential"].values[np.isfinite(results["exponential"].values)]
-    return f"Exponential within their noise: {int(judged.sum())} of {judged.size} decays."
+    text = f"Exponential within their noise: {int(judged.sum())} of {judged.size} decays."
+    if judged.sum() == judged.size:
+        return text
+    return text + " Where a decay is not, its damping depends on the amplitude; λ, ⟨ω⟩, D, d and k are means over it."
 
 
 Column = tuple[str, Floats, Floats]
@@ -68,20 +71,22 @@ Column = tuple[str, Floats, Floats]
 def _resonance(results: xr.Dataset) -> list[Column]:
     if "resonance_hz" not in results:
         return []
-    degrees = 180 / math.pi
+    units = [str(results.attrs.get(name, "rad")) for name in ("response_unit", "drive_unit")]
+    scale, drive = (180 / math.pi, "degrees") if units[1] == "rad" else (1.0, units[1])
+    per = "" if units[0] == units[1] else f" in {units[0]} per {units[1]}"
     return [
         (head, factor * results[name].values, factor * results[std].values)
         for head, name, std, factor in (
             ("resonance in Hz", "resonance_hz", "resonance_std_hz", 1.0),
-            ("gain", "gain_peak", "gain_peak_std", 1.0),
-            ("gain by measured drive", "gain_peak_measured_drive", "gain_peak_measured_drive_std", 1.0),
+            (f"gain{per}", "gain_peak", "gain_peak_std", 1.0),
+            (f"gain by measured drive{per}", "gain_peak_measured_drive", "gain_peak_measured_drive_std", 1.0),
             ("90° lag at Hz", "phase_90_hz", "phase_90_std_hz", 1.0),
             ("half-power width in Hz", "half_power_width_hz", "half_power_width_std_hz", 1.0),
             (
-                "drive in degrees",
+                f"drive in {drive}",
                 "drive_amplitude_at_resonance_rad",
                 "drive_amplitude_at_resonance_std_rad",
-                degrees,
+                scale,
             ),
         )
     ]

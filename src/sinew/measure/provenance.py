@@ -14,7 +14,8 @@ from sinew import __version__
 __all__ = ["content_hash", "provenance"]
 
 _PACKAGES = ("numpy", "scipy", "xarray", "jax")
-_UNHASHED = ("content_hash",)
+# The command names files and folders; the same data made elsewhere are the same data.
+_UNHASHED = ("content_hash", "command")
 
 
 def provenance(source: str, *, rig: str = "", plan: str = "", seed: int | None = None, **more: Any) -> dict[str, Any]:

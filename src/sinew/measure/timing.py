@@ -92,11 +92,7 @@ def diagnose_times(stamps: Floats, *, first_row: int = 1) -> TimeDiagnosis:
         gaps, bursts, step = gaps_of_irregular(stamps, steps), False, float(steps.mean())
     written_twice = even and not bursts and (repeated < 5 or np.ptp(off_line(stamps, gaps, step)) > 3 * step)
     if repeated and (not clock or written_twice):
-        row = int(np.flatnonzero(steps == 0)[0]) + first_row
-        raise TimeError(
-            f"data rows {row} and {row + 1} have the same time stamp {stamps[row - first_row]:.6g} s and no regular "
-            "clock shows which is right; remove the repeated rows or export the time with more digits"
-        )
+        raise TimeError(_repeat_refusal(stamps, steps, first_row))
     jitter = float(off_line(stamps, gaps, step).std()) if clock else float(np.delete(steps, afters(gaps)).std())
     pattern: Pattern = "irregular"
     if clock:
@@ -162,6 +158,35 @@ def refuse_backwards(stamps: Floats, *, first_row: int = 1) -> None:
         )
 
 
+def _repeat_refusal(stamps: Floats, steps: Floats, first_row: int) -> str:
+    """Return what to say of stamps that equal the one before, without a clock that could say which is which.
+
+    Where the clock is regular once the repeats are out, they are rows written twice or stamped wrongly.
+    """
+    repeats = np.flatnonzero(steps == 0) + 1
+    at = int(repeats[0])
+    row = at + first_row
+    found = f"data rows {row - 1} and {row} have the same time stamp {stamps[at]:.6g} s"
+    kept = np.delete(stamps, repeats)
+    if kept.size >= FEWEST_SAMPLES:
+        even, step = is_even(kept, np.diff(kept))
+        gaps, _, step = gaps_of_clock(kept, np.diff(kept), step, even)
+        if even and not gaps and off_line(kept, gaps, step).std() < 0.3 * step:
+            step = float(np.median(np.diff(kept)))
+            more = f" (and {_counted(repeats.size - 1, 'more repeated row')})" if repeats.size > 1 else ""
+            missed = at < steps.size and steps[at] > 1.5 * step
+            cause = (
+                f"row {row} should read {stamps[at] + step:.6g} s; correct its stamp or drop the row"
+                if missed
+                else f"row {row} was written twice; drop it"
+            )
+            return f"{found} in an otherwise regular clock of {_time(step)}: data {cause}{more}"
+    return (
+        f"{found} and no regular clock shows which is right; remove the repeated rows or export the time with "
+        "more digits"
+    )
+
+
 def _sentence(
     samples: int, step: float, jitter: float, pause: float, repeated: int, pattern: Pattern, gaps: Sequence[Gap]
 ) -> str:
@@ -182,7 +207,7 @@ def _refusal(gaps: Sequence[Gap], step: float, first_row: int) -> str:
     return (
         f"gap of {gap.stop_s - gap.start_s:.4g} s after data row {gap.after + first_row} (from {gap.start_s:.6g} s to "
         f"{gap.stop_s:.6g} s, about {gap.missing} samples of {_time(step)} missing){more}; "
-        "select one side of it with start and stop, or split the record at its gaps"
+        "select one side of it with start and stop (--start, --stop), or split the record at its gaps (--gaps split)"
     )
 
 

@@ -17,6 +17,11 @@ _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 TendonMode = Literal["position", "position-with-current-limit", "current"]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Duration = Annotated[float, Field(gt=0, le=3600)]
+Count = Annotated[int, Field(ge=1, le=100_000)]
+
+MOST_GROUPS = 100_000
+"""More groups than that are a slip of the pen: a campaign of a week at six seconds each."""
 
 
 class Pretension(BaseModel):
@@ -31,7 +36,17 @@ class Pretension(BaseModel):
 
     pretension_mm: tuple[NotNegative, ...] = Field(min_length=1)
     mode: TendonMode = "position"
-    rest_s: Positive = 1.0
+    rest_s: Duration = 1.0
+
+    @model_validator(mode="after")
+    def _visited_once(self) -> "Pretension":
+        twice = sorted({p for p in self.pretension_mm if self.pretension_mm.count(p) > 1})
+        if twice:
+            raise ValueError(
+                f"pretension_mm lists {twice[0]:g} more than once, and the later visit would overwrite the earlier; "
+                "list it once and raise repeats"
+            )
+        return self
 
 
 class Sweep(BaseModel):
@@ -48,9 +63,9 @@ class Sweep(BaseModel):
 
     frequency_hz: tuple[Positive, ...] = Field(min_length=1)
     amplitude_deg: Positive = 20.0
-    settle_s: NotNegative = 3.0
-    periods: int = Field(default=5, ge=1)
-    repeats: int = Field(default=3, ge=1)
+    settle_s: Annotated[float, Field(ge=0, le=3600)] = 3.0
+    periods: Count = 5
+    repeats: Count = 3
 
     @model_validator(mode="after")
     def _increasing(self) -> "Sweep":
@@ -73,9 +88,9 @@ class RingDown(BaseModel):
 
     frequency_hz: tuple[Positive, Positive]
     amplitude_deg: Positive = 20.0
-    drive_s: Positive = 3.0
-    record_s: Positive = 3.0
-    repeats: int = Field(default=3, ge=1)
+    drive_s: Duration = 3.0
+    record_s: Duration = 3.0
+    repeats: Count = 3
 
 
 @dataclass(frozen=True)
@@ -130,6 +145,18 @@ class Plan(BaseModel):
     def _something_to_do(self) -> "Plan":
         if self.sweep is None and self.ring_down is None:
             raise ValueError("a plan needs a [sweep], a [ring_down] or both")
+        return self
+
+    @model_validator(mode="after")
+    def _not_endless(self) -> "Plan":
+        sweep = len(self.sweep.frequency_hz) * self.sweep.repeats if self.sweep is not None else 0
+        decays = self.ring_down.repeats if self.ring_down is not None else 0
+        groups = len(self.pretension.pretension_mm) * (1 + sweep + decays)
+        if groups > MOST_GROUPS:
+            raise ValueError(
+                f"found {groups} groups (pretensions x frequencies x repeats), expected at most {MOST_GROUPS}; "
+                "lower repeats or split the campaign"
+            )
         return self
 
     def groups(self) -> list[Group]:

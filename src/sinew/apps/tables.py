@@ -1,0 +1,132 @@
+"""This is where the answer of an analysis becomes the tables that a person reads, at most 100 columns wide."""
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from sinew.apps.console import print_table
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["print_analysis"]
+
+
+def print_analysis(document: dict[str, Any], recording: "xr.Dataset", results: "xr.Dataset | None") -> None:
+    """Print the document of `sinew analyse` as tables on stdout.
+
+    results: of the recording, for what the table of a sweep shows beside the document; None for a single ring-down.
+    """
+    if document["kind"] == "ring-down":
+        _print_ring_down(document, recording)
+        return
+    if document.get("response") and results is not None:
+        _print_response(document["response"], results)
+    if document.get("resonance"):
+        _print_resonance(document["resonance"])
+    if document.get("ring_down"):
+        rows = [
+            [_pair(row["pretension_mm"]), *(_quantity(row.get(key)) for key in _DECAY)] for row in document["ring_down"]
+        ]
+        print_table(("pretension/mm", *_DECAY.values()), rows, "ring-downs: mean ± standard deviation of it")
+
+
+_DECAY = {
+    "decay_frequency_hz": "frequency/Hz",
+    "decay_rate_per_s": "decay rate/(1/s)",
+    "damping_ratio": "damping ratio",
+    "paper_decay_rate_per_s": "paper's rate/(1/s)",
+}
+
+
+def _print_response(rows: list[dict[str, Any]], results: "xr.Dataset") -> None:
+    """Print the essential columns of a sweep; all others are in the JSON document."""
+    import numpy as np
+
+    from sinew.analysis.repeats import combine_repeats
+
+    gain = results["gain"].values
+    scatter = combine_repeats(gain, np.full(gain.shape, np.nan)).std_of_value
+    where = {
+        (float(p), float(f)): scatter[i, j]
+        for i, p in enumerate(results["pretension_mm"].values)
+        for j, f in enumerate(results["frequency_hz"].values)
+    }
+    cells = [
+        (
+            _pair(row["pretension_mm"]),
+            f"{row['frequency_hz']:.3f}",
+            _pair(row["gain"], where[row["pretension_mm"], row["frequency_hz"]]),
+            _quantity(row["gain_measured_drive"]),
+            _quantity(row["phase_lag_deg"]),
+            "yes" if row["settled"] else "no",
+        )
+        for row in rows
+    ]
+    names = ("pretension/mm", "frequency/Hz", "gain", "gain, measured drive", "phase lag/°", "settled")
+    print_table(names, cells, "sweep: mean over repeats ± standard deviation of it (everything: --json)")
+
+
+def _print_resonance(rows: list[dict[str, Any]]) -> None:
+    cells = []
+    for row in rows:
+        low, high = row["resonance_hz"]["interval90"]
+        cells.append(
+            (
+                _pair(row["pretension_mm"]),
+                _quantity(row["resonance_hz"]),
+                "-" if low is None or high is None else f"{low:.3f} to {high:.3f}",
+                _quantity(row["gain_peak"]),
+                _quantity(row["phase_90_hz"]),
+                _quantity(row["half_power_width_hz"]),
+            )
+        )
+    names = ("pretension/mm", "resonance/Hz", "90 % interval", "peak gain", "lag of 90°/Hz", "half-power/Hz")
+    print_table(names, cells, "resonance: frequency of the largest gain, lag of 90°, half-power width")
+
+
+def _print_ring_down(document: dict[str, Any], recording: "xr.Dataset") -> None:
+    print_table(
+        ("ring-down, direct fit", "value", "std", "90 % interval"),
+        [
+            (label, *_estimate_cells(document[key]))
+            for label, key in (
+                ("frequency/Hz", "frequency_hz"),
+                ("damping ratio", "damping_ratio"),
+                ("decay rate/(1/s)", "decay_rate_per_s"),
+            )
+        ],
+    )
+    paper = document["paper_method"]
+    print_table(("paper's method (Eq. 7)", "value"), [(key, _cell(value)) for key, value in paper.items()])
+    name = "torsion_rad" if "torsion_rad" in recording else "response"
+    print(f"exponential: {'yes' if document['exponential'] else 'no'}. {document['reason']}")
+    print(f"drift of the rest position: {_cell(document['rest_drift'])} {recording[name].attrs['units']}")
+
+
+def _estimate_cells(estimate: dict[str, Any]) -> tuple[str, str, str]:
+    low, high = estimate["interval90"]
+    return _cell(estimate["value"]), _cell(estimate["std"]), f"{_cell(low)} to {_cell(high)}"
+
+
+def _cell(value: float | None) -> str:
+    return "-" if value is None else f"{value:.5g}"
+
+
+def _quantity(estimate: dict[str, Any] | None) -> str:
+    return "-" if estimate is None else _pair(estimate["value"], estimate["std"])
+
+
+def _pair(value: float | None, std: float | None = None) -> str:
+    """Return "value ± std" to the second significant digit of the std, the first where it is below 0.1 % of the value.
+
+    Without a std four digits of the value.
+    """
+    if value is None or not math.isfinite(value):
+        return "-"
+    if std is None or not math.isfinite(std) or std <= 0:
+        return f"{value:.4g}"
+    digits = 2 if std > 1e-3 * abs(value) else 1
+    decimals = max(0, digits - 1 - math.floor(math.log10(std)))
+    if decimals > 6:
+        return f"{value:.6g} ± {std:.0e}"
+    return f"{value:.{decimals}f} ± {std:.{decimals}f}"

@@ -1,0 +1,123 @@
+"""`sinew report`: what it takes up from the folder, what it makes anew, and that a foreign recording needs no rig."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from sinew.apps.analyse import analyse_with
+from sinew.apps.cli import main
+from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results
+from sinew.measure.csv import import_csv
+from sinew.measure.netcdf import load_dataset, load_recording, save_dataset, save_recording
+from sinew.plan.toml import dump_rig, load_rig
+
+RIG = load_rig("paper")
+OTHER = RIG.with_values({"silicone.loss_factor": 0.9 * RIG.silicone.loss_factor.value})
+TIME = np.arange(0, 6, 0.005)
+
+
+def recording(folder: Path, rate: float) -> xr.Dataset:
+    """Return a foreign decay of 3 Hz with a decay rate [1/s], as a file gives it back."""
+    angle = 30 * np.exp(-rate * TIME) * np.cos(2 * np.pi * 3 * TIME) + np.random.default_rng(3).normal(0, 0.02, 1200)
+    rows = [f"{t:.4f},{x:.6f}" for t, x in zip(TIME, angle, strict=True)]
+    (folder / "decay.csv").write_text("t,phi\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    save_recording(import_csv(folder / "decay.csv", time="t", response="phi:deg"), folder / "recording.nc")
+    return load_recording(folder / "recording.nc")
+
+
+def results_in(folder: Path, of: xr.Dataset) -> Path:
+    """Return the path of the results of a recording with the paper's rig."""
+    save_dataset(analyse_with(of, RIG), folder / "results.nc")
+    return folder / "results.nc"
+
+
+def test_results_of_the_same_recording_and_rig_are_taken_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = recording(tmp_path, 1.2)
+    assert stored_results(results_in(tmp_path, found), found, RIG) is not None
+    assert capsys.readouterr().err == ""
+
+
+def test_results_of_another_recording_are_not_taken_up(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = results_in(tmp_path, recording(tmp_path, 1.2))
+    assert stored_results(path, recording(tmp_path, 2.4), RIG) is None
+    assert "results.nc was made from another recording; analysed anew" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("rig", [OTHER, None])
+def test_results_of_another_rig_are_not_taken_up(
+    rig: object, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = recording(tmp_path, 1.2)
+    assert stored_results(results_in(tmp_path, found), found, rig) is None  # type: ignore[arg-type]
+    assert "made with another rig" in capsys.readouterr().err
+
+
+def test_results_that_are_damaged_are_made_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = recording(tmp_path, 1.2)
+    path = results_in(tmp_path, found)
+    path.write_bytes(path.read_bytes()[:2000])
+    assert stored_results(path, found, RIG) is None
+    assert "results.nc cannot be used" in capsys.readouterr().err
+
+
+def test_a_sweep_beyond_the_range_of_another_rig_is_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = results_in(tmp_path, recording(tmp_path, 1.2).assign_attrs(rig=dump_rig(RIG)))
+    assert stored_beyond(path, RIG) is not None
+    assert stored_beyond(path, OTHER) is None
+    assert "belongs to another rig and is left out" in capsys.readouterr().err
+
+
+def test_effects_that_the_results_do_not_name_are_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "effects.json"
+    path.write_text('[{"effect": "a"}]', encoding="utf-8")
+    named = xr.Dataset(attrs={"effects_hash": hash_file(path)})
+    assert stored_effects(path, named) == [{"effect": "a"}]
+    assert stored_effects(path, xr.Dataset()) == []
+    assert "effects.json belongs to other results" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a foreign recording, reported without a rig."""
+    folder = tmp_path_factory.mktemp("lab")
+    recording(folder, 1.2)
+    assert main(["report", str(folder), "--json"]) == 0
+    return folder
+
+
+def test_a_foreign_recording_is_reported_without_a_rig(lab: Path) -> None:
+    assert (lab / "report.html").is_file()
+    assert list((lab / "figures").glob("*.png"))
+
+
+def test_the_report_of_a_changed_recording_is_made_from_the_changed_recording(
+    lab: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = Path(shutil.copytree(lab, tmp_path / "lab"))
+    recording(folder, 2.4)
+    assert main(["report", str(folder), "--json"]) == 0
+    rate = json.loads(capsys.readouterr().out)["ring_down"]["decay_rate_per_s"]
+    assert rate == pytest.approx([2.4], rel=0.02)
+    assert load_dataset(folder / "results.nc")["decay_rate_per_s"].item() == pytest.approx(2.4, rel=0.01)
+
+
+def test_the_report_keeps_the_command_that_made_the_recording(lab: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(lab, tmp_path / "lab"))
+    made = load_recording(folder / "recording.nc").assign_attrs(command="sinew reproduce --plan short --seed 5")
+    save_recording(made, folder / "recording.nc")
+    assert main(["report", str(folder), "--json"]) == 0
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "sinew reproduce --plan short --seed 5" in page
+    assert "sinew report" not in page
+
+
+def test_the_command_of_a_recording_does_not_change_its_hash(lab: Path, tmp_path: Path) -> None:
+    before = load_recording(lab / "recording.nc")
+    save_recording(before.assign_attrs(command="sinew simulate elsewhere"), tmp_path / "recording.nc")
+    assert load_recording(tmp_path / "recording.nc").attrs["content_hash"] == before.attrs["content_hash"]
