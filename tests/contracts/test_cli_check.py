@@ -36,6 +36,7 @@ def test_the_document_has_the_keys_of_the_reference(capsys: pytest.CaptureFixtur
         "full_amplitude_hz",
         "drive",
         "tension",
+        "torsion",
         "findings",
     }
 
@@ -45,6 +46,12 @@ def test_each_frequency_and_each_pretension_has_its_row(capsys: pytest.CaptureFi
     assert plan.sweep is not None
     assert [row["frequency_hz"] for row in found["drive"]] == list(plan.sweep.frequency_hz)
     assert [row["pretension_mm"] for row in found["tension"]] == [0, 6, 12]
+
+
+def test_torsion_falls_with_pretension(capsys: pytest.CaptureFixture[str]) -> None:
+    torsions = [row["torsion_deg"] for row in document(capsys, "short")["torsion"]]
+    assert len(torsions) == 3
+    assert torsions == sorted(set(torsions), reverse=True)
 
 
 def test_tension_rises_with_pretension(capsys: pytest.CaptureFixture[str]) -> None:

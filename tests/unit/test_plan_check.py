@@ -91,8 +91,13 @@ def test_slack_tendons_are_warned_of() -> None:
     assert "tendons are slack at 0 mm" in sentences(preview, "warn")
 
 
+def test_a_torsion_beyond_the_limit_is_refused_where_the_caller_knows_it() -> None:
+    preview = check_plan(load_plan("short"), RIG, torsion_deg=(81.0, 50.0, 30.0))
+    assert "the head twists by 81° at 0 mm, the rig allows 80°" in preview.refusals[0]
+
+
 def test_a_list_of_tensions_must_match_the_pretensions() -> None:
-    with pytest.raises(ValueError, match="2 tensions for 3 pretensions"):
+    with pytest.raises(ValueError, match="2 values for 3 pretensions"):
         check_plan(load_plan("short"), RIG, tension_n=(1.0, 2.0))
 
 

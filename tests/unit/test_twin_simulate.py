@@ -10,7 +10,7 @@ from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig, parse_rig
 from sinew.twin.effects import Effects
-from sinew.twin.simulate import rest_tension, simulate
+from sinew.twin.simulate import peak_torsion, rest_tension, simulate
 
 PLAN = Plan(
     name="short",
@@ -113,3 +113,14 @@ def test_every_tendon_mode_gives_a_recording(rig: RigSpec, mode: str) -> None:
         assert swing <= 1  # constant to the register's unit
     else:
         assert swing > 3
+
+
+def test_previewed_torsion_is_the_largest_that_the_gyroscope_integrates_to(rig: RigSpec, recording: xr.Dataset) -> None:
+    rate = recording["gyro_rad_s"].values[:, 0].astype(float)
+    largest = dict.fromkeys(PLAN.pretension.pretension_mm, 0.0)
+    start = 0.0
+    for _, segment, where in iterate_segments(recording):
+        torsion = np.cumsum(rate[where]) / PLAN.sample_hz + (start if segment.kind in ("steady", "ring-down") else 0.0)
+        start = float(torsion[-1])
+        largest[segment.pretension_mm] = max(largest[segment.pretension_mm], float(np.abs(torsion).max()))
+    np.testing.assert_allclose(peak_torsion(PLAN, rig), list(largest.values()), rtol=0.05)

@@ -10,14 +10,17 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-__all__ = ["check", "preview_plan"]
+__all__ = ["LONGEST_PREVIEW_S", "check", "preview_plan"]
+
+LONGEST_PREVIEW_S = 20_000.0
+"""Length of a plan up to which its torsion is previewed [s]; the paper's is 5600 s."""
 
 
 def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     """Preview a plan on a rig before anything moves.
 
-    Prints duration, the drive amplitude that can be reached at each frequency, the tendon tensions, and every limit
-    of the rig that the plan would break. Ends with status 2 if there is one.
+    Prints duration, the drive amplitude that can be reached at each frequency, tendon tensions, torsion, and every
+    limit of the rig that the plan would break. Ends with status 2 if there is one.
     """
     from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
     from sinew.plan.toml import load_plan, load_rig
@@ -33,16 +36,26 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
 
 
 def preview_plan(plan: "Plan", rig: "RigSpec") -> "Preview":
-    """Return the check of a plan with the tensions that the twin's statics give."""
-    from sinew.plan.check import check_plan
-    from sinew.twin.simulate import rest_tension
+    """Return the check of a plan with the twin's tensions at rest and, unless a limit is broken already, its torsions.
 
-    return check_plan(plan, rig, rest_tension(plan.pretension.pretension_mm, rig).tolist())
+    The torsions come from running one repeat of the plan; a plan of more than `LONGEST_PREVIEW_S` goes without.
+    """
+    import numpy as np
+
+    from sinew.plan.check import check_plan
+    from sinew.twin.simulate import peak_torsion, rest_tension
+
+    tension = rest_tension(plan.pretension.pretension_mm, rig).tolist()
+    preview = check_plan(plan, rig, tension)
+    if preview.refusals or preview.duration_s > LONGEST_PREVIEW_S:
+        return preview
+    return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
 
 
 def _document(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, Any]:
     drive = zip(preview.frequency_hz, preview.drive_amplitude_deg, preview.drive_current_a, strict=True)
     tension = zip(plan.pretension.pretension_mm, preview.tension_n, strict=True)
+    torsion = zip(plan.pretension.pretension_mm, preview.torsion_deg, strict=False)  # empty where not previewed
     return {
         "plan": plan.name,
         "rig": rig.name,
@@ -53,6 +66,7 @@ def _document(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, Any
         "full_amplitude_hz": preview.full_amplitude_hz,
         "drive": [{"frequency_hz": f, "amplitude_deg": a, "current_a": c} for f, a, c in drive],
         "tension": [{"pretension_mm": p, "tension_n": t} for p, t in tension],
+        "torsion": [{"pretension_mm": p, "torsion_deg": t} for p, t in torsion],
         "findings": [{"severity": f.severity, "sentence": f.sentence} for f in preview.findings],
     }
 
@@ -68,8 +82,12 @@ def _print_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> None:
         ]
         title = f"drive, nominal {plan.sweep.amplitude_deg:g}°, against a held head (less where the joint resonates)"
         print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)
-    held = [(f"{p:g}", f"{t:.1f}") for p, t in zip(plan.pretension.pretension_mm, preview.tension_n, strict=True)]
-    print_table(("pretension/mm", "tension of each tendon/N"), held, "tendons at rest")
+    twists = [f"{twist:.0f}" for twist in preview.torsion_deg] or [""] * len(preview.tension_n)
+    held = [
+        (f"{p:g}", f"{t:.1f}", twist)
+        for p, t, twist in zip(plan.pretension.pretension_mm, preview.tension_n, twists, strict=True)
+    ]
+    print_table(("pretension/mm", "tension of each tendon at rest/N", "largest torsion/°"), held, "tendons and torsion")
     for finding in preview.findings:
         print(f"{'REFUSED' if finding.severity == 'refuse' else 'warning'}: {finding.sentence}")
     if not preview.refusals:

@@ -36,7 +36,8 @@ class Preview:
     frequency_hz: of the sweep. drive_amplitude_deg, drive_current_a: what the drive reaches there against a held
     head, and the amplitude of its current's fundamental; see `sinew.plan.reach`.
     full_amplitude_hz: up to where the nominal amplitude is reached (from the lowest frequency on); None if nowhere.
-    tension_n: of one tendon at each pretension, as the caller gave it; empty if it did not.
+    tension_n, torsion_deg: of one tendon at rest, and the largest torsion, at each pretension, as the caller gave them;
+    empty if it did not.
     findings: refusals first.
     """
 
@@ -48,6 +49,7 @@ class Preview:
     drive_current_a: tuple[float, ...]
     full_amplitude_hz: float | None
     tension_n: tuple[float, ...]
+    torsion_deg: tuple[float, ...]
     findings: tuple[Finding, ...]
 
     @property
@@ -56,15 +58,19 @@ class Preview:
         return tuple(finding.sentence for finding in self.findings if finding.severity == "refuse")
 
 
-def check_plan(plan: Plan, rig: RigSpec, tension_n: Sequence[float] | None = None) -> Preview:
+def check_plan(
+    plan: Plan,
+    rig: RigSpec,
+    tension_n: Sequence[float] | None = None,
+    torsion_deg: Sequence[float] | None = None,
+) -> Preview:
     """Return duration, drive reach and every limit of the rig that the plan would break.
 
     tension_n: tension of one tendon [N] at each pretension of the plan, where the caller has a model of it; without
-    it the limits on tension and tendon current are not checked. Raises ValueError where its length does not match.
+    it the limits on tension and tendon current are not checked. torsion_deg: the largest torsion [deg] at each of them,
+    likewise. Raises ValueError where a length does not match.
     """
-    tensions = () if tension_n is None else tuple(map(float, tension_n))
-    if tension_n is not None and len(tensions) != len(plan.pretension.pretension_mm):
-        raise ValueError(f"{len(tensions)} tensions for {len(plan.pretension.pretension_mm)} pretensions")
+    tensions, torsions = _each_pretension(plan, tension_n), _each_pretension(plan, torsion_deg)
     frequencies = plan.sweep.frequency_hz if plan.sweep else ()
     amplitude = plan.sweep.amplitude_deg if plan.sweep else 0.0
     reach = [drive_reach(rig, math.radians(amplitude), frequency) for frequency in frequencies]
@@ -74,6 +80,7 @@ def check_plan(plan: Plan, rig: RigSpec, tension_n: Sequence[float] | None = Non
         *_setting_findings(plan, rig),
         *_current_findings(plan, rig, reach),
         *_tension_findings(plan, rig, tensions),
+        *_torsion_findings(plan, rig, torsions),
         *_reach_findings(plan, rig, reached_deg),
         *_time_findings(plan, rig, tensions),
     ]
@@ -86,6 +93,7 @@ def check_plan(plan: Plan, rig: RigSpec, tension_n: Sequence[float] | None = Non
         drive_current_a=tuple(r.current_a for r in reach),
         full_amplitude_hz=_full_amplitude_hz(frequencies, reached_deg, amplitude),
         tension_n=tensions,
+        torsion_deg=torsions,
         findings=tuple(sorted(findings, key=lambda finding: finding.severity)),
     )
 
@@ -174,6 +182,23 @@ def _tension_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> I
     slack = [p for p, t in zip(plan.pretension.pretension_mm, tension_n, strict=True) if t <= 0]
     if slack:
         yield Finding("warn", f"tendons are slack at {slack[0]:g} mm; raise tendons.first_contact_tension")
+
+
+def _torsion_findings(plan: Plan, rig: RigSpec, torsion_deg: Sequence[float]) -> Iterator[Finding]:
+    if torsion_deg and max(torsion_deg) > rig.limits.torsion_deg:
+        where = plan.pretension.pretension_mm[torsion_deg.index(max(torsion_deg))]
+        yield Finding(
+            "refuse",
+            f"the head twists by {max(torsion_deg):.0f}° at {where:g} mm, the rig allows {rig.limits.torsion_deg:g}°; "
+            "lower amplitude_deg or leave out the frequencies around the resonance",
+        )
+
+
+def _each_pretension(plan: Plan, values: Sequence[float] | None) -> tuple[float, ...]:
+    """Return the caller's values, one for each pretension; empty where none were given."""
+    if values is not None and len(values) != len(plan.pretension.pretension_mm):
+        raise ValueError(f"{len(values)} values for {len(plan.pretension.pretension_mm)} pretensions")
+    return () if values is None else tuple(map(float, values))
 
 
 def _full_amplitude_hz(frequencies: Sequence[float], reached: Sequence[float], nominal: float) -> float | None:

@@ -39,10 +39,6 @@ class Parameter(BaseModel):
             raise ValueError(f"value {self.value:g} {self.unit} is outside its bounds [{low:g}, {high:g}]")
         return self
 
-    def replaced(self, value: float, origin: Origin | None = None) -> "Parameter":
-        """Return the same parameter with another value, and with another origin if one is given."""
-        return Parameter(**{**self.model_dump(), "value": float(value), "origin": origin or self.origin})
-
 
 def converted(number: float, unit: str, to: str) -> float:
     """Return a number in another unit; a decimal prefix shifts the written point, so that 27.4 mm is 0.0274 m.

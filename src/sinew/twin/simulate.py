@@ -24,7 +24,15 @@ from sinew.twin.parameters import CURRENT, TENDON_MODES, Parameters, from_rig
 from sinew.twin.sensors import read_accelerometer, read_gyro, read_rounded, stamp
 from sinew.twin.statics import set_pretension
 
-__all__ = ["LIMIT_RESERVE_N", "lane_parameters", "record_tracks", "rest_tension", "simulate", "simulate_tracks"]
+__all__ = [
+    "LIMIT_RESERVE_N",
+    "lane_parameters",
+    "peak_torsion",
+    "record_tracks",
+    "rest_tension",
+    "simulate",
+    "simulate_tracks",
+]
 
 LIMIT_RESERVE_N = 5.0
 """Tension above that at rest at which a current-limited position loop yields [N]; the paper does not give it."""
@@ -99,6 +107,18 @@ def rest_tension(pretension_mm: Sequence[float], rig: RigSpec) -> NDArray[np.flo
     groups = [Group("idle", p, np.nan, np.nan, 0, 0.0, 1.0) for p in pretension_mm]
     p, _ = lane_parameters(groups, rig, mode="current")
     return np.asarray(p.held_tension)
+
+
+def peak_torsion(plan: Plan, rig: RigSpec) -> NDArray[np.float64]:
+    """Return the largest torsion [rad] that the plan's drive brings about at each of its pretensions, (pretension,).
+
+    One repeat of every group, without scatter or sensors, from rest.
+    """
+    groups = [group for group in plan.groups() if group.kind != "idle" and group.repeat == 0]
+    lanes = lane_parameters(groups, rig, mode=plan.pretension.mode)
+    tracks = simulate_tracks(lanes, groups, plan.sample_hz)
+    peaks = [(g.pretension_mm, float(np.abs(t.torsion).max())) for g, t in zip(groups, tracks, strict=True)]
+    return np.array([max(peak for p, peak in peaks if p == asked) for asked in plan.pretension.pretension_mm])
 
 
 def simulate_tracks(
