@@ -26,7 +26,7 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     from sinew.plan.toml import load_plan, load_rig
 
     plan_, rig_ = load_plan(plan), load_rig(rig)
-    preview = preview_plan(plan_, rig_)
+    preview = preview_plan(plan_, rig_, swing=True)
     if json:
         print_json(_document(plan_, rig_, preview))
     else:
@@ -35,10 +35,11 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     return 0
 
 
-def preview_plan(plan: "Plan", rig: "RigSpec") -> "Preview":
-    """Return the check of a plan with the twin's tensions at rest and, unless a limit is broken already, its torsions.
+def preview_plan(plan: "Plan", rig: "RigSpec", *, swing: bool = False) -> "Preview":
+    """Return the check of a plan with the twin's tensions at rest and, if asked, its torsions.
 
-    The torsions come from running one repeat of the plan; a plan of more than `LONGEST_PREVIEW_S` goes without.
+    swing: run one repeat of the plan for its torsions, unless a limit is broken already or the plan is longer than
+    `LONGEST_PREVIEW_S`. What runs on the twin next hurts nobody and does not ask.
     """
     import numpy as np
 
@@ -47,7 +48,7 @@ def preview_plan(plan: "Plan", rig: "RigSpec") -> "Preview":
 
     tension = rest_tension(plan.pretension.pretension_mm, rig).tolist()
     preview = check_plan(plan, rig, tension)
-    if preview.refusals or preview.duration_s > LONGEST_PREVIEW_S:
+    if not swing or preview.refusals or preview.duration_s > LONGEST_PREVIEW_S:
         return preview
     return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
 
