@@ -1,6 +1,9 @@
 """The pseudo-terminal in front of an emulated bench: a bench that only notes what it is asked stands behind it."""
 
+import fcntl
 import select
+import struct
+import termios
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +15,8 @@ from sinew.emulator.pty_server import PtyServer
 from sinew.hardware.serial_port import SerialPort
 from sinew.hardware.transport import MonotonicClock
 from sinew.measure.errors import FileError
+
+TIOCGEXCL = 0x80045440  # of Linux; the module termios does not have it
 
 
 @dataclass
@@ -160,6 +165,19 @@ def test_a_master_may_close_the_port_and_open_it_again(served: Served) -> None:
             assert come(master) == b"y" * number
         served.at(0.01 * number + 0.005)
     assert served.bench.heard == b"xxxxxx"
+
+
+def test_a_master_that_took_the_port_for_itself_leaves_it_to_others(served: Served) -> None:
+    is_exclusive = struct.Struct("i")
+    with opened(served) as master:
+        fcntl.ioctl(master, termios.TIOCEXCL)
+    served.at(0.001)
+    served.at(0.2)
+    served.at(0.4)
+    served.at(0.6)
+    with opened(served) as master:
+        claim = is_exclusive.unpack(fcntl.ioctl(master, TIOCGEXCL, is_exclusive.pack(1)))
+    assert claim == (0,)
 
 
 def test_a_master_that_does_not_read_holds_nobody_up_and_loses_bytes(served: Served) -> None:

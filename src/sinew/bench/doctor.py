@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
-from sinew.bench.finding import Finding, Fix
+from sinew.bench.finding import Finding, Fix, Severity
 from sinew.hardware.bus import Bus
-from sinew.hardware.configuration import Setting, drive_settings, motor_settings
+from sinew.hardware.configuration import Setting, drive_settings, motor_settings, narrow_settings
 from sinew.hardware.errors import HardwareError, PortError
 from sinew.hardware.imu import Imu
 from sinew.hardware.imu_registers import IMUS
@@ -87,6 +87,9 @@ def call_roll(rig: Rig) -> Roll:
             roll.findings.append(Finding("fault", device.name, str(trouble)))
             continue
         roll.present[device.name] = identity
+    if not roll.present:
+        found = f"no device of the wiring answers at {rig.bus.timing.baud} baud"
+        roll.findings = [Finding("fault", "bus", found, f"{len(devices)} devices", "check supply, cable and baud")]
     known = {device.id for device in devices}
     for stranger, reply in sorted(scanned.items()):
         if stranger not in known:
@@ -175,6 +178,8 @@ def _examine_motor(rig: Rig, motor: Motor, identity: Identity) -> list[Finding]:
     settings = motor_settings(motor, counts, limits, limits.drive_current_a if is_drive else limits.tendon_current_a)
     if is_drive:
         settings += drive_settings(rig.drive, counts)
+        advice = "make the rig's drive_window_deg smaller, or widen this limit: beyond it goals are ignored"
+        troubles += [_setting_finding(motor, s, "fault", advice) for s in narrow_settings(rig.drive, counts)]
     troubles += [_setting_finding(motor, setting) for setting in settings]
     return [_summary(motor, identity, counts), *troubles]
 
@@ -228,18 +233,24 @@ def _climate_findings(motor: Motor, counts: Mapping[str, int], limits: Limits) -
         yield Finding("fault", motor.name, f"{volt:.1f} V", f"{low:g} to {high:g} V", advice)
 
 
-def _setting_finding(motor: Motor, setting: Setting) -> Finding:
+def _setting_finding(
+    motor: Motor,
+    setting: Setting,
+    severity: Severity = "note",
+    advice: str = "a run sets it, or --fix does now",
+) -> Finding:
     row = motor.table[setting.register]
 
     def text(count: int) -> str:
-        return f"{count}" if row.unit == "1" else f"{count} ({count * row.scale:.4g} {row.unit})"
+        unit = row.unit.replace("degC", "°C")
+        return f"{count}" if row.unit == "1" else f"{count} ({count * row.scale:.4g} {unit})"
 
     return Finding(
-        "warning",
+        severity,
         motor.name,
         f"{setting.register} {text(setting.found)}",
         text(setting.expected),
-        "a run sets it, or --fix does now",
+        advice,
         Fix(motor.name, setting.register, setting.found, setting.expected),
     )
 

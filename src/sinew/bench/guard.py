@@ -11,7 +11,9 @@ from sinew.plan.rig import RigSpec
 __all__ = ["LOST_AFTER_S", "Guard", "Watch"]
 
 LOST_AFTER_S = 0.05
-"""A device that has given no fresh reading for so long is lost [s]: ten cycles at 200 Hz, half the bus watchdog's."""
+"""A device that has given no fresh reading for so long is lost [s], if it was asked often enough meanwhile."""
+
+_ASKED_IN_VAIN = 5  # a pause of the computer is no silence of a device
 
 _TORSION_MEMORY_S = 2.0  # the gyro's integral forgets; a swing of 1 Hz and more is kept to within 1 %
 _FOLLOW_MM = 0.75
@@ -52,6 +54,7 @@ class Guard:
         self._give = 1 / (spec.tendons.servo_stiffness.value * self._radius)  # rad/N
         self._lsb = spec.tendons.current_lsb.value
         self._seen: dict[str, float] = {}
+        self._vain: dict[str, int] = {}
         self._counter: int | None = None
         self._astray: list[float] = []
         self._means: list[float] = []
@@ -76,7 +79,7 @@ class Guard:
 
     def forget(self, now: float) -> None:
         """Start anew at a time [s], after a stretch in which nobody asked the devices."""
-        self._seen = dict.fromkeys(self._seen, now)
+        self._seen, self._vain = dict.fromkeys(self._seen, now), {}
         self._last = now
         self._astray, self._means = [], []
 
@@ -88,8 +91,11 @@ class Guard:
         present["IMU"] = fresh
         for name, here in present.items():
             if here:
-                self._seen[name] = now
-            elif (gone := now - self._seen.setdefault(name, now)) > LOST_AFTER_S:
+                self._seen[name], self._vain[name] = now, 0
+                continue
+            self._vain[name] = self._vain.get(name, 0) + 1
+            gone = now - self._seen.setdefault(name, now)
+            if gone > LOST_AFTER_S and self._vain[name] > _ASKED_IN_VAIN:
                 frozen = name == "IMU" and reading.imu is not None
                 what = "repeats one sample" if frozen else "has not answered"
                 raise LostError(

@@ -163,4 +163,5 @@ class Loop:
             acceleration_m_s2=imu.acceleration if imu is not None else none3,
             tilt_rad=tilt,
             late_s=self.late_s,
+            imu_counter_s=1e-6 * imu.counter if imu is not None else MISSING,
         )

@@ -17,7 +17,7 @@ from sinew.hardware.rig import Rig
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 
-__all__ = ["Contact", "MotorMap", "Pretensioned", "pull_to_contact", "set_pretension"]
+__all__ = ["CHANGE_SPEED", "PULL_SPEED", "Contact", "MotorMap", "Pretensioned", "pull_to_contact", "set_pretension"]
 
 PULL_SPEED = 0.015
 """Speed at which slack is taken up [m/s]."""
@@ -163,11 +163,11 @@ def pull_to_contact(loop: Loop, rig: Rig) -> Contact:
 
 def _crept(loop: Loop, count: float) -> Contact:
     """Return the contact after the silicone has given way to it: when the horns turn less than a count in a while."""
-    angles, currents = mean_tendons(loop, _MEAN_S)
+    angles, currents = _mean_tendons(loop, _MEAN_S)
     for _ in range(round(_CREEP_MOST_S / _CREEP_S)):
         loop.run(_CREEP_S - _MEAN_S)
         before = angles
-        angles, currents = mean_tendons(loop, _MEAN_S)
+        angles, currents = _mean_tendons(loop, _MEAN_S)
         if max(abs(a - b) for a, b in zip(angles, before, strict=True)) < 0.5 * count:
             break
     return Contact(angles, sum(currents) / len(currents))
@@ -187,7 +187,7 @@ def set_pretension(
     loop.run(_REST_S)
     levelling: Levelling = level(loop, lambda correction: motors.goals(asked_mm, correction), offsets)
     loop.set_goals(loop.watch.goals, resting=True)
-    angles, currents = mean_tendons(loop, _MEAN_S)
+    angles, currents = _mean_tendons(loop, _MEAN_S)
     if sum(currents) > 0:
         loop.watch.share = tuple(current / sum(currents) for current in currents)
     return Pretensioned(
@@ -201,7 +201,7 @@ def set_pretension(
     )
 
 
-def mean_tendons(loop: Loop, duration: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _mean_tendons(loop: Loop, duration: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return mean horn angles [rad] and currents [A] of the tendon motors over a time [s] at rest."""
     samples = [s for s in loop.run(duration) if not any(map(math.isnan, s.tendon_rad))]
     if not samples:

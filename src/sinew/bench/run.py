@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 
 from sinew.bench.conversion import group_is_whole
@@ -116,6 +117,7 @@ class Runner:
         finally:
             report.stop = stop(self._rig, self._clock, self._rig.spec.limits.safe_state)
             report.loop = self._loop.statistics
+            self._count(report.loop)
             self._say("end", f"{report.sentence}; {report.stop.sentence()}")
         return report
 
@@ -240,6 +242,14 @@ class Runner:
         self._kept.append(sample)
         if self._listener is not None:
             self._listener.on_sample(sample)
+
+    def _count(self, loop: LoopStatistics) -> None:
+        """Leave in the journal how cycles and bus have fared; a journal that takes nothing has been complained of."""
+        numbers = {f"cycles_{name}": getattr(loop, name) for name in ("missed", "incomplete")} | {"cycles": loop.cycles}
+        statistics = self._rig.bus.statistics
+        numbers |= {f"bus_{name}": getattr(statistics, name) for name in statistics.__dataclass_fields__}
+        with suppress(FileError):
+            self._journal.count(numbers)
 
     def _say(self, kind: str, sentence: str) -> None:
         try:

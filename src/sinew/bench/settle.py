@@ -30,6 +30,7 @@ _FEWEST = 5  # periods
 _HARMONICS = 3
 _DECAYS = np.geomspace(0.03, 4.0, 14)  # λ·2π/Ω of the grid
 _TURNS = (np.arange(22) + 0.5) * math.pi / 22  # |(ω_d - Ω) 2π/Ω| of the grid, as far as a period shows it
+_FAR = 20.0  # tolerances; what was further from the end is too large for a linear model to tell the last of it
 _AHEAD = np.arange(0.5, 8.5, 0.5)  # periods over which what is left is looked for
 _POLISH = 4
 _SIGNIFICANT = 2.0
@@ -82,7 +83,7 @@ class SettleRule:
             return
         self._amplitudes.append(_amplitudes(np.asarray(times) - self._start, np.asarray(rates), self._frequency))
         if len(self._amplitudes) >= _FEWEST and self._elapsed >= self._settle_s:
-            self.remaining = _remaining(np.array(self._amplitudes))
+            self.remaining = _remaining(_late(np.array(self._amplitudes), _FAR * self._tolerance))
 
 
 def _amplitudes(time: Floats, rate: Floats, frequency_hz: float) -> Complexes:
@@ -93,6 +94,13 @@ def _amplitudes(time: Floats, rate: Floats, frequency_hz: float) -> Complexes:
         columns += [np.cos(h * phase), np.sin(h * phase)]
     found = np.linalg.lstsq(np.stack(columns, axis=1), rate, rcond=None)[0]
     return np.concatenate([found[:1].astype(complex), found[1::2] - 1j * found[2::2]])
+
+
+def _late(z: Complexes, far: float) -> Complexes:
+    """Return the periods after the last one that differs from the newest by more than a share; five at least."""
+    away = np.sqrt((np.abs(z - z[-1]) ** 2).sum(axis=1)) > far * abs(z[-1, 1])
+    start = int(np.flatnonzero(away)[-1]) + 1 if away.any() else 0
+    return z[min(start, len(z) - _FEWEST) :]
 
 
 def _remaining(z: Complexes) -> float:

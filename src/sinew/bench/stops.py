@@ -15,7 +15,7 @@ from sinew.hardware.rig import Rig
 from sinew.hardware.servos import DriveServo, TendonServo
 from sinew.hardware.transport import Clock
 
-__all__ = ["RAMP_MOST_S", "StopReport", "hold", "release", "stop"]
+__all__ = ["CURRENT_RAMP_S", "RAMP_MOST_S", "RAMP_SPEED", "StopReport", "hold", "release", "stop"]
 
 RAMP_SPEED = 0.02
 """Speed at which cable is given back while the tension is ramped down [m/s]."""

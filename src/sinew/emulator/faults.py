@@ -114,7 +114,6 @@ class Faults:
         kinds = {other.kind for other, present in zip(self.specs, self._there, strict=True) if present}
         if spec.kind == "unplug":
             rig.unplugged = "unplug" in kinds
-            rig.line.forget()
         elif spec.kind == "brown-out":
             rig.set_supply(min(self._values("brown-out", "to"), default=self._nominal))
         elif spec.kind == "imu-freeze":

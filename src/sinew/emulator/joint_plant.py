@@ -40,11 +40,13 @@ class JointPlant:
 
     All motors are off at first, and fed with the rig's drive.supply_voltage. The joint starts unshortened and
     untwisted, at its rest tilt. It moves in ticks of `joint.TICK_S`; `motion` tells how it has gone on since the last
-    one: angles at their speed, rates at their acceleration, tensions and currents as they were.
+    one: angles at their speed, rates at their acceleration, tensions and currents as they were. A law that is set
+    between two ticks acts from the earlier one.
 
     Tendon motors know no inertia: they turn as the cable, the law and the line through stall torque and no-load speed
     let them. By position, and by pwm or current with the tension that belongs to it, they are the twin's motors.
-    The gear's friction counts while a motor is off only. Weight does not pull on the tilted head.
+    The gear's friction counts while a motor is off only. Weight does not pull on the tilted head. The gyroscope's
+    low-pass is left out for y and z, and the accelerometer knows neither axial nor tilting acceleration.
 
     Raises SpecError for a number of slacks or angles that is not the number of motors.
     """

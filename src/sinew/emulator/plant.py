@@ -47,7 +47,8 @@ class Motion:
 
     time: [s] since the start. drive, tendons: of the motors. tension: of every tendon [N].
     torsion [rad] and torsion_rate [rad/s]: true ones. tilt: of the head plate about y and z of frame B [rad].
-    gyro: torsion-, y- and z-rate behind the chip's low-pass [rad/s], frame H. acceleration: specific force [m/s²].
+    gyro: torsion rate behind the chip's low-pass, and the rates of tilt, in frame H [rad/s].
+    acceleration: specific force at the chip, in frame H [m/s²]; at rest it points up.
     """
 
     time: float

@@ -72,7 +72,10 @@ class PtyPort:
             return 0
 
     def release(self) -> None:
-        """Take back what a master that has left claimed for itself: no close of its own does, while we hold the end."""
+        """Let others open the port after a master that took it for itself alone (TIOCEXCL).
+
+        The system would see to it when the last one closes it, but that is us. Locks of files (flock) are not touched.
+        """
         fcntl.ioctl(self._theirs, termios.TIOCNXCL)
 
     def close(self) -> None:

@@ -21,7 +21,7 @@ _LARGEST_STEP = 0.25
 _BACKLOG = 4096
 """How many bytes wait for a master that does not read; more are lost, as in an adapter."""
 _QUIET = 0.5
-"""After how long a silence a master is taken to have left [s]."""
+"""After how long a silence a master may have left, and what it claimed is given back [s]."""
 
 
 class HostEnd(Protocol):
@@ -131,7 +131,7 @@ class PtyServer:
             self._take(self._port)
         elif now - self._heard > _QUIET * self._speed:
             self._port.release()
-            self._heard = math.inf
+            self._heard = now
 
     def close(self) -> None:
         """Hang up and remove the link; may be called again."""

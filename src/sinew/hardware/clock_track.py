@@ -5,14 +5,15 @@ good, but of another time. Every device counts its own time, and that gives such
 """
 
 import math
+from statistics import median_high
 
 __all__ = ["ClockTrack"]
 
 _TOLERANCE = 3e-3  # s; an answer that is a cycle of 5 ms old is found, a host that was 2 ms late is not disturbed
 _DRIFT = 0.01  # of the time since the last answer; far more than two crystals differ by
 _WEIGHT = 0.05
-_FORGETS_AFTER = 0.1  # s
-_FIRST_ANSWERS = 3
+_GAP = 0.1  # s
+_SETTLED = 15
 
 
 class ClockTrack:
@@ -20,10 +21,10 @@ class ClockTrack:
 
     unit: of a count [s]. span: the counter counts 0 to span - 1 and begins anew.
 
-    An answer is fresh if the counter has advanced by as much as the host's clock since the last fresh one, within 3 ms
-    and 1 % of the time that has passed. One that is not fresh changes nothing, except among the first three: if the
-    very first was an old one, the next runs ahead of it and takes its place. A device that has started anew is
-    therefore not fresh until `reset`.
+    An answer is fresh if the counter has advanced by as much as the host's clock, within 3 ms. The first 15 answers,
+    and those after a gap of 0.1 s, are held against their median, so that a single one, old or with a wrong stamp of
+    the host, does not decide; after a gap they must also agree with what was before, within 1 % of the gap. A device
+    that has started anew is therefore not fresh until `reset`.
     """
 
     def __init__(self, unit: float, span: int) -> None:
@@ -32,32 +33,54 @@ class ClockTrack:
 
     def reset(self) -> None:
         """Begin anew: the next answer is fresh."""
-        self._time, self._count, self._answers = math.nan, 0.0, 0
+        self._time = self._fresh = math.nan
+        self._count = 0.0
+        self._first: list[float] | None = None
+        self._doubt = _GAP
 
     def is_fresh(self, count: int, time: float) -> bool:
         """Return whether an answer with this count belongs to this host time [s]."""
-        if not self._answers:
-            self._take(time, count)
+        if math.isnan(self._time):
+            self._time, self._count, self._fresh, self._first = time, count, time, [0.0]
             return True
-        passed = time - self._time
-        expected = self._count + passed / self._unit
-        half = self._span / 2
-        ahead = ((count - expected + half) % self._span - half) * self._unit
-        tolerance = _TOLERANCE + _DRIFT * passed
-        if abs(ahead) <= tolerance:
-            weight = 1.0 if passed > _FORGETS_AFTER else _WEIGHT
-            self._take(time, expected + weight * ahead / self._unit)
-            return True
-        if self._answers < _FIRST_ANSWERS and 0 < ahead < _FORGETS_AFTER:
-            self._take(time, count)
-            return True
-        return False
+        passed = time - self._fresh
+        if passed > _GAP:
+            self._settle()
+            self._first, self._doubt = [], _TOLERANCE + _DRIFT * passed
+        ahead = self._since(count, time) - (time - self._time)
+        if self._first is not None:
+            return self._is_among_first(ahead, time)
+        if abs(ahead) > _TOLERANCE:
+            return False
+        self._count = (self._count + (time - self._time + _WEIGHT * ahead) / self._unit) % self._span
+        self._time = self._fresh = time
+        return True
 
     def host_time(self, count: int) -> float:
-        """Return the host time [s] of a count of the device, by the last fresh answer; NaN before one."""
-        half = self._span / 2
-        return self._time + ((count - self._count + half) % self._span - half) * self._unit
+        """Return the host time [s] of a count of the device, by its answers so far; NaN before one."""
+        middle = median_high(self._first) if self._first else 0.0
+        return self._time + self._since(count, self._fresh) - middle
 
-    def _take(self, time: float, count: float) -> None:
-        self._time, self._count = time, count % self._span
-        self._answers += 1
+    def _since(self, count: int, near: float) -> float:
+        """Return by how much the counter has advanced since the reference [s], taken to be about at a host time [s]."""
+        expected = (near - self._time) / self._unit
+        half = self._span / 2
+        return ((count - self._count - expected + half) % self._span - half + expected) * self._unit
+
+    def _is_among_first(self, ahead: float, time: float) -> bool:
+        assert self._first is not None
+        if abs(ahead) > self._doubt:
+            return False
+        self._first.append(ahead)
+        fresh = abs(ahead - median_high(self._first)) <= _TOLERANCE
+        if fresh:
+            self._fresh = time
+        if len(self._first) >= _SETTLED:
+            self._settle()
+        return fresh
+
+    def _settle(self) -> None:
+        """Move the reference by the median of what was seen, and follow it from now on."""
+        if self._first:
+            self._count = (self._count + median_high(self._first) / self._unit) % self._span
+        self._first = None

@@ -24,6 +24,7 @@ __all__ = [
     "configure_motor",
     "drive_settings",
     "motor_settings",
+    "narrow_settings",
     "read_counts",
 ]
 
@@ -81,12 +82,13 @@ def motor_settings(motor: Motor, counts: Mapping[str, int], limits: Limits, curr
 
 
 def drive_settings(drive: DriveServo, counts: Mapping[str, int]) -> list[Setting]:
-    """Return what is to be changed in the drive besides."""
-    wanted = {
-        "max_position_limit": min(counts["max_position_limit"], drive.highest_count),
-        "min_position_limit": max(counts["min_position_limit"], drive.lowest_count),
-    }
-    return _different(counts, wanted)
+    """Return what is to be changed in the drive besides: position limits wider than the rig's window."""
+    return [setting for setting in _window(drive, counts) if _is_wider(setting)]
+
+
+def narrow_settings(drive: DriveServo, counts: Mapping[str, int]) -> list[Setting]:
+    """Return position limits of the drive that keep it from a part of the rig's window: goals there it would ignore."""
+    return [setting for setting in _window(drive, counts) if not _is_wider(setting)]
 
 
 def apply_settings(motor: Motor, settings: Sequence[Setting]) -> None:
@@ -110,9 +112,20 @@ def configure_motor(motor: Motor, limits: Limits, current: float) -> None:
 
 
 def configure_drive(drive: DriveServo) -> None:
-    """Set the drive's mode and its position limits, with the torque off. Raises DeviceError."""
+    """Set the drive's mode and its position limits, with the torque off.
+
+    Raises DeviceError, also where its limits are narrower than the rig's window: it would ignore goals.
+    """
     drive.set_mode(POSITION_MODE)
-    apply_settings(drive, drive_settings(drive, read_counts(drive)))
+    counts = read_counts(drive)
+    if narrow_settings(drive, counts):
+        raise DeviceError(
+            f"{drive.name} (id {drive.id}) keeps to counts {counts['min_position_limit']} to "
+            f"{counts['max_position_limit']}, expected {drive.lowest_count} to {drive.highest_count} for the rig's "
+            "drive_window_deg, beyond which it would ignore goals; make the window smaller, or widen the limits with "
+            "`sinew doctor --fix`"
+        )
+    apply_settings(drive, drive_settings(drive, counts))
 
 
 def answer_everything(motor: Motor) -> None:
@@ -127,6 +140,15 @@ def answer_everything(motor: Motor) -> None:
 def read_counts(motor: Motor) -> dict[str, int]:
     """Return the registers that the settings look at. Raises DeviceError."""
     return motor.get_counts(_READ)
+
+
+def _window(drive: DriveServo, counts: Mapping[str, int]) -> list[Setting]:
+    wanted = {"max_position_limit": drive.highest_count, "min_position_limit": drive.lowest_count}
+    return _different(counts, wanted)
+
+
+def _is_wider(setting: Setting) -> bool:
+    return (setting.found > setting.expected) == (setting.register == "max_position_limit")
 
 
 def _different(counts: Mapping[str, int], wanted: Mapping[str, int]) -> list[Setting]:
