@@ -204,7 +204,8 @@ def _print(document: dict[str, Any]) -> None:
     print(document["left"])
     cycles = document["cycles"]
     print(
-        f"{cycles['cycles']} cycles, {cycles['missed']} deadlines missed, {cycles['incomplete']} with a missing answer, "
-        f"latest begin {cycles['worst_late_ms']:.1f} ms after its deadline"
+        f"{cycles['cycles']} cycles, {cycles['missed']} deadlines missed, {cycles['incomplete']} with a missing answer; "
+        "latest begin "
+        f"{cycles['worst_late_ms']:.1f} ms after its deadline"
     )
     print(document["recording"] or "no group is whole, so there is no recording")
