@@ -127,8 +127,8 @@ def _time_loop(port: str, spec: RigSpec, seconds: float, folder: Path) -> tuple[
 
     with (
         open_rig(port, spec) as (rig, _),
-        Journal.create(folder / "journal.sqlite", dump_plan(_plan(seconds)), dump_rig(spec)) as journal,
         keeping_time(),
+        Journal.create(folder / "journal.sqlite", dump_plan(_plan(seconds)), dump_rig(spec)) as journal,
     ):
         loop = Loop(rig, clock, Guard(spec), TiltEstimator(spec, SAMPLE_HZ), PERIOD, take)
         try:

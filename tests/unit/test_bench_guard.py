@@ -46,7 +46,6 @@ ONE_CYCLE = {
     "tendon_current_a": {"tendons": with_tendon(2, current=LIMITS.tendon_current_a * 1.01)},
     "tension_n": {"tendons": with_tendon(0, current=LIMITS.tension_n * RADIUS / 2.62 * 1.01)},
     "tendon_travel_mm": {"tendons": with_tendon(1, angle=3.0 + 1e-3 * LIMITS.tendon_travel_mm[1] / RADIUS * 1.01)},
-    "drive_current_a": {"drive": replace(HORN, angle=0.0, current=-LIMITS.drive_current_a * 1.01)},
     "drive_window_deg": {"drive": replace(HORN, angle=-math.radians(LIMITS.drive_window_deg * 1.01))},
     "temperature_c": {"climate": Climate("tendon 3", 12.0, LIMITS.temperature_c + 1)},
     "voltage_v": {"climate": Climate("tendon 3", LIMITS.voltage_v[0] - 0.1, 30.0)},
@@ -57,6 +56,19 @@ ONE_CYCLE = {
 def test_a_value_beyond_its_limit_stops_the_run_in_that_very_cycle(key: str) -> None:
     with pytest.raises(LimitError, match=key):
         watch(1, **ONE_CYCLE[key])
+
+
+def test_a_drive_current_that_stays_beyond_its_limit_stops_the_run() -> None:
+    with pytest.raises(LimitError, match="drive_current_a"):
+        watch(200, drive=replace(HORN, angle=0.0, current=-LIMITS.drive_current_a * 1.05))
+
+
+def test_a_spike_of_the_drive_current_of_two_cycles_does_not() -> None:
+    guard = Guard(SPEC)
+    for cycle in range(100):
+        current = 1.5 * LIMITS.drive_current_a if cycle in (50, 51) else 0.5
+        lever = replace(HORN, angle=0.0, current=current)
+        guard.check(replace(reading(cycle), drive=lever), 0.0, PERIOD * cycle, WATCH)
 
 
 def test_a_tilt_beyond_its_limit_stops_the_run_in_that_very_cycle() -> None:

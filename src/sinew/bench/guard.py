@@ -18,6 +18,7 @@ _ASKED_IN_VAIN = 5  # a pause of the computer is no silence of a device
 _TORSION_MEMORY_S = 2.0  # the gyro's integral forgets; a swing of 1 Hz and more is kept to within 1 %
 _FOLLOW_MM = 0.75
 _FOLLOW_S = 0.3
+_HEATING_S = 0.1  # a motor that is reversed at speed draws up to twice its stall current for some milliseconds
 _SHARE_TOLERANCE = 0.35
 _SHARE_MEMORY_S = 0.5
 _CURRENT_TOLERANCE = 0.15
@@ -61,6 +62,7 @@ class Guard:
         self._last = math.nan
         self.gyro_bias = gyro_bias
         self.torsion = 0.0
+        self._square = 0.0
 
     def check(self, reading: Reading, tilt: float, now: float, watch: Watch) -> None:
         """Check one cycle. tilt: of the head plate [rad], NaN where unknown. now: host time of the cycle [s]."""
@@ -68,7 +70,7 @@ class Guard:
         self._last = now
         self._check_presence(reading, now)
         if reading.drive is not None:
-            self._check_drive(reading.drive)
+            self._check_drive(reading.drive, step)
         for index, motor in enumerate(reading.tendons):
             if motor is not None:
                 self._check_tendon(index, motor, watch)
@@ -103,10 +105,13 @@ class Guard:
                     "check its cable and supply, then `sinew doctor`"
                 )
 
-    def _check_drive(self, motor: MotorReading) -> None:
+    def _check_drive(self, motor: MotorReading, step: float) -> None:
         self._check_alert("drive", motor)
         limits = self._limits
-        _below("current of the drive", abs(motor.current), limits.drive_current_a, "A", "drive_current_a")
+        weight = 1 - math.exp(-step / _HEATING_S)
+        self._square += weight * (motor.current**2 - self._square)
+        current = math.sqrt(self._square)
+        _below("current of the drive, root mean square,", current, limits.drive_current_a, "A", "drive_current_a")
         _below("angle of the drive", abs(math.degrees(motor.angle)), limits.drive_window_deg, "°", "drive_window_deg")
 
     def _check_tendon(self, index: int, motor: MotorReading, watch: Watch) -> None:
