@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from sinew.emulator.faults import FaultyRig
     from sinew.emulator.plant import Plant
     from sinew.emulator.pty_server import PtyServer
+    from sinew.emulator.trips import Trip
     from sinew.plan.rig import RigSpec
 
 __all__ = ["emulate"]
@@ -212,6 +213,7 @@ def _truth(rig: "RigSpec", bench: "FaultyRig", server: "PtyServer", unloaded: bo
         "rig": rig.name,
         "seed": seed,
         "time_s": bench.time,
+        "clock_s_at_zero": server.clock_time(0.0),
         "slipped_s": server.slipped,
         "lost_bytes": server.lost,
         "motors": motors,
@@ -221,7 +223,21 @@ def _truth(rig: "RigSpec", bench: "FaultyRig", server: "PtyServer", unloaded: bo
         "tilt_deg": [math.degrees(angle) for angle in motion.tilt],
         "tension_n": list(motion.tension),
         "pretension_mm": None if unloaded else _pretension_mm(bench.rig.plant),
+        "watchdog_trips": [_trip(trip) for trip in bench.rig.trips.trips],
+        "instructions": bench.line.instructions,
+        "group_reads": bench.line.group_reads,
         "faults": [{"time_s": each.time, "kind": each.kind, "what": each.what} for each in bench.faults.log],
+    }
+
+
+def _trip(trip: "Trip") -> dict[str, Any]:
+    return {
+        "id": trip.motor,
+        "heard_s": trip.heard,
+        "tripped_s": trip.tripped,
+        "turned_deg": math.degrees(trip.turned),
+        "instructions": trip.instructions,
+        "group_reads": trip.group_reads,
     }
 
 

@@ -1,22 +1,24 @@
 """This is where `sinew run` takes a plan to a bench, and `sinew stop` brings a bench to rest."""
 
-import json as json_
 import math
 import shlex
+import shutil
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import print_json, progress_bar, remark, require_folder
+from sinew.apps.console import print_json, remark, require_folder
 from sinew.apps.options import Json, PlanArgument, Rig
 from sinew.apps.realtime import keeping_time
+from sinew.apps.screen import showing
 
 if TYPE_CHECKING:
-    from sinew.bench.run import Runner, RunReport
+    from sinew.bench.journal import Journal
+    from sinew.bench.run import RunReport
     from sinew.hardware.rig import Rig as HardwareRig
     from sinew.hardware.transport import Clock
     from sinew.plan.plan import Plan
@@ -27,6 +29,9 @@ __all__ = ["Port", "open_rig", "run", "stop"]
 Port = Annotated[str, typer.Option("--port", metavar="PORT", help="Serial port of the bench, or of `sinew emulate`.")]
 
 _RETRIES = 2
+_JOURNAL, _RECORDING = "journal.sqlite", "recording.nc"
+_ROW_BYTES = 350  # a cycle in the journal, 230, and in the recording, 110
+_SET_S = 20.0  # to set a pretension; these cycles are in the journal, too
 
 
 @contextmanager
@@ -57,47 +62,39 @@ def run(
     """Run a plan on a bench: pull the tendons, set each pretension, swing, record.
 
     Every sample goes into DIR/journal.sqlite as it comes; at the end the whole groups become DIR/recording.nc, which
-    `sinew analyse` reads. Whatever happens, the motors end in the rig's declared safe state; Ctrl-C leads there too. A
-    run that was cut off goes on at its first unfinished group with --resume. Exit status: 0 complete, 1 stopped early,
-    2 refused before anything moved.
+    `sinew analyse` reads. Whatever happens, and after Ctrl-C, the motors end in the rig's declared safe state; where
+    the port is lost, their own bus watchdog stops them. A run that was cut off goes on at its first unfinished group
+    with --resume. Exit status: 0 complete, 1 stopped early, 2 refused before anything moved.
     """
-    from sinew.apps.check import preview_plan
-    from sinew.bench.conversion import convert
-    from sinew.bench.journal import Journal
+    from sinew.bench.preflight import refuse_unready
     from sinew.bench.run import Runner
-    from sinew.plan.check import refuse_beyond_limits
-    from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
+    from sinew.plan.toml import load_plan, load_rig
 
     plan_, spec = load_plan(plan), load_rig(rig)
-    journal_file = require_folder(out) / "journal.sqlite"
-    _refuse_unfit_folder(journal_file, resume)
-    preview = preview_plan(plan_, spec, swing=True)
-    refuse_beyond_limits(preview)
-    tension = dict(zip(plan_.pretension.pretension_mm, preview.tension_n, strict=True))
-    words = ["sinew", "run", plan, "--rig", rig, "--port", port, "--out", str(out)] + ["--resume"] * resume
-    with open_rig(port, spec) as (bench, clock), keeping_time():
-        if resume:
-            journal = Journal.open(journal_file, dump_plan(plan_), dump_rig(spec))
-        else:
-            journal = Journal.create(journal_file, dump_plan(plan_), dump_rig(spec), {"command": shlex.join(words)})
-        try:
-            with progress_bar("run") as progress:
-                runner = Runner(bench, clock, plan_, journal, tension, listener=_Remarks(), progress=progress)
-                with _stop_on_signals(runner):
-                    report = runner.run(resume=resume)
-        finally:
-            journal.close()
-        statistics = bench.bus.statistics
-    recording = out / "recording.nc" if report.groups_done else None
-    if recording is not None:
-        convert(journal_file, recording)
-    document = _document(report, plan_, spec, recording, journal_file)
+    words = ["sinew", "run", plan, "--rig", rig, "--port", port, "--out", str(out)]
+    _refuse_unfit_folder(out, resume)
+    with ExitStack() as signals:
+        with open_rig(port, spec) as (bench, clock):
+            # What the bench lacks is said at once; the runner looks again, for the preview takes a while.
+            refuse_unready(bench, clock, plan_, torque_may_be_on=resume)
+            tension = _refuse_unfit_plan(plan_, spec, out)
+            with keeping_time(), _journal(out, plan_, spec, words, resume) as journal, showing() as screen:
+                runner = Runner(bench, clock, plan_, journal, tension, listener=screen, progress=screen.progress)
+                signals.enter_context(_on_signals(runner.request_stop))
+                report = runner.run(resume=resume)
+                _close(journal, report)
+            statistics = bench.bus.statistics
+        recording = _convert(out, report)
+    document = _document(report, plan_, spec, recording, out / _JOURNAL)
     document["bus"] = {name: getattr(statistics, name) for name in statistics.__dataclass_fields__}
     if json:
         print_json(document)
     else:
         _print(document)
-    return 0 if report.is_complete else 1
+    if not report.is_complete:
+        end = f"{report.sentence}; " if json else ""
+        remark(f"{end}go on with: {shlex.join([*words, '--resume'])}")
+    return 0 if report.is_complete and document["is_safe"] else 1
 
 
 def stop(
@@ -106,7 +103,11 @@ def stop(
     state: Annotated[str | None, typer.Option("--state", metavar="hold|release", help="Instead of the rig's.")] = None,
     json: Json = False,
 ) -> int:
-    """Bring a bench to its safe state, from whatever state it is in: hold, or release the tension and the torque."""
+    """Bring a bench to its safe state, from whatever state it is in: hold, or release the tension and the torque.
+
+    Takes up to 3 s, which Ctrl-C does not cut short. Exit status: 0 every motor confirms the state, 1 one does not, 2
+    the port cannot be opened.
+    """
     from sinew.bench.stops import stop as bring_to_rest
     from sinew.measure.errors import SpecError
     from sinew.plan.toml import load_rig
@@ -115,33 +116,122 @@ def stop(
     wanted = state or spec.limits.safe_state
     if wanted not in ("hold", "release"):
         raise SpecError(f"found --state {wanted}, expected hold or release")
-    with open_rig(port, spec) as (bench, clock):
+    with open_rig(port, spec) as (bench, clock), _on_signals(lambda _: None):
         report = bring_to_rest(bench, clock, wanted)
     if json:
         failed = [{"motor": name, "sentence": why} for name, why in report.failed]
         print_json({"state": wanted, "is_safe": report.is_safe, "reached": report.reached, "failed": failed})
+    elif report.failed and not report.reached:
+        print(
+            f"no motor answers on {port} at {spec.wiring.baud} baud, expected {len(report.failed)}; check --port, "
+            "--rig and the cables (`sinew doctor` looks at every baud), and where motors pull, switch the supply off"
+        )
     else:
         print(report.sentence())
     return 0 if report.is_safe else 1
 
 
-def _refuse_unfit_folder(journal: Path, resume: bool) -> None:
+def _refuse_unfit_folder(folder: Path, resume: bool) -> None:
     from sinew.measure.errors import FileError
 
-    if resume and not journal.exists():
-        raise FileError(f"found no run to go on with in {journal.parent}; leave --resume out to start one")
-    if not resume and journal.exists():
-        raise FileError(f"{journal.parent} holds a run already; go on with it by --resume, or choose another --out")
-    journal.parent.mkdir(parents=True, exist_ok=True)
+    require_folder(folder)
+    if resume and not (folder / _JOURNAL).exists():
+        raise FileError(f"found no run to go on with in {folder}; leave --resume out to start one")
+    if not resume and (folder / _JOURNAL).exists():
+        raise FileError(f"{folder} holds a run already; go on with it by --resume, or choose another --out")
+    if not resume and (folder / _RECORDING).exists():
+        raise FileError(f"{folder} holds a {_RECORDING} already, which the run would replace; choose another --out")
+
+
+def _refuse_unfit_plan(plan: "Plan", spec: "RigSpec", folder: Path) -> dict[float, float]:
+    """Return the tension of each tendon at rest [N] by pretension [mm], of a plan that fits the rig and the disk."""
+    from sinew.apps.check import preview_plan
+    from sinew.measure.errors import FileError
+    from sinew.plan.check import refuse_beyond_limits
+
+    preview = preview_plan(plan, spec, swing=True)
+    refuse_beyond_limits(preview)
+    pretensions = plan.pretension.pretension_mm
+    needed = _ROW_BYTES * plan.sample_hz * (preview.longest_s + _SET_S * len(pretensions))
+    nearest = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    free = shutil.disk_usage(nearest).free
+    if free < needed:
+        raise FileError(
+            f"the disk of {folder} has {1e-6 * free:.1f} MB left, the run writes about {1e-6 * needed:.1f} MB; "
+            "make space, or choose another disk with --out"
+        )
+    return dict(zip(pretensions, preview.tension_n, strict=True))
 
 
 @contextmanager
-def _stop_on_signals(runner: "Runner") -> Iterator[None]:
-    """Turn Ctrl-C, SIGTERM and a closed terminal into a stop in the safe state; a second one changes nothing."""
+def _journal(folder: Path, plan: "Plan", spec: "RigSpec", words: Sequence[str], resume: bool) -> "Iterator[Journal]":
+    """Give the journal of a run; a run that is refused leaves nothing behind in its folder."""
+    from sinew.bench.errors import StartError
+    from sinew.bench.journal import Journal
+    from sinew.measure.errors import FileError
+    from sinew.plan.toml import dump_plan, dump_rig
+
+    texts = (dump_plan(plan), dump_rig(spec))
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    there = set() if made else set(folder.iterdir())
+    try:
+        if resume:
+            journal = Journal.open(folder / _JOURNAL, *texts)
+        else:
+            journal = Journal.create(folder / _JOURNAL, *texts, {"command": shlex.join(words)})
+    except FileError:
+        _clear(folder, there, made)
+        raise
+    try:
+        yield journal
+    except StartError:
+        journal.close()
+        _clear(folder, there, made)
+        raise
+    finally:
+        journal.close()
+
+
+def _clear(folder: Path, there: set[Path], made: Sequence[Path]) -> None:
+    with suppress(OSError):
+        for path in set(folder.iterdir()) - there:
+            path.unlink()
+        for place in made:
+            place.rmdir()
+
+
+def _close(journal: "Journal", report: "RunReport") -> None:
+    """Close the journal of a run that has ended; samples that it could not take make the run incomplete."""
+    from sinew.measure.errors import FileError
+
+    try:
+        journal.close()
+    except FileError as trouble:
+        report.is_complete, report.sentence = False, str(trouble)
+
+
+def _convert(folder: Path, report: "RunReport") -> Path | None:
+    """Make the recording of a run that has ended, and return where it is; without one the run is incomplete."""
+    from sinew.bench.conversion import convert
+    from sinew.measure.errors import SinewError
+
+    if not report.groups_done:
+        return None
+    try:
+        return convert(folder / _JOURNAL, folder / _RECORDING)
+    except SinewError as trouble:
+        report.is_complete = False
+        report.sentence += f"; no recording could be made of the journal: {trouble}"
+        return None
+
+
+@contextmanager
+def _on_signals(act: Callable[[str], None]) -> Iterator[None]:
+    """Have Ctrl-C, SIGTERM and a closed terminal do something, each time, instead of ending the program."""
     names = {signal.SIGINT: "interrupted by Ctrl-C", signal.SIGTERM: "terminated", signal.SIGHUP: "the terminal closed"}
 
     def handler(number: int, _frame: Any) -> None:
-        runner.request_stop(names[signal.Signals(number)])
+        act(names[signal.Signals(number)])
 
     before = {number: signal.signal(number, handler) for number in names}
     try:
@@ -149,21 +239,6 @@ def _stop_on_signals(runner: "Runner") -> Iterator[None]:
     finally:
         for number, old in before.items():
             signal.signal(number, old)
-
-
-class _Remarks:
-    """Tells on stderr what happens besides samples."""
-
-    def on_sample(self, sample: Any) -> None:
-        """Do nothing."""
-
-    def on_event(self, kind: str, sentence: str) -> None:
-        """Print an event."""
-        if kind == "pretension":
-            result = json_.loads(sentence)
-            sentence = f"pretension {result['asked_mm']:g} mm is set, tilt {result['tilt_deg']:.2f}°"
-        if kind != "end":
-            remark(sentence)
 
 
 def _document(
@@ -200,12 +275,12 @@ def _known(value: float) -> float | None:
 
 
 def _print(document: dict[str, Any]) -> None:
-    print(f"{document['ended']}; {document['groups_done']} of {document['groups']} groups are recorded")
+    done = f"; {document['groups_done']} of {document['groups']} groups are recorded"
+    print(f"{document['ended']}{'' if document['complete'] else done}")
     print(document["left"])
     cycles = document["cycles"]
     print(
-        f"{cycles['cycles']} cycles, {cycles['missed']} deadlines missed, {cycles['incomplete']} with a missing answer; "
-        "latest begin "
-        f"{cycles['worst_late_ms']:.1f} ms after its deadline"
+        f"{cycles['cycles']} cycles, {cycles['missed']} deadlines missed, {cycles['incomplete']} lack an answer; "
+        f"latest begin {cycles['worst_late_ms']:.1f} ms after its deadline"
     )
     print(document["recording"] or "no group is whole, so there is no recording")

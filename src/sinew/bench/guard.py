@@ -91,19 +91,31 @@ class Guard:
         fresh = reading.imu is not None and reading.imu.counter != self._counter
         self._counter = reading.imu.counter if reading.imu is not None else self._counter
         present["IMU"] = fresh
+        gone: dict[str, float] = {}
         for name, here in present.items():
             if here:
                 self._seen[name], self._vain[name] = now, 0
                 continue
             self._vain[name] = self._vain.get(name, 0) + 1
-            gone = now - self._seen.setdefault(name, now)
-            if gone > LOST_AFTER_S and self._vain[name] > _ASKED_IN_VAIN:
-                frozen = name == "IMU" and reading.imu is not None
-                what = "repeats one sample" if frozen else "has not answered"
-                raise LostError(
-                    f"{name} {what} for {1e3 * gone:.0f} ms, expected a fresh reading every cycle; "
-                    "check its cable and supply, then `sinew doctor`"
-                )
+            since = now - self._seen.setdefault(name, now)
+            if since > LOST_AFTER_S and self._vain[name] > _ASKED_IN_VAIN:
+                gone[name] = since
+        if gone:
+            self._say_who_is_gone(gone, frozen=reading.imu is not None)
+
+    @staticmethod
+    def _say_who_is_gone(gone: dict[str, float], *, frozen: bool) -> None:
+        """Raise, naming the devices that gave nothing for so long [s]. frozen: whether the IMU answers all the same."""
+        names, longest = list(gone), 1e3 * max(gone.values())
+        if names == ["IMU"] and frozen:
+            raise LostError(
+                f"IMU repeats one sample for {longest:.0f} ms, expected a fresh one every cycle; restart its board"
+            )
+        who = f"{names[0]} has" if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} have"
+        raise LostError(
+            f"{who} not answered for {longest:.0f} ms, expected a fresh reading every cycle; "
+            "check cables and supply, then `sinew doctor`"
+        )
 
     def _check_drive(self, motor: MotorReading, step: float) -> None:
         self._check_alert("drive", motor)

@@ -66,6 +66,8 @@ class Loop:
         self._lead = 0.5 * period + _GOAL_BYTES * 10 / rig.spec.wiring.baud
         self._due = math.nan
         self._late: deque[bool] = deque(maxlen=_MISSED_WINDOW)
+        self._after_hole = False
+        self._waited: deque[bool] = deque(maxlen=_MISSED_WINDOW)
         self._stop: str | None = None
         self.statistics = LoopStatistics()
         self.watch = Watch((0.0,) * len(rig.tendons), (0.0,) * len(rig.tendons))
@@ -105,7 +107,8 @@ class Loop:
         sample = self._sample(reading, drive, began)
         statistics = self.statistics
         statistics.cycles += 1
-        statistics.incomplete += bool(reading.faults)
+        self._after_hole = bool(reading.faults)
+        statistics.incomplete += self._after_hole
         self._record(sample)
         self._guard.check(reading, sample.tilt_rad, began, self.watch)
         statistics.busy_s += self._clock.now() - began
@@ -123,6 +126,7 @@ class Loop:
         self.statistics.worst_late_s = max(self.statistics.worst_late_s, late)
         skipped = int(late // self.period)
         self._late.append(skipped > 0)
+        self._waited.append(skipped > 0 and self._after_hole)
         self.late_s = late
         if skipped:
             self.statistics.missed += skipped
@@ -139,11 +143,17 @@ class Loop:
                     f"{', '.join(stopped)} stopped; end other programs, or lower sample_hz"
                 )
         share = sum(self._late) / len(self._late)
-        if len(self._late) == _MISSED_WINDOW and share > _MISSED_MOST:
-            raise StoppedError(
-                f"{100 * share:.0f} % of the last {_MISSED_WINDOW} cycles began too late, expected less than "
-                f"{100 * _MISSED_MOST:.0f} %; run `sinew doctor` (return delay, latency timer, baud) or lower sample_hz"
+        if len(self._late) < _MISSED_WINDOW or share <= _MISSED_MOST:
+            return
+        if sum(self._waited) > 0.5 * sum(self._late):
+            raise LostError(
+                f"answers are missing or damaged so often that {100 * share:.0f} % of the last {_MISSED_WINDOW} cycles "
+                "began too late; check cables, ground and supply, then `sinew doctor`"
             )
+        raise StoppedError(
+            f"{100 * share:.0f} % of the last {_MISSED_WINDOW} cycles began too late, expected less than "
+            f"{100 * _MISSED_MOST:.0f} %; run `sinew doctor` (return delay, latency timer, baud) or lower sample_hz"
+        )
 
     def _sample(self, reading: Reading, drive: Drive, began: float) -> Sample:
         none3 = (MISSING, MISSING, MISSING)

@@ -20,6 +20,7 @@ from sinew.bench.settle import SettleRule
 from sinew.bench.stops import StopReport, stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.errors import HardwareError
+from sinew.hardware.motor import Motor
 from sinew.hardware.rig import Rig
 from sinew.hardware.transport import Clock
 from sinew.measure.errors import FileError
@@ -145,8 +146,7 @@ class Runner:
         rig.configure()
         rig.set_tendon_mode("position-with-current-limit")
         for motor in rig.motors:
-            motor.torque_on()
-            motor.arm_watchdog(WATCHDOG_S)
+            _under_torque(motor)
         angles = tuple(motor.angle() for motor in rig.tendons)
         loop.watch = Watch(origin=angles, goals=angles)
         loop.restart()
@@ -171,8 +171,7 @@ class Runner:
                 angles[index] += math.tau * round((motor.angle() - before) / math.tau)
                 if mode == "current":
                     motor.set_goal_current(contact.current)
-                motor.torque_on()
-                motor.arm_watchdog(WATCHDOG_S)
+                _under_torque(motor)
             self._rig.set_tendon_mode(mode)
         goals = tuple(motor.angle() for motor in self._rig.tendons)
         by_current = mode == "current"
@@ -259,6 +258,12 @@ class Runner:
                 raise StoppedError(str(trouble)) from trouble
         if self._listener is not None:
             self._listener.on_event(kind, sentence)
+
+
+def _under_torque(motor: Motor) -> None:
+    """Put a motor under torque, its watchdog first: it counts from then on, and there is no moment without it."""
+    motor.arm_watchdog(WATCHDOG_S)
+    motor.torque_on()
 
 
 def _mean(values: list[float]) -> float:

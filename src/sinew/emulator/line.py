@@ -78,8 +78,8 @@ class Line:
     """The wire between a master and devices.
 
     host_baud: of the master [1/s]; may be set at any time. disturb_down: faults on the way to the devices;
-    disturb_up: to the master. instructions: how many have been heard. Call `work` at every `next_event`, with the
-    devices brought to that time.
+    disturb_up: to the master. instructions: how many have been heard, and of them group_reads; heard_at: when the last
+    one [s]. Call `work` at every `next_event`, with the devices brought to that time.
     """
 
     def __init__(self, devices: Sequence[Device], host_baud: int = 1_000_000) -> None:
@@ -93,7 +93,8 @@ class Line:
         self._wire: list[_Burst] = []
         self._arriving: list[tuple[float, int, bytes]] = []
         self._master_free = 0.0
-        self.instructions = 0
+        self.instructions = self.group_reads = 0
+        self.heard_at = -math.inf
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes that the master begins to send at a time [s]; they wait for those it sent before."""
@@ -172,12 +173,14 @@ class Line:
 
     def _carry_out(self, instruction: Instruction, now: float) -> None:
         self.instructions += 1
+        self.heard_at = now
         listeners = self._listeners(now)
         for device in listeners:
             device.heed(now)
         code, to_all = instruction.code, instruction.id == BROADCAST
         if code in _READS or code in _FAST_READS:
             reads = ask.reads_of(instruction)
+            self.group_reads += code != ask.READ
             if reads:
                 group = _Round(reads, code in _FAST_READS)
                 if not group.fast or group.length <= LONGEST:

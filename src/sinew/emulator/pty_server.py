@@ -105,6 +105,10 @@ class PtyServer:
         """Take the present moment for where the emulated time stands: what came before was preparation."""
         self._start = self._clock.now() - self._reached / self._speed
 
+    def clock_time(self, time: float) -> float:
+        """Return what the clock showed, or will show, at an emulated time [s]; not where time was held up since."""
+        return self._start + time / self._speed
+
     def stop(self) -> None:
         """Let `run` return soon; may be called from a signal handler or another thread."""
         self._stopping = True

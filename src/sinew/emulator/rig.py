@@ -14,6 +14,7 @@ from sinew.emulator.line import Line
 from sinew.emulator.mechanics import Horn, Mechanics
 from sinew.emulator.motor import BROWN_OUT, Motor
 from sinew.emulator.plant import Law, Motion, Plant
+from sinew.emulator.trips import TripLog
 from sinew.hardware.imu_registers import OPENCR_NODE
 from sinew.hardware.motor_registers import BAUD_RATES, MOTORS
 from sinew.measure.errors import SpecError
@@ -46,8 +47,9 @@ class MotorState:
 
     @property
     def is_limited(self) -> bool:
-        """Whether it has no torque, or holds a position with less than full duty or with limited current."""
-        held = self.law.kind == "position" and (self.law.duty_limit < 1 or self.law.current_limit < math.inf)
+        """Whether it has no torque, or holds a position or current with less than full duty or with limited current."""
+        kept = self.law.kind in ("position", "current")
+        held = kept and (self.law.duty_limit < 1 or self.law.current_limit < math.inf)
         return not self.torque or self.law.kind == "off" or held
 
 
@@ -58,7 +60,7 @@ class EmulatedRig:
     seed: of the sensor's noise, bias and crystal. tendon_counts: encoder readings of the tendon motors at the start.
     baud: what the devices are set to [1/s]; None: the wiring's, which the master has. firmware: of the motors.
     return_delay: register return_delay_time of the motors, in 2 µs; a factory-new motor has 250.
-    imu_ppm: error of the sensor's crystal [1e-6]; None: drawn.
+    imu_ppm: error of the sensor's crystal [1e-6]; None: drawn. trips: who was stopped by its bus watchdog, and when.
     Raises SpecError for a model that is not emulated, or a baud that the motors do not have.
     """
 
@@ -109,6 +111,7 @@ class EmulatedRig:
             spec.imu, self.mechanics, rng, device_id=wiring.imu_id, baud=baud, axes=wiring.imu_axes, ppm=imu_ppm
         )
         self.line = Line([*self._motors, self.imu], wiring.baud)
+        self.trips = TripLog(self._motors, self.line)
 
     @property
     def time(self) -> float:
@@ -152,6 +155,7 @@ class EmulatedRig:
                 for motor in self._motors:
                     if motor.due <= due:
                         motor.advance(due)
+                self.trips.look(due)
                 self._look_ahead()
             if imu.due <= due:
                 imu.advance(due)
@@ -164,7 +168,7 @@ class EmulatedRig:
 
     def _look_ahead(self) -> None:
         """Find out when a motor has something to do: to be asked anew after instructions, which may change that."""
-        self._motors_due = min(motor.due for motor in self._motors)
+        self._motors_due = min(self.trips.due, min(motor.due for motor in self._motors))
 
     def set_supply(self, voltage: float) -> None:
         """Feed the bench another voltage [V], from now on; below `BROWN_OUT` every device goes off."""

@@ -114,15 +114,17 @@ class TendonServo(Motor):
         """Have the motor, torque on or off, drive at most so much current through itself at rest [A].
 
         Through goal_pwm in position mode, whose duty drives that current through a motor at rest; through goal_current
-        in position mode with a current limit; in current mode the goal itself is cut to that. Never above the limits
-        set in the motor, so infinity takes the limit away. A change of mode takes it away, too. Raises DeviceError.
+        in position mode with a current limit; through goal_pwm, too, in current mode, where the goal itself is cut to
+        that. Never above the limits set in the motor, so infinity takes the limit away. A change of mode takes it away,
+        too. Raises DeviceError.
         """
         if current < 0 or math.isnan(current):
             raise RegisterError(f"{self.name} cannot be limited to {current} A; expected a number that is not negative")
         mode = self.get_count("operating_mode")
-        if mode not in (CURRENT_MODE, CURRENT_POSITION_MODE):
+        if mode != CURRENT_POSITION_MODE:
             _limit_duty(self, current / self._stall_current)
-            return
+            if mode != CURRENT_MODE:
+                return
         count = int(min(current / self.table["goal_current"].scale + 1e-6, self.get_count("current_limit")))
         if mode == CURRENT_MODE:
             goal = self.get_count("goal_current")
