@@ -9,7 +9,7 @@ import typer
 
 from sinew.apps.console import print_json, remark
 from sinew.apps.options import Json, Rig
-from sinew.apps.run import Port, open_rig
+from sinew.apps.run import Port, Wait, await_port, open_rig
 
 if TYPE_CHECKING:
     from sinew.bench.finding import Finding, Fix
@@ -33,6 +33,7 @@ def doctor(
     baud: Annotated[int | None, typer.Option("--baud", metavar="N", help="Instead of the rig's.")] = None,
     fix: Annotated[bool, typer.Option("--fix", help="Write safe settings, after asking once.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="With --fix: write without asking.")] = False,
+    wait: Wait = 0.0,
     json: Json = False,
 ) -> int:
     """Examine a bench: who answers, in what state, and how fast; each finding with what to do.
@@ -48,6 +49,7 @@ def doctor(
 
     spec = load_rig(rig)
     used = _at_baud(spec, baud or spec.wiring.baud)
+    await_port(port, wait)
     timer = find_latency_timer(port)
     findings = _examine(port, used, spec.wiring.baud, timer)
     written: list[Finding] = []
@@ -160,6 +162,14 @@ def _many(count: int, word: str) -> str:
     return f"{count or 'no'} {word}{'' if count == 1 else 's'}"
 
 
+def _same_together(findings: "Sequence[Finding]") -> dict[tuple[str, str, str, str], list[str]]:
+    """Return the subjects of equal findings by what they share, in the order of first mention."""
+    together: dict[tuple[str, str, str, str], list[str]] = {}
+    for row in findings:
+        together.setdefault((row.severity, row.found, row.expected, row.advice), []).append(row.subject)
+    return together
+
+
 def _print_table(title: str, findings: "Sequence[Finding]") -> None:
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
@@ -169,8 +179,8 @@ def _print_table(title: str, findings: "Sequence[Finding]") -> None:
     table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, show_edge=False)
     for column in _COLUMNS:
         table.add_column(column, overflow="fold")
-    for row in findings:
-        table.add_row(*map(Text, (_WORDS[row.severity], row.subject, row.found, row.expected, row.advice)))
+    for (severity, found, expected, advice), subjects in _same_together(findings).items():
+        table.add_row(*map(Text, (_WORDS[severity], ", ".join(subjects), found, expected, advice)))
     console = Console() if sys.stdout.isatty() else Console(width=_PIPE_WIDTH)
     console.print(Text(title, style="bold"))
     console.print(table)

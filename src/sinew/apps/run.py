@@ -4,6 +4,7 @@ import math
 import shlex
 import shutil
 import signal
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -24,14 +25,25 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-__all__ = ["Port", "open_rig", "run", "stop"]
+__all__ = ["Port", "Wait", "await_port", "open_rig", "run", "stop"]
 
 Port = Annotated[str, typer.Option("--port", metavar="PORT", help="Serial port of the bench, or of `sinew emulate`.")]
+Wait = Annotated[
+    float, typer.Option("--wait", metavar="S", min=0.0, max=3600.0, help="Wait so long for the port to appear [s].")
+]
 
 _RETRIES = 2
+_LOOK_S = 0.2
 _JOURNAL, _RECORDING = "journal.sqlite", "recording.nc"
 _ROW_BYTES = 350  # a cycle in the journal, 230, and in the recording, 110
 _SET_S = 20.0  # to set a pretension; these cycles are in the journal, too
+
+
+def await_port(port: str, seconds: float) -> None:
+    """Return when there is such a port, or after so many seconds; whoever opens it says what is wrong then."""
+    end = time.monotonic() + seconds
+    while not Path(port).exists() and time.monotonic() < end:
+        time.sleep(_LOOK_S)
 
 
 @contextmanager
@@ -57,6 +69,7 @@ def run(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for journal and recording.")],
     rig: Rig = "paper",
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the interrupted run in --out.")] = False,
+    wait: Wait = 0.0,
     json: Json = False,
 ) -> int:
     """Run a plan on a bench: pull the tendons, set each pretension, swing, record.
@@ -73,6 +86,7 @@ def run(
     plan_, spec = load_plan(plan), load_rig(rig)
     words = ["sinew", "run", plan, "--rig", rig, "--port", port, "--out", str(out)]
     _refuse_unfit_folder(out, resume)
+    await_port(port, wait)
     with ExitStack() as signals:
         with open_rig(port, spec) as (bench, clock):
             # What the bench lacks is said at once; the runner looks again, for the preview takes a while.

@@ -7,7 +7,7 @@ from sinew.bench.errors import StartError
 from sinew.hardware.errors import HardwareError, PortError
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.motor import Motor
-from sinew.hardware.reply import Outcome
+from sinew.hardware.reply import Outcome, Reply
 from sinew.hardware.rig import Rig
 from sinew.hardware.transport import Clock
 from sinew.plan.plan import Plan
@@ -30,7 +30,7 @@ def refuse_unready(rig: Rig, clock: Clock, plan: Plan, *, torque_may_be_on: bool
     """
     _refuse_slow_bus(rig, plan)
     try:
-        _refuse_strangers(rig)
+        _refuse_strangers(rig, clock)
         reasons = [*_motor_reasons(rig, torque_may_be_on), *_imu_reasons(rig, clock)]
     except PortError as trouble:
         raise StartError(str(trouble)) from trouble
@@ -49,10 +49,10 @@ def _refuse_slow_bus(rig: Rig, plan: Plan) -> None:
         )
 
 
-def _refuse_strangers(rig: Rig) -> None:
+def _refuse_strangers(rig: Rig, clock: Clock) -> None:
     """Refuse a bus on which a device is missing, or is another one, or shares its id."""
     names = {**{motor.id: motor.name for motor in rig.motors}, rig.imu.id: "IMU"}
-    replies = {device: rig.bus.ping(device) for device in names}
+    replies = {device: _pinged(rig, clock, device) for device in names}
     silent = [f"{names[d]} (id {d})" for d, reply in replies.items() if reply.outcome is Outcome.SILENT]
     baud = rig.spec.wiring.baud
     if len(silent) == len(names):
@@ -74,6 +74,17 @@ def _refuse_strangers(rig: Rig) -> None:
         )
     if others := list(_other_models(rig)):
         raise StartError("; ".join(others))
+
+
+def _pinged(rig: Rig, clock: Clock, device: int) -> Reply:
+    """Return the answer to a ping; who is silent is asked again later, for the computer may have been busy."""
+    reply = rig.bus.ping(device)
+    for _ in range(_ATTEMPTS):
+        if reply.outcome is not Outcome.SILENT:
+            break
+        clock.wait_until(clock.now() + _LISTEN_S)
+        reply = rig.bus.ping(device)
+    return reply
 
 
 def _answers_damaged(rig: Rig, motor: Motor) -> bool:

@@ -1,9 +1,9 @@
 """This is where the rig is brought to its declared safe state, whatever has happened before.
 
 *hold*: every motor is frozen where it is, with its output limited. *release*: the drive loses its torque, the tension
-is ramped down, then the tendon motors lose theirs. A motor that does not answer is asked again for a second: a line that
-is disturbed, or a motor that starts anew, may be back by then. Nothing here raises: what a motor does not do is said in
-the report, and the motors' own bus watchdog has the last word.
+is ramped down, then the tendon motors lose theirs. A motor that does not answer is asked again for a second: a line
+that is disturbed, or a motor that starts anew, may be back by then. Nothing here raises: what a motor does not do is
+said in the report, and the motors' own bus watchdog has the last word.
 """
 
 from collections.abc import Callable
@@ -36,6 +36,10 @@ _RAMP_STEP_S = 0.02
 _SLACK_COUNTS = 3
 _TENDON_HOLD_SHARE = 0.8  # of the rig's limit: what held the tendon must go on holding it
 _DRIVE_HOLD_SHARE = 0.2  # of the drive's full output
+
+
+Acts = dict[str, Callable[[], None]]
+"""What is done to each motor, by name."""
 
 
 @dataclass(slots=True)
@@ -81,7 +85,7 @@ def hold(rig: Rig, clock: Clock) -> StopReport:
     """Freeze all motors where they are, with limited output and without the bus watchdog, and report."""
     report = StopReport("hold")
     limit = _TENDON_HOLD_SHARE * rig.spec.limits.tendon_current_a
-    acts = {tendon.name: partial(_freeze_tendon, tendon, limit) for tendon in rig.tendons}
+    acts: Acts = {tendon.name: partial(_freeze_tendon, tendon, limit) for tendon in rig.tendons}
     _carry_out(report, clock, acts | {rig.drive.name: partial(_freeze_drive, rig.drive)})
     return report
 
@@ -89,7 +93,7 @@ def hold(rig: Rig, clock: Clock) -> StopReport:
 def release(rig: Rig, clock: Clock) -> StopReport:
     """Take the torque from the drive, ramp the tension down, take the torque from the tendon motors; report."""
     report = StopReport("release")
-    let_go = {motor.name: partial(_torque_off, motor) for motor in rig.motors}
+    let_go: Acts = {motor.name: partial(_torque_off, motor) for motor in rig.motors}
     drive = let_go.pop(rig.drive.name)
     if not _try(report, rig.drive.name, drive):
         let_go[rig.drive.name] = drive
@@ -99,7 +103,7 @@ def release(rig: Rig, clock: Clock) -> StopReport:
     return report
 
 
-def _carry_out(report: StopReport, clock: Clock, acts: dict[str, Callable[[], None]]) -> None:
+def _carry_out(report: StopReport, clock: Clock, acts: Acts) -> None:
     """Do something to each motor, by name, and again to those that did not confirm it."""
     start = clock.now()
     while True:
@@ -188,7 +192,7 @@ def _stay(motor: Motor) -> None:
     """Have a motor that was frozen stay so when nobody speaks any more."""
     motor.disarm_watchdog()
     if not motor.torque_is_on():
-        raise DeviceError(f"{motor.name} has no torque, expected it to hold; look for a shutdown or a supply that failed")
+        raise DeviceError(f"{motor.name} has no torque, expected it to hold; has it shut down, or did its supply fail?")
 
 
 def _torque_off(motor: Motor) -> None:

@@ -168,7 +168,7 @@ class EmulatedRig:
 
     def _look_ahead(self) -> None:
         """Find out when a motor has something to do: to be asked anew after instructions, which may change that."""
-        self._motors_due = min(self.trips.due, min(motor.due for motor in self._motors))
+        self._motors_due = min(self.trips.due, *[motor.due for motor in self._motors])
 
     def set_supply(self, voltage: float) -> None:
         """Feed the bench another voltage [V], from now on; below `BROWN_OUT` every device goes off."""

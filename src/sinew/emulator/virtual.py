@@ -1,5 +1,6 @@
 """This is where an emulated bench is played with in virtual time: port and clock in one, and nothing sleeps."""
 
+from sinew.emulator.faults import FaultyRig
 from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.errors import PortError
 
@@ -9,10 +10,11 @@ __all__ = ["VirtualPort"]
 class VirtualPort:
     """A Transport and a Clock of the same time.
 
-    host_cost: how long each call keeps the host busy [s], so that time passes for a master that never waits.
+    rig: the bench, with faults or without. host_cost: how long each call keeps the host busy [s], so that time passes
+    for a master that never waits.
     """
 
-    def __init__(self, rig: EmulatedRig, host_cost: float = 50e-6) -> None:
+    def __init__(self, rig: EmulatedRig | FaultyRig, host_cost: float = 50e-6) -> None:
         self.rig, self.host_cost = rig, host_cost
         self._now = rig.time
 
