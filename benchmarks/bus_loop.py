@@ -7,6 +7,7 @@ bus and dynamixel-sdk tell the same goals and ask for the same registers at the 
 """
 
 import argparse
+import gc
 import math
 import os
 import select
@@ -186,15 +187,21 @@ def _bare_bus(port: str, spec: RigSpec, count: int) -> tuple[list[float], int, i
 
 
 def _sdk(port: str, spec: RigSpec, count: int, kind: str) -> tuple[list[float], int, int]:
-    """Time dynamixel-sdk with its groups of one kind, sync or bulk."""
+    """Time dynamixel-sdk with its groups of one kind, sync or bulk.
+
+    Without real-time priority: the SDK asks the port again and again until all is there, and with it would keep the
+    system from handing over the bytes that it waits for.
+    """
     master = SdkMaster(port, spec)
     cycle = {"sync": master.sync_cycle, "bulk": master.bulk_cycle}[kind]
     swing = Swing(math.radians(AMPLITUDE_DEG), FREQUENCY_HZ, time.monotonic())
-    with keeping_time():
-        try:
-            return _paced(lambda now: cycle(swing(now)), count)
-        finally:
-            master.close()
+    gc.collect()
+    gc.disable()
+    try:
+        return _paced(lambda now: cycle(swing(now)), count)
+    finally:
+        gc.enable()
+        master.close()
 
 
 def _quantiles(seconds: Sequence[float] | Floats) -> str:

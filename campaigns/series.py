@@ -141,12 +141,11 @@ class _Trial:
         series = self.series
         truth = self._folder / "truth.json"
         with self._emulated(truth):
-            while len(series.kills) < kills and self._start_and_kill():
-                kill = series.kills[-1]
-                if any(torque for torque, _, _ in kill.motors.values()):
+            while len(series.kills) < kills and "complete" not in series.ended and len(series.ended) < _RESUMES:
+                kill = self._start_and_kill()
+                if kill is not None and any(torque for torque, _, _ in kill.motors.values()):
                     self._look_at_torque()
-            if not (self._is_complete() and series.ended):
-                self._complete()
+            self._complete()
         self._hold_against(json.loads(truth.read_text(encoding="utf-8")))
         return series
 
@@ -167,8 +166,8 @@ class _Trial:
     def _command(self, out: Path, resume: bool) -> list[str]:
         return [_SINEW, "run", str(self._plan), "--port", str(self._port), "--out", str(out)] + ["--resume"] * resume
 
-    def _start_and_kill(self) -> bool:
-        """Start the run, or go on with it, and kill it at a random moment; return False where it ended before."""
+    def _start_and_kill(self) -> Kill | None:
+        """Start the run, or go on with it, and kill it at a random moment; return None where it ended before."""
         resume = self._journal.exists()
         sessions = _sessions(self._journal)
         wait = self._moments.uniform(0.0, LONGEST_S)
@@ -180,7 +179,7 @@ class _Trial:
                 time.sleep(0.001)
             if process.poll() is not None:
                 self._note_end(*process.communicate(), status=process.returncode)
-                return self.series.ended[-1] != "complete"
+                return None
             process.kill()
             at = time.monotonic()
             process.wait()
@@ -189,7 +188,7 @@ class _Trial:
         time.sleep(_UNTIL_STOPPED_S)
         self._look_at_motors(kill)
         self._look_at_journal(kill)
-        return True
+        return kill
 
     def _note_end(self, out: str, error: str, *, status: int) -> None:
         """Note how a start ended that nobody killed."""
@@ -258,11 +257,11 @@ class _Trial:
     def _complete(self) -> None:
         """Go on with the run until it has completed."""
         for _ in range(_RESUMES):
+            if "complete" in self.series.ended:
+                break
             command = self._command(self._out, self._journal.exists())
             done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE_S, check=False)
             self._note_end(done.stdout, done.stderr, status=done.returncode)
-            if done.returncode == 0:
-                break
         if not self._is_complete():
             self.series.wrong.append(f"--resume did not complete the run: {self.series.ended[-1]}")
 

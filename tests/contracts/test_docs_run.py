@@ -2,7 +2,8 @@
 
 Every Markdown page under docs, and README, is one test: its ```python blocks, and the lines of its ```console blocks
 that start with `$ sinew`, run in order in one empty folder, and each must end well. Other lines of a console block are
-what the reader sees. A page that takes long says `<!-- test: slow -->`, one that runs a bench `<!-- test: realtime -->`.
+what the reader sees. A page that takes long says `<!-- test: slow -->`; one that runs a bench says
+`<!-- test: realtime -->`.
 """
 
 import os

@@ -77,10 +77,10 @@ def _refuse_strangers(rig: Rig, clock: Clock) -> None:
 
 
 def _pinged(rig: Rig, clock: Clock, device: int) -> Reply:
-    """Return the answer to a ping; who is silent is asked again later, for the computer may have been busy."""
+    """Return the answer to a ping; without a whole one it is asked again later, for the computer may be busy."""
     reply = rig.bus.ping(device)
     for _ in range(_ATTEMPTS):
-        if reply.outcome is not Outcome.SILENT:
+        if reply.outcome not in (Outcome.SILENT, Outcome.DAMAGED):
             break
         clock.wait_until(clock.now() + _LISTEN_S)
         reply = rig.bus.ping(device)
