@@ -1,0 +1,1 @@
+"""Fits of mechanics to recordings, with intervals, and the comparison of models."""
