@@ -26,7 +26,7 @@ class FrequencyResponse:
     relative_std: of |H|; phase_std_rad: of its angle (see `response_of_spectra`).
     coherence_std: of γ², likewise.
     averages: independent averages that the segments are worth; bin_correlation: of the random errors of bins 0, 1,
-    2, ... apart, which a fit through many bins has to know.
+    2, ... apart, and lag_window: what segments do to the impulse response; a fit through many bins has to know both.
     spectra: what all this was computed from.
     """
 
@@ -39,6 +39,7 @@ class FrequencyResponse:
     coherence_std: Floats
     averages: float
     bin_correlation: Floats
+    lag_window: Floats
     spectra: Spectra
 
     def between(self, low_hz: float, high_hz: float) -> NDArray[np.bool_]:
@@ -53,7 +54,7 @@ def response_of_spectra(spectra: Spectra) -> FrequencyResponse:
     Bendat and Piersol (Random Data, 4th ed., 9.2): of |H| relative and of its angle in rad sqrt((1 - γ²)/(2 γ² n)), of
     γ² sqrt(2) (1 - γ²) γ/sqrt(n), with n the independent averages (`Segmentation.independent`) and γ² the true
     coherence. We divide by n - 1 in the first, for 1 - γ² is estimated from the same n segments and comes out (n - 1)/n
-    too small. The bias of a resonance narrower than about four bins is not in these errors: lengthen the segments.
+    too small. The bias of a resonance some bins wide is not in these errors; `sinew.analysis.poles` knows it.
     Raises RecordingError where the input is constant.
     """
     sxx, syy, sxy = spectra.input_power, spectra.output_power, spectra.cross_power
@@ -79,6 +80,7 @@ def response_of_spectra(spectra: Spectra) -> FrequencyResponse:
         np.sqrt(2.0 * coherence / averages) * (1.0 - coherence),
         averages,
         spectra.cut.neighbours(spectra.segments),
+        spectra.cut.lag_window(2.0 * float(spectra.frequency_hz[1]) * (spectra.cut.length / 2)),
         spectra,
     )
 

@@ -16,6 +16,7 @@ Complexes = NDArray[np.complex128]
 Pair = tuple[NDArray[np.floating], NDArray[np.floating]]
 
 _BATCH = 16  # segments transformed at once: at 4096 samples half a megabyte each way, which stays in the cache
+_SHORT_LAG = 0.3  # of a segment
 _ROUND_OFF = 1e-14  # of a mean: what a constant leaves behind when it is taken off
 
 
@@ -61,6 +62,17 @@ class Segmentation:
         correlation = lags / lags[0]
         far = np.flatnonzero(correlation > 1e-4)
         return np.asarray(correlation[: int(far[-1]) + 1])
+
+    def lag_window(self, sample_hz: float) -> Floats:
+        """Return α of A(τ) = Σ α_k τᵏ, k = 0 to 4, the autocorrelation of the window at short lags [s], shape (5,).
+
+        A segment sees the impulse response h(τ) as h(τ) A(τ) in the mean, exactly so where the input is white.
+        """
+        w = self.weights()
+        lags = np.fft.irfft(np.abs(np.fft.rfft(w, 2 * w.size)) ** 2)[: max(8, round(_SHORT_LAG * w.size))]
+        tau = np.arange(lags.size) / w.size
+        powers = np.linalg.lstsq(np.vander(tau, 5, increasing=True)[:, 1:], lags / lags[0] - 1.0, rcond=None)[0]
+        return np.asarray(np.append(1.0, powers) * (sample_hz / w.size) ** np.arange(5), dtype=float)
 
     def _lags(self, segments: int) -> Floats:
         """Return the share of each pair of segments in the variance, (hops both ways, bins apart 0 to 15)."""
