@@ -1,0 +1,138 @@
+"""This is where a search begins: coefficients by linear regression on the equation of motion in its weak form.
+
+Multiplied by a smooth bump w that is zero at both ends of a window, and integrated over it, the equation's derivatives
+pass on to w: ∫w r'' = ∫w'' r. So stiffness, damping, friction, cubic and quadratic term and gain follow from one linear
+regression over many windows, without a derivative of measured data.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import fftconvolve
+
+from sinew.identify.grid import Frame, input_derivative
+from sinew.identify.model import Model
+from sinew.identify.record import Record, derivative_order
+from sinew.measure.errors import RecordingError
+
+__all__ = ["dominant_omega", "regress"]
+
+Array = NDArray[np.float64]
+
+_AT_START = 0.12  # of a period: samples that tell position and rate at the start
+
+
+def dominant_omega(record: Record) -> float:
+    """Return the angular frequency at which the output has most of its motion [rad/s].
+
+    Raises RecordingError where the output does not move, or has not even one period in the record.
+    """
+    even, y, _ = _even(record)
+    y = y - y.mean()
+    if not np.abs(y).max() > 0:
+        raise RecordingError("the output is constant; is it the right column, and did the sensor run?")
+    step = even[1] - even[0]
+    trend = np.polynomial.Polynomial.fit(even, y, 1)(even)
+    size = 2 ** math.ceil(math.log2(4 * y.size))
+    power = np.abs(np.fft.rfft((y - trend) * np.hanning(y.size), size)) ** 2
+    frequency = np.fft.rfftfreq(size, step)
+    power[frequency < 1.0 / (even[-1] - even[0])] = 0.0
+    best = int(np.argmax(power))
+    if best == 0:
+        raise RecordingError("the record is shorter than one period of its oscillation; record longer")
+    return float(2 * math.pi * frequency[best])
+
+
+def _even(record: Record) -> tuple[Array, Array, Array | None]:
+    """Return time, output and input on an even grid."""
+    t = record.time_s
+    even = np.linspace(t[0], t[-1], t.size)
+    given = None if record.input is None else np.interp(even - record.output_delay_s, t, record.input)
+    return even, np.interp(even, t, record.output), given
+
+
+def regress(record: Record, model: Model, omega: float, frame: Frame) -> dict[str, float]:
+    """Return coefficients of the model in SI units, by name of `LOCAL`; `offset` in the unit of the output.
+
+    omega: a frequency of the motion, which sets the length of the windows [rad/s].
+    """
+    even, y, given = _even(record)
+    step = float(even[1] - even[0])
+    half = max(4, int(0.6 * 2 * math.pi / omega / step))
+    if 2 * half + 8 >= y.size:
+        half = max(2, (y.size - 8) // 4)
+    order = derivative_order(record.output_unit)
+    motion = _integrated(y - y.mean() if order else y, step, order)
+    centre = float(motion.mean())
+    motion = motion - centre
+    driving = None if given is None else _Weak(half, step).of(given, input_derivative(record))
+    weak = _Weak(half, step)
+    if frame == "absolute" and given is not None:
+        motion = motion - _base_share(weak, motion, given, record) * _integrated(given, step, 0)
+    values = _solve(weak, motion, driving, model, record, centre if order == 0 else float(y.mean()))
+    few = max(3, int(_AT_START * 2 * math.pi / omega / step))
+    line = np.polynomial.Polynomial.fit(even[:few] - even[0], motion[:few], 2 if few > 8 else 1).convert()
+    shift = values["offset"] - centre if order == 0 else 0.0
+    return values | {"start": float(line(0.0)) - shift, "start_rate": float(line.deriv()(0.0))}
+
+
+def _integrated(y: Array, step: float, order: int) -> Array:
+    for _ in range(order):
+        y = cumulative_trapezoid(y, dx=step, initial=0)
+        y = y - np.polynomial.Polynomial.fit(np.arange(y.size), y, 1)(np.arange(y.size))
+    return np.asarray(y, dtype=float)
+
+
+def _base_share(weak: "_Weak", motion: Array, given: Array, record: Record) -> float:
+    """Return how much of the input is in the absolute motion; 1 where both have the same unit."""
+    if record.input_unit == record.output_unit or derivative_order(record.input_unit):
+        return 1.0 if record.input_unit == record.output_unit else 0.0
+    columns = np.stack([-weak.of(motion, 0), -weak.of(motion, 1), weak.of(given, 0), weak.of(given, 1)], axis=1)
+    found = np.linalg.lstsq(columns, weak.of(motion, 2), rcond=None)[0]
+    return float(found[2] / found[0])
+
+
+class _Weak:
+    """Windows of half-length `half` samples, a quarter of it apart."""
+
+    def __init__(self, half: int, step: float) -> None:
+        x = np.linspace(-1.0, 1.0, 2 * half + 1)
+        bump = np.polynomial.Polynomial([1.0, 0.0, -1.0]) ** 5
+        self._weights = [bump.deriv(k)(x) * (-1.0) ** k / (half * step) ** k if k else bump(x) for k in range(3)]
+        self._stride = max(1, half // 4)
+
+    def of(self, signal: Array, derivative: int) -> Array:
+        """Return ∫ w · d^k signal/dt^k over every window."""
+        whole = fftconvolve(signal, self._weights[derivative][::-1], mode="valid")
+        return np.asarray(whole[:: self._stride], dtype=float)
+
+
+def _solve(
+    weak: _Weak, motion: Array, driving: Array | None, model: Model, record: Record, centre: float
+) -> dict[str, float]:
+    bent = np.sin(motion) if model.pendulum else motion
+    columns = {"stiffness": -weak.of(bent, 0), "damping": -weak.of(motion, 1)}
+    if model.damping == "coulomb":
+        columns["coulomb"] = -weak.of(np.sign(np.gradient(motion)), 0)
+    if "quadratic" in model.terms:
+        columns["quadratic"] = -weak.of(motion**2, 0)
+    if "cubic" in model.terms:
+        columns["cubic"] = -weak.of(motion**3, 0)
+    if driving is not None:
+        columns["gain"] = driving if record.excitation not in ("base", "lever") else -driving
+    columns["constant"] = weak.of(np.ones_like(motion), 0)
+    table = np.stack(list(columns.values()), axis=1)
+    size = np.linalg.norm(table, axis=0)
+    size[size == 0] = 1.0
+    found = np.linalg.lstsq(table / size, weak.of(motion, 2), rcond=1e-10)[0] / size
+    values = dict(zip(columns, map(float, found), strict=True))
+    constant = values.pop("constant")
+    offset = centre
+    if derivative_order(record.output_unit) == 0 and values["stiffness"] > 0:
+        shift = constant / values["stiffness"]
+        offset += float(np.clip(shift, -1.0, 1.0) if abs(shift) <= 0.5 * np.abs(motion).max() else 0.0)
+    if model.damping == "loss-factor":
+        values["loss_factor"] = values.pop("damping") / math.sqrt(max(values["stiffness"], 1e-12))
+    return values | {"offset": offset}
