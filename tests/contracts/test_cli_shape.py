@@ -13,7 +13,7 @@ from sinew import __version__
 from sinew.apps.cli import app, main
 
 SINEW = Path(sys.executable).with_name("sinew")
-COMMANDS = ("analyse", "check", "export", "import", "report", "reproduce", "simulate")
+COMMANDS = ("analyse", "check", "export", "identify", "import", "report", "reproduce", "simulate")
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -177,7 +177,7 @@ def test_the_derivatives_of_a_track_are_its_differences(damping) -> None:
 
     record = make_record(TIME, np.sin(TIME), 0.3 * np.sin(OMEGA * TIME), excitation="force")
     grid, _ = grid_of(record, Scales(OMEGA, 1.0, 1.0), "relative", stiff=True)
-    p = np.array([1.0, 0.1, 0.1025, 0.02, 0.05, 0.1, 0.1, 0.3, 0.1, 0.0, 0.1, -1.0])
+    p = np.array([1.0, 0.1, 0.1025, 0.02, 0.05, 0.1, 0.1, 0.3, 0.1, 0.0, 0.1, -1.0, 0.3])
     free = np.array([i for i, name in enumerate(LOCAL)])
     slopes = track_slopes(p, free, grid, damping, "polynomial", 0)
     for i in free:

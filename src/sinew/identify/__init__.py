@@ -1,1 +1,1 @@
-"""Fits of mechanics to recordings, with intervals, and the comparison of models."""
+"""This is where recordings become mechanics: fits with intervals, and the comparison of models."""

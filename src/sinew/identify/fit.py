@@ -11,7 +11,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.analysis.coloured_noise import noise_spectrum
 from sinew.identify.certainty import Covariance, covariance
 from sinew.identify.fitted import Fit
 from sinew.identify.grid import Frame, frames_of
@@ -82,7 +81,8 @@ def _fit_in_frame(
             scales = guess.layout.parts[i].scales
             start: dict[str, float] = {}
         else:
-            scales, start = begin(record, model, frame)
+            taught = np.flatnonzero(mask)  # what is held out must not even choose the start
+            scales, start = begin(record.cut(int(taught[0]), int(taught[-1]) + 1), model, frame)
         parts.append(make_part(record, model, scales, frame, mask))
         starts.append(start)
     layout = make_layout(model, parts, varying)
@@ -109,7 +109,6 @@ def _tell(layout: Layout, solution: Solution, masks: Masks, frame: Frame, record
         predicted,
         tuple(masks),
         float(np.sqrt(np.mean(off**2))),
-        _bic(solution, pieces),
         records[0].output_unit,
         solution.converged,
         solution.message,
@@ -131,16 +130,3 @@ def _certainty(solution: Solution, pieces: Sequence[slice]) -> Covariance:
     with np.errstate(divide="ignore", invalid="ignore"):
         larger = np.nan_to_num(np.maximum(scores.std / found.std, 1.0), nan=1.0, posinf=1.0)
     return Covariance(found.matrix * np.outer(larger, larger), found.degrees_of_freedom)
-
-
-def _bic(solution: Solution, pieces: Sequence[slice]) -> float:
-    """Return n ln(variance of the innovations) + m ln n, per record; Kolmogorov: its log is the spectrum's mean log."""
-    total = 0.0
-    for piece in pieces:
-        r = solution.residual[piece]
-        if not float(r @ r) > 0:
-            return -np.inf
-        spectrum = noise_spectrum(r, solution.jacobian[piece])
-        logs = np.log(spectrum)
-        total += r.size * float((2 * logs[1:-1].sum() + logs[0] + logs[-1]) / (2 * (spectrum.size - 1)))
-    return total + solution.values.size * float(np.log(solution.residual.size))

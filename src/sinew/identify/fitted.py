@@ -28,7 +28,7 @@ class Fit:
     natural_frequency_hz: sqrt(k/I)/2π, of the linear part. damping_ratio: d/(2 sqrt(k I)), or half the loss factor;
         the viscous part where there is dry friction.
     predicted: the fitted output of each record, in its unit, all samples. kept: which of them were fitted.
-    rmse: over the samples that were fitted, unit. bic: with the innovations of the residuals.
+    rmse: over the samples that were fitted, unit.
     converged, message: how the search ended. unidentifiable: sentences.
     covariance, solution, layout: in normal form, for profiles and predictions; see `sinew.identify.layout`.
     """
@@ -43,7 +43,6 @@ class Fit:
     predicted: tuple[Array, ...]
     kept: tuple[NDArray[np.bool_], ...]
     rmse: float
-    bic: float
     unit: str
     converged: bool
     message: str
@@ -67,6 +66,22 @@ class Fit:
         """Return the condition number of the Jacobian, columns scaled to one."""
         scaled = self.solution.jacobian / np.maximum(np.linalg.norm(self.solution.jacobian, axis=0), 1e-300)
         return float(np.linalg.cond(scaled))
+
+    @property
+    def effective_samples(self) -> float:
+        """Return how many independent residuals the fitted samples are worth."""
+        return min(self.covariance.degrees_of_freedom + self.solution.values.size, float(self.solution.residual.size))
+
+    def bic(self, effective_samples: float | None = None) -> float:
+        """Return the information criterion n ln(mean squared residual) + m ln n.
+
+        effective_samples: n, of independent residuals; to compare models it has to be the same for all, best that of
+        the model that fits best. Its own where it is None. What a loss factor saw before the record is not counted in
+        m: the record hardly tells it, and it is no mechanics.
+        """
+        n = self.effective_samples if effective_samples is None else effective_samples
+        counted = sum(entry.local != "memory" for entry in self.layout.entries)
+        return float(n * np.log(max(self.rmse, 1e-300) ** 2) + counted * np.log(n))
 
     def residuals(self) -> list[Array]:
         """Return measured less predicted of every record, in its unit, all samples."""

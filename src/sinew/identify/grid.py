@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Frame = Literal["relative", "absolute"]
 
 _PHASE = 0.15  # of a step of RK4 [rad]: its frequency is then wrong by less than 5e-6
-_STIFF = 1.0  # steps per shortest relaxation time, where there is one
+_STIFF = 1.5  # shortest relaxation times in a step of RK4, whose decay is then right to 2 %
 
 
 @dataclass(frozen=True)

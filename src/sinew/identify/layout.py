@@ -68,7 +68,7 @@ class Layout:
     ratio: tuple[Array, ...]
 
     def local(self, x: Array, part: int) -> Array:
-        """Return the numbers of `LOCAL` of one part, shape (12,)."""
+        """Return the numbers of `LOCAL` of one part, shape (13,)."""
         p = self.parts[part].fixed.copy()
         p[self.column[part]] = x[self.index[part]] * self.ratio[part]
         return p
@@ -131,7 +131,11 @@ def make_layout(model: Model, parts: Sequence[Part], varying: Sequence[str] = ()
     entries = []
     for name in free_mechanics(model, parts[0].record):
         entries += [Entry(name, group=group) for group in groups] if name in varying else [Entry(name)]
-    entries += [Entry(name, record=i if len(parts) > 1 else -1) for i in range(len(parts)) for name in model.nuisance()]
+    entries += [
+        Entry(name, record=i if len(parts) > 1 else -1)
+        for i in range(len(parts))
+        for name in model.nuisance(parts[i].record.excitation)
+    ]
     index, column, ratio = [], [], []
     for i, part in enumerate(parts):
         mine = [
@@ -144,6 +148,6 @@ def make_layout(model: Model, parts: Sequence[Part], varying: Sequence[str] = ()
 
 
 def _ratio(local: str, first: Scales, own: Scales) -> float:
-    if local in ("start", "start_rate", "offset", "drift", "creep_time"):
+    if local in ("start", "start_rate", "offset", "drift", "creep_time", "memory"):
         return 1.0
     return first.physical(local) / own.physical(local)

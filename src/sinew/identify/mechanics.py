@@ -75,8 +75,8 @@ def nuisance_parameters(layout: Layout, solution: Solution, certainty: Covarianc
     found = {}
     for entry, one in zip(layout.entries, estimates(solution.values, certainty), strict=True):
         part = layout.parts[max(entry.record, 0)]
-        if entry.local in layout.model.nuisance():
-            size = {"offset": part.unit_size, "drift": part.unit_size, "creep_time": 1.0}
+        if entry.local in layout.model.nuisance(part.record.excitation):
+            size = {"offset": part.unit_size, "drift": part.unit_size, "creep_time": 1.0, "memory": 1.0}
             factor = size[entry.local] if entry.local in size else part.scales.physical(entry.local)
             found[entry.local + entry.label()] = _scaled(one, factor)
     return found

@@ -43,10 +43,11 @@ class Model:
         names = {"stiffness", *damping[self.damping], *self.terms} | ({"gain"} if excitation != "none" else set())
         return tuple(name for name in LOCAL if name in names)
 
-    def nuisance(self) -> tuple[str, ...]:
+    def nuisance(self, excitation: Excitation) -> tuple[str, ...]:
         """Return the names (of `LOCAL`) of the numbers that every record has for itself."""
+        memory = ("memory",) if self.damping == "loss-factor" and excitation == "none" else ()
         more = {"offset": (), "drift": ("drift",), "creep": ("drift", "creep_time")}
-        return ("start", "start_rate", "offset", *more[self.rest])
+        return ("start", "start_rate", "offset", *more[self.rest], *memory)
 
 
 MODELS: dict[str, Model] = {
@@ -79,6 +80,7 @@ NATURAL: dict[str, float] = {
     "offset": 0.5,
     "drift": 0.5,
     "creep_time": 2.0,
+    "memory": 1.0,
 }
 """Size of a change that matters, in the normal form of `LOCAL`; of the gain as a share of its value."""
 
@@ -95,6 +97,7 @@ WORDS: dict[str, str] = {
     "offset": "offset",
     "drift": "drift",
     "creep_time": "creep time",
+    "memory": "memory",
 }
 """What people call the numbers of `LOCAL`."""
 

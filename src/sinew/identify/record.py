@@ -8,12 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinew.measure.errors import RecordingError, SpecError
 
-__all__ = ["Excitation", "Record", "derivative_order", "make_record"]
+__all__ = ["FEWEST", "Excitation", "Record", "derivative_order", "make_record"]
 
 Array = NDArray[np.float64]
 Excitation = Literal["force", "torque", "base", "lever", "none"]
 
 FEWEST = 16
+"""Samples below which nothing is fitted."""
 _ORDERS = {"rad/s": 1, "m/s": 1, "V/s": 1, "rad/s2": 2, "m/s2": 2}
 _MOTIONS = {"rad/s": "rad", "rad/s2": "rad", "m/s": "m", "m/s2": "m", "V/s": "V"}
 

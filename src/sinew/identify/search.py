@@ -1,6 +1,7 @@
 """This is where the numbers of a layout are sought: from a regression to the smallest sum of squares."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,9 @@ __all__ = ["begin", "first_values", "search"]
 Array = NDArray[np.float64]
 Masks = Sequence[NDArray[np.bool_]]
 
-_TOLERANCE = 1e-9
-_POOR = 0.35  # rmse over the output's: a search that ends there has lost the oscillation's count
-_HORIZON = 6.0  # periods that are fitted first then
+_TOLERANCE = 1e-8
+_POOR, _LOST = 0.35, 0.6  # rmse over the output's: suspicious, and the oscillation's count is lost
+_HORIZON, _GROWTH = 8.0, 2.5  # periods that are fitted first then, and how their number grows
 _LARGE = 0.1  # of the largest output: motion that dry friction does not bring to rest
 
 
@@ -51,7 +52,7 @@ def first_values(layout: Layout, starts: Sequence[dict[str, float]]) -> Array:
             for i, part in enumerate(layout.parts)
             if entry.record in (-1, i) and entry.group in ("", part.record.group)
         ]
-        if entry.local in ("drift", "creep_time"):
+        if entry.local in ("drift", "creep_time", "memory"):
             x[k] = -1.0 if entry.local == "creep_time" else 0.0
             continue
         normal = []
@@ -78,7 +79,7 @@ def search(layout: Layout, first: Array, masks: Masks) -> Solution:
     wanted = np.concatenate([p.record.output[m] / p.unit_size for p, m in zip(layout.parts, masks, strict=True)])
     size = float(np.std(wanted) * np.sqrt(wanted.size))
     starts = _dry_starts(layout, first, masks) if layout.model.damping == "coulomb" else [first]
-    direct = solve(problem, *starts, tolerance=_TOLERANCE, max_evaluations=120)
+    direct = solve(problem, *starts, tolerance=_TOLERANCE, max_evaluations=60)
     if np.sqrt(direct.sum_of_squares) <= _POOR * size:
         return direct
     grown = [direct]
@@ -88,23 +89,30 @@ def search(layout: Layout, first: Array, masks: Masks) -> Solution:
             if entry.local == "stiffness":
                 x[k] *= factor**2
         grown.append(_grow(layout, x, masks, problem))
-        if np.sqrt(grown[-1].sum_of_squares) <= _POOR * size:
+        if min(np.sqrt(one.sum_of_squares) for one in grown) <= _LOST * size:
             break
     return min(grown, key=lambda solution: solution.sum_of_squares)
 
 
 def _dry_starts(layout: Layout, first: Array, masks: Masks) -> list[Array]:
-    """Return the starts of a search with dry friction, whose sum of squares jumps where the motion comes to rest.
+    """Return the start of a search with dry friction, whose sum of squares jumps where the motion comes to rest.
 
-    It is smooth as long as the motion is large, so that part is fitted first, from three sizes of friction.
+    It is smooth as long as the motion is large, so that part is fitted first: without friction, then from there with
+    little of it, and with as much as would do half of the damping at a third of the amplitude (4 c r = π d ω r²/2).
     """
-    friction = [k for k, entry in enumerate(layout.entries) if entry.local == "coulomb"]
-    starts = [np.where(np.isin(np.arange(first.size), friction), first * share, first) for share in (0.2, 1.0, 3.0)]
+    at = {entry.local: k for k, entry in reversed(list(enumerate(layout.entries)))}
     moving = [m & _large(part) for part, m in zip(layout.parts, masks, strict=True)]
     if sum(int(m.sum()) for m in moving) <= 2 * first.size:
-        return starts
-    early = solve(layout.problem(moving), *starts, tolerance=1e-7, max_evaluations=60)
-    return [early.values]
+        moving = list(masks)
+    x = np.where(np.arange(first.size) == at["coulomb"], 0.0, first)
+    viscous = replace(layout, model=replace(layout.model, damping="viscous"))
+    x = solve(viscous.problem(moving), x, tolerance=1e-6, max_evaluations=60).values
+    starts = []
+    for share in (0.05, 0.5):
+        starts.append(x.copy())
+        starts[-1][at["coulomb"]] = 0.26 * share * abs(x[at["damping"]])
+        starts[-1][at["damping"]] *= 1.0 - share
+    return [solve(layout.problem(moving), *starts, tolerance=1e-6, max_evaluations=40).values]
 
 
 def _large(part: Part) -> NDArray[np.bool_]:
@@ -124,6 +132,6 @@ def _grow(layout: Layout, x: Array, masks: Masks, problem: Problem) -> Solution:
             for p, m in zip(layout.parts, masks, strict=True)
         ]
         if sum(int(mask.sum()) for mask in seen) > 2 * x.size:
-            x = solve(layout.problem(seen), x, tolerance=1e-6, max_evaluations=40).values
-        horizon *= 1.8
-    return solve(problem, x, tolerance=_TOLERANCE, max_evaluations=120)
+            x = solve(layout.problem(seen), x, tolerance=1e-4, max_evaluations=12).values
+        horizon *= _GROWTH
+    return solve(problem, x, tolerance=_TOLERANCE, max_evaluations=60)

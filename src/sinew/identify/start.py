@@ -34,9 +34,12 @@ def dominant_omega(record: Record) -> float:
     if not np.abs(y).max() > 0:
         raise RecordingError("the output is constant; is it the right column, and did the sensor run?")
     step = even[1] - even[0]
-    trend = np.polynomial.Polynomial.fit(even, y, 1)(even)
     size = 2 ** math.ceil(math.log2(4 * y.size))
-    power = np.abs(np.fft.rfft((y - trend) * np.hanning(y.size), size)) ** 2
+    if record.excitation == "none":  # a window would take away the begin, where a decay is largest
+        moving = y - np.median(y[-y.size // 4 :])
+    else:
+        moving = (y - np.polynomial.Polynomial.fit(even, y, 1)(even)) * np.hanning(y.size)
+    power = np.abs(np.fft.rfft(moving, size)) ** 2
     frequency = np.fft.rfftfreq(size, step)
     power[frequency < 1.0 / (even[-1] - even[0])] = 0.0
     best = int(np.argmax(power))

@@ -11,6 +11,8 @@ with s(r) = r, or sin(r A)/A for a pendulum, and the damping
 - loss-factor: a Prony series on K for a constant loss factor η (see `sinew.twin.prony`), K being the dynamic stiffness
   at the natural frequency: K_r Re G*(√K) = K.
 
+Before the record the branches have seen a steady oscillation (memory 0), or a long rest where it starts (memory 1).
+
 What is measured is r (or r', r''), plus g z for the absolute motion over a moving base, plus a rest position that may
 drift or creep: offset + drift·t/T, or offset + drift·(1 - exp(-t/τ)).
 """
@@ -44,6 +46,7 @@ LOCAL = (
     "offset",
     "drift",
     "creep_time",
+    "memory",
 )
 """What a simulation depends on, in this order, each in its normal form."""
 
@@ -204,7 +207,8 @@ def _turning_share(
 
 def _begin(p: jax.Array, grid: Grid, damping: DampingLaw) -> tuple[_Law, _Motion]:
     law = _law(p, grid, damping)
-    return law, _Motion(p[7], p[8], (p[7] - p[8] * law.relaxation) / (1.0 + law.relaxation**2))
+    swinging = (p[7] - p[8] * law.relaxation) / (1.0 + law.relaxation**2)
+    return law, _Motion(p[7], p[8], swinging + p[12] * (p[7] - swinging))
 
 
 def _seen(
@@ -254,7 +258,7 @@ def _track(p: jax.Array, grid: Grid, damping: DampingLaw, stiffness: StiffnessLa
 def _slopes(
     p: jax.Array, free: jax.Array, grid: Grid, damping: DampingLaw, stiffness: StiffnessLaw, order: int
 ) -> jax.Array:
-    """Return the derivatives along the directions in `free`, shape (f, 12).
+    """Return the derivatives along the directions in `free`, shape (f, 13).
 
     Motion and derivative go through the steps together. (The derivative of the whole loop, which JAX would make of
     `_track`, keeps every step's linearisation and is many times slower.)
@@ -290,7 +294,7 @@ def _slopes(
 def track(p: Array, grid: Grid, damping: DampingLaw, stiffness: StiffnessLaw, order: int) -> Array:
     """Return what would be measured at the ends of the steps, shape (s + 1,), in amplitudes A.
 
-    p: the numbers named in `LOCAL`, shape (12,). order: 0 for the motion, 1 for its rate, 2 for its acceleration.
+    p: the numbers named in `LOCAL`, shape (13,). order: 0 for the motion, 1 for its rate, 2 for its acceleration.
     """
     return np.asarray(_track(p, grid, damping, stiffness, order), dtype=float)
 
