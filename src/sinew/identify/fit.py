@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sinew.identify.certainty import Covariance, covariance
 from sinew.identify.fitted import Fit
-from sinew.identify.grid import Frame, frames_of
+from sinew.identify.grid import Frame, Scales, frames_of
 from sinew.identify.layout import Layout, make_layout, make_part
 from sinew.identify.least_squares import Solution
 from sinew.identify.mechanics import (
@@ -75,20 +75,33 @@ def _check(records: Sequence[Record], model: Model) -> None:
 def _fit_in_frame(
     records: Sequence[Record], model: Model, frame: Frame, varying: Sequence[str], masks: Masks, guess: Fit | None
 ) -> Fit:
-    parts, starts = [], []
-    for i, (record, mask) in enumerate(zip(records, masks, strict=True)):
-        if guess is not None and len(guess.records) == len(records):
-            scales = guess.layout.parts[i].scales
-            start: dict[str, float] = {}
-        else:
-            taught = np.flatnonzero(mask)  # what is held out must not even choose the start
-            scales, start = begin(record.cut(int(taught[0]), int(taught[-1]) + 1), model, frame)
-        parts.append(make_part(record, model, scales, frame, mask))
-        starts.append(start)
+    if guess is not None and len(guess.records) == len(records):
+        scales, starts = [part.scales for part in guess.layout.parts], None
+    else:
+        scales, starts = _begin(records, model, frame, varying, masks)
+    parts = [
+        make_part(record, model, own, frame, mask) for record, own, mask in zip(records, scales, masks, strict=True)
+    ]
     layout = make_layout(model, parts, varying)
-    first = guess.solution.values if guess is not None and starts[0] == {} else first_values(layout, starts)
+    first = guess.solution.values if guess is not None and starts is None else first_values(layout, starts or [])
     solution = search(layout, first, masks)
     return _tell(layout, solution, masks, frame, records)
+
+
+def _begin(
+    records: Sequence[Record], model: Model, frame: Frame, varying: Sequence[str], masks: Masks
+) -> tuple[list[Scales], list[dict[str, float]]]:
+    """Return scales and starts of the records, begun together, or by group where the groups differ."""
+    taught = []
+    for record, mask in zip(records, masks, strict=True):  # what is held out must not even choose the start
+        seen = np.flatnonzero(mask)
+        taught.append(record.cut(int(seen[0]), int(seen[-1]) + 1))
+    found: dict[int, tuple[Scales, dict[str, float]]] = {}
+    groups = [record.group if varying else "" for record in records]
+    for group in dict.fromkeys(groups):
+        mine = [i for i, one in enumerate(groups) if one == group]
+        found |= dict(zip(mine, begin([taught[i] for i in mine], model, frame), strict=True))
+    return [found[i][0] for i in range(len(records))], [found[i][1] for i in range(len(records))]
 
 
 def _tell(layout: Layout, solution: Solution, masks: Masks, frame: Frame, records: Sequence[Record]) -> Fit:

@@ -11,7 +11,7 @@ from sinew.identify.layout import Layout, Part
 from sinew.identify.least_squares import Problem, Solution, solve
 from sinew.identify.model import Model
 from sinew.identify.record import Record, derivative_order
-from sinew.identify.start import dominant_omega, regress
+from sinew.identify.start import dominant_omega, regress_together
 
 __all__ = ["begin", "first_values", "search"]
 
@@ -24,23 +24,27 @@ _HORIZON, _GROWTH = 8.0, 2.5  # periods that are fitted first then, and how thei
 _LARGE = 0.1  # of the largest output: motion that dry friction does not bring to rest
 
 
-def begin(record: Record, model: Model, frame: Frame) -> tuple[Scales, dict[str, float]]:
-    """Return the scales of a record and where its search begins, in SI units."""
-    omega = dominant_omega(record)
+def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[Scales, dict[str, float]]]:
+    """Return the scales of every record and where its search begins, in SI units; the records share their mechanics."""
+    omega = float(np.median([dominant_omega(record) for record in records]))
+    values = regress_together(records, model, omega, frame)
+    natural = np.sqrt(values[0]["stiffness"]) if values[0]["stiffness"] > 0 else omega
+    if records[0].excitation != "none" and 0.2 * omega < natural < 5.0 * omega:
+        values = regress_together(records, model, float(natural), frame)
+    if values[0]["stiffness"] <= 0:
+        values = [one | {"stiffness": omega**2} for one in values]
+    omega = float(np.clip(np.sqrt(values[0]["stiffness"]), 0.2 * omega, 5.0 * omega))
+    return [(_scales(record, omega, one["offset"]), one) for record, one in zip(records, values, strict=True)]
+
+
+def _scales(record: Record, omega: float, offset: float) -> Scales:
     order = derivative_order(record.output_unit)
-    values = regress(record, model, omega, frame)
-    natural = np.sqrt(values["stiffness"]) if values["stiffness"] > 0 else omega
-    if record.excitation != "none" and 0.2 * omega < natural < 5.0 * omega:
-        values = regress(record, model, float(natural), frame)
-    if values["stiffness"] <= 0:
-        values["stiffness"] = omega**2
-    omega = float(np.clip(np.sqrt(values["stiffness"]), 0.2 * omega, 5.0 * omega))
-    swing = record.output - (values["offset"] if order == 0 else record.output.mean())
+    swing = record.output - (offset if order == 0 else record.output.mean())
     forcing = 1.0
     if record.input is not None:
         driving = record.input - record.input.mean()
         forcing = float(np.sqrt(2.0) * driving.std()) * omega ** input_derivative(record) or 1.0
-    return Scales(omega, float(np.abs(swing).max()) / omega**order, forcing), values
+    return Scales(omega, float(np.abs(swing).max()) / omega**order, forcing)
 
 
 def first_values(layout: Layout, starts: Sequence[dict[str, float]]) -> Array:

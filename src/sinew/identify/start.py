@@ -6,6 +6,8 @@ regression over many windows, without a derivative of measured data.
 """
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ from sinew.identify.model import Model
 from sinew.identify.record import Record, derivative_order
 from sinew.measure.errors import RecordingError
 
-__all__ = ["dominant_omega", "regress"]
+__all__ = ["dominant_omega", "regress", "regress_together"]
 
 Array = NDArray[np.float64]
 
@@ -61,6 +63,45 @@ def regress(record: Record, model: Model, omega: float, frame: Frame) -> dict[st
 
     omega: a frequency of the motion, which sets the length of the windows [rad/s].
     """
+    return regress_together([record], model, omega, frame)[0]
+
+
+def regress_together(records: Sequence[Record], model: Model, omega: float, frame: Frame) -> list[dict[str, float]]:
+    """Return what `regress` does for every record, with the same mechanics for all; only a constant is each one's own.
+
+    A record of a single frequency tells neither stiffness from inertia nor the gain; several of them do.
+    """
+    equations = [_equation(record, model, omega, frame) for record in records]
+    columns = list(equations[0].columns)
+    rows = [np.stack([one.columns[name] for name in columns], axis=1) for one in equations]
+    own = np.zeros((sum(row.shape[0] for row in rows), len(rows)))
+    ends = np.cumsum([0, *(row.shape[0] for row in rows)])
+    for i, one in enumerate(equations):
+        own[ends[i] : ends[i + 1], i] = one.constant
+    table = np.concatenate([np.concatenate(rows), own], axis=1)
+    size = np.linalg.norm(table, axis=0)
+    size[size == 0] = 1.0
+    target = np.concatenate([one.target for one in equations])
+    found = np.linalg.lstsq(table / size, target, rcond=1e-10)[0] / size
+    shared = dict(zip(columns, map(float, found), strict=False))
+    return [
+        _finished(shared, float(constant), one, model, record)
+        for constant, one, record in zip(found[len(columns) :], equations, records, strict=True)
+    ]
+
+
+class _Equation(NamedTuple):
+    """The weak form of one record: columns by name of `LOCAL`, the constant's, the inertia's, and the motion."""
+
+    columns: dict[str, Array]
+    constant: Array
+    target: Array
+    motion: Array
+    centre: float
+    start: tuple[float, float]
+
+
+def _equation(record: Record, model: Model, omega: float, frame: Frame) -> _Equation:
     even, y, given = _even(record)
     step = float(even[1] - even[0])
     half = max(4, int(0.6 * 2 * math.pi / omega / step))
@@ -74,11 +115,12 @@ def regress(record: Record, model: Model, omega: float, frame: Frame) -> dict[st
     weak = _Weak(half, step)
     if frame == "absolute" and given is not None:
         motion = motion - _base_share(weak, motion, given, record) * _integrated(given, step, 0)
-    values = _solve(weak, motion, driving, model, record, centre if order == 0 else float(y.mean()))
     few = max(3, int(_AT_START * 2 * math.pi / omega / step))
     line = np.polynomial.Polynomial.fit(even[:few] - even[0], motion[:few], 2 if few > 8 else 1).convert()
-    shift = values["offset"] - centre if order == 0 else 0.0
-    return values | {"start": float(line(0.0)) - shift, "start_rate": float(line.deriv()(0.0))}
+    start = float(line(0.0)), float(line.deriv()(0.0))
+    centre = centre if order == 0 else float(y.mean())
+    columns = _columns(weak, motion, driving, model, record)
+    return _Equation(columns, weak.of(np.ones_like(motion), 0), weak.of(motion, 2), motion, centre, start)
 
 
 def _integrated(y: Array, step: float, order: int) -> Array:
@@ -112,9 +154,7 @@ class _Weak:
         return np.asarray(whole[:: self._stride], dtype=float)
 
 
-def _solve(
-    weak: _Weak, motion: Array, driving: Array | None, model: Model, record: Record, centre: float
-) -> dict[str, float]:
+def _columns(weak: _Weak, motion: Array, driving: Array | None, model: Model, record: Record) -> dict[str, Array]:
     bent = np.sin(motion) if model.pendulum else motion
     columns = {"stiffness": -weak.of(bent, 0), "damping": -weak.of(motion, 1)}
     if model.damping == "coulomb":
@@ -125,17 +165,17 @@ def _solve(
         columns["cubic"] = -weak.of(motion**3, 0)
     if driving is not None:
         columns["gain"] = driving if record.excitation not in ("base", "lever") else -driving
-    columns["constant"] = weak.of(np.ones_like(motion), 0)
-    table = np.stack(list(columns.values()), axis=1)
-    size = np.linalg.norm(table, axis=0)
-    size[size == 0] = 1.0
-    found = np.linalg.lstsq(table / size, weak.of(motion, 2), rcond=1e-10)[0] / size
-    values = dict(zip(columns, map(float, found), strict=True))
-    constant = values.pop("constant")
-    offset = centre
+    return columns
+
+
+def _finished(
+    shared: dict[str, float], constant: float, equation: _Equation, model: Model, record: Record
+) -> dict[str, float]:
+    values, shift = dict(shared), 0.0
     if derivative_order(record.output_unit) == 0 and values["stiffness"] > 0:
-        shift = constant / values["stiffness"]
-        offset += float(np.clip(shift, -1.0, 1.0) if abs(shift) <= 0.5 * np.abs(motion).max() else 0.0)
+        shift = float(constant / values["stiffness"])
+        shift = shift if abs(shift) <= 0.5 * np.abs(equation.motion).max() else 0.0
     if model.damping == "loss-factor":
         values["loss_factor"] = values.pop("damping") / math.sqrt(max(values["stiffness"], 1e-12))
-    return values | {"offset": offset}
+    position, rate = equation.start
+    return values | {"offset": equation.centre + shift, "start": position - shift, "start_rate": rate}
