@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 _FEWEST, _MOST = 2, 9  # functions of time that describe logarithm of amplitude and phase
 _FLOOR = 3.0  # times the noise of one sample: a swing this small ends the window
+_KNOWN = 0.25  # of ln A: where it is less certain, the curves end
 _POINTS = 41
 _TURN = 2.0 * math.pi
 
@@ -27,6 +28,8 @@ _TURN = 2.0 * math.pi
 @dataclass(frozen=True)
 class Backbone:
     """Frequency and damping against amplitude, shape (a,) each, from large amplitude to small.
+
+    The curves hold the longest stretch in which the amplitude falls and is known to a quarter.
 
     amplitude: of the fundamental, unit of the response.
     frequency_hz: ω/2π of the swing at that amplitude; damping_ratio: λ/sqrt(ω² + λ²), λ = -d ln A/dt.
@@ -63,6 +66,7 @@ def fit_backbone(
     free_from_s: float | None = None,
     functions: int | None = None,
     harmonics: bool = True,
+    creeps: bool = False,
 ) -> Backbone:
     """Return frequency and damping curves of the free decay in a record.
 
@@ -76,6 +80,7 @@ def fit_backbone(
     tell how the noise moves the curve, not how a swing that is no slowly changing sine (less than about three half
     cycles of it) would.
     functions: 2 to 9 to fix the number. harmonics: with second and third harmonic.
+    creeps: with an exponential relaxation of the rest position beside its line.
     Raises RecordingError where there is no free decay, or fewer than six half cycles of it.
     """
     t, x, lever, _ = evenly(*checked_record(time_s, response, drive))
@@ -97,7 +102,7 @@ def fit_backbone(
     first_count, most = (_FEWEST, min(_MOST, peaks.value.size // 2)) if functions is None else (functions, functions)
     fits: dict[int, tuple[FreeOscillation, LikelihoodFit]] = {}
     for count in range(first_count, most + 1):
-        fits[count] = _fit(window, values, peaks, rest_at, count, harmonics)
+        fits[count] = _fit(window, values, peaks, rest_at, count, harmonics, creeps)
         best = min(fits, key=lambda k: fits[k][1].aic)
         if count >= best + 3:
             break
@@ -125,12 +130,12 @@ def _slopes(s: Array, count: int, order: int) -> Array:
 
 
 def _fit(
-    t: Array, x: Array, peaks: Peaks, rest: Array, count: int, harmonics: bool
+    t: Array, x: Array, peaks: Peaks, rest: Array, count: int, harmonics: bool, creeps: bool
 ) -> tuple[FreeOscillation, LikelihoodFit]:
     """Return model and fit, started from sizes and times of the peaks: ln A through the sizes, π of phase a peak."""
     window = float(t[-1] - t[0])
     s = (t - t[0]) / window
-    model = FreeOscillation(s, (_basis(s, count),), polynomials(s, 2), harmonics=harmonics)
+    model = FreeOscillation(s, (_basis(s, count),), polynomials(s, 2), creeps, harmonics)
     height = peaks.value - rest
     at = _basis((peaks.time_s - t[0]) / window, count)
     phase = np.arange(height.size) * math.pi + (0.0 if height[0] > 0 else math.pi)
@@ -138,14 +143,19 @@ def _fit(
     start = np.zeros(model.width)
     start[0 : 2 * count : 2] = np.linalg.lstsq(at * weight, np.log(np.abs(height)) * weight[:, 0], rcond=1e-8)[0]
     start[1 : 2 * count : 2] = np.linalg.lstsq(at * weight, phase * weight[:, 0], rcond=1e-8)[0]
+    if creeps:
+        start[-1] = math.log(0.3)
     return model, fit_oscillation(model, [start], x)
 
 
 def _read(model: FreeOscillation, fit: LikelihoodFit, t: Array, count: int, scatter: float) -> Backbone:
     window, c = float(t[-1] - t[0]), fit.parameters[model.mode(0)]
     fine = np.linspace(0.0, 1.0, 2001)
-    log = _basis(fine, count) @ c[0::2]
-    rising = np.flatnonzero(np.diff(log) >= 0)
+    functions, place = _basis(fine, count), model.mode(0)
+    log = functions @ c[0::2]
+    spread = fit.covariance[place, place][0::2, 0::2]
+    known = np.einsum("ij,jk,ik->i", functions, spread, functions) < _KNOWN**2
+    rising = np.flatnonzero((np.diff(log) >= 0) | ~known[1:])
     first, last = _falling(rising, fine.size)
     levels = np.linspace(log[first], log[last], _POINTS)
     s = np.interp(-levels, -log[first : last + 1], fine[first : last + 1])
@@ -154,7 +164,6 @@ def _read(model: FreeOscillation, fit: LikelihoodFit, t: Array, count: int, scat
     # At a given amplitude: δs = -δ ln A / (ln A)', and with it every slope moves.
     moved = _basis(s, count) / rate[:, None]
     by_real = np.zeros((s.size, fit.parameters.size)), np.zeros((s.size, fit.parameters.size))
-    place = model.mode(0)
     by_real[0][:, place][:, 0::2] = -one - (two @ c[0::2])[:, None] * moved
     by_real[1][:, place][:, 0::2] = (two @ c[1::2])[:, None] * moved
     by_real[1][:, place][:, 1::2] = one
