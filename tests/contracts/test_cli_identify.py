@@ -142,3 +142,13 @@ def test_a_wrong_word_is_refused_with_what_was_expected(
     sweep: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, str], words: str
 ) -> None:
     assert words in refused(capsys, sweep, *COLUMNS, *more)
+
+
+@pytest.mark.slow
+def test_a_recording_of_the_twin_needs_no_columns_and_gives_the_papers_three_hertz(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["simulate", "short", "--rig", "paper", "--out", str(tmp_path / "a.nc")]) == 0
+    capsys.readouterr()
+    found = run(capsys, tmp_path / "a.nc", "--model", "cubic")
+    assert found["natural_frequency_hz"]["value"] == pytest.approx(3.0, rel=0.04)

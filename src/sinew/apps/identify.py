@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["identify"]
 
+_JOINT = ("linear", "cubic", "coulomb-cubic", "loss-factor-cubic")
 _EXCITATIONS = ("force", "torque", "base", "lever", "none")
 
 
@@ -130,24 +131,30 @@ def _joint(records: "list[Record]", model: str, ranges: object) -> dict[str, Any
 
     if ranges is not None:
         raise SpecError("--train and --test are for one record; this recording has several segments")
-    name = "linear" if model == "auto" else model
     test = records[1::3]
-    taught = fit([record for i, record in enumerate(records) if i % 3 != 1], name)
-    squares = sum(float(((record.output - predict(taught, record)) ** 2).sum()) for record in test)
-    rmse = math.sqrt(squares / sum(record.size for record in test))
-    best = fit(records, name)
-    told = [f"{len(records)} segments at {records[0].group} were fitted together", best.message]
-    row = {"model": name, "rmse_test": _number(rmse), "bic": _number(best.bic())}
-    return _fit_part(best, rmse, told) | {"compared": [row]}
+    rows: list[dict[str, Any]] = []
+    for name in _JOINT if model == "auto" else (model,):
+        taught = fit([record for i, record in enumerate(records) if i % 3 != 1], name)
+        squares = sum(float(((record.output - predict(taught, record)) ** 2).sum()) for record in test)
+        rmse = math.sqrt(squares / sum(record.size for record in test))
+        rows.append({"model": name, "rmse_test": _number(rmse), "bic": _number(taught.bic())})
+    rows.sort(key=lambda row: row["rmse_test"] if row["rmse_test"] is not None else math.inf)
+    best = fit(records, str(rows[0]["model"]))
+    told = [
+        f"{len(records)} segments at {records[0].group} were fitted together",
+        "the model with the smallest error of the held-out segments is reported",
+        best.message,
+    ]
+    return _fit_part(best, rows[0]["rmse_test"], told) | {"compared": rows}
 
 
-def _fit_part(best: "Fit", rmse_test: float, told: list[str]) -> dict[str, Any]:
+def _fit_part(best: "Fit", rmse_test: float | None, told: list[str]) -> dict[str, Any]:
     return {
         "model": best.model.name,
         "parameters": {name: one.to_json() for name, one in best.parameters.items()},
         "natural_frequency_hz": best.natural_frequency_hz.to_json(),
         "damping_ratio": best.damping_ratio.to_json(),
-        "rmse": {"train": _number(best.rmse), "test": _number(rmse_test)},
+        "rmse": {"train": _number(best.rmse), "test": None if rmse_test is None else _number(rmse_test)},
         "unit": best.unit,
         "converged": best.converged,
         "message": "; ".join(told),

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from sinew.identify.record import Record, derivative_order
 from sinew.identify.track import Grid
@@ -62,9 +62,12 @@ def frames_of(record: Record) -> tuple[Frame, ...]:
     return ("absolute", "relative")
 
 
-def _spline(record: Record) -> BSpline | None:
+def _spline(record: Record) -> BSpline | CubicSpline | None:
     if record.input is None:
         return None
+    if record.excitation in ("base", "lever"):
+        # Natural ends: the second derivative of any other spline is wild there, and would kick the motion.
+        return CubicSpline(record.time_s, record.input, bc_type="natural")
     return make_interp_spline(record.time_s, record.input, k=5)
 
 
@@ -73,8 +76,8 @@ def grid_of(record: Record, scales: Scales, frame: Frame, *, stiff: bool) -> tup
 
     stiff: whether the Prony branches have to be followed.
 
-    Between the samples the input is a quintic spline. Its second derivative, wild as it is where the samples are noisy,
-    is integrated twice by the simulation, which gives the spline back.
+    Between the samples a force is a quintic spline and a motion a cubic one. The second derivative of that, wild as it
+    is where the samples are noisy, is integrated twice by the simulation, which gives the spline back.
     """
     steps = np.diff(record.time_s)
     relaxation = _relaxation(scales.omega)
