@@ -1,12 +1,24 @@
-"""This is where every benchmark is run: `make bench`."""
+"""This is where every benchmark is run: `make bench`, or one of them by name: `python -m benchmarks bus --seconds 20`."""
 
-from benchmarks import broadband_speed, twin_speed
+import sys
+from collections.abc import Callable, Sequence
+
+from benchmarks import broadband_speed, bus_loop, twin_speed
+
+PARTS: dict[str, Callable[[Sequence[str]], None]] = {
+    "twin": lambda _: twin_speed.main(),
+    "bus": bus_loop.main,
+    "broadband": lambda _: broadband_speed.main(),
+}
 
 
 def main() -> None:
-    """Run all benchmarks and print their tables."""
-    twin_speed.main()
-    broadband_speed.main()
+    """Run the benchmark that is named, with its options, or all, and print their tables."""
+    asked = sys.argv[1:2]
+    if asked and asked[0] not in PARTS:
+        raise SystemExit(f"found {asked[0]}, expected one of {', '.join(PARTS)}, or nothing for all")
+    for name in asked or PARTS:
+        PARTS[name](sys.argv[2:])
 
 
 if __name__ == "__main__":

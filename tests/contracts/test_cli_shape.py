@@ -13,7 +13,10 @@ from sinew import __version__
 from sinew.apps.cli import app, main
 
 SINEW = Path(sys.executable).with_name("sinew")
-COMMANDS = ("analyse", "check", "export", "identify", "import", "report", "reproduce", "simulate")
+COMMANDS = (
+    "analyse", "check", "doctor", "emulate", "export", "identify", "import", "report", "reproduce", "run", "simulate",
+    "stop",
+)  # fmt: skip
 
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -15,6 +15,9 @@ class ManualClock:
     def now(self) -> float:
         return self.time
 
+    def wait_until(self, time: float) -> None:
+        self.time = max(self.time, time)
+
 
 @dataclass
 class Slave:

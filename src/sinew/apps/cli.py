@@ -1,6 +1,7 @@
 """This is where the command `sinew` is put together and where an error becomes one line and an exit status.
 
-Exit status: 0 on success, 2 on wrong input (one line on stderr), 130 when interrupted. Any other exception is a fault
+Exit status: 0 on success, 1 where a bench run, stop or doctor did not end well, 2 on wrong input (one line on stderr),
+130 when interrupted. Any other exception is a fault
 of Sinew's own and keeps its traceback.
 """
 
@@ -12,7 +13,7 @@ from typing import Annotated
 import typer
 
 from sinew import __version__
-from sinew.apps import analyse, check, convert, identify, reproduce, simulate
+from sinew.apps import analyse, check, convert, doctor, emulate, identify, reproduce, run, simulate
 from sinew.measure.errors import SinewError
 
 __all__ = ["app", "main"]
@@ -39,6 +40,10 @@ app.command("import", epilog="Example: sinew import decay.csv --time t_s --respo
     convert.import_
 )
 app.command(epilog="Example: sinew export run/recording.nc --to mat --out run/recording.mat")(convert.export)
+app.command(epilog="Example: sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1")(emulate.emulate)
+app.command(epilog="Example: sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix")(doctor.doctor)
+app.command(epilog="Example: sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench")(run.run)
+app.command(epilog="Example: sinew stop --port /dev/ttyUSB0 --state release")(run.stop)
 app.command(epilog="Example: sinew report out/paper")(reproduce.report)
 app.command(epilog="Example: sinew reproduce --out out/paper --seed 1")(reproduce.reproduce)
 

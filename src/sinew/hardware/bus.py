@@ -5,6 +5,7 @@ port, told by a clock that never goes back. What a device does not do is an outc
 gone raises (PortError).
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -78,11 +79,20 @@ class Bus:
         self._statistics = Statistics()
         self._decoder = Decoder()
         self._suspect = False
+        self._left_wire = -math.inf
 
     @property
     def statistics(self) -> Statistics:
         """What happened so far; a copy."""
         return replace(self._statistics, crc_errors=self._decoder.crc_errors, discarded_bytes=self._decoder.discarded)
+
+    @property
+    def left_wire(self) -> float:
+        """When the last byte of the newest instruction has left the wire, by the baud [s]; -inf before the first.
+
+        It waits there for those before it that nobody answers; what the port itself takes is not known.
+        """
+        return self._left_wire
 
     def close(self) -> None:
         """Give the port back."""
@@ -111,16 +121,16 @@ class Bus:
         self._listen(stop, take, lambda: False)
         return found
 
-    def read(self, device: int, address: int, length: int) -> Reply:
-        """Return `length` bytes from `address` on."""
-        return self._ask_one(ask.read(device, address, length), length)
+    def read(self, device: int, address: int, length: int, *, retries: int | None = None) -> Reply:
+        """Return `length` bytes from `address` on. retries: instead of the bus's."""
+        return self._ask_one(ask.read(device, address, length), length, retries)
 
-    def write(self, device: int, address: int, data: bytes) -> Reply:
-        """Store bytes from `address` on; return what the device says to that.
+    def write(self, device: int, address: int, data: bytes, *, retries: int | None = None) -> Reply:
+        """Store bytes from `address` on; return what the device says to that. retries: instead of the bus's.
 
         The device must answer to writes (register `status_return_level` 2, as from the factory).
         """
-        return self._ask_one(ask.write(device, address, data), 0)
+        return self._ask_one(ask.write(device, address, data), 0, retries)
 
     def reg_write(self, device: int, address: int, data: bytes) -> Reply:
         """Have bytes kept ready until `action`; return what the device says to that."""
@@ -150,9 +160,14 @@ class Bus:
         reads = [ask.Read(device, address, length) for device in devices]
         return self._ask_group(ask.sync_read(address, length, devices, fast=fast), reads, fast)
 
-    def bulk_read(self, reads: Sequence[ask.Read], *, fast: bool = False) -> dict[int, Reply]:
-        """Return other bytes of each device, by id and in the order asked; see `sync_read`."""
-        return self._ask_group(ask.bulk_read(reads, fast=fast), reads, fast)
+    def bulk_read(
+        self, reads: Sequence[ask.Read], *, fast: bool = False, retries: int | None = None
+    ) -> dict[int, Reply]:
+        """Return other bytes of each device, by id and in the order asked; see `sync_read`.
+
+        retries: instead of the bus's; with 0 the call is one transaction, whoever answers.
+        """
+        return self._ask_group(ask.bulk_read(reads, fast=fast), reads, fast, retries)
 
     def _ask_one(self, instruction: Instruction, length: int, retries: int | None = None) -> Reply:
         allowed = self.retries if retries is None else retries
@@ -178,7 +193,10 @@ class Bus:
         heard = self._listen(stop, take, lambda: bool(replies))
         return replies[0] if replies else self._missing(instruction.id, heard)
 
-    def _ask_group(self, instruction: Instruction, reads: Sequence[ask.Read], fast: bool) -> dict[int, Reply]:
+    def _ask_group(
+        self, instruction: Instruction, reads: Sequence[ask.Read], fast: bool, retries: int | None = None
+    ) -> dict[int, Reply]:
+        allowed = self.retries if retries is None else retries
         lengths = {read.id: read.length for read in reads}
         got: dict[int, Reply] = {}
 
@@ -197,15 +215,15 @@ class Bus:
         if fast and not got:
             # What arrived before a device fell silent is as good as in a whole packet.
             self._take_blocks(self._decoder.rest, lengths, got)
-        return {read.id: self._finish(read, got.get(read.id), heard) for read in reads}
+        return {read.id: self._finish(read, got.get(read.id), heard, allowed) for read in reads}
 
-    def _finish(self, read: ask.Read, reply: Reply | None, heard: bool) -> Reply:
+    def _finish(self, read: ask.Read, reply: Reply | None, heard: bool, retries: int) -> Reply:
         """Return the reply of a device of a group; who has none, or a damaged one, is asked alone."""
         first = reply or self._missing(read.id, heard)
-        if not self.retries or not _is_worth_repeating(first):
+        if not retries or not _is_worth_repeating(first):
             return first
         self._statistics.retries += 1
-        again = self._ask_one(ask.read(read.id, read.address, read.length), read.length, self.retries - 1)
+        again = self._ask_one(ask.read(read.id, read.address, read.length), read.length, retries - 1)
         return replace(again, attempts=again.attempts + 1)
 
     def _take_blocks(self, frame: bytes, lengths: Mapping[int, int], got: dict[int, Reply]) -> bool:
@@ -219,7 +237,7 @@ class Bus:
         self._send(encode(instruction))
 
     def _send(self, data: bytes) -> float:
-        """Send an instruction on a line without old bytes; return when [s]."""
+        """Send an instruction on a line without old bytes; return when it begins on the wire [s]."""
         quiet = self.timing.latency if self._suspect else 0.0
         patience = self._clock.now() + _MOST_WAITS_FOR_QUIET * quiet
         while old := self._transport.read(self._clock.now() + quiet):
@@ -232,7 +250,10 @@ class Bus:
         self._transport.write(data)
         self._statistics.transactions += 1
         self._statistics.sent_bytes += len(data)
-        return self._clock.now()
+        # An instruction that nobody answers may still be on its way out; this one goes after it.
+        begins = max(self._clock.now(), self._left_wire)
+        self._left_wire = begins + len(data) * _BITS_PER_BYTE / self.timing.baud
+        return begins
 
     def _listen(self, stop: float, take: Callable[[Packet], bool], done: Callable[[], bool]) -> bool:
         """Hand packets to `take` until `done` or `stop` [s]; return whether bytes came that belong to no answer."""

@@ -12,6 +12,8 @@ Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0". Bytes in, bytes out: nothing
 """
 
 from dataclasses import dataclass
+from functools import cache
+from struct import unpack_from
 
 from sinew.hardware.errors import PacketError
 
@@ -55,6 +57,13 @@ def _crc_of_byte(byte: int) -> int:
 
 
 _CRC_TABLE = tuple(_crc_of_byte(byte) for byte in range(256))
+
+
+@cache
+def _crc_of_words() -> list[int]:
+    """Return the table that takes two bytes at once; made when it is first needed, which takes 10 ms."""
+    two = (((crc << 8) & 0xFF00, crc >> 8) for crc in _CRC_TABLE)
+    return [high ^ _CRC_TABLE[low ^ byte] for high, low in two for byte in range(256)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +118,10 @@ def crc16(data: bytes | bytearray, crc: int = 0) -> int:
 
     crc: the CRC of what came before, to run on.
     """
-    for byte in data:
-        crc = (crc << 8) & 0xFF00 ^ _CRC_TABLE[crc >> 8 ^ byte]
-    return crc
+    table = _crc_of_words()
+    for word in unpack_from(f">{len(data) >> 1}H", data):
+        crc = table[crc ^ word]
+    return (crc << 8) & 0xFF00 ^ _CRC_TABLE[crc >> 8 ^ data[-1]] if len(data) & 1 else crc
 
 
 def add_stuffing(body: bytes) -> bytes:

@@ -71,6 +71,8 @@ class Decoder:
     def _next(self) -> Packet | None:
         """Return the next whole packet and drop the bytes up to its end; drop what cannot become one."""
         buffer = self._buffer
+        if not buffer:
+            return None
         pending: int | None = None
         at = buffer.find(HEADER)
         while at >= 0:

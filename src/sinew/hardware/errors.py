@@ -4,14 +4,16 @@
     └── HardwareError
         ├── PacketError      a packet that cannot be sent: an id, address or length the protocol does not have
         ├── RegisterError    no such register, or a value that it cannot hold
-        └── PortError        the serial port cannot be opened, or is gone
+        ├── PortError        the serial port cannot be opened, or is gone
+        └── DeviceError      a device does not do what it must: silent, another model, a register that does not take
 
-A device that is silent, refuses or raises its alert is no exception but an outcome: see `sinew.hardware.reply`.
+To the bus a device that is silent, refuses or raises its alert is no exception but an outcome, see
+`sinew.hardware.reply`; a motor or sensor that is set up, though, must do as it is told, and raises DeviceError.
 """
 
 from sinew.measure.errors import SinewError
 
-__all__ = ["HardwareError", "PacketError", "PortError", "RegisterError"]
+__all__ = ["DeviceError", "HardwareError", "PacketError", "PortError", "RegisterError"]
 
 
 class HardwareError(SinewError):
@@ -28,3 +30,7 @@ class RegisterError(HardwareError):
 
 class PortError(HardwareError):
     """The serial port cannot be opened, or is gone."""
+
+
+class DeviceError(HardwareError):
+    """A device that does not do what it must: it is silent, of another model, or does not take a register's value."""

@@ -1,9 +1,10 @@
 """This is where the control tables of the head's inertial sensor stand: an OpenCR board that answers like a motor.
 
 `OPENCR_NODE` lies on the motors' bus. Its registers up to 50 are those of the firmware of ROBOTIS's OP3. Stock firmware
-has no usable time, so Sinew asks for one register more, `sample_time`: the board's microseconds at the sample, which
-wraps after 71.6 minutes and stands still where the sensor is frozen. `TURTLEBOT3` is the map of the TurtleBot3
-firmware: the board alone on a port of its own, floats in SI, refreshed at 50 Hz only, plain reads only.
+has no usable time, so Sinew asks for two registers more, both in microseconds of the board, which wrap after 71.6
+minutes: `sample_time`, when the newest sample was taken, which stands still where the sensor is frozen; and `clock`,
+when the board answered. Their difference is the age of the sample, whatever the bus does. `TURTLEBOT3` is the map of
+the TurtleBot3 firmware: the board alone on a port of its own, floats in SI, refreshed at 50 Hz only, plain reads only.
 
 Sources: the OP3 and TurtleBot3 firmware in ROBOTIS's OpenCR repository; gyro 2000 °/s, accelerometer 2 g full scale as
 its IMU library sets them.
@@ -38,6 +39,7 @@ OPENCR_NODE = RegisterTable(
         *_three(("roll", "pitch", "yaw"), 44, "rad", _TENTH_DEGREE),
         Register("imu_control", 50, 1, writable=True, initial=0),
         Register("sample_time", 52, 4, unit="s", scale=1e-6),
+        Register("clock", 56, 4, unit="s", scale=1e-6),
     ),
 )
 TURTLEBOT3 = RegisterTable(

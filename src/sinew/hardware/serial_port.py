@@ -2,6 +2,7 @@
 
 import os
 import select
+import termios
 from typing import Any
 
 from sinew.hardware.errors import PortError
@@ -26,7 +27,7 @@ class SerialPort:
         self._port: Any = None
         try:
             self._port = serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
-        except (OSError, ValueError) as trouble:
+        except (OSError, ValueError, termios.error) as trouble:
             raise PortError(
                 f"cannot open {path} at {baud} baud ({trouble}); "
                 "expected a free serial port; is it plugged in, and no other program on it?"

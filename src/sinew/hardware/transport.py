@@ -4,17 +4,21 @@ Both are handed in by the caller: a serial port and the computer's clock on a be
 hand in a test.
 """
 
-import time
+from time import monotonic, sleep
 from typing import Protocol
 
 __all__ = ["Clock", "MonotonicClock", "Transport"]
 
 
 class Clock(Protocol):
-    """Tells a time that never goes back."""
+    """Tells a time that never goes back, and waits."""
 
     def now(self) -> float:
         """Return the time [s] since some fixed moment."""
+        ...
+
+    def wait_until(self, time: float) -> None:
+        """Return at `time` [s] or a little later; at once if it has passed."""
         ...
 
 
@@ -42,4 +46,9 @@ class MonotonicClock:
 
     def now(self) -> float:
         """Return the time [s] since some fixed moment."""
-        return time.monotonic()
+        return monotonic()
+
+    def wait_until(self, time: float) -> None:
+        """Return at `time` [s] or a little later; at once if it has passed."""
+        if (left := time - self.now()) > 0:
+            sleep(left)

@@ -31,7 +31,8 @@ class Finding(NamedTuple):
 class Preview:
     """What a plan will do on a rig.
 
-    duration_s: of all motions and rests, without the time to change pretension.
+    duration_s: of all motions and rests, without the time to change pretension. longest_s: the same if every group
+    with an adaptive settle takes its longest; equal to duration_s where the settle is fixed.
     groups, samples: numbers of motions (idle records included) and of recorded samples.
     frequency_hz: of the sweep. drive_amplitude_deg, drive_current_a: what the drive reaches there against a held
     head, and the amplitude of its current's fundamental; see `sinew.plan.reach`.
@@ -42,6 +43,7 @@ class Preview:
     """
 
     duration_s: float
+    longest_s: float
     groups: int
     samples: int
     frequency_hz: tuple[float, ...]
@@ -84,8 +86,11 @@ def check_plan(
         *_reach_findings(plan, rig, reached_deg),
         *_time_findings(plan, rig, tensions),
     ]
+    duration = sum(group.duration_s for group in groups)
+    waiting = plan.sweep.longest_settle_s - plan.sweep.settle_s if plan.sweep else 0.0
     return Preview(
-        duration_s=sum(group.duration_s for group in groups),
+        duration_s=duration,
+        longest_s=duration + waiting * sum(group.kind == "steady" for group in groups),
         groups=len(groups),
         samples=sum(sum(group.sample_counts(plan.sample_hz)) for group in groups),
         frequency_hz=tuple(frequencies),
@@ -240,7 +245,8 @@ def _time_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iter
     """Yield what is short: settling against the damping, repeats against a spread, the decay against its period."""
     if (sweep := plan.sweep) is not None:
         decay = _slowest_decay(rig, math.radians(sweep.amplitude_deg), min(tension_n, default=0.0))
-        left = math.exp(-decay * sweep.settle_s)
+        name = "settle_s" if sweep.settle == "fixed" else "settle_most_s"
+        left = math.exp(-decay * sweep.longest_settle_s)
         if left > _TRANSIENT_LEFT:
             enough = (
                 f"{-math.log(_TRANSIENT_LEFT) / decay:.1f} s would leave {_TRANSIENT_LEFT:.0%}"
@@ -248,7 +254,8 @@ def _time_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iter
                 else "nothing damps it"
             )
             yield Finding(
-                "warn", f"sweep.settle_s = {sweep.settle_s:g} s may leave {left:.0%} of the start transient; {enough}"
+                "warn",
+                f"sweep.{name} = {sweep.longest_settle_s:g} s may leave {left:.0%} of the start transient; {enough}",
             )
         if sweep.repeats < 2:
             yield Finding("warn", "sweep.repeats = 1 gives no standard deviation; 3 repeats are the paper's")

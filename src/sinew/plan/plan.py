@@ -57,6 +57,9 @@ class Sweep(BaseModel):
     settle_s: transient delay before each group [s] (paper: 3 s).
     periods: recorded periods in a group (paper: 5).
     repeats: measurements of each group n_m (paper: 3).
+    settle: fixed waits settle_s; adaptive goes on, by whole periods, until what is left of the start transient is
+    below settle_tolerance of the steady amplitude, or until settle_most_s [s]. Only a bench can adapt: a simulation
+    waits settle_s.
     """
 
     model_config = _STRICT
@@ -66,12 +69,28 @@ class Sweep(BaseModel):
     settle_s: Annotated[float, Field(ge=0, le=3600)] = 3.0
     periods: Count = 5
     repeats: Count = 3
+    settle: Literal["fixed", "adaptive"] = "fixed"
+    settle_tolerance: Annotated[float, Field(ge=1e-4, le=0.5)] = 0.01
+    settle_most_s: Duration = 20.0
 
     @model_validator(mode="after")
     def _increasing(self) -> "Sweep":
         if any(b <= a for a, b in zip(self.frequency_hz, self.frequency_hz[1:], strict=False)):
             raise ValueError("frequency_hz must increase from one entry to the next")
         return self
+
+    @model_validator(mode="after")
+    def _most_is_not_less(self) -> "Sweep":
+        if self.settle == "adaptive" and self.settle_most_s < self.settle_s:
+            raise ValueError(
+                f"settle_most_s = {self.settle_most_s:g} s is shorter than settle_s = {self.settle_s:g} s; raise it"
+            )
+        return self
+
+    @property
+    def longest_settle_s(self) -> float:
+        """Longest transient delay before a group [s]."""
+        return self.settle_s if self.settle == "fixed" else self.settle_most_s
 
 
 class RingDown(BaseModel):

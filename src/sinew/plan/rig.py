@@ -1,11 +1,12 @@
 """This is where a test bed is described: every parameter with value, unit, origin and bounds."""
 
-from collections.abc import Iterator
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from sinew.plan.parameter import Parameter, not_negative, positive, signed
+from sinew.plan.wiring import Wiring
 
 __all__ = ["Bus", "Drive", "Imu", "Inertia", "Limits", "Repeatability", "RigSpec", "Silicone", "Tendons"]
 
@@ -150,7 +151,11 @@ class Repeatability(BaseModel):
 
 
 class Limits(BaseModel):
-    """What the rig must not exceed; a plan is refused, and a bench stops, beyond them."""
+    """What the rig must not exceed; a plan is refused, and a bench stops, beyond them.
+
+    tendon_travel_mm: how far a tendon motor may be from its first contact, as length of cable; pulling is positive.
+    drive_window_deg: how far the lever may be from its zero, either way.
+    """
 
     model_config = _STRICT
 
@@ -164,6 +169,8 @@ class Limits(BaseModel):
     tendon_current_a: Positive
     temperature_c: Positive
     voltage_v: Window
+    tendon_travel_mm: Window = (-20.0, 40.0)
+    drive_window_deg: Positive = 90.0
     safe_state: Annotated[str, Field(pattern="^(hold|release)$")] = "release"
 
 
@@ -181,6 +188,26 @@ class RigSpec(BaseModel):
     bus: Bus
     repeatability: Repeatability
     limits: Limits
+    wiring: Wiring = Wiring()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_wiring(cls, data: Any) -> Any:
+        """Give a rig without wiring the one that is usual for its number of tendons."""
+        if isinstance(data, Mapping) and "wiring" not in data and isinstance(data.get("tendons"), Mapping):
+            count = data["tendons"].get("count")
+            if isinstance(count, int) and 2 <= count <= 12:
+                return {**data, "wiring": Wiring.of(count).model_dump()}
+        return data
+
+    @model_validator(mode="after")
+    def _every_tendon_has_a_motor(self) -> Self:
+        if len(self.wiring.tendon_ids) != self.tendons.count:
+            raise ValueError(
+                f"wiring.tendon_ids has {len(self.wiring.tendon_ids)} ids and tendons.count is {self.tendons.count}; "
+                "expected one motor for each tendon"
+            )
+        return self
 
     def parameters(self) -> Iterator[tuple[str, Parameter]]:
         """Yield (dotted name, parameter) of every parameter."""

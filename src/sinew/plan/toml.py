@@ -55,6 +55,24 @@ _FILE_UNITS = {
 }
 """Units that read better in a file than those that the model keeps."""
 
+_FILE_REMARKS = {
+    "limits.tendon_travel_mm": "of a tendon motor about its first contact, as length of cable; pulling is positive",
+    "limits.drive_window_deg": "of the lever about its zero, either way",
+    "limits.safe_state": "release: let the tension go, then torque off; hold: stay, with little current",
+    "wiring.baud": "of the bus",
+    "wiring.tendon_ids": "of the motors, in the order of the tendons",
+    "wiring.imu_model": "or TurtleBot3, whose firmware has samples at 50 Hz only",
+    "wiring.tendon_pull": "1 where more counts of the encoder pull, -1 where they let go",
+    "wiring.drive_sign": "1 where more counts turn the lever positively against the head, else -1",
+    "wiring.drive_zero_counts": "encoder reading with the lever in its middle",
+    "wiring.imu_axes": "axes of the chip that point along x, y and z of the head",
+    "wiring.latency_ms": "of port, driver and operating system, on top of the time on the wire",
+}
+"""What a key that is no parameter, and has no note therefore, means; it stands behind it in the file."""
+
+_UNSAID = ("sweep.settle", "sweep.settle_tolerance", "sweep.settle_most_s")
+"""Keys that a file leaves out while they keep their default: the texts in older recordings stay as they are written."""
+
 
 def load_rig(path_or_name: str | Path) -> RigSpec:
     """Return the rig of a TOML file, or the shipped one of that name (`paper`). Raises SpecError."""
@@ -119,14 +137,23 @@ def _frozen(value: Any) -> Any:
 
 def _table(model: BaseModel, prefix: str = "") -> str:
     """Return plain keys, then aligned parameter lines, then sections, in the order of the model."""
-    values = {name: getattr(model, name) for name in type(model).model_fields}
-    plain = [f"{k} = {_literal(v)}" for k, v in values.items() if v is not None and not isinstance(v, BaseModel)]
+    values = {
+        name: getattr(model, name)
+        for name, field in type(model).model_fields.items()
+        if prefix + name not in _UNSAID or getattr(model, name) != field.default
+    }
+    plain = [_plain(k, v, prefix + k) for k, v in values.items() if v is not None and not isinstance(v, BaseModel)]
     rows = [_parameter_cells(k, v, prefix + k) for k, v in values.items() if isinstance(v, Parameter)]
     lines = plain + _aligned(rows)
     for name, value in values.items():
         if isinstance(value, BaseModel) and not isinstance(value, Parameter):
             lines += ["", f"[{prefix}{name}]", _table(value, f"{prefix}{name}.").rstrip("\n")]
     return "\n".join(lines) + "\n"
+
+
+def _plain(key: str, value: object, dotted: str) -> str:
+    remark = _FILE_REMARKS.get(dotted)
+    return f"{key} = {_literal(value)}" + (f"  # {remark}" if remark else "")
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import jax
 
-__all__ = ["cache_folder", "configure"]
+__all__ = ["cache_folder", "compute_inline", "configure"]
 
 
 def cache_folder() -> Path:
@@ -29,3 +29,12 @@ def configure() -> None:
         settings["jax_persistent_cache_min_entry_size_bytes"] = 0
     for name, value in settings.items():
         jax.config.update(name, value)  # type: ignore[no-untyped-call]
+
+
+def compute_inline() -> None:
+    """Have JAX compute in the calling thread instead of in a pool's; to be called before the first computation.
+
+    A loop that keeps time with a priority of its own does not wait for threads that have none: beside two busy
+    programs on two cores, the slowest of 1500 steps of the emulated joint took 1 ms instead of 27.
+    """
+    jax.config.update("jax_cpu_enable_async_dispatch", False)  # type: ignore[no-untyped-call]

@@ -6,7 +6,15 @@ import jax.numpy as jnp
 from sinew.twin.kinematics import cos_sin
 from sinew.twin.parameters import Parameters
 
-__all__ = ["SLIDING_SPEED", "commanded_angle", "duty", "horn_torque", "motor_current"]
+__all__ = [
+    "SLIDING_SPEED",
+    "commanded_angle",
+    "duty",
+    "electrical_torque",
+    "gear_friction",
+    "horn_torque",
+    "motor_current",
+]
 
 SLIDING_SPEED = 0.05
 """Speed over which gear friction turns round [rad/s]; Coulomb friction is regularised as tanh(ω/ω_s)."""
@@ -28,16 +36,25 @@ def duty(error: jax.Array, p: Parameters) -> jax.Array:
     return jnp.clip(p.position_gain * error, -p.duty_limit, p.duty_limit)
 
 
+def electrical_torque(duty_now: jax.Array, speed: jax.Array, p: Parameters) -> jax.Array:
+    """Return the torque of the motor's current, at the horn [N m], at a duty and a speed [rad/s]."""
+    return p.duty_torque * duty_now - p.speed_slope * speed
+
+
+def gear_friction(speed: jax.Array, p: Parameters) -> jax.Array:
+    """Return the Coulomb friction of the gear, at the horn [N m]."""
+    return p.drive_friction * jnp.tanh(speed / SLIDING_SPEED)
+
+
 def horn_torque(duty_now: jax.Array, speed: jax.Array, p: Parameters) -> jax.Array:
     """Return the torque at the horn [N m] at a duty and a speed [rad/s].
 
     The line through stall torque and no-load speed (data sheet), scaled by duty and supply voltage: back-EMF limits
     the speed. Friction is taken out of that line, so both data-sheet points are met.
     """
-    friction = p.drive_friction * jnp.tanh(speed / SLIDING_SPEED)
-    return p.duty_torque * duty_now - p.speed_slope * speed - friction
+    return electrical_torque(duty_now, speed, p) - gear_friction(speed, p)
 
 
 def motor_current(duty_now: jax.Array, speed: jax.Array, p: Parameters) -> jax.Array:
     """Return the motor current [A]: the electrical torque over the torque constant at the horn."""
-    return (p.duty_torque * duty_now - p.speed_slope * speed) / p.torque_constant
+    return electrical_torque(duty_now, speed, p) / p.torque_constant

@@ -9,6 +9,7 @@ from sinew.twin.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameter
 __all__ = [
     "potential",
     "silicone_energy",
+    "span_lengths",
     "tendon_energy",
     "tendon_stretch",
     "tendon_tension",
@@ -49,11 +50,17 @@ def viscoelastic_energy(
     return 0.5 * stored
 
 
+def span_lengths(
+    torsion: jax.Array, shortening: jax.Array, p: Parameters, tilt: tuple[jax.Array, jax.Array] | None = None
+) -> tuple[jax.Array, ...]:
+    """Return the length ℓ of every tendon between its guides [m]; tilt: of the head about y and z of frame B [rad]."""
+    base, head = (guide_points(radius, p.guide_directions) for radius in (p.base_radius, p.head_radius))
+    return tendon_lengths(base, head, head_pose(torsion, shortening, p.free_span, tilt))
+
+
 def tendon_stretch(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> tuple[jax.Array, ...]:
     """Return the elongation ℓ - ℓ_c of every tendon [m]; negative means slack."""
-    base, head = (guide_points(radius, p.guide_directions) for radius in (p.base_radius, p.head_radius))
-    lengths = tendon_lengths(base, head, head_pose(torsion, shortening, p.free_span))
-    return tuple(length - p.cable_end for length in lengths)
+    return tuple(length - p.cable_end for length in span_lengths(torsion, shortening, p))
 
 
 def tendon_energy(stretch: jax.Array, p: Parameters) -> jax.Array:

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from functools import cache, partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,9 @@ from sinew.twin.energy import tendon_stretch
 from sinew.twin.motion import State, rate, state_at_rest
 from sinew.twin.parameters import Parameters
 
-__all__ = ["LANES", "STEPS_PER_SAMPLE", "Track", "integrate"]
+__all__ = ["LANES", "STEPS_PER_SAMPLE", "Track", "integrate", "runge_kutta"]
+
+S = TypeVar("S")
 
 LANES = 64
 """Lanes in one batch: small enough for the second-level cache, large enough to hide the loop's overhead."""
@@ -44,21 +46,30 @@ class Track(NamedTuple):
     stretch: NDArray[np.float64]
 
 
-def _step(time_s: jax.Array, state: State, step_s: jax.Array, p: Parameters) -> State:
-    def moved(slope: State, share: float) -> State:
-        at: State = jax.tree.map(lambda y, dy: y + share * step_s * dy, state, slope)
+def runge_kutta(slope: Callable[[jax.Array, S], S], time_s: jax.Array, state: S, step_s: jax.Array) -> S:
+    """Return the state one step [s] of the classical fourth order later; state: any pytree, slope: its derivative."""
+
+    def moved(rate_there: S, share: float) -> S:
+        at: S = jax.tree.map(lambda y, dy: y + share * step_s * dy, state, rate_there)
         return at
 
-    k1 = rate(time_s, state, p)
-    k2 = rate(time_s + 0.5 * step_s, moved(k1, 0.5), p)
-    k3 = rate(time_s + 0.5 * step_s, moved(k2, 0.5), p)
-    k4 = rate(time_s + step_s, moved(k3, 1.0), p)
+    k1 = slope(time_s, state)
+    k2 = slope(time_s + 0.5 * step_s, moved(k1, 0.5))
+    k3 = slope(time_s + 0.5 * step_s, moved(k2, 0.5))
+    k4 = slope(time_s + step_s, moved(k3, 1.0))
 
     def combined(y: jax.Array, a: jax.Array, b: jax.Array, c: jax.Array, d: jax.Array) -> jax.Array:
         return y + step_s / 6 * (a + 2 * b + 2 * c + d)
 
-    after: State = jax.tree.map(combined, state, k1, k2, k3, k4)
+    after: S = jax.tree.map(combined, state, k1, k2, k3, k4)
     return after
+
+
+def _step(time_s: jax.Array, state: State, step_s: jax.Array, p: Parameters) -> State:
+    def slope(at: jax.Array, now: State) -> State:
+        return rate(at, now, p)
+
+    return runge_kutta(slope, time_s, state, step_s)
 
 
 def _observe(time_s: jax.Array, state: State, p: Parameters) -> jax.Array:

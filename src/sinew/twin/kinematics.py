@@ -1,8 +1,7 @@
 """This is where tendon lengths come from anchor points and a head pose.
 
 Frame B sits at the lower guide circle with x along the continuum; frame H is the head's. A pose is a rotation of H
-against B and the position of H's origin in B. Today the head twists and sinks; a bent head is another pose and no
-change here.
+against B and the position of H's origin in B. The head twists and sinks, and it tilts where the continuum bends.
 """
 
 import math
@@ -51,11 +50,34 @@ def guide_points(radius: Scalar, directions: tuple[tuple[Scalar, Scalar], ...]) 
     return tuple((jnp.zeros_like(radius), radius * c, radius * s) for c, s in directions)
 
 
-def head_pose(torsion: Scalar, shortening: Scalar, free_span: Scalar) -> Pose:
-    """Return (rows of the rotation, position [m]) of a head that is twisted [rad] about x and sunk [m]."""
+def head_pose(
+    torsion: Scalar, shortening: Scalar, free_span: Scalar, tilt: tuple[Scalar, Scalar] | None = None
+) -> Pose:
+    """Return (rows of the rotation, position [m]) of a head that is twisted [rad] about x and sunk [m].
+
+    tilt: of a head on a bent continuum: rotation vector [rad] about y and z of frame B, after the twist. The
+    continuum is then an arc of constant curvature, so that the head's centre moves aside by half of span times tilt.
+    """
     c, s = cos_sin(torsion)
     one, zero = jnp.ones_like(c), jnp.zeros_like(c)
-    return ((one, zero, zero), (zero, c, -s), (zero, s, c)), (free_span - shortening, zero, zero)
+    if tilt is None:
+        return ((one, zero, zero), (zero, c, -s), (zero, s, c)), (free_span - shortening, zero, zero)
+    y, z = tilt
+    sine, cosine = _arc(y * y + z * z)
+    span = free_span - shortening
+    across = cosine * y * z
+    second = (-sine * z, 1 - cosine * z * z, across)  # columns of the rotation by the tilt alone
+    third = (sine * y, across, 1 - cosine * y * y)
+    first = (1 - cosine * (y * y + z * z), sine * z, -sine * y)
+    rows = tuple((a, b * c + d * s, d * c - b * s) for a, b, d in zip(first, second, third, strict=True))
+    return (rows[0], rows[1], rows[2]), (span * sine, span * cosine * z, -span * cosine * y)
+
+
+def _arc(square: Scalar) -> tuple[Scalar, Scalar]:
+    """Return sin(θ)/θ and (1 - cos θ)/θ² from θ²: their series, exact to 1e-6 up to 60° and smooth at zero."""
+    sine = 1 - square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72)))
+    cosine = 0.5 * (1 - square / 12 * (1 - square / 30 * (1 - square / 56 * (1 - square / 90))))
+    return sine, cosine
 
 
 def tendon_lengths(base: tuple[Vector, ...], head: tuple[Vector, ...], pose: Pose) -> tuple[Scalar, ...]:

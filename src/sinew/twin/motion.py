@@ -10,7 +10,17 @@ from sinew.twin.energy import potential, total_tension, viscoelastic_energy
 from sinew.twin.parameters import Parameters
 from sinew.twin.prony import BRANCHES, relaxation_times
 
-__all__ = ["LOCKING_TIME", "State", "dissipation", "friction_torque", "mechanical_energy", "rate", "state_at_rest"]
+__all__ = [
+    "LOCKING_TIME",
+    "State",
+    "derivative",
+    "dissipation",
+    "free_lever_acceleration",
+    "friction_torque",
+    "mechanical_energy",
+    "rate",
+    "state_at_rest",
+]
 
 
 LOCKING_TIME = 5e-3
@@ -73,14 +83,35 @@ def rate(time_s: jax.Array, state: State, p: Parameters) -> State:
     goal, goal_rate, goal_acceleration = commanded_angle(time_s, p)
     horn = horn_torque(duty(goal - state.lever, p), state.lever_rate, p)
 
-    # [I_h + I_l, I_l; I_l, I_l + J_a] [φ̈; θ̈] = [torque; horn]
-    a, b, c = p.head + p.lever, p.lever, p.lever + p.armature
-    determinant = a * c - b * b
     locked = (p.locked_stop > 0) & (time_s >= p.stop_s)
     prescribed = (p.prescribed > 0) | locked
-    lever_acceleration = jnp.where(prescribed, goal_acceleration, (a * horn - b * torque) / determinant)
-    torsion_acceleration = (torque - b * lever_acceleration) / a
+    lever_acceleration = jnp.where(prescribed, goal_acceleration, free_lever_acceleration(torque, horn, p))
+    moving = derivative(state, torque, slope[1], lever_acceleration, p)
+    return moving._replace(
+        lever=jnp.where(prescribed, goal_rate, state.lever_rate),
+        lever_rate=jnp.where(locked, -state.lever_rate / LOCKING_TIME, lever_acceleration),
+    )
 
+
+def free_lever_acceleration(torque: jax.Array, horn: jax.Array, p: Parameters) -> jax.Array:
+    """Return θ̈ [rad/s²] of a lever that only its motor's torque `horn` moves; `torque` acts on the head [N m].
+
+    [I_h + I_l, I_l; I_l, I_l + J_a] [φ̈; θ̈] = [torque; horn].
+    """
+    a, b, c = p.head + p.lever, p.lever, p.lever + p.armature
+    determinant = a * c - b * b
+    return (a * horn - b * torque) / determinant
+
+
+def derivative(
+    state: State, torque: jax.Array, axial_slope: jax.Array, lever_acceleration: jax.Array, p: Parameters
+) -> State:
+    """Return the time derivative of the state under given forces.
+
+    torque: on the head, the lever's inertia apart [N m]. axial_slope: ∂V/∂x [N]. lever_acceleration: θ̈ [rad/s²].
+    """
+    a, b = p.head + p.lever, p.lever
+    torsion_acceleration = (torque - b * lever_acceleration) / a
     times = relaxation_times()
     speed = state.torsion_rate
     w = p.low_pass_omega
@@ -88,9 +119,9 @@ def rate(time_s: jax.Array, state: State, p: Parameters) -> State:
         torsion=speed,
         torsion_rate=torsion_acceleration,
         shortening=state.shortening_rate,
-        shortening_rate=-slope[1] / p.head_mass,
-        lever=jnp.where(prescribed, goal_rate, state.lever_rate),
-        lever_rate=jnp.where(locked, -state.lever_rate / LOCKING_TIME, lever_acceleration),
+        shortening_rate=-axial_slope / p.head_mass,
+        lever=state.lever_rate,
+        lever_rate=lever_acceleration,
         bristle=(speed - jnp.abs(speed) * state.bristle) / p.presliding_angle,
         memory=tuple((state.torsion - q) / tau for q, tau in zip(state.memory, times, strict=True)),
         axial_memory=tuple((state.shortening - u) / tau for u, tau in zip(state.axial_memory, times, strict=True)),

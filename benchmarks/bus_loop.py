@@ -1,0 +1,302 @@
+"""This is where the bench's cycle is timed on an emulated bus, beside ROBOTIS's SDK doing the same, in one run.
+
+`sinew emulate` plays the paper's rig in a process of its own: five motors and the sensor at 1 Mbaud, with every byte's
+time on the wire, and the joint behind. First the bench's own loop swings the pretensioned joint at 200 Hz: goals of all
+motors, present values of all devices, guard, tilt, journal. Then, in turns so that both see the same computer, the bare
+bus and dynamixel-sdk tell the same goals and ask for the same registers at the same rate.
+"""
+
+import argparse
+import math
+import os
+import select
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.apps.realtime import keeping_time
+from sinew.apps.run import open_rig
+from sinew.bench.guard import Guard, Watch
+from sinew.bench.journal import Journal
+from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
+from sinew.bench.motion import Swing
+from sinew.bench.pretension import MotorMap, pull_to_contact, set_pretension
+from sinew.bench.run import LIMIT_RESERVE_N
+from sinew.bench.sample import Sample
+from sinew.bench.stops import release
+from sinew.bench.tilt import TiltEstimator
+from sinew.hardware.rig import Rig
+from sinew.hardware.transport import MonotonicClock
+from sinew.measure.recording import Segment
+from sinew.plan.plan import Plan, Pretension, Sweep
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_plan, dump_rig, load_rig
+from sinew.twin.simulate import rest_tension
+
+__all__ = ["main"]
+
+SAMPLE_HZ, PERIOD = 200.0, 5e-3
+PRETENSION_MM, FREQUENCY_HZ, AMPLITUDE_DEG = 6.0, 3.6, 20.0
+MODE = "position-with-current-limit"
+TURNS = 4  # of bare bus and SDK, one after the other
+WANTED_MISSED = 0.5  # percent
+PATIENCE_S = 60.0
+PRESENT, GOAL_POSITION, TORQUE = (120, 16), (116, 4), 64  # (address, length) of what is asked and told; address
+IMU = (32, 28)
+
+Floats = NDArray[np.float64]
+
+
+class _TimedClock(MonotonicClock):
+    """The computer's clock, which notes for how long nobody waits: the cycles' busy times [s]."""
+
+    def __init__(self) -> None:
+        self.busy: list[float] = []
+        self._began = math.nan
+
+    def wait_until(self, time: float) -> None:
+        self.busy.append(self.now() - self._began)
+        super().wait_until(time)
+        self._began = self.now()
+
+
+@contextmanager
+def _emulated(folder: Path) -> Iterator[tuple[str, int]]:
+    """Give the port of an emulated bench, and the emulator's process id."""
+    link = str(folder / "bench")
+    command = [str(Path(sys.executable).with_name("sinew")), "emulate", "--rig", "paper", "--link", link]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            if not select.select([process.stdout], [], [], PATIENCE_S)[0] or not process.stdout.readline():
+                raise SystemExit(f"`sinew emulate` was not ready within {PATIENCE_S:g} s")
+            yield link, process.pid
+        finally:
+            process.terminate()
+
+
+def _cpu_seconds(process: int) -> float:
+    """Return how long a process has computed [s]; NaN where the system does not tell."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    except OSError:
+        return math.nan
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _plan(seconds: float) -> Plan:
+    """Return what a plan would call it."""
+    sweep = Sweep(frequency_hz=(FREQUENCY_HZ,), amplitude_deg=AMPLITUDE_DEG, periods=max(1, round(seconds * 3.6)))
+    return Plan(name="bus loop", sample_hz=SAMPLE_HZ, pretension=Pretension(pretension_mm=(PRETENSION_MM,)), sweep=sweep)
+
+
+def _put_under_power(loop: Loop, rig: Rig, tension_n: float) -> None:
+    """Set the motors up, pull the tendons to first contact and set the pretension, as a run does."""
+    rig.configure()
+    rig.set_tendon_mode(MODE)
+    for motor in rig.motors:
+        motor.torque_on()
+        motor.arm_watchdog(WATCHDOG_S)
+    angles = tuple(motor.angle() for motor in rig.tendons)
+    loop.watch = Watch(origin=angles, goals=angles)
+    loop.restart()
+    contact = pull_to_contact(loop, rig)
+    motors = MotorMap(rig.spec, MODE, contact, {PRETENSION_MM: tension_n})
+    loop.watch.limit = (tension_n + LIMIT_RESERVE_N) * motors.newton
+    for tendon in rig.tendons:
+        tendon.limit_output(loop.watch.limit)
+    set_pretension(loop, motors, PRETENSION_MM, 0.0, (0.0, 0.0))
+
+
+def _time_loop(port: str, spec: RigSpec, seconds: float, folder: Path) -> tuple[Floats, Floats, LoopStatistics, float]:
+    """Return (busy times, latenesses of the cycles [s], statistics, wire time of a cycle [s]) of the bench's loop."""
+    tension = float(rest_tension([PRETENSION_MM], spec)[0])
+    clock, late = _TimedClock(), []
+
+    def take(sample: Sample) -> None:
+        journal.append(sample)
+        late.append(sample.late_s)
+
+    with (
+        open_rig(port, spec) as (rig, _),
+        keeping_time(),
+        Journal.create(folder / "journal.sqlite", dump_plan(_plan(seconds)), dump_rig(spec)) as journal,
+    ):
+        loop = Loop(rig, clock, Guard(spec), TiltEstimator(spec, SAMPLE_HZ), PERIOD, take)
+        try:
+            _put_under_power(loop, rig, tension)
+            journal.begin_segment(1, 0, Segment("steady", PRETENSION_MM, FREQUENCY_HZ, AMPLITUDE_DEG, 0))
+            loop.statistics = LoopStatistics()
+            late.clear()
+            clock.busy.clear()
+            loop.run(seconds, Swing(math.radians(AMPLITUDE_DEG), FREQUENCY_HZ, loop.due))
+            clock.wait_until(clock.now())  # ends the last cycle
+            journal.end_segment("complete")
+        finally:
+            release(rig, MonotonicClock())
+        wire = rig.cycle_bytes * 10 / spec.wiring.baud
+    return np.array(clock.busy[1:]), np.array(late), loop.statistics, wire
+
+
+def _paced(cycle: Callable[[float], bool], count: int) -> tuple[list[float], int, int]:
+    """Run cycles at the rate; return (how long each took [s], missed deadlines, failed cycles)."""
+    took: list[float] = []
+    missed = failed = 0
+    due = time.monotonic()
+    for _ in range(count):
+        time.sleep(max(0.0, due - time.monotonic()))
+        began = time.monotonic()
+        skipped = int((began - due) // PERIOD)
+        missed += skipped
+        due += (1 + skipped) * PERIOD
+        failed += not cycle(began)
+        took.append(time.monotonic() - began)
+    return took, missed, failed
+
+
+def _bare_bus(port: str, spec: RigSpec, count: int) -> tuple[list[float], int, int]:
+    """Time Sinew's bus alone: goals in one packet, present values of all devices in one transaction, decoded."""
+    with open_rig(port, spec) as (rig, clock), keeping_time():
+        rig.set_tendon_mode(MODE)
+        angles = tuple(motor.angle() for motor in rig.tendons)
+        swing = Swing(math.radians(AMPLITUDE_DEG), FREQUENCY_HZ, clock.now())
+        for motor in rig.motors:
+            motor.torque_on()
+
+        def cycle(now: float) -> bool:
+            rig.write_goals(swing(now), angles)
+            return not rig.read().faults
+
+        try:
+            return _paced(cycle, count)
+        finally:
+            for motor in rig.motors:
+                motor.torque_off()
+
+
+def _sdk(port: str, spec: RigSpec, count: int) -> tuple[list[float], int, int]:
+    """Time dynamixel-sdk: GroupSyncWrite, GroupSyncRead of the motors and a read of the sensor, decoded.
+
+    The SDK's group reads know one address and length for all, so the sensor needs a transaction of its own.
+    """
+    import dynamixel_sdk as sdk
+
+    wiring = spec.wiring
+    motors = (*wiring.tendon_ids, wiring.drive_id)
+    handler, packets = sdk.PortHandler(port), sdk.PacketHandler(2.0)
+    if not handler.openPort() or not handler.setBaudRate(wiring.baud):
+        raise SystemExit(f"dynamixel-sdk cannot open {port}")
+    reading = sdk.GroupSyncRead(handler, packets, *PRESENT)
+    writing = sdk.GroupSyncWrite(handler, packets, *GOAL_POSITION)
+    goals: dict[int, int] = {}
+    for motor in motors:
+        reading.addParam(motor)
+        packets.write1ByteTxRx(handler, motor, TORQUE, 1)
+        goals[motor] = packets.read4ByteTxRx(handler, motor, 132)[0]
+        writing.addParam(motor, list(goals[motor].to_bytes(4, "little")))
+    swing = Swing(math.radians(AMPLITUDE_DEG), FREQUENCY_HZ, time.monotonic())
+    per_radian = wiring.drive_sign * 4096 / math.tau
+
+    def cycle(now: float) -> bool:
+        goals[wiring.drive_id] = wiring.drive_zero_counts + round(swing(now) * per_radian)
+        for motor in motors:
+            writing.changeParam(motor, list(goals[motor].to_bytes(4, "little")))
+        writing.txPacket()
+        if reading.txRxPacket() != sdk.COMM_SUCCESS:
+            return False
+        for motor in motors:
+            for address, size in ((120, 2), (124, 2), (126, 2), (128, 4), (132, 4)):
+                reading.getData(motor, address, size)
+        _, result, _ = packets.readTxRx(handler, wiring.imu_id, *IMU)
+        return bool(result == sdk.COMM_SUCCESS)
+
+    with keeping_time():
+        try:
+            return _paced(cycle, count)
+        finally:
+            for motor in motors:
+                packets.write1ByteTxRx(handler, motor, TORQUE, 0)
+            handler.closePort()
+
+
+def _quantiles(seconds: Sequence[float] | Floats) -> str:
+    median, most, worst = 1e3 * np.quantile(seconds, (0.5, 0.99, 1.0))
+    return f"median {median:5.2f}  p99 {most:5.2f}  longest {worst:5.2f} ms"
+
+
+def _print_histogram(title: str, seconds: Floats, edges_ms: Sequence[float]) -> None:
+    """Print how many times lie between edges; what lies beyond the last, too."""
+    counts, _ = np.histogram(1e3 * seconds, [*edges_ms, math.inf])
+    print(f"  {title}")
+    for low, high, count in zip(edges_ms, [*edges_ms[1:], math.inf], counts, strict=True):
+        bar = "#" * math.ceil(50 * count / seconds.size)
+        span = f"{low:5.2f} to {high:5.2f} ms" if math.isfinite(high) else f"{low:5.2f} ms and more"
+        print(f"    {span:18} {count:7d}  {bar}")
+
+
+def _load() -> str:
+    return " ".join(f"{load:.1f}" for load in os.getloadavg())
+
+
+def _report_loop(port: str, emulator: int, spec: RigSpec, seconds: float, folder: Path) -> float:
+    """Print how the bench's loop fared, and return its median [s]."""
+    load, began, computed = _load(), time.monotonic(), _cpu_seconds(emulator)
+    busy, late, statistics, wire = _time_loop(port, spec, seconds, folder)
+    share = (_cpu_seconds(emulator) - computed) / (time.monotonic() - began)
+    missed = 100 * statistics.missed / (statistics.cycles + statistics.missed)
+    print(f"bench loop: {statistics.cycles} cycles at {SAMPLE_HZ:g} Hz, load average before {load}, after {_load()}")
+    print(f"  {wire * 1e3:.2f} ms of a cycle are bytes on the wire; the emulator took {100 * share:.0f} % of a core")
+    _print_histogram("time a cycle took", busy, [0, 2, 2.5, 3, 3.5, 4, 4.5, 5, 7.5, 10])
+    _print_histogram("begin after its deadline", late, [0, 0.05, 0.1, 0.2, 0.5, 1, 2, 5])
+    print(f"  cycle      {_quantiles(busy)}")
+    print(f"  lateness   {_quantiles(late)}")
+    print(f"  missed deadlines {statistics.missed} = {missed:.3f} % (wanted: under {WANTED_MISSED:g} %)")
+    print(f"  cycles with a missing answer {statistics.incomplete}")
+    return float(np.median(busy))
+
+
+def _report_peer(port: str, spec: RigSpec, seconds: float, loop: float) -> None:
+    """Print bare bus and SDK beside each other. loop: median time of the bench's whole cycle [s]."""
+    count = max(1, round(seconds / TURNS * SAMPLE_HZ))
+    names: dict[str, Callable[[str, RigSpec, int], tuple[list[float], int, int]]] = {
+        "sinew's bus": _bare_bus,
+        "dynamixel-sdk": _sdk,
+    }
+    took: dict[str, list[float]] = {name: [] for name in names}
+    missed, failed = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
+    for _ in range(TURNS):
+        for name, run in names.items():
+            times, late, bad = run(port, spec, count)
+            took[name] += times
+            missed[name] += late
+            failed[name] += bad
+    print(f"goals and present values of all six, {TURNS} turns of {count} cycles each, load average after {_load()}")
+    for name, times in took.items():
+        print(f"  {name:14} {_quantiles(times)}, missed {missed[name]}, failed {failed[name]} of {len(times)}")
+    ours, theirs = (float(np.median(times)) for times in took.values())
+    print(f"  dynamixel-sdk takes {theirs / ours:.2f} times sinew's bus, {theirs / loop:.2f} times sinew's whole cycle")
+
+
+def main(arguments: Sequence[str] = ()) -> None:
+    """Print how the bench's loop keeps time, and how long dynamixel-sdk takes for the same."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks bus", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=120.0, help="of the bench's loop (120)")
+    parser.add_argument("--peer-seconds", type=float, help="of bare bus and SDK each (as --seconds)")
+    options = parser.parse_args(arguments)
+    spec = load_rig("paper")
+    print("six devices on an emulated bus at 1 Mbaud, `sinew emulate` in a process of its own")
+    with tempfile.TemporaryDirectory() as name, _emulated(Path(name)) as (port, emulator):
+        loop = _report_loop(port, emulator, spec, options.seconds, Path(name))
+        _report_peer(port, spec, options.peer_seconds or options.seconds, loop)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

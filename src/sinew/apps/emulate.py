@@ -1,0 +1,248 @@
+"""This is where `sinew emulate` plays a bench on a pseudo-terminal: emulated motors and sensor, the twin behind."""
+
+import json as json_
+import math
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sinew.apps.console import require_file, write_json
+from sinew.apps.options import Json, Rig, Seed
+from sinew.apps.realtime import keeping_time
+
+if TYPE_CHECKING:
+    from sinew.emulator.faults import FaultyRig
+    from sinew.emulator.plant import Plant
+    from sinew.emulator.pty_server import PtyServer
+    from sinew.emulator.trips import Trip
+    from sinew.plan.rig import RigSpec
+
+__all__ = ["emulate"]
+
+_WARM_UP = 0.02  # s of emulated time, before a master can open the port
+
+
+def emulate(
+    link: Annotated[Path, typer.Option("--link", metavar="PATH", help="Name of the port: a link to make.")],
+    rig: Rig = "paper",
+    baud: Annotated[
+        int | None, typer.Option("--baud", metavar="N", help="What the devices are set to; else the rig's.")
+    ] = None,
+    speed: Annotated[
+        float, typer.Option("--speed", metavar="X", min=0.01, max=100.0, help="Emulated seconds in a second.")
+    ] = 1.0,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option("--fault", metavar="SPEC", help="A fault, as drop:p=0.01 or unplug@12.5; may be repeated."),
+    ] = None,
+    seed: Seed = 0,
+    tilt: Annotated[
+        float | None,
+        typer.Option(
+            "--tilt", metavar="DEG", min=0.0, max=20.0, help="Tilt of the slack head plate; else drawn, about 1."
+        ),
+    ] = None,
+    slack: Annotated[
+        str | None,
+        typer.Option("--slack", metavar="MM,...", help="Cable to take up until each tendon pulls; else drawn."),
+    ] = None,
+    unloaded: Annotated[bool, typer.Option("--unloaded", help="Motors on the table, without the joint.")] = False,
+    for_s: Annotated[
+        float | None, typer.Option("--for", metavar="S", min=0.0, help="End after so much emulated time.")
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="FILE", help="Write at the end what truly happened, as JSON.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Play a bench on a pseudo-terminal, byte by byte, until interrupted.
+
+    The line on stdout says when a master can open the port. Ctrl-C or SIGTERM end it with status 0.
+
+    SPEC is KIND[:key=value,...][@START[-STOP]], times in emulated seconds. To packets, each with probability p: drop,
+    flip, duplicate, truncate, delay (by=20ms). To the bench: unplug, brown-out (to=5V), imu-freeze, overload (motor=2),
+    overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm).
+    """
+    from sinew.emulator.fault_spec import parse_fault  # numpy: not for --help
+    from sinew.emulator.pty_port import refuse_taken
+    from sinew.emulator.pty_server import PtyServer
+    from sinew.hardware.transport import MonotonicClock
+    from sinew.plan.toml import load_rig
+
+    rig_ = load_rig(rig)
+    faults = [parse_fault(text) for text in fault or ()]
+    start = _start(rig_, seed, tilt, slack)
+    refuse_taken(link)
+    if truth is not None:
+        require_file(truth)
+    bench = _warm_bench(rig_, start, unloaded, seed, baud, faults)
+    server = PtyServer(bench, link, clock=MonotonicClock(), speed=speed)
+    try:
+        with _stopping_on_signals(server.stop), keeping_time(collecting=True):
+            _say_ready(_description(rig_, bench, server, start, unloaded, seed, speed), as_json=json)
+            server.run(math.inf if for_s is None else bench.time + for_s)
+    finally:
+        server.close()
+    if truth is not None:
+        write_json(_truth(rig_, bench, server, unloaded, seed), truth)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """How the bench is found. tilt: of the slack head plate about y and z [rad]; slack: of each tendon [m]."""
+
+    tilt: tuple[float, float]
+    slack: tuple[float, ...]
+
+
+def _start(rig: "RigSpec", seed: int, tilt_deg: float | None, slack_mm: str | None) -> _Start:
+    import numpy as np
+
+    chance = np.random.default_rng([seed, 1])
+    size = math.radians(chance.uniform(0.5, 1.5) if tilt_deg is None else tilt_deg)
+    towards = chance.uniform(0, math.tau)
+    drawn = chance.uniform(0.5e-3, 3e-3, rig.tendons.count)
+    slack = tuple(drawn.tolist()) if slack_mm is None else _parse_slack(slack_mm, rig.tendons.count)
+    return _Start((size * math.cos(towards), size * math.sin(towards)), slack)
+
+
+def _parse_slack(text: str, count: int) -> tuple[float, ...]:
+    from sinew.measure.errors import SpecError
+
+    try:
+        slack = tuple(float(part) * 1e-3 for part in text.split(","))
+    except ValueError:
+        slack = ()
+    if len(slack) != count or not all(0 <= value <= 0.05 for value in slack):
+        raise SpecError(f"--slack {text} is not the slack of {count} tendons; expected {count} numbers from 0 to 50 mm")
+    return slack
+
+
+def _warm_bench(
+    rig: "RigSpec", start: _Start, unloaded: bool, seed: int, baud: int | None, faults: list[Any]
+) -> "FaultyRig":
+    """Return the bench with everything compiled and loaded that a first answer would have to wait for."""
+    from sinew.emulator.faults import Faults
+    from sinew.emulator.rig import EmulatedRig
+
+    bench = Faults(faults, seed).attach(EmulatedRig(rig, _plant(rig, start, unloaded), seed=seed, baud=baud))
+    bench.advance(_WARM_UP)
+    bench.rig.motion()
+    return bench
+
+
+def _plant(rig: "RigSpec", start: _Start, unloaded: bool) -> "Plant":
+    if unloaded:
+        from sinew.emulator.unloaded import Unloaded
+
+        return Unloaded(rig.tendons.count, rig)
+    from sinew.emulator.joint_plant import JointPlant  # JAX: half a second
+    from sinew.twin.cache import compute_inline
+
+    compute_inline()
+    return JointPlant(rig, slack_m=start.slack, rest_tilt=start.tilt)
+
+
+@contextmanager
+def _stopping_on_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """Have SIGINT and SIGTERM call `stop`."""
+    before = {number: signal.signal(number, lambda *_: stop()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _description(
+    rig: "RigSpec", bench: "FaultyRig", server: "PtyServer", start: _Start, unloaded: bool, seed: int, speed: float
+) -> dict[str, Any]:
+    """Return what is emulated, as the line on stdout says it."""
+    return {
+        "link": str(server.link),
+        "terminal": server.terminal,
+        "rig": rig.name,
+        "plant": "unloaded" if unloaded else "joint",
+        "baud": bench.rig.imu.baud,
+        "devices": sorted(device.id for device in bench.line.devices),
+        "seed": seed,
+        "speed": speed,
+        "tilt_deg": None if unloaded else [math.degrees(angle) for angle in start.tilt],
+        "slack_mm": None if unloaded else [length * 1e3 for length in start.slack],
+        "faults": [str(spec) for spec in bench.faults.specs],
+    }
+
+
+def _say_ready(said: dict[str, Any], *, as_json: bool) -> None:
+    if as_json:
+        print(json_.dumps(said, ensure_ascii=False, allow_nan=False))
+    else:
+        what = "motors without a joint" if said["plant"] == "unloaded" else "the joint on its twin"
+        faults = f"; faults {', '.join(said['faults'])}" if said["faults"] else ""
+        print(
+            f"{said['link']}: rig {said['rig']}, {what}, devices {', '.join(map(str, said['devices']))} "
+            f"at {said['baud']} baud, seed {said['seed']}{faults}; Ctrl-C ends it"
+        )
+    sys.stdout.flush()
+
+
+def _truth(rig: "RigSpec", bench: "FaultyRig", server: "PtyServer", unloaded: bool, seed: int) -> dict[str, Any]:
+    """Return how the bench was at the end, and what had happened to it."""
+    motion, states = bench.rig.motion(), bench.rig.states()
+    motors = [
+        {
+            "id": motor.id,
+            "torque": motor.torque,
+            "operating_mode": motor.registers["operating_mode"],
+            "watchdog_tripped": motor.is_tripped,
+            "hardware_error": motor.registers["hardware_error_status"],
+            "temperature_c": motor.protection.temperature,
+            "angle_deg": math.degrees(states[number].angle),
+            "speed_deg_s": math.degrees(states[number].speed),
+            "current_a": states[number].current,
+        }
+        for number, motor in bench.rig.motors.items()
+    ]
+    return {
+        "rig": rig.name,
+        "seed": seed,
+        "time_s": bench.time,
+        "clock_s_at_zero": server.clock_time(0.0),
+        "slipped_s": server.slipped,
+        "lost_bytes": server.lost,
+        "motors": motors,
+        "stopped": bench.rig.stopped(),
+        "in_safe_state": bench.rig.in_safe_state(),
+        "torsion_deg": math.degrees(motion.torsion),
+        "tilt_deg": [math.degrees(angle) for angle in motion.tilt],
+        "tension_n": list(motion.tension),
+        "pretension_mm": None if unloaded else _pretension_mm(bench.rig.plant),
+        "watchdog_trips": [_trip(trip) for trip in bench.rig.trips.trips],
+        "instructions": bench.line.instructions,
+        "group_reads": bench.line.group_reads,
+        "faults": [{"time_s": each.time, "kind": each.kind, "what": each.what} for each in bench.faults.log],
+    }
+
+
+def _trip(trip: "Trip") -> dict[str, Any]:
+    return {
+        "id": trip.motor,
+        "heard_s": trip.heard,
+        "tripped_s": trip.tripped,
+        "turned_deg": math.degrees(trip.turned),
+        "instructions": trip.instructions,
+        "group_reads": trip.group_reads,
+    }
+
+
+def _pretension_mm(plant: "Plant") -> float:
+    from sinew.emulator.joint_plant import JointPlant
+
+    assert isinstance(plant, JointPlant)
+    return plant.pretension * 1e3

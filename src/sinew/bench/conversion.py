@@ -1,0 +1,199 @@
+"""This is where a journal becomes a recording like any other: whole groups, in the plan's order, on one time axis."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sinew.bench.imu_series import MOST_PERIODS, imu_series, readings_at
+from sinew.bench.journal_reader import JournalReader, Stretch
+from sinew.bench.sample import Sample
+from sinew.measure.errors import RecordingError
+from sinew.measure.netcdf import save_recording
+from sinew.measure.provenance import provenance
+from sinew.measure.recording import Segment, build_recording
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan, parse_rig
+
+__all__ = ["MOST_GAP_S", "MOST_MISSING", "convert", "group_is_whole", "recording_from_journal"]
+
+Floats = NDArray[np.float64]
+
+MOST_MISSING = 0.02
+"""A group that lacks more than this share of its rows is measured again."""
+
+MOST_GAP_S = 0.05
+"""And so is one with a longer stretch without rows [s]."""
+
+_NEIGHBOURHOOD_S = 5.0
+_GRACE = 5  # rows
+_AXES = (("gyro", "rad_s"), ("acceleration", "m_s2"))
+_IMU_COLUMNS = (*(f"{what}_{axis}_{unit}" for what, unit in _AXES for axis in "xyz"), "tilt_rad")
+
+
+def group_is_whole(samples: Sequence[Sample], sample_hz: float) -> bool:
+    """Return whether the samples of a group have so few holes that it need not be measured again.
+
+    samples: all cycles of the group, in order. sample_hz: asked rate of the cycles [Hz].
+    A row is missing where the drive, a tendon or the IMU did not answer, where a cycle did not run, and where the
+    IMU's samples lie more than 2.5 periods apart; 2 % may be, and no more than 50 ms in one piece.
+    """
+    stamps = np.array([s.time_s for s in samples])
+    complete = np.array([s.time_s for s in samples if math.isfinite(_sum(s))])
+    taken = np.array([s.imu_time_s for s in samples])
+    taken = taken[np.isfinite(taken)]
+    steps = np.diff(taken)
+    fresh = steps > 0.5 / sample_hz  # shorter ones are the same sample twice
+    if complete.size == 0 or not fresh.any():
+        return False
+    for i in np.flatnonzero(steps > MOST_PERIODS * np.median(steps[fresh])):
+        complete = complete[(complete <= taken[i]) | (complete >= taken[i + 1])]
+    return _has_few_holes(complete, stamps, sample_hz)
+
+
+def _sum(s: Sample) -> float:
+    """Return a number that is NaN if any reading is."""
+    return (
+        s.time_s + s.imu_time_s + s.drive_rad + s.drive_current_a + s.drive_pwm + sum(s.tendon_rad)
+        + sum(s.tendon_current_a) + sum(s.gyro_rad_s) + sum(s.acceleration_m_s2)
+    )  # fmt: skip
+
+
+def _has_few_holes(complete: Floats, stamps: Floats, sample_hz: float, grace: int = 1) -> bool:
+    """Return whether rows with these times are enough for a group whose cycles had these stamps [s].
+
+    grace: so many rows more may be missing. The conversion grants more of them than who decides to measure again: a
+    group that was found whole then stays so, whatever the interpolation costs at its ends.
+    """
+    if complete.size == 0:
+        return False
+    first, last = float(np.nanmin(stamps)), float(np.nanmax(stamps))
+    expected = round((last - first) * sample_hz) + 1
+    longest = float(np.diff(complete, prepend=first, append=last).max())
+    few = complete.size >= (1 - MOST_MISSING) * expected - grace
+    return few and longest <= MOST_GAP_S + (grace - 1) / sample_hz
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Rows of one group: values by variable of the recording, and how many rows each of its segments has."""
+
+    values: dict[str, NDArray[Any]]
+    sizes: list[int]
+    left_out: int
+    is_whole: bool
+
+
+def recording_from_journal(path: Path) -> xr.Dataset:
+    """Return the recording of all whole groups of a journal, in the order of the plan, the latest attempt of each.
+
+    Rows have the time of the drive's reading plus the rig's drive_delay, so that the rig's delay budget holds; the
+    IMU's readings are brought from its own times to those, see `sinew.bench.imu_series`. Rows without a reading of
+    drive, tendons or IMU are left out. Time counts from the first run; those that resumed it follow after as long as
+    the computer's calendar says.
+    Attributes beside those of `provenance`, and those given to the journal: `started` (date), `runs`, `left_out_rows`,
+    `left_out_groups` (found to have too many holes), and the journal's statistics.
+    Raises FileError where it is no journal, RecordingError where no group is whole.
+    """
+    with JournalReader(path) as journal:
+        plan, rig = parse_plan(journal.plan_toml), parse_rig(journal.rig_toml)
+        finished = journal.finished()
+        rows = {index: _group_rows(journal, stretches, rig, plan.sample_hz) for index, stretches in finished.items()}
+        whole = {index: part for index, part in rows.items() if part.is_whole}
+        if not whole:
+            raise RecordingError(f"{path} holds no whole group of the plan yet; resume its run")
+        parts = _on_one_clock({index: finished[index][0].session for index in whole}, whole, journal.dates)
+        segments: list[Segment] = [s.asked for index in whole for s in finished[index]]
+        given: dict[str, Any] = {**journal.attrs, **journal.counts()}
+        attrs = provenance(
+            str(given.pop("source", "bench")),
+            rig=journal.rig_toml,
+            plan=journal.plan_toml,
+            **given,
+            started=journal.dates[0],
+            runs=len(journal.dates),
+            left_out_rows=sum(part.left_out for part in whole.values()),
+            left_out_groups=" ".join(str(index) for index in rows if index not in whole),
+        )
+    names = [name for name in parts[0] if all(name in part for part in parts)]
+    samples = {name: np.concatenate([part[name] for part in parts]) for name in names}
+    return build_recording(samples, segments, [n for part in whole.values() for n in part.sizes], attrs)
+
+
+def convert(path: Path, out: Path) -> Path:
+    """Write the recording of a journal to a NetCDF file, whole or not at all, and return where it is.
+
+    Raises as `recording_from_journal` does, and FileError where the file cannot be written. The journal stays.
+    """
+    save_recording(recording_from_journal(path), out)
+    return out
+
+
+def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSpec, sample_hz: float) -> _Rows:
+    """Return the rows of a group's segments; the IMU's samples around them are used too."""
+    first, end = stretches[0].first, stretches[-1].end
+    assert end is not None, "a segment without an end is not complete"
+    margin = math.ceil(_NEIGHBOURHOOD_S * sample_hz)
+    table = journal.samples(first - margin, end + margin, stretches[0].session)
+    mine = (table["id"] >= first) & (table["id"] < end)
+    begin, until = np.nanmin(table["time_s"][mine]), np.nanmax(table["time_s"][mine])
+    close = np.abs(table["imu_time_s"] - np.clip(table["imu_time_s"], begin, until)) <= _NEIGHBOURHOOD_S
+    series = imu_series(
+        table["imu_time_s"][close],
+        np.stack([table[name][close] for name in _IMU_COLUMNS], axis=1),
+        table["imu_counter_s"][close],
+    )
+    rows = {name: column[mine] for name, column in table.items()}
+    time = rows["time_s"] + rig.bus.drive_delay.value
+    readings = readings_at(series, time)
+    tendons = [i + 1 for i in range(rig.tendons.count)]
+    values: dict[str, NDArray[Any]] = {
+        "time_s": time,
+        "drive_command_rad": rows["drive_command_rad"],
+        "drive_rad": rows["drive_rad"],
+        "drive_current_a": rows["drive_current_a"],
+        "drive_pwm": rows["drive_pwm"],
+        "tendon_rad": np.stack([rows[f"tendon_{i}_rad"] for i in tendons], axis=1),
+        "tendon_current_a": np.stack([rows[f"tendon_{i}_current_a"] for i in tendons], axis=1),
+        "gyro_rad_s": readings[:, :3],
+        "acceleration_m_s2": readings[:, 3:6],
+    }
+    came = np.all([np.isfinite(rows[name]) for name in ("imu_time_s", *_IMU_COLUMNS[:6])], axis=0)
+    kept = came & np.all([np.isfinite(v.reshape(time.size, -1)).all(axis=1) for v in values.values()], axis=0)
+    if np.isfinite(readings[kept, 6]).all():
+        values["tilt_rad"] = readings[:, 6]
+    sizes = [int((kept & (rows["id"] >= s.first) & (rows["id"] < (s.end or 0))).sum()) for s in stretches]
+    whole = min(sizes) > 0 and _has_few_holes(time[kept], time, sample_hz, _GRACE)
+    single = {name: v if name == "time_s" else v.astype(np.float32) for name, v in values.items()}
+    return _Rows({name: v[kept] for name, v in single.items()}, sizes, int((~kept).sum()), whole)
+
+
+def _on_one_clock(
+    session: dict[int, int], groups: dict[int, _Rows], dates: Sequence[str]
+) -> list[dict[str, NDArray[Any]]]:
+    """Return the groups' values with times that count from the first row of all, over all runs.
+
+    A run that resumed begins after the first one's begin by as much as their dates say, but never before the end of
+    what was recorded earlier.
+    """
+    shift: dict[int, float] = {}
+    ended = -math.inf
+    start = datetime.fromisoformat(dates[0])
+    for run in sorted(Counter(session.values())):
+        times = np.concatenate([groups[index].values["time_s"] for index in groups if session[index] == run])
+        due = (datetime.fromisoformat(dates[run - 1]) - start).total_seconds()
+        begin = max(due, ended + 1.0) if shift else due
+        shift[run] = begin - float(times.min())
+        ended = begin + float(np.ptp(times))
+    first = min(float(part.values["time_s"].min()) + shift[session[index]] for index, part in groups.items())
+    return [
+        part.values | {"time_s": part.values["time_s"] + (shift[session[index]] - first)}
+        for index, part in groups.items()
+    ]

@@ -1,0 +1,260 @@
+"""This is where a bench is examined, without moving a motor or switching a torque on: who is there, and in what state.
+
+What takes time to measure, the sensor and the loop, is in `sinew.bench.doctor_measures`.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+
+from sinew.bench.finding import Finding, Fix, Severity
+from sinew.hardware.bus import Bus
+from sinew.hardware.configuration import Setting, drive_settings, motor_settings, narrow_settings
+from sinew.hardware.errors import HardwareError, PortError
+from sinew.hardware.imu import Imu
+from sinew.hardware.imu_registers import IMUS
+from sinew.hardware.latency_timer import WANTED_MS, LatencyTimer
+from sinew.hardware.motor import Identity, Motor, name_hardware_errors
+from sinew.hardware.motor_registers import BAUD_RATES, MOTORS, WATCHDOG_TRIPPED
+from sinew.hardware.reply import Outcome
+from sinew.hardware.rig import Rig
+from sinew.plan.rig import Limits
+
+__all__ = ["FAST_READS_FROM", "Roll", "call_roll", "examine_motors", "examine_port", "search_bauds"]
+
+FAST_READS_FROM = 45
+"""Firmware from which an X430 motor knows the fast reads of several devices."""
+
+_WARM = 10.0  # °C below the rig's limit
+_MODES = {
+    0: "current",
+    1: "velocity",
+    3: "position",
+    4: "extended position",
+    5: "position with current limit",
+    16: "PWM",
+}
+_STATE = (
+    "return_delay_time",
+    "drive_mode",
+    "operating_mode",
+    "homing_offset",
+    "temperature_limit",
+    "max_voltage_limit",
+    "min_voltage_limit",
+    "current_limit",
+    "max_position_limit",
+    "min_position_limit",
+    "shutdown",
+    "torque_enable",
+    "hardware_error_status",
+    "bus_watchdog",
+    "profile_acceleration",
+    "profile_velocity",
+    "present_input_voltage",
+    "present_temperature",
+)
+
+OpenBus = Callable[[int], AbstractContextManager[Bus]]
+
+
+@dataclass(slots=True)
+class Roll:
+    """Who answered when all were called. present: by name. missing: names. findings: about them."""
+
+    present: dict[str, Identity] = field(default_factory=dict)
+    missing: list[str] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether every device of the wiring is there, and of the right model."""
+        return not self.missing
+
+
+def call_roll(rig: Rig) -> Roll:
+    """Return who answers on the bus: the devices of the wiring, and others. Raises PortError."""
+    roll = Roll()
+    scanned = rig.bus.scan()
+    devices: tuple[Motor | Imu, ...] = (*rig.motors, rig.imu)
+    for device in devices:
+        try:
+            identity = device.identify()
+        except PortError:
+            raise
+        except HardwareError as trouble:
+            roll.missing.append(device.name)
+            roll.findings.append(Finding("fault", device.name, str(trouble)))
+            continue
+        roll.present[device.name] = identity
+    if not roll.present:
+        found = f"no device of the wiring answers at {rig.bus.timing.baud} baud"
+        roll.findings = [Finding("fault", "bus", found, f"{len(devices)} devices", "check supply, cable and baud")]
+    known = {device.id for device in devices}
+    for stranger, reply in sorted(scanned.items()):
+        if stranger not in known:
+            model = _model_name(int.from_bytes(reply.data[:2], "little")) if reply.ok else "unknown model"
+            roll.findings.append(
+                Finding(
+                    "warning",
+                    "bus",
+                    f"id {stranger} answers ({model})",
+                    "only the devices of the wiring",
+                    "unplug it, or put its id into the rig's [wiring]",
+                )
+            )
+    return roll
+
+
+def search_bauds(open_bus: OpenBus, tried: int, *, nobody: bool) -> list[Finding]:
+    """Return who answers at bauds other than the one tried, as faults; one note if nobody does.
+
+    open_bus: gives a bus at a baud, and takes it back. nobody: whether no device answered at the baud tried.
+    """
+    findings = []
+    for baud in sorted(set(BAUD_RATES) - {tried}, reverse=True):
+        try:
+            with open_bus(baud) as bus:
+                found = sorted(bus.scan())
+        except PortError:
+            continue  # a port need not know every baud of the motors
+        if found:
+            if nobody or tried not in BAUD_RATES:
+                advice = f"set the rig's wiring.baud to {baud}, or call the doctor with --baud {baud}"
+            else:
+                advice = f"set their register baud_rate to {BAUD_RATES.index(tried)}, as in the other motors"
+            ids = ", ".join(map(str, found))
+            findings.append(Finding("fault", "bus", f"id {ids} at {baud} baud", f"at {tried} baud", advice))
+    return findings or [Finding("note", "bus", "no device at any other baud")]
+
+
+def examine_port(timer: LatencyTimer | None, baud: int, wiring_baud: int) -> list[Finding]:
+    """Return what is to be said about the port. timer: of its adapter; baud: it was opened with [1/s]."""
+    findings = []
+    if baud != wiring_baud:
+        findings.append(
+            Finding("warning", "port", f"{baud} baud", f"{wiring_baud} baud", f"set the rig's wiring.baud to {baud}")
+        )
+    if timer is None:
+        return [*findings, Finding("ok", "port", f"{baud} baud, no latency timer (no FTDI adapter)")]
+    try:
+        now = timer.read()
+    except PortError as trouble:
+        return [*findings, Finding("warning", "port", str(trouble), f"{WANTED_MS} ms")]
+    if now > WANTED_MS:
+        fix = Fix("port", "latency_timer", now, WANTED_MS)
+        advice = f"echo {WANTED_MS} > {timer.path}"
+        found = f"latency timer of {now} ms: every answer waits for it"
+        return [*findings, Finding("warning", "port", found, f"{WANTED_MS} ms", advice, fix)]
+    return [*findings, Finding("ok", "port", f"{baud} baud, latency timer {now} ms")]
+
+
+def examine_motors(rig: Rig, roll: Roll) -> list[Finding]:
+    """Return what is to be said about every motor present: settings, limits, errors, climate. Raises PortError."""
+    return [
+        finding
+        for motor in rig.motors
+        if motor.name in roll.present
+        for finding in _examine_motor(rig, motor, roll.present[motor.name])
+    ]
+
+
+def _examine_motor(rig: Rig, motor: Motor, identity: Identity) -> list[Finding]:
+    level = motor.bus.read(motor.id, *motor.table.block(("status_return_level",)))
+    if level.outcome is Outcome.SILENT or (level.ok and level.data != b"\x02"):
+        fix = Fix(motor.name, "status_return_level", level.data[0] if level.ok else 0, 2)
+        found = "answers pings only" if not level.ok else "does not answer writes"
+        advice = "set status_return_level to 2; then examine it again"
+        return [Finding("fault", motor.name, found, "an answer to everything", advice, fix)]
+    try:
+        counts = motor.get_counts(_STATE)
+    except PortError:
+        raise
+    except HardwareError as trouble:
+        return [Finding("fault", motor.name, str(trouble), "its registers", "")]
+    limits = rig.spec.limits
+    troubles = [*_state_findings(motor, counts), *_climate_findings(motor, counts, limits)]
+    is_drive = motor is rig.drive
+    settings = motor_settings(motor, counts, limits, limits.drive_current_a if is_drive else limits.tendon_current_a)
+    if is_drive:
+        settings += drive_settings(rig.drive, counts)
+        advice = "make the rig's drive_window_deg smaller, or widen this limit: beyond it goals are ignored"
+        troubles += [_setting_finding(motor, s, "fault", advice) for s in narrow_settings(rig.drive, counts)]
+    troubles += [_setting_finding(motor, setting) for setting in settings]
+    return [_summary(motor, identity, counts), *troubles]
+
+
+def _summary(motor: Motor, identity: Identity, counts: Mapping[str, int]) -> Finding:
+    volt, mode = counts["present_input_voltage"] * motor.table["present_input_voltage"].scale, counts["operating_mode"]
+    fast = "knows" if identity.firmware >= FAST_READS_FROM else "does not know"
+    found = (
+        f"id {motor.id}, {motor.table.model}, firmware {identity.firmware} ({fast} fast reads), {volt:.1f} V, "
+        f"{counts['present_temperature']} °C, mode {_MODES.get(mode, mode)}"
+    )
+    return Finding("ok", motor.name, found)
+
+
+def _state_findings(motor: Motor, counts: Mapping[str, int]) -> Iterator[Finding]:
+    torque = bool(counts["torque_enable"])
+    if torque:
+        advice = "end the program that uses it; make sure that nothing falls, then `sinew stop --state release`"
+        yield Finding("fault", motor.name, "torque on", "off", advice)
+    if errors := name_hardware_errors(counts["hardware_error_status"]):
+        fix = None if torque else Fix(motor.name, "reboot", counts["hardware_error_status"], 0)
+        advice = "find the cause (load, heat, supply), then reboot it"
+        yield Finding("fault", motor.name, f"hardware error: {', '.join(errors)}", "none", advice, fix)
+    if counts["bus_watchdog"] == WATCHDOG_TRIPPED:
+        fix = None if torque else Fix(motor.name, "bus_watchdog", WATCHDOG_TRIPPED, 0)
+        yield Finding("warning", motor.name, "stopped by its bus watchdog", "watchdog off", "a run clears it", fix)
+    elif counts["bus_watchdog"] and not torque:
+        fix = Fix(motor.name, "bus_watchdog", counts["bus_watchdog"], 0)
+        yield Finding("note", motor.name, "bus watchdog armed", "off between runs", "a run sets it", fix)
+    if offset := counts["homing_offset"]:
+        advice = "set it to 0: with an offset the motor moves when its bus watchdog stops it"
+        fix = Fix(motor.name, "homing_offset", offset, 0)
+        yield Finding("fault", motor.name, f"homing offset of {offset} counts", "0", advice, fix)
+
+
+def _climate_findings(motor: Motor, counts: Mapping[str, int], limits: Limits) -> Iterator[Finding]:
+    degrees = counts["present_temperature"]
+    if degrees > limits.temperature_c - _WARM:
+        hot = degrees > limits.temperature_c
+        yield Finding(
+            "fault" if hot else "warning",
+            motor.name,
+            f"{degrees} °C",
+            f"up to {limits.temperature_c:g} °C",
+            "let it cool",
+        )
+    volt = counts["present_input_voltage"] * motor.table["present_input_voltage"].scale
+    low, high = limits.voltage_v
+    if not low <= volt <= high:
+        advice = "set the supply; if only this motor sees less, check its cable"
+        yield Finding("fault", motor.name, f"{volt:.1f} V", f"{low:g} to {high:g} V", advice)
+
+
+def _setting_finding(
+    motor: Motor,
+    setting: Setting,
+    severity: Severity = "note",
+    advice: str = "a run sets it, or --fix does now",
+) -> Finding:
+    row = motor.table[setting.register]
+
+    def text(count: int) -> str:
+        unit = row.unit.replace("degC", "°C")
+        return f"{count}" if row.unit == "1" else f"{count} ({count * row.scale:.4g} {unit})"
+
+    return Finding(
+        severity,
+        motor.name,
+        f"{setting.register} {text(setting.found)}",
+        text(setting.expected),
+        advice,
+        Fix(motor.name, setting.register, setting.found, setting.expected),
+    )
+
+
+def _model_name(number: int) -> str:
+    table = MOTORS.get(number) or IMUS.get(number)
+    return table.model if table else f"model {number}"

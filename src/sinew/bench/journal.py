@@ -1,0 +1,277 @@
+"""This is where a run is written down while it happens, so that whatever ends it, no sample is lost.
+
+The journal is the record; recordings are made from it (`sinew.bench.conversion`). It is an SQLite file in WAL mode: of
+the formats that were killed with SIGKILL only it and flushed text lost nothing committed.
+"""
+
+import fcntl
+import json
+import os
+import sqlite3
+from collections.abc import Mapping
+from contextlib import closing
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self
+
+from sinew.bench.journal_tables import APPLICATION_ID, JOURNAL_VERSION, insert_sample, sample_row, statements
+from sinew.bench.journal_writer import BatchWriter, cannot_write
+from sinew.bench.sample import MISSING, Sample
+from sinew.measure.errors import FileError
+from sinew.measure.recording import Segment
+from sinew.plan.toml import parse_rig
+
+__all__ = ["CLOSE_S", "Journal"]
+
+CLOSE_S = 10.0
+"""Closing a journal takes at most so long [s]."""
+
+_BEGIN = (
+    "INSERT INTO segments (id, session, plan_group, attempt, kind, pretension_mm, frequency_hz, amplitude_deg, "
+    "repeat, state, first_sample, note) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, 'running', ?, '')"
+)
+_END = "UPDATE segments SET state = ?, end_sample = ?, started_s = ?, ended_s = ?, note = ? WHERE id = ?"
+_FINISH = "INSERT OR REPLACE INTO finished (plan_group, session, attempt) VALUES (?, ?, ?)"
+_EVENT = "INSERT INTO events (session, time_s, date, kind, sentence) VALUES (?, ?, ?, ?, ?)"
+_COUNT = "INSERT OR REPLACE INTO counts (session, name, number) VALUES (?, ?, ?)"
+
+
+class Journal:
+    """The live record of a run. Made by `Journal.create` or `Journal.open`; one run at a time writes to a file.
+
+    The calls of the control thread return at once: `append`, `begin_segment`, `end_segment`, `finish_group`, `event`
+    and `count` never wait for the disk. A killed process loses the samples of 0.1 s and one commit, half a second at
+    most; a power cut, those since the last finished group. If the disk fails, or takes nothing for five seconds, the
+    next call raises FileError.
+    """
+
+    def __init__(self, path: Path, lock: int, session: int, tendons: int, counts: tuple[int, int]) -> None:
+        self._path, self._lock, self._session = path, lock, session
+        self._insert = insert_sample(tendons)
+        self._next_sample, self._next_segment = counts
+        self._segment: int | None = None
+        self._asked: tuple[int | None, int] = (None, 0)
+        self._started_s, self._time_s = MISSING, MISSING
+        self._finished: set[int] = set()
+        self._is_open = True
+        self._writer = BatchWriter(path)
+
+    @classmethod
+    def create(
+        cls, path: Path, plan_toml: str, rig_toml: str, attrs: Mapping[str, str | int | float] | None = None
+    ) -> Self:
+        """Return a new journal.
+
+        plan_toml, rig_toml: whole, as in a recording. attrs: what else the recording shall carry; `source` is among
+        them where the bench is not a real one.
+        Raises FileError where the file exists, or the folder cannot be written; SpecError where the rig is not valid.
+        """
+        tendons = parse_rig(rig_toml).tendons.count
+        lock = _lock(path)
+        fresh = path.with_name(f".{path.name}.new")
+        try:
+            if path.exists():
+                raise FileError(f"{path} exists; resume its run, or choose another folder")
+            fresh.unlink(missing_ok=True)
+            meta = {"plan": plan_toml, "rig": rig_toml, "attrs": json.dumps(dict(attrs or {}))}
+            with closing(sqlite3.connect(fresh)) as connection:
+                for statement in statements(tendons):
+                    connection.execute(statement)
+                connection.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
+                connection.commit()
+            # Only a whole journal gets the name: whenever the process is killed, there is one or there is none.
+            fresh.rename(path)
+            return cls._begin(path, lock, tendons)
+        except (sqlite3.Error, OSError) as error:
+            os.close(lock)
+            raise cannot_write(path, _reason(error)) from error
+        except FileError:
+            os.close(lock)
+            raise
+
+    @classmethod
+    def open(cls, path: Path, plan_toml: str, rig_toml: str) -> Self:
+        """Return the journal of an interrupted run, to go on with it.
+
+        Segments that were running are marked aborted; their samples stay.
+        Raises FileError where it is no journal, is damaged, in use, of another version, or of another plan or rig.
+        """
+        if not path.is_file():
+            raise FileError(f"there is no journal {path} to resume; start the run without resuming")
+        lock = _lock(path)
+        try:
+            with closing(sqlite3.connect(path)) as connection:
+                _refuse_unfit(connection, path, {"plan": plan_toml, "rig": rig_toml})
+            return cls._begin(path, lock, parse_rig(rig_toml).tendons.count)
+        except sqlite3.DatabaseError as error:
+            os.close(lock)
+            raise _trouble(path, error) from error
+        except FileError:
+            os.close(lock)
+            raise
+
+    @classmethod
+    def _begin(cls, path: Path, lock: int, tendons: int) -> Self:
+        with closing(sqlite3.connect(path)) as connection:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.execute(
+                "UPDATE segments SET state = 'aborted', note = 'was running when its run ended' WHERE state = 'running'"
+            )
+            session = connection.execute("INSERT INTO sessions (date) VALUES (?)", (_date(),)).lastrowid
+            connection.commit()
+            finished = {group for (group,) in connection.execute("SELECT plan_group FROM finished")}
+            counts = [
+                connection.execute(f"SELECT 1 + coalesce(max(id), 0) FROM {table}").fetchone()[0]
+                for table in ("samples", "segments")
+            ]
+        assert session is not None
+        journal = cls(path, lock, session, tendons, (counts[0], counts[1]))
+        journal._finished = finished
+        return journal
+
+    def append(self, sample: Sample) -> None:
+        """Take the sample of one cycle; it belongs to the segment under way, or to none."""
+        if self._segment is not None and self._started_s != self._started_s:
+            self._started_s = sample.time_s
+        self._time_s = sample.time_s
+        self._writer.put(self._insert, (self._next_sample, self._session, self._segment, *sample_row(sample)))
+        self._next_sample += 1
+
+    def begin_segment(
+        self, group: int | None, attempt: int, asked: Segment, kind: Literal["pause"] | None = None
+    ) -> None:
+        """Begin a segment; samples belong to it from now on.
+
+        group: its index in the plan, or None where it serves none. attempt: which one of this run, from 0.
+        asked: what is asked for. kind: "pause" for a stretch that no recording has; else that of `asked`.
+        A segment that is still under way becomes aborted.
+        """
+        if self._segment is not None:
+            self.end_segment("aborted", "another segment began")
+        self._segment, self._asked, self._started_s = self._next_segment, (group, attempt), MISSING
+        self._next_segment += 1
+        numbers = (asked.pretension_mm, asked.frequency_hz, asked.amplitude_deg, asked.repeat)
+        self._writer.put(
+            _BEGIN, (self._segment, self._session, group, attempt, kind or asked.kind, *numbers, self._next_sample)
+        )
+
+    def end_segment(self, state: Literal["complete", "aborted"], note: str = "") -> None:
+        """End the segment under way; note says why, where it is aborted. Without one, nothing happens."""
+        if self._segment is not None:
+            row = (state, self._next_sample, self._started_s, self._time_s, note, self._segment)
+            self._segment = None
+            self._writer.put(_END, row)
+
+    def finish_group(self, group: int) -> None:
+        """Say that the attempt whose segment was begun last has recorded this group of the plan, without holes.
+
+        Raises ValueError if that segment belongs to another group.
+        """
+        if self._asked[0] != group:
+            raise ValueError(f"found a segment of group {self._asked[0]}, expected one of group {group}")
+        self._writer.put(_FINISH, (group, self._session, self._asked[1]))
+        self._writer.checkpoint()
+        self._finished.add(group)
+
+    def finished_groups(self) -> frozenset[int]:
+        """Return the indices of the plan's groups that are recorded, in this run or before."""
+        return frozenset(self._finished)
+
+    def event(self, kind: str, sentence: str) -> None:
+        """Write down what happened, at the time of the newest sample."""
+        self._writer.put(_EVENT, (self._session, self._time_s, _date(), kind, sentence))
+
+    def count(self, numbers: Mapping[str, float]) -> None:
+        """Write down statistics of this run (cycles, retries); the same name again replaces the number.
+
+        The recording has their sums over all runs that wrote here.
+        """
+        for name, number in numbers.items():
+            self._writer.put(_COUNT, (self._session, name, number))
+
+    def flush(self) -> None:
+        """Return when all so far is safe from a killed process; waits for the disk. Raises FileError."""
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Write what waits and close, within `CLOSE_S`; a segment under way becomes aborted. May be called again.
+
+        Raises FileError if samples were lost and no call has said so yet.
+        """
+        if not self._is_open:
+            return
+        self._is_open = False
+        last = ("aborted", self._next_sample, self._started_s, self._time_s, "the run ended", self._segment)
+        try:
+            self._writer.close(CLOSE_S, [] if self._segment is None else [(_END, last)])
+        finally:
+            os.close(self._lock)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+
+def _date() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _reason(error: sqlite3.Error | OSError) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or " ".join(str(error).split())
+
+
+def _lock(path: Path) -> int:
+    """Return an open file whose lock keeps every other run away until it is closed, or the process ends."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock = os.open(path.with_name(f"{path.name}.lock"), os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise cannot_write(path, _reason(error)) from error
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        os.close(lock)
+        raise FileError(
+            f"another run is writing the journal {path}; wait until it has ended, or choose another folder"
+        ) from error
+    except OSError as error:
+        os.close(lock)
+        raise cannot_write(path, _reason(error)) from error
+    return lock
+
+
+def _trouble(path: Path, error: sqlite3.DatabaseError) -> FileError:
+    if isinstance(error, sqlite3.OperationalError):
+        return cannot_write(path, _reason(error))
+    return FileError(f"{path} is not a journal, or is damaged ({_reason(error)}); start anew in another folder")
+
+
+def _refuse_unfit(connection: sqlite3.Connection, path: Path, texts: Mapping[str, str]) -> None:
+    """Raise FileError unless this is a sound journal of the same plan and rig."""
+    (kind,) = connection.execute("PRAGMA application_id").fetchone()
+    if kind != APPLICATION_ID:
+        raise FileError(f"{path} is an SQLite file, but no journal of Sinew; choose another folder")
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if version != JOURNAL_VERSION:
+        raise FileError(
+            f"{path} is a journal of version {version}, expected {JOURNAL_VERSION}; go on with the Sinew that began it"
+        )
+    (verdict,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    if verdict != "ok":
+        raise FileError(f"{path} is damaged ({verdict}); convert what is left and start anew in another folder")
+    stored = dict(connection.execute("SELECT key, value FROM meta"))
+    for what, text in texts.items():
+        if stored[what] != text:
+            raise FileError(f"{path} was begun with another {what} ({_difference(stored[what], text)}); use the same")
+
+
+def _difference(stored: str, given: str) -> str:
+    """Return the first line in which two texts differ, in words."""
+    old, new = stored.splitlines(), given.splitlines()
+    for number, (a, b) in enumerate(zip(old, new, strict=False), 1):
+        if a != b:
+            return f"line {number}: found {b.strip()!r}, expected {a.strip()!r}"
+    return f"found {len(new)} lines, expected {len(old)}"

@@ -1,0 +1,169 @@
+"""This is where a journal is read, after its run or beside it."""
+
+import json
+import sqlite3
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.bench.journal_tables import APPLICATION_ID, JOURNAL_VERSION, sample_columns
+from sinew.measure.errors import FileError
+from sinew.measure.recording import Segment
+from sinew.measure.schema import SegmentKind
+from sinew.plan.toml import parse_rig
+
+__all__ = ["JournalReader", "Stretch"]
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A segment of a journal.
+
+    session: which run wrote it, from 1; times of different runs are of different clocks. group: its index in the plan,
+    or None. attempt: of that run, from 0. kind: settle, steady, ring-down, idle or pause. state: running, complete or
+    aborted. first, end: ids of its samples, [first, end); end is None where the run was killed in it.
+    """
+
+    session: int
+    group: int | None
+    attempt: int
+    kind: str
+    asked: Segment
+    state: str
+    first: int
+    end: int | None
+    note: str
+
+
+class JournalReader:
+    """A journal, open for reading; a context manager.
+
+    plan_toml, rig_toml, attrs: as given to `Journal.create`. dates: of every run that wrote here (ISO 8601, UTC).
+    Raises FileError where it is no journal, is damaged, or of another version.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._connection = _connect(path)
+        try:
+            self._check()
+            meta = dict(self._connection.execute("SELECT key, value FROM meta"))
+            self.plan_toml, self.rig_toml = str(meta["plan"]), str(meta["rig"])
+            self.attrs: Mapping[str, str | int | float] = json.loads(meta["attrs"])
+            self.dates = tuple(date for (date,) in self._connection.execute("SELECT date FROM sessions ORDER BY id"))
+            self._columns = sample_columns(parse_rig(self.rig_toml).tendons.count)
+        except (sqlite3.DatabaseError, KeyError) as error:
+            self._connection.close()
+            raise FileError(f"{path} is not a journal, or is damaged ({error})") from error
+        except FileError:
+            self._connection.close()
+            raise
+
+    def _check(self) -> None:
+        (kind,) = self._connection.execute("PRAGMA application_id").fetchone()
+        (version,) = self._connection.execute("PRAGMA user_version").fetchone()
+        if kind != APPLICATION_ID:
+            raise FileError(f"{self._path} is an SQLite file, but no journal of Sinew")
+        if version != JOURNAL_VERSION:
+            raise FileError(f"{self._path} is a journal of version {version}, expected {JOURNAL_VERSION}")
+
+    def finished(self) -> dict[int, list[Stretch]]:
+        """Return the segments of every recorded group, by its index in the plan: settle and record, in order."""
+        found: dict[int, list[Stretch]] = {}
+        where = "plan_group IN (SELECT plan_group FROM finished f WHERE f.plan_group = segments.plan_group "
+        where += "AND f.session = segments.session AND f.attempt = segments.attempt) AND state = 'complete'"
+        for stretch in self.stretches(where):
+            if stretch.group is not None and stretch.kind != "pause":
+                found.setdefault(stretch.group, []).append(stretch)
+        return dict(sorted(found.items()))
+
+    def stretches(self, where: str = "1") -> list[Stretch]:
+        """Return the segments that meet an SQL condition, in order of time."""
+        rows = self._connection.execute(
+            "SELECT session, plan_group, attempt, kind, pretension_mm, frequency_hz, amplitude_deg, repeat, state, "
+            f"first_sample, end_sample, note FROM segments WHERE {where} ORDER BY id"
+        )
+        return [_stretch(row) for row in rows]
+
+    def samples(self, first: int, end: int, session: int | None = None) -> dict[str, Floats]:
+        """Return the samples with ids in [first, end), of one run or of all, by column; NaN for what did not come.
+
+        Besides the columns of the journal there is `id`.
+        """
+        columns = ("id", *self._columns)
+        rows = self._connection.execute(
+            f"SELECT {', '.join(columns)} FROM samples WHERE id >= ? AND id < ? AND session = coalesce(?, session) "
+            "ORDER BY id",
+            (first, end, session),
+        ).fetchall()
+        table = np.array(rows, dtype=float).reshape(len(rows), len(columns))
+        return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(columns)}
+
+    def last_sample(self) -> int:
+        """Return the id of the newest sample; ids count from 1 without a gap, 0 where there is none."""
+        return int(self._connection.execute("SELECT coalesce(max(id), 0) FROM samples").fetchone()[0])
+
+    def events(self) -> list[tuple[str, str, str]]:
+        """Return (date, kind, sentence) of every event, in order."""
+        return self._connection.execute("SELECT date, kind, sentence FROM events ORDER BY id").fetchall()
+
+    def counts(self) -> dict[str, float]:
+        """Return the statistics of all runs, summed."""
+        return dict(self._connection.execute("SELECT name, sum(number) FROM counts GROUP BY name ORDER BY name"))
+
+    def close(self) -> None:
+        """Give the file back."""
+        self._connection.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+
+def _connect(path: Path) -> sqlite3.Connection:
+    if not path.is_file():
+        raise FileError(f"there is no journal {path}")
+    # In a folder that may not be written, SQLite reads a WAL file only if told that nobody else is at work.
+    options = ("mode=ro",) if path.with_name(f"{path.name}-wal").exists() else ("mode=ro", "mode=ro&immutable=1")
+    error: sqlite3.DatabaseError | None = None
+    for option in options:
+        connection = sqlite3.connect(f"{path.absolute().as_uri()}?{option}", uri=True)
+        try:
+            connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+            return connection
+        except sqlite3.DatabaseError as trouble:
+            connection.close()
+            error = trouble
+    raise FileError(f"{path} is not a journal, or is damaged ({error})") from error
+
+
+def _stretch(row: Sequence[object]) -> Stretch:
+    session, group, attempt, kind, *asked, state, first, end, note = row
+    pretension, frequency, amplitude, repeat = (float("nan") if x is None else x for x in asked)
+    segment = Segment(
+        cast(SegmentKind, kind),
+        cast(float, pretension),
+        cast(float, frequency),
+        cast(float, amplitude),
+        int(cast(int, repeat)),
+    )
+    return Stretch(
+        cast(int, session),
+        cast(int | None, group),
+        cast(int, attempt),
+        str(kind),
+        segment,
+        str(state),
+        cast(int, first),
+        cast(int | None, end),
+        str(note),
+    )

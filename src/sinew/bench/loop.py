@@ -1,0 +1,177 @@
+"""This is where the bench's cycle runs: wait, tell the motors, read all devices, guard, record."""
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from sinew.bench.errors import LostError, StoppedError
+from sinew.bench.guard import Guard, Watch
+from sinew.bench.sample import MISSING, Sample
+from sinew.bench.tilt import TiltEstimator
+from sinew.hardware.rig import Reading, Rig
+from sinew.hardware.transport import Clock
+
+__all__ = ["WATCHDOG_S", "Loop", "LoopStatistics", "at_zero"]
+
+WATCHDOG_S = 0.08
+"""After so long without any instruction on the bus the motors stop themselves [s]: four units of their register."""
+
+_GOAL_BYTES = 60  # of the packet with all goals
+_MISSED_WINDOW = 200
+_MISSED_MOST = 0.25
+
+Drive = Callable[[float], float]
+
+
+def at_zero(_: float) -> float:
+    """Return the lever's angle while it rests: zero."""
+    return 0.0
+
+
+@dataclass(slots=True)
+class LoopStatistics:
+    """cycles: run. missed: deadlines that passed before a cycle could begin. incomplete: cycles with a missing answer.
+    worst_late_s: the latest begin of a cycle after its deadline. busy_s: sum of the times a cycle took."""
+
+    cycles: int = 0
+    missed: int = 0
+    incomplete: int = 0
+    worst_late_s: float = 0.0
+    busy_s: float = 0.0
+
+
+class Loop:
+    """Runs cycles at a fixed rate.
+
+    rig, clock: the seams. guard: raises where a limit is passed. record: takes every sample. period: of a cycle [s].
+    The goal sent for a cycle is the drive's command at its middle, since the motor keeps it for a whole cycle: the
+    staircase then has the command's phase.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        clock: Clock,
+        guard: Guard,
+        tilt: TiltEstimator,
+        period: float,
+        record: Callable[[Sample], None],
+    ) -> None:
+        self._rig, self._clock, self._guard, self._tilt = rig, clock, guard, tilt
+        self.period = period
+        self._record = record
+        self._stamp_delay = rig.spec.bus.drive_delay.value
+        self.late_s = 0.0
+        self._lead = 0.5 * period + _GOAL_BYTES * 10 / rig.spec.wiring.baud
+        self._due = math.nan
+        self._late: deque[bool] = deque(maxlen=_MISSED_WINDOW)
+        self._after_hole = False
+        self._waited: deque[bool] = deque(maxlen=_MISSED_WINDOW)
+        self._stop: str | None = None
+        self.statistics = LoopStatistics()
+        self.watch = Watch((0.0,) * len(rig.tendons), (0.0,) * len(rig.tendons))
+        self.last: Reading | None = None
+
+    @property
+    def due(self) -> float:
+        """When the next cycle begins [s, host time]."""
+        if math.isnan(self._due):
+            self.restart()
+        return self._due
+
+    def request_stop(self, reason: str) -> None:
+        """Have the next cycle raise StoppedError with a reason; may be called by a signal handler."""
+        self._stop = self._stop or reason
+
+    def restart(self) -> None:
+        """Begin to count deadlines anew, after a stretch without cycles."""
+        self._due = self._clock.now()
+        self._guard.forget(self._due)
+
+    def set_goals(self, goals: Sequence[float], *, resting: bool = False) -> None:
+        """Tell the tendon motors something else from the next cycle on: angles [rad] or currents [A], by their mode."""
+        self.watch = replace(self.watch, goals=tuple(goals), resting=resting)
+
+    def cycle(self, drive: Drive = at_zero) -> Sample:
+        """Run one cycle and return its sample. drive: commanded lever angle [rad] at a host time [s].
+
+        Raises StoppedError, LimitError or LostError, and PortError where the port is gone.
+        """
+        if self._stop is not None:
+            raise StoppedError(self._stop)
+        began = self._wait()
+        self._rig.write_goals(drive(began + self._lead), self.watch.goals)
+        reading = self._rig.read()
+        self.last = reading
+        sample = self._sample(reading, drive, began)
+        statistics = self.statistics
+        statistics.cycles += 1
+        self._after_hole = bool(reading.faults)
+        statistics.incomplete += self._after_hole
+        self._record(sample)
+        self._guard.check(reading, sample.tilt_rad, began, self.watch)
+        statistics.busy_s += self._clock.now() - began
+        return sample
+
+    def run(self, duration: float, drive: Drive = at_zero) -> list[Sample]:
+        """Run cycles for a time [s] and return their samples."""
+        return [self.cycle(drive) for _ in range(max(1, round(duration / self.period)))]
+
+    def _wait(self) -> float:
+        """Wait for the next deadline; return when the cycle began [s]."""
+        self._clock.wait_until(self.due)
+        began = self._clock.now()
+        late = began - self._due
+        self.statistics.worst_late_s = max(self.statistics.worst_late_s, late)
+        skipped = int(late // self.period)
+        self._late.append(skipped > 0)
+        self._waited.append(skipped > 0 and self._after_hole)
+        self.late_s = late
+        if skipped:
+            self.statistics.missed += skipped
+            self._check_pace(late)
+        self._due += (1 + skipped) * self.period
+        return began
+
+    def _check_pace(self, late: float) -> None:
+        if late > WATCHDOG_S - self.period:
+            stopped = [motor.name for motor in self._rig.motors if motor.watchdog_tripped()]
+            if stopped:
+                raise LostError(
+                    f"the computer paused for {1e3 * late:.0f} ms, longer than the bus watchdog allows, and "
+                    f"{', '.join(stopped)} stopped; end other programs, or lower sample_hz"
+                )
+        share = sum(self._late) / len(self._late)
+        if len(self._late) < _MISSED_WINDOW or share <= _MISSED_MOST:
+            return
+        if sum(self._waited) > 0.5 * sum(self._late):
+            raise LostError(
+                f"answers are missing or damaged so often that {100 * share:.0f} % of the last {_MISSED_WINDOW} cycles "
+                "began too late; check cables, ground and supply, then `sinew doctor`"
+            )
+        raise StoppedError(
+            f"{100 * share:.0f} % of the last {_MISSED_WINDOW} cycles began too late, expected less than "
+            f"{100 * _MISSED_MOST:.0f} %; run `sinew doctor` (return delay, latency timer, baud) or lower sample_hz"
+        )
+
+    def _sample(self, reading: Reading, drive: Drive, began: float) -> Sample:
+        none3 = (MISSING, MISSING, MISSING)
+        imu, lever = reading.imu, reading.drive
+        tilt = self._tilt.update(imu.gyro, imu.acceleration, imu.time) if imu is not None else MISSING
+        return Sample(
+            time_s=reading.time,
+            imu_time_s=imu.time if imu is not None else MISSING,
+            drive_command_rad=drive(reading.time + self._stamp_delay),
+            drive_rad=lever.angle if lever is not None else MISSING,
+            drive_current_a=lever.current if lever is not None else MISSING,
+            drive_pwm=lever.duty if lever is not None else MISSING,
+            tendon_goal=self.watch.goals,
+            tendon_rad=tuple(motor.angle if motor is not None else MISSING for motor in reading.tendons),
+            tendon_current_a=tuple(motor.current if motor is not None else MISSING for motor in reading.tendons),
+            gyro_rad_s=imu.gyro if imu is not None else none3,
+            acceleration_m_s2=imu.acceleration if imu is not None else none3,
+            tilt_rad=tilt,
+            late_s=self.late_s,
+            imu_counter_s=1e-6 * imu.counter if imu is not None else MISSING,
+        )

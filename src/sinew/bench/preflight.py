@@ -1,0 +1,170 @@
+"""This is where a bench is looked at before anything moves, and a start is refused with a reason."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from sinew.bench.errors import StartError
+from sinew.hardware.errors import HardwareError, PortError
+from sinew.hardware.imu import ImuReading
+from sinew.hardware.motor import Motor
+from sinew.hardware.reply import Outcome, Reply
+from sinew.hardware.rig import Rig
+from sinew.hardware.transport import Clock
+from sinew.plan.plan import Plan
+from sinew.plan.rig import Limits
+
+__all__ = ["refuse_unready"]
+
+_LISTEN_S = 0.06
+_ATTEMPTS = 3
+_IMU_ATTEMPTS = 5
+_GRAVITY = 9.80665
+_GRAVITY_TOLERANCE = 0.1
+_UPRIGHT_SHARE = 0.9
+
+
+def refuse_unready(rig: Rig, clock: Clock, plan: Plan, *, torque_may_be_on: bool = False) -> None:
+    """Raise StartError, with every reason found, if the bench is not ready to run a plan.
+
+    Nothing moves and nothing is written. torque_may_be_on: a run that is resumed finds the motors as they were left.
+    """
+    _refuse_slow_bus(rig, plan)
+    try:
+        _refuse_strangers(rig, clock)
+        reasons = [*_motor_reasons(rig, torque_may_be_on), *_imu_reasons(rig, clock)]
+    except PortError as trouble:
+        raise StartError(str(trouble)) from trouble
+    if reasons:
+        raise StartError("; ".join(reasons))
+
+
+def _refuse_slow_bus(rig: Rig, plan: Plan) -> None:
+    """Refuse a sample rate that the bytes of a cycle alone do not allow."""
+    needed = rig.cycle_bytes * 10 / rig.spec.wiring.baud
+    if needed > 0.8 / plan.sample_hz:
+        raise StartError(
+            f"a cycle needs {1e3 * needed:.1f} ms on the wire at {rig.spec.wiring.baud} baud, the plan's "
+            f"{plan.sample_hz:g} Hz leave {1e3 / plan.sample_hz:.1f} ms; raise the baud (rig key wiring.baud and the "
+            "motors' baud_rate) or lower sample_hz"
+        )
+
+
+def _refuse_strangers(rig: Rig, clock: Clock) -> None:
+    """Refuse a bus on which a device is missing, or is another one, or shares its id."""
+    names = {**{motor.id: motor.name for motor in rig.motors}, rig.imu.id: "IMU"}
+    replies = {device: _pinged(rig, clock, device) for device in names}
+    silent = [f"{names[d]} (id {d})" for d, reply in replies.items() if reply.outcome is Outcome.SILENT]
+    baud = rig.spec.wiring.baud
+    if len(silent) == len(names):
+        raise StartError(
+            f"no device answers at {baud} baud; check supply and cable, or another baud (`sinew doctor` looks at all)"
+        )
+    damaged = [f"{names[d]} (id {d})" for d, reply in replies.items() if reply.outcome is Outcome.DAMAGED]
+    damaged += [f"{m.name} (id {m.id})" for m in rig.motors if replies[m.id].ok and _answers_damaged(rig, m)]
+    if damaged:
+        missing = f" and none from {_listed(silent)}" if silent else ""
+        raise StartError(
+            f"damaged answers come from {_listed(damaged)}{missing}; two devices with one id answer at once and do "
+            "that: unplug one and give it another id; else check cable and ground"
+        )
+    if silent:
+        raise StartError(
+            f"no answer from {_listed(silent)} at {baud} baud, but from the others; check cable, baud, and its id, "
+            "which another device may have as well"
+        )
+    if others := list(_other_models(rig)):
+        raise StartError("; ".join(others))
+
+
+def _pinged(rig: Rig, clock: Clock, device: int) -> Reply:
+    """Return the answer to a ping; who is silent is asked again later, for the computer may have been busy."""
+    reply = rig.bus.ping(device)
+    for _ in range(_ATTEMPTS):
+        if reply.outcome is not Outcome.SILENT:
+            break
+        clock.wait_until(clock.now() + _LISTEN_S)
+        reply = rig.bus.ping(device)
+    return reply
+
+
+def _answers_damaged(rig: Rig, motor: Motor) -> bool:
+    """Return whether a motor's present values come damaged, repeats and all: twins of one id agree on a ping.
+
+    What they say of the present is as good as never the same, though once in a while it may look as if it were.
+    """
+    address, length = motor.table.block(("realtime_tick", "present_temperature"))
+    return any(rig.bus.read(motor.id, address, length).outcome is Outcome.DAMAGED for _ in range(_ATTEMPTS))
+
+
+def _other_models(rig: Rig) -> Iterator[str]:
+    """Yield which devices are of another model than expected."""
+    for identify in (*(motor.identify for motor in rig.motors), rig.imu.identify):
+        try:
+            identify()
+        except PortError:
+            raise
+        except HardwareError as trouble:
+            yield str(trouble)
+
+
+def _motor_reasons(rig: Rig, torque_may_be_on: bool) -> Iterator[str]:
+    """Yield what is wrong with the motors; the same at several of them is one reason."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for motor in rig.motors:
+        try:
+            for reason in _troubles(motor, rig.spec.limits, torque_may_be_on):
+                found.setdefault(reason, []).append(motor.name)
+        except PortError:
+            raise
+        except HardwareError as trouble:
+            yield str(trouble)
+    for (what, advice), names in found.items():
+        yield f"{what} at {'all motors' if len(names) == len(rig.motors) else _listed(names)}{advice}"
+
+
+def _troubles(motor: Motor, limits: Limits, torque_may_be_on: bool) -> Iterator[tuple[str, str]]:
+    """Yield (what is wrong, what to do) with a motor. Raises HardwareError where it does not answer."""
+    if errors := motor.hardware_errors():
+        what = f"hardware error ({', '.join(errors)})"
+        yield what, "; find the cause, then reboot it (`sinew doctor --fix`)"
+    if motor.torque_is_on() and not torque_may_be_on:
+        advice = ": another program may be using it; end that, or `sinew stop`, or go on with an interrupted run by"
+        yield "torque is on", f"{advice} --resume"
+    temperature, voltage = motor.get("present_temperature"), motor.get("present_input_voltage")
+    if temperature > limits.temperature_c:
+        yield f"{temperature:.0f} °C", f", the rig allows {limits.temperature_c:g}; let it cool"
+    low, high = limits.voltage_v
+    if not low <= voltage <= high:
+        yield f"a supply of {voltage:.1f} V", f", the rig expects {low:g} to {high:g} (voltage_v); set the supply"
+    if motor.get_count("homing_offset") != 0:
+        advice = ", expected 0: with one the firmware moves the motor when its bus watchdog trips; remove it"
+        yield "homing offset", f"{advice} (`sinew doctor --fix`)"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _imu_reasons(rig: Rig, clock: Clock) -> Iterator[str]:
+    """Yield what is wrong with the IMU: silent, frozen, or not mounted as the rig says."""
+    first = _imu_reading(rig)
+    clock.wait_until(clock.now() + _LISTEN_S)
+    second = _imu_reading(rig)
+    if first is None or second is None:
+        yield "the IMU answers a ping but gives no readings; `sinew doctor` says more"
+        return
+    if first.counter == second.counter:
+        yield f"the IMU repeats one sample for {1e3 * _LISTEN_S:.0f} ms; restart its board"
+    size = math.hypot(*second.acceleration)
+    if abs(size / _GRAVITY - 1) > _GRAVITY_TOLERANCE:
+        yield f"the IMU reads {size:.2f} m/s² at rest, expected 9.81; is the joint moving, or is it another sensor?"
+    elif second.acceleration[0] < _UPRIGHT_SHARE * size:
+        yield (
+            f"the IMU reads {second.acceleration[0]:.2f} m/s² along the joint, expected about 9.81 with the rig "
+            "upright; set wiring.imu_axes to how the board is mounted"
+        )
+
+
+def _imu_reading(rig: Rig) -> ImuReading | None:
+    """Return a reading of the IMU; a single one may come late on a busy computer."""
+    return next((imu for imu in (rig.read().imu for _ in range(_IMU_ATTEMPTS)) if imu is not None), None)

@@ -1,0 +1,271 @@
+"""This is where a plan runs on a rig: pull, pretension, groups, and always an end in the declared safe state."""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+
+from sinew.bench.conversion import group_is_whole
+from sinew.bench.errors import BenchError, LostError, StoppedError
+from sinew.bench.group import pause, run_group
+from sinew.bench.guard import Guard, Watch
+from sinew.bench.journal import Journal
+from sinew.bench.listeners import Listener
+from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
+from sinew.bench.preflight import refuse_unready
+from sinew.bench.pretension import Contact, MotorMap, Pretensioned, pull_to_contact, set_pretension
+from sinew.bench.sample import Sample
+from sinew.bench.settle import SettleRule
+from sinew.bench.stops import StopReport, stop
+from sinew.bench.tilt import TiltEstimator
+from sinew.hardware.errors import HardwareError
+from sinew.hardware.motor import Motor
+from sinew.hardware.rig import Rig
+from sinew.hardware.transport import Clock
+from sinew.measure.errors import FileError
+from sinew.measure.schema import SegmentKind
+from sinew.plan.plan import Group, Plan
+
+__all__ = ["LIMIT_RESERVE_N", "RunReport", "Runner"]
+
+LIMIT_RESERVE_N = 5.0
+"""Tension above that at rest at which a current-limited position loop yields [N]; as in the twin."""
+
+_ATTEMPTS = 3
+_LEVER_HOME_S = 1.5
+_BIAS_S = 0.5
+
+
+@dataclass(slots=True)
+class RunReport:
+    """How a run ended.
+
+    is_complete: every group of the plan is recorded. sentence: what ended it. stop: how the rig was left.
+    groups_done, groups: of the plan, those of earlier attempts included. loop: of the cycles. pretensions: as they came
+    out, in order.
+    """
+
+    groups: int
+    groups_done: int = 0
+    is_complete: bool = False
+    sentence: str = ""
+    stop: StopReport | None = None
+    loop: LoopStatistics = field(default_factory=LoopStatistics)
+    pretensions: list[Pretensioned] = field(default_factory=list)
+
+
+class Runner:
+    """Runs one plan on one rig, once.
+
+    journal: takes every sample, and says which groups are done. tension_n: of each tendon at rest, by pretension [mm],
+    as the twin has it. listener: live samples and events. progress: takes (done, total) seconds of the plan.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        clock: Clock,
+        plan: Plan,
+        journal: Journal,
+        tension_n: Mapping[float, float],
+        *,
+        listener: Listener | None = None,
+        progress: Callable[[float, float], None] | None = None,
+    ) -> None:
+        self._rig, self._clock, self._plan, self._journal = rig, clock, plan, journal
+        self._tension = dict(tension_n)
+        self._listener = listener
+        self._progress = progress or (lambda _done, _total: None)
+        self._group: Group | None = None
+        self._index = -1
+        self._attempt = 0
+        self._kept: list[Sample] = []
+        self._guard = Guard(rig.spec)
+        self._loop = Loop(
+            rig, clock, self._guard, TiltEstimator(rig.spec, plan.sample_hz), 1 / plan.sample_hz, self._take
+        )
+        self._groups = plan.groups()
+        self.report = RunReport(len(self._groups))
+
+    def request_stop(self, reason: str) -> None:
+        """End the run in the safe state at the next cycle; may be called by a signal handler."""
+        self._loop.request_stop(reason)
+
+    def run(self, *, resume: bool = False) -> RunReport:
+        """Run what is left of the plan and return how it ended; the rig is in its safe state then.
+
+        resume: the motors may be found as an interrupted run left them; they are released first.
+        Raises StartError, with nothing moved, if the bench is not ready. What happens later is in the report.
+        """
+        report = self.report
+        refuse_unready(self._rig, self._clock, self._plan, torque_may_be_on=resume)
+        done = self._journal.finished_groups()
+        report.groups_done = len(done)
+        try:
+            if resume:
+                stop(self._rig, self._clock, "release")
+            self._run_all(done)
+            report.is_complete = report.groups_done == report.groups
+            report.sentence = f"all {report.groups} groups are recorded"
+        except (BenchError, HardwareError, FileError) as trouble:
+            report.sentence = str(trouble)
+        except KeyboardInterrupt:
+            report.sentence = "interrupted"
+        except BaseException as fault:
+            report.sentence = f"a fault of Sinew's own: {type(fault).__name__}: {fault}"
+            raise
+        finally:
+            report.stop = stop(self._rig, self._clock, self._rig.spec.limits.safe_state)
+            report.loop = self._loop.statistics
+            self._count(report.loop)
+            self._say("end", f"{report.sentence}; {report.stop.sentence()}")
+        return report
+
+    def _run_all(self, done: frozenset[int] | set[int]) -> None:
+        contact = self._power_up()
+        motors = MotorMap(self._rig.spec, self._plan.pretension.mode, contact, self._tension)
+        total = sum(group.duration_s for group in self._groups)
+        offsets, before = (0.0, 0.0), 0.0
+        current: float | None = None
+        for index, group in enumerate(self._groups):
+            if index in done:
+                continue
+            if group.pretension_mm != current:
+                self._prepare(group.pretension_mm)
+                result = set_pretension(self._loop, motors, group.pretension_mm, before, offsets)
+                offsets, before, current = result.offsets, group.pretension_mm, group.pretension_mm
+                self._note(result)
+            self._run_group(index, group)
+            self.report.groups_done += 1
+            self._progress(sum(g.duration_s for g in self._groups[: index + 1]), total)
+
+    def _power_up(self) -> Contact:
+        """Configure the motors, put them under power where they are, bring the lever to zero, pull to contact."""
+        rig, loop = self._rig, self._loop
+        rig.configure()
+        rig.set_tendon_mode("position-with-current-limit")
+        for motor in rig.motors:
+            _under_torque(motor)
+        angles = tuple(motor.angle() for motor in rig.tendons)
+        loop.watch = Watch(origin=angles, goals=angles)
+        loop.restart()
+        lever, begin = rig.drive.angle(), loop.due
+        loop.run(_LEVER_HOME_S, lambda time: lever * max(0.0, 1 - (time - begin) / _LEVER_HOME_S))
+        self._say("pull", "the tendons are pulled to first contact")
+        contact = pull_to_contact(loop, rig)
+        self._guard.gyro_bias = _mean([sample.gyro_rad_s[0] for sample in loop.run(_BIAS_S)])
+        self._say("contact", f"first contact at {1e3 * contact.current:.0f} mA")
+        return self._change_mode(contact)
+
+    def _change_mode(self, contact: Contact) -> Contact:
+        """Put the tendon motors into the plan's mode, one by one; return the contact in the turns they count then."""
+        mode = self._plan.pretension.mode
+        angles = list(contact.angles)
+        if mode != "position-with-current-limit":
+            for index, motor in enumerate(self._rig.tendons):
+                before = motor.angle()
+                motor.torque_off()
+                motor.set_tendon_mode(mode)
+                # A change of mode may take whole turns off the reading.
+                angles[index] += math.tau * round((motor.angle() - before) / math.tau)
+                if mode == "current":
+                    motor.set_goal_current(contact.current)
+                _under_torque(motor)
+            self._rig.set_tendon_mode(mode)
+        goals = tuple(motor.angle() for motor in self._rig.tendons)
+        by_current = mode == "current"
+        self._loop.watch = Watch(
+            origin=tuple(angles),
+            goals=(contact.current,) * len(angles) if by_current else goals,
+            by_current=by_current,
+        )
+        self._loop.restart()
+        return Contact(tuple(angles), contact.current)
+
+    def _prepare(self, pretension_mm: float) -> None:
+        """Set how hard the tendon motors may pull at a pretension."""
+        watch = self._loop.watch
+        watch.resting, watch.share = False, None
+        tendons = self._rig.spec.tendons
+        per_newton = tendons.pulley_radius.value / tendons.torque_constant.value
+        if self._plan.pretension.mode == "position-with-current-limit":
+            watch.limit = (self._tension[pretension_mm] + LIMIT_RESERVE_N) * per_newton
+            for motor in self._rig.tendons:
+                motor.limit_output(watch.limit)
+
+    def _note(self, result: Pretensioned) -> None:
+        self.report.pretensions.append(result)
+        self._say("pretension", json.dumps(asdict(result)))
+
+    def _run_group(self, index: int, group: Group) -> None:
+        """Run a group until it is recorded without holes, a few times at most."""
+        sweep = self._plan.sweep
+        adaptive = group.kind == "steady" and sweep is not None and sweep.settle == "adaptive"
+        self._group, self._index = group, index
+        for attempt in range(_ATTEMPTS):
+            self._attempt, self._kept = attempt, []
+            if group.kind == "ring-down":
+                pause(self._loop)
+            rule = SettleRule.of(sweep, group.frequency_hz) if adaptive and sweep is not None else None
+            run_group(self._loop, group, self._plan.sample_hz, self, rule)
+            self._check_watchdogs()
+            if group_is_whole(self._kept, self._plan.sample_hz):
+                self._journal.finish_group(index)
+                return
+            self._say("repeat", f"group {index} has too many holes and is measured again")
+        raise LostError(
+            f"group {index} ({group.kind} at {group.pretension_mm:g} mm) came with too many missing answers "
+            f"{_ATTEMPTS} times; check cables, ground and supply, then `sinew doctor`"
+        )
+
+    def _check_watchdogs(self) -> None:
+        stopped = [motor.name for motor in self._rig.motors if motor.watchdog_tripped()]
+        if stopped:
+            raise LostError(
+                f"the bus watchdog has stopped {', '.join(stopped)}, which heard nothing for "
+                f"{1e3 * WATCHDOG_S:.0f} ms; check cables and ground"
+            )
+
+    def begin(self, kind: SegmentKind) -> None:
+        """Begin a segment of the present group."""
+        assert self._group is not None
+        self._journal.begin_segment(self._index, self._attempt, self._group.segment(kind))
+
+    def end(self) -> None:
+        """End the segment under way."""
+        self._journal.end_segment("complete")
+
+    def _take(self, sample: Sample) -> None:
+        self._journal.append(sample)
+        self._kept.append(sample)
+        if self._listener is not None:
+            self._listener.on_sample(sample)
+
+    def _count(self, loop: LoopStatistics) -> None:
+        """Leave in the journal how cycles and bus have fared; a journal that takes nothing has been complained of."""
+        numbers = {f"cycles_{name}": getattr(loop, name) for name in ("missed", "incomplete")} | {"cycles": loop.cycles}
+        statistics = self._rig.bus.statistics
+        numbers |= {f"bus_{name}": getattr(statistics, name) for name in statistics.__dataclass_fields__}
+        with suppress(FileError):
+            self._journal.count(numbers)
+
+    def _say(self, kind: str, sentence: str) -> None:
+        try:
+            self._journal.event(kind, sentence)
+        except FileError as trouble:
+            if not self.report.sentence:
+                raise StoppedError(str(trouble)) from trouble
+        if self._listener is not None:
+            self._listener.on_event(kind, sentence)
+
+
+def _under_torque(motor: Motor) -> None:
+    """Put a motor under torque, its watchdog first: it counts from then on, and there is no moment without it."""
+    motor.arm_watchdog(WATCHDOG_S)
+    motor.torque_on()
+
+
+def _mean(values: list[float]) -> float:
+    finite = [value for value in values if not math.isnan(value)]
+    return sum(finite) / len(finite) if finite else 0.0

@@ -1,0 +1,216 @@
+"""This is where the rig is brought to its declared safe state, whatever has happened before.
+
+*hold*: every motor is frozen where it is, with its output limited. *release*: the drive loses its torque, the tension
+is ramped down, then the tendon motors lose theirs. A motor that does not answer is asked again for a second: a line
+that is disturbed, or a motor that starts anew, may be back by then. Nothing here raises: what a motor does not do is
+said in the report, and the motors' own bus watchdog has the last word.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+
+from sinew.hardware.errors import DeviceError, HardwareError, PortError
+from sinew.hardware.motor import Motor
+from sinew.hardware.motor_registers import CURRENT_MODE
+from sinew.hardware.rig import Rig
+from sinew.hardware.servos import DriveServo, TendonServo
+from sinew.hardware.transport import Clock
+
+__all__ = ["CURRENT_RAMP_S", "PERSIST_S", "RAMP_MOST_S", "RAMP_SPEED", "StopReport", "hold", "release", "stop"]
+
+RAMP_SPEED = 0.02
+"""Speed at which cable is given back while the tension is ramped down [m/s]."""
+
+CURRENT_RAMP_S = 0.6
+"""Time over which the current of motors that hold a current is ramped down [s]."""
+
+RAMP_MOST_S = 2.0
+"""A ramp ends after so long, slack or not [s]; the torque then goes off all the same."""
+
+PERSIST_S = 1.0
+"""A motor that does not answer is asked again for so long [s]."""
+
+_AGAIN_S = 0.1
+_RAMP_STEP_S = 0.02
+_SLACK_COUNTS = 3
+_TENDON_HOLD_SHARE = 0.8  # of the rig's limit: what held the tendon must go on holding it
+_DRIVE_HOLD_SHARE = 0.2  # of the drive's full output
+
+
+Acts = dict[str, Callable[[], None]]
+"""What is done to each motor, by name."""
+
+
+@dataclass(slots=True)
+class StopReport:
+    """How the rig was left.
+
+    declared: hold or release. reached: names of the motors that confirmed it. failed: (name, sentence) of the others.
+    port_lost: the port is gone, so nobody could be asked; the bus watchdog has stopped the motors.
+    """
+
+    declared: str
+    reached: list[str] = field(default_factory=list)
+    failed: list[tuple[str, str]] = field(default_factory=list)
+    port_lost: bool = False
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether every motor confirmed the declared state."""
+        return not self.failed and not self.port_lost
+
+    def sentence(self) -> str:
+        """Return what a user must know about how the rig was left."""
+        if self.port_lost:
+            return "the port is gone: the motors' bus watchdog has stopped them where they are; switch the supply off"
+        if self.failed:
+            names = [name for name, _ in self.failed]
+            who = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+            return f"{self.declared} is not confirmed by {who} ({self.failed[0][1]}); switch the supply off"
+        if self.declared == "hold":
+            return "hold: all motors stand still with limited current; `sinew stop --state release` lets go"
+        return "release: tension let down, torque off on all motors"
+
+
+def stop(rig: Rig, clock: Clock, state: str) -> StopReport:
+    """Bring the rig to a safe state, hold or release, and report how it was left.
+
+    Works from any state: how each motor runs is read from its registers.
+    """
+    return hold(rig, clock) if state == "hold" else release(rig, clock)
+
+
+def hold(rig: Rig, clock: Clock) -> StopReport:
+    """Freeze all motors where they are, with limited output and without the bus watchdog, and report."""
+    report = StopReport("hold")
+    limit = _TENDON_HOLD_SHARE * rig.spec.limits.tendon_current_a
+    acts: Acts = {tendon.name: partial(_freeze_tendon, tendon, limit) for tendon in rig.tendons}
+    _carry_out(report, clock, acts | {rig.drive.name: partial(_freeze_drive, rig.drive)})
+    return report
+
+
+def release(rig: Rig, clock: Clock) -> StopReport:
+    """Take the torque from the drive, ramp the tension down, take the torque from the tendon motors; report."""
+    report = StopReport("release")
+    let_go: Acts = {motor.name: partial(_torque_off, motor) for motor in rig.motors}
+    drive = let_go.pop(rig.drive.name)
+    if not _try(report, rig.drive.name, drive):
+        let_go[rig.drive.name] = drive
+    if not report.port_lost:
+        _ramp_down(report, rig, clock)
+    _carry_out(report, clock, let_go)
+    return report
+
+
+def _carry_out(report: StopReport, clock: Clock, acts: Acts) -> None:
+    """Do something to each motor, by name, and again to those that did not confirm it."""
+    start = clock.now()
+    while True:
+        report.failed.clear()
+        acts = {name: act for name, act in acts.items() if not _try(report, name, act)}
+        if not acts or report.port_lost or clock.now() - start > PERSIST_S:
+            return
+        clock.wait_until(clock.now() + _AGAIN_S)
+
+
+def _ramp_down(report: StopReport, rig: Rig, clock: Clock) -> None:
+    """Let the tension of every tendon that answers down in small steps; the others are left to their torque-off."""
+    ramps = []
+    for motor in rig.tendons:
+        try:
+            if motor.torque_is_on():
+                by_current = _holds_current(motor)
+                ramps.append(_Ramp(motor, motor.current() if by_current else motor.angle(), by_current))
+        except PortError:
+            report.port_lost = True
+            return
+        except HardwareError:
+            continue
+    speed = RAMP_SPEED / rig.spec.tendons.pulley_radius.value
+    slack = _SLACK_COUNTS * rig.spec.tendons.current_lsb.value
+    start = clock.now()
+    while ramps and (elapsed := clock.now() - start) < RAMP_MOST_S:
+        clock.wait_until(clock.now() + _RAMP_STEP_S)
+        try:
+            ramps = [ramp for ramp in ramps if not ramp.step(elapsed, speed, slack)]
+        except PortError:
+            report.port_lost = True
+            return
+
+
+@dataclass(slots=True)
+class _Ramp:
+    """A tendon on its way to slackness, from an angle [rad] or a current [A]."""
+
+    motor: TendonServo
+    start: float
+    by_current: bool
+
+    def step(self, elapsed: float, speed: float, slack: float) -> bool:
+        """Take a step; return whether the tendon is slack, or its motor does not take part."""
+        try:
+            if self.by_current:
+                share = max(0.0, 1 - elapsed / CURRENT_RAMP_S)
+                self.motor.set_goal_current(self.start * share)
+                return share == 0.0
+            self.motor.set_goal_angle(self.start - speed * elapsed)
+            return self.motor.current() <= slack
+        except PortError:
+            raise
+        except HardwareError:
+            return True
+
+
+def _holds_current(motor: TendonServo) -> bool:
+    return motor.get_count("operating_mode") == CURRENT_MODE
+
+
+def _freeze_tendon(motor: TendonServo, limit: float) -> None:
+    if motor.watchdog_tripped():
+        return  # it stands still already; clearing the watchdog would let it run to its old goal
+    if _holds_current(motor):
+        motor.set_goal_current(min(max(motor.current(), 0.0), limit))
+        motor.limit_output(limit)
+    else:
+        motor.limit_output(limit)
+        motor.set_goal_angle(motor.angle())
+    _stay(motor)
+
+
+def _freeze_drive(motor: DriveServo) -> None:
+    if motor.watchdog_tripped():
+        return
+    motor.limit_output(_DRIVE_HOLD_SHARE)
+    # Where it has swung beyond its window, its end is the nearest goal that it takes.
+    count = motor.get_count("present_position")
+    motor.set_count("goal_position", max(motor.goal_angle.low, min(count, motor.goal_angle.high)))
+    _stay(motor)
+
+
+def _stay(motor: Motor) -> None:
+    """Have a motor that was frozen stay so when nobody speaks any more."""
+    motor.disarm_watchdog()
+    if not motor.torque_is_on():
+        raise DeviceError(f"{motor.name} has no torque, expected it to hold; has it shut down, or did its supply fail?")
+
+
+def _torque_off(motor: Motor) -> None:
+    motor.torque_off()
+    motor.disarm_watchdog()
+
+
+def _try(report: StopReport, name: str, act: Callable[[], None]) -> bool:
+    """Do something to a motor and note the outcome; return whether it confirmed."""
+    if report.port_lost:
+        return False
+    try:
+        act()
+    except PortError:
+        report.port_lost = True
+    except HardwareError as trouble:
+        report.failed.append((name, str(trouble)))
+    else:
+        report.reached.append(name)
+        return True
+    return False

@@ -1,0 +1,152 @@
+"""This is where the tilt of the head plate comes from gyroscope and accelerometer.
+
+The plate is level where gravity's reaction lies along x, the continuum's direction. Its tilt is the shortest turn that
+takes it from there: an angle, and two components about y and z of frame H. They are in H because the accelerometer is;
+H turns with the torsion, so the same lean of the joint changes its components by the torsion's angle as the head
+twists. At rest the torsion is about zero and the axes are those of the base plate.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from vqf import VQF
+
+from sinew.bench.sample import Sample
+from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import Estimate
+from sinew.plan.rig import RigSpec
+
+__all__ = ["RestTilt", "TiltEstimator", "rest_tilt"]
+
+Vector = tuple[float, float, float]
+
+_ASLEEP_S = 0.5
+_BLOCKS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class RestTilt:
+    """Tilt of a plate at rest about y and z of frame H [rad]; angle: of both together [rad]."""
+
+    about_y: Estimate
+    about_z: Estimate
+
+    @property
+    def angle(self) -> float:
+        """Angle between plate and level [rad]."""
+        return math.hypot(self.about_y.value, self.about_z.value)
+
+
+def rest_tilt(samples: Sequence[Sample]) -> RestTilt:
+    """Return the tilt of the plate over a stretch of rest, from the accelerometer's mean.
+
+    The standard deviations are those of the mean, from ten blocks, so the noise's colour is in them; an offset of the
+    accelerometer (of an MPU9250 up to 60 mg, 3.4°) is not.
+    Raises RecordingError where fewer than 20 samples came, or gravity is not mainly along x.
+    """
+    came = np.array([s.acceleration_m_s2 for s in samples if s.acceleration_m_s2[0] == s.acceleration_m_s2[0]])
+    if len(came) < 2 * _BLOCKS:
+        raise RecordingError(f"found {len(came)} readings of the accelerometer, expected {2 * _BLOCKS} at rest or more")
+    means = np.array([block.mean(axis=0) for block in np.array_split(came, _BLOCKS)])
+    x, y, z = (float(v) for v in came.mean(axis=0))
+    if x <= math.hypot(y, z):
+        raise RecordingError(
+            f"the accelerometer reads {x:.1f} m/s² along the joint, expected about 9.8; is imu_axes right?"
+        )
+    about_y, about_z = _components(x, y, z)
+    std = means.std(axis=0, ddof=1) / math.sqrt(_BLOCKS) / math.hypot(x, y, z)
+    return RestTilt(
+        Estimate.student(about_y, float(std[2]), _BLOCKS - 1), Estimate.student(about_z, float(std[1]), _BLOCKS - 1)
+    )
+
+
+def _components(x: float, y: float, z: float) -> tuple[float, float]:
+    """Return the turn about y and z [rad] by which frame H left level, if gravity's reaction is (x, y, z) in it.
+
+    A turn by (a, b) about y and z takes (1, 0, 0) to (1, -b, a) where it is small.
+    """
+    sideways = math.hypot(y, z)
+    per = math.atan2(sideways, x) / sideways if sideways > 0.0 else 0.0
+    return per * z, -per * y
+
+
+class TiltEstimator:
+    """Tells the tilt while the joint swings, sample by sample.
+
+    spec: of the rig. sample_hz: at which samples come; a moment without one is stepped over.
+    The orientation filter (vqf, Laidig and Seel, 2023, without magnetometer) follows the gyroscope and leans on the
+    accelerometer over three seconds; its bias is learnt at rest. What the swing itself gives a chip at (0, r, 0) is
+    taken out first, α x p + ω x (ω x p): at 40° and 4 Hz that is 4.6 m/s² on average along y, which by itself would
+    look like 25°. Turned into the earth's frame it averages out, but only after some seconds; taken out, it halves the
+    error while a swing begins. Both ω and α come from the gyroscope, whose chain is 11 ms late: what is left is below
+    half a degree at such a swing, and nothing at rest.
+    """
+
+    def __init__(self, spec: RigSpec, sample_hz: float = 200.0) -> None:
+        self._radius = spec.imu.mount_radius.value
+        self._step = 1.0 / sample_hz
+        self._filter = VQF(self._step)
+        self._rate: Vector | None = None
+        self._time = math.nan
+        self._tilt = (0.0, 0.0)
+        self._sleeping = True
+
+    @property
+    def components(self) -> tuple[float, float]:
+        """Tilt about y and z of frame H [rad] after the newest sample."""
+        return self._tilt
+
+    @property
+    def bias(self) -> Vector:
+        """Bias of the gyroscope as learnt so far [rad/s]."""
+        found, _ = self._filter.getBiasEstimate()
+        return float(found[0]), float(found[1]), float(found[2])
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether the filter holds the head to be at rest, for 1.5 s or longer."""
+        return bool(self._filter.getRestDetected())
+
+    def update(self, gyro: Vector, acceleration: Vector, time: float) -> float:
+        """Return the tilt [rad] after another sample of the IMU; NaN as long as there was none.
+
+        gyro [rad/s], acceleration [m/s²]: axes of frame H. time: when it was taken [s]; the same sample twice counts
+        once.
+        """
+        if math.isnan(sum(gyro) + sum(acceleration)):
+            return self._angle()
+        since = time - self._time
+        if abs(since) < 0.25 * self._step and gyro == self._rate:
+            return self._angle()
+        force = self._on_axis(gyro, acceleration, since)
+        self._rate, self._time = gyro, time
+        self._filter.update(np.array(gyro, dtype=float), np.array(force, dtype=float))
+        up = _up(self._filter.getQuat6D())
+        self._tilt = _components(*up)
+        return self._angle()
+
+    def _angle(self) -> float:
+        return math.nan if self._rate is None else math.hypot(*self._tilt)
+
+    def _on_axis(self, gyro: Vector, acceleration: Vector, since: float) -> Vector:
+        """Return what the accelerometer would read on the joint's axis."""
+        x, y, z = gyro
+        r = self._radius
+        bend = twist = 0.0
+        if self._rate is not None and 0.0 < since < _ASLEEP_S:
+            steps = max(since, 0.5 * self._step)
+            twist, bend = (x - self._rate[0]) / steps, (z - self._rate[2]) / steps
+        return (
+            acceleration[0] - r * (x * y - bend),
+            acceleration[1] + r * (x * x + z * z),
+            acceleration[2] - r * (y * z + twist),
+        )
+
+
+def _up(q: NDArray[np.float64]) -> Vector:
+    """Return the direction against gravity in the sensor's frame; q turns sensor to earth."""
+    w, x, y, z = (float(v) for v in q)
+    return 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z

@@ -1,0 +1,333 @@
+"""This is where the joint moves on behind its motors: the twin's equations, with a motor for each tendon and with tilt.
+
+Torsion, shortening, silicone, guide friction, lever and drive are the twin's. What is added:
+
+A tendon's cable of stiffness k_c ends on the horn of its motor, which has taken up h of it: T = k_c (ℓ - ℓ_0 + h) where
+taut. The motor wants a tension: by position, that of a spring of compliance 1/k_c + 1/k_servo whose end is at the wound
+length w, up to a limit; else a set one. It gets it as long as the horn need not turn faster than the motor can under
+that load; at that speed T follows from h. As in the twin, what the twist of the joint asks of the horn costs no speed.
+
+The head tilts by t about y and z of frame B, without inertia: c dt/dt = -∂V/∂t, V holding the tendons' lengths at the
+tilted pose and the silicone's bending, ½ (E I/L) |t - t_0|², E I = 1.5 G J. Neither the head's inertia across its axis
+nor the damping of that swing is known, and levelling asks only where the plate comes to rest and how soon: with
+`TILT_DAMPING`, in 5 ms on locked tendons and in 65 ms on light constant tensions. Constant tensions bend an arc
+further, by n T L²/(12 E I) of its tilt, and would topple it where that reaches one.
+"""
+
+from collections.abc import Sequence
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.plan.rig import RigSpec
+from sinew.twin.drive import electrical_torque, gear_friction
+from sinew.twin.energy import silicone_energy, span_lengths, viscoelastic_energy
+from sinew.twin.integrate import runge_kutta
+from sinew.twin.motion import State, derivative, free_lever_acceleration
+from sinew.twin.parameters import Parameters, from_rig
+from sinew.twin.prony import BRANCHES
+
+__all__ = [
+    "TICK_S",
+    "TILT_DAMPING",
+    "DriveOrder",
+    "Joint",
+    "Layout",
+    "Now",
+    "Seen",
+    "TendonOrder",
+    "Tilting",
+    "joint_of",
+    "layout",
+    "move_on",
+    "steps_per_tick",
+]
+
+TICK_S = 1.25e-3
+"""Time between two states of the joint [s]."""
+
+TILT_DAMPING = 0.3
+"""Damping of the tilt [N m s/rad]; assumed."""
+
+Numbers = tuple[Any, ...]  # one for each tendon
+Vector = NDArray[np.float64]
+
+
+class Joint(NamedTuple):
+    """Constants: the twin's parameters, stiffness of one cable [N/m], rest tilt [rad] and damping [N m s/rad]."""
+
+    p: Parameters
+    cable_stiffness: Any
+    rest_tilt: tuple[Any, Any]
+    damping: Any
+
+
+class Tilting(NamedTuple):
+    """What is integrated: the twin's state and the tilt about y and z of frame B [rad]."""
+
+    motion: State
+    tilt: tuple[Any, Any]
+
+
+class Now(NamedTuple):
+    """All that changes with time.
+
+    horn: cable taken up by each motor, h [m], its speed [m/s]; wound: where its position loop's spring ends, w [m].
+    span: ℓ [m]; tension: T [N]. goal: the drive's goal on its way [rad].
+    """
+
+    tilting: Tilting
+    horn: Numbers
+    horn_speed: Numbers
+    wound: Numbers
+    span: Numbers
+    tension: Numbers
+    goal: Any
+
+
+class TendonOrder(NamedTuple):
+    """What the host asks of the tendon motors, by tendon.
+
+    cable_end: ℓ_0, where the cable goes slack with nothing taken up [m]. goal: of w [m], approached at `speed` [m/s].
+    compliance: of the servo [m/N]. limit: of the tension wanted [N]. duty: the largest. stall: tension at full duty
+    [N]. fastest: speed of the unloaded horn at full duty [m/s]; wind_cap: bound on its speed when it takes up cable.
+    may_wind, may_pay: 1 where the horn may turn that way. follows: 1 where w starts from the horn at each step.
+    """
+
+    cable_end: Numbers
+    goal: Numbers
+    speed: Numbers
+    compliance: Numbers
+    limit: Numbers
+    duty: Numbers
+    stall: Numbers
+    fastest: Numbers
+    wind_cap: Numbers
+    may_wind: Numbers
+    may_pay: Numbers
+    follows: Numbers
+
+
+class DriveOrder(NamedTuple):
+    """What the host asks of the drive.
+
+    duty = clip(feed + gain (goal on its way - angle) - speed_gain speed, ±duty_limit), its torque within ±torque_limit;
+    or torque, within what the duty allows, where by_torque is 1; or none where on is 0. speed: at which the goal is
+    approached [rad/s], jump: by how much it moves at once [rad]. duty_torque: of full duty at standstill [N m].
+    """
+
+    goal: Any
+    speed: Any
+    jump: Any
+    gain: Any
+    speed_gain: Any
+    feed: Any
+    duty_limit: Any
+    torque: Any
+    torque_limit: Any
+    by_torque: Any
+    on: Any
+    duty_torque: Any
+
+
+class Seen(NamedTuple):
+    """What follows from the present: torsion acceleration [rad/s²], tilt rates [rad/s], the drive's torque [N m]."""
+
+    torsion_acceleration: Any
+    tilt_rate: tuple[Any, Any]
+    torque: Any
+
+
+class Layout(NamedTuple):
+    """Where everything is in the vectors of numbers that go to the compiled code, as indices.
+
+    now, tendons: one vector each. drive, step_s [s] and steps (how many to take): a third.
+    What comes back is a new `now`, then `seen`.
+    """
+
+    now: Now
+    tendons: TendonOrder
+    drive: DriveOrder
+    step_s: int
+    steps: int
+    seen: Seen
+
+    def sizes(self) -> tuple[int, int, int]:
+        """Return the lengths of the vectors now, tendons and drive."""
+        return len(jax.tree.leaves(self.now)), len(jax.tree.leaves(self.tendons)), len(self.drive) + 2
+
+
+@cache
+def layout(count: int) -> Layout:
+    """Return the layout for so many tendons."""
+    each = (0,) * count
+    state = State(*(0,) * 7, memory=(0,) * BRANCHES, axial_memory=(0,) * BRANCHES, gyro=0, gyro_rate=0)  # type: ignore[arg-type]
+    now, seen = _numbered((Now(Tilting(state, (0, 0)), *(each,) * 5, goal=0), Seen(0, (0, 0), 0)))
+    tendons = _numbered(TendonOrder(*(each,) * 12))
+    drive, step_s, steps = _numbered((DriveOrder(*(0,) * 12), 0, 0))
+    return Layout(now, tendons, drive, step_s, steps, seen)
+
+
+def _numbered(like: Any) -> Any:
+    leaves, tree = jax.tree.flatten(like)
+    return jax.tree.unflatten(tree, range(len(leaves)))
+
+
+def joint_of(spec: RigSpec, rest_tilt: tuple[float, float]) -> Joint:
+    """Return the constants of a rig whose continuum is bent by `rest_tilt` [rad] when nothing pulls."""
+    joint = Joint(from_rig(spec), spec.tendons.cable_stiffness.value, rest_tilt, TILT_DAMPING)
+    return jax.tree.map(lambda value: np.asarray(value, dtype=float), joint)  # type: ignore[no-any-return]
+
+
+def steps_per_tick(joint: Joint) -> int:
+    """Return how many steps of RK4 a tick needs, so that the fastest motion turns by at most 2 rad in a step."""
+    p = joint.p
+    grip = len(p.guide_directions) * float(joint.cable_stiffness)
+    glassy = 1 + float(sum(p.prony_shares))
+    axial = np.sqrt((grip + 3 * glassy * float(p.axial_rigidity / p.length)) / float(p.head_mass))
+    bending = 1.5 * float(p.torsional_rigidity / p.length)
+    tilt = (0.5 * grip * max(float(p.head_radius), float(p.base_radius)) ** 2 + bending) / float(joint.damping)
+    return max(1, int(np.ceil(TICK_S * max(axial, tilt) / 2)))
+
+
+def _turns(now: Now, order: TendonOrder, joint: Joint, step_s: jax.Array) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+    """Return, by tendon: start [m] and speed [m/s] of w in this step; speeds at which the horn may wind and pay out."""
+    p, motion = joint.p, now.tilting.motion
+    twist = jnp.abs(p.base_radius * p.head_radius * jnp.sin(motion.torsion) * motion.torsion_rate)
+    starts, speeds, winds, pays = [], [], [], []
+    for i, tension in enumerate(now.tension):
+        free = twist / now.span[i]
+        load = tension / order.stall[i]
+        start = jnp.where(order.follows[i] > 0, now.horn[i], now.wound[i])
+        starts.append(start)
+        speeds.append(jnp.clip((order.goal[i] - start) / step_s, -order.speed[i], order.speed[i]))
+        spare = order.fastest[i] * jnp.maximum(0.0, order.duty[i] - load)
+        winds.append(order.may_wind[i] * (jnp.minimum(spare, order.wind_cap[i]) + free))
+        pays.append(order.may_pay[i] * (order.fastest[i] * (order.duty[i] + load) + free))
+    return tuple(starts), tuple(speeds), tuple(winds), tuple(pays)
+
+
+def _wanted(span: jax.Array, cable_end: jax.Array, wound: jax.Array, compliance: jax.Array, k: jax.Array) -> jax.Array:
+    return k / (1 + k * compliance) * jnp.maximum(0.0, span - cable_end + wound)
+
+
+def _slope(
+    time_s: jax.Array, at: Tilting, now: Now, order: TendonOrder, drive: DriveOrder, joint: Joint, turns: Any
+) -> tuple[Tilting, jax.Array]:
+    """Return the derivative `time_s` after the start `now` of a step, and the drive's torque [N m]."""
+    p, k, motion = joint.p, joint.cable_stiffness, at.motion
+    starts, speeds, winds, pays = turns
+
+    def tensions(spans: Sequence[jax.Array]) -> list[jax.Array]:
+        held = []
+        for i, span in enumerate(spans):
+            wound = starts[i] + speeds[i] * time_s
+            wanted = jnp.minimum(_wanted(span, order.cable_end[i], wound, order.compliance[i], k), order.limit[i])
+            grip = span - order.cable_end[i] + now.horn[i]
+            low = k * jnp.maximum(0.0, grip - pays[i] * time_s)
+            held.append(jnp.clip(wanted, low, k * jnp.maximum(0.0, grip + winds[i] * time_s)))
+        return held
+
+    def energy(torsion: jax.Array, shortening: jax.Array, tilt: tuple[Any, Any]) -> tuple[jax.Array, jax.Array]:
+        spans = span_lengths(torsion, shortening, p, tilt)
+        pull = [jax.lax.stop_gradient(tension) for tension in tensions(spans)]
+        stored = silicone_energy(torsion, shortening, p)
+        stored += viscoelastic_energy(torsion, shortening, motion.memory, motion.axial_memory, p)
+        bent = sum((t - rest) ** 2 for t, rest in zip(tilt, joint.rest_tilt, strict=True))
+        stored += 0.75 * p.torsional_rigidity / p.length * bent
+        return stored + sum(t * span for t, span in zip(pull, spans, strict=True)), jnp.asarray(sum(pull))
+
+    slope, total = jax.grad(energy, argnums=(0, 1, 2), has_aux=True)(motion.torsion, motion.shortening, at.tilt)
+    torque = -slope[0] - p.viscous * motion.torsion_rate - p.guide_friction * total * motion.bristle
+    pulled = _drive_torque(time_s, motion, now.goal, drive, p)
+    horn = pulled - gear_friction(motion.lever_rate, p)
+    lever = free_lever_acceleration(torque, horn, p)
+    tilt_rate = (-slope[2][0] / joint.damping, -slope[2][1] / joint.damping)
+    return Tilting(derivative(motion, torque, slope[1], lever, p), tilt_rate), pulled
+
+
+def _drive_torque(time_s: jax.Array, motion: State, start: jax.Array, drive: DriveOrder, p: Parameters) -> jax.Array:
+    """Return the electrical torque of the drive at its horn [N m]."""
+    reach = drive.speed * time_s + drive.jump
+    goal = start + jnp.clip(drive.goal - start, -reach, reach)
+    speed = motion.lever_rate
+    wanted = drive.feed + drive.gain * (goal - motion.lever) - drive.speed_gain * speed
+    supplied = p._replace(duty_torque=drive.duty_torque)
+    by_duty = electrical_torque(jnp.clip(wanted, -drive.duty_limit, drive.duty_limit), speed, supplied)
+    by_duty = jnp.clip(by_duty, -drive.torque_limit, drive.torque_limit)
+    low, high = (electrical_torque(sign * drive.duty_limit, speed, supplied) for sign in (-1, 1))
+    return jnp.where(drive.on > 0, jnp.where(drive.by_torque > 0, jnp.clip(drive.torque, low, high), by_duty), 0.0)
+
+
+def _step(now: Now, order: TendonOrder, drive: DriveOrder, joint: Joint, step_s: jax.Array) -> tuple[Now, Seen]:
+    """Return what there is a step later, and what is seen at its start."""
+    turns = _turns(now, order, joint, step_s)
+    starts, speeds, winds, pays = turns
+
+    def slope(time_s: jax.Array, at: Tilting) -> Tilting:
+        return _slope(time_s, at, now, order, drive, joint, turns)[0]
+
+    zero = jnp.zeros(())
+    after = runge_kutta(slope, zero, now.tilting, step_s)
+    spans = span_lengths(after.motion.torsion, after.motion.shortening, joint.p, after.tilt)
+    horns, wounds, tensions = [], [], []
+    k = joint.cable_stiffness
+    for i, span in enumerate(spans):
+        wound = starts[i] + speeds[i] * step_s
+        wanted = jnp.minimum(_wanted(span, order.cable_end[i], wound, order.compliance[i], k), order.limit[i])
+        where_taut = order.cable_end[i] - span + wanted / k
+        there = jnp.where(span - order.cable_end[i] + wound > 0, where_taut, wound)
+        horn = jnp.clip(there, now.horn[i] - pays[i] * step_s, now.horn[i] + winds[i] * step_s)
+        horns.append(horn)
+        wounds.append(wound)
+        tensions.append(k * jnp.maximum(0.0, span - order.cable_end[i] + horn))
+    turned = tuple((new - old) / step_s for new, old in zip(horns, now.horn, strict=True))
+    reach = drive.speed * step_s + drive.jump
+    goal = now.goal + jnp.clip(drive.goal - now.goal, -reach, reach)
+    later = Now(after, tuple(horns), turned, tuple(wounds), spans, tuple(tensions), goal)
+
+    rate, torque = _slope(zero, now.tilting, now, order, drive, joint, turns)  # the first of RK4's: costs nothing
+    return later, Seen(rate.motion.torsion_rate, rate.tilt, torque)
+
+
+@partial(jax.jit, static_argnums=4)
+def move_on(now: Vector, tendons: Vector, drive: Vector, constants: jax.Array, count: int) -> jax.Array:
+    """Return the numbers of `now` and `seen` after the steps that the vectors ask for; see `Layout`.
+
+    constants: the leaves of a `Joint`, stacked. count: of tendons. Takes any number of steps, also none.
+
+    The last state is seen in one more turn of the loop, whose step is not taken: a second copy of the equations would
+    cost more.
+    The loop is to be one run of small kernels in one thread. Hence vectors below 512 bytes (up to five tendons), for
+    what is longer the compiler spreads over threads; and the barrier, for it would carry each order on its own.
+    """
+    where = layout(count)
+    steps = jnp.asarray(drive)[where.steps]
+
+    def step(turn: jax.Array, at: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        numbers, orders, last, fixed = map(list, _fenced(at[0], tendons, drive, constants))
+        order = jax.tree.map(orders.__getitem__, where.tendons)
+        asked, step_s = jax.tree.map(last.__getitem__, (where.drive, where.step_s))
+        joint = _joint(fixed, count)
+        later, seen = _step(jax.tree.map(numbers.__getitem__, where.now), order, asked, joint, step_s)
+        kept = [jnp.where(turn < steps, new, old) for new, old in zip(jax.tree.leaves(later), numbers, strict=True)]
+        return jnp.stack(kept), jnp.stack(jax.tree.leaves(seen))
+
+    nothing = jnp.zeros(len(jax.tree.leaves(where.seen)))
+    return jnp.concatenate(jax.lax.fori_loop(0, steps.astype(int) + 1, step, (jnp.asarray(now), nothing)))
+
+
+def _fenced(*vectors: Any) -> Any:
+    return jax.lax.optimization_barrier(vectors)  # type: ignore[no-untyped-call]
+
+
+def _joint(leaves: list[jax.Array], count: int) -> Joint:
+    directions = ((0.0, 0.0),) * count
+    fields: dict[str, Any] = dict.fromkeys(Parameters._fields, 0.0)
+    p = Parameters(**{**fields, "prony_shares": (0.0,) * BRANCHES, "guide_directions": directions})
+    like = Joint(p, 0.0, (0.0, 0.0), 0.0)
+    return jax.tree.unflatten(jax.tree.structure(like), leaves)  # type: ignore[no-any-return]

@@ -1,0 +1,327 @@
+"""This is where the joint is a plant: laws become orders, time becomes whole ticks, numbers become a motion."""
+
+import math
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from sinew.emulator.joint import TICK_S, Layout, Tilting, joint_of, layout, move_on, steps_per_tick
+from sinew.emulator.plant import HornMotion, Law, Motion
+from sinew.emulator.unloaded import TENDON_NO_LOAD_SPEED, TENDON_VOLTAGE
+from sinew.measure.errors import SpecError
+from sinew.plan.rig import RigSpec
+from sinew.twin.cache import configure
+from sinew.twin.energy import span_lengths
+from sinew.twin.parameters import POSITION, from_rig
+from sinew.twin.sensors import GRAVITY
+from sinew.twin.statics import set_pretension
+
+__all__ = ["GEAR_HOLD", "TENDON_STALL_TORQUE", "JointPlant"]
+
+TENDON_STALL_TORQUE = 3.4
+"""XH430-W350 at its horn [N m], at `TENDON_VOLTAGE` (data sheet)."""
+
+GEAR_HOLD = 0.1
+"""Torque at the horn that the gear of an unpowered tendon motor holds [N m]; assumed. Gears of 353:1 hardly yield."""
+
+_SERVO_GAIN = 900 / 128 / 885 * 4096 / math.tau  # duty per radian that belongs to spec.tendons.servo_stiffness
+_FAR = 1e3  # [m] or [m/s]: no bound
+_AT_ONCE = 1e9  # [rad]: a goal without a speed limit
+
+
+class JointPlant:
+    """The twin's joint behind one motor for each tendon and one for the lever; see `Plant` and `emulator.joint`.
+
+    spec: the rig. slack_m: by how much each tendon is loose where its motor's angle is zero and the joint rests
+    untensioned and untilted [m]; negative: taut. rest_tilt: to which the unloaded continuum is bent, about y and z of
+    frame B [rad]. motors_at: angles of the horns at time zero [rad], tendons first, then the drive; zero if not given.
+
+    All motors are off at first, and fed with the rig's drive.supply_voltage. The joint starts unshortened and
+    untwisted, at its rest tilt. It moves in ticks of `joint.TICK_S`; `motion` tells how it has gone on since the last
+    one: angles at their speed, rates at their acceleration, tensions and currents as they were. A law that is set
+    between two ticks acts from the earlier one.
+
+    Tendon motors know no inertia: they turn as the cable, the law and the line through stall torque and no-load speed
+    let them. By position, and by pwm or current with the tension that belongs to it, they are the twin's motors.
+    The gear's friction counts while a motor is off only. Weight does not pull on the tilted head. The gyroscope's
+    low-pass is left out for y and z, and the accelerometer knows neither axial nor tilting acceleration.
+
+    Raises SpecError for a number of slacks or angles that is not the number of motors.
+    """
+
+    def __init__(
+        self,
+        spec: RigSpec,
+        *,
+        slack_m: Sequence[float],
+        rest_tilt: tuple[float, float] = (0.0, 0.0),
+        motors_at: Sequence[float] | None = None,
+    ) -> None:
+        count = spec.tendons.count
+        at = (0.0,) * (count + 1) if motors_at is None else tuple(motors_at)
+        if len(slack_m) != count or len(at) != count + 1:
+            raise SpecError(
+                f"{len(slack_m)} slacks and {len(at)} motor angles were given; "
+                f"the rig has {count} tendons and {count + 1} motors, give one for each"
+            )
+        configure()
+        self.spec, self.count = spec, count
+        self._radius = spec.tendons.pulley_radius.value
+        self._newton = self._radius / spec.tendons.torque_constant.value  # [A/N]
+        joint = joint_of(spec, rest_tilt)
+        self._constants = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(joint)])
+        self._p = joint.p
+        self._substeps = steps_per_tick(joint)
+        self._where: Layout = layout(count)
+        self._now, self._tendons, self._drive = (np.zeros(size) for size in self._where.sizes())
+        self._laws = [Law()] * (count + 1)
+        self._stuck = [False] * count
+        self._supply = spec.drive.supply_voltage.value
+        self._ticks, self._until = 0, 0.0
+        self._first_end = _first_end(spec)
+        self._begin(slack_m, rest_tilt, at)
+
+    def _begin(self, slack_m: Sequence[float], rest_tilt: tuple[float, float], at: Sequence[float]) -> None:
+        state, now = self._now, self._where.now
+        zero = jnp.zeros(())
+        tilt = (jnp.asarray(rest_tilt[0]), jnp.asarray(rest_tilt[1]))
+        bent = np.asarray(jnp.stack(span_lengths(zero, zero, self._p, tilt)))
+        ends = np.asarray(jnp.stack(span_lengths(zero, zero, self._p))) + np.asarray(slack_m, dtype=float)
+        horns = np.asarray(at[: self.count]) * self._radius
+        stiffness = self.spec.tendons.cable_stiffness.value
+        self._drive[self._where.step_s] = TICK_S / self._substeps
+        self._tendons[list(self._where.tendons.cable_end)] = ends
+        state[list(now.tilting.tilt)] = rest_tilt
+        state[now.tilting.motion.lever] = state[now.goal] = at[self.count]
+        state[list(now.horn)], state[list(now.span)] = horns, bent
+        state[list(now.tension)] = np.maximum(0.0, stiffness * (bent - ends + horns))
+        self._order_all()
+        for tendon in range(self.count):
+            self._anchor(tendon)
+        self._seen: list[float] = []
+        self._go(0)
+
+    def set_law(self, motor: int, law: Law) -> None:
+        old, self._laws[motor] = self._laws[motor], law
+        if motor == self.count:
+            if law.kind != old.kind:
+                self._now[self._where.now.goal] = self._now[self._where.now.tilting.motion.lever]
+            self._order_drive()
+            return
+        self._order_tendon(motor)
+        if (law.kind, law.gain) != (old.kind, old.gain) or law.kind in ("pwm", "current"):
+            self._anchor(motor)
+
+    def set_supply(self, voltage: float) -> None:
+        self._supply = voltage
+        self._order_all()
+
+    def stick(self, tendon: int, stuck: bool) -> None:
+        self._stuck[tendon] = stuck
+        self._order_tendon(tendon)
+
+    def slip(self, tendon: int, length: float) -> None:
+        state, now, order = self._now, self._where.now, self._where.tendons
+        give = 0.0 if self._stuck[tendon] else float(self._tendons[order.compliance[tendon]])
+        before = float(state[now.tension[tendon]])
+        stiffness = 1 / (1 / self.spec.tendons.cable_stiffness.value + give)
+        after = max(0.0, before - stiffness * length)
+        self._tendons[order.cable_end[tendon]] += length
+        state[now.horn[tendon]] += (before - after) * give
+        state[now.tension[tendon]] = after
+        self._go(0)
+
+    def advance(self, until: float) -> None:
+        if until <= self._until:
+            return
+        self._until = until
+        ticks = math.floor(until / TICK_S + 1e-6) - self._ticks
+        if ticks > 0:
+            self._go(ticks)
+            self._ticks += ticks
+
+    def motion(self) -> Motion:
+        seen, now, late = self._seen, self._where.now, self._until - self._ticks * TICK_S
+        motion = now.tilting.motion
+        speed = seen[motion.torsion_rate] + late * seen[self._where.seen.torsion_acceleration]
+        torsion = seen[motion.torsion] + late * seen[motion.torsion_rate]
+        gyro = seen[motion.gyro] + late * seen[motion.gyro_rate]
+        rate_y, rate_z = (seen[i] for i in self._where.seen.tilt_rate)
+        tilt = self.tilt_angles
+        c, s = math.cos(torsion), math.sin(torsion)
+        chip = self.spec.imu.mount_radius.value
+        return Motion(
+            time=self._until,
+            drive=self._drive_motion(late),
+            tendons=tuple(self._tendon_motion(i, late) for i in range(self.count)),
+            tension=self.tension,
+            torsion=torsion,
+            torsion_rate=speed,
+            tilt=(tilt[0] + late * rate_y, tilt[1] + late * rate_z),
+            gyro=(gyro, c * rate_y + s * rate_z, c * rate_z - s * rate_y),
+            acceleration=_specific_force(
+                tilt, c, s, -chip * speed**2, chip * seen[self._where.seen.torsion_acceleration]
+            ),
+        )
+
+    @property
+    def pretension(self) -> float:
+        """The common shortening of the cables since first contact, by the motors' goals, as in the twin [m].
+
+        A goal is what a motor holding its position would have been told for the tension that there is.
+        """
+        state, now = self._now, self._where.now
+        wound = state[list(now.horn)] + state[list(now.tension)] / self.spec.tendons.servo_stiffness.value
+        ends = self._tendons[list(self._where.tendons.cable_end)] - wound
+        return self._first_end - float(ends.mean())
+
+    @property
+    def tension(self) -> tuple[float, ...]:
+        """The tension of every tendon [N], at the last tick."""
+        return tuple(self._seen[i] for i in self._where.now.tension)
+
+    @property
+    def tilt_angles(self) -> tuple[float, float]:
+        """The tilt of the head plate about y and z of frame B [rad], at the last tick."""
+        y, z = self._where.now.tilting.tilt
+        return self._seen[y], self._seen[z]
+
+    @property
+    def tilt_angle(self) -> float:
+        """The angle between the head plate and the base [rad], at the last tick."""
+        return math.hypot(*self.tilt_angles)
+
+    @property
+    def state(self) -> Tilting:
+        """The state of the equations of motion, as numbers, at the last tick."""
+        return jax.tree.map(self._seen.__getitem__, self._where.now.tilting)  # type: ignore[no-any-return]
+
+    def _go(self, ticks: int) -> None:
+        self._drive[self._where.steps] = ticks * self._substeps
+        out = np.asarray(move_on(self._now, self._tendons, self._drive, self._constants, self.count))
+        self._now = out[: self._now.size].copy()
+        self._seen = out.tolist()
+
+    def _anchor(self, tendon: int) -> None:
+        """Let a motor's position loop start from where its horn is, under the tension there is."""
+        state, now, order = self._now, self._where.now, self._where.tendons
+        if self._laws[tendon].kind in ("position", "velocity"):
+            give = state[now.tension[tendon]] * self._tendons[order.compliance[tendon]]
+            state[now.wound[tendon]] = state[now.horn[tendon]] + give
+        else:
+            state[now.wound[tendon]] = self._tendons[order.goal[tendon]]
+
+    def _order_all(self) -> None:
+        for tendon in range(self.count):
+            self._order_tendon(tendon)
+        self._order_drive()
+
+    def _order_tendon(self, tendon: int) -> None:
+        law, held, radius = self._laws[tendon], self._stuck[tendon], self._radius
+        share = self._supply / TENDON_VOLTAGE
+        stall = max(1e-9, TENDON_STALL_TORQUE * share / radius)
+        fastest = TENDON_NO_LOAD_SPEED * share * radius
+        speed_limit = min(_FAR, law.speed_limit * radius)
+        orders: dict[str, float] = {
+            "goal": _FAR, "speed": 0.0, "compliance": 0.0, "limit": stall * law.duty_limit, "duty": law.duty_limit,
+            "stall": stall, "fastest": fastest, "wind_cap": _FAR, "may_wind": 1.0, "may_pay": 1.0, "follows": 0.0,
+        }  # fmt: skip
+        limit = min(stall * law.duty_limit, law.current_limit / self._newton)
+        if law.kind == "position":
+            gain = max(law.gain, 1e-9)
+            orders |= {"goal": law.goal * radius, "speed": min(speed_limit, fastest * law.duty_limit), "limit": limit}
+            orders["compliance"] = _SERVO_GAIN / gain / self.spec.tendons.servo_stiffness.value
+        elif law.kind == "velocity":
+            orders |= {"goal": math.copysign(_FAR, law.goal), "limit": limit, "follows": 1.0}
+            orders["speed"] = min(abs(law.goal) * radius, fastest * law.duty_limit)
+        elif law.kind == "off":
+            orders |= {"limit": GEAR_HOLD / radius, "duty": 1.0, "may_wind": 0.0}
+        else:
+            if law.kind == "current":
+                pull = max(-limit, min(limit, law.goal / self._newton))
+            else:
+                pull = stall * max(-law.duty_limit, min(law.duty_limit, law.goal))
+                orders["duty"] = min(law.duty_limit, abs(law.goal))
+            orders |= {"goal": math.copysign(_FAR, pull), "limit": max(0.0, pull), "wind_cap": speed_limit}
+            orders["may_wind"] = float(pull > 0)
+        if held:
+            orders |= {"may_wind": 0.0, "may_pay": 0.0}
+        for name, value in orders.items():
+            self._tendons[getattr(self._where.tendons, name)[tendon]] = value
+
+    def _order_drive(self) -> None:
+        law, p = self._laws[self.count], self._p
+        share = self._supply / self.spec.drive.supply_voltage.value
+        constant = float(p.torque_constant)
+        duty_torque = float(p.duty_torque) * share
+        orders: dict[str, float] = dict.fromkeys(self._where.drive._fields, 0.0)
+        orders |= {"duty_limit": law.duty_limit, "on": float(law.kind != "off"), "duty_torque": duty_torque}
+        orders["torque_limit"] = min(1e9, constant * law.current_limit)
+        if law.kind == "position":
+            orders |= {"goal": law.goal, "gain": law.gain}
+            limited = math.isfinite(law.speed_limit)
+            orders |= {"speed": law.speed_limit if limited else 0.0, "jump": 0.0 if limited else _AT_ONCE}
+        elif law.kind == "velocity":
+            feed = float(p.speed_slope) * law.goal / max(1e-9, duty_torque)
+            orders |= {"speed_gain": law.gain, "feed": feed + law.gain * law.goal}
+        elif law.kind == "pwm":
+            orders["feed"] = law.goal
+        elif law.kind == "current":
+            orders |= {"by_torque": 1.0, "torque": constant * max(-law.current_limit, min(law.current_limit, law.goal))}
+        for name, value in orders.items():
+            self._drive[getattr(self._where.drive, name)] = value
+
+    def _drive_motion(self, late: float) -> HornMotion:
+        seen, motion, p = self._seen, self._where.now.tilting.motion, self._p
+        torque, speed = seen[self._where.seen.torque], seen[motion.lever_rate]
+        duty = 0.0
+        if self._laws[self.count].kind != "off":
+            full = max(1e-9, float(self._drive[self._where.drive.duty_torque]))
+            duty = (torque + float(p.speed_slope) * speed) / full
+        angle = seen[motion.lever] + late * speed
+        return HornMotion(angle, speed, torque / float(p.torque_constant), max(-1.0, min(1.0, duty)))
+
+    def _tendon_motion(self, tendon: int, late: float) -> HornMotion:
+        seen, now, order, law = self._seen, self._where.now, self._where.tendons, self._laws[tendon]
+        horn, speed = seen[now.horn[tendon]], seen[now.horn_speed[tendon]]
+        pull = self._stuck_pull(tendon) if self._stuck[tendon] else seen[now.tension[tendon]]
+        if law.kind == "off":
+            pull = duty = 0.0
+        else:
+            duty = pull / float(self._tendons[order.stall[tendon]])
+            duty += speed / max(1e-9, float(self._tendons[order.fastest[tendon]]))
+        angle = (horn + late * speed) / self._radius
+        return HornMotion(angle, speed / self._radius, pull * self._newton, max(-1.0, min(1.0, duty)))
+
+    def _stuck_pull(self, tendon: int) -> float:
+        """Return what a motor whose pulley is jammed pulls with [N], whatever the cable carries."""
+        state, now, order, law = self._now, self._where.now, self._where.tendons, self._laws[tendon]
+        limit = float(self._tendons[order.limit[tendon]])
+        if law.kind == "position":
+            lag = float(state[now.wound[tendon]] - state[now.horn[tendon]])
+            return max(-limit, min(limit, lag / float(self._tendons[order.compliance[tendon]])))
+        if law.kind == "velocity":
+            return limit * ((law.goal > 0) - (law.goal < 0))
+        return limit
+
+
+def _first_end(spec: RigSpec) -> float:
+    """Return the twin's cable end at first contact [m]."""
+    p = from_rig(spec)
+    contact = jnp.asarray(spec.tendons.first_contact_tension.value)
+    held, _ = jax.jit(set_pretension)(p, jnp.zeros(()), contact, jnp.asarray(POSITION), jnp.zeros(()))
+    return float(held.cable_end)
+
+
+def _specific_force(
+    tilt: tuple[float, float], c: float, s: float, radial: float, tangential: float
+) -> tuple[float, float, float]:
+    """Return the specific force [m/s²] in frame H at (0, r, 0): against gravity, and what the twist adds to it."""
+    y, z = tilt
+    angle = math.hypot(y, z)
+    sine = math.sin(angle) / angle if angle else 1.0
+    up_y, up_z = -sine * z, sine * y
+    force_y, force_z = c * up_y + s * up_z, c * up_z - s * up_y
+    return GRAVITY * math.cos(angle), GRAVITY * force_y + radial, GRAVITY * force_z + tangential

@@ -1,0 +1,277 @@
+"""This is where bytes are on the wire: a half-duplex line with devices, in which every byte takes its time.
+
+An instruction is heard when its last byte has come; a device answers when its return delay has passed, with what its
+registers hold then. In a sync or bulk read the answers follow one another; a device that does not answer costs the time
+its answer would have taken. A device set to another baud hears nothing that makes sense, and says nothing. Who speaks
+at the same time spoils the bytes: zeros win over ones. A status that a USB adapter hands over in one piece is handed
+over here when its last byte has come. Answers to a ping of all come by id. Instructions that are not stuffed are not
+understood, as none that is damaged; nobody answers with a CRC error.
+"""
+
+import heapq
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from sinew.emulator.device import Device
+from sinew.hardware import instructions as ask
+from sinew.hardware.codec import BROADCAST, HEADER, LONGEST, STATUS, Instruction, Status, crc16, encode, wire_bytes
+from sinew.hardware.decoder import Decoder
+
+__all__ = ["Disturbance", "Line"]
+
+Disturbance = Callable[[float, bytes], list[tuple[float, bytes]]]
+"""Turns (when the last byte has come [s], bytes) into what arrives instead, and when; nothing for what is lost."""
+
+_BITS_PER_BYTE = 10
+_READS = (ask.READ, ask.SYNC_READ, ask.BULK_READ)
+_FAST_READS = (ask.FAST_SYNC_READ, ask.FAST_BULK_READ)
+_GROUP_WRITES = (ask.SYNC_WRITE, ask.BULK_WRITE)
+
+
+@dataclass(slots=True, eq=False)
+class _Burst:
+    """Bytes that one party puts on the wire without a pause."""
+
+    start: float
+    stop: float
+    data: bytearray
+
+
+@dataclass(slots=True)
+class _Round:
+    """Answers that follow one another. crc: of a fast read so far, which is one packet of all."""
+
+    reads: Sequence[ask.Read]
+    fast: bool = False
+    next: int = 0
+    crc: int = 0
+
+    @property
+    def length(self) -> int:
+        """LEN of the one packet of a fast read."""
+        return 1 + sum(part.length + 4 for part in self.reads)
+
+    def block(self, status: Status, read: ask.Read) -> bytes:
+        """Return the next device's part of a fast read; of the first, with the header."""
+        part = bytes((status.error, status.id)) + (bytes(read.length) if status.number else status.params)
+        if self.next == 0:
+            part = HEADER + bytes((BROADCAST, self.length & 0xFF, self.length >> 8, STATUS)) + part
+        self.crc = crc16(part, self.crc)
+        check = bytes((self.crc & 0xFF, self.crc >> 8))
+        self.crc = crc16(check, self.crc)
+        return part + check
+
+
+@dataclass(frozen=True, slots=True)
+class _Turn:
+    """One device's part of a group's answer. leads: whether the next waits for its end."""
+
+    group: _Round
+    device: Device
+    read: ask.Read
+    leads: bool
+
+
+class Line:
+    """The wire between a master and devices.
+
+    host_baud: of the master [1/s]; may be set at any time. disturb_down: faults on the way to the devices;
+    disturb_up: to the master. instructions: how many have been heard, and of them group_reads; heard_at: when the last
+    one [s]. Call `work` at every `next_event`, with the devices brought to that time.
+    """
+
+    def __init__(self, devices: Sequence[Device], host_baud: int = 1_000_000) -> None:
+        self.devices = list(devices)
+        self.host_baud = host_baud
+        self.disturb_down: Disturbance | None = None
+        self.disturb_up: Disturbance | None = None
+        self._ear = Decoder()
+        self._agenda: list[tuple[float, int, Callable[[float], object]]] = []
+        self._order = itertools.count()
+        self._wire: list[_Burst] = []
+        self._arriving: list[tuple[float, int, bytes]] = []
+        self._master_free = 0.0
+        self.instructions = self.group_reads = 0
+        self.heard_at = -math.inf
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes that the master begins to send at a time [s]; they wait for those it sent before."""
+        start = max(now, self._master_free)
+        for part in _at_headers(data):
+            burst = self._put(start, part)
+            start = self._master_free = burst.stop
+            self._plan(burst.stop, lambda at, burst=burst: self._come_down(at, bytes(burst.data)))  # type: ignore[misc]
+
+    def transmit(self, now: float) -> bytes:
+        """Return what has come to the master by a time [s], and was not returned before."""
+        came = b""
+        while self._arriving and self._arriving[0][0] <= now:
+            came += heapq.heappop(self._arriving)[2]
+        return came
+
+    def next_event(self) -> float:
+        """Return when something happens next, on the line or to the master [s]; infinite: never."""
+        return min(self.due, self._arriving[0][0] if self._arriving else math.inf)
+
+    @property
+    def due(self) -> float:
+        """When `work` is to be called [s]; infinite: never."""
+        return self._agenda[0][0] if self._agenda else math.inf
+
+    def work(self, now: float) -> None:
+        """Do what is due by a time [s]."""
+        while self._agenda and self._agenda[0][0] <= now:
+            at, _, act = heapq.heappop(self._agenda)
+            act(at)
+
+    def forget(self) -> None:
+        """Lose everything that is on its way, as where the master is unplugged."""
+        self._agenda.clear()
+        self._arriving.clear()
+        self._wire.clear()
+        self._ear.reset()
+
+    def _plan(self, at: float, act: Callable[[float], object]) -> None:
+        heapq.heappush(self._agenda, (at, next(self._order), act))
+
+    def _put(self, start: float, data: bytes) -> _Burst:
+        """Put bytes on the wire; where others are there at the same time, both are spoiled."""
+        byte = _BITS_PER_BYTE / self.host_baud
+        burst = _Burst(start, start + len(data) * byte, bytearray(data))
+        self._wire = [other for other in self._wire if other.stop > start - 1e-9]
+        for other in self._wire:
+            if other.start < burst.stop - 1e-9 and start < other.stop - 1e-9:
+                _spoil(burst, other, round((start - other.start) / byte))
+        self._wire.append(burst)
+        return burst
+
+    def _come_down(self, at: float, data: bytes) -> None:
+        if self.disturb_down is None:
+            self._hear(at, data)
+            return
+        for when, part in self.disturb_down(at, data):
+            if when <= at:
+                self._hear(at, part)
+            else:
+                self._plan(when, lambda late, part=part: self._hear(late, part))  # type: ignore[misc]
+
+    def _come_up(self, at: float, data: bytes) -> None:
+        arrivals = [(at, data)] if self.disturb_up is None else self.disturb_up(at, data)
+        for when, part in arrivals:
+            if part:
+                heapq.heappush(self._arriving, (max(at, when), next(self._order), part))
+
+    def _hear(self, now: float, data: bytes) -> None:
+        for packet in self._ear.feed(data):
+            if isinstance(packet, Instruction):
+                self._carry_out(packet, now)
+
+    def _listeners(self, now: float) -> list[Device]:
+        return [device for device in self.devices if device.baud == self.host_baud and device.hears(now)]
+
+    def _carry_out(self, instruction: Instruction, now: float) -> None:
+        self.instructions += 1
+        self.heard_at = now
+        listeners = self._listeners(now)
+        for device in listeners:
+            device.heed(now)
+        code, to_all = instruction.code, instruction.id == BROADCAST
+        if code in _READS or code in _FAST_READS:
+            reads = ask.reads_of(instruction)
+            self.group_reads += code != ask.READ
+            if reads:
+                group = _Round(reads, code in _FAST_READS)
+                if not group.fast or group.length <= LONGEST:
+                    self._go_on(group, now)
+                return
+            if code != ask.READ:
+                return
+        if code in _GROUP_WRITES:
+            for write in ask.writes_of(instruction) or ():
+                for device in listeners:
+                    if device.id == write.id:
+                        device.write(write.address, write.data, now)
+            return
+        if to_all and code == ask.PING:
+            self._answer_in_turn(sorted(listeners, key=lambda device: device.id), instruction, now)
+            return
+        for device in listeners:
+            if to_all or device.id == instruction.id:
+                delay = device.return_delay
+                status = device.obey(instruction, now)
+                if status is not None and not to_all:
+                    self._speak_later(now + delay, encode(status))
+
+    def _answer_in_turn(self, devices: Sequence[Device], instruction: Instruction, now: float) -> None:
+        for device in devices:
+            status = device.obey(instruction, now)
+            if status is not None:
+                data = encode(status)
+                self._speak_later(now + device.return_delay, data)
+                now += device.return_delay + len(data) * _BITS_PER_BYTE / self.host_baud
+
+    def _speak_later(self, start: float, data: bytes) -> None:
+        self._plan(start, lambda at: self._speak(at, data))
+
+    def _speak(self, start: float, data: bytes | bytearray) -> float:
+        """Put a device's bytes on the wire; return when the last has gone [s]."""
+        burst = self._put(start, bytes(data))
+        self._plan(burst.stop, lambda at: self._come_up(at, bytes(burst.data)))
+        return burst.stop
+
+    def _go_on(self, group: _Round, now: float) -> None:
+        """Have the next device of a group speak, after its return delay; who is not there costs its time."""
+        while group.next < len(group.reads):
+            read = group.reads[group.next]
+            speakers = self._speakers(read.id, group.fast, now)
+            if speakers:
+                for place, device in enumerate(speakers):
+                    wait = 0.0 if group.fast and group.next else device.return_delay
+                    # Of two devices with one id, the first to be named leads on to the next.
+                    turn = _Turn(group, device, read, place == 0)
+                    self._plan(now + wait, lambda at, turn=turn: self._take(turn, at))  # type: ignore[misc]
+                return
+            if group.fast:
+                return  # the packet ends where a device does not go on with it
+            group.next += 1
+            now += wire_bytes(read.length, status=True) * _BITS_PER_BYTE / self.host_baud
+
+    def _speakers(self, device_id: int, fast: bool, now: float) -> list[Device]:
+        return [
+            device
+            for device in self._listeners(now)
+            if device.id == device_id and device.status_return_level >= 1 and (device.knows_fast_reads or not fast)
+        ]
+
+    def _take(self, turn: _Turn, now: float) -> None:
+        """Let a device say its part of a group's answer, as its registers are now."""
+        group, device, read = turn.group, turn.device, turn.read
+        status = device.answer(read.address, read.length, now) if device.hears(now) else None
+        stop = now
+        if status is not None:
+            stop = self._speak(now, group.block(status, read) if group.fast else encode(status))
+        if turn.leads:
+            group.next += 1
+            if group.next < len(group.reads):
+                self._plan(stop, lambda at: self._go_on(group, at))
+
+
+def _at_headers(data: bytes) -> list[bytes]:
+    """Return the bytes cut before every header in them, so that each packet is heard when it is whole."""
+    parts: list[bytes] = []
+    start = 0
+    at = data.find(HEADER, 1)
+    while at >= 0:
+        parts.append(data[start:at])
+        start, at = at, data.find(HEADER, at + 1)
+    return [*parts, data[start:]] if data else []
+
+
+def _spoil(one: _Burst, other: _Burst, shift: int) -> None:
+    """Let zeros win over ones where two bursts overlap. shift: bytes by which `one` began after `other`."""
+    for at in range(len(one.data)):
+        there = at + shift
+        if 0 <= there < len(other.data):
+            one.data[at] = other.data[there] = one.data[at] & other.data[there]

@@ -1,0 +1,90 @@
+"""This is where it is said what an emulated motor asks of the mechanics, and what the mechanics answer.
+
+The device side (registers, modes, limits) sets a `Law` for each horn; the mechanics side (`Plant`) moves on in time and
+tells a `Motion`. Angles are at the horn, in the motor's own positive sense being *pulling* for a tendon motor and
+the lever's positive sense for the drive; everything is in SI.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+__all__ = ["HornMotion", "Law", "Motion", "Plant"]
+
+LawKind = Literal["off", "pwm", "velocity", "position", "current"]
+
+
+@dataclass(frozen=True, slots=True)
+class Law:
+    """What a motor's controller does until it is told otherwise.
+
+    kind: off (no torque), or what `goal` is: duty [-1..1], speed [rad/s], angle [rad] or current [A].
+    gain: duty per radian of error (position) or per rad/s of error (velocity).
+    duty_limit: largest duty. current_limit: largest current [A]; infinite where the mode does not limit it.
+    speed_limit: largest speed at which a goal is approached [rad/s]; infinite: as fast as the motor can.
+    """
+
+    kind: LawKind = "off"
+    goal: float = 0.0
+    gain: float = 0.0
+    duty_limit: float = 1.0
+    current_limit: float = float("inf")
+    speed_limit: float = float("inf")
+
+
+@dataclass(frozen=True, slots=True)
+class HornMotion:
+    """One motor at one moment: angle [rad], speed [rad/s], signed current [A], duty [-1..1]."""
+
+    angle: float
+    speed: float
+    current: float
+    duty: float
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """The mechanics at one moment.
+
+    time: [s] since the start. drive, tendons: of the motors. tension: of every tendon [N].
+    torsion [rad] and torsion_rate [rad/s]: true ones. tilt: of the head plate about y and z of frame B [rad].
+    gyro: torsion rate behind the chip's low-pass, and the rates of tilt, in frame H [rad/s].
+    acceleration: specific force at the chip, in frame H [m/s²]; at rest it points up.
+    """
+
+    time: float
+    drive: HornMotion
+    tendons: tuple[HornMotion, ...]
+    tension: tuple[float, ...]
+    torsion: float
+    torsion_rate: float
+    tilt: tuple[float, float]
+    gyro: tuple[float, float, float]
+    acceleration: tuple[float, float, float]
+
+
+class Plant(Protocol):
+    """Mechanics behind the motors; motor 0..n-1 pull the tendons, motor n is the drive."""
+
+    def set_law(self, motor: int, law: Law) -> None:
+        """Give a motor another law, from now on."""
+        ...
+
+    def set_supply(self, voltage: float) -> None:
+        """Feed the motors another voltage [V], from now on."""
+        ...
+
+    def stick(self, tendon: int, stuck: bool) -> None:
+        """Hold a tendon's motor where it is (a jammed pulley), or let it go."""
+        ...
+
+    def slip(self, tendon: int, length: float) -> None:
+        """Let so much cable slip out of a pulley [m], at once."""
+        ...
+
+    def advance(self, until: float) -> None:
+        """Move on to a time [s]; one that has passed changes nothing."""
+        ...
+
+    def motion(self) -> Motion:
+        """Return the state at the time last advanced to."""
+        ...

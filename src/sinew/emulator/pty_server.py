@@ -1,0 +1,189 @@
+"""This is where an emulated bench is served on a pseudo-terminal in real time."""
+
+import math
+import select
+from pathlib import Path
+from typing import Protocol
+
+from sinew.emulator.pty_port import PtyPort
+from sinew.hardware.transport import Clock
+
+__all__ = ["HostEnd", "PtyServer", "Served"]
+
+_TICK = 1e-3
+"""How long it sleeps at most [s]; in between the plant moves on, so that no answer has to wait for much of it."""
+_TOGETHER = 0.2e-3
+"""How long a byte waits for one that is due soon, to be sent in one go [s]."""
+_SPARE = 0.3e-3
+"""How long there must be nothing to do [s] for work to be done ahead."""
+_LARGEST_STEP = 0.25
+"""How much emulated time passes at once [s]; where the computer took longer, the emulated time is held up."""
+_BACKLOG = 4096
+"""How many bytes wait for a master that does not read; more are lost, as in an adapter."""
+_QUIET = 0.5
+"""After how long a silence a master may have left, and what it claimed is given back [s]."""
+
+
+class HostEnd(Protocol):
+    """The line where the master's adapter is. host_baud: the adapter's rate [1/s]."""
+
+    host_baud: int
+
+
+class Served(Protocol):
+    """An emulated bench as `PtyServer` sees it; every time is emulated, in seconds since the start."""
+
+    @property
+    def line(self) -> HostEnd:
+        """The line that the master is on."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """The time it has been advanced to."""
+        ...
+
+    @property
+    def unplugged(self) -> bool:
+        """Whether there is no way from the master to the line."""
+        ...
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take what the master has sent."""
+        ...
+
+    def transmit(self, now: float) -> bytes:
+        """Return what has reached the master since the last call."""
+        ...
+
+    def next_event(self) -> float:
+        """Return when there is next something to transmit or to do; infinite where nothing is foreseen."""
+        ...
+
+    def advance(self, now: float) -> None:
+        """Let time pass."""
+        ...
+
+    def catch_up(self) -> None:
+        """Do now, while nobody waits, what an answer would otherwise have to wait for."""
+        ...
+
+
+class PtyServer:
+    """Serves a bench on a pseudo-terminal until it is stopped.
+
+    link: name of the port. speed: emulated seconds in a second of `clock`.
+    slipped: by how much the emulated time was held up [s], because the
+    computer did not keep pace. lost: bytes that no master read in time.
+    Raises FileError, PortError like `PtyPort`.
+    """
+
+    def __init__(self, rig: Served, link: Path, *, clock: Clock, speed: float = 1.0) -> None:
+        self._rig, self._clock, self._speed = rig, clock, speed
+        self.link = link
+        self._port: PtyPort | None = PtyPort(link)
+        self._reached = rig.time
+        self.restart_time()
+        self._heard = -math.inf
+        self._outbox = bytearray()
+        self._held_until = math.inf
+        self._stopping = False
+        self.slipped = 0.0
+        self.lost = 0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a port that a master can open."""
+        return self._port is not None
+
+    @property
+    def terminal(self) -> str | None:
+        """The terminal that the link leads to; None while unplugged."""
+        return self._port.terminal if self._port is not None else None
+
+    def restart_time(self) -> None:
+        """Take the present moment for where the emulated time stands: what came before was preparation."""
+        self._start = self._clock.now() - self._reached / self._speed
+
+    def clock_time(self, time: float) -> float:
+        """Return what the clock showed, or will show, at an emulated time [s]; not where time was held up since."""
+        return self._start + time / self._speed
+
+    def stop(self) -> None:
+        """Let `run` return soon; may be called from a signal handler or another thread."""
+        self._stopping = True
+
+    def run(self, until: float = math.inf) -> None:
+        """Serve until stopped, or until an emulated time [s]."""
+        self.restart_time()
+        while not self._stopping and self._reached < until:
+            self.step()
+
+    def step(self) -> None:
+        """Do what is due, then sleep until there is more to do or a master sends something."""
+        now = self._go_on()
+        if self._rig.unplugged == self.is_open:
+            self._change_plug()
+        if self._port is None:
+            self._clock.wait_until(self._clock.now() + _TICK)
+            return
+        self._send(self._port, now)
+        soonest = min(self._rig.next_event(), self._held_until, now + _TICK * self._speed)
+        if soonest - now > _SPARE * self._speed:
+            self._rig.catch_up()
+        if self._wait(self._port, (soonest - self._now()) / self._speed):
+            self._take(self._port)
+        elif now - self._heard > _QUIET * self._speed:
+            self._port.release()
+            self._heard = now
+
+    def close(self) -> None:
+        """Hang up and remove the link; may be called again."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+    def _go_on(self) -> float:
+        """Let the time pass that has passed; return it [s]."""
+        now = self._now()
+        behind = now - self._reached - _LARGEST_STEP
+        if behind > 0:
+            self.slipped += behind
+            self._start += behind / self._speed
+            now -= behind
+        self._reached = now
+        self._rig.advance(now)
+        return now
+
+    def _now(self) -> float:
+        return (self._clock.now() - self._start) * self._speed
+
+    def _change_plug(self) -> None:
+        self._outbox.clear()
+        if self._port is None:
+            self._port = PtyPort(self.link)
+        else:
+            self.close()
+
+    def _send(self, port: PtyPort, now: float) -> None:
+        """Send what has reached the master, except that bytes wait a little for others that come soon."""
+        fresh = self._rig.transmit(now)
+        if fresh:
+            room = _BACKLOG - len(self._outbox)
+            self._outbox += fresh[: max(0, room)]
+            self.lost += max(0, len(fresh) - room)
+            self._held_until = min(self._held_until, now + _TOGETHER * self._speed)
+        if self._outbox and (now >= self._held_until or self._rig.next_event() > self._held_until):
+            del self._outbox[: port.write(bytes(self._outbox))]
+            self._held_until = now + _TICK * self._speed if self._outbox else math.inf
+
+    def _wait(self, port: PtyPort, seconds: float) -> bool:
+        return bool(select.select([port], [], [], max(0.0, seconds))[0])
+
+    def _take(self, port: PtyPort) -> None:
+        data = port.read()
+        self._heard = self._go_on()
+        baud = port.baud()
+        if baud:
+            self._rig.line.host_baud = baud
+            self._rig.receive(data, self._heard)

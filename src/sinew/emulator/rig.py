@@ -1,0 +1,213 @@
+"""This is where the emulated bench stands: five motors and a sensor on one line, with mechanics behind them.
+
+Times are seconds since the bench was made. Things happen when they are due: a sample of the sensor, a step of a
+trajectory, a watchdog, an answer. The mechanics move only as far as somebody needs them.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinew.emulator.imu_node import ImuNode
+from sinew.emulator.line import Line
+from sinew.emulator.mechanics import Horn, Mechanics
+from sinew.emulator.motor import BROWN_OUT, Motor
+from sinew.emulator.plant import Law, Motion, Plant
+from sinew.emulator.trips import TripLog
+from sinew.hardware.imu_registers import OPENCR_NODE
+from sinew.hardware.motor_registers import BAUD_RATES, MOTORS
+from sinew.measure.errors import SpecError
+from sinew.plan.rig import RigSpec
+
+__all__ = ["EmulatedRig", "MotorState"]
+
+_RESTING = 0.05  # rad/s; below it a motor counts as standing still
+
+
+@dataclass(frozen=True, slots=True)
+class MotorState:
+    """The truth about a motor, whatever its registers say to a master.
+
+    torque: whether it is on. is_tripped: stopped by its bus watchdog. law: what its controller does.
+    angle [rad], speed [rad/s] and current [A]: in the plant's sense.
+    """
+
+    torque: bool
+    is_tripped: bool
+    law: Law
+    angle: float
+    speed: float
+    current: float
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the horn turns."""
+        return abs(self.speed) > _RESTING
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether it has no torque, or holds a position or current with less than full duty or with limited current."""
+        kept = self.law.kind in ("position", "current")
+        held = kept and (self.law.duty_limit < 1 or self.law.current_limit < math.inf)
+        return not self.torque or self.law.kind == "off" or held
+
+
+class EmulatedRig:
+    """A bench as a master on the line sees it.
+
+    spec: which devices, with which ids and signs, and the sensor's noise. plant: the mechanics.
+    seed: of the sensor's noise, bias and crystal. tendon_counts: encoder readings of the tendon motors at the start.
+    baud: what the devices are set to [1/s]; None: the wiring's, which the master has. firmware: of the motors.
+    return_delay: register return_delay_time of the motors, in 2 µs; a factory-new motor has 250.
+    imu_ppm: error of the sensor's crystal [1e-6]; None: drawn. trips: who was stopped by its bus watchdog, and when.
+    Raises SpecError for a model that is not emulated, or a baud that the motors do not have.
+    """
+
+    def __init__(
+        self,
+        spec: RigSpec,
+        plant: Plant,
+        *,
+        seed: int = 0,
+        tendon_counts: int = 2048,
+        baud: int | None = None,
+        firmware: int = 47,
+        return_delay: int = 250,
+        imu_ppm: float | None = None,
+    ) -> None:
+        wiring = spec.wiring
+        baud = wiring.baud if baud is None else baud
+        if baud not in BAUD_RATES:
+            rates = ", ".join(map(str, BAUD_RATES))
+            raise SpecError(f"the motors cannot speak at {baud} baud; expected one of {rates}")
+        if wiring.imu_model != OPENCR_NODE.model:
+            raise SpecError(f"the sensor {wiring.imu_model} is not emulated; expected {OPENCR_NODE.model}")
+        self.spec, self.plant = spec, plant
+        self.mechanics = Mechanics(plant)
+        self.supply = spec.drive.supply_voltage.value
+        plant.set_supply(self.supply)
+        self._unplugged = False
+        ids = (*wiring.tendon_ids, wiring.drive_id)
+        models = (wiring.tendon_model,) * len(wiring.tendon_ids) + (wiring.drive_model,)
+        signs = (*wiring.tendon_pull, wiring.drive_sign)
+        zeros = (tendon_counts,) * len(wiring.tendon_ids) + (wiring.drive_zero_counts,)
+        tables = {table.model: table for table in MOTORS.values()}
+        self.motors: dict[int, Motor] = {}
+        for index, device in enumerate(ids):
+            if models[index] not in tables:
+                raise SpecError(f"the motor {models[index]} is not emulated; expected {' or '.join(tables)}")
+            horn = Horn(self.mechanics, index, signs[index], zeros[index])
+            code = BAUD_RATES.index(baud)
+            motor = Motor(
+                tables[models[index]], horn, device_id=device, baud_code=code, firmware=firmware, supply=self.supply
+            )
+            motor.registers["return_delay_time"] = return_delay
+            self.motors[device] = motor
+        self._motors = tuple(self.motors.values())
+        self._motors_due = 0.0
+        rng = np.random.default_rng(seed)
+        self.imu = ImuNode(
+            spec.imu, self.mechanics, rng, device_id=wiring.imu_id, baud=baud, axes=wiring.imu_axes, ppm=imu_ppm
+        )
+        self.line = Line([*self._motors, self.imu], wiring.baud)
+        self.trips = TripLog(self._motors, self.line)
+
+    @property
+    def time(self) -> float:
+        """The time it has been advanced to [s]."""
+        return self.mechanics.time
+
+    @property
+    def unplugged(self) -> bool:
+        """Whether the master is cut off; what is on its way at that moment is lost."""
+        return self._unplugged
+
+    @unplugged.setter
+    def unplugged(self, unplugged: bool) -> None:
+        self._unplugged = unplugged
+        self.line.forget()
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes that the master begins to send at a time [s]."""
+        self.advance(now)
+        if not self.unplugged:
+            self.line.receive(data, now)
+
+    def transmit(self, now: float) -> bytes:
+        """Return the bytes that have come to the master by a time [s]."""
+        self.advance(now)
+        return b"" if self.unplugged else self.line.transmit(now)
+
+    def next_event(self) -> float:
+        """Return when something happens next on the line [s]; infinite: nothing, until the master sends."""
+        return self.line.next_event()
+
+    def advance(self, now: float) -> None:
+        """Let everything happen that is due by a time [s]; one that has passed changes nothing."""
+        imu, line = self.imu, self.line
+        while True:
+            due = min(imu.due, line.due, self._motors_due)
+            if due > now:
+                break
+            self.mechanics.go_to(due)
+            if self._motors_due <= due:
+                for motor in self._motors:
+                    if motor.due <= due:
+                        motor.advance(due)
+                self.trips.look(due)
+                self._look_ahead()
+            if imu.due <= due:
+                imu.advance(due)
+            if line.due <= due:
+                heard = line.instructions
+                line.work(due)
+                if line.instructions != heard:
+                    self._look_ahead()
+        self.mechanics.go_to(now)
+
+    def _look_ahead(self) -> None:
+        """Find out when a motor has something to do: to be asked anew after instructions, which may change that."""
+        self._motors_due = min(self.trips.due, *[motor.due for motor in self._motors])
+
+    def set_supply(self, voltage: float) -> None:
+        """Feed the bench another voltage [V], from now on; below `BROWN_OUT` every device goes off."""
+        self.supply = voltage
+        self.mechanics.catch_up().set_supply(voltage)
+        for motor in self._motors:
+            motor.set_supply(voltage, self.time)
+        self._look_ahead()
+        self.imu.set_power(voltage >= BROWN_OUT, self.time)
+
+    def stick(self, tendon: int, stuck: bool) -> None:
+        """Jam a tendon's pulley from now on, or let it go; tendons count from 0."""
+        self.mechanics.catch_up().stick(tendon, stuck)
+
+    def slip(self, tendon: int, length: float) -> None:
+        """Let so much cable slip out of a pulley [m], at once."""
+        self.mechanics.catch_up().slip(tendon, length)
+
+    def motion(self) -> Motion:
+        """Return the true motion at the present time."""
+        return self.mechanics.motion()
+
+    def states(self) -> dict[int, MotorState]:
+        """Return the truth about each motor at the present time, by id at the start."""
+        states: dict[int, MotorState] = {}
+        for device, motor in self.motors.items():
+            horn = motor.horn.motion()
+            states[device] = MotorState(
+                motor.torque, motor.is_tripped, motor.horn.law, horn.angle, horn.speed, horn.current
+            )
+        return states
+
+    def stopped(self) -> bool:
+        """Return whether no motor moves of its own: each is without torque, or stands still."""
+        return all(not state.torque or not state.is_moving for state in self.states().values())
+
+    def in_safe_state(self) -> bool:
+        """Return whether each motor is without torque, or stands still and is limited or stopped by its watchdog."""
+        return all(
+            not state.torque or (not state.is_moving and (state.is_limited or state.is_tripped))
+            for state in self.states().values()
+        )

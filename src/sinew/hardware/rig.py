@@ -1,0 +1,251 @@
+"""This is where all devices of a bench are one: read in one transaction, told their goals in another, set up alike.
+
+A cycle of the bench is `write_goals` and `read`. What a device did not answer, or answered too late, is missing from a
+reading and never repeated: the next cycle comes soon enough.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sinew.hardware.bus import Bus
+from sinew.hardware.clock_track import ClockTrack
+from sinew.hardware.codec import wire_bytes
+from sinew.hardware.configuration import answer_everything, configure_drive, configure_motor
+from sinew.hardware.errors import DeviceError, RegisterError
+from sinew.hardware.imu import Imu, ImuReading
+from sinew.hardware.imu_registers import IMUS
+from sinew.hardware.instructions import Read, Write
+from sinew.hardware.layout import lay_out
+from sinew.hardware.motor import Motor
+from sinew.hardware.motor_registers import MOTORS
+from sinew.hardware.registers import RegisterTable
+from sinew.hardware.reply import Reply
+from sinew.hardware.servos import DriveServo, TendonServo
+from sinew.hardware.transport import Clock
+from sinew.plan.plan import TendonMode
+from sinew.plan.rig import RigSpec
+
+__all__ = ["Climate", "MotorReading", "Reading", "Rig"]
+
+_PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
+_CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")
+_SPAN_OF_TICK = 32_768
+
+
+@dataclass(frozen=True, slots=True)
+class MotorReading:
+    """One motor at one moment, in the rig's sense: a tendon's is positive where it pulls.
+
+    angle [rad], speed [rad/s], current [A], duty [share of the supply], tick [ms, of its own clock].
+    alert: whether it reports a hardware error.
+    """
+
+    angle: float
+    speed: float
+    current: float
+    duty: float
+    tick: int
+    alert: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Climate:
+    """Supply voltage [V] and temperature [°C] at the motor of that name."""
+
+    name: str
+    voltage: float
+    temperature: float
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one transaction brought; None stands for a device that gave no fresh answer.
+
+    time: host's time at which the drive read its encoder [s]; what port and operating system take is not in it.
+    climate: of the one motor that was asked for it this time. faults: answers that were not ok.
+    stale: names of devices whose answer was whole but of an earlier time.
+    """
+
+    time: float
+    drive: MotorReading | None
+    tendons: tuple[MotorReading | None, ...]
+    imu: ImuReading | None
+    climate: Climate | None
+    faults: tuple[Reply, ...]
+    stale: tuple[str, ...] = ()
+
+
+class _Present:
+    """Turns a motor's answer into its reading; all that can be worked out before is."""
+
+    def __init__(self, motor: Motor, zero: int = 0) -> None:
+        self.name, self.id = motor.name, motor.id
+        short, long = lay_out(motor.table, _PRESENT), lay_out(motor.table, _CLIMATE)
+        self.ask, self.ask_climate = (Read(motor.id, block.address, block.length) for block in (short, long))
+        self._unpack, self._unpack_climate = short.unpack.unpack_from, long.unpack.unpack
+        _, duty, current, speed, angle, self._volt, self._degree = long.scales
+        sign = motor.sign
+        self._duty, self._current, self._speed, self._angle = sign * duty, sign * current, sign * speed, sign * angle
+        self._zero = zero
+        self.track = ClockTrack(short.scales[0], _SPAN_OF_TICK)
+
+    def decode(self, reply: Reply, time: float) -> MotorReading | None:
+        """Return what a good answer says, or None if it does not belong to this host time [s]."""
+        tick, duty, current, speed, position = self._unpack(reply.data)
+        if not self.track.is_fresh(tick, time):
+            return None
+        angle = (position - self._zero) * self._angle
+        return MotorReading(angle, speed * self._speed, current * self._current, duty * self._duty, tick, reply.alert)
+
+    def climate(self, reply: Reply) -> Climate:
+        """Return voltage and temperature out of an answer to `ask_climate`."""
+        *_, voltage, temperature = self._unpack_climate(reply.data)
+        return Climate(self.name, voltage * self._volt, temperature * self._degree)
+
+
+class Rig:
+    """The bench's devices.
+
+    bus, clock: the seams; nothing is sent while it is made. spec: wiring, limits and gear of the rig.
+    tendons, drive, imu: the devices. motors: tendons first, then the drive. stale: answers of an earlier time, by
+    device. cycle_bytes: on the wire in one cycle, without stuffing.
+    Raises RegisterError if the wiring names a model of which there is no register table.
+    """
+
+    def __init__(self, bus: Bus, clock: Clock, spec: RigSpec) -> None:
+        self.bus, self.clock, self.spec = bus, clock, spec
+        wiring, limits, supply = spec.wiring, spec.limits, spec.drive.supply_voltage.value
+        tendon = _table(wiring.tendon_model, "tendon_model", list(MOTORS.values()))
+        drive = _table(wiring.drive_model, "drive_model", list(MOTORS.values()))
+        imu = _table(wiring.imu_model, "imu_model", list(IMUS.values()))
+        self.tendons = tuple(
+            TendonServo(bus, f"tendon {i}", id_, tendon, pull, current_limit=limits.tendon_current_a, supply=supply)
+            for i, (id_, pull) in enumerate(zip(wiring.tendon_ids, wiring.tendon_pull, strict=True), start=1)
+        )
+        window = math.radians(limits.drive_window_deg)
+        self.drive = DriveServo(
+            bus, "drive", wiring.drive_id, drive, wiring.drive_sign, zero=wiring.drive_zero_counts, window=window
+        )
+        self.imu = Imu(bus, wiring.imu_id, imu, wiring.imu_axes)
+        self.motors: tuple[Motor, ...] = (*self.tendons, self.drive)
+        self.stale: Counter[str] = Counter()
+        self._mode: TendonMode | None = None
+        self._return_delay = bus.timing.return_delay
+        self._drive_present = _Present(self.drive, self.drive.zero)
+        self._tendon_presents = tuple(_Present(motor) for motor in self.tendons)
+        self._presents = (*self._tendon_presents, self._drive_present)
+        self._turns = [self._reads(index) for index in range(len(self._presents))]
+        self._turn = 0
+        grouped = len(self._turns[0])
+        answers = sum(wire_bytes(read.length, status=True) for read in self._turns[0])
+        self.cycle_bytes = wire_bytes(9 * len(self.motors)) + wire_bytes(5 * grouped) + answers
+        if not self.imu.is_grouped:
+            self.cycle_bytes += wire_bytes(4) + wire_bytes(self.imu.ask.length, status=True)
+
+    def read(self) -> Reading:
+        """Return what all devices say, in one transaction that is never repeated; a missing answer raises nothing.
+
+        The drive answers first and the IMU second. One motor in turn also tells its climate. Raises PortError.
+        """
+        turn, bus = self._turn, self.bus
+        self._turn = (turn + 1) % len(self._turns)
+        replies = bus.bulk_read(self._turns[turn], retries=0)
+        time = bus.left_wire + self._return_delay
+        stale: list[str] = []
+        drive = self._motor(self._drive_present, replies, time, stale)
+        tendons = tuple([self._motor(present, replies, time, stale) for present in self._tendon_presents])
+        imu = self._sensor(replies, time, stale)
+        asked = self._presents[turn]
+        there = drive if asked is self._drive_present else tendons[turn]
+        climate = asked.climate(replies[asked.id]) if there is not None else None
+        faults = tuple([reply for reply in replies.values() if not reply.ok])
+        self.stale.update(stale)
+        return Reading(time, drive, tendons, imu, climate, faults, tuple(stale))
+
+    def write_goals(self, drive_angle: float, tendon_goals: Sequence[float]) -> None:
+        """Tell all motors their goals, in one packet that nobody answers.
+
+        drive_angle: of the lever against the head [rad]. tendon_goals: angles [rad] or, in current mode, currents [A],
+        by tendon. Raises DeviceError before `set_tendon_mode`, RegisterError for a goal beyond the rig's limits or
+        what a register holds, PortError.
+        """
+        if self._mode is None:
+            raise DeviceError("tendon goals have no meaning yet; expected a mode, call set_tendon_mode first")
+        by_current = self._mode == "current"
+        drive = self.drive.goal_angle
+        writes = [Write(self.drive.id, drive.address, drive.encode(drive_angle))]
+        for motor, goal in zip(self.tendons, tendon_goals, strict=True):
+            encoder = motor.goal_current if by_current else motor.goal_angle
+            writes.append(Write(motor.id, encoder.address, encoder.encode(goal)))
+        self.bus.bulk_write(writes)
+
+    def set_tendon_mode(self, mode: TendonMode) -> None:
+        """Have all tendon motors run as a plan calls it, and `write_goals` mean that; those in it already are left.
+
+        Raises DeviceError if a motor has another mode and its torque is on.
+        """
+        self._mode = None
+        for motor in self.tendons:
+            motor.set_tendon_mode(mode)
+        self._mode = mode
+
+    def configure(self) -> None:
+        """Set every motor up for the bench; see `configuration`. Raises DeviceError, also if a torque is on."""
+        for motor in self.motors:
+            answer_everything(motor)
+            motor.require_torque_off("to be set up")
+        for tendon in self.tendons:
+            configure_motor(tendon, self.spec.limits, self.spec.limits.tendon_current_a)
+        configure_motor(self.drive, self.spec.limits, self.spec.limits.drive_current_a)
+        configure_drive(self.drive)
+        self._return_delay = 0.0
+        self.forget()
+
+    def forget(self) -> None:
+        """Take the next answer of every device as fresh, after one was started anew on purpose."""
+        for present in self._presents:
+            present.track.reset()
+        self.imu.track.reset()
+
+    def _reads(self, turn: int) -> list[Read]:
+        """Return what is asked in a cycle, in the order of the answers."""
+        asked = [p.ask_climate if index == turn else p.ask for index, p in enumerate(self._presents)]
+        sensor = [self.imu.ask] if self.imu.is_grouped else []
+        return [asked[-1], *sensor, *asked[:-1]]
+
+    @staticmethod
+    def _motor(present: _Present, replies: dict[int, Reply], time: float, stale: list[str]) -> MotorReading | None:
+        reply = replies[present.id]
+        if not reply.ok:
+            return None
+        reading = present.decode(reply, time)
+        if reading is None:
+            stale.append(present.name)
+        return reading
+
+    def _sensor(self, replies: dict[int, Reply], time: float, stale: list[str]) -> ImuReading | None:
+        imu = self.imu
+        if imu.is_grouped:
+            reply, before = replies[imu.id], replies[self.drive.id]
+            # It answers behind the drive; where the drive was silent, its own clock says when.
+            behind = wire_bytes(len(before.data), status=True) * 10 / self.bus.timing.baud
+            answered = time + behind if before.ok else math.nan
+        else:
+            reply = replies[imu.id] = self.bus.read(imu.id, imu.ask.address, imu.ask.length, retries=0)
+            answered = self.bus.left_wire
+        if not reply.ok:
+            return None
+        reading = imu.decode(reply, answered)
+        if reading is None:
+            stale.append(imu.name)
+        return reading
+
+
+def _table(model: str, key: str, tables: Sequence[RegisterTable]) -> RegisterTable:
+    for table in tables:
+        if table.model == model:
+            return table
+    known = ", ".join(table.model for table in tables)
+    raise RegisterError(f"rig key wiring.{key}: there is no register table of {model!r}; expected one of {known}")

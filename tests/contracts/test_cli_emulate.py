@@ -1,0 +1,237 @@
+"""`sinew emulate`: what it says when it is ready, how it ends, what it tells afterwards, and how it refuses."""
+
+import json
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sinew.apps.cli import main
+from sinew.emulator.fault_spec import FAULT_KINDS
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.motor_registers import XH430_W350
+from sinew.hardware.serial_port import SerialPort
+from sinew.hardware.transport import MonotonicClock
+
+SINEW = Path(sys.executable).with_name("sinew")
+PATIENCE = 60.0  # s
+
+
+@contextmanager
+def started(*options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Give the process and the first line it says; whatever happens, it is over at the end."""
+    command = [SINEW, "emulate", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert select.select([process.stdout], [], [], PATIENCE)[0]
+            yield process, process.stdout.readline()
+        finally:
+            process.kill()
+
+
+def finished(*options: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([SINEW, "emulate", *options], capture_output=True, text=True, check=False, timeout=PATIENCE)
+
+
+def bus(link: Path) -> Bus:
+    clock = MonotonicClock()
+    # The emulator shares this computer with other tests: patience costs nothing where an answer comes.
+    return Bus(SerialPort(str(link), 1_000_000, clock), clock, BusTiming(latency=0.5))
+
+
+@pytest.fixture
+def link(tmp_path: Path) -> Path:
+    return tmp_path / "bench"
+
+
+def test_when_it_has_said_its_line_the_devices_answer(link: Path) -> None:
+    with started("--unloaded", "--link", str(link)):
+        master = bus(link)
+        answered = [device for device in (1, 2, 3, 4, 5, 200) if master.ping(device).ok]
+        master.close()
+    assert answered == [1, 2, 3, 4, 5, 200]
+
+
+def test_its_line_says_where_what_and_how(link: Path) -> None:
+    options = ("--unloaded", "--link", str(link), "--seed", "7", "--fault", "unplug@60")
+    with started(*options) as (_, line):
+        pass
+    assert all(word in line for word in (str(link), "rig paper", "1000000 baud", "seed 7", "unplug@60", "Ctrl-C"))
+
+
+def test_its_line_as_json_has_the_keys_of_the_reference(link: Path) -> None:
+    with started("--unloaded", "--link", str(link), "--json") as (_, line):
+        said = json.loads(line)
+    assert set(said) == {
+        "link",
+        "terminal",
+        "rig",
+        "plant",
+        "baud",
+        "devices",
+        "seed",
+        "speed",
+        "tilt_deg",
+        "slack_mm",
+        "faults",
+    }
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_status_0_and_without_a_word(link: Path, number: signal.Signals) -> None:
+    with started("--unloaded", "--link", str(link)) as (process, _):
+        process.send_signal(number)
+        out, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, out, err) == (0, "", "")
+
+
+def test_the_link_is_gone_at_the_end(link: Path) -> None:
+    finished("--unloaded", "--link", str(link), "--for", "0.1")
+    assert not link.is_symlink()
+
+
+def test_it_ends_after_the_emulated_time_asked_for(link: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.json"
+    finished("--unloaded", "--link", str(link), "--for", "3", "--speed", "10", "--truth", str(truth))
+    assert 3.0 <= json.loads(truth.read_text())["time_s"] < 3.5
+
+
+def test_after_a_kill_the_next_one_turns_the_link_over(link: Path) -> None:
+    with started("--unloaded", "--link", str(link)) as (process, _):
+        process.kill()
+        process.wait(PATIENCE)
+    left = link.is_symlink()
+    assert (left, finished("--unloaded", "--link", str(link), "--for", "0.1").returncode) == (True, 0)
+
+
+def truth_after(link: Path, tmp_path: Path, *options: str, torque: tuple[int, ...] = ()) -> dict[str, Any]:
+    """Return the truth at the end of a run in which some motors were given torque."""
+    truth = tmp_path / "truth.json"
+    with started("--unloaded", "--link", str(link), "--truth", str(truth), *options) as (process, _):
+        master = bus(link)
+        for device in torque:
+            assert master.write(device, XH430_W350["torque_enable"].address, b"\1").ok
+        master.close()
+        process.terminate()
+        process.wait(PATIENCE)
+    return dict(json.loads(truth.read_text()))
+
+
+def test_the_truth_tells_which_motors_had_torque(link: Path, tmp_path: Path) -> None:
+    motors = truth_after(link, tmp_path, torque=(2, 5))["motors"]
+    assert [motor["id"] for motor in motors if motor["torque"]] == [2, 5]
+
+
+def test_the_truth_has_the_keys_of_the_reference(link: Path, tmp_path: Path) -> None:
+    told = truth_after(link, tmp_path)
+    assert set(told) == {
+        "rig",
+        "seed",
+        "time_s",
+        "slipped_s",
+        "lost_bytes",
+        "motors",
+        "stopped",
+        "in_safe_state",
+        "torsion_deg",
+        "tilt_deg",
+        "tension_n",
+        "pretension_mm",
+        "faults",
+    }
+
+
+def test_the_truth_lists_what_the_faults_did(link: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.json"
+    fault = ("--fault", "imu-freeze@0.5-0.75")
+    finished("--unloaded", "--link", str(link), "--for", "1", *fault, "--truth", str(truth))
+    faults = json.loads(truth.read_text())["faults"]
+    assert [(each["time_s"], each["what"]) for each in faults] == [(0.5, "begins"), (0.75, "ends")]
+
+
+def test_a_watchdog_that_trips_when_its_master_leaves_is_in_the_truth(link: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.json"
+    with started("--unloaded", "--link", str(link), "--truth", str(truth)) as (process, _):
+        master = bus(link)
+        assert master.write(1, XH430_W350["bus_watchdog"].address, b"\5").ok
+        assert master.write(1, XH430_W350["torque_enable"].address, b"\1").ok
+        master.close()
+        time.sleep(0.5)
+        process.terminate()
+        process.wait(PATIENCE)
+    assert [motor["watchdog_tripped"] for motor in json.loads(truth.read_text())["motors"]] == [True] + [False] * 4
+
+
+def test_an_unplugged_bench_has_no_port_but_lives(link: Path) -> None:
+    with started("--unloaded", "--link", str(link), "--fault", "unplug@0.2") as (process, _):
+        stop = time.monotonic() + PATIENCE
+        while link.is_symlink() and time.monotonic() < stop:
+            time.sleep(0.01)
+        assert (link.is_symlink(), process.poll()) == (False, None)
+
+
+def test_a_joint_is_found_with_the_tilt_and_the_slack_asked_for(link: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.json"
+    done = finished(
+        *("--link", str(link), "--tilt", "3", "--slack", "1,2,0.5,1", "--for", "0.1", "--json", "--truth", str(truth))
+    )
+    told = json.loads(truth.read_text())
+    assert json.loads(done.stdout)["slack_mm"] == pytest.approx([1, 2, 0.5, 1])
+    assert sum(angle**2 for angle in told["tilt_deg"]) ** 0.5 == pytest.approx(3, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", FAULT_KINDS)
+def test_the_help_names_every_kind_of_fault(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["emulate", "--help"])
+    assert kind in capsys.readouterr().out.replace("-\n  ", "-")
+
+
+REFUSED = {
+    "unknown fault": (("--fault", "meteor"), "unknown fault 'meteor'"),
+    "fault of another rig": (("--fault", "overheat:motor=9"), "no motor 9"),
+    "slack of three": (("--slack", "1,2,3"), "expected 4 numbers"),
+    "slack of words": (("--slack", "a,b,c,d"), "expected 4 numbers"),
+    "no such baud": (("--baud", "12345"), "12345 baud"),
+    "unknown rig": (("--rig", "papre"), "did you mean paper"),
+    "no speed": (("--speed", "0"), "--speed"),
+    "truth into nowhere": (("--truth", "/proc/truth.json"), "cannot write into /proc"),
+}
+
+
+@pytest.mark.parametrize(("options", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+def test_a_wrong_command_line_is_refused_in_one_line(
+    options: tuple[str, ...], sentence: str, link: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status = main(["emulate", "--unloaded", "--link", str(link), *options])
+    out, err = capsys.readouterr()
+    assert (status, out, err.count("\n"), list(tmp_path.iterdir())) == (2, "", 1, [])
+    assert sentence in err
+
+
+def test_a_file_in_the_place_of_the_link_is_refused_and_kept(link: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    link.write_text("kept")
+    status = main(["emulate", "--unloaded", "--link", str(link)])
+    assert (status, "is no link" in capsys.readouterr().err, link.read_text()) == (2, True, "kept")
+
+
+def test_a_link_that_another_emulator_serves_is_refused(link: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with started("--unloaded", "--link", str(link)):
+        status = main(["emulate", "--unloaded", "--link", str(link)])
+    assert (status, "is another emulator running" in capsys.readouterr().err) == (2, True)
+
+
+def test_a_seed_gives_the_same_bench_again(link: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    starts = []
+    for seed in ("3", "3", "4"):
+        main(["emulate", "--link", str(link), "--seed", seed, "--for", "0.05", "--json"])
+        said = json.loads(capsys.readouterr().out)
+        starts.append((said["tilt_deg"], said["slack_mm"]))
+    assert (starts[0] == starts[1], starts[0] == starts[2]) == (True, False)

@@ -1,0 +1,37 @@
+"""An emulated bench in a process of its own, `sinew emulate --unloaded`, and the port to it."""
+
+import json
+import select
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+SINEW = Path(sys.executable).with_name("sinew")
+PATIENCE = 60.0  # s; how long a start may take on a busy computer
+
+
+@contextmanager
+def emulated(folder: Path, *options: str) -> Iterator[str]:
+    """Give the path of the port while an emulator runs; it must end with status 0 and say nothing on stderr."""
+    link = folder / "bench"
+    command = [SINEW, "emulate", "--unloaded", "--link", str(link), "--json", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        try:
+            assert select.select([process.stdout], [], [], PATIENCE)[0], "the emulator does not get ready"
+            assert said(process.stdout.readline())["link"] == str(link)
+            yield str(link)
+        finally:
+            process.terminate()
+            error = process.stderr.read()
+            status = process.wait(PATIENCE)
+        assert (status, error) == (0, "")
+
+
+def said(line: str) -> dict[str, Any]:
+    """Return what the emulator said when it was ready."""
+    return dict(json.loads(line))

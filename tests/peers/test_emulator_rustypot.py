@@ -1,0 +1,150 @@
+"""The emulated bench against rustypot, a master in Rust, over a pseudo-terminal."""
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.peers.emulated_port import emulated
+
+rustypot: Any = pytest.importorskip("rustypot", reason="rustypot is not installed")
+OPERATING_MODE, TORQUE, ERRORS, LED, PRESENT, PRESENT_POSITION, GOAL_POSITION = 11, 64, 70, 65, 126, 132, 116
+ALERT, DATA_LIMIT, ACCESS = 0x80, 6, 7
+MOTORS = [1, 2, 3, 4, 5]
+
+
+def opened(path: str, baud: int = 1_000_000) -> Any:
+    # rustypot has no class of an XH or XM motor; an XL430 has the same table.
+    return rustypot.Xl430PyController(path, baud, 0.5)
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with emulated(tmp_path_factory.mktemp("bench")) as path:
+        yield path
+
+
+@pytest.fixture
+def master(bench: str) -> Any:
+    """Return a master of motors that were started anew."""
+    master = opened(bench)
+    for motor in MOTORS:
+        master.reboot(motor)
+    assert eventually(lambda: all(master.ping(motor) for motor in MOTORS))
+    return master
+
+
+def eventually(claim: Callable[[], bool], patience: float = 10.0) -> bool:
+    """Return whether a claim comes true within a time [s]."""
+    stop = time.monotonic() + patience
+    while not claim():
+        if time.monotonic() > stop:
+            return False
+        time.sleep(0.01)
+    return True
+
+
+def number(data: Any) -> int:
+    return int.from_bytes(bytes(data), "little", signed=True)
+
+
+def test_rustypot_pings_who_is_there(master: Any) -> None:
+    assert [master.ping(device) for device in (1, 5, 200)] == [True] * 3
+
+
+def test_rustypot_hears_nothing_of_who_is_not_there(master: Any) -> None:
+    assert not master.ping(77)
+
+
+def test_a_ping_to_all_finds_every_device(master: Any) -> None:
+    found = master.broadcast_scan()
+    assert sorted(found) == [*MOTORS, 200]
+
+
+def test_what_is_written_is_read_back(master: Any) -> None:
+    master.write_raw_data(3, LED, [1])
+    assert bytes(master.read_raw_data(3, LED, 1)) == b"\1"
+
+
+@pytest.mark.parametrize("goal", [0x00FDFF, -65_793, 1_000_000, -1])
+def test_a_stuffed_goal_gets_there_whole(master: Any, goal: int) -> None:
+    master.write_raw_data(1, OPERATING_MODE, [4])
+    master.write_raw_data(1, GOAL_POSITION, list(goal.to_bytes(4, "little", signed=True)))
+    read = number(master.read_raw_data(1, GOAL_POSITION, 4))
+    master.write_raw_data(1, OPERATING_MODE, [3])
+    assert read == goal
+
+
+def test_a_motor_goes_where_it_is_sent(master: Any) -> None:
+    master.write_torque_enable(2, True)
+    master.write_raw_data(2, GOAL_POSITION, list((2400).to_bytes(4, "little")))
+    assert eventually(lambda: abs(number(master.read_raw_data(2, PRESENT_POSITION, 4)) - 2400) <= 20)
+
+
+@pytest.mark.parametrize("fast", [False, True])
+def test_a_group_is_read_at_once(master: Any, fast: bool) -> None:
+    master.set_fast_sync_read(fast)
+    blocks = master.sync_read_raw_data(MOTORS, PRESENT, 10)
+    read = [number(bytes(block)[6:]) for block in blocks]
+    alone = [number(master.read_raw_data(motor, PRESENT_POSITION, 4)) for motor in MOTORS]
+    assert read == pytest.approx(alone, abs=1)
+
+
+def test_a_group_is_written_at_once(master: Any) -> None:
+    goals = [list((2000 + 10 * motor).to_bytes(4, "little")) for motor in MOTORS]
+    master.sync_write_raw_data(MOTORS, GOAL_POSITION, goals)
+    read = [list(bytes(master.read_raw_data(motor, GOAL_POSITION, 4))) for motor in MOTORS]
+    assert read == goals
+
+
+@pytest.mark.parametrize("mode", [0, 1, 3, 4, 5, 16])
+def test_a_mode_is_changed_while_the_torque_is_off(master: Any, mode: int) -> None:
+    master.write_raw_data(4, OPERATING_MODE, [mode])
+    read = bytes(master.read_raw_data(4, OPERATING_MODE, 1))
+    master.write_raw_data(4, OPERATING_MODE, [3])
+    assert read == bytes([mode])
+
+
+# Without `_with_error` rustypot reports a refused write as done.
+def test_the_kept_registers_are_locked_while_the_torque_is_on(master: Any) -> None:
+    master.write_torque_enable(1, True)
+    assert master.write_raw_data_with_error(1, OPERATING_MODE, [4]) == ACCESS
+
+
+def test_a_goal_beyond_its_limit_is_refused(master: Any) -> None:
+    assert master.write_raw_data_with_error(1, GOAL_POSITION, [0, 16, 0, 0]) == DATA_LIMIT
+
+
+def test_a_reboot_takes_the_torque_off(master: Any) -> None:
+    master.write_torque_enable(5, True)
+    master.reboot(5)
+    assert eventually(lambda: master.ping(5))
+    assert bytes(master.read_raw_data(5, TORQUE, 1)) == b"\0"
+
+
+def test_at_another_baud_nobody_answers(bench: str) -> None:
+    assert not any(opened(bench, 57_600).ping(motor) for motor in MOTORS)
+
+
+@pytest.mark.parametrize("baud", [115_200, 4_500_000])
+def test_devices_set_to_another_baud_answer_at_that(tmp_path: Path, baud: int) -> None:
+    with emulated(tmp_path, "--baud", str(baud)) as path:
+        assert opened(path, baud).ping(1)
+
+
+def test_an_overheated_motor_raises_its_alert_and_lets_go(tmp_path: Path) -> None:
+    with emulated(tmp_path, "--fault", "overheat:motor=3,rate=1000@1") as path:
+        master = opened(path)
+        master.write_torque_enable(3, True)
+        assert eventually(lambda: ALERT in master.read_raw_data_with_error(3, LED, 1))
+        assert bytes(master.read_raw_data(3, ERRORS, 1)) == b"\4"
+        assert bytes(master.read_raw_data(3, TORQUE, 1)) == b"\0"
+
+
+def test_an_alert_shows_in_a_group_read(tmp_path: Path) -> None:
+    with emulated(tmp_path, "--fault", "overheat:motor=3,rate=1000@1") as path:
+        master = opened(path)
+        assert eventually(lambda: ALERT in master.read_raw_data_with_error(3, LED, 1))
+        answers = master.sync_read_raw_data_with_error(MOTORS, LED, 1)
+        assert [error for _, error in answers] == [0, 0, ALERT, 0, 0]

@@ -1,0 +1,47 @@
+"""A bench in virtual time: the bench's own code on one side, emulated devices and mechanics on the other."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sinew.bench.journal import Journal
+from sinew.bench.run import Runner, RunReport
+from sinew.emulator.joint_plant import JointPlant
+from sinew.emulator.plant import Plant
+from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.virtual import VirtualPort
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.rig import Rig
+from sinew.plan.plan import Plan
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_plan, dump_rig
+
+SLACK_M = (1.0e-3, 2.5e-3, 1.8e-3, 0.6e-3)
+
+
+@dataclass
+class VirtualBench:
+    spec: RigSpec
+    emulated: EmulatedRig
+    port: VirtualPort
+    rig: Rig
+
+    def run(self, plan: Plan, folder: Path, tension_n: dict[float, float], *, resume: bool = False) -> RunReport:
+        texts = (dump_plan(plan), dump_rig(self.spec))
+        path = folder / "journal.sqlite"
+        with Journal.open(path, *texts) if resume else Journal.create(path, *texts) as journal:
+            return Runner(self.rig, self.port, plan, journal, tension_n).run(resume=resume)
+
+
+def virtual_bench(
+    spec: RigSpec,
+    *,
+    plant: Plant | None = None,
+    slack_m: Sequence[float] = SLACK_M,
+    rest_tilt: tuple[float, float] = (0.0, 0.0),
+    seed: int = 0,
+) -> VirtualBench:
+    emulated = EmulatedRig(spec, plant or JointPlant(spec, slack_m=slack_m, rest_tilt=rest_tilt), seed=seed)
+    port = VirtualPort(emulated)
+    bus = Bus(port, port, BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms), retries=2)
+    return VirtualBench(spec, emulated, port, Rig(bus, port, spec))

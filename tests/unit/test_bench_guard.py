@@ -1,0 +1,139 @@
+"""The guard, on readings made up one by one: at rest all is well, and each fault alone is caught, by name."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from sinew.bench.errors import LimitError, LostError
+from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
+from sinew.hardware.imu import ImuReading
+from sinew.hardware.rig import Climate, MotorReading, Reading
+from sinew.plan.toml import load_rig
+
+SPEC = load_rig("paper")
+LIMITS = SPEC.limits
+RADIUS = SPEC.tendons.pulley_radius.value
+PERIOD = 0.005
+CURRENT = 0.1
+GIVE = CURRENT * SPEC.tendons.torque_constant.value / RADIUS / SPEC.tendons.servo_stiffness.value / RADIUS
+HORN = MotorReading(angle=3.0 - GIVE, speed=0.0, current=CURRENT, duty=0.1, tick=0, alert=False)
+WATCH = Watch(origin=(3.0,) * 4, goals=(3.0,) * 4, resting=True, share=(0.25,) * 4)
+
+
+def reading(cycle: int = 0) -> Reading:
+    imu = ImuReading((0.0, 0.0, 0.0), (9.81, 0.0, 0.0), counter=5000 * cycle, time=PERIOD * cycle)
+    lever = replace(HORN, angle=0.0)
+    return Reading(PERIOD * cycle, lever, (HORN,) * 4, imu, Climate("drive", 12.0, 30.0), ())
+
+
+def with_tendon(which: int, **changes: object) -> tuple[MotorReading, ...]:
+    return tuple(replace(HORN, **changes) if i == which else HORN for i in range(4))  # type: ignore[arg-type]
+
+
+def watch(cycles: int, watched: Watch = WATCH, tilt: float = 0.0, **changes: object) -> None:
+    """Guard so many cycles of which each is at rest but for the changes."""
+    guard = Guard(SPEC)
+    for cycle in range(cycles):
+        guard.check(replace(reading(cycle), **changes), tilt, PERIOD * cycle, watched)  # type: ignore[arg-type]
+
+
+def test_a_joint_at_rest_is_left_alone_for_ten_seconds() -> None:
+    watch(2000)
+
+
+ONE_CYCLE = {
+    "tendon_current_a": {"tendons": with_tendon(2, current=LIMITS.tendon_current_a * 1.01)},
+    "tension_n": {"tendons": with_tendon(0, current=LIMITS.tension_n * RADIUS / 2.62 * 1.01)},
+    "tendon_travel_mm": {"tendons": with_tendon(1, angle=3.0 + 1e-3 * LIMITS.tendon_travel_mm[1] / RADIUS * 1.01)},
+    "drive_window_deg": {"drive": replace(HORN, angle=-math.radians(LIMITS.drive_window_deg * 1.01))},
+    "temperature_c": {"climate": Climate("tendon 3", 12.0, LIMITS.temperature_c + 1)},
+    "voltage_v": {"climate": Climate("tendon 3", LIMITS.voltage_v[0] - 0.1, 30.0)},
+}
+
+
+@pytest.mark.parametrize("key", ONE_CYCLE)
+def test_a_value_beyond_its_limit_stops_the_run_in_that_very_cycle(key: str) -> None:
+    with pytest.raises(LimitError, match=key):
+        watch(1, **ONE_CYCLE[key])
+
+
+def test_a_drive_current_that_stays_beyond_its_limit_stops_the_run() -> None:
+    with pytest.raises(LimitError, match="drive_current_a"):
+        watch(200, drive=replace(HORN, angle=0.0, current=-LIMITS.drive_current_a * 1.05))
+
+
+def test_a_spike_of_the_drive_current_of_two_cycles_does_not() -> None:
+    guard = Guard(SPEC)
+    for cycle in range(100):
+        current = 1.5 * LIMITS.drive_current_a if cycle in (50, 51) else 0.5
+        lever = replace(HORN, angle=0.0, current=current)
+        guard.check(replace(reading(cycle), drive=lever), 0.0, PERIOD * cycle, WATCH)
+
+
+def test_a_tilt_beyond_its_limit_stops_the_run_in_that_very_cycle() -> None:
+    with pytest.raises(LimitError, match="tilt_deg"):
+        watch(1, tilt=math.radians(LIMITS.tilt_deg * 1.01))
+
+
+def swing(share_of_limit: float, cycles: int) -> None:
+    guard, omega = Guard(SPEC), 2 * math.pi * 3.0
+    amplitude = share_of_limit * math.radians(LIMITS.torsion_deg)
+    for cycle in range(cycles):
+        rate = amplitude * omega * math.cos(omega * PERIOD * cycle)
+        imu = ImuReading((rate, 0.0, 0.0), (9.81, 0.0, 0.0), 5000 * cycle, PERIOD * cycle)
+        guard.check(replace(reading(cycle), imu=imu), 0.0, PERIOD * cycle, WATCH)
+
+
+def test_a_swing_beyond_the_limit_of_torsion_stops_the_run() -> None:
+    with pytest.raises(LimitError, match="torsion_deg"):
+        swing(1.05, 400)
+
+
+def test_a_swing_within_the_limit_of_torsion_is_left_alone() -> None:
+    swing(0.9, 2000)
+
+
+def test_an_alert_stops_the_run_in_that_very_cycle() -> None:
+    with pytest.raises(LostError, match="tendon 4 raises its alert"):
+        watch(1, tendons=with_tendon(3, alert=True))
+
+
+def test_a_motor_that_is_silent_for_longer_than_allowed_is_lost() -> None:
+    with pytest.raises(LostError, match="drive has not answered"):
+        watch(2 + round(LOST_AFTER_S / PERIOD), drive=None)
+
+
+def test_a_motor_that_is_silent_for_less_is_not() -> None:
+    watch(round(LOST_AFTER_S / PERIOD) - 1, drive=None)
+
+
+def test_a_sensor_that_repeats_one_sample_is_lost() -> None:
+    with pytest.raises(LostError, match="IMU repeats one sample"):
+        watch(2 + round(LOST_AFTER_S / PERIOD), imu=reading().imu)
+
+
+def test_a_pause_of_the_computer_is_not_taken_for_a_silent_device() -> None:
+    guard = Guard(SPEC)
+    guard.check(reading(0), 0.0, 0.0, WATCH)
+    guard.check(replace(reading(20), drive=None), 0.0, 20 * PERIOD, WATCH)
+
+
+def test_a_tendon_that_stands_elsewhere_than_told_is_called_stuck() -> None:
+    with pytest.raises(LostError, match="tendon 2 stands"):
+        watch(100, tendons=with_tendon(1, angle=HORN.angle - 1.2e-3 / RADIUS))
+
+
+def test_a_tendon_on_its_way_is_not_called_stuck() -> None:
+    watch(100, replace(WATCH, resting=False), tendons=with_tendon(1, angle=HORN.angle - 1.2e-3 / RADIUS))
+
+
+def test_a_tendon_that_does_not_hold_its_current_is_called_stuck() -> None:
+    by_current = replace(WATCH, by_current=True, goals=(CURRENT,) * 4, share=None)
+    with pytest.raises(LostError, match="tendon 1 pulls with 70 mA, expected 100"):
+        watch(100, by_current, tendons=with_tendon(0, current=0.07))
+
+
+def test_a_tendon_whose_part_of_the_tension_falls_is_called_slipping() -> None:
+    with pytest.raises(LostError, match=r"tendon 3 carries .* has a cable slipped or caught"):
+        watch(600, replace(WATCH, resting=False), tendons=with_tendon(2, current=0.5 * CURRENT))

@@ -1,0 +1,284 @@
+"""The live record of a run: what is written comes back, one writer at a time, and a disk that fails is heard of."""
+
+import os
+import resource
+import sqlite3
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import astuple
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.unit.bench_journal import PLAN, PLAN_TEXT, RIG_TEXT, Node, cycles, write_group, written
+
+from sinew.bench.journal import Journal
+from sinew.bench.journal_reader import JournalReader
+from sinew.bench.journal_tables import sample_columns, sample_row
+from sinew.bench.sample import MISSING, Sample
+from sinew.measure.errors import FileError
+from sinew.measure.recording import Segment
+
+STEADY = Segment("steady", 3.0, 4.3, 20.0, 0)
+
+
+def create(folder: Path) -> Journal:
+    return Journal.create(folder / "journal.sqlite", PLAN_TEXT, RIG_TEXT)
+
+
+def sample(time: float = 1.0) -> Sample:
+    return Sample(
+        time, 0.9, 0.1, 0.2, 0.3, 0.4, (1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12), (13, 14, 15), (16, 17, 18), 0.5,
+        0.6, 0.7,
+    )  # fmt: skip
+
+
+def flat(value: Sample) -> list[float]:
+    return [x for part in astuple(value) for x in (part if isinstance(part, tuple) else (part,))]
+
+
+def test_a_row_holds_every_number_of_a_sample_in_the_order_of_its_fields() -> None:
+    assert list(sample_row(sample())) == flat(sample())
+
+
+def test_the_columns_of_a_row_are_named_with_their_unit() -> None:
+    named = dict(zip(sample_columns(4), sample_row(sample()), strict=True))
+    assert (named["tendon_2_current_a"], named["gyro_z_rad_s"], named["acceleration_x_m_s2"]) == (10, 15, 16)
+
+
+def test_what_was_appended_comes_back_to_the_last_bit(tmp_path: Path) -> None:
+    group = cycles(PLAN.groups()[1], 1000.0, Node(has_counter=True))
+    with create(tmp_path) as journal:
+        write_group(journal, 1, group)
+    with JournalReader(tmp_path / "journal.sqlite") as reader:
+        table = reader.samples(1, len(group) + 1)
+    assert np.array_equal(
+        np.stack([table[name] for name in sample_columns(4)], axis=1), np.array([sample_row(s) for s in group])
+    )
+
+
+def test_a_missing_reading_comes_back_as_missing(tmp_path: Path) -> None:
+    with create(tmp_path) as journal:
+        journal.append(Sample(**{**{f: getattr(sample(), f) for f in Sample.__slots__}, "drive_rad": MISSING}))
+    with JournalReader(tmp_path / "journal.sqlite") as reader:
+        table = reader.samples(1, 2)
+    assert [name for name, column in table.items() if np.isnan(column[0])] == ["drive_rad"]
+
+
+def test_a_segment_says_which_samples_are_its_own(tmp_path: Path) -> None:
+    with create(tmp_path) as journal:
+        journal.append(sample())
+        journal.begin_segment(2, 1, STEADY)
+        for _ in range(3):
+            journal.append(sample())
+        journal.end_segment("complete")
+    with JournalReader(tmp_path / "journal.sqlite") as reader:
+        (found,) = reader.stretches()
+    assert (found.group, found.attempt, found.asked, found.state, found.first, found.end) == (
+        2, 1, STEADY, "complete", 2, 5,
+    )  # fmt: skip
+
+
+def test_events_and_counts_come_back(tmp_path: Path) -> None:
+    with create(tmp_path) as journal:
+        journal.event("pull", "the tendons are pulled")
+        journal.count({"bus_retries": 3})
+    with JournalReader(tmp_path / "journal.sqlite") as reader:
+        assert ([e[1:] for e in reader.events()], reader.counts()) == (
+            [("pull", "the tendons are pulled")],
+            {"bus_retries": 3.0},
+        )
+
+
+def test_committed_samples_can_be_read_while_the_run_goes_on(tmp_path: Path) -> None:
+    with create(tmp_path) as journal:
+        journal.append(sample())
+        journal.flush()
+        with JournalReader(tmp_path / "journal.sqlite") as reader:
+            assert reader.last_sample() == 1
+
+
+def test_a_closed_journal_is_one_file_and_its_lock(tmp_path: Path) -> None:
+    written(tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["journal.sqlite", "journal.sqlite.lock"]
+
+
+def test_closing_twice_does_nothing(tmp_path: Path) -> None:
+    journal = create(tmp_path)
+    journal.close()
+    journal.close()
+    assert Journal.open(tmp_path / "journal.sqlite", PLAN_TEXT, RIG_TEXT).close() is None
+
+
+def test_a_resumed_journal_knows_the_groups_that_are_finished(tmp_path: Path) -> None:
+    path = written(tmp_path, groups=(0, 2))
+    with Journal.open(path, PLAN_TEXT, RIG_TEXT) as journal:
+        assert journal.finished_groups() == {0, 2}
+
+
+def test_a_group_that_was_recorded_but_not_found_whole_is_not_finished(tmp_path: Path) -> None:
+    with create(tmp_path) as journal:
+        write_group(journal, 1, cycles(PLAN.groups()[1], 1000.0, Node()), finish=False)
+        assert journal.finished_groups() == frozenset()
+
+
+def test_a_group_is_not_finished_by_the_segments_of_another(tmp_path: Path) -> None:
+    with create(tmp_path) as journal:
+        journal.begin_segment(1, 0, STEADY)
+        with pytest.raises(ValueError, match="segment of group 1, expected one of group 2"):
+            journal.finish_group(2)
+
+
+def test_a_segment_that_was_running_is_aborted_by_the_next_run_and_keeps_its_samples(tmp_path: Path) -> None:
+    path = written(tmp_path, groups=(0,))
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("UPDATE segments SET state = 'running', end_sample = NULL")
+        connection.commit()
+    with JournalReader(path) as reader:
+        before = reader.last_sample()
+    Journal.open(path, PLAN_TEXT, RIG_TEXT).close()
+    with JournalReader(path) as reader:
+        assert ([s.state for s in reader.stretches()], reader.last_sample()) == (["aborted"], before)
+
+
+def test_a_segment_under_way_is_aborted_when_the_journal_is_closed(tmp_path: Path) -> None:
+    with create(tmp_path) as journal:
+        journal.begin_segment(1, 0, STEADY)
+    with JournalReader(tmp_path / "journal.sqlite") as reader:
+        assert [(s.state, s.note) for s in reader.stretches()] == [("aborted", "the run ended")]
+
+
+def test_numbering_goes_on_where_the_run_before_stopped(tmp_path: Path) -> None:
+    path = written(tmp_path, groups=(0,))
+    with JournalReader(path) as reader:
+        before = reader.last_sample()
+    with Journal.open(path, PLAN_TEXT, RIG_TEXT) as journal:
+        journal.append(sample())
+    with JournalReader(path) as reader:
+        assert (reader.last_sample(), len(reader.dates)) == (before + 1, 2)
+
+
+def test_a_second_run_on_the_same_journal_is_refused(tmp_path: Path) -> None:
+    with create(tmp_path), pytest.raises(FileError, match=r"another run is writing the journal .*; wait until it has"):
+        Journal.open(tmp_path / "journal.sqlite", PLAN_TEXT, RIG_TEXT)
+
+
+def test_the_lock_of_a_refused_journal_is_given_back(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    with pytest.raises(FileError, match="another plan"):
+        Journal.open(path, "other", RIG_TEXT)
+    assert Journal.open(path, PLAN_TEXT, RIG_TEXT).close() is None
+
+
+def test_a_journal_that_exists_is_not_overwritten(tmp_path: Path) -> None:
+    written(tmp_path)
+    with pytest.raises(FileError, match="exists; resume its run, or choose another folder"):
+        create(tmp_path)
+
+
+def test_another_plan_is_refused_with_the_first_line_that_differs(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    with pytest.raises(FileError, match=r"another plan \(line \d+: found 'settle_s = 9', expected 'settle_s = 0.5'\)"):
+        Journal.open(path, PLAN_TEXT.replace("settle_s = 0.5", "settle_s = 9"), RIG_TEXT)
+
+
+def test_another_rig_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    with pytest.raises(FileError, match=r"another rig \(line .* found 'tension_n = 90', expected 'tension_n = 200'\)"):
+        Journal.open(path, PLAN_TEXT, RIG_TEXT.replace("tension_n = 200", "tension_n = 90"))
+
+
+def test_resuming_without_a_journal_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"there is no journal .* to resume; start the run without"):
+        Journal.open(tmp_path / "journal.sqlite", PLAN_TEXT, RIG_TEXT)
+
+
+def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    path.write_bytes(b"time,drive\n" * 500)
+    with pytest.raises(FileError, match=r"is not a journal, or is damaged \(file is not a database\)"):
+        Journal.open(path, PLAN_TEXT, RIG_TEXT)
+
+
+def test_a_foreign_database_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("CREATE TABLE runs (id)")
+    with pytest.raises(FileError, match="an SQLite file, but no journal of Sinew"):
+        Journal.open(path, PLAN_TEXT, RIG_TEXT)
+
+
+def test_a_journal_of_another_version_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA user_version = 99")
+    with pytest.raises(FileError, match="a journal of version 99, expected 1; go on with the Sinew that began it"):
+        Journal.open(path, PLAN_TEXT, RIG_TEXT)
+
+
+def test_a_damaged_journal_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    data = bytearray(path.read_bytes())
+    data[8 * 4096 : 20 * 4096] = bytes(12 * 4096)
+    path.write_bytes(data)
+    with pytest.raises(FileError, match="damaged"):
+        Journal.open(path, PLAN_TEXT, RIG_TEXT)
+
+
+@contextmanager
+def an_ordinary_user() -> Iterator[None]:
+    """Step down from the superuser, who may write everywhere, for as long as the test needs."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+def test_a_folder_that_may_not_be_written_is_refused() -> None:
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o555)
+        with an_ordinary_user(), pytest.raises(FileError, match=r"cannot write the journal .*: Permission denied; see"):
+            create(Path(name))
+
+
+FULL_DISK = """
+import sys, time
+from pathlib import Path
+from sinew.measure.errors import FileError
+from tests.unit.test_bench_journal import create, limit_files, sample
+
+journal = create(Path(sys.argv[1]))
+limit_files(200_000)
+end = time.monotonic() + 30.0
+told = []
+while len(told) < 2 and time.monotonic() < end:
+    try:
+        journal.append(sample())
+    except FileError as error:
+        told.append(str(error))
+    time.sleep(0.0005)
+journal.close()
+print(*told, "closed", sep="\\n")
+"""
+
+
+def limit_files(size: int) -> None:
+    """Let no file of this process grow beyond a size [byte], as on a disk that is full."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+
+def test_a_full_disk_is_told_at_every_call_and_the_journal_still_closes(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, str(tmp_path)], capture_output=True, text=True, timeout=60, check=True
+    )
+    first, second, closed = done.stdout.strip().splitlines()
+    assert (first[: first.index(": ")], second, closed) == (
+        f"cannot write the journal {tmp_path}/journal.sqlite", first, "closed",
+    )  # fmt: skip

@@ -1,0 +1,65 @@
+"""The pretension routine on emulated devices with the joint behind them, in virtual time; the mechanics know best."""
+
+import math
+from functools import cache
+
+import pytest
+from campaigns.modes import MODES, Row, run_trial
+
+from sinew.bench.pretension import Contact, MotorMap
+from sinew.plan.plan import TendonMode
+from sinew.plan.toml import load_rig
+
+POSITION_MODES = tuple(mode for mode in MODES if mode != "current")
+
+
+@cache
+def trial(mode: TendonMode, seed: int = 0) -> list[Row]:
+    return run_trial(mode, seed, sweep=False)
+
+
+@pytest.mark.parametrize("mode", POSITION_MODES)
+def test_by_position_the_true_pretension_is_within_a_tenth_of_a_millimetre(mode: TendonMode) -> None:
+    assert max(abs(row.reached_mm - row.pretension_mm) for row in trial(mode)) < 0.1
+
+
+def test_by_current_the_true_mean_current_is_within_five_percent() -> None:
+    assert max(abs(row.current_a / row.asked_current_a - 1) for row in trial("current")) < 0.05
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_plate_that_leaned_three_degrees_ends_within_a_fifth_of_a_degree(mode: TendonMode) -> None:
+    assert max(row.tilt_deg for row in trial(mode)) < 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("mode", MODES)
+def test_any_slack_and_any_lean_come_out_the_same(mode: TendonMode, seed: int) -> None:
+    for row in trial(mode, seed):
+        assert row.tilt_deg < 0.2
+        if mode == "current":
+            assert abs(row.current_a / row.asked_current_a - 1) < 0.05
+        else:
+            assert abs(row.reached_mm - row.pretension_mm) < 0.1
+
+
+def test_a_tilted_plate_is_answered_by_shortening_the_cable_under_its_raised_side() -> None:
+    spec = load_rig("paper")
+    motors = MotorMap(spec, "position", Contact((3.0,) * 4, 0.042), {})
+    level, leaning = motors.goals(4.0, (0.0, 0.0)), motors.goals(4.0, (0.01, 0.0))  # +0.01 rad about y raises +z
+    rise = 0.01 * spec.tendons.head_radius.value / spec.tendons.pulley_radius.value
+    moved = [b - a for a, b in zip(level, leaning, strict=True)]
+    assert moved == pytest.approx([0.0, rise, 0.0, -rise], abs=1e-12)
+
+
+def test_a_millimetre_of_pretension_turns_the_horns_by_a_millimetre_of_cable() -> None:
+    spec = load_rig("paper")
+    motors = MotorMap(spec, "position", Contact((3.0, 3.1, 2.9, 3.05), 0.042), {})
+    turned = [b - a for a, b in zip(motors.goals(4.0, (0, 0)), motors.goals(5.0, (0, 0)), strict=True)]
+    assert turned == pytest.approx([1e-3 / spec.tendons.pulley_radius.value] * 4)
+
+
+def test_goals_by_current_are_never_negative() -> None:
+    motors = MotorMap(load_rig("paper"), "current", Contact((3.0,) * 4, 0.042), {0.0: 0.5})
+    assert min(motors.goals(0.0, (math.radians(10), 0.0))) == 0.0

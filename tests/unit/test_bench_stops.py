@@ -1,0 +1,102 @@
+"""Both stops, from every state that a run can leave a bench in; the truth is the emulated devices'."""
+
+import math
+
+import pytest
+from tests.unit.bench_virtual import VirtualBench, virtual_bench
+
+from sinew.bench.stops import stop
+from sinew.emulator.unloaded import Unloaded
+from sinew.plan.plan import TendonMode
+from sinew.plan.toml import load_rig
+
+SPEC = load_rig("paper")
+MODES: tuple[TendonMode, ...] = ("position", "position-with-current-limit", "current")
+
+
+def powered(mode: TendonMode = "position") -> VirtualBench:
+    """Return a bench under torque, its drive on the way to 30°, its tendon motors holding."""
+    bench = virtual_bench(SPEC, plant=Unloaded(SPEC.tendons.count, SPEC))
+    rig = bench.rig
+    rig.configure()
+    rig.set_tendon_mode(mode)
+    for motor in rig.motors:
+        if mode == "current" and motor in rig.tendons:
+            motor.set("goal_current", 0.05)
+        motor.torque_on()
+        motor.arm_watchdog(0.08)
+    goals = (0.05,) * 4 if mode == "current" else tuple(motor.angle() for motor in rig.tendons)
+    for cycle in range(20):
+        rig.write_goals(math.radians(1.5 * cycle), goals)
+        rig.read()
+        bench.port.wait_until(bench.port.now() + 0.005)
+    return bench
+
+
+def states(bench: VirtualBench) -> list[bool]:
+    return [state.torque for state in bench.emulated.states().values()]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_release_takes_the_torque_from_every_motor(mode: TendonMode) -> None:
+    bench = powered(mode)
+    report = stop(bench.rig, bench.port, "release")
+    assert (report.is_safe, any(states(bench))) == (True, False)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_hold_leaves_every_motor_under_torque_with_limited_output(mode: TendonMode) -> None:
+    bench = powered(mode)
+    report = stop(bench.rig, bench.port, "hold")
+    assert report.is_safe
+    assert all(states(bench))
+    assert all(state.is_limited or mode == "current" for state in bench.emulated.states().values())
+
+
+@pytest.mark.parametrize("mode", ["position", "position-with-current-limit"])
+def test_under_hold_nothing_moves_any_more_and_no_watchdog_trips(mode: TendonMode) -> None:
+    bench = powered(mode)
+    stop(bench.rig, bench.port, "hold")
+    bench.port.wait_until(bench.port.now() + 2.0)
+    after = bench.emulated.states().values()
+    assert [(state.is_moving, state.is_tripped) for state in after] == [(False, False)] * 5
+
+
+@pytest.mark.parametrize("state", ["hold", "release"])
+def test_a_motor_stopped_by_its_watchdog_never_runs_to_its_old_goal(state: str) -> None:
+    bench = powered()
+    bench.port.wait_until(bench.port.now() + 0.5)  # nobody speaks: all watchdogs trip
+    before = bench.emulated.states()
+    assert all(motor.is_tripped for motor in before.values())
+    stop(bench.rig, bench.port, state)
+    bench.port.wait_until(bench.port.now() + 1.0)
+    after = bench.emulated.states()
+    moved = [abs(after[device].angle - before[device].angle) for device in before]
+    assert max(moved) < math.radians(1.0)
+
+
+def test_a_silent_motor_does_not_keep_the_others_from_their_safe_state() -> None:
+    bench = powered()
+    bench.emulated.line.devices = [device for device in bench.emulated.line.devices if device.id != 2]
+    report = stop(bench.rig, bench.port, "release")
+    assert [name for name, _ in report.failed] == ["tendon 2"]
+    assert [torque for device, torque in zip(bench.emulated.motors, states(bench), strict=True) if device != 2] == [
+        False
+    ] * 4
+
+
+def test_a_port_that_is_gone_is_said_and_the_watchdogs_stop_the_motors() -> None:
+    bench = powered()
+    bench.emulated.unplugged = True
+    report = stop(bench.rig, bench.port, "release")
+    assert report.port_lost
+    assert "watchdog" in report.sentence()
+    bench.emulated.advance(bench.emulated.time + 0.1)
+    assert all(state.is_tripped for state in bench.emulated.states().values())
+
+
+def test_a_bench_without_torque_is_released_at_once() -> None:
+    bench = virtual_bench(SPEC, plant=Unloaded(SPEC.tendons.count, SPEC))
+    began = bench.port.now()
+    report = stop(bench.rig, bench.port, "release")
+    assert (report.is_safe, bench.port.now() - began < 0.5) == (True, True)

@@ -1,0 +1,188 @@
+"""The tilt of the head plate: signs, rest, swing, and the gyroscope's bias, on motions in closed form."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy import signal
+from tests.unit.bench_journal import PLAN, Node, cycles
+
+from sinew.bench.sample import MISSING
+from sinew.bench.tilt import TiltEstimator, rest_tilt
+from sinew.measure.errors import RecordingError
+from sinew.plan.toml import load_rig
+
+RIG = load_rig("paper")
+GRAVITY = 9.80665
+RATE_HZ = 200
+FINE = 10  # steps of the motion between two samples
+NOISE_RAD_S, NOISE_M_S2 = math.radians(0.08), 0.0024 * GRAVITY
+REST = [replace(s, gyro_rad_s=(0.0, 0.0, 0.0)) for s in cycles(PLAN.groups()[0], 0.0, Node())][:100]
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What chip and truth say: gyro and acceleration (n, 3), true tilt about y and z of frame H (n, 2)."""
+
+    gyro: np.ndarray
+    acceleration: np.ndarray
+    tilt: np.ndarray
+
+
+def swing(
+    amplitude_deg: float,
+    frequency_hz: float,
+    *,
+    lean_deg: tuple[float, float] = (1.0, -0.5),
+    seconds: float = 30.0,
+    rest_s: float = 1.0,
+    bias: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    noise: float = 1.0,
+) -> Readings:
+    """A joint that leans, at rest and then twisting ever faster, up to its amplitude over two seconds.
+
+    The lean is fixed in the base's frame. The gyroscope has its low-pass and mean of three; the chip sits off the axis.
+    """
+    random = np.random.default_rng(1)
+    step = 1.0 / (RATE_HZ * FINE)
+    time = np.arange(round(seconds * RATE_HZ) * FINE) * step
+    rise = np.clip((time - rest_s) / 2.0, 0.0, 1.0)
+    torsion = math.radians(amplitude_deg) * rise * np.sin(2 * np.pi * frequency_hz * time)
+    rate = np.gradient(torsion, step)
+    about_y, about_z = np.radians(lean_deg)
+    tilt = np.stack(
+        [
+            about_y * np.cos(torsion) + about_z * np.sin(torsion),
+            -about_y * np.sin(torsion) + about_z * np.cos(torsion),
+        ],
+        axis=1,
+    )
+    angle = math.hypot(about_y, about_z)
+    share = np.sinc(angle / np.pi)
+    up = np.stack([np.full(time.size, math.cos(angle)), -share * tilt[:, 1], share * tilt[:, 0]], axis=1)
+    radius = RIG.imu.mount_radius.value
+    force = GRAVITY * up + np.stack([0 * rate, -radius * rate**2, radius * np.gradient(rate, step)], axis=1)
+    low_passed = signal.lfilter(*signal.butter(2, 41.0, fs=1.0 / step), rate)[::FINE]
+    gyro = np.zeros((low_passed.size, 3))
+    gyro[:, 0] = np.convolve(low_passed, np.ones(3) / 3)[: low_passed.size]
+    gyro += np.array(bias) + noise * NOISE_RAD_S * random.standard_normal(gyro.shape)
+    acceleration = force[::FINE] + noise * NOISE_M_S2 * random.standard_normal(gyro.shape)
+    return Readings(gyro, acceleration.clip(-2 * GRAVITY, 2 * GRAVITY), tilt[::FINE])
+
+
+def followed(readings: Readings, estimator: TiltEstimator | None = None) -> np.ndarray:
+    """Tilt angle and its components after every sample, (n, 3) [rad]."""
+    estimator = estimator or TiltEstimator(RIG)
+    rows = []
+    for k, (gyro, force) in enumerate(zip(readings.gyro, readings.acceleration, strict=True)):
+        rows.append((estimator.update(tuple(gyro), tuple(force), k / RATE_HZ), *estimator.components))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("lean_deg", [(2.0, 0.0), (-2.0, 0.0), (0.0, 3.0), (0.0, -3.0), (1.0, 2.0)])
+def test_a_lean_at_rest_comes_back_with_its_signs(lean_deg: tuple[float, float]) -> None:
+    found = followed(swing(0.0, 1.0, lean_deg=lean_deg, seconds=2.0, noise=0.0))
+    assert np.degrees(found[-1, 1:]) == pytest.approx(lean_deg, abs=0.01)
+
+
+def test_the_angle_is_that_of_both_components_together() -> None:
+    found = followed(swing(0.0, 1.0, lean_deg=(3.0, 4.0), seconds=2.0, noise=0.0))
+    assert np.degrees(found[-1, 0]) == pytest.approx(5.0, abs=0.01)
+
+
+def test_a_level_plate_has_no_tilt() -> None:
+    found = followed(swing(0.0, 1.0, lean_deg=(0.0, 0.0), seconds=2.0, noise=0.0))
+    assert np.degrees(found[-1, 0]) < 0.01
+
+
+@pytest.mark.parametrize(("amplitude_deg", "frequency_hz"), [(20.0, 1.5), (60.0, 3.0), (40.0, 4.0), (20.0, 6.0)])
+def test_a_swing_does_not_look_like_a_tilt(amplitude_deg: float, frequency_hz: float) -> None:
+    readings = swing(amplitude_deg, frequency_hz)
+    off = followed(readings)[:, 0] - np.hypot(*readings.tilt.T)
+    assert np.degrees(np.abs(off)).max() < 0.7
+
+
+def test_the_components_turn_with_the_head() -> None:
+    readings = swing(40.0, 1.5)
+    off = followed(readings)[-1000:, 1:] - readings.tilt[-1000:]
+    assert np.degrees(np.abs(off)).max() < 0.5
+
+
+def test_taking_out_what_the_swing_gives_the_chip_halves_the_error_as_it_begins() -> None:
+    readings = swing(40.0, 4.0, seconds=6.0)
+    on_axis = RIG.with_values({"imu.mount_radius": 0.0})
+    true = np.hypot(*readings.tilt.T)
+    with_arm, without = (np.abs(followed(readings, TiltEstimator(rig))[:, 0] - true).max() for rig in (RIG, on_axis))
+    assert with_arm < 0.7 * without
+
+
+def test_the_bias_is_learnt_at_rest() -> None:
+    bias = (0.002, -0.003, 0.004)
+    estimator = TiltEstimator(RIG)
+    followed(swing(0.0, 1.0, seconds=20.0, bias=bias), estimator)
+    assert (estimator.is_at_rest, estimator.bias) == (True, pytest.approx(bias, abs=5e-4))
+
+
+def test_a_swinging_head_is_not_at_rest() -> None:
+    estimator = TiltEstimator(RIG)
+    followed(swing(20.0, 3.0, seconds=5.0), estimator)
+    assert not estimator.is_at_rest
+
+
+def test_there_is_no_tilt_before_the_first_sample() -> None:
+    assert math.isnan(TiltEstimator(RIG).update((MISSING,) * 3, (MISSING,) * 3, MISSING))
+
+
+def test_a_missing_sample_keeps_the_tilt() -> None:
+    estimator = TiltEstimator(RIG)
+    before = followed(swing(0.0, 1.0, seconds=1.0), estimator)[-1, 0]
+    assert estimator.update((MISSING,) * 3, (MISSING,) * 3, MISSING) == before
+
+
+def test_a_sample_that_is_read_twice_counts_once() -> None:
+    once, twice = TiltEstimator(RIG), TiltEstimator(RIG)
+    readings = swing(20.0, 3.0, seconds=3.0)
+    for k, (gyro, force) in enumerate(zip(readings.gyro, readings.acceleration, strict=True)):
+        once.update(tuple(gyro), tuple(force), k / RATE_HZ)
+        for jitter in (0.0, 3e-4):
+            twice.update(tuple(gyro), tuple(force), k / RATE_HZ + jitter)
+    assert twice.components == pytest.approx(once.components, abs=math.radians(0.02))
+
+
+def rest(lean_deg: tuple[float, float], seed: int = 0) -> list:
+    """A hundred samples at rest with the accelerometer's noise."""
+    random = np.random.default_rng(seed)
+    about_y, about_z = np.radians(lean_deg)
+    force = GRAVITY * np.array([math.cos(math.hypot(about_y, about_z)), -about_z, about_y])
+    return [replace(s, acceleration_m_s2=tuple(force + NOISE_M_S2 * random.standard_normal(3))) for s in REST]
+
+
+def test_the_tilt_at_rest_comes_back_within_its_error() -> None:
+    found = rest_tilt(rest((0.3, -0.2)))
+    errors = [
+        (math.degrees(part.value) - true) / math.degrees(part.std)
+        for part, true in ((found.about_y, 0.3), (found.about_z, -0.2))
+    ]
+    assert np.abs(errors).max() < 3.0
+
+
+def test_half_a_second_at_rest_tells_the_tilt_to_a_fiftieth_of_a_degree() -> None:
+    assert math.degrees(rest_tilt(rest((0.3, -0.2))).about_y.std) < 0.02
+
+
+def test_nine_in_ten_intervals_of_the_tilt_at_rest_hold_it() -> None:
+    found = [rest_tilt(rest((0.3, -0.2), seed)).about_y for seed in range(200)]
+    share = np.mean([part.low <= math.radians(0.3) <= part.high for part in found])
+    assert 0.83 <= share <= 0.96
+
+
+def test_an_accelerometer_on_its_side_is_refused() -> None:
+    lying = [replace(s, acceleration_m_s2=(0.1, 9.8, 0.0)) for s in REST]
+    with pytest.raises(RecordingError, match=r"reads 0.1 m/s² along the joint, expected about 9.8; is imu_axes right"):
+        rest_tilt(lying)
+
+
+def test_too_few_readings_at_rest_are_refused() -> None:
+    with pytest.raises(RecordingError, match="found 3 readings of the accelerometer, expected 20"):
+        rest_tilt(REST[:3])

@@ -1,0 +1,274 @@
+"""Faults of the emulated bench: how they are written down, and what they do in virtual time."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sinew.emulator.fault_spec import FAULT_KINDS, FaultSpec, parse_fault, random_fault
+from sinew.emulator.faults import Faults, FaultyRig
+from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.unloaded import Unloaded
+from sinew.emulator.virtual import VirtualPort
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.errors import PortError
+from sinew.hardware.imu_registers import OPENCR_NODE
+from sinew.hardware.motor_registers import XH430_W350
+from sinew.hardware.registers import Register, encode_raw
+from sinew.measure.errors import SpecError
+from sinew.plan.toml import load_rig
+
+BRIEF = {
+    "drop:p=0.01": FaultSpec("drop", (("p", 0.01),)),
+    "drop": FaultSpec("drop", (("p", 0.01),)),
+    "drop:p=20%@5-8": FaultSpec("drop", (("p", 0.2),), 5.0, 8.0),
+    "delay:p=0.01,by=0.02": FaultSpec("delay", (("p", 0.01), ("by", 0.02))),
+    "delay:by=20ms,p=0.01": FaultSpec("delay", (("p", 0.01), ("by", 0.02))),
+    "unplug@12.5": FaultSpec("unplug", (), 12.5),
+    "overheat:motor=3@5": FaultSpec("overheat", (("motor", 3.0), ("rate", 20.0)), 5.0),
+    "slip-tendon:tendon=2,by=1mm@4": FaultSpec("slip-tendon", (("tendon", 2.0), ("by", 0.001)), 4.0),
+    "slip-tendon:tendon=2,by=1@4": FaultSpec("slip-tendon", (("tendon", 2.0), ("by", 0.001)), 4.0),
+    "brown-out:to=5V@3-3.4": FaultSpec("brown-out", (("to", 5.0),), 3.0, 3.4),
+    " imu-freeze@1e-1-2 ": FaultSpec("imu-freeze", (), 0.1, 2.0),
+}
+WRONG = {
+    "drip": "did you mean drop",
+    "meteor": "there is drop, flip, duplicate, delay, truncate, unplug, brown-out",
+    "drop:q=0.1": "unknown key 'q'; there is p",
+    "unplug:p=0.1": "it has none",
+    "drop:p": "is not a number",
+    "drop:p=2": "from 0 to 1",
+    "drop:p=-1": "is not a number",
+    "drop:p=nan": "is not a number",
+    "delay:by=1min": "in s or ms",
+    "overheat": "does not say motor",
+    "overheat:motor=1.5": "a whole number from 0 to 252",
+    "stuck-tendon:tendon=0": "from 1 to 12",
+    "slip-tendon:tendon=1@3-4": "happens at once",
+    "unplug@soon": "'soon' is no time",
+    "unplug@": "'' is no time",
+    "unplug@5-": "'5-' is no time",
+    "unplug@5-3": "stops before it starts",
+}
+
+
+@pytest.mark.parametrize(("text", "fault"), BRIEF.items())
+def test_a_fault_is_what_its_text_says(text: str, fault: FaultSpec) -> None:
+    assert parse_fault(text) == fault
+
+
+@pytest.mark.parametrize("kind", FAULT_KINDS)
+def test_the_example_of_a_kind_is_a_fault_of_that_kind(kind: str) -> None:
+    assert parse_fault(FAULT_KINDS[kind].example).kind == kind
+
+
+@pytest.mark.parametrize(("text", "sentence"), WRONG.items())
+def test_a_wrong_fault_is_refused_with_what_there_is(text: str, sentence: str) -> None:
+    with pytest.raises(SpecError) as refusal:
+        parse_fault(text)
+    assert sentence in str(refusal.value)
+
+
+def test_a_refusal_gives_an_example() -> None:
+    with pytest.raises(SpecError, match=r"for example overheat:motor=3@5"):
+        parse_fault("overheat")
+
+
+def test_a_thousand_random_faults_are_read_back_from_their_text() -> None:
+    rng = np.random.default_rng(1)
+    faults = [random_fault(rng) for _ in range(1000)]
+    assert [parse_fault(str(fault)) for fault in faults] == faults
+
+
+def test_random_faults_are_of_every_kind() -> None:
+    rng = np.random.default_rng(2)
+    assert {random_fault(rng).kind for _ in range(500)} == set(FAULT_KINDS)
+
+
+def test_random_faults_are_the_same_for_a_seed() -> None:
+    first, second = np.random.default_rng(3), np.random.default_rng(3)
+    assert [random_fault(first) for _ in range(20)] == [random_fault(second) for _ in range(20)]
+
+
+def test_a_random_fault_begins_in_time() -> None:
+    rng = np.random.default_rng(4)
+    assert max(random_fault(rng, latest=2.5).start for _ in range(200)) <= 2.5
+
+
+def test_a_fault_without_a_stop_stays() -> None:
+    assert parse_fault("unplug@3").stop == math.inf
+
+
+RIG = load_rig("paper")
+
+
+class Slipping(Unloaded):
+    """Notes which cable has slipped."""
+
+    def __init__(self) -> None:
+        super().__init__(RIG.tendons.count, RIG)
+        self.slips: list[tuple[int, float]] = []
+
+    def slip(self, tendon: int, length: float) -> None:
+        self.slips.append((tendon, length))
+
+
+class Bench:
+    """A bench with faults, and a master on its line, in virtual time."""
+
+    def __init__(self, *faults: str, seed: int = 0) -> None:
+        self.plant = Slipping()
+        self.faults = Faults([parse_fault(text) for text in faults], seed)
+        self.rig: FaultyRig = self.faults.attach(EmulatedRig(RIG, self.plant))
+        self.port = VirtualPort(self.rig)  # type: ignore[arg-type]
+        self.bus = Bus(self.port, self.port, BusTiming(latency=5e-3), retries=0)
+
+    def at(self, time: float) -> "Bench":
+        self.port.wait_until(time)
+        return self
+
+    def read(self, device: int, row: Register) -> int:
+        reply = self.bus.read(device, row.address, row.size)
+        assert reply.ok
+        return int.from_bytes(reply.data, "little", signed=row.signed)
+
+    def write(self, device: int, name: str, count: int) -> None:
+        row = XH430_W350[name]
+        assert self.bus.write(device, row.address, encode_raw(row, count)).ok
+
+
+@pytest.mark.parametrize("kind", ["drop", "truncate"])
+def test_who_loses_every_packet_hears_nothing_whole(kind: str) -> None:
+    assert not Bench(f"{kind}:p=1").bus.read(1, 132, 4).ok
+
+
+def test_a_flipped_bit_is_no_answer() -> None:
+    bench = Bench("flip:p=1")
+    assert not any(bench.bus.read(1, 132, 4).ok for _ in range(200))
+
+
+def test_about_a_tenth_is_lost_where_a_twentieth_of_the_packets_is_dropped_each_way() -> None:
+    bench = Bench("drop:p=0.05", seed=1)
+    lost = sum(not bench.bus.read(1, 132, 4).ok for _ in range(2000))
+    assert lost == pytest.approx(2000 * (1 - 0.95**2), abs=50)  # four standard deviations
+
+
+def test_a_doubled_packet_comes_twice() -> None:
+    bench = Bench("duplicate:p=1")
+    bench.rig.receive(b"\xff\xff\xfd\x00\x01\x03\x00\x01\x19\x4e", 0.0)  # the manual's ping of device 1
+    bench.at(1.0)
+    assert len(bench.rig.transmit(1.0)) == 4 * 14
+
+
+def test_a_delayed_answer_comes_later_by_as_much_each_way() -> None:
+    instruction = b"\xff\xff\xfd\x00\x01\x03\x00\x01\x19\x4e"
+    due = []
+    for faults in ((), ("delay:p=1,by=20ms",)):
+        bench = Bench(*faults)
+        bench.rig.receive(instruction, 0.0)
+        while not bench.rig.transmit(bench.rig.time):
+            bench.at(bench.rig.next_event())
+        due.append(bench.rig.time)
+    assert due[1] - due[0] == pytest.approx(0.040)
+
+
+def test_a_fault_is_there_between_its_start_and_its_stop_only() -> None:
+    bench = Bench("drop:p=1@1-2")
+    assert [bench.at(time).bus.read(1, 132, 4).ok for time in (0.9, 1.1, 1.9, 2.1)] == [True, False, False, True]
+
+
+def test_with_the_same_seed_the_same_packets_are_struck() -> None:
+    logs = []
+    for seed in (5, 5, 6):
+        bench = Bench("drop:p=0.1", "flip:p=0.1", seed=seed)
+        for _ in range(100):
+            bench.bus.read(1, 132, 4)
+        logs.append(bench.faults.log)
+    assert (logs[0] == logs[1], logs[0] == logs[2]) == (True, False)
+
+
+def test_the_log_tells_when_a_fault_came_and_went() -> None:
+    bench = Bench("imu-freeze@1-1.5", "slip-tendon:tendon=2,by=1mm@0.25").at(3.0)
+    log = [(each.time, each.kind, each.what) for each in bench.faults.log]
+    assert log == [(0.25, "slip-tendon", "begins"), (1.0, "imu-freeze", "begins"), (1.5, "imu-freeze", "ends")]
+
+
+def test_an_unplugged_master_loses_its_port() -> None:
+    bench = Bench("unplug@1").at(1.01)
+    with pytest.raises(PortError):
+        bench.bus.read(1, 132, 4)
+
+
+def test_plugged_in_again_the_devices_answer() -> None:
+    assert Bench("unplug@1-2").at(2.01).bus.read(1, 132, 4).ok
+
+
+def test_in_a_brown_out_nobody_answers() -> None:
+    bench = Bench("brown-out:to=5V@1-2").at(1.5)
+    assert not any(bench.bus.read(device, 0, 2).ok for device in (1, 2, 3, 4, 5, 200))
+
+
+def test_after_a_brown_out_the_torque_is_off() -> None:
+    bench = Bench("brown-out:to=5V@1-1.2")
+    bench.write(1, "torque_enable", 1)
+    assert bench.at(2.0).read(1, XH430_W350["torque_enable"]) == 0
+
+
+def test_after_a_brown_out_the_voltage_is_that_of_the_rig_again() -> None:
+    voltage = Bench("brown-out:to=5V@1-1.2").at(2.0).read(1, XH430_W350["present_input_voltage"])
+    assert voltage * 0.1 == pytest.approx(RIG.drive.supply_voltage.value, abs=0.1)
+
+
+def test_a_sagging_supply_shows_in_the_register_while_the_motors_go_on() -> None:
+    assert Bench("brown-out:to=9V@1").at(1.5).read(1, XH430_W350["present_input_voltage"]) == 90
+
+
+def test_an_overheated_motor_grows_warm_at_the_rate_asked_for() -> None:
+    before = Bench().at(2.0).rig.rig.motors[3].protection.temperature
+    after = Bench("overheat:motor=3,rate=20@1").at(2.0).rig.rig.motors[3].protection.temperature
+    assert after - before == pytest.approx(20.0, abs=1.5)
+
+
+def test_an_overheated_motor_lets_go() -> None:
+    bench = Bench("overheat:motor=3,rate=100@1")
+    bench.write(3, "torque_enable", 1)
+    assert bench.at(2.0).read(3, XH430_W350["torque_enable"]) == 0
+
+
+def test_an_overloaded_motor_lets_go_after_a_second() -> None:
+    bench = Bench("overload:motor=2@1")
+    bench.write(2, "torque_enable", 1)
+    held = [bench.at(time).read(2, XH430_W350["torque_enable"]) for time in (1.8, 2.2)]
+    assert (held, bench.read(2, XH430_W350["hardware_error_status"])) == ([1, 0], 0x20)
+
+
+def test_a_motor_without_torque_bears_no_load() -> None:
+    assert Bench("overload:motor=2@1").at(5.0).read(2, XH430_W350["hardware_error_status"]) == 0
+
+
+def test_a_frozen_sensor_has_no_new_sample() -> None:
+    bench, time = Bench("imu-freeze@1-2"), OPENCR_NODE["sample_time"]
+    stamps = [bench.at(at).read(200, time) for at in (1.1, 1.9, 2.1)]
+    assert stamps[0] == stamps[1] < stamps[2]
+
+
+def test_a_stuck_tendon_stays_where_it_is() -> None:
+    bench = Bench("stuck-tendon:tendon=1@0-2")
+    bench.write(1, "torque_enable", 1)
+    bench.write(1, "goal_position", 2300)
+    where = [bench.at(at).read(1, XH430_W350["present_position"]) for at in (1.9, 4.0)]
+    assert where == [2048, 2300]
+
+
+def test_a_tendon_slips_once() -> None:
+    bench = Bench("slip-tendon:tendon=2,by=1mm@0.5").at(3.0)
+    assert bench.plant.slips == [(1, 0.001)]
+
+
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [("overheat:motor=9", "no motor 9; there is 1, 2, 3, 4, 5"), ("stuck-tendon:tendon=5", "expected 1 to 4")],
+)
+def test_a_fault_of_what_the_rig_does_not_have_is_refused(fault: str, sentence: str) -> None:
+    with pytest.raises(SpecError, match=sentence):
+        Bench(fault)

@@ -1,0 +1,229 @@
+"""The emulated inertial sensor: its samples, its clock, and what it does not know."""
+
+import math
+import statistics
+
+import numpy as np
+import pytest
+from tests.unit.emulator_stand_in import StandIn, paper_rig
+
+from sinew.emulator.imu_node import ImuNode
+from sinew.emulator.mechanics import Mechanics
+from sinew.hardware import instructions as ask
+from sinew.hardware.codec import Instruction, Status
+from sinew.hardware.imu_registers import OPENCR_NODE
+from sinew.plan.rig import Imu
+
+GYRO_LSB, FORCE_LSB = math.radians(2000) / 32_768, 2 * 9.80665 / 32_768
+
+
+def chip(**values: float) -> Imu:
+    """Return the paper's sensor without noise, bias and dead band, but for `values`."""
+    quiet = {"gyro_noise": 0.0, "gyro_bias": 0.0, "accelerometer_noise": 0.0, **values}
+    imu = paper_rig().imu
+    whole = {name: int(quiet.pop(name)) for name in ("average_samples", "dead_band") if name in quiet}
+    rows = {name: getattr(imu, name).model_copy(update={"value": value}) for name, value in quiet.items()}
+    return imu.model_copy(update={"dead_band": 0, **whole, **rows})
+
+
+class Node:
+    """A sensor on a plant, looked at when a test likes to."""
+
+    def __init__(self, imu: Imu, *, seed: int = 0, **more: object) -> None:
+        self.plant = StandIn()
+        self.mechanics = Mechanics(self.plant)
+        self.imu = ImuNode(imu, self.mechanics, np.random.default_rng(seed), **more)  # type: ignore[arg-type]
+
+    def run(self, until: float) -> None:
+        while self.imu.due <= until:
+            due = self.imu.due
+            self.mechanics.go_to(due)
+            self.imu.advance(due)
+        self.mechanics.go_to(until)
+
+    def get(self, *names: str) -> list[float]:
+        start, length = OPENCR_NODE.block(names)
+        answer = self.imu.answer(start, length, self.mechanics.time)
+        assert answer is not None
+        return list(OPENCR_NODE.values(names, start, answer.params).values())
+
+
+def gyro(node: Node) -> list[float]:
+    return node.get("gyro_x", "gyro_y", "gyro_z")
+
+
+def test_the_gyro_tells_the_rate_in_its_unit() -> None:
+    node = Node(chip())
+    node.plant.gyro = (1.0, -2.0, 0.5)
+    node.run(0.1)
+    assert gyro(node) == pytest.approx([1.0, -2.0, 0.5], abs=GYRO_LSB / 2)
+
+
+def test_the_accelerometer_tells_the_force_in_its_unit() -> None:
+    node = Node(chip())
+    node.plant.acceleration = (9.80665, -1.0, 2.0)
+    node.run(0.1)
+    found = node.get("acceleration_x", "acceleration_y", "acceleration_z")
+    assert found == pytest.approx([9.80665, -1.0, 2.0], abs=FORCE_LSB / 2)
+
+
+def test_the_accelerometer_clips_at_two_g() -> None:
+    node = Node(chip())
+    node.plant.acceleration = (0.0, 30.0, -30.0)
+    node.run(0.1)
+    found = node.get("acceleration_y", "acceleration_z")
+    assert found == pytest.approx([2 * 9.80665, -2 * 9.80665], abs=2 * FORCE_LSB)
+
+
+def test_the_gyro_clips_at_its_range() -> None:
+    node = Node(chip())
+    node.plant.gyro = (50.0, -50.0, 0.0)
+    node.run(0.1)
+    assert gyro(node)[:2] == pytest.approx([math.radians(2000), -math.radians(2000)], abs=2 * GYRO_LSB)
+
+
+@pytest.mark.parametrize(("counts", "shown"), [(3, 0), (4, 4), (-3, 0), (-4, -4)])
+def test_readings_of_at_most_the_dead_band_are_zero(counts: int, shown: int) -> None:
+    node = Node(chip(dead_band=3))
+    node.plant.gyro = (counts * GYRO_LSB, 0.0, 0.0)
+    node.run(0.1)
+    assert gyro(node)[0] == pytest.approx(shown * GYRO_LSB)
+
+
+def test_a_reading_is_the_mean_of_the_newest_samples() -> None:
+    node = Node(chip(average_samples=3))
+    node.run(0.1)
+    readings = []
+    node.plant.gyro = (0.9, 0.0, 0.0)
+    for _ in range(4):
+        due = node.imu.due
+        node.run(due + 1e-3)
+        readings.append(gyro(node)[0])
+    assert readings == pytest.approx([0.3, 0.6, 0.9, 0.9], abs=GYRO_LSB)
+
+
+def test_a_reading_appears_after_the_chips_residual_delay() -> None:
+    node = Node(chip(average_samples=1, residual_delay=1e-3))
+    node.run(0.1)
+    node.plant.gyro = (1.0, 0.0, 0.0)
+    due = node.imu.due
+    node.run(due + 0.9e-3)
+    early = gyro(node)[0]
+    node.run(due + 1.1e-3)
+    assert (early, gyro(node)[0]) == (0.0, pytest.approx(1.0, abs=GYRO_LSB))
+
+
+def test_sample_time_is_when_the_reading_appeared() -> None:
+    node = Node(chip(residual_delay=1e-3), ppm=0.0)
+    due = node.imu.due
+    node.run(due + 3e-3)
+    assert node.get("sample_time")[0] == pytest.approx(node.imu.clock(due + 1e-3), abs=2e-6)
+
+
+def test_clock_less_sample_time_is_the_age_of_the_sample() -> None:
+    node = Node(chip(residual_delay=1e-3), ppm=0.0)
+    due = node.imu.due
+    node.run(due + 4e-3)
+    sample, clock = node.get("sample_time", "clock")
+    assert clock - sample == pytest.approx(3e-3, abs=2e-6)
+
+
+@pytest.mark.parametrize("ppm", [-100.0, 0.0, 50.0])
+def test_samples_come_at_200_hz_by_the_nodes_own_crystal(ppm: float) -> None:
+    node = Node(chip(), ppm=ppm)
+    first = node.imu.due
+    node.run(first + 99.9975)
+    taken = (node.imu.due - first) / 5e-3 * (1 + 1e-6 * ppm)
+    assert taken == pytest.approx(20_000, abs=3)
+    assert node.imu.clock(100.0) - node.imu.clock(0.0) == pytest.approx(100 * (1 + 1e-6 * ppm), abs=1e-9)
+
+
+def test_the_microseconds_wrap_at_32_bits() -> None:
+    node = Node(chip(), ppm=0.0)
+    node.mechanics.go_to(2**32 * 1e-6 - 0.5)
+    node.imu.due, node.imu._count = 2**32 * 1e-6, int(2**32 * 1e-6 / 5e-3) + 200
+    node.run(2**32 * 1e-6 + 2.0)
+    assert node.get("sample_time")[0] < 3.0
+
+
+def test_the_bias_is_drawn_once_and_stays() -> None:
+    node = Node(chip(gyro_bias=0.1), seed=3)
+    node.run(0.1)
+    before = gyro(node)
+    node.run(60.0)
+    assert gyro(node) == before
+    assert max(map(abs, before)) > 0.01
+
+
+def test_the_noise_of_single_samples_has_the_specs_standard_deviation() -> None:
+    node = Node(chip(gyro_noise=0.05, average_samples=1))
+    values = []
+    for _ in range(2000):
+        node.run(node.imu.due + 1e-3)
+        values.append(gyro(node)[0])
+    assert statistics.stdev(values) == pytest.approx(0.05, rel=0.06)  # 4 standard errors
+
+
+def test_the_mean_of_three_samples_is_quieter_by_the_root_of_three() -> None:
+    node = Node(chip(gyro_noise=0.05, average_samples=3))
+    values = []
+    for _ in range(3000):
+        node.run(node.imu.due + 1e-3)
+        values.append(gyro(node)[0])
+    assert statistics.stdev(values[::3]) == pytest.approx(0.05 / math.sqrt(3), rel=0.09)  # 4 standard errors
+
+
+def test_chip_axes_are_turned_from_those_of_the_head() -> None:
+    node = Node(chip(), axes=("-z", "+x", "-y"))  # along x of the head points the chip's -z
+    node.plant.gyro = (1.0, 2.0, 3.0)
+    node.run(0.1)
+    assert gyro(node) == pytest.approx([2.0, -3.0, -1.0], abs=GYRO_LSB)
+
+
+def test_a_frozen_sensor_stands_still_while_its_clock_goes_on() -> None:
+    node = Node(chip())
+    node.run(1.0)
+    before = node.get("gyro_x", "sample_time")
+    node.imu.frozen = True
+    node.plant.gyro = (1.0, 0.0, 0.0)
+    node.run(2.0)
+    assert node.get("gyro_x", "sample_time") == before
+    assert node.imu.clock(2.0) > node.imu.clock(1.0)
+
+
+def test_a_sensor_thawed_goes_on_sampling() -> None:
+    node = Node(chip())
+    node.imu.frozen = True
+    node.run(1.0)
+    node.imu.frozen = False
+    node.plant.gyro = (1.0, 0.0, 0.0)
+    node.run(1.1)
+    assert gyro(node)[0] == pytest.approx(1.0, abs=GYRO_LSB)
+
+
+def test_one_seed_gives_the_same_samples() -> None:
+    readings = []
+    for _ in range(2):
+        node = Node(chip(gyro_noise=0.05), seed=7)
+        node.run(1.0)
+        readings.append((gyro(node), node.get("sample_time")))
+    assert readings[0] == readings[1]
+
+
+def test_the_sensor_answers_a_ping_with_its_model() -> None:
+    assert Node(chip()).imu.obey(ask.ping(200), 0.0) == Status(200, 0, b"\x00\x74\x01")
+
+
+def test_the_sensors_control_register_can_be_written() -> None:
+    imu = Node(chip()).imu
+    assert imu.obey(ask.write(200, 50, b"\x08"), 0.0) == Status(200)
+    assert imu.registers["imu_control"] == 8
+
+
+def test_the_sensors_readings_cannot_be_written() -> None:
+    assert Node(chip()).imu.obey(ask.write(200, 32, b"\x08\x00"), 0.0) == Status(200, 7)
+
+
+@pytest.mark.parametrize("code", [ask.REG_WRITE, ask.ACTION, ask.REBOOT, ask.FACTORY_RESET, 0xEE])
+def test_the_sensor_knows_no_instruction_of_motors(code: int) -> None:
+    assert Node(chip()).imu.obey(Instruction(200, code, b"\x32\x00\x01"), 0.0) == Status(200, 2)

@@ -1,0 +1,276 @@
+"""The emulated wire: times by the byte count, who answers when, and what is spoiled."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.unit.emulator_stand_in import Bench, paper_rig
+
+from sinew.hardware import instructions as ask
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.codec import Status, encode
+from sinew.hardware.decoder import Decoder
+from sinew.hardware.instructions import Read, Write
+from sinew.hardware.reply import Outcome
+
+BYTE = 10e-6  # s at 1 Mbps
+TENDONS = [1, 2, 3, 4]
+
+
+def answers(bench: Bench, data: bytes, seconds: float = 0.1) -> list[tuple[float, bytes]]:
+    """Send bytes at the present time and return what came, and when since then."""
+    rig, start = bench.rig, bench.rig.time
+    rig.receive(data, start)
+    came = []
+    while (event := rig.next_event()) <= start + seconds:
+        if got := rig.transmit(event):
+            came.append((event - start, got))
+    rig.advance(start + seconds)
+    return came
+
+
+def statuses(came: list[tuple[float, bytes]]) -> list[Status]:
+    return [packet for packet in Decoder().feed(b"".join(data for _, data in came)) if isinstance(packet, Status)]
+
+
+# The packets of the manual's examples.
+@pytest.mark.parametrize(
+    ("instruction", "status"),
+    [
+        ("FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89", "FF FF FD 00 01 04 00 55 00 A1 0C"),
+        ("FF FF FD 00 01 09 00 04 68 00 C8 00 00 00 AE 8E", "FF FF FD 00 01 04 00 55 00 A1 0C"),
+        ("FF FF FD 00 01 03 00 08 2F 4E", "FF FF FD 00 01 04 00 55 00 A1 0C"),
+        ("FF FF FD 00 01 04 00 06 01 A1 E6", "FF FF FD 00 01 04 00 55 00 A1 0C"),
+        ("FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC", "FF FF FD 00 01 04 00 55 00 A1 0C"),
+    ],
+    ids=["write", "reg write", "reboot", "factory reset", "clear"],
+)
+def test_the_manuals_packets_get_the_manuals_answers(instruction: str, status: str) -> None:
+    came = answers(Bench(paper_rig(tendon_model="XM430-W350")), bytes.fromhex(instruction))
+    assert b"".join(data for _, data in came) == bytes.fromhex(status)
+
+
+@pytest.mark.parametrize("code", [0, 1, 100, 254])
+def test_an_answer_takes_instruction_return_delay_and_answer_on_the_wire(code: int) -> None:
+    bench = Bench(return_delay=code)
+    [(came, _)] = answers(bench, encode(ask.read(1, 132, 4)))
+    assert came == pytest.approx(14 * BYTE + code * 2e-6 + 15 * BYTE, abs=1e-9)
+
+
+@pytest.mark.parametrize(("baud", "code"), [(9_600, 0), (57_600, 1), (115_200, 2), (4_500_000, 7)])
+def test_wire_time_goes_by_the_baud(baud: int, code: int) -> None:
+    bench = Bench(paper_rig(baud=baud), return_delay=0)
+    [(came, _)] = answers(bench, encode(ask.ping(1)), 1.0)
+    assert bench.rig.motors[1].registers["baud_rate"] == code
+    assert came == pytest.approx((10 + 14) * 10 / baud, abs=1e-9)
+
+
+def test_a_sync_read_takes_the_sum_of_its_parts() -> None:
+    bench = Bench(return_delay=250)
+    came = answers(bench, encode(ask.sync_read(126, 10, TENDONS)))
+    assert came[-1][0] == pytest.approx((14 + 4 + 4 * 21) * BYTE + 4 * 500e-6, abs=1e-9)
+
+
+def test_answers_of_a_group_come_in_the_order_asked() -> None:
+    came = answers(Bench(), encode(ask.sync_read(132, 4, [3, 1, 5, 2])))
+    assert [status.id for status in statuses(came)] == [3, 1, 5, 2]
+
+
+def test_a_bulk_read_gives_each_device_its_own_bytes() -> None:
+    came = answers(Bench(), encode(ask.bulk_read([Read(5, 0, 2), Read(200, 0, 2), Read(1, 38, 2)])))
+    assert [status.params for status in statuses(came)] == [b"\xfc\x03", b"\x00\x74", b"\x88\x02"]
+
+
+def test_an_absent_device_costs_its_slot_and_no_more() -> None:
+    bench = Bench(return_delay=0)
+    came = answers(bench, encode(ask.sync_read(132, 4, [1, 77, 2])))
+    assert [status.id for status in statuses(came)] == [1, 2]
+    assert came[1][0] - came[0][0] == pytest.approx(2 * 15 * BYTE, abs=1e-9)
+
+
+def test_a_fast_sync_read_is_one_packet_without_gaps() -> None:
+    bench = Bench(return_delay=100)
+    came = answers(bench, encode(ask.sync_read(132, 4, TENDONS, fast=True)))
+    wire = b"".join(data for _, data in came)
+    assert len(wire) == 8 + 4 * 8
+    assert came[-1][0] == pytest.approx((18 + 40) * BYTE + 200e-6, abs=1e-9)
+
+
+def test_a_fast_read_gives_what_a_plain_one_gives() -> None:
+    bench = Bench()
+    bench.put(2, "operating_mode", 4)
+    plain, fast = (bench.bus.sync_read(0, 40, TENDONS, fast=fast) for fast in (False, True))
+    assert {d: reply.data for d, reply in fast.items()} == {d: reply.data for d, reply in plain.items()}
+
+
+def test_a_fast_read_ends_at_a_device_that_does_not_know_it() -> None:
+    replies = Bench().bus.sync_read(0, 2, [1, 200, 2], fast=True)
+    assert [reply.ok for reply in replies.values()] == [True, False, False]
+
+
+def test_old_firmware_does_not_know_fast_reads() -> None:
+    bench = Bench(firmware=44)
+    assert not answers(bench, encode(ask.sync_read(132, 4, TENDONS, fast=True)))
+
+
+def test_registers_are_read_when_the_device_answers() -> None:
+    bench = Bench(return_delay=254)
+    bench.put(1, "operating_mode", 1)
+    bench.put(1, "torque_enable", 1)
+    bench.put(1, "goal_velocity", 130)
+    bench.wait(0.1)
+    start = bench.plant.angles[0] + bench.plant.speeds[0] * (bench.rig.time - bench.plant.time)
+    [(_, data)] = answers(bench, encode(ask.read(1, 132, 4)))
+    moved = bench.plant.speeds[0] * (14 * BYTE + 508e-6) / (2 * 3.141592653589793 / 4096)
+    position = int.from_bytes(Decoder().feed(data)[0].params, "little")  # type: ignore[union-attr]
+    assert position == pytest.approx(2048 + start / (2 * 3.141592653589793 / 4096) + moved, abs=0.51)
+
+
+def test_a_sync_write_reaches_all_and_nobody_answers() -> None:
+    bench = Bench()
+    assert not answers(bench, encode(ask.sync_write(65, dict.fromkeys(TENDONS, b"\x01"))))
+    assert [bench.get(device, "led") for device in range(1, 6)] == [1, 1, 1, 1, 0]
+
+
+def test_a_bulk_write_gives_each_device_its_own() -> None:
+    bench = Bench()
+    bench.bus.bulk_write([Write(1, 65, b"\x01"), Write(2, 102, b"\x05\x00")])
+    assert (bench.get(1, "led"), bench.get(2, "goal_current")) == (1, 5)
+
+
+def test_nobody_answers_a_write_or_read_to_all() -> None:
+    bench = Bench()
+    packets = encode(ask.write(254, 65, b"\x01")) + encode(ask.read(254, 65, 1)) + encode(ask.action())
+    assert not answers(bench, packets)
+    assert bench.get(3, "led") == 1
+
+
+def test_a_ping_to_all_is_answered_by_each_once() -> None:
+    came = answers(Bench(), encode(ask.ping()))
+    assert [status.id for status in statuses(came)] == [1, 2, 3, 4, 5, 200]
+
+
+def test_a_device_at_another_baud_is_silent() -> None:
+    bench = Bench(baud=57_600)
+    assert bench.bus.ping(1).outcome is Outcome.SILENT
+
+
+def test_two_motors_with_one_id_spoil_each_other() -> None:
+    bench = Bench()
+    bench.rig.motors[2].registers["id"] = 1
+    bench.plant.angles[0] = 0.7
+    reply = bench.bus.read(1, 132, 4)
+    assert reply.outcome is Outcome.DAMAGED
+
+
+def test_two_motors_with_one_id_that_say_the_same_cannot_be_told_apart() -> None:
+    bench = Bench()
+    bench.rig.motors[2].registers["id"] = 1
+    assert bench.bus.ping(1).ok
+
+
+def test_two_motors_with_one_id_and_different_return_delays_are_heard_to_differ() -> None:
+    bench = Bench()
+    bench.rig.motors[2].registers["id"] = 1
+    bench.rig.motors[2].registers["return_delay_time"] = 0
+    came = answers(bench, encode(ask.ping(1)))
+    assert [status.id for status in statuses(came)] == [1, 1]
+
+
+def test_a_master_that_talks_into_an_answer_spoils_both() -> None:
+    bench = Bench(return_delay=0)
+    rig, start = bench.rig, bench.rig.time
+    rig.receive(encode(ask.read(1, 0, 60)), start)
+    rig.receive(encode(ask.write(2, 65, b"\x01")), start + 20 * BYTE)
+    rig.advance(start + 0.1)
+    assert not statuses([(0.0, rig.transmit(start + 0.1))])
+    assert bench.get(2, "led") == 0
+
+
+def test_bytes_written_in_bits_and_pieces_are_one_instruction() -> None:
+    bench = Bench()
+    rig = bench.rig
+    for at, byte in enumerate(encode(ask.ping(1))):
+        rig.receive(bytes([byte]), at * 1e-3)
+    rig.advance(1.0)
+    assert [status.id for status in statuses([(0.0, rig.transmit(1.0))])] == [1]
+
+
+def test_instructions_sent_in_one_go_are_carried_out_one_after_another() -> None:
+    bench = Bench()
+    packets = b"".join(encode(ask.write(1, 65, bytes([count % 2]))) for count in range(3))
+    rig = bench.rig
+    rig.receive(packets, 0.0)
+    seen = []
+    for at in range(1, 4):
+        rig.advance(at * 13 * BYTE + 1e-9)
+        seen.append(rig.motors[1].registers["led"])
+    assert seen == [0, 1, 0]
+
+
+def test_an_answer_in_which_a_header_would_appear_is_stuffed() -> None:
+    bench = Bench()
+    for at, count in ((634, 0xFF), (635, 0xFF), (636, 0xFD), (637, 0x00)):
+        bench.bus.write(1, at, bytes([count]))
+    [(_, wire)] = answers(bench, encode(ask.read(1, 634, 4)))
+    assert (len(wire), statuses([(0.0, wire)])[0].params) == (16, b"\xff\xff\xfd\x00")
+
+
+def test_a_disturbance_on_the_way_down_keeps_instructions_from_the_devices() -> None:
+    bench = Bench()
+    bench.rig.line.disturb_down = lambda at, data: []
+    assert bench.bus.ping(1).outcome is Outcome.SILENT
+
+
+def test_a_disturbance_on_the_way_up_can_delay_and_double_a_status() -> None:
+    bench = Bench(return_delay=0)
+    bench.rig.line.disturb_up = lambda at, data: [(at + 1e-3, data), (at + 2e-3, data)]
+    came = [at for at, _ in answers(bench, encode(ask.ping(1)))]
+    assert came == pytest.approx([24 * BYTE + 1e-3, 24 * BYTE + 2e-3], abs=1e-9)
+
+
+def test_a_disturbance_is_told_when_the_last_byte_has_come() -> None:
+    bench = Bench(return_delay=0)
+    told: list[float] = []
+    for side in ("disturb_down", "disturb_up"):
+        setattr(bench.rig.line, side, lambda at, data: told.append(at) or [(at, data)])
+    answers(bench, encode(ask.ping(1)))
+    assert told == pytest.approx([10 * BYTE, 24 * BYTE], abs=1e-9)
+
+
+def test_the_bus_lets_enough_time_for_six_devices_at_one_megabit() -> None:
+    bench = Bench(return_delay=0)
+    bus = Bus(bench.port, bench.port, BusTiming(1_000_000, 0.0, 1e-3), retries=0)
+    reads = [Read(5, 120, 16), Read(200, 32, 18), *(Read(device, 120, 16) for device in TENDONS)]
+    assert all(reply.ok for reply in bus.bulk_read(reads).values())
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    chunks=st.lists(
+        st.one_of(
+            st.binary(max_size=30),
+            st.builds(
+                lambda device, code, params: encode(ask.Instruction(device, code, params)),
+                st.sampled_from([1, 2, 5, 200, 254]),
+                st.sampled_from([1, 2, 3, 4, 5, 6, 8, 0x10, 0x82, 0x83, 0x8A, 0x92, 0x93, 0x9A, 0xAA]),
+                st.one_of(
+                    st.binary(max_size=20),
+                    st.builds(
+                        lambda at, size, devices: at.to_bytes(2, "little") + size.to_bytes(2, "little") + devices,
+                        st.integers(0, 700),
+                        st.one_of(st.integers(0, 40), st.just(65_535)),
+                        st.lists(st.sampled_from([1, 2, 3, 5, 9, 200]), unique=True).map(bytes),
+                    ),
+                ),
+            ),
+        ),
+        max_size=6,
+    )
+)
+def test_no_bytes_make_the_bench_raise(chunks: list[bytes]) -> None:
+    bench = Bench()
+    for chunk in chunks:
+        bench.port.write(chunk)
+        bench.port.read(bench.port.now() + 2e-3)
+    bench.wait(0.1)
+    assert bench.rig.time >= 0.1

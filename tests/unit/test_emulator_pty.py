@@ -1,0 +1,273 @@
+"""The pseudo-terminal in front of an emulated bench: a bench that only notes what it is asked stands behind it."""
+
+import fcntl
+import select
+import struct
+import termios
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+import serial
+
+from sinew.emulator.pty_server import PtyServer
+from sinew.hardware.serial_port import SerialPort
+from sinew.hardware.transport import MonotonicClock
+from sinew.measure.errors import FileError
+
+TIOCGEXCL = 0x80045440  # of Linux; the module termios does not have it
+
+
+@dataclass
+class Line:
+    host_baud: int = 9600
+
+
+@dataclass
+class Bench:
+    """Notes what it hears and when; `due` holds what it says and when."""
+
+    line: Line = field(default_factory=Line)
+    unplugged: bool = False
+    heard: bytes = b""
+    heard_at: float = -1.0
+    time: float = 0.0
+    due: list[tuple[float, bytes]] = field(default_factory=list)
+
+    def receive(self, data: bytes, now: float) -> None:
+        self.heard += data
+        self.heard_at = now
+
+    def transmit(self, now: float) -> bytes:
+        said = b"".join(data for when, data in self.due if when <= now)
+        self.due = [(when, data) for when, data in self.due if when > now]
+        return said
+
+    def next_event(self) -> float:
+        return min((when for when, _ in self.due), default=float("inf"))
+
+    def advance(self, now: float) -> None:
+        self.time = now
+
+    def catch_up(self) -> None:
+        pass
+
+
+@dataclass
+class ManualClock:
+    time: float = 50.0
+
+    def now(self) -> float:
+        return self.time
+
+    def wait_until(self, time: float) -> None:
+        self.time = time
+
+
+class Served:
+    """A bench, its server on a clock moved by hand, and the name of the port."""
+
+    def __init__(self, link: Path, speed: float = 1.0) -> None:
+        self.bench, self.clock, self.link = Bench(), ManualClock(), link
+        self.server = PtyServer(self.bench, link, clock=self.clock, speed=speed)
+
+    def at(self, time: float) -> None:
+        """Let the server do what it does at a time [s] after its start."""
+        self.clock.time = 50.0 + time
+        self.server.step()
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Served]:
+    served = Served(tmp_path / "port")
+    yield served
+    served.server.close()
+
+
+def opened(served: Served, baud: int = 1_000_000) -> serial.Serial:
+    return serial.Serial(str(served.link), baud, timeout=0)
+
+
+def come(master: serial.Serial) -> bytes:
+    """Return what is there for the master, if anything comes within two seconds."""
+    select.select([master], [], [], 2.0)
+    return bytes(master.read(1 << 20))
+
+
+def test_what_a_master_writes_gets_to_the_line(served: Served) -> None:
+    with opened(served) as master:
+        master.write(b"\xff\xff\xfd\x00\r\n\x03\x11\x13")
+        served.at(0.001)
+    assert served.bench.heard == b"\xff\xff\xfd\x00\r\n\x03\x11\x13"
+
+
+@pytest.mark.parametrize("baud", [9600, 57_600, 1_000_000, 3_000_000, 4_500_000])
+def test_the_line_knows_the_masters_baud(served: Served, baud: int) -> None:
+    with opened(served, baud) as master:
+        master.write(b"x")
+        served.at(0.001)
+    assert served.bench.line.host_baud == baud
+
+
+def test_what_the_line_says_gets_to_the_master_when_it_is_due(served: Served) -> None:
+    every_byte = bytes(range(256))
+    served.bench.due = [(0.010, every_byte)]
+    with opened(served) as master:
+        served.at(0.009)
+        early = master.read(300)
+        served.at(0.0105)
+        served.at(0.0108)
+        assert (early, come(master)) == (b"", every_byte)
+
+
+def test_bytes_that_are_due_a_tenth_of_a_millisecond_apart_are_sent_together(served: Served) -> None:
+    served.bench.due = [(0.0100, b"one"), (0.0101, b"two")]
+    with opened(served) as master:
+        served.at(0.01005)
+        held = master.read(10)
+        served.at(0.01015)
+        served.at(0.01030)
+        assert (held, come(master)) == (b"", b"onetwo")
+
+
+def test_bytes_that_are_due_later_hold_nothing_up(served: Served) -> None:
+    served.bench.due = [(0.0100, b"one"), (0.0110, b"two")]
+    with opened(served) as master:
+        served.at(0.01005)
+        assert come(master) == b"one"
+
+
+def test_time_passes_for_the_bench_while_nobody_asks(served: Served) -> None:
+    served.at(0.004)
+    assert served.bench.time == pytest.approx(0.004)
+
+
+def test_at_twice_the_speed_the_bench_lives_twice_as_long(tmp_path: Path) -> None:
+    served = Served(tmp_path / "fast", speed=2.0)
+    served.at(0.1)
+    served.server.close()
+    assert served.bench.time == pytest.approx(0.2)
+
+
+def test_what_a_pause_of_the_computer_takes_is_not_made_up_for(served: Served) -> None:
+    served.at(10.0)
+    assert (served.bench.time, served.server.slipped) == (pytest.approx(0.25), pytest.approx(9.75))
+
+
+def test_a_master_may_close_the_port_and_open_it_again(served: Served) -> None:
+    for number in (1, 2, 3):
+        with opened(served) as master:
+            master.write(b"x" * number)
+            served.at(0.01 * number)
+            served.bench.due = [(0.0, b"y" * number)]
+            served.at(0.01 * number + 0.001)
+            assert come(master) == b"y" * number
+        served.at(0.01 * number + 0.005)
+    assert served.bench.heard == b"xxxxxx"
+
+
+def test_a_master_that_took_the_port_for_itself_leaves_it_to_others(served: Served) -> None:
+    is_exclusive = struct.Struct("i")
+    with opened(served) as master:
+        fcntl.ioctl(master, termios.TIOCEXCL)
+    served.at(0.001)
+    served.at(0.2)
+    served.at(0.4)
+    served.at(0.6)
+    with opened(served) as master:
+        claim = is_exclusive.unpack(fcntl.ioctl(master, TIOCGEXCL, is_exclusive.pack(1)))
+    assert claim == (0,)
+
+
+def test_a_master_that_does_not_read_holds_nobody_up_and_loses_bytes(served: Served) -> None:
+    with opened(served):
+        for number in range(40):
+            served.bench.due = [(0.0, bytes(4000))]
+            served.at(0.001 * number)
+    assert served.server.lost > 0
+
+
+def test_a_master_that_reads_late_gets_on_with_what_is_said_now(served: Served) -> None:
+    with opened(served) as master:
+        for number in range(40):
+            served.bench.due = [(0.0, bytes(4000))]
+            served.at(0.001 * number)
+        while master.read(1 << 20):
+            served.clock.time += 0.002
+            served.server.step()
+        served.bench.due = [(0.0, b"now")]
+        served.clock.time += 0.002
+        served.server.step()
+        assert come(master) == b"now"
+
+
+def test_unplugging_takes_the_link_away(served: Served) -> None:
+    served.bench.unplugged = True
+    served.at(0.001)
+    assert not served.link.is_symlink()
+
+
+def test_our_own_port_notices_that_it_is_unplugged(served: Served) -> None:
+    from sinew.hardware.errors import PortError
+
+    clock = MonotonicClock()
+    port = SerialPort(str(served.link), 1_000_000, clock)
+    served.bench.unplugged = True
+    served.at(0.001)
+    with pytest.raises(PortError, match="lost"):
+        port.read(clock.now() + 2.0)
+    port.close()
+
+
+def test_plugged_in_again_the_port_is_back(served: Served) -> None:
+    served.bench.unplugged = True
+    served.at(0.001)
+    served.bench.unplugged = False
+    served.at(0.003)
+    with opened(served) as master:
+        master.write(b"again")
+        served.at(0.005)
+    assert served.bench.heard == b"again"
+
+
+def test_closing_removes_the_link(served: Served) -> None:
+    served.server.close()
+    assert not served.link.is_symlink()
+
+
+def test_closing_leaves_a_link_that_another_has_put_there(served: Served) -> None:
+    served.link.unlink()
+    served.link.symlink_to("/dev/null")
+    served.server.close()
+    assert served.link.readlink() == Path("/dev/null")
+
+
+def test_a_stale_link_is_turned_over(tmp_path: Path) -> None:
+    link = tmp_path / "port"
+    link.symlink_to(tmp_path / "gone")
+    served = Served(link)
+    where = link.readlink()
+    served.server.close()
+    assert where.parent == Path("/dev/pts")
+
+
+def test_a_file_in_the_place_of_the_link_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "port").write_text("kept")
+    with pytest.raises(FileError, match="is no link"):
+        Served(tmp_path / "port")
+    assert (tmp_path / "port").read_text() == "kept"
+
+
+def test_the_link_of_a_living_emulator_is_left_alone(served: Served) -> None:
+    where = served.link.readlink()
+    with pytest.raises(FileError, match="is another emulator running"):
+        Served(served.link)
+    assert served.link.readlink() == where
+
+
+def test_a_folder_that_is_not_there_is_refused_without_leaving_a_terminal_open(tmp_path: Path) -> None:
+    before = len(list(Path("/dev/fd").iterdir()))
+    with pytest.raises(FileError, match="cannot link"):
+        Served(tmp_path / "no" / "port")
+    assert len(list(Path("/dev/fd").iterdir())) == before

@@ -1,0 +1,184 @@
+"""The head's sensor: axes of the head, samples that have an age, and answers of an earlier time."""
+
+import math
+import struct
+
+import pytest
+from tests.unit.emulator_stand_in import Bench, paper_rig
+from tests.unit.hardware_line import Line, ManualClock, Slave
+
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.clock_track import ClockTrack
+from sinew.hardware.errors import DeviceError
+from sinew.hardware.imu import Imu
+from sinew.hardware.imu_registers import OPENCR_NODE, TURTLEBOT3
+from sinew.hardware.reply import Outcome, Reply
+
+GYRO = math.radians(2000) / 32768
+FORCE = 2 * 9.80665 / 32768
+
+
+def answer(gyro=(0, 0, 0), force=(0, 0, 0), sample_us: int = 0, clock_us: int = 0) -> Reply:  # type: ignore[no-untyped-def]
+    """Return a node's answer, bytes 32 to 59, as its manual and `sample_time`, `clock` have them."""
+    data = struct.pack("<9h", *gyro, *force, 0, 0, 0) + bytes(2) + struct.pack("<II", sample_us, clock_us)
+    return Reply(200, Outcome.ANSWERED, data)
+
+
+def imu(axes: tuple[str, ...] = ("+x", "+y", "+z")) -> Imu:
+    clock = ManualClock()
+    return Imu(Bus(Line(clock), clock), 200, OPENCR_NODE, axes)
+
+
+def test_rates_and_accelerations_come_in_si() -> None:
+    reading = imu().decode(answer((100, -200, 300), (-16384, 8192, 4096)), 1.0)
+    assert reading is not None
+    assert reading.gyro == pytest.approx((100 * GYRO, -200 * GYRO, 300 * GYRO))
+    assert reading.acceleration == pytest.approx((-9.80665, 9.80665 / 2, 9.80665 / 4))
+
+
+@pytest.mark.parametrize(
+    ("axes", "order"),
+    [
+        (("+y", "+z", "+x"), (2, 3, 1)),
+        (("-y", "+x", "+z"), (-2, 1, 3)),
+        (("+z", "-y", "+x"), (3, -2, 1)),
+    ],
+)
+def test_the_axes_of_the_chip_become_those_of_the_head(axes: tuple[str, ...], order: tuple[int, ...]) -> None:
+    reading = imu(axes).decode(answer((1, 2, 3), (1, 2, 3)), 1.0)
+    assert reading is not None
+    assert [value / GYRO for value in reading.gyro] == pytest.approx(order)
+    assert [value / FORCE for value in reading.acceleration] == pytest.approx(order)
+
+
+@pytest.mark.parametrize("axes", [("+x", "+y", "+z"), ("+z", "-y", "+x"), ("-z", "+x", "-y")])
+def test_a_chip_mounted_as_the_wiring_says_gives_what_the_head_does(axes: tuple[str, str, str]) -> None:
+    bench = Bench(paper_rig(imu_axes=axes), imu_ppm=0.0)
+    bench.plant.gyro, bench.plant.acceleration = (1.0, -2.0, 3.0), (9.0, 3.0, -1.0)
+    bench.wait(0.1)
+    reading = Imu(bench.bus, 200, OPENCR_NODE, axes).read()
+    assert reading.gyro == pytest.approx(bench.plant.gyro, abs=0.02)
+    assert reading.acceleration == pytest.approx(bench.plant.acceleration, abs=0.1)
+
+
+def test_a_sample_is_as_old_as_the_node_says() -> None:
+    reading = imu().decode(answer(sample_us=1_000_000, clock_us=1_003_500), 50.0)
+    assert reading is not None
+    assert reading.time == pytest.approx(50.0 - 3.5e-3)
+
+
+def test_the_age_survives_the_wrap_of_the_nodes_clock() -> None:
+    reading = imu().decode(answer(sample_us=2**32 - 1000, clock_us=1500), 50.0)
+    assert reading is not None
+    assert reading.time == pytest.approx(50.0 - 2.5e-3)
+
+
+def test_a_sample_that_came_while_the_node_answered_is_not_71_minutes_old() -> None:
+    reading = imu().decode(answer(sample_us=1_000_010, clock_us=1_000_000), 50.0)
+    assert reading is not None
+    assert reading.time == pytest.approx(50.0 + 10e-6)
+
+
+def test_the_time_of_a_sample_is_when_the_node_took_it() -> None:
+    bench = Bench(imu_ppm=0.0)
+    bench.wait(0.5)
+    reading = Imu(bench.bus, 200).read()
+    node = bench.rig.imu
+    taken = reading.counter * 1e-6 - node.clock(0.0)  # the emulated crystal is exact
+    assert reading.time == pytest.approx(taken, abs=0.1e-3)
+
+
+def test_an_answer_of_an_earlier_cycle_is_no_reading() -> None:
+    sensor = imu()
+    for cycle in range(10):
+        sensor.decode(answer(clock_us=5000 * cycle), 1.0 + 5e-3 * cycle)
+    assert sensor.decode(answer(clock_us=5000 * 9), 1.0 + 5e-3 * 10) is None
+
+
+def test_where_the_time_of_the_answer_is_not_known_the_nodes_clock_tells_it() -> None:
+    sensor = imu()
+    sensor.decode(answer(clock_us=1_000_000), 50.0)
+    reading = sensor.decode(answer(sample_us=1_004_000, clock_us=1_006_000), math.nan)
+    assert reading is not None
+    assert reading.time == pytest.approx(50.004)
+
+
+def test_without_any_known_time_there_is_no_reading() -> None:
+    assert imu().decode(answer(), math.nan) is None
+
+
+def test_a_silent_sensor_is_an_error_with_a_sentence() -> None:
+    with pytest.raises(DeviceError, match=r"IMU \(id 200\) gave no fresh reading: device 200 sent nothing"):
+        imu().read()
+
+
+def test_the_map_of_turtlebot3_gives_floats_and_half_its_refresh_as_age() -> None:
+    clock = ManualClock()
+    board = Slave(200, model=0x5000)
+    board.memory[10:14] = (123_456).to_bytes(4, "little")
+    board.memory[60:84] = struct.pack("<6f", 0.5, -1.0, 2.0, 9.75, 0.25, -0.125)
+    sensor = Imu(Bus(Line(clock, board), clock, BusTiming()), 200, TURTLEBOT3, ("+y", "-x", "+z"))
+    reading = sensor.read()
+    assert (reading.gyro, reading.acceleration) == ((-1.0, -0.5, 2.0), (0.25, -9.75, -0.125))
+    assert (reading.counter, reading.time) == (123_456_000, pytest.approx(100.0 - 0.01, abs=1e-3))
+
+
+def tick_of(time: float) -> int:
+    return int(time * 1000) % 32_768
+
+
+def track() -> ClockTrack:
+    return ClockTrack(1e-3, 32_768)
+
+
+def test_answers_of_their_own_time_are_fresh_over_many_wraps_and_with_a_drifting_crystal() -> None:
+    followed = track()
+    times = [5e-3 * cycle for cycle in range(30_000)]  # 150 s, more than four wraps
+    assert all(followed.is_fresh(tick_of(time * (1 + 200e-6)), time) for time in times)
+
+
+def test_an_answer_one_cycle_old_is_not_fresh_and_the_next_good_one_is() -> None:
+    followed = track()
+    for cycle in range(100):
+        followed.is_fresh(tick_of(5e-3 * cycle), 5e-3 * cycle)
+    assert not followed.is_fresh(tick_of(0.495), 0.500)
+    assert followed.is_fresh(tick_of(0.505), 0.505)
+
+
+def test_a_counter_that_stands_still_is_fresh_no_more() -> None:
+    followed = track()
+    fresh = [followed.is_fresh(1000, 5e-3 * cycle) for cycle in range(50)]
+    assert not any(fresh[1:])
+
+
+def test_a_device_that_has_started_anew_is_not_fresh_until_reset() -> None:
+    followed = track()
+    for cycle in range(100):
+        followed.is_fresh(tick_of(9.0 + 5e-3 * cycle), 5e-3 * cycle)
+    after = [followed.is_fresh(tick_of(5e-3 * cycle), 0.5 + 5e-3 * cycle) for cycle in range(100)]
+    followed.reset()
+    assert not any(after)
+    assert followed.is_fresh(tick_of(0.6), 1.1)
+
+
+@pytest.mark.parametrize("wrong", [-20e-3, -6e-3, 6e-3, 20e-3])
+@pytest.mark.parametrize("when", [0, 1, 2, 7, 14])
+def test_one_wrong_answer_among_the_first_does_not_make_the_later_ones_stale(wrong: float, when: int) -> None:
+    followed = track()
+    times = [1.0 + 5e-3 * cycle for cycle in range(40)]
+    fresh = [followed.is_fresh(tick_of(time + wrong * (i == when)), time) for i, time in enumerate(times)]
+    assert all(fresh[max(when + 1, 2) :])
+
+
+def test_one_wrong_answer_after_a_gap_does_not_make_the_later_ones_stale() -> None:
+    followed = track()
+    for cycle in range(40):
+        followed.is_fresh(tick_of(1.0 + 5e-3 * cycle), 1.0 + 5e-3 * cycle)
+    followed.is_fresh(tick_of(3.010), 3.0)
+    assert all([followed.is_fresh(tick_of(3.005 + 5e-3 * cycle), 3.005 + 5e-3 * cycle) for cycle in range(40)][1:])
+
+
+def test_a_pause_of_the_host_is_no_reason_to_doubt() -> None:
+    followed = track()
+    followed.is_fresh(tick_of(1.0), 1.0)
+    assert followed.is_fresh(tick_of(21.0 * (1 + 200e-6)), 21.0)

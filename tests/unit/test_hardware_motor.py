@@ -1,0 +1,227 @@
+"""One motor on the bus: registers by name, torque, watchdog, modes, and a sentence for what it does not do."""
+
+import pytest
+from tests.unit.emulator_stand_in import Bench
+from tests.unit.hardware_line import Line, ManualClock, Slave
+
+from sinew.emulator.motor import Motor as EmulatedMotor
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.errors import DeviceError, RegisterError
+from sinew.hardware.layout import lay_out
+from sinew.hardware.motor import RETRIES, Motor, name_hardware_errors
+from sinew.hardware.motor_registers import (
+    CURRENT_MODE,
+    EXTENDED_POSITION_MODE,
+    POSITION_MODE,
+    XH430_W350,
+    XM430_W350,
+)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.fixture
+def motor(bench: Bench) -> Motor:
+    return Motor(bench.bus, "tendon 2", 2, XH430_W350)
+
+
+@pytest.fixture
+def emulated(bench: Bench) -> EmulatedMotor:
+    return bench.rig.motors[2]
+
+
+def alone(slave: Slave) -> tuple[Motor, Line]:
+    clock = ManualClock()
+    line = Line(clock, slave)
+    return Motor(Bus(line, clock, BusTiming(latency=2e-3), 0), "tendon 2", slave.id, XH430_W350), line
+
+
+def test_a_motor_says_its_model_and_firmware(motor: Motor) -> None:
+    identity = motor.identify()
+    assert (identity.id, identity.number, identity.firmware) == (2, 1000, 47)
+
+
+def test_another_model_than_the_wiring_says_is_refused_by_name(bench: Bench) -> None:
+    with pytest.raises(
+        DeviceError, match=r"tendon 1 \(id 5\) is model 1020 \(XM430-W350\), expected 1000 \(XH430-W350\)"
+    ):
+        Motor(bench.bus, "tendon 1", 5, XH430_W350).identify()
+
+
+def test_an_absent_motor_is_refused_with_its_name_and_id() -> None:
+    motor, _ = alone(Slave(2, absent=True))
+    with pytest.raises(
+        DeviceError, match=r"tendon 2 does not answer: .*expected a XH430-W350 at id 2; check its cable"
+    ):
+        motor.identify()
+
+
+def test_an_absent_motor_is_asked_a_bounded_number_of_times() -> None:
+    motor, line = alone(Slave(2, absent=True))
+    with pytest.raises(DeviceError):
+        motor.get("present_position")
+    assert len(line.sent) == 1 + RETRIES
+
+
+def test_a_damaged_answer_is_asked_for_again() -> None:
+    motor, line = alone(Slave(2))
+    line.spoil = lambda n, wire: [(0.0, wire if n >= RETRIES else wire[:-1] + b"\x00")]
+    assert motor.get_count("torque_enable") == 64  # its memory counts up from 0
+
+
+def test_a_quantity_is_read_in_si(bench: Bench, motor: Motor) -> None:
+    assert motor.get("return_delay_time") == pytest.approx(500e-6)
+
+
+def test_a_failed_read_names_motor_and_register() -> None:
+    motor, _ = alone(Slave(2, absent=True))
+    with pytest.raises(DeviceError, match=r"cannot read present_position of tendon 2 \(id 2\): device 2 sent nothing"):
+        motor.get("present_position")
+
+
+def test_a_refused_write_names_register_count_and_reason(bench: Bench, motor: Motor) -> None:
+    motor.torque_on()
+    sentence = r"cannot write 3 to operating_mode of tendon 2 \(id 2\): .*locked while the torque is on"
+    with pytest.raises(DeviceError, match=sentence):
+        motor.set_count("operating_mode", 3)
+
+
+def test_a_count_that_a_register_cannot_hold_is_not_sent(bench: Bench, motor: Motor) -> None:
+    before = bench.bus.statistics.transactions
+    with pytest.raises(RegisterError, match="current_limit cannot hold 649"):
+        motor.set_count("current_limit", 649)
+    assert bench.bus.statistics.transactions == before
+
+
+def test_several_registers_are_read_in_one_transaction(bench: Bench, motor: Motor) -> None:
+    before = bench.bus.statistics.transactions
+    counts = motor.get_counts(("return_delay_time", "shutdown", "position_p_gain"))
+    assert bench.bus.statistics.transactions - before == 1
+    assert counts == {"return_delay_time": 250, "shutdown": 52, "position_p_gain": 900}
+
+
+def test_registers_out_of_order_have_no_layout() -> None:
+    with pytest.raises(RegisterError, match="by increasing address"):
+        lay_out(XH430_W350, ("shutdown", "return_delay_time"))
+
+
+@pytest.mark.parametrize("table", [XH430_W350, XM430_W350], ids=lambda table: table.model)
+def test_a_layout_finds_each_register_where_the_table_has_it(table) -> None:  # type: ignore[no-untyped-def]
+    names = ("realtime_tick", "present_pwm", "present_current", "present_position", "present_temperature")
+    memory = bytes(range(256))
+    layout = lay_out(table, names)
+    found = layout.unpack.unpack(memory[layout.address : layout.address + layout.length])
+    rows = [table[name] for name in names]
+    assert found == tuple(int.from_bytes(memory[row.address : row.stop], "little", signed=row.signed) for row in rows)
+
+
+def test_a_register_that_is_right_already_is_not_written(bench: Bench, motor: Motor) -> None:
+    assert not motor.ensure_count("return_delay_time", 250)
+
+
+def test_a_register_that_is_wrong_is_written(bench: Bench, motor: Motor) -> None:
+    assert motor.ensure_count("return_delay_time", 0)
+    assert bench.get(2, "return_delay_time") == 0
+
+
+def test_torque_goes_on_and_off(motor: Motor, emulated: EmulatedMotor) -> None:
+    motor.torque_on()
+    on = emulated.torque
+    motor.torque_off()
+    assert (on, emulated.torque) == (True, False)
+
+
+class Deaf(Line):
+    """Devices that answer to writes and do nothing."""
+
+    def write(self, data: bytes) -> None:
+        kept = {id_: bytes(slave.memory) for id_, slave in self.slaves.items()}
+        super().write(data)
+        for id_, memory in kept.items():
+            self.slaves[id_].memory[:] = memory
+
+
+@pytest.mark.parametrize(("is_on", "act"), [(0, Motor.torque_on), (1, Motor.torque_off)])
+def test_torque_that_does_not_change_is_an_error(is_on: int, act) -> None:  # type: ignore[no-untyped-def]
+    clock, slave = ManualClock(), Slave(2)
+    slave.memory[64] = is_on
+    motor = Motor(Bus(Deaf(clock, slave), clock, BusTiming(latency=2e-3)), "tendon 2", 2, XH430_W350)
+    with pytest.raises(DeviceError, match=r"tendon 2 \(id 2\) (took no|kept its) torque"):
+        act(motor)
+
+
+@pytest.mark.parametrize(("seconds", "units"), [(0.08, 4), (0.1, 5), (0.119, 5), (0.001, 1), (2.54, 127)])
+def test_the_watchdog_is_set_in_whole_units_of_20_ms_and_at_least_one(
+    bench: Bench, motor: Motor, seconds: float, units: int
+) -> None:
+    motor.arm_watchdog(seconds)
+    assert bench.get(2, "bus_watchdog") == units
+
+
+def test_a_watchdog_longer_than_the_register_is_refused(motor: Motor) -> None:
+    with pytest.raises(RegisterError, match="bus_watchdog cannot hold 150"):
+        motor.arm_watchdog(3.0)
+
+
+def test_the_watchdog_stops_a_motor_that_hears_nothing(bench: Bench, motor: Motor) -> None:
+    motor.torque_on()
+    motor.arm_watchdog(0.04)
+    bench.wait(0.1)
+    assert motor.watchdog_tripped()
+
+
+def test_arming_clears_a_watchdog_that_has_tripped(bench: Bench, motor: Motor) -> None:
+    motor.torque_on()
+    motor.arm_watchdog(0.04)
+    bench.wait(0.1)
+    motor.arm_watchdog(0.04)
+    assert not motor.watchdog_tripped()
+
+
+def test_a_goal_refused_by_a_tripped_watchdog_says_so(bench: Bench, motor: Motor) -> None:
+    motor.torque_on()
+    motor.arm_watchdog(0.04)
+    bench.wait(0.1)
+    with pytest.raises(DeviceError, match=r"tendon 2 \(id 2\) takes no goal_position: its bus watchdog has stopped it"):
+        motor.set_count("goal_position", 2048)
+
+
+def test_hardware_errors_have_the_names_of_the_manual() -> None:
+    assert name_hardware_errors(0b10_0101) == ("input voltage", "overheating", "overload")
+
+
+def test_a_bit_that_the_manual_does_not_have_is_still_told() -> None:
+    assert name_hardware_errors(0b1000_0000) == ("bit 7",)
+
+
+def test_a_mode_is_set(motor: Motor) -> None:
+    motor.set_mode(CURRENT_MODE)
+    assert motor.get_count("operating_mode") == CURRENT_MODE
+
+
+def test_the_same_mode_is_not_written_again_so_nothing_is_reset(bench: Bench, motor: Motor) -> None:
+    bench.put(2, "profile_velocity", 7)
+    motor.set_mode(POSITION_MODE)
+    assert bench.get(2, "profile_velocity") == 7
+
+
+def test_the_same_mode_is_fine_with_the_torque_on(motor: Motor) -> None:
+    motor.torque_on()
+    motor.set_mode(POSITION_MODE)
+    assert motor.torque_is_on()
+
+
+def test_another_mode_is_refused_while_the_torque_is_on(motor: Motor) -> None:
+    motor.torque_on()
+    with pytest.raises(DeviceError, match=r"tendon 2 \(id 2\) has its torque on, expected off to change its mode"):
+        motor.set_mode(EXTENDED_POSITION_MODE)
+
+
+@pytest.mark.parametrize("mode", [4, 5])
+def test_a_homing_offset_is_refused_in_modes_of_many_turns(bench: Bench, motor: Motor, mode: int) -> None:
+    bench.put(2, "homing_offset", 100)
+    with pytest.raises(DeviceError, match=r"homing offset of 100 counts, expected 0: with one the motor moves"):
+        motor.set_mode(mode)

@@ -1,0 +1,329 @@
+"""All devices at once: one transaction a reading, goals in the rig's sense, and motors set up alike."""
+
+import math
+from collections.abc import Iterator
+
+import pytest
+from tests.unit.emulator_stand_in import Bench, paper_rig
+
+from sinew.emulator.plant import Law
+from sinew.hardware.errors import DeviceError, RegisterError
+from sinew.hardware.instructions import BULK_READ, BULK_WRITE
+from sinew.hardware.rig import Reading, Rig
+
+COUNT = math.tau / 4096
+PERIOD = 5e-3
+
+
+class Stand(Bench):
+    """A bench with a rig on it, whose motors answer at once. lost: ids whose answers do not arrive."""
+
+    def __init__(self, **wiring: object) -> None:
+        super().__init__(paper_rig(**wiring), return_delay=0, imu_ppm=0.0, retries=2)
+        self.rigged = Rig(self.bus, self.port, self.spec)
+        self.lost: set[int] = set()
+        self.delayed: dict[int, float] = {}
+        self.rig.line.disturb_up = self._disturb
+
+    def _disturb(self, now: float, data: bytes) -> list[tuple[float, bytes]]:
+        device = data[4]
+        return [] if device in self.lost else [(now + self.delayed.get(device, 0.0), data)]
+
+    def readings(self, cycles: int) -> Iterator[Reading]:
+        due = self.port.now()
+        for _ in range(cycles):
+            self.port.wait_until(due)
+            due += PERIOD
+            yield self.rigged.read()
+
+    def ready(self, mode: str = "position") -> Rig:
+        self.rigged.configure()
+        self.rigged.set_tendon_mode(mode)  # type: ignore[arg-type]
+        for motor in self.rigged.motors:
+            motor.torque_on()
+        return self.rigged
+
+
+@pytest.fixture
+def stand() -> Stand:
+    return Stand()
+
+
+def test_a_reading_is_one_transaction(stand: Stand) -> None:
+    before = stand.bus.statistics.transactions
+    stand.rigged.read()
+    assert stand.bus.statistics.transactions - before == 1
+
+
+def test_a_reading_that_misses_a_device_is_still_one_transaction(stand: Stand) -> None:
+    stand.lost = {3}
+    before = stand.bus.statistics.transactions
+    stand.rigged.read()
+    assert stand.bus.statistics.transactions - before == 1
+
+
+def test_the_drive_is_asked_first_and_the_sensor_second(stand: Stand) -> None:
+    sent: list[bytes] = []
+    stand.rig.line.disturb_down = lambda now, data: (sent.append(data), [(now, data)])[1]
+    stand.rigged.read()
+    assert sent[0][7] == BULK_READ
+    assert list(sent[0][8:-2:5]) == [5, 200, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_motors_are_read_in_the_rigs_sense(sign: int) -> None:
+    stand = Stand(tendon_pull=(sign,) * 4, drive_sign=sign, drive_zero_counts=1000)
+    stand.ready("current")
+    plant = stand.plant
+    start = [motor.angle() for motor in stand.rigged.tendons]
+    for motor in range(5):
+        plant.angles[motor] += 0.1 * (motor + 1)
+        plant.current[motor] = 0.05 * (motor + 1)
+        plant.duty[motor] = 0.1
+    stand.wait(0.05)
+    reading = stand.rigged.read()
+    turned = [motor.angle - zero for motor, zero in zip(reading.tendons, start, strict=True) if motor is not None]
+    assert turned == pytest.approx([0.1, 0.2, 0.3, 0.4], abs=2 * COUNT)
+    assert [motor.current for motor in reading.tendons if motor] == pytest.approx([0.05, 0.1, 0.15, 0.2], abs=2.69e-3)
+    assert reading.drive is not None
+    assert reading.drive.duty == pytest.approx(0.1, abs=0.00113)
+
+
+def test_one_motor_in_turn_tells_its_voltage_and_temperature(stand: Stand) -> None:
+    climates = [reading.climate for reading in stand.readings(6)]
+    assert [climate.name for climate in climates if climate] == [
+        "tendon 1",
+        "tendon 2",
+        "tendon 3",
+        "tendon 4",
+        "drive",
+        "tendon 1",
+    ]
+    assert [climate.voltage for climate in climates if climate] == pytest.approx([stand.rig.supply] * 6, abs=0.05)
+
+
+def test_a_missing_device_costs_only_itself(stand: Stand) -> None:
+    stand.lost = {3}
+    reading = stand.rigged.read()
+    assert [motor is None for motor in reading.tendons] == [False, False, True, False]
+    assert reading.drive is not None
+    assert reading.imu is not None
+    assert [fault.id for fault in reading.faults] == [3]
+
+
+def test_a_missing_motor_has_no_climate(stand: Stand) -> None:
+    stand.lost = {1}
+    assert stand.rigged.read().climate is None
+
+
+def test_an_alert_is_told_with_the_reading(stand: Stand) -> None:
+    stand.rig.motors[2].fail()
+    reading = stand.rigged.read()
+    assert [motor.alert for motor in reading.tendons if motor] == [False, True, False, False]
+
+
+def test_the_time_of_a_reading_is_when_the_drives_registers_were_read(stand: Stand) -> None:
+    stand.ready()
+    stand.wait(0.1)
+    read_at: list[float] = []
+    drive = stand.rig.motors[5]
+    refresh = drive.refresh
+    drive.refresh = lambda address, length, now: (read_at.append(now), refresh(address, length, now))  # type: ignore[method-assign]
+    stand.rigged.write_goals(0.0, [motor.angle() for motor in stand.rigged.tendons])
+    read_at.clear()
+    reading = stand.rigged.read()
+    assert reading.time == pytest.approx(read_at[0], abs=20e-6)
+
+
+def test_the_time_of_a_sample_is_when_the_node_took_it_also_where_the_drive_is_silent(stand: Stand) -> None:
+    stand.rigged.configure()
+    node = stand.rig.imu
+    wrong = []
+    for cycle, reading in enumerate(stand.readings(60)):
+        stand.lost = {5} if cycle % 3 == 1 else set()
+        assert reading.imu is not None
+        taken = reading.imu.counter * 1e-6 - node.clock(0.0)
+        wrong.append(abs(reading.imu.time - taken))
+    assert max(wrong) < 0.1e-3
+
+
+def test_steady_cycles_hold_no_stale_answer(stand: Stand) -> None:
+    assert [reading.stale for reading in stand.readings(400)] == [()] * 400
+
+
+def test_an_answer_that_comes_a_cycle_late_is_never_taken_for_a_new_one(stand: Stand) -> None:
+    stand.rigged.configure()
+    # The horn turns at 1 rad/s, so that its place tells the time.
+    plant = stand.plant
+    plant.angles[4], plant.laws[4] = -1.5, Law("velocity", 1.0)
+    start = plant.time
+    wrong = []
+    for cycle, reading in enumerate(stand.readings(300)):
+        stand.delayed = {5: 5e-3 + 0.1e-3 * (cycle % 90)} if cycle % 4 == 0 else {}
+        if reading.drive is not None:
+            wrong.append(abs(reading.drive.angle + 1.5 - (reading.time - start)))
+    assert len(wrong) > 150
+    assert max(wrong) < 3e-3 + 2 * COUNT
+
+
+def test_a_motor_that_has_started_anew_gives_no_reading_until_it_is_forgotten(stand: Stand) -> None:
+    for _ in stand.readings(20):
+        pass
+    assert stand.bus.reboot(2).ok
+    stand.wait(1.0)
+    after = list(stand.readings(20))
+    assert all(reading.tendons[1] is None and "tendon 2" in reading.stale for reading in after)
+    assert stand.rigged.stale["tendon 2"] == 20
+    stand.rigged.forget()
+    assert stand.rigged.read().tendons[1] is not None
+
+
+def test_goals_are_one_packet_that_nobody_answers(stand: Stand) -> None:
+    rig = stand.ready()
+    before = stand.bus.statistics
+    rig.write_goals(0.0, [3.0] * 4)
+    after = stand.bus.statistics
+    assert (after.transactions - before.transactions, after.answers - before.answers) == (1, 0)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_goal_angles_are_reached_in_the_rigs_sense(sign: int) -> None:
+    stand = Stand(tendon_pull=(sign,) * 4, drive_sign=sign)
+    rig = stand.ready("position-with-current-limit")
+    rig.write_goals(0.3, [motor.angle() + 0.1 * i for i, motor in enumerate(rig.tendons)])
+    stand.wait(1.0)
+    assert stand.plant.angles == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.3], abs=2 * COUNT)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_goal_currents_are_set_in_the_rigs_sense(sign: int) -> None:
+    stand = Stand(tendon_pull=(sign,) * 4)
+    rig = stand.ready("current")
+    rig.write_goals(0.0, [0.1, 0.2, 0.3, 0.4])
+    stand.wait(0.01)
+    assert [law.goal for law in stand.plant.laws[:4]] == pytest.approx([0.1, 0.2, 0.3, 0.4], abs=2.69e-3)
+
+
+def test_goals_mean_nothing_before_there_is_a_mode(stand: Stand) -> None:
+    with pytest.raises(DeviceError, match="call set_tendon_mode first"):
+        stand.rigged.write_goals(0.0, [0.0] * 4)
+
+
+def test_a_goal_beyond_the_rigs_limits_is_not_sent(stand: Stand) -> None:
+    rig = stand.ready("current")
+    before = stand.bus.statistics.transactions
+    with pytest.raises(RegisterError, match=r"tendon 3 cannot be told 1\.4 A"):
+        rig.write_goals(0.0, [0.1, 0.1, 1.4, 0.1])
+    assert stand.bus.statistics.transactions == before
+
+
+def test_a_mode_that_fails_half_way_leaves_no_meaning_to_goals(stand: Stand) -> None:
+    rig = stand.ready("position")
+    with pytest.raises(DeviceError):
+        rig.set_tendon_mode("current")
+    with pytest.raises(DeviceError, match="call set_tendon_mode first"):
+        rig.write_goals(0.0, [0.0] * 4)
+
+
+def test_motors_are_set_up_as_the_rig_asks(stand: Stand) -> None:
+    for device in (1, 5):
+        stand.put(device, "return_delay_time", 250)
+        stand.put(device, "drive_mode", 1)
+        stand.put(device, "shutdown", 1)
+    stand.rigged.configure()
+    wanted = {
+        "return_delay_time": 0,
+        "drive_mode": 0,
+        "temperature_limit": 70,
+        "max_voltage_limit": 148,
+        "min_voltage_limit": 100,
+        "shutdown": 53,
+    }
+    assert {name: stand.get(1, name) for name in wanted} == wanted
+    assert stand.get(1, "current_limit") == 483  # 1.3 A in 2.69 mA
+    assert stand.get(5, "current_limit") == 1189  # 3.2 A
+    assert (stand.get(5, "operating_mode"), stand.get(5, "min_position_limit")) == (3, 1024)
+
+
+def test_a_stricter_limit_in_a_motor_is_kept(stand: Stand) -> None:
+    stand.put(1, "current_limit", 200)
+    stand.put(1, "temperature_limit", 55)
+    stand.put(1, "min_voltage_limit", 110)
+    stand.rigged.configure()
+    assert [stand.get(1, name) for name in ("current_limit", "temperature_limit", "min_voltage_limit")] == [
+        200,
+        55,
+        110,
+    ]
+
+
+def test_a_drive_whose_limits_would_make_it_ignore_goals_is_refused(stand: Stand) -> None:
+    stand.put(5, "max_position_limit", 3000)
+    with pytest.raises(DeviceError, match=r"drive \(id 5\) keeps to counts 0 to 3000, expected 1024 to 3072"):
+        stand.rigged.configure()
+
+
+def test_setting_up_again_writes_nothing(stand: Stand) -> None:
+    stand.rigged.configure()
+    sent: list[int] = []
+    stand.rig.line.disturb_down = lambda now, data: (sent.append(data[7]), [(now, data)])[1]
+    stand.rigged.configure()
+    assert set(sent) == {2}  # reads
+
+
+@pytest.mark.parametrize("level", [0, 1])
+def test_a_motor_that_answers_only_some_instructions_is_made_to_answer_all(stand: Stand, level: int) -> None:
+    stand.rig.motors[3].registers["status_return_level"] = level
+    stand.rigged.configure()
+    assert stand.get(3, "status_return_level") == 2
+
+
+def test_nothing_is_set_up_while_a_torque_is_on(stand: Stand) -> None:
+    stand.rigged.drive.torque_on()
+    with pytest.raises(DeviceError, match=r"drive \(id 5\) has its torque on, expected off to be set up"):
+        stand.rigged.configure()
+    assert stand.get(1, "temperature_limit") == 80
+
+
+def test_a_homing_offset_is_refused(stand: Stand) -> None:
+    stand.put(4, "homing_offset", -20)
+    with pytest.raises(DeviceError, match=r"tendon 4 \(id 4\) has a homing offset of -20 counts"):
+        stand.rigged.configure()
+
+
+@pytest.mark.parametrize(
+    ("key", "known"),
+    [("tendon_model", "XH430-W350, XM430-W350"), ("drive_model", "XM430"), ("imu_model", "OpenCR node, TurtleBot3")],
+)
+def test_a_model_without_a_register_table_is_refused_with_those_there_are(stand: Stand, key: str, known: str) -> None:
+    with pytest.raises(RegisterError, match=rf"wiring\.{key}: there is no register table of 'MX-28'; .*{known}"):
+        Rig(stand.bus, stand.port, paper_rig(**{key: "MX-28"}))
+
+
+def test_a_sensor_that_takes_no_part_in_group_reads_is_asked_alone() -> None:
+    bench = Bench(paper_rig(), return_delay=0)
+    rig = Rig(bench.bus, bench.port, paper_rig(imu_model="TurtleBot3", imu_id=199))
+    before = bench.bus.statistics.transactions
+    reading = rig.read()
+    assert bench.bus.statistics.transactions - before == 2
+    assert [fault.id for fault in reading.faults] == [199]
+
+
+def test_the_bytes_of_a_cycle_are_those_on_the_wire(stand: Stand) -> None:
+    rig = stand.ready()
+    goals = [motor.angle() for motor in rig.tendons]
+    before = stand.bus.statistics
+    rig.write_goals(0.0, goals)
+    rig.read()
+    after = stand.bus.statistics
+    moved = after.sent_bytes + after.received_bytes - before.sent_bytes - before.received_bytes
+    assert rig.cycle_bytes == pytest.approx(moved, abs=6)  # stuffing
+
+
+def test_goals_are_a_bulk_write(stand: Stand) -> None:
+    rig = stand.ready()
+    sent: list[bytes] = []
+    stand.rig.line.disturb_down = lambda now, data: (sent.append(data), [(now, data)])[1]
+    rig.write_goals(0.0, [3.0] * 4)
+    stand.wait(0.01)
+    assert [data[7] for data in sent] == [BULK_WRITE]

@@ -1,0 +1,183 @@
+"""Motors as tendons and drive: the rig's sense of angles and currents, modes by name, limits of the output."""
+
+import math
+
+import pytest
+from tests.unit.emulator_stand_in import Bench, paper_rig
+
+from sinew.hardware.errors import DeviceError, RegisterError
+from sinew.hardware.motor_registers import XH430_W350, XM430_W350
+from sinew.hardware.servos import DriveServo, TendonServo
+
+COUNT = math.tau / 4096
+AMPERE = 2.69e-3
+
+both_ways = pytest.mark.parametrize("pull", [1, -1])
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def tendon(bench: Bench, pull: int = 1, **more: float) -> TendonServo:
+    return TendonServo(bench.bus, "tendon 1", 1, XH430_W350, pull, **more)
+
+
+def drive(bench: Bench, sign: int = 1, **more: float) -> DriveServo:
+    return DriveServo(bench.bus, "drive", 5, XM430_W350, sign, **more)  # type: ignore[arg-type]
+
+
+@both_ways
+def test_a_tendons_angle_grows_where_its_counts_pull(pull: int) -> None:
+    bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)), tendon_counts=1000)
+    bench.plant.angles[0] = 0.5  # pulling, whichever way the motor is mounted
+    bench.wait(0.01)
+    servo = tendon(bench, pull)
+    assert servo.angle() == pytest.approx(pull * 1000 * COUNT + 0.5, abs=COUNT)
+
+
+@both_ways
+def test_a_tendons_current_is_positive_where_it_pulls(pull: int) -> None:
+    bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)))
+    servo = tendon(bench, pull)
+    servo.set_tendon_mode("current")
+    servo.torque_on()
+    bench.plant.current[0] = 0.3
+    bench.wait(0.01)
+    assert servo.current() == pytest.approx(0.3, abs=AMPERE)
+
+
+@both_ways
+def test_a_tendon_goes_to_its_goal_over_more_than_a_turn(pull: int) -> None:
+    bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)))
+    servo = tendon(bench, pull)
+    servo.set_tendon_mode("position")
+    servo.torque_on()
+    goal = servo.angle() + 9.0
+    servo.set_goal_angle(goal)
+    bench.wait(5.0)
+    assert servo.angle() == pytest.approx(goal, abs=2 * COUNT)
+
+
+@pytest.mark.parametrize(("mode", "register"), [("position", 4), ("position-with-current-limit", 5), ("current", 0)])
+def test_the_modes_of_a_plan_are_these_operating_modes(bench: Bench, mode, register: int) -> None:  # type: ignore[no-untyped-def]
+    tendon(bench).set_tendon_mode(mode)
+    assert bench.get(1, "operating_mode") == register
+
+
+def test_in_position_mode_the_output_is_limited_by_the_duty_of_that_stall_current(bench: Bench) -> None:
+    servo = tendon(bench)
+    servo.set_tendon_mode("position")
+    servo.torque_on()
+    servo.limit_output(0.65)  # half of 1.3 A
+    assert bench.get(1, "goal_pwm") == int(0.5 / 0.00113)
+
+
+def test_a_higher_supply_needs_less_duty_for_the_same_current(bench: Bench) -> None:
+    servo = tendon(bench, supply=14.4)
+    servo.set_tendon_mode("position")
+    servo.limit_output(0.65)
+    assert bench.get(1, "goal_pwm") == int(0.5 / 1.2 / 0.00113)
+
+
+@pytest.mark.parametrize("mode", ["position-with-current-limit", "current"])
+def test_in_the_other_modes_the_output_is_limited_by_the_goal_current(bench: Bench, mode) -> None:  # type: ignore[no-untyped-def]
+    servo = tendon(bench)
+    servo.set_tendon_mode(mode)
+    servo.torque_on()
+    servo.set_count("goal_current", 300)
+    servo.limit_output(0.269)
+    assert bench.get(1, "goal_current") == 100
+
+
+def test_a_limit_in_current_mode_never_raises_the_goal(bench: Bench) -> None:
+    servo = tendon(bench)
+    servo.set_tendon_mode("current")
+    servo.torque_on()
+    servo.set_goal_current(0.1)
+    servo.limit_output(1.0)
+    assert bench.get(1, "goal_current") == 37
+
+
+def test_a_limit_in_current_mode_keeps_the_goals_sense(bench: Bench) -> None:
+    servo = tendon(bench, -1)
+    servo.set_tendon_mode("current")
+    servo.torque_on()
+    servo.set_goal_current(0.5)
+    servo.limit_output(0.269)
+    assert bench.get(1, "goal_current") == -100
+
+
+@pytest.mark.parametrize(
+    ("mode", "register", "most"), [("position", "goal_pwm", 885), ("position-with-current-limit", "goal_current", 648)]
+)
+def test_an_infinite_limit_is_the_motors_own(bench: Bench, mode, register: str, most: int) -> None:  # type: ignore[no-untyped-def]
+    servo = tendon(bench)
+    servo.set_tendon_mode(mode)
+    servo.limit_output(0.1)
+    servo.limit_output(math.inf)
+    assert bench.get(1, register) == most
+
+
+@pytest.mark.parametrize("current", [-0.1, math.nan])
+def test_a_limit_that_is_none_is_refused(bench: Bench, current: float) -> None:
+    with pytest.raises(RegisterError, match="expected a number that is not negative"):
+        tendon(bench).limit_output(current)
+
+
+def test_a_goal_current_beyond_the_rigs_limit_is_refused_both_ways(bench: Bench) -> None:
+    servo = tendon(bench, current_limit=0.5)
+    for current in (0.51, -0.51):
+        with pytest.raises(
+            RegisterError, match=r"tendon 1 cannot be told -?0\.51 A as goal_current; expected -0\.4977 to 0\.4977"
+        ):
+            servo.set_goal_current(current)
+
+
+@pytest.mark.parametrize("goal", [math.nan, math.inf])
+def test_a_goal_that_is_no_number_is_refused(bench: Bench, goal: float) -> None:
+    with pytest.raises(RegisterError, match="expected a finite number"):
+        tendon(bench).set_goal_angle(goal)
+
+
+@both_ways
+def test_the_drives_angle_counts_from_its_zero(pull: int) -> None:
+    bench = Bench(paper_rig(drive_sign=pull, drive_zero_counts=1500))
+    bench.plant.angles[4] = 0.25
+    bench.wait(0.01)
+    assert drive(bench, pull, zero=1500).angle() == pytest.approx(0.25, abs=COUNT)
+
+
+@both_ways
+def test_the_drive_goes_to_its_goal(pull: int) -> None:
+    bench = Bench(paper_rig(drive_sign=pull, drive_zero_counts=1500))
+    servo = drive(bench, pull, zero=1500)
+    servo.torque_on()
+    servo.set_goal_angle(0.5)
+    bench.wait(2.0)
+    assert bench.plant.angles[4] == pytest.approx(0.5, abs=COUNT)
+
+
+def test_the_drive_is_told_nothing_beyond_its_window(bench: Bench) -> None:
+    with pytest.raises(RegisterError, match=r"drive cannot be told 1\.6 rad as goal_position; expected -1\.57"):
+        drive(bench, window=math.pi / 2).set_goal_angle(1.6)
+
+
+def test_a_window_beyond_one_turn_ends_where_position_mode_ends(bench: Bench) -> None:
+    servo = drive(bench, zero=4000, window=math.pi / 2)
+    assert (servo.lowest_count, servo.highest_count) == (2976, 4095)
+
+
+def test_the_drives_output_is_limited_by_its_duty(bench: Bench) -> None:
+    servo = drive(bench)
+    servo.torque_on()
+    servo.limit_output(0.2)
+    assert bench.get(5, "goal_pwm") == int(0.2 / 0.00113)
+
+
+def test_the_mode_of_a_tendon_under_torque_is_not_changed(bench: Bench) -> None:
+    servo = tendon(bench)
+    servo.torque_on()
+    with pytest.raises(DeviceError, match="expected off to change its mode"):
+        servo.set_tendon_mode("current")

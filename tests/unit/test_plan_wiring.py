@@ -1,0 +1,106 @@
+"""The wiring of a rig: what fits together, and one helpful line for what does not."""
+
+import re
+
+import pytest
+from pydantic import ValidationError
+
+from sinew.measure.errors import SpecError
+from sinew.plan.toml import dump_rig, load_rig, parse_rig
+from sinew.plan.wiring import Wiring
+
+PAPER = load_rig("paper")
+TEXT = dump_rig(PAPER)
+WITHOUT = TEXT[: TEXT.index("[wiring]")]
+
+
+def without_window_and_travel(text: str) -> str:
+    return re.sub(r"(tendon_travel_mm|drive_window_deg) = .*\n", "", text)
+
+
+def test_a_rig_file_from_before_there_was_a_wiring_still_loads() -> None:
+    assert parse_rig(without_window_and_travel(WITHOUT)) == PAPER
+
+
+def test_a_rig_without_wiring_has_a_motor_for_every_tendon() -> None:
+    three = parse_rig(WITHOUT.replace("count = 4", "count = 3"))
+    assert (three.wiring.tendon_ids, three.wiring.drive_id, three.wiring.tendon_pull) == ((1, 2, 3), 4, (1, 1, 1))
+
+
+def test_a_rig_of_three_tendons_keeps_its_wiring_when_its_values_change() -> None:
+    three = parse_rig(WITHOUT.replace("count = 4", "count = 3"))
+    assert three.with_values({"silicone.length": 0.096}).wiring == three.wiring
+
+
+def test_a_wiring_comes_back_from_its_text() -> None:
+    wiring = Wiring(
+        baud=4_000_000,
+        tendon_ids=(9, 7, 3, 1),
+        drive_id=0,
+        imu_id=252,
+        tendon_pull=(-1, 1, -1, 1),
+        drive_sign=-1,
+        drive_zero_counts=-17,
+        imu_axes=("+z", "+x", "+y"),
+        latency_ms=1.5,
+    )
+    rig = PAPER.model_copy(update={"wiring": wiring})
+    assert parse_rig(dump_rig(rig)).wiring == wiring
+
+
+FAULTS = {
+    "id of two motors": (
+        "tendon_ids = [1, 2, 3, 4]",
+        "tendon_ids = [1, 2, 2, 4]",
+        "wiring: id 2 stands for two devices",
+    ),
+    "id of motor and sensor": ("imu_id = 200", "imu_id = 5", "wiring: id 5 stands for two devices"),
+    "id that no device has": (
+        "drive_id = 5",
+        "drive_id = 254",
+        "wiring.drive_id: found 254, expected less than or equal",
+    ),
+    "too few signs": ("tendon_pull = [1, 1, 1, 1]", "tendon_pull = [1, 1, 1]", "3 signs for 4 tendon_ids"),
+    "no sign": ("drive_sign = 1", "drive_sign = 2", "wiring.drive_sign: found 2, expected 1 or -1"),
+    "motors for other tendons": ("count = 4", "count = 3", "wiring.tendon_ids has 4 ids and tendons.count is 3"),
+    "axis without a sign": ('["+x", "+y"', '["x", "+y"', "wiring.imu_axes[0]: found 'x', expected '+x', '-x'"),
+    "same axis twice": ('["+x", "+y"', '["+x", "-x"', "imu_axes +x, -x, +z are no right-handed frame"),
+    "mirrored chip": ('["+x", "+y"', '["-x", "+y"', "imu_axes -x, +y, +z are no right-handed frame"),
+    "unknown key": ("drive_id = 5", "drive_ids = 5", "unknown rig key wiring.drive_ids; did you mean drive_id?"),
+    "no waiting at all": ("latency_ms = 4", "latency_ms = 0", "wiring.latency_ms: found 0, expected greater than 0"),
+    "window the wrong way round": ("[-20, 40]", "[40, -20]", "limits.tendon_travel_mm: the first number, 40"),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "sentence"), FAULTS.values(), ids=FAULTS.keys())
+def test_a_fault_in_a_wiring_is_one_line_with_its_key(old: str, new: str, sentence: str) -> None:
+    assert old in TEXT
+    with pytest.raises(SpecError) as caught:
+        parse_rig(TEXT.replace(old, new, 1))
+    assert sentence in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "axes", [("+x", "+y", "+z"), ("+y", "+z", "+x"), ("+z", "+x", "+y"), ("-y", "+x", "+z"), ("+x", "-y", "-z")]
+)
+def test_a_rotated_chip_is_accepted(axes: tuple[str, str, str]) -> None:
+    assert Wiring.model_validate({"imu_axes": axes}).imu_axes == axes
+
+
+def test_half_of_the_48_ways_to_name_signed_axes_are_right_handed() -> None:
+    letters = [(a, b, c) for a in "xyz" for b in "xyz" for c in "xyz" if len({a, b, c}) == 3]
+    signs = [(a, b, c) for a in "+-" for b in "+-" for c in "+-"]
+    right = 0
+    for letter in letters:
+        for sign in signs:
+            try:
+                Wiring.model_validate({"imu_axes": tuple(s + x for s, x in zip(sign, letter, strict=True))})
+                right += 1
+            except ValidationError:
+                pass
+    assert right == 24
+
+
+def test_the_shipped_rig_has_the_wiring_that_is_usual_for_four_tendons() -> None:
+    assert PAPER.wiring == Wiring.of(4) == Wiring()
