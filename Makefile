@@ -8,7 +8,7 @@ PYTHON ?=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup setup-dev reproduce pictures test test-slow check bench docs reference lock clean
+.PHONY: help setup setup-dev reproduce pictures test test-slow check bench campaign docs reference lock clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -22,7 +22,8 @@ test: $(VENV)/.dev ## the fast tests
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile -m "not slow and not hardware"
 
 test-slow: $(VENV)/.dev ## the long proofs: coverage of intervals, the whole campaign, executed tutorials
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 2 --dist loadfile -m "slow and not hardware"
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 2 --dist loadfile -m "slow and not realtime and not hardware"
+	$(BIN)/python -m pytest -q -m "slow and realtime and not hardware"
 
 check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the docs, no hosts in the tree
 	$(BIN)/ruff check .
@@ -34,6 +35,9 @@ check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the 
 
 bench: $(VENV)/.dev ## speed beside solve_ivp and MuJoCo, in one run
 	$(BIN)/python -m benchmarks
+
+campaign: $(VENV)/.dev ## 500 runs of the emulated bench in which something goes wrong: fault x outcome (about 15 min)
+	$(BIN)/python -m campaigns.faults --runs 500 --seed 0 --workers 2 --out out/campaigns/faults.json
 
 docs: $(VENV)/.dev ## the documentation as HTML in docs/_build
 	$(BIN)/python -m sphinx -q -W --keep-going -n -b html docs docs/_build

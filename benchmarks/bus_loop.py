@@ -17,13 +17,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.sdk_bus import SdkMaster
 from sinew.apps.realtime import keeping_time
 from sinew.apps.run import open_rig
+from sinew.bench.errors import BenchError
 from sinew.bench.guard import Guard, Watch
 from sinew.bench.journal import Journal
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
@@ -33,10 +34,11 @@ from sinew.bench.run import LIMIT_RESERVE_N
 from sinew.bench.sample import Sample
 from sinew.bench.stops import release
 from sinew.bench.tilt import TiltEstimator
+from sinew.hardware.errors import HardwareError
 from sinew.hardware.rig import Rig
 from sinew.hardware.transport import MonotonicClock
 from sinew.measure.recording import Segment
-from sinew.plan.plan import Plan, Pretension, Sweep
+from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
 from sinew.twin.simulate import rest_tension
@@ -45,12 +47,10 @@ __all__ = ["main"]
 
 SAMPLE_HZ, PERIOD = 200.0, 5e-3
 PRETENSION_MM, FREQUENCY_HZ, AMPLITUDE_DEG = 6.0, 3.6, 20.0
-MODE = "position-with-current-limit"
+MODE: TendonMode = "position-with-current-limit"
 TURNS = 4  # of bare bus and SDK, one after the other
 WANTED_MISSED = 0.5  # percent
 PATIENCE_S = 60.0
-PRESENT, GOAL_POSITION, TORQUE = (120, 16), (116, 4), 64  # (address, length) of what is asked and told; address
-IMU = (32, 28)
 
 Floats = NDArray[np.float64]
 
@@ -94,8 +94,10 @@ def _cpu_seconds(process: int) -> float:
 
 def _plan(seconds: float) -> Plan:
     """Return what a plan would call it."""
-    sweep = Sweep(frequency_hz=(FREQUENCY_HZ,), amplitude_deg=AMPLITUDE_DEG, periods=max(1, round(seconds * 3.6)))
-    return Plan(name="bus loop", sample_hz=SAMPLE_HZ, pretension=Pretension(pretension_mm=(PRETENSION_MM,)), sweep=sweep)
+    periods = max(1, round(seconds * FREQUENCY_HZ))
+    sweep = Sweep(frequency_hz=(FREQUENCY_HZ,), amplitude_deg=AMPLITUDE_DEG, periods=periods)
+    pretension = Pretension(pretension_mm=(PRETENSION_MM,), mode=MODE)
+    return Plan(name="bus loop", sample_hz=SAMPLE_HZ, pretension=pretension, sweep=sweep)
 
 
 def _put_under_power(loop: Loop, rig: Rig, tension_n: float) -> None:
@@ -119,7 +121,8 @@ def _put_under_power(loop: Loop, rig: Rig, tension_n: float) -> None:
 def _time_loop(port: str, spec: RigSpec, seconds: float, folder: Path) -> tuple[Floats, Floats, LoopStatistics, float]:
     """Return (busy times, latenesses of the cycles [s], statistics, wire time of a cycle [s]) of the bench's loop."""
     tension = float(rest_tension([PRETENSION_MM], spec)[0])
-    clock, late = _TimedClock(), []
+    clock = _TimedClock()
+    late: list[float] = []
 
     def take(sample: Sample) -> None:
         journal.append(sample)
@@ -182,49 +185,16 @@ def _bare_bus(port: str, spec: RigSpec, count: int) -> tuple[list[float], int, i
                 motor.torque_off()
 
 
-def _sdk(port: str, spec: RigSpec, count: int) -> tuple[list[float], int, int]:
-    """Time dynamixel-sdk: GroupSyncWrite, GroupSyncRead of the motors and a read of the sensor, decoded.
-
-    The SDK's group reads know one address and length for all, so the sensor needs a transaction of its own.
-    """
-    import dynamixel_sdk as sdk
-
-    wiring = spec.wiring
-    motors = (*wiring.tendon_ids, wiring.drive_id)
-    handler, packets = sdk.PortHandler(port), sdk.PacketHandler(2.0)
-    if not handler.openPort() or not handler.setBaudRate(wiring.baud):
-        raise SystemExit(f"dynamixel-sdk cannot open {port}")
-    reading = sdk.GroupSyncRead(handler, packets, *PRESENT)
-    writing = sdk.GroupSyncWrite(handler, packets, *GOAL_POSITION)
-    goals: dict[int, int] = {}
-    for motor in motors:
-        reading.addParam(motor)
-        packets.write1ByteTxRx(handler, motor, TORQUE, 1)
-        goals[motor] = packets.read4ByteTxRx(handler, motor, 132)[0]
-        writing.addParam(motor, list(goals[motor].to_bytes(4, "little")))
+def _sdk(port: str, spec: RigSpec, count: int, kind: str) -> tuple[list[float], int, int]:
+    """Time dynamixel-sdk with its groups of one kind, sync or bulk."""
+    master = SdkMaster(port, spec)
+    cycle = {"sync": master.sync_cycle, "bulk": master.bulk_cycle}[kind]
     swing = Swing(math.radians(AMPLITUDE_DEG), FREQUENCY_HZ, time.monotonic())
-    per_radian = wiring.drive_sign * 4096 / math.tau
-
-    def cycle(now: float) -> bool:
-        goals[wiring.drive_id] = wiring.drive_zero_counts + round(swing(now) * per_radian)
-        for motor in motors:
-            writing.changeParam(motor, list(goals[motor].to_bytes(4, "little")))
-        writing.txPacket()
-        if reading.txRxPacket() != sdk.COMM_SUCCESS:
-            return False
-        for motor in motors:
-            for address, size in ((120, 2), (124, 2), (126, 2), (128, 4), (132, 4)):
-                reading.getData(motor, address, size)
-        _, result, _ = packets.readTxRx(handler, wiring.imu_id, *IMU)
-        return bool(result == sdk.COMM_SUCCESS)
-
     with keeping_time():
         try:
-            return _paced(cycle, count)
+            return _paced(lambda now: cycle(swing(now)), count)
         finally:
-            for motor in motors:
-                packets.write1ByteTxRx(handler, motor, TORQUE, 0)
-            handler.closePort()
+            master.close()
 
 
 def _quantiles(seconds: Sequence[float] | Floats) -> str:
@@ -266,23 +236,25 @@ def _report_loop(port: str, emulator: int, spec: RigSpec, seconds: float, folder
 def _report_peer(port: str, spec: RigSpec, seconds: float, loop: float) -> None:
     """Print bare bus and SDK beside each other. loop: median time of the bench's whole cycle [s]."""
     count = max(1, round(seconds / TURNS * SAMPLE_HZ))
-    names: dict[str, Callable[[str, RigSpec, int], tuple[list[float], int, int]]] = {
-        "sinew's bus": _bare_bus,
-        "dynamixel-sdk": _sdk,
+    runs: dict[str, Callable[[], tuple[list[float], int, int]]] = {
+        "sinew's bus": lambda: _bare_bus(port, spec, count),
+        "dynamixel-sdk, GroupSyncRead": lambda: _sdk(port, spec, count, "sync"),
+        "dynamixel-sdk, GroupBulkRead": lambda: _sdk(port, spec, count, "bulk"),
     }
-    took: dict[str, list[float]] = {name: [] for name in names}
-    missed, failed = dict.fromkeys(names, 0), dict.fromkeys(names, 0)
+    took: dict[str, list[float]] = {name: [] for name in runs}
+    missed, failed = dict.fromkeys(runs, 0), dict.fromkeys(runs, 0)
     for _ in range(TURNS):
-        for name, run in names.items():
-            times, late, bad = run(port, spec, count)
+        for name, run in runs.items():
+            times, late, bad = run()
             took[name] += times
             missed[name] += late
             failed[name] += bad
     print(f"goals and present values of all six, {TURNS} turns of {count} cycles each, load average after {_load()}")
+    ours = float(np.median(took["sinew's bus"]))
     for name, times in took.items():
-        print(f"  {name:14} {_quantiles(times)}, missed {missed[name]}, failed {failed[name]} of {len(times)}")
-    ours, theirs = (float(np.median(times)) for times in took.values())
-    print(f"  dynamixel-sdk takes {theirs / ours:.2f} times sinew's bus, {theirs / loop:.2f} times sinew's whole cycle")
+        ratio = "" if name == "sinew's bus" else f"; {np.median(times) / ours:.2f} times sinew's bus"
+        ratio += f", {np.median(times) / loop:.2f} times sinew's whole cycle" if ratio else ""
+        print(f"  {name:28} {_quantiles(times)}, missed {missed[name]}, failed {failed[name]} of {len(times)}{ratio}")
 
 
 def main(arguments: Sequence[str] = ()) -> None:
@@ -294,7 +266,10 @@ def main(arguments: Sequence[str] = ()) -> None:
     spec = load_rig("paper")
     print("six devices on an emulated bus at 1 Mbaud, `sinew emulate` in a process of its own")
     with tempfile.TemporaryDirectory() as name, _emulated(Path(name)) as (port, emulator):
-        loop = _report_loop(port, emulator, spec, options.seconds, Path(name))
+        try:
+            loop = _report_loop(port, emulator, spec, options.seconds, Path(name))
+        except (BenchError, HardwareError) as trouble:
+            raise SystemExit(f"the bench's loop was stopped at a load average of {_load()}: {trouble}") from trouble
         _report_peer(port, spec, options.peer_seconds or options.seconds, loop)
 
 

@@ -41,6 +41,7 @@ def document(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, 
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_a_factory_new_bench_is_told_what_to_set_and_has_no_fault(
     port: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -52,6 +53,7 @@ def test_a_factory_new_bench_is_told_what_to_set_and_has_no_fault(
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_after_the_fix_nothing_can_be_fixed_any_more(port: str, capsys: pytest.CaptureFixture[str]) -> None:
     _, first = document(capsys, "--port", port, "--fix", "--yes")
     _, second = document(capsys, "--port", port)
@@ -60,6 +62,7 @@ def test_after_the_fix_nothing_can_be_fixed_any_more(port: str, capsys: pytest.C
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_without_a_terminal_nothing_is_written_unless_asked_for(port: str, capsys: pytest.CaptureFixture[str]) -> None:
     done = subprocess.run(
         [SINEW, "doctor", "--port", port, "--fix"],
@@ -75,6 +78,7 @@ def test_without_a_terminal_nothing_is_written_unless_asked_for(port: str, capsy
 
 
 @pytest.mark.slow
+@pytest.mark.realtime
 def test_a_wrong_baud_is_a_fault_that_names_the_right_one(port: str, capsys: pytest.CaptureFixture[str]) -> None:
     status, told = document(capsys, "--port", port, "--baud", "57600")
     advice = [row["what_to_do"] for row in told["findings"] if row["severity"] == "fault"]

@@ -136,6 +136,7 @@ def test_the_truth_has_the_keys_of_the_reference(link: Path, tmp_path: Path) -> 
         "rig",
         "seed",
         "time_s",
+        "clock_s_at_zero",
         "slipped_s",
         "lost_bytes",
         "motors",
@@ -145,6 +146,9 @@ def test_the_truth_has_the_keys_of_the_reference(link: Path, tmp_path: Path) -> 
         "tilt_deg",
         "tension_n",
         "pretension_mm",
+        "watchdog_trips",
+        "instructions",
+        "group_reads",
         "faults",
     }
 

@@ -2,7 +2,7 @@
 
 Every Markdown page under docs, and README, is one test: its ```python blocks, and the lines of its ```console blocks
 that start with `$ sinew`, run in order in one empty folder, and each must end well. Other lines of a console block are
-what the reader sees. A page that takes long says `<!-- test: slow -->`.
+what the reader sees. A page that takes long says `<!-- test: slow -->`, one that runs a bench `<!-- test: realtime -->`.
 """
 
 import os
@@ -43,6 +43,7 @@ def pages() -> list[object]:
         text = path.read_text(encoding="utf-8")
         if "_build" not in path.parts and steps(text):
             marks = [pytest.mark.slow] if "<!-- test: slow -->" in text else []
+            marks += [pytest.mark.slow, pytest.mark.realtime] if "<!-- test: realtime -->" in text else []
             found.append(pytest.param(path, marks=marks, id=path.relative_to(ROOT).as_posix()))
     return found
 

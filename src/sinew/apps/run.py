@@ -93,6 +93,7 @@ def run(
             refuse_unready(bench, clock, plan_, torque_may_be_on=resume)
             tension = _refuse_unfit_plan(plan_, spec, out)
             with keeping_time(), _journal(out, plan_, spec, words, resume) as journal, showing() as screen:
+                screen.progress(0.0, sum(group.duration_s for group in plan_.groups()))
                 runner = Runner(bench, clock, plan_, journal, tension, listener=screen, progress=screen.progress)
                 signals.enter_context(_on_signals(runner.request_stop))
                 report = runner.run(resume=resume)
@@ -135,11 +136,6 @@ def stop(
     if json:
         failed = [{"motor": name, "sentence": why} for name, why in report.failed]
         print_json({"state": wanted, "is_safe": report.is_safe, "reached": report.reached, "failed": failed})
-    elif report.failed and not report.reached:
-        print(
-            f"no motor answers on {port} at {spec.wiring.baud} baud, expected {len(report.failed)}; check --port, "
-            "--rig and the cables (`sinew doctor` looks at every baud), and where motors pull, switch the supply off"
-        )
     else:
         print(report.sentence())
     return 0 if report.is_safe else 1

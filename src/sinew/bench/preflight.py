@@ -60,7 +60,7 @@ def _refuse_strangers(rig: Rig, clock: Clock) -> None:
             f"no device answers at {baud} baud; check supply and cable, or another baud (`sinew doctor` looks at all)"
         )
     damaged = [f"{names[d]} (id {d})" for d, reply in replies.items() if reply.outcome is Outcome.DAMAGED]
-    damaged += [f"{m.name} (id {m.id})" for m in rig.motors if replies[m.id].ok and _answers_damaged(rig, m)]
+    damaged += [f"{m.name} (id {m.id})" for m in rig.motors if replies[m.id].ok and _answers_damaged(rig, clock, m)]
     if damaged:
         missing = f" and none from {_listed(silent)}" if silent else ""
         raise StartError(
@@ -87,13 +87,21 @@ def _pinged(rig: Rig, clock: Clock, device: int) -> Reply:
     return reply
 
 
-def _answers_damaged(rig: Rig, motor: Motor) -> bool:
-    """Return whether a motor's present values come damaged, repeats and all: twins of one id agree on a ping.
+def _answers_damaged(rig: Rig, clock: Clock, motor: Motor) -> bool:
+    """Return whether a motor's present values come damaged more often than whole: twins of one id agree on a ping.
 
-    What they say of the present is as good as never the same, though once in a while it may look as if it were.
+    What they say of the present is hardly ever the same. An answer that comes in pieces because the computer is busy
+    looks damaged, too; hence the waits.
     """
     address, length = motor.table.block(("realtime_tick", "present_temperature"))
-    return any(rig.bus.read(motor.id, address, length).outcome is Outcome.DAMAGED for _ in range(_ATTEMPTS))
+    damaged, enough = 0, _ATTEMPTS
+    for asked in range(1, 2 * enough):
+        if rig.bus.read(motor.id, address, length).outcome is Outcome.DAMAGED:
+            damaged += 1
+            clock.wait_until(clock.now() + _LISTEN_S)
+        if damaged == enough or asked - damaged == enough:
+            break
+    return damaged == enough
 
 
 def _other_models(rig: Rig) -> Iterator[str]:

@@ -1,0 +1,89 @@
+"""This is where the bench is run with everything that can go wrong: `python -m campaigns.faults`.
+
+Each run is a short plan on the emulated bench in virtual time, with one fault, sometimes two, drawn from all kinds and
+all moments. The table says how they ended; exit status 1 if something happened that may not, see `campaigns.trial`.
+"""
+
+import argparse
+import json
+import multiprocessing
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from campaigns.scenario import PLANS, draw_scenario
+from campaigns.table import summary, text
+from campaigns.trial import Verdict, judge
+
+__all__ = ["main", "rest_tensions", "verdicts"]
+
+_PATIENCE_S = 300.0  # for one run, of the computer's time
+
+
+def rest_tensions() -> dict[float, float]:
+    """Return the tension of each tendon at rest [N] at every pretension of the plans [mm]."""
+    from sinew.plan.toml import load_rig, parse_plan
+    from sinew.twin.simulate import rest_tension
+
+    plans = [parse_plan(f'name = "{name}"\n{body}') for name, body in PLANS.items()]
+    asked = sorted({pretension for plan in plans for pretension in plan.pretension.pretension_mm})
+    return dict(zip(asked, rest_tension(asked, load_rig("paper")).tolist(), strict=True))
+
+
+def verdicts(seed: int, numbers: Sequence[int], workers: int = 1) -> Iterator[Verdict]:
+    """Yield what becomes of each run, in order.
+
+    Raises multiprocessing.TimeoutError where one does not end in five minutes of the computer's time.
+    """
+    work = partial(_judge_number, seed, rest_tensions())
+    if workers == 1:
+        yield from map(work, numbers)
+        return
+    # Spawned, not forked: JAX has threads. What it compiled is in its cache on the disk.
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        results = pool.imap(work, numbers)
+        for _ in numbers:
+            yield results.next(_PATIENCE_S)
+
+
+def _judge_number(seed: int, tension_n: Mapping[float, float], number: int) -> Verdict:
+    return judge(draw_scenario(seed, number), tension_n)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a campaign, print its table, and return the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m campaigns.faults", description=__doc__)
+    parser.add_argument("--runs", type=int, default=500, help="how many [500]")
+    parser.add_argument("--first", type=int, default=0, help="number of the first run [0]")
+    parser.add_argument("--seed", type=int, default=0, help="of the whole campaign [0]")
+    parser.add_argument("--workers", type=int, default=1, help="processes [1]")
+    parser.add_argument("--out", type=Path, help="file for table and verdicts, as JSON")
+    parser.add_argument("--verbose", action="store_true", help="a line for every run, on stderr")
+    given = parser.parse_args(arguments)
+    done: list[Verdict] = []
+    for verdict in verdicts(given.seed, range(given.first, given.first + given.runs), given.workers):
+        done.append(verdict)
+        if given.verbose:
+            print(_line(verdict), file=sys.stderr, flush=True)
+        elif sys.stderr.isatty():
+            print(f"\r{len(done)} of {given.runs}", end="", file=sys.stderr, flush=True)
+    if given.out is not None:
+        given.out.parent.mkdir(parents=True, exist_ok=True)
+        given.out.write_text(json.dumps(summary(done, given.seed), indent=1) + "\n", encoding="utf-8")
+    print(text(done))
+    return 1 if any(verdict.violations for verdict in done) else 0
+
+
+def _line(verdict: Verdict) -> str:
+    faults = ", ".join(verdict.faults) or "no fault"
+    bad = "".join(f"\n    !! {violation}" for violation in verdict.violations)
+    return (
+        f"{verdict.number} {verdict.mode}/{verdict.safe_state} {faults} -> {verdict.outcome} "
+        f"({verdict.groups_done}/{verdict.groups}) {verdict.sentence} | {verdict.stop} "
+        f"[{verdict.virtual_s:.1f} s in {verdict.wall_s:.1f} s]{bad}"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,157 @@
+"""This is where it is drawn what one run of the campaign is: plan, mode, safe state, joint, and the faults that strike.
+
+A run is a function of seed and number alone, so any line of the table can be run again.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from sinew.emulator.fault_spec import FaultSpec, random_fault
+from sinew.plan.plan import Plan, TendonMode
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import load_rig, parse_plan
+
+__all__ = ["NOMINAL_S", "PLANS", "Phase", "Scenario", "Timeline", "draw_scenario", "plan_of", "rig_of"]
+
+Phase = Literal["set-up", "mode change", "levelling", "stop"]
+Timeline = dict[Phase, tuple[float, float]]
+"""When a phase begins and ends in the run without a fault [s]."""
+
+PLANS = {
+    "one pretension": """
+        [pretension]
+        pretension_mm = [4]
+        rest_s = 0.3
+        [sweep]
+        frequency_hz = [3.2, 4.2]
+        amplitude_deg = 20
+        settle_s = 0.4
+        periods = 3
+        repeats = 1
+        [ring_down]
+        frequency_hz = [3.6, 3.6]
+        amplitude_deg = 20
+        drive_s = 0.6
+        record_s = 0.6
+        repeats = 1
+    """,
+    "two pretensions": """
+        [pretension]
+        pretension_mm = [1, 3]
+        rest_s = 0.3
+        [sweep]
+        frequency_hz = [3.4]
+        amplitude_deg = 20
+        settle_s = 0.3
+        periods = 3
+        repeats = 1
+    """,
+}
+"""Plans by name: everything that a bench does, as short as that goes."""
+
+NOMINAL_S = 17.0
+"""About how long a run without a fault takes, its end included [s, virtual time]."""
+
+_MOST_TILT_DEG = 3.0
+_MOST_SLACK_M = 3e-3
+_NOTHING, _TWO, _INTERRUPTED, _AIMED = 0.03, 0.25, 0.15, 0.25
+_TWO_PRETENSIONS = 0.25
+_PHASES = dict(zip(get_args(Phase), (0.2, 0.3, 0.15, 0.35), strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One run.
+
+    plan: of PLANS. slack_m, rest_tilt: of the joint as the run finds it [m; rad]. faults: their times count from the
+    start, or, where the run is aimed at a phase, from that phase's beginning (`aimed`). interrupt_s: when the
+    operator ends it [s], or infinite. fault_seed: of which packets are struck.
+    """
+
+    number: int
+    plan: str
+    mode: TendonMode
+    safe_state: str
+    slack_m: tuple[float, ...]
+    rest_tilt: tuple[float, float]
+    faults: tuple[FaultSpec, ...]
+    interrupt_s: float = math.inf
+    phase: Phase | None = None
+    fault_seed: int = 0
+
+    @property
+    def kind(self) -> str:
+        """What the table files it under."""
+        if len(self.faults) > 1:
+            return "two at once"
+        return self.faults[0].kind if self.faults else "none"
+
+    def without_faults(self) -> "Scenario":
+        """Return the same run on a good day."""
+        return replace(self, faults=(), interrupt_s=math.inf, phase=None)
+
+    def aimed(self, timeline: Timeline) -> "Scenario":
+        """Return it with its faults moved into the phase at which it is aimed."""
+        if self.phase is None or self.phase not in timeline:
+            return self
+        begin, end = timeline[self.phase]
+        # A fault's start was drawn from 0 to NOMINAL_S: that is now the phase, and a little before it.
+        early = begin - 0.05
+        share = (end - early) / NOMINAL_S
+        first = min(fault.start for fault in self.faults)
+        moved = early + share * first - first
+        return replace(self, phase=None, faults=tuple(_moved(fault, moved) for fault in self.faults))
+
+
+def draw_scenario(seed: int, number: int) -> Scenario:
+    """Return run `number` of the campaign with that seed."""
+    rng = np.random.default_rng([seed, number])
+    faults = [random_fault(rng, NOMINAL_S)] if rng.random() >= _NOTHING else []
+    interrupt, phase = math.inf, None
+    if faults and rng.random() < _TWO:
+        # The second comes where the first has just stopped the run, or soon will.
+        second = random_fault(rng, 0.0)
+        faults.append(_moved(second, round(faults[0].start + float(rng.uniform(0.0, 1.5)), 3)))
+    elif faults and rng.random() < _INTERRUPTED / (1 - _TWO):
+        interrupt = round(faults[0].start + float(rng.uniform(-1.5, 0.3)), 3)
+    elif faults and rng.random() < _AIMED / (1 - _TWO - _INTERRUPTED):
+        phase = list(_PHASES)[int(rng.choice(len(_PHASES), p=list(_PHASES.values())))]
+    tilt, turn = math.radians(float(rng.uniform(0, _MOST_TILT_DEG))), float(rng.uniform(0, math.tau))
+    modes: tuple[TendonMode, ...] = get_args(TendonMode)
+    mode = modes[int(rng.integers(len(modes)))]
+    one, two = PLANS
+    # By current, levelling at a low pretension takes so long that nothing else would be seen of such a run.
+    plan = two if rng.random() < _TWO_PRETENSIONS and mode != "current" else one
+    return Scenario(
+        number=number,
+        plan=plan,
+        mode=mode,
+        safe_state=("hold", "release")[int(rng.integers(2))],
+        slack_m=tuple(round(float(slack), 5) for slack in rng.uniform(2e-4, _MOST_SLACK_M, 4)),
+        rest_tilt=(round(tilt * math.cos(turn), 5), round(tilt * math.sin(turn), 5)),
+        faults=tuple(faults),
+        interrupt_s=interrupt,
+        phase=phase,
+        fault_seed=int(rng.integers(1 << 31)),
+    )
+
+
+def plan_of(scenario: Scenario) -> Plan:
+    """Return the plan of a run."""
+    plan = parse_plan(f'name = "{scenario.plan}"\nsample_hz = 200\n{PLANS[scenario.plan]}')
+    return plan.model_copy(update={"pretension": plan.pretension.model_copy(update={"mode": scenario.mode})})
+
+
+def rig_of(scenario: Scenario) -> RigSpec:
+    """Return the paper's rig, with the run's safe state."""
+    spec = load_rig("paper")
+    return spec.model_copy(update={"limits": spec.limits.model_copy(update={"safe_state": scenario.safe_state})})
+
+
+def _moved(fault: FaultSpec, by: float) -> FaultSpec:
+    """Return a fault that comes and goes later by so much [s]."""
+    start = max(0.0, fault.start + by)
+    return replace(fault, start=round(start, 4), stop=round(start + fault.stop - fault.start, 4))

@@ -1,0 +1,323 @@
+"""This is where a run is killed, looked at, gone on with, killed again, and at last completed.
+
+Bench and run are processes of their own, as a user starts them: `sinew emulate` and `sinew run`. What the motors did is
+read over the wire after each kill and, in the end, from the emulator's own record of its watchdogs.
+"""
+
+import json
+import math
+import random
+import select
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sinew.bench.conversion import recording_from_journal
+from sinew.bench.journal_reader import JournalReader
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.motor_registers import WATCHDOG_TRIPPED
+from sinew.hardware.rig import Rig
+from sinew.hardware.serial_port import SerialPort
+from sinew.hardware.transport import MonotonicClock
+from sinew.measure.errors import RecordingError
+from sinew.measure.netcdf import load_recording
+from sinew.measure.recording import segment_slices
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import load_rig, parse_plan
+
+__all__ = ["PLAN", "Kill", "Series", "kill_series"]
+
+PLAN = """
+name = "killed"
+sample_hz = 200
+[pretension]
+pretension_mm = [4]
+mode = "position-with-current-limit"
+rest_s = 0.3
+[sweep]
+frequency_hz = [3.2, 4.4]
+amplitude_deg = 20
+settle_s = 0.5
+periods = 2
+repeats = 1
+[ring_down]
+frequency_hz = [3.6, 3.6]
+amplitude_deg = 20
+drive_s = 0.6
+record_s = 0.8
+repeats = 1
+"""
+"""Everything that a bench does, as short as that goes: four groups."""
+
+LONGEST_S = 17.0
+"""From opening the journal to the end of a run nobody kills, about [s]."""
+
+_PATIENCE_S = 90.0
+_UNTIL_STOPPED_S = 0.3
+_RESUMES = 12  # a busy computer stops runs, too
+_SINEW = str(Path(sys.executable).with_name("sinew"))
+
+
+@dataclass
+class Kill:
+    """One kill, and what was found.
+
+    how: run or resume. phase: what the run was at. after_s: since the journal was opened. at_s: host's time.
+    motors: name to (torque on, watchdog tripped, standing still), over the wire 0.3 s later.
+    heard_ms: from the last instruction to the last motor's stop; stopped_ms: from the kill to that. turned_deg: how far
+    the lever went after it was stopped. All three NaN where no motor was under a watchdog.
+    missing: samples, at most, of cycles since the kill before that the journal does not have: reads of all devices that
+    passed on the wire, those of the look before a start among them, less samples; None where no watchdog tripped.
+    is_sound: whether the journal's finished groups make a valid recording. groups: finished.
+    """
+
+    series: int
+    how: str
+    phase: str
+    after_s: float
+    at_s: float
+    motors: dict[str, tuple[bool, bool, bool]] = field(default_factory=dict)
+    heard_ms: float = math.nan
+    stopped_ms: float = math.nan
+    turned_deg: float = math.nan
+    samples: int = 0
+    missing: int | None = None
+    is_sound: bool = False
+    groups: int = 0
+    wrong: list[str] = field(default_factory=list)
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(self).items()}
+
+
+@dataclass
+class Series:
+    """One interrupted run, from start to completion.
+
+    number. kills: in order. ended: what starts that nobody killed said in the end, the last one's among it.
+    is_complete: whether --resume completed it with a valid recording of all groups. refused: what a start said that
+    found the torque on. stopped: what `sinew stop` said then. wrong: what may not happen.
+    """
+
+    number: int
+    kills: list[Kill] = field(default_factory=list)
+    ended: list[str] = field(default_factory=list)
+    is_complete: bool = False
+    refused: str = ""
+    stopped: str = ""
+    slipped_s: float = 0.0
+    wrong: list[str] = field(default_factory=list)
+
+
+def kill_series(number: int, kills: int, folder: Path, seed: int = 0) -> Series:
+    """Kill a run so often, at random moments, and let it complete.
+
+    folder: an empty one. Raises TimeoutError where a process does not do its part within a minute and a half.
+    """
+    return _Trial(number, folder, random.Random(f"{seed} {number}")).run(kills)
+
+
+class _Trial:
+    """A series under way."""
+
+    def __init__(self, number: int, folder: Path, moments: random.Random) -> None:
+        self._folder, self._moments = folder, moments
+        self._out, self._journal = folder / "out", folder / "out" / "journal.sqlite"
+        self._spec: RigSpec = load_rig("paper")
+        self._plan = folder / "plan.toml"
+        self._plan.write_text(PLAN, encoding="utf-8")
+        self._port = folder / "bench"
+        self.series = Series(number)
+
+    def run(self, kills: int) -> Series:
+        series = self.series
+        truth = self._folder / "truth.json"
+        with self._emulated(truth):
+            while len(series.kills) < kills and self._start_and_kill():
+                kill = series.kills[-1]
+                if any(torque for torque, _, _ in kill.motors.values()):
+                    self._look_at_torque()
+            if not (self._is_complete() and series.ended):
+                self._complete()
+        self._hold_against(json.loads(truth.read_text(encoding="utf-8")))
+        return series
+
+    @contextmanager
+    def _emulated(self, truth: Path) -> Iterator[None]:
+        options = ["--link", str(self._port), "--truth", str(truth), "--seed", str(self.series.number)]
+        with subprocess.Popen([_SINEW, "emulate", *options], stdout=subprocess.PIPE, text=True) as process:
+            try:
+                assert process.stdout is not None
+                if not select.select([process.stdout], [], [], _PATIENCE_S)[0]:
+                    raise TimeoutError("the emulator does not get ready")
+                process.stdout.readline()
+                yield
+            finally:
+                process.send_signal(signal.SIGINT)
+                process.wait(_PATIENCE_S)
+
+    def _command(self, out: Path, resume: bool) -> list[str]:
+        return [_SINEW, "run", str(self._plan), "--port", str(self._port), "--out", str(out)] + ["--resume"] * resume
+
+    def _start_and_kill(self) -> bool:
+        """Start the run, or go on with it, and kill it at a random moment; return False where it ended before."""
+        resume = self._journal.exists()
+        sessions = _sessions(self._journal)
+        wait = self._moments.uniform(0.0, LONGEST_S)
+        command = self._command(self._out, resume)
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+            _until(lambda: _sessions(self._journal) > sessions or process.poll() is not None, "the run begins")
+            began = time.monotonic()
+            while time.monotonic() < began + wait and process.poll() is None:
+                time.sleep(0.001)
+            if process.poll() is not None:
+                self._note_end(*process.communicate(), status=process.returncode)
+                return self.series.ended[-1] != "complete"
+            process.kill()
+            at = time.monotonic()
+            process.wait()
+        kill = Kill(self.series.number, "resume" if resume else "run", "", at - began, at)
+        self.series.kills.append(kill)
+        time.sleep(_UNTIL_STOPPED_S)
+        self._look_at_motors(kill)
+        self._look_at_journal(kill)
+        return True
+
+    def _note_end(self, out: str, error: str, *, status: int) -> None:
+        """Note how a start ended that nobody killed."""
+        self.series.ended.append("complete" if status == 0 else (out.splitlines() or error.splitlines() or [""])[0])
+        if status not in (0, 1, 2) or "Traceback" in error:
+            self.series.wrong.append(f"a start ended with status {status}: {error.strip()}")
+
+    def _look_at_motors(self, kill: Kill) -> None:
+        clock, wiring = MonotonicClock(), self._spec.wiring
+        port = SerialPort(str(self._port), wiring.baud, clock)
+        bus = Bus(port, clock, BusTiming(wiring.baud, latency=0.1), retries=5)
+        with closing(bus):
+            for motor in Rig(bus, clock, self._spec).motors:
+                torque, tripped = motor.torque_is_on(), motor.get_count("bus_watchdog") == WATCHDOG_TRIPPED
+                is_still = motor.get_count("moving") == 0
+                kill.motors[motor.name] = torque, tripped, is_still
+                if torque and not tripped and not is_still:
+                    kill.wrong.append(f"{motor.name} moves, and no watchdog has stopped it")
+
+    def _look_at_journal(self, kill: Kill) -> None:
+        with closing(sqlite3.connect(f"{self._journal.as_uri()}?mode=ro", uri=True)) as connection:
+            (verdict,) = connection.execute("PRAGMA integrity_check").fetchone()
+            kill.samples, span = connection.execute("SELECT count(*), 1 + max(id) - min(id) FROM samples").fetchone()
+            kill.phase = _phase(connection)
+        if verdict != "ok":
+            kill.wrong.append(f"the journal is damaged: {verdict}")
+        if kill.samples != (span or 0):
+            kill.wrong.append("samples are missing in the middle of the journal")
+        with JournalReader(self._journal) as reader:
+            kill.groups = len(reader.finished())
+        try:
+            recording_from_journal(self._journal)
+            kill.is_sound = True
+        except RecordingError as error:
+            kill.is_sound = kill.groups == 0
+            if kill.groups:
+                kill.wrong.append(f"{kill.groups} finished groups make no recording: {error}")
+        if (recording := self._out / "recording.nc").exists():
+            load_recording(recording)
+
+    def _look_at_torque(self) -> None:
+        """Once: see that a fresh start refuses motors under torque. Once more: see that `sinew stop` lets go."""
+        series = self.series
+        if not series.refused:
+            other = self._folder / "other"
+            done = subprocess.run(
+                self._command(other, False), capture_output=True, text=True, timeout=_PATIENCE_S, check=False
+            )
+            series.refused = done.stderr.strip() or done.stdout.strip()
+            if done.returncode != 2 or "torque is on at" not in series.refused:
+                series.wrong.append(f"a start on motors under torque ended with status {done.returncode}")
+        elif not series.stopped:
+            done = subprocess.run(
+                [_SINEW, "stop", "--port", str(self._port)],
+                capture_output=True,
+                text=True,
+                timeout=_PATIENCE_S,
+                check=False,
+            )
+            series.stopped = done.stdout.strip() or done.stderr.strip()
+            after = Kill(series.number, "stop", "", 0.0, 0.0)
+            self._look_at_motors(after)
+            if done.returncode or any(torque for torque, _, _ in after.motors.values()):
+                series.wrong.append(f"`sinew stop` ended with status {done.returncode} and left {after.motors}")
+
+    def _complete(self) -> None:
+        """Go on with the run until it has completed."""
+        for _ in range(_RESUMES):
+            command = self._command(self._out, self._journal.exists())
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_PATIENCE_S, check=False)
+            self._note_end(done.stdout, done.stderr, status=done.returncode)
+            if done.returncode == 0:
+                break
+        if not self._is_complete():
+            self.series.wrong.append(f"--resume did not complete the run: {self.series.ended[-1]}")
+
+    def _is_complete(self) -> bool:
+        recording = self._out / "recording.nc"
+        if not recording.exists():
+            return False
+        wanted = sum(1 if group.kind == "idle" else 2 for group in parse_plan(PLAN).groups())
+        self.series.is_complete = len(segment_slices(load_recording(recording))) == wanted
+        return self.series.is_complete
+
+    def _hold_against(self, truth: dict[str, Any]) -> None:
+        """Find the watchdogs that each kill let trip, and count what the journal lacks."""
+        zero, self.series.slipped_s = truth["clock_s_at_zero"], truth["slipped_s"]
+        lost = 0
+        drive = self._spec.wiring.drive_id
+        for kill in self.series.kills:
+            since = [(zero + trip["tripped_s"] - kill.at_s, trip) for trip in truth["watchdog_trips"]]
+            trips = [trip for after, trip in since if 0 < after < 2 * _UNTIL_STOPPED_S]
+            if not trips:
+                continue
+            kill.heard_ms = max(1e3 * (trip["tripped_s"] - trip["heard_s"]) for trip in trips)
+            kill.stopped_ms = max(1e3 * (zero + trip["tripped_s"] - kill.at_s) for trip in trips)
+            kill.turned_deg = max((trip["turned_deg"] for trip in trips if trip["id"] == drive), default=math.nan)
+            missing = max(trip["group_reads"] for trip in trips) - kill.samples
+            kill.missing, lost = missing - lost, missing
+
+
+def _phase(connection: sqlite3.Connection) -> str:
+    """Return what the newest run of a journal was at."""
+    (session,) = connection.execute("SELECT max(id) FROM sessions").fetchone()
+    where = "WHERE session = ? ORDER BY id DESC LIMIT 1"
+    running = connection.execute(f"SELECT kind, state FROM segments {where}", (session,)).fetchone()
+    event = connection.execute(f"SELECT kind FROM events {where}", (session,)).fetchone()
+    if event and event[0] == "end":
+        return "end"
+    if running and running[1] == "running":
+        return str(running[0])
+    return f"after {event[0]}" if event else "start"
+
+
+def _sessions(journal: Path) -> int:
+    """Return how many runs have written to a journal; 0 where there is none."""
+    if not journal.exists():
+        return 0
+    with closing(sqlite3.connect(f"{journal.as_uri()}?mode=ro", uri=True)) as connection:
+        try:
+            return int(connection.execute("SELECT count(*) FROM sessions").fetchone()[0])
+        except sqlite3.OperationalError:
+            return 0  # it is being changed
+
+
+def _until(claim: Any, what: str) -> None:
+    stop = time.monotonic() + _PATIENCE_S
+    while not claim():
+        if time.monotonic() > stop:
+            raise TimeoutError(f"waited in vain until {what}")
+        time.sleep(0.01)
