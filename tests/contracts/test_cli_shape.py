@@ -14,7 +14,8 @@ from sinew.apps.cli import app, main
 
 SINEW = Path(sys.executable).with_name("sinew")
 COMMANDS = (
-    "analyse", "check", "doctor", "emulate", "export", "import", "report", "reproduce", "run", "simulate", "stop"
+    "analyse", "check", "doctor", "emulate", "export", "identify", "import", "report", "reproduce", "run", "simulate",
+    "stop",
 )  # fmt: skip
 
 

@@ -10,7 +10,7 @@ few samples in which a decay is still large, and be too small for a short one.
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["noise_spectrum", "orthonormal", "sandwich"]
+__all__ = ["autoregression", "noise_spectrum", "orthonormal", "sandwich"]
 
 Array = NDArray[np.float64]
 
@@ -27,14 +27,22 @@ def noise_spectrum(residual: Array, jacobian: Array) -> Array:
     undone: the expected lagged sums of (1 - QQᵀ)·noise are linear in the noise's autocovariance, and are solved for it
     (Worsley et al., NeuroImage 15, 2002).
     """
-    n = residual.size
-    size = 2 ** int(np.ceil(np.log2(2 * n)))
-    lags = _unbiased_lags(residual, orthonormal(jacobian), min(_MAX_ORDER, n // 10))
-    if not lags[0] > 0:
-        return np.full(size // 2 + 1, float(residual @ residual) / n)
-    coefficients, innovation = _best_order(lags, n)
+    size = 2 ** int(np.ceil(np.log2(2 * residual.size)))
+    coefficients, innovation = autoregression(residual, jacobian)
     response = np.fft.rfft(np.concatenate([[1.0], -coefficients]), size)
     return np.asarray(innovation / np.abs(response) ** 2, dtype=float)
+
+
+def autoregression(residual: Array, jacobian: Array) -> tuple[Array, float]:
+    """Return (a, variance of e) of the noise e_n + Σ a_k noise_{n-k} that the residuals tell, a of shape (order,).
+
+    Arguments as in `noise_spectrum`; white noise, and what cannot be told from it, has order zero.
+    """
+    n = residual.size
+    lags = _unbiased_lags(residual, orthonormal(jacobian), min(_MAX_ORDER, n // 10))
+    if not lags[0] > 0:
+        return np.zeros(0), float(residual @ residual) / n
+    return _best_order(lags, n)
 
 
 def orthonormal(jacobian: Array) -> Array:

@@ -9,7 +9,7 @@ from sinew.analysis.decay_start import drive_stop, first_free_peak
 from sinew.analysis.peaks import Peaks, find_peaks
 from sinew.measure.errors import RecordingError, TimeError
 
-__all__ = ["checked_record", "evenly", "free_decay"]
+__all__ = ["block_means", "checked_record", "evenly", "free_decay"]
 
 Array = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ def free_decay(
     _check_length(t, peaks, first, start)
     guess = _guess(peaks, first)
     stop = min(float(t[-1]), start + max(_WINDOW / max(guess[0], 1e-9), 6.0 * half))
-    t, x = _block_means(t, x, half)
+    t, x = block_means(t, x, half)
     inside = _within(t, start, stop)
     fit = fit_decay_and_rest(t[inside], x[inside], guess)
     fit = _won_back(t, x, fit, earliest, peaks)
@@ -132,7 +132,7 @@ def _within(t: Array, start: float, stop: float) -> NDArray[np.bool_]:
     return np.asarray((t >= start - 1e-9) & (t <= stop + 1e-9))
 
 
-def _block_means(t: Array, x: Array, half: float) -> tuple[Array, Array]:
+def block_means(t: Array, x: Array, half: float) -> tuple[Array, Array]:
     """Return means over blocks of samples that leave 20 or more per half period; loses nothing of the poles."""
     size = int(half / (_SAMPLES_PER_HALF * float(t[1] - t[0])))
     if size < 2:

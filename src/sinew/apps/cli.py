@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from sinew import __version__
-from sinew.apps import analyse, check, convert, doctor, emulate, reproduce, run, simulate
+from sinew.apps import analyse, check, convert, doctor, emulate, identify, reproduce, run, simulate
 from sinew.measure.errors import SinewError
 
 __all__ = ["app", "main"]
@@ -33,6 +33,9 @@ app.command(epilog="Example: sinew simulate short --rig paper --out run/recordin
 app.command(epilog="Example: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json")(
     analyse.analyse
 )
+app.command(
+    epilog="Example: sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json"
+)(identify.identify)
 app.command("import", epilog="Example: sinew import decay.csv --time t_s --response angle:deg --out decay.nc")(
     convert.import_
 )

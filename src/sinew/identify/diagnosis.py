@@ -1,0 +1,109 @@
+"""This is where a record that cannot be identified, or is not what it was said to be, gets its sentence.
+
+What makes a fit impossible (nothing moves, too short, sampled too slowly) is refused before it. What makes it wrong
+(input and output swapped, another excitation) shows in a poor fit: then the alternatives are tried with the same model,
+and one that leaves much less is named.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sinew.identify.fit import fit
+from sinew.identify.fitted import Fit
+from sinew.identify.model import MODELS
+from sinew.identify.record import Excitation, Record
+from sinew.identify.residual_tests import ask_residuals
+from sinew.identify.start import dominant_omega
+from sinew.measure.errors import RecordingError, SpecError
+
+__all__ = ["refuse_hopeless", "suspicions"]
+
+_FEWEST_PERIODS = 2.0
+_FEWEST_SAMPLES = 4.0  # in a period
+_FEW_SAMPLES = 8.0
+_POOR = 0.1  # rms of the residuals over the output's
+_MUCH_BETTER = 0.5  # of the rms
+
+
+def refuse_hopeless(record: Record) -> None:
+    """Raise RecordingError where no model can be identified from the record, with what is missing."""
+    if record.input is not None and np.ptp(record.input) <= 1e-12 * np.abs(record.input).max():
+        raise RecordingError(
+            f"the input is constant ({record.input[0]:.4g}); expected a drive that moves: is it the right column? "
+            "For a free decay leave the input out and choose excitation none"
+        )
+    if np.ptp(record.output) <= 1e-12 * np.abs(record.output).max():
+        raise RecordingError("the output is constant; is it the right column, and did the sensor run?")
+    period = 2 * np.pi / dominant_omega(record)
+    lasts = float(record.time_s[-1] - record.time_s[0])
+    if lasts < _FEWEST_PERIODS * period:
+        raise RecordingError(
+            f"the record is too short to identify: {lasts:.3g} s hold {lasts / period:.1f} periods of its oscillation, "
+            f"expected at least {_FEWEST_PERIODS:g}; record longer"
+        )
+    if period < _FEWEST_SAMPLES * record.step_s:
+        raise RecordingError(
+            f"sampling is too slow for the oscillation: {period / record.step_s:.1f} samples in a period of "
+            f"{period:.3g} s, expected at least {_FEWEST_SAMPLES:g}, better {_FEW_SAMPLES:g}; sample faster"
+        )
+
+
+def suspicions(found: Fit) -> tuple[str, ...]:
+    """Return what about a fit a person should know: sentences; none where nothing is suspicious."""
+    record, omega = found.records[0], 2 * np.pi * found.natural_frequency_hz.value
+    if not np.isfinite(omega):
+        return (*_alternatives(found), "the stiffness came out negative: the model does not fit this record")
+    sentences: list[str] = []
+    samples = 1.0 / (found.natural_frequency_hz.value * record.step_s)
+    if samples < _FEW_SAMPLES:
+        sentences.append(f"sampling is slow for the resonance: {samples:.1f} samples in a period; sample faster")
+    if found.damping_ratio.high < 0:
+        sentences.append("the damping came out negative: energy is fed in, or input and output do not belong together")
+    asked = ask_residuals(record, found.residuals()[0], omega)
+    if asked.share > _POOR:
+        sentences.append(f"the fit is poor: residuals are {100 * asked.share:.0f} % of the output's standard deviation")
+    if asked.share > _POOR or found.damping_ratio.high < 0:
+        sentences += _alternatives(found)
+    return (*sentences, *asked.sentences())
+
+
+def _alternatives(found: Fit) -> list[str]:
+    """Return sentences on what the record fits much better: swapped columns, another excitation."""
+    record = found.records[0]
+    if record.input is None:
+        return ["a free decay does not describe it; was it driven, or did it start later than the record?"]
+    sentences = []
+    swapped = replace(
+        record,
+        input=record.output,
+        output=record.input,
+        input_unit=record.output_unit,
+        output_unit=record.input_unit,
+        excitation="force",
+    )
+    own = found.rmse / float(record.output.std())
+    if _share(swapped) < _MUCH_BETTER * min(own, 1.0):
+        sentences.append("input and output look swapped: the other way round a linear joint leaves much less")
+    others: list[Excitation] = ["base", "lever"] if record.excitation in ("force", "torque") else ["force"]
+    if record.excitation in ("base", "lever"):
+        others.append("lever" if record.excitation == "base" else "base")
+    plain = min(own, _share(record))
+    better = {e: _share(replace(record, excitation=e)) for e in others}
+    best = min(better, key=lambda e: better[e])
+    if better[best] < _MUCH_BETTER * plain:
+        name = "force or torque" if best == "force" else best
+        sentences.append(
+            f"excitation {record.excitation} looks wrong: as {name} a linear joint leaves {100 * better[best]:.0f} % "
+            f"instead of {100 * plain:.0f} %"
+        )
+    return sentences
+
+
+def _share(record: Record) -> float:
+    """Return what a linear joint leaves of a record, rms over the output's standard deviation; inf where it cannot."""
+    try:
+        found = fit(record, MODELS["linear"])
+    except (RecordingError, SpecError):
+        return float("inf")
+    return found.rmse / float(record.output.std()) if found.damping_ratio.high > 0 else float("inf")

@@ -1,0 +1,141 @@
+"""This is where the numbers of a layout are sought: from a regression to the smallest sum of squares."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.identify.grid import Frame, Scales, input_derivative
+from sinew.identify.layout import Layout, Part
+from sinew.identify.least_squares import Problem, Solution, solve
+from sinew.identify.model import Model
+from sinew.identify.record import Record, derivative_order
+from sinew.identify.start import dominant_omega, regress_together
+
+__all__ = ["begin", "first_values", "search"]
+
+Array = NDArray[np.float64]
+Masks = Sequence[NDArray[np.bool_]]
+
+_TOLERANCE = 1e-8
+_POOR, _LOST = 0.35, 0.6  # rmse over the output's: suspicious, and the oscillation's count is lost
+_HORIZON, _GROWTH = 8.0, 2.5  # periods that are fitted first then, and how their number grows
+_LARGE = 0.1  # of the largest output: motion that dry friction does not bring to rest
+
+
+def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[Scales, dict[str, float]]]:
+    """Return the scales of every record and where its search begins, in SI units; the records share their mechanics."""
+    omega = float(np.median([dominant_omega(record) for record in records]))
+    values = regress_together(records, model, omega, frame)
+    natural = np.sqrt(values[0]["stiffness"]) if values[0]["stiffness"] > 0 else omega
+    if records[0].excitation != "none" and 0.2 * omega < natural < 5.0 * omega:
+        values = regress_together(records, model, float(natural), frame)
+    if values[0]["stiffness"] <= 0:
+        values = [one | {"stiffness": omega**2} for one in values]
+    omega = float(np.clip(np.sqrt(values[0]["stiffness"]), 0.2 * omega, 5.0 * omega))
+    return [(_scales(record, omega, one["offset"]), one) for record, one in zip(records, values, strict=True)]
+
+
+def _scales(record: Record, omega: float, offset: float) -> Scales:
+    order = derivative_order(record.output_unit)
+    swing = record.output - (offset if order == 0 else record.output.mean())
+    forcing = 1.0
+    if record.input is not None:
+        driving = record.input - record.input.mean()
+        forcing = float(np.sqrt(2.0) * driving.std()) * omega ** input_derivative(record) or 1.0
+    return Scales(omega, float(np.abs(swing).max()) / omega**order, forcing)
+
+
+def first_values(layout: Layout, starts: Sequence[dict[str, float]]) -> Array:
+    """Return where a search begins, in normal form; starts: what `begin` said of each part."""
+    x = np.zeros(len(layout.entries))
+    for k, entry in enumerate(layout.entries):
+        which = [
+            i
+            for i, part in enumerate(layout.parts)
+            if entry.record in (-1, i) and entry.group in ("", part.record.group)
+        ]
+        if entry.local in ("drift", "creep_time", "memory"):
+            x[k] = -1.0 if entry.local == "creep_time" else 0.0
+            continue
+        normal = []
+        for i in which:
+            part = layout.parts[i]
+            size = part.unit_size if entry.local == "offset" else part.scales.physical(entry.local)
+            normal.append(starts[i].get(entry.local, 0.0) / size)
+        shared = [n / r for n, r in zip(normal, _ratios(layout, k, which), strict=True)]
+        x[k] = float(np.clip(np.median(shared), -1e3, 1e3))
+        if entry.local == "damping":
+            x[k] = max(x[k], 0.004)
+        if entry.local in ("coulomb", "loss_factor"):
+            x[k] = float(np.clip(x[k], 1e-3, 0.8))
+    return x
+
+
+def _ratios(layout: Layout, entry: int, which: Sequence[int]) -> list[float]:
+    return [float(layout.ratio[i][np.flatnonzero(layout.index[i] == entry)[0]]) for i in which]
+
+
+def search(layout: Layout, first: Array, masks: Masks) -> Solution:
+    """Return the best solution; where the direct search is lost, the record is taken in bit by bit."""
+    problem = layout.problem(masks)
+    wanted = np.concatenate([p.record.output[m] / p.unit_size for p, m in zip(layout.parts, masks, strict=True)])
+    size = float(np.std(wanted) * np.sqrt(wanted.size))
+    starts = _dry_starts(layout, first, masks) if layout.model.damping == "coulomb" else [first]
+    direct = solve(problem, *starts, tolerance=_TOLERANCE, max_evaluations=60)
+    if np.sqrt(direct.sum_of_squares) <= _POOR * size:
+        return direct
+    grown = [direct]
+    for factor in (1.0, 0.85, 1.18):
+        x = first.copy()
+        for k, entry in enumerate(layout.entries):
+            if entry.local == "stiffness":
+                x[k] *= factor**2
+        grown.append(_grow(layout, x, masks, problem))
+        if min(np.sqrt(one.sum_of_squares) for one in grown) <= _LOST * size:
+            break
+    return min(grown, key=lambda solution: solution.sum_of_squares)
+
+
+def _dry_starts(layout: Layout, first: Array, masks: Masks) -> list[Array]:
+    """Return the start of a search with dry friction, whose sum of squares jumps where the motion comes to rest.
+
+    It is smooth as long as the motion is large, so that part is fitted first: without friction, then from there with
+    little of it, and with as much as would do half of the damping at a third of the amplitude (4 c r = π d ω r²/2).
+    """
+    at = {entry.local: k for k, entry in reversed(list(enumerate(layout.entries)))}
+    moving = [m & _large(part) for part, m in zip(layout.parts, masks, strict=True)]
+    if sum(int(m.sum()) for m in moving) <= 2 * first.size:
+        moving = list(masks)
+    x = np.where(np.arange(first.size) == at["coulomb"], 0.0, first)
+    viscous = replace(layout, model=replace(layout.model, damping="viscous"))
+    x = solve(viscous.problem(moving), x, tolerance=1e-6, max_evaluations=60).values
+    starts = []
+    for share in (0.05, 0.5):
+        starts.append(x.copy())
+        starts[-1][at["coulomb"]] = 0.26 * share * abs(x[at["damping"]])
+        starts[-1][at["damping"]] *= 1.0 - share
+    return [solve(layout.problem(moving), *starts, tolerance=1e-6, max_evaluations=40).values]
+
+
+def _large(part: Part) -> NDArray[np.bool_]:
+    """Return the samples up to the last at which the output is a tenth of its largest."""
+    output = part.record.output - np.median(part.record.output)
+    last = int(np.flatnonzero(np.abs(output) > _LARGE * np.abs(output).max())[-1])
+    return np.arange(output.size) <= last
+
+
+def _grow(layout: Layout, x: Array, masks: Masks, problem: Problem) -> Solution:
+    periods = [p.record.time_s[-1] - p.record.time_s[0] for p in layout.parts]
+    longest = max(float(t) * p.scales.omega / (2 * np.pi) for t, p in zip(periods, layout.parts, strict=True))
+    horizon = _HORIZON
+    while horizon < longest:
+        seen = [
+            m & ((p.record.time_s - p.record.time_s[0]) * p.scales.omega / (2 * np.pi) <= horizon)
+            for p, m in zip(layout.parts, masks, strict=True)
+        ]
+        if sum(int(mask.sum()) for mask in seen) > 2 * x.size:
+            x = solve(layout.problem(seen), x, tolerance=1e-4, max_evaluations=12).values
+        horizon *= _GROWTH
+    return solve(problem, x, tolerance=_TOLERANCE, max_evaluations=60)

@@ -1,0 +1,119 @@
+"""Covariances, profiles and unidentifiable directions, against what repeated draws and textbooks say."""
+
+import numpy as np
+import pytest
+
+from sinew.identify.certainty import correlation, covariance, estimates, find_unidentifiable
+from sinew.identify.least_squares import Problem, solve
+from sinew.identify.profile import profile_interval
+from sinew.measure.errors import RecordingError
+
+X = np.linspace(0, 1, 400)
+LINE = np.stack([np.ones_like(X), X], axis=1)
+
+
+def line_problem(y: np.ndarray) -> Problem:
+    return Problem(lambda b: LINE @ b - y, lambda b: LINE)
+
+
+def slow_noise(generator: np.random.Generator) -> np.ndarray:
+    noise = generator.normal(size=X.size + 200)
+    for i in range(1, noise.size):
+        noise[i] += 0.8 * noise[i - 1]
+    return noise[200:]
+
+
+@pytest.mark.parametrize("kind", ["coloured", "hac"])
+def test_a_robust_covariance_is_that_of_repeated_draws_under_correlated_noise(kind: str) -> None:
+    generator = np.random.default_rng(1)
+    found = [solve(line_problem(slow_noise(generator)), np.zeros(2)) for _ in range(200)]
+    drawn = np.std([solution.values for solution in found], axis=0)
+    stated = np.mean([covariance(s.jacobian, s.residual, kind).std for s in found], axis=0)  # type: ignore[arg-type]
+    assert stated == pytest.approx(drawn, rel=0.25)
+
+
+def test_the_classical_covariance_is_several_times_too_small_under_correlated_noise() -> None:
+    generator = np.random.default_rng(1)
+    found = [solve(line_problem(slow_noise(generator)), np.zeros(2)) for _ in range(100)]
+    drawn = np.std([solution.values for solution in found], axis=0)
+    stated = np.mean([covariance(s.jacobian, s.residual).std for s in found], axis=0)
+    assert (drawn > 2 * stated).all()
+
+
+def test_a_coloured_covariance_of_two_recordings_is_half_that_of_one() -> None:
+    noise = slow_noise(np.random.default_rng(2))
+    one = covariance(LINE, noise, "coloured").matrix
+    twice = np.concatenate([LINE, LINE]), np.concatenate([noise, noise])
+    both = covariance(*twice, "coloured", pieces=[slice(0, X.size), slice(X.size, 2 * X.size)]).matrix
+    assert both == pytest.approx(0.5 * one, rel=1e-9)
+
+
+def test_offset_and_slope_of_a_line_on_the_right_of_zero_are_anticorrelated_as_the_textbook_says() -> None:
+    solution = solve(line_problem(np.random.default_rng(3).normal(size=X.size)), np.zeros(2))
+    expected = -X.mean() / np.sqrt(np.mean(X**2))
+    assert correlation(covariance(solution.jacobian, solution.residual).matrix)[0, 1] == pytest.approx(expected)
+
+
+def test_a_parameter_that_nothing_depends_on_has_no_standard_deviation() -> None:
+    jacobian = np.stack([np.ones_like(X), np.zeros_like(X)], axis=1)
+    found = estimates(np.ones(2), covariance(jacobian, np.sin(50 * X)))
+    assert np.isnan(found[1].std)
+
+
+def test_two_parameters_with_the_same_effect_are_named_together() -> None:
+    jacobian = np.stack([X, X**2, X * (1 + 1e-12)], axis=1)
+    found = find_unidentifiable(["offset", "gain", "quadratic term"], np.ones(3), jacobian, 0.01)
+    assert found == ("offset and quadratic term cannot be told apart in this record",)
+
+
+def test_a_parameter_that_moves_the_data_by_less_than_noise_is_named_alone() -> None:
+    jacobian = np.stack([np.ones_like(X), 1e-4 * X], axis=1)
+    assert find_unidentifiable(["offset", "cubic stiffness"], np.ones(2), jacobian, 0.1) == (
+        "cubic stiffness cannot be determined from this record",
+    )
+
+
+def test_well_determined_parameters_are_not_called_unidentifiable() -> None:
+    assert find_unidentifiable(["offset", "slope"], np.ones(2), LINE, 0.1) == ()
+
+
+def test_the_profile_interval_of_a_linear_model_is_students() -> None:
+    problem = line_problem(3 * X + np.random.default_rng(4).normal(size=X.size))
+    solution = solve(problem, np.zeros(2))
+    known = covariance(solution.jacobian, solution.residual)
+    slope = estimates(solution.values, known)[1]
+    profile = profile_interval(problem, solution, 1, float(known.std[1]))
+    assert (profile.low, profile.high) == pytest.approx((slope.low, slope.high), rel=2e-3)
+
+
+def test_the_profile_interval_of_a_rate_known_within_a_factor_is_longer_upwards() -> None:
+    t = np.linspace(0, 3, 30)
+    y = np.exp(-2 * t) + np.random.default_rng(5).normal(0, 0.2, t.size)
+    problem = Problem(
+        lambda b: b[0] * np.exp(-b[1] * t) - y,
+        lambda b: np.stack([np.exp(-b[1] * t), -b[0] * t * np.exp(-b[1] * t)], axis=1),
+    )
+    solution = solve(problem, [1.0, 1.0])
+    std = float(covariance(solution.jacobian, solution.residual).std[1])
+    found = profile_interval(problem, solution, 1, std)
+    assert found.high - solution.values[1] > 1.1 * (solution.values[1] - found.low)
+
+
+def test_the_best_of_several_starts_is_kept_and_named() -> None:
+    problem = Problem(
+        lambda b: np.array([b[0] ** 4 - 5 * b[0] ** 2 + b[0] + 10, 0.0]),
+        lambda b: np.array([[4 * b[0] ** 3 - 10 * b[0] + 1], [0.0]]),
+    )
+    found = solve(problem, [2.0], [-2.0])
+    assert (found.start, round(found.values[0])) == (1, -2)
+
+
+def test_a_search_that_is_cut_short_says_so() -> None:
+    t = np.linspace(0, 3, 30)
+    problem = Problem(lambda b: np.exp(-b[0] * t) - np.exp(-2 * t), lambda b: -(t * np.exp(-b[0] * t))[:, None])
+    assert not solve(problem, [0.1], max_evaluations=2).converged
+
+
+def test_fewer_samples_than_parameters_are_refused() -> None:
+    with pytest.raises(RecordingError, match="1 samples for 2 parameters"):
+        solve(Problem(lambda b: b[:1], lambda b: np.eye(1, 2)), np.zeros(2))

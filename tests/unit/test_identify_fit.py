@@ -1,0 +1,201 @@
+"""Fits of models to oscillations whose mechanics are known."""
+
+import time
+
+import numpy as np
+import pytest
+from tests.unit.identify_signals import OMEGA, chirp, dry_decay, duffing_sweep, motion, noisy, viscous
+
+from sinew.identify.fit import fit
+from sinew.identify.record import make_record
+from sinew.identify.track import LOCAL, track, track_slopes
+from sinew.measure.errors import RecordingError, SpecError
+
+TIME = np.arange(0, 3, 0.01)
+SWEEP = np.arange(0, 16, 0.01)
+PHASE = chirp(1, 6, 16)
+
+
+def off(estimate, truth: float) -> float:
+    """Return the error in standard deviations."""
+    return abs(estimate.value - truth) / estimate.std
+
+
+def decay_record(damping_ratio: float, seed: int = 0, **kind: float):
+    x = motion(viscous(damping_ratio, **kind), lambda t: 0.0, TIME, (0.5, 0.0))[0]
+    return make_record(TIME, noisy(x + 0.02, 0.005, seed), output_unit="rad")
+
+
+def lever(t):
+    return 0.3 * np.sin(PHASE(t))
+
+
+def lever_acceleration(t, h: float = 1e-4):
+    return (lever(t + h) - 2 * lever(t) + lever(t - h)) / h**2
+
+
+@pytest.mark.parametrize("damping_ratio", [0.05, 0.1, 0.17, 0.25])
+def test_a_free_decay_gives_its_damping_within_four_standard_deviations(damping_ratio: float) -> None:
+    assert off(fit(decay_record(damping_ratio), "linear").damping_ratio, damping_ratio) < 4
+
+
+def test_a_free_decay_gives_its_frequency_within_a_thousandth() -> None:
+    assert fit(decay_record(0.1), "linear").natural_frequency_hz.value == pytest.approx(3.0, rel=2e-3)
+
+
+def test_the_rest_position_of_a_decay_is_not_taken_for_motion() -> None:
+    assert off(fit(decay_record(0.1), "linear").nuisance["offset"], 0.02) < 4
+
+
+def test_a_rest_position_that_drifts_is_followed() -> None:
+    record = decay_record(0.1)
+    moving = make_record(TIME, record.output + 0.05 * TIME / TIME[-1], output_unit="rad")
+    from sinew.identify.model import get_model
+
+    assert off(fit(moving, get_model("linear").resting("drift")).nuisance["drift"], 0.05) < 4
+
+
+def test_the_cubic_stiffness_of_the_sweep_is_within_its_interval_widened_twice() -> None:
+    cubic = fit(duffing_sweep(), "cubic").parameters["cubic_n_m_per_rad3"]
+    assert off(cubic, 6.0) < 3.3
+
+
+def test_the_inertia_of_the_sweep_is_within_three_tenths_of_a_percent() -> None:
+    assert fit(duffing_sweep(), "cubic").parameters["inertia_kg_m2"].value == pytest.approx(12.74e-3, rel=3e-3)
+
+
+def test_the_cubic_stiffness_without_noise_is_exact_to_one_in_ten_thousand() -> None:
+    cubic = fit(duffing_sweep(noise=1e-9), "cubic").parameters["cubic_n_m_per_rad3"]
+    assert cubic.value == pytest.approx(6.0, rel=1e-4)
+
+
+def test_a_fit_of_the_sixty_second_sweep_takes_less_than_a_second_once_compiled() -> None:
+    record = duffing_sweep()
+    fit(record, "cubic")
+    begin = time.process_time()
+    fit(record, "cubic")
+    assert time.process_time() - begin < 1.0
+
+
+def test_an_asymmetric_spring_gives_its_quadratic_term() -> None:
+    force = viscous(0.05, quadratic=300.0, cubic=400.0)
+    r = motion(force, lambda t: 20.0 * np.sin(PHASE(t)), SWEEP)[0]
+    record = make_record(SWEEP, noisy(r, 0.002, 1), 20 * np.sin(PHASE(SWEEP)), excitation="force", output_unit="rad")
+    assert off(fit(record, "cubic-quadratic").parameters["quadratic_per_s2_rad"], 300.0) < 4
+
+
+@pytest.mark.parametrize("seen", ["rad", "rad/s"])
+def test_a_lever_gives_the_share_of_its_inertia(seen: str) -> None:
+    r = motion(viscous(0.1), lambda t: -0.6 * lever_acceleration(t), SWEEP)
+    output = noisy(r[0], 0.005, 2) if seen == "rad" else noisy(r[1], 0.05, 2)
+    record = make_record(
+        SWEEP, output, noisy(lever(SWEEP), 4e-4, 3), excitation="lever", output_unit=seen, input_unit="rad"
+    )
+    assert off(fit(record, "linear").parameters["lever_inertia_ratio"], 0.6) < 4
+
+
+def test_the_absolute_motion_over_a_moving_base_is_told_from_the_relative_one() -> None:
+    r = motion(viscous(0.1), lambda t: -lever_acceleration(t), SWEEP)[0]
+    given = {"excitation": "base", "output_unit": "rad", "input_unit": "rad"}
+    relative = make_record(SWEEP, noisy(r, 0.005, 4), lever(SWEEP), **given)
+    absolute = make_record(SWEEP, noisy(r + lever(SWEEP), 0.005, 4), lever(SWEEP), **given)
+    assert (fit(relative, "linear").frame, fit(absolute, "linear").frame) == ("relative", "absolute")
+
+
+@pytest.mark.parametrize("absolute", [False, True])
+def test_a_moving_base_gives_the_damping(absolute: bool) -> None:
+    r = motion(viscous(0.1), lambda t: -lever_acceleration(t), SWEEP)[0]
+    output = noisy(r + absolute * lever(SWEEP), 0.005, 4)
+    record = make_record(SWEEP, output, lever(SWEEP), excitation="base", output_unit="rad", input_unit="rad")
+    assert off(fit(record, "linear").damping_ratio, 0.1) < 4
+
+
+def test_a_late_output_is_put_right_by_its_stated_delay() -> None:
+    r = motion(viscous(0.1), lambda t: 20 * np.sin(PHASE(t)), SWEEP)[0]
+    late = np.interp(SWEEP - 0.012, SWEEP, r)
+    record = make_record(
+        SWEEP, noisy(late, 0.003, 5), 20 * np.sin(PHASE(SWEEP)), excitation="force", output_delay_s=0.012
+    )
+    assert fit(record, "linear").natural_frequency_hz.value == pytest.approx(3.0, rel=1e-3)
+
+
+def test_dry_friction_is_told_apart_from_viscous_damping() -> None:
+    t = np.arange(0, 8, 0.005)
+    record = make_record(t, noisy(dry_decay(t, 0.5, 0.0, 0.8, 0.02), 0.001, 6), output_unit="rad")
+    found = fit(record, "coulomb").parameters
+    assert max(off(found["coulomb_rad_per_s2"], 0.8), off(found["damping_per_s"], 0.04 * OMEGA)) < 4
+
+
+def test_a_decay_that_friction_brings_to_rest_is_simulated_to_a_ten_thousandth() -> None:
+    t = np.arange(0, 8, 0.01)
+    truth = dry_decay(t, 0.5, 0.0, 2.0, 0.01)
+    found = fit(make_record(t, truth, output_unit="rad"), "coulomb")
+    assert np.abs(found.predicted[0] - truth).max() < 5e-5
+
+
+def test_a_pendulum_from_a_hundred_degrees_gives_its_small_swing_frequency() -> None:
+    t = np.arange(0, 10, 0.01)
+    x = motion(lambda r, v: 0.05 * OMEGA * v + OMEGA**2 * np.sin(r), lambda t: 0.0, t, (np.deg2rad(100), 0.0))[0]
+    found = fit(make_record(t, noisy(x, 0.003, 7), output_unit="rad"), "pendulum")
+    assert off(found.natural_frequency_hz, 3.0) < 4
+
+
+def test_several_records_share_their_mechanics_and_keep_their_own_start() -> None:
+    alone = fit(decay_record(0.1, seed=8), "linear")
+    together = fit([decay_record(0.1, seed=8), decay_record(0.1, seed=9)], "linear")
+    assert together.damping_ratio.std == pytest.approx(alone.damping_ratio.std / np.sqrt(2), rel=0.2)
+
+
+def test_a_number_that_varies_is_found_for_each_group() -> None:
+    records = []
+    for group, omega in (("0 mm", OMEGA), ("12 mm", 1.2 * OMEGA)):
+        x = motion(viscous(0.1, omega=omega), lambda t: 0.0, TIME, (0.5, 0.0))[0]
+        records.append(make_record(TIME, noisy(x, 0.005, 1), output_unit="rad", group=group))
+    found = fit(records, "linear", varying=("stiffness", "damping")).parameters
+    ratio = found["stiffness_per_s2[12 mm]"].value / found["stiffness_per_s2[0 mm]"].value
+    assert ratio == pytest.approx(1.44, rel=5e-3)
+
+
+def test_a_loss_factor_is_found_again_from_the_twins_own_series() -> None:
+    from sinew.twin.prony import complex_stiffness, prony_shares
+
+    shares, hertz = prony_shares(0.2), np.linspace(1.0, 6.0, 11)
+    relaxed = OMEGA**2 / complex_stiffness(shares, 3.0).real
+    t = np.arange(0, 20, 0.01)
+    output, given = np.zeros_like(t), np.zeros_like(t)
+    for i, f in enumerate(hertz):  # a steady multisine: the complex stiffness gives its response exactly
+        response = 1.0 / (relaxed * complex_stiffness(shares, f) - (2 * np.pi * f) ** 2)
+        wave = 20 * np.exp(1j * (2 * np.pi * f * t + i**2))
+        output, given = output + (response * wave).real, given + wave.real
+    record = make_record(t, noisy(output, 0.002, 2), given, excitation="force")
+    assert fit(record, "loss-factor").parameters["loss_factor"].value == pytest.approx(0.2, rel=0.02)
+
+
+@pytest.mark.parametrize("damping", ["viscous", "coulomb", "loss-factor"])
+def test_the_derivatives_of_a_track_are_its_differences(damping) -> None:
+    from sinew.identify.grid import Scales, grid_of
+
+    record = make_record(TIME, np.sin(TIME), 0.3 * np.sin(OMEGA * TIME), excitation="force")
+    grid, _ = grid_of(record, Scales(OMEGA, 1.0, 1.0), "relative", stiff=True)
+    p = np.array([1.0, 0.1, 0.1025, 0.02, 0.05, 0.1, 0.1, 0.3, 0.1, 0.0, 0.1, -1.0, 0.3])
+    free = np.array([i for i, name in enumerate(LOCAL)])
+    slopes = track_slopes(p, free, grid, damping, "polynomial", 0)
+    for i in free:
+        step = np.where(np.arange(p.size) == i, 1e-6, 0.0)
+        ends = [track(p + sign * step, grid, damping, "polynomial", 0) for sign in (-1, 1)]
+        assert slopes[:, i] == pytest.approx((ends[1] - ends[0]) / 2e-6, abs=1e-5)
+
+
+def test_an_input_without_an_excitation_is_refused_with_the_words_there_are() -> None:
+    with pytest.raises(SpecError, match="force, torque, base, lever"):
+        make_record(TIME, np.sin(TIME), np.sin(TIME))
+
+
+def test_a_constant_output_is_refused() -> None:
+    with pytest.raises(RecordingError, match="the output is constant"):
+        fit(make_record(TIME, np.ones_like(TIME)), "linear")
+
+
+def test_an_unknown_model_is_refused_with_the_names_there_are() -> None:
+    with pytest.raises(SpecError, match="loss-factor"):
+        fit(decay_record(0.1), "quartic")
