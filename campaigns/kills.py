@@ -8,6 +8,7 @@ something happened that may not. Takes real time: about 12 s for each kill.
 import argparse
 import json
 import os
+import re
 import sys
 import tempfile
 from collections import Counter
@@ -75,8 +76,8 @@ def table(series: Sequence[Series]) -> str:
     lines.append(f"journal sound, and its recording valid: {sound} of {len(kills)}")
     complete = sum(one.is_complete for one in series)
     lines.append(f"completed by --resume: {complete} of {len(series)}")
-    own = Counter(end for one in series for end in one.ended if end != "complete")
-    lines += [f"  ended by itself {count} times: {sentence}" for sentence, count in own.items()]
+    own = Counter(re.sub(r"\d+ ms", "… ms", end) for one in series for end in one.ended if end != "complete")
+    lines += [f"  ended by itself {count} times: {sentence}" for sentence, count in own.most_common()]
     refused, stopped = (sum(bool(getattr(one, name)) for one in series) for name in ("refused", "stopped"))
     lines.append(f"a fresh run refused because torque was on {refused} times; `sinew stop` let go {stopped} times")
     slipped = max((one.slipped_s for one in series), default=0.0)

@@ -57,7 +57,7 @@ NOMINAL_S = 17.0
 
 _MOST_TILT_DEG = 3.0
 _MOST_SLACK_M = 3e-3
-_NOTHING, _TWO, _INTERRUPTED, _AIMED = 0.03, 0.25, 0.15, 0.25
+_NOTHING, _FROM_START, _TWO, _INTERRUPTED, _AIMED = 0.03, 0.06, 0.25, 0.15, 0.25
 _TWO_PRETENSIONS = 0.25
 _PHASES = dict(zip(get_args(Phase), (0.2, 0.3, 0.15, 0.35), strict=True))
 
@@ -111,12 +111,14 @@ def draw_scenario(seed: int, number: int) -> Scenario:
     rng = np.random.default_rng([seed, number])
     faults = [random_fault(rng, NOMINAL_S)] if rng.random() >= _NOTHING else []
     interrupt, phase = math.inf, None
-    if faults and rng.random() < _TWO:
+    if faults and rng.random() < _FROM_START:
+        faults = [_moved(faults[0], -faults[0].start)]
+    elif faults and rng.random() < _TWO:
         # The second comes where the first has just stopped the run, or soon will.
         second = random_fault(rng, 0.0)
         faults.append(_moved(second, round(faults[0].start + float(rng.uniform(0.0, 1.5)), 3)))
     elif faults and rng.random() < _INTERRUPTED / (1 - _TWO):
-        interrupt = round(faults[0].start + float(rng.uniform(-1.5, 0.3)), 3)
+        interrupt = round(faults[0].start + float(rng.uniform(-0.6, 0.3)), 3)
     elif faults and rng.random() < _AIMED / (1 - _TWO - _INTERRUPTED):
         phase = list(_PHASES)[int(rng.choice(len(_PHASES), p=list(_PHASES.values())))]
     tilt, turn = math.radians(float(rng.uniform(0, _MOST_TILT_DEG))), float(rng.uniform(0, math.tau))

@@ -17,7 +17,10 @@ _SPEECHLESS = "no sentence"
 
 
 def table(verdicts: Sequence[Verdict]) -> dict[str, dict[str, int]]:
-    """Return, by kind of fault: runs, outcomes, readings checked, and runs with each thing that may not happen."""
+    """Return, by kind of fault: runs, and of them those it struck in time, outcomes, and what may not happen.
+
+    struck: the fault came before the run had ended. The last columns count runs, not readings.
+    """
     kinds = ["none", *FAULT_KINDS, "two at once"]
     rows = {kind: _row([v for v in verdicts if v.kind == kind]) for kind in kinds}
     return {kind: row for kind, row in rows.items() if row["runs"]} | {"all": _row(verdicts)}
@@ -55,6 +58,7 @@ def _row(verdicts: Sequence[Verdict]) -> dict[str, int]:
 
     return {
         "runs": len(verdicts),
+        "struck": sum(v.struck for v in verdicts),
         **{outcome: sum(v.outcome == outcome for v in verdicts) for outcome in OUTCOMES},
         "rows_recorded": sum(v.rows for v in verdicts),
         "readings_checked": sum(v.checked for v in verdicts),

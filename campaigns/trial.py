@@ -3,7 +3,7 @@
 What may not happen, whatever the fault (`Verdict.violations`): a reading in the recording, or in the journal, that was
 not true; an end outside the safe state, as the motors are and not as their registers say; an end that the report calls
 safe and that is not the declared one; an end without a sentence; an error that has no name; a run without end; a
-recording that lacks a group that was reported as done.
+recording that lacks a group that was reported as done; an early end where nothing was wrong.
 """
 
 import gc
@@ -50,19 +50,16 @@ _BUS_RETRIES = 2
 _SHOWN = 5
 
 
-class EndlessError(Exception):
-    """A run that does not end."""
-
-
 @dataclass(slots=True)
 class Verdict:
     """What became of a run.
 
-    kind: of its fault. happened: what its faults did, in words. outcome: complete, stopped or refused. sentence: what
-    ended it. stop: how it was left, as the bench says. phase: of the run in which it ended. rows, left_out: of the
-    recording. checked: readings held against the truth, in recording and journal. wrong: those that were not true.
-    nearest: how near to its tolerance the worst right reading came, by name. end: the motors' true state.
-    tension_n: of every tendon in the end. virtual_s, wall_s: how long it took. violations: of what may not happen.
+    kind: of its fault. struck: whether it came before the run had ended. happened: what its faults did, and how often.
+    outcome: complete, stopped, refused or raised. sentence: what ended it. stop: how it was left, as the bench says.
+    rows, left_out: of the recording. checked: readings held against the truth, in recording and journal. wrong: the
+    first of those that were not true. nearest: how near to its tolerance the worst reading came, by name. end: the
+    motors' true state. tension_n: of every tendon in the end. virtual_s, wall_s: how long it took. violations: of what
+    may not happen.
     """
 
     number: int
@@ -72,6 +69,7 @@ class Verdict:
     mode: str
     safe_state: str
     interrupt_s: float | None
+    struck: bool = False
     happened: dict[str, int] = field(default_factory=dict)
     outcome: str = "refused"
     sentence: str = ""
@@ -92,96 +90,6 @@ class Verdict:
     def document(self) -> dict[str, Any]:
         """Return it as JSON has it."""
         return asdict(self)
-
-
-class _BoundedPort(VirtualPort):
-    """A port whose time comes to an end."""
-
-    def write(self, data: bytes) -> None:
-        if self.now() > LONGEST_S:
-            raise EndlessError(f"no end after {LONGEST_S:g} s")
-        super().write(data)
-
-
-class _Operator:
-    """Sees the run, notes its phases, and ends it when the scenario says so; a Listener."""
-
-    def __init__(self, port: VirtualPort, interrupt_s: float) -> None:
-        self._port, self._interrupt_s = port, interrupt_s
-        self.runner: Runner | None = None
-        self.said: dict[str, float] = {}
-        self.first, self.newest = math.nan, math.nan
-        self.after_contact = math.nan
-
-    def on_sample(self, sample: Sample) -> None:
-        now = sample.time_s
-        if math.isnan(self.first):
-            self.first = now
-        if "contact" in self.said and math.isnan(self.after_contact):
-            self.after_contact = now
-        self.newest = now
-        if now >= self._interrupt_s and self.runner is not None:
-            self.runner.request_stop("interrupted by the operator")
-
-    def on_event(self, kind: str, sentence: str) -> None:
-        self.said.setdefault(kind, self._port.now())
-
-    def timeline(self) -> Timeline:
-        """Return the phases as they were."""
-        said = self.said
-        return {
-            "set-up": (0.0, self.first),
-            "mode change": (said["contact"], self.after_contact),
-            "levelling": (self.after_contact, said["pretension"]),
-            "stop": (self.newest, said["end"]),
-        }
-
-
-@dataclass
-class _Bench:
-    """An emulated bench with faults, and all that a run needs."""
-
-    scenario: Scenario
-    spec: RigSpec = field(init=False)
-    witness: Witness = field(init=False)
-    emulated: EmulatedRig = field(init=False)
-    port: VirtualPort = field(init=False)
-    rig: Rig = field(init=False)
-    faults: Faults = field(init=False)
-    operator: _Operator = field(init=False)
-
-    def __post_init__(self) -> None:
-        scenario = self.scenario
-        self.spec = spec = rig_of(scenario)
-        plant = JointPlant(spec, slack_m=scenario.slack_m, rest_tilt=scenario.rest_tilt)
-        self.witness = Witness(plant, spec.tendons.count)
-        self.emulated = EmulatedRig(spec, self.witness, seed=scenario.fault_seed, tendon_counts=TENDON_COUNTS)
-        self.faults = Faults(scenario.faults, seed=scenario.fault_seed)
-        self.port = _BoundedPort(self.faults.attach(self.emulated))
-        timing = BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms)
-        self.rig = Rig(Bus(self.port, self.port, timing, retries=_BUS_RETRIES), self.port, spec)
-        self.operator = _Operator(self.port, scenario.interrupt_s)
-
-    def run(self, journal: Journal, tension_n: Mapping[float, float]) -> RunReport:
-        """Run the plan. Raises StartError, and whatever else a run should not raise."""
-        runner = Runner(self.rig, self.port, plan_of(self.scenario), journal, tension_n, listener=self.operator)
-        self.operator.runner = runner
-        return runner.run()
-
-    def settle(self) -> None:
-        """Let the bench be without its host until the watchdogs have acted and nothing swings."""
-        start = end = self.port.rig.time
-        while end < start + _WATCHDOG_S or (end < start + _REST_MOST_S and not self.emulated.in_safe_state()):
-            end += 0.1
-            self.port.rig.advance(end)
-
-
-def timeline_of(scenario: Scenario, tension_n: Mapping[float, float]) -> Timeline:
-    """Return when the phases of a run without faults begin and end."""
-    bench = _Bench(scenario.without_faults())
-    with TemporaryDirectory() as folder, _journal(bench, Path(folder)) as journal:
-        bench.run(journal, tension_n)
-    return bench.operator.timeline()
 
 
 def judge(scenario: Scenario, tension_n: Mapping[float, float]) -> Verdict:
@@ -216,6 +124,7 @@ def judge(scenario: Scenario, tension_n: Mapping[float, float]) -> Verdict:
     for happening in bench.faults.log:
         what = f"{happening.kind} {happening.what}"
         verdict.happened[what] = verdict.happened.get(what, 0) + 1
+        verdict.struck = verdict.struck or happening.time <= verdict.virtual_s
     verdict.wall_s = time.perf_counter() - began
     return verdict
 
@@ -242,6 +151,8 @@ def _run(bench: _Bench, folder: Path, tension_n: Mapping[float, float], verdict:
         verdict.groups, verdict.groups_done = report.groups, report.groups_done
         if not verdict.stop.strip():
             verdict.violations.append("no sentence on how the rig was left")
+    if verdict.kind == "none" and verdict.outcome != "complete":
+        verdict.violations.append(f"{verdict.outcome} without a fault: {verdict.sentence}")
     if not verdict.sentence.strip() or "\n" in verdict.sentence:
         verdict.violations.append("no sentence on what ended it")
     return report

@@ -58,6 +58,11 @@ def test_without_a_fault_every_reading_is_found_to_be_true(tension_n: Mapping[fl
     assert (verdict.outcome, verdict.violations, verdict.checked > 50_000) == ("complete", [], True)
 
 
+def test_a_packet_in_five_hundred_may_be_lost_and_all_groups_are_recorded(tension_n: Mapping[float, float]) -> None:
+    verdict = judge(scenario("drop:p=0.002", interrupt_s=math.inf), tension_n)
+    assert (verdict.outcome, verdict.violations) == ("complete", [])
+
+
 @pytest.mark.slow
 def test_no_fault_drawn_at_random_costs_truth_safety_or_a_sentence() -> None:
     found = list(verdicts(1, range(SAMPLE), workers=2))

@@ -79,7 +79,7 @@ class Bus:
         self._statistics = Statistics()
         self._decoder = Decoder()
         self._suspect = False
-        self._left_wire = -math.inf
+        self._left_wire = self._heard = -math.inf
 
     @property
     def statistics(self) -> Statistics:
@@ -239,12 +239,17 @@ class Bus:
     def _send(self, data: bytes) -> float:
         """Send an instruction on a line without old bytes; return when it begins on the wire [s]."""
         quiet = self.timing.latency if self._suspect else 0.0
-        patience = self._clock.now() + _MOST_WAITS_FOR_QUIET * quiet
-        while old := self._transport.read(self._clock.now() + quiet):
+        now = self._clock.now()
+        patience = now + _MOST_WAITS_FOR_QUIET * quiet
+        # Where answers came to the last instruction, the line has been quiet since the last of them.
+        silent_since = self._heard if self._heard > self._left_wire else now
+        wait = max(now, silent_since + quiet)
+        while old := self._transport.read(wait):
             self._statistics.received_bytes += len(old)
             self._statistics.strays += len(self._decoder.feed(old))
             if self._clock.now() > patience:
                 break  # a line that never falls silent is no reason to wait for ever
+            wait = self._clock.now() + quiet
         self._decoder.reset()
         self._suspect = False
         self._transport.write(data)
@@ -264,7 +269,8 @@ class Bus:
             if not data:
                 self._suspect = True
                 break
-            late = self._clock.now() > stop
+            self._heard = self._clock.now()
+            late = self._heard > stop
             self._statistics.received_bytes += len(data)
             for packet in self._decoder.feed(data):
                 if not take(packet):

@@ -7,7 +7,7 @@ reading and never repeated: the next cycle comes soon enough.
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sinew.hardware.bus import Bus
 from sinew.hardware.clock_track import ClockTrack
@@ -201,6 +201,8 @@ class Rig:
         configure_motor(self.drive, self.spec.limits, self.spec.limits.drive_current_a)
         configure_drive(self.drive)
         self._return_delay = 0.0
+        # Nobody waits any more before he answers, so neither need we: a lost answer costs one cycle and not two.
+        self.bus.timing = replace(self.bus.timing, return_delay=0.0)
         self.forget()
 
     def forget(self) -> None:

@@ -1,0 +1,126 @@
+"""This is where an emulated bench stands ready for one run of the campaign: faults, witness, operator, virtual time."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from campaigns.scenario import Scenario, Timeline, plan_of, rig_of
+from campaigns.witness import TENDON_COUNTS, Witness
+from sinew.bench.journal import Journal
+from sinew.bench.run import Runner, RunReport
+from sinew.bench.sample import Sample
+from sinew.emulator.faults import Faults
+from sinew.emulator.joint_plant import JointPlant
+from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.virtual import VirtualPort
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.rig import Rig
+from sinew.plan.toml import dump_plan, dump_rig
+
+__all__ = ["JOURNAL", "LONGEST_S", "EndlessError", "FaultyBench", "timeline_of"]
+
+JOURNAL = "journal.sqlite"
+"""Name of a run's journal in its folder."""
+
+LONGEST_S = 90.0
+"""A run that has not ended after so long has no end [s, virtual time]."""
+
+_WATCHDOG_S = 0.3  # without a host, so that the bus watchdogs can act
+_REST_MOST_S = 4.0  # until a joint that swings in held tendons is at rest
+_BUS_RETRIES = 2
+
+
+class EndlessError(Exception):
+    """A run that does not end."""
+
+
+class _BoundedPort(VirtualPort):
+    """A port whose time comes to an end."""
+
+    def write(self, data: bytes) -> None:
+        if self.now() > LONGEST_S:
+            raise EndlessError(f"no end after {LONGEST_S:g} s")
+        super().write(data)
+
+
+class _Operator:
+    """Sees the run, notes its phases, and ends it when the scenario says so; a Listener."""
+
+    def __init__(self, port: VirtualPort, interrupt_s: float) -> None:
+        self._port, self._interrupt_s = port, interrupt_s
+        self.runner: Runner | None = None
+        self.said: dict[str, float] = {}
+        self.first, self.newest = math.nan, math.nan
+        self.after_contact = math.nan
+
+    def on_sample(self, sample: Sample) -> None:
+        now = sample.time_s
+        if math.isnan(self.first):
+            self.first = now
+        if "contact" in self.said and math.isnan(self.after_contact):
+            self.after_contact = now
+        self.newest = now
+        if now >= self._interrupt_s and self.runner is not None:
+            self.runner.request_stop("interrupted by the operator")
+
+    def on_event(self, kind: str, sentence: str) -> None:
+        self.said.setdefault(kind, self._port.now())
+
+    def timeline(self) -> Timeline:
+        """Return the phases that there were."""
+        said, nothing = self.said, math.nan
+        phases: Timeline = {
+            "set-up": (0.0, self.first),
+            "mode change": (said.get("contact", nothing), self.after_contact),
+            "levelling": (self.after_contact, said.get("pretension", nothing)),
+            "stop": (self.newest, said.get("end", nothing)),
+        }
+        return {phase: times for phase, times in phases.items() if not any(map(math.isnan, times))}
+
+
+@dataclass
+class _Bench:
+    """An emulated bench with faults, and all that a run needs."""
+
+    scenario: Scenario
+    spec: RigSpec = field(init=False)
+    witness: Witness = field(init=False)
+    emulated: EmulatedRig = field(init=False)
+    port: VirtualPort = field(init=False)
+    rig: Rig = field(init=False)
+    faults: Faults = field(init=False)
+    operator: _Operator = field(init=False)
+
+    def __post_init__(self) -> None:
+        scenario = self.scenario
+        self.spec = spec = rig_of(scenario)
+        plant = JointPlant(spec, slack_m=scenario.slack_m, rest_tilt=scenario.rest_tilt)
+        self.witness = Witness(plant, spec.tendons.count)
+        self.emulated = EmulatedRig(spec, self.witness, seed=scenario.fault_seed, tendon_counts=TENDON_COUNTS)
+        self.faults = Faults(scenario.faults, seed=scenario.fault_seed)
+        self.port = _BoundedPort(self.faults.attach(self.emulated))
+        timing = BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms)
+        self.rig = Rig(Bus(self.port, self.port, timing, retries=_BUS_RETRIES), self.port, spec)
+        self.operator = _Operator(self.port, scenario.interrupt_s)
+
+    def run(self, journal: Journal, tension_n: Mapping[float, float]) -> RunReport:
+        """Run the plan. Raises StartError, and whatever else a run should not raise."""
+        runner = Runner(self.rig, self.port, plan_of(self.scenario), journal, tension_n, listener=self.operator)
+        self.operator.runner = runner
+        return runner.run()
+
+    def settle(self) -> None:
+        """Let the bench be without its host until the watchdogs have acted and nothing swings."""
+        start = end = self.port.rig.time
+        while end < start + _WATCHDOG_S or (end < start + _REST_MOST_S and not self.emulated.in_safe_state()):
+            end += 0.1
+            self.port.rig.advance(end)
+
+
+def timeline_of(scenario: Scenario, tension_n: Mapping[float, float]) -> Timeline:
+    """Return when the phases of a run without faults begin and end."""
+    bench = _Bench(scenario.without_faults())
+    with TemporaryDirectory() as folder, _journal(bench, Path(folder)) as journal:
+        bench.run(journal, tension_n)
+    return bench.operator.timeline()
