@@ -8,7 +8,7 @@ PYTHON ?=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup setup-dev reproduce pictures test test-slow check bench campaign docs reference lock clean
+.PHONY: help setup setup-dev reproduce pictures test test-slow test-realtime check bench campaign docs reference lock clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -23,6 +23,8 @@ test: $(VENV)/.dev ## the fast tests
 
 test-slow: $(VENV)/.dev ## the long proofs: coverage of intervals, the whole campaign, executed tutorials
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 2 --dist loadfile -m "slow and not realtime and not hardware"
+
+test-realtime: $(VENV)/.dev ## proofs that keep time with an emulated bench; nothing else should run beside them
 	$(BIN)/python -m pytest -q -m "slow and realtime and not hardware"
 
 check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the docs, no hosts in the tree

@@ -79,22 +79,15 @@ class _Operator:
         return {phase: times for phase, times in phases.items() if not any(map(math.isnan, times))}
 
 
-@dataclass
-class _Bench:
-    """An emulated bench with faults, and all that a run needs."""
+class FaultyBench:
+    """An emulated bench with a scenario's joint and faults, and all that a run on it needs.
 
-    scenario: Scenario
-    spec: RigSpec = field(init=False)
-    witness: Witness = field(init=False)
-    emulated: EmulatedRig = field(init=False)
-    port: VirtualPort = field(init=False)
-    rig: Rig = field(init=False)
-    faults: Faults = field(init=False)
-    operator: _Operator = field(init=False)
+    witness: of how the joint moved. emulated: the devices. rig: the same as the bench sees them, through port.
+    """
 
-    def __post_init__(self) -> None:
-        scenario = self.scenario
-        self.spec = spec = rig_of(scenario)
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario, self.plan, self.spec = scenario, plan_of(scenario), rig_of(scenario)
+        spec = self.spec
         plant = JointPlant(spec, slack_m=scenario.slack_m, rest_tilt=scenario.rest_tilt)
         self.witness = Witness(plant, spec.tendons.count)
         self.emulated = EmulatedRig(spec, self.witness, seed=scenario.fault_seed, tendon_counts=TENDON_COUNTS)
@@ -104,11 +97,12 @@ class _Bench:
         self.rig = Rig(Bus(self.port, self.port, timing, retries=_BUS_RETRIES), self.port, spec)
         self.operator = _Operator(self.port, scenario.interrupt_s)
 
-    def run(self, journal: Journal, tension_n: Mapping[float, float]) -> RunReport:
-        """Run the plan. Raises StartError, and whatever else a run should not raise."""
-        runner = Runner(self.rig, self.port, plan_of(self.scenario), journal, tension_n, listener=self.operator)
-        self.operator.runner = runner
-        return runner.run()
+    def run(self, folder: Path, tension_n: Mapping[float, float]) -> RunReport:
+        """Run the plan with a journal in a folder; raises what the run does not catch, StartError among it."""
+        with Journal.create(folder / JOURNAL, dump_plan(self.plan), dump_rig(self.spec)) as journal:
+            runner = Runner(self.rig, self.port, self.plan, journal, tension_n, listener=self.operator)
+            self.operator.runner = runner
+            return runner.run()
 
     def settle(self) -> None:
         """Let the bench be without its host until the watchdogs have acted and nothing swings."""
@@ -119,8 +113,8 @@ class _Bench:
 
 
 def timeline_of(scenario: Scenario, tension_n: Mapping[float, float]) -> Timeline:
-    """Return when the phases of a run without faults begin and end."""
-    bench = _Bench(scenario.without_faults())
-    with TemporaryDirectory() as folder, _journal(bench, Path(folder)) as journal:
-        bench.run(journal, tension_n)
+    """Return when the phases of a run without its faults begin and end [s]."""
+    bench = FaultyBench(scenario.without_faults())
+    with TemporaryDirectory() as folder:
+        bench.run(Path(folder), tension_n)
     return bench.operator.timeline()

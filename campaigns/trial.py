@@ -15,39 +15,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numpy as np
-import xarray as xr
-from numpy.typing import NDArray
-
-from campaigns.scenario import Scenario, Timeline, plan_of, rig_of
-from campaigns.witness import MOTOR_S, SENSOR_S, TENDON_COUNTS, Truth, Witness, wrong_readings
-from sinew.bench.conversion import recording_from_journal
+from campaigns.comparison import Comparison, compare
+from campaigns.faulty_bench import JOURNAL, FaultyBench, timeline_of
+from campaigns.scenario import Scenario
 from sinew.bench.errors import StartError
-from sinew.bench.journal import Journal
-from sinew.bench.journal_reader import JournalReader
-from sinew.bench.run import Runner, RunReport
-from sinew.bench.sample import Sample
-from sinew.emulator.faults import Faults
-from sinew.emulator.joint_plant import JointPlant
-from sinew.emulator.rig import EmulatedRig, MotorState
-from sinew.emulator.virtual import VirtualPort
-from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.rig import Rig
-from sinew.measure.errors import RecordingError, SinewError
-from sinew.plan.rig import RigSpec
-from sinew.plan.toml import dump_plan, dump_rig
+from sinew.bench.run import RunReport
+from sinew.emulator.rig import MotorState
 
-__all__ = ["LONGEST_S", "EndlessError", "Verdict", "judge", "timeline_of"]
-
-Floats = NDArray[np.float64]
-
-LONGEST_S = 90.0
-"""A run that has not ended after so long has no end [s, virtual time]."""
-
-_WATCHDOG_S = 0.3  # without a host, so that the bus watchdogs can act
-_REST_MOST_S = 4.0  # until a joint that swings in held tendons is at rest
-_BUS_RETRIES = 2
-_SHOWN = 5
+__all__ = ["Verdict", "judge"]
 
 
 @dataclass(slots=True)
@@ -100,7 +75,7 @@ def judge(scenario: Scenario, tension_n: Mapping[float, float]) -> Verdict:
     began = time.perf_counter()
     if scenario.phase is not None:
         scenario = scenario.aimed(timeline_of(scenario, tension_n))
-    bench = _Bench(scenario)
+    bench = FaultyBench(scenario)
     verdict = Verdict(
         scenario.number,
         scenario.kind,
@@ -116,7 +91,7 @@ def judge(scenario: Scenario, tension_n: Mapping[float, float]) -> Verdict:
         with TemporaryDirectory() as folder:
             report = _run(bench, Path(folder), tension_n, verdict)
             _look_at_end(bench, report, verdict)
-            _look_at_readings(bench, report, Path(folder) / "journal.sqlite", verdict)
+            _take(compare(bench, Path(folder) / JOURNAL, report.groups_done if report else 0), verdict)
     finally:
         if collecting:
             gc.enable()
@@ -129,16 +104,11 @@ def judge(scenario: Scenario, tension_n: Mapping[float, float]) -> Verdict:
     return verdict
 
 
-def _journal(bench: _Bench, folder: Path) -> Journal:
-    return Journal.create(folder / "journal.sqlite", dump_plan(plan_of(bench.scenario)), dump_rig(bench.spec))
-
-
-def _run(bench: _Bench, folder: Path, tension_n: Mapping[float, float], verdict: Verdict) -> RunReport | None:
+def _run(bench: FaultyBench, folder: Path, tension_n: Mapping[float, float], verdict: Verdict) -> RunReport | None:
     """Run, note how it ended, and return its report; None where it did not start."""
     report = None
     try:
-        with _journal(bench, folder) as journal:
-            report = bench.run(journal, tension_n)
+        report = bench.run(folder, tension_n)
     except StartError as refusal:
         verdict.sentence = str(refusal)
     except Exception as fault:
@@ -151,37 +121,43 @@ def _run(bench: _Bench, folder: Path, tension_n: Mapping[float, float], verdict:
         verdict.groups, verdict.groups_done = report.groups, report.groups_done
         if not verdict.stop.strip():
             verdict.violations.append("no sentence on how the rig was left")
-    if verdict.kind == "none" and verdict.outcome != "complete":
+    if verdict.kind == "none" and math.isinf(bench.scenario.interrupt_s) and verdict.outcome != "complete":
         verdict.violations.append(f"{verdict.outcome} without a fault: {verdict.sentence}")
     if not verdict.sentence.strip() or "\n" in verdict.sentence:
         verdict.violations.append("no sentence on what ended it")
     return report
 
 
-def _look_at_end(bench: _Bench, report: RunReport | None, verdict: Verdict) -> None:
+def _look_at_end(bench: FaultyBench, report: RunReport | None, verdict: Verdict) -> None:
     bench.settle()
     states = bench.emulated.states()
     verdict.end = [_words(device, state) for device, state in states.items()]
     verdict.tension_n = [round(tension, 2) for tension in bench.emulated.motion().tension]
     if not bench.emulated.in_safe_state():
         verdict.violations.append("outside the safe state: " + "; ".join(verdict.end))
-    if report is None and any(state.torque for state in states.values()):
+    if verdict.outcome == "refused" and any(state.torque for state in states.values()):
         verdict.violations.append("refused, and a torque is on: " + "; ".join(verdict.end))
     if report is not None and report.stop is not None and report.stop.is_safe:
         for motor in bench.rig.motors:
             state = states[motor.id]
-            if not _is_as_declared(bench, state):
+            if not _is_as_declared(bench.scenario, state):
                 declared = report.stop.declared
                 verdict.violations.append(f"the report says {declared}, but {motor.name} is {_words(motor.id, state)}")
 
 
-def _is_as_declared(bench: _Bench, state: MotorState) -> bool:
+def _is_as_declared(scenario: Scenario, state: MotorState) -> bool:
     """Return whether a motor is as a report without reservations says."""
-    if bench.scenario.safe_state == "release":
+    if scenario.safe_state == "release":
         return not state.torque
     # The supply, or a motor's own protection, may have taken its torque after it was asked.
-    may_be_off = any(fault.kind in ("brown-out", "overload", "overheat") for fault in bench.scenario.faults)
+    may_be_off = any(fault.kind in ("brown-out", "overload", "overheat") for fault in scenario.faults)
     return state.torque or may_be_off
+
+
+def _take(comparison: Comparison, verdict: Verdict) -> None:
+    verdict.rows, verdict.left_out, verdict.checked = comparison.rows, comparison.left_out, comparison.checked
+    verdict.wrong, verdict.nearest = comparison.wrong, comparison.nearest
+    verdict.violations += comparison.violations
 
 
 def _words(device: int, state: MotorState) -> str:
@@ -190,98 +166,3 @@ def _words(device: int, state: MotorState) -> str:
     law = state.law
     limits = "" if law.kind == "off" else f" {law.goal:.3f} duty<{law.duty_limit:.2f} current<{law.current_limit:.2f}"
     return f"{device}: {torque}{tripped}, {law.kind}{limits}, {state.speed:+.3f} rad/s"
-
-
-def _look_at_readings(bench: _Bench, report: RunReport | None, path: Path, verdict: Verdict) -> None:
-    if not path.exists():
-        return
-    truth = bench.witness.truth(bench.spec)
-    with JournalReader(path) as journal:
-        table = journal.samples(0, journal.last_sample() + 1)
-        finished = journal.finished()
-    if table["id"].size:
-        _check_journal(bench, truth, table, verdict)
-    if report is None or not report.groups_done:
-        return
-    try:
-        recording = recording_from_journal(path)
-    except SinewError as trouble:
-        where = "no recording" if isinstance(trouble, RecordingError) else type(trouble).__name__
-        verdict.violations.append(f"{report.groups_done} groups done, but {where}: {trouble}")
-        return
-    if len(finished) != report.groups_done or recording.attrs["left_out_groups"]:
-        verdict.violations.append(
-            f"{report.groups_done} groups done, {len(finished)} in the journal, left out of the recording: "
-            f"{recording.attrs['left_out_groups'] or 'none'}"
-        )
-    verdict.rows, verdict.left_out = recording.sizes["sample"], int(recording.attrs["left_out_rows"])
-    stamp = bench.spec.bus.drive_delay.value
-    begin = finished[min(finished)][0].first
-    host = _host_times(recording, {name: column[table["id"] >= begin] for name, column in table.items()}, stamp)
-    if host is None:
-        verdict.violations.append("the recording's times are not those of the journal's rows")
-        return
-    motors, tendons = _motor_columns(bench, lambda name: recording[name].values.astype(float))
-    sensors = {"gyro_x_rad_s": recording["gyro_rad_s"].values[:, 0].astype(float)}
-    _note(verdict, "recording", truth, motors, host - stamp, MOTOR_S, MOTOR_S)
-    _note(verdict, "recording", truth, tendons, host - stamp, MOTOR_S, MOTOR_S + _answers_s(bench))
-    _note(verdict, "recording", truth, sensors, host, SENSOR_S, SENSOR_S)
-
-
-def _check_journal(bench: _Bench, truth: Truth, table: dict[str, Floats], verdict: Verdict) -> None:
-    count = bench.spec.tendons.count
-    motors = {name: table[name] for name in ("drive_rad", "drive_current_a", "drive_pwm")}
-    tendons = {f"tendon_{i + 1}_{what}": table[f"tendon_{i + 1}_{what}"] for i in range(count) for what in _TENDON}
-    sensors = {name: column for name, column in table.items() if name.startswith(("gyro_x", "acceleration"))}
-    _note(verdict, "journal", truth, motors, table["time_s"], MOTOR_S, MOTOR_S)
-    _note(verdict, "journal", truth, tendons, table["time_s"], MOTOR_S, MOTOR_S + _answers_s(bench))
-    _note(verdict, "journal", truth, sensors, table["imu_time_s"], MOTOR_S, MOTOR_S)
-
-
-_TENDON = ("rad", "current_a")
-
-
-def _motor_columns(bench: _Bench, column: Any) -> tuple[dict[str, Floats], dict[str, Floats]]:
-    """Return the drive's and the tendons' readings of a recording."""
-    motors = {name: column(name) for name in ("drive_rad", "drive_current_a", "drive_pwm")}
-    tendons = {
-        f"tendon_{i + 1}_{what}": column(f"tendon_{what}")[:, i]
-        for i in range(bench.spec.tendons.count)
-        for what in _TENDON
-    }
-    return motors, tendons
-
-
-def _answers_s(bench: _Bench) -> float:
-    """Return by how much the last tendon answers after the drive, at most [s]."""
-    return bench.rig.cycle_bytes * 10 / bench.spec.wiring.baud
-
-
-def _note(
-    verdict: Verdict, where: str, truth: Truth, readings: dict[str, Floats], at: Floats, early: float, late: float
-) -> None:
-    wrong, nearest = wrong_readings(truth, readings, at, early, late)
-    verdict.checked += sum(int(np.isfinite(found).sum()) for found in readings.values())
-    for name, share in nearest.items():
-        key = f"{where} {name}"
-        verdict.nearest[key] = round(max(share, verdict.nearest.get(key, 0.0)), 3)
-    if wrong:
-        verdict.violations.append(f"{len(wrong)} wrong readings in the {where}, the first: {wrong[0]}")
-        verdict.wrong += [f"{where}: {one}" for one in wrong[:_SHOWN]]
-
-
-def _host_times(recording: xr.Dataset, table: Mapping[str, Floats], stamp_s: float) -> Floats | None:
-    """Return the host's times of a recording's rows [s], whose own time counts from its first row.
-
-    None where the rows are not rows of the journal, with the times they have there.
-    """
-    order = np.argsort(table["time_s"])
-    known = table["time_s"][order] + stamp_s
-    drive = table["drive_rad"][order].astype(np.float32)
-    since, asked = recording["time_s"].values - recording["time_s"].values[0], recording["drive_rad"].values
-    for first in known[drive == asked[0]]:
-        place = np.clip(np.searchsorted(known, first + since - 1e-6), 0, known.size - 1)
-        if np.abs(known[place] - first - since).max() < 1e-6 and (drive[place] == asked).all():
-            host: Floats = known[place]
-            return host
-    return None

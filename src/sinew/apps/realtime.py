@@ -17,18 +17,18 @@ def keeping_time(*, collecting: bool = False) -> Iterator[bool]:
     Real-time priority is asked of Linux (`ulimit -r`, or the capability SYS_NICE); who does not have it runs as usual.
     Collecting garbage pauses a program for longer than a cycle; a loop that makes no cycles of references needs none.
     """
-    granted = _raise_priority()
-    gc.collect()
+    gc.collect()  # a tenth of a second where JAX is loaded: not yet at a priority that holds up another bench's loop
     gc.freeze()
     if not collecting:
         gc.disable()
+    granted = _raise_priority()
     try:
         yield granted
     finally:
-        gc.enable()
-        gc.unfreeze()
         if granted:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        gc.enable()
+        gc.unfreeze()
 
 
 def _raise_priority() -> bool:

@@ -9,6 +9,7 @@ from sinew.bench.errors import LostError, StoppedError
 from sinew.bench.guard import Guard, Watch
 from sinew.bench.sample import MISSING, Sample
 from sinew.bench.tilt import TiltEstimator
+from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import Reading, Rig
 from sinew.hardware.transport import Clock
 
@@ -18,6 +19,7 @@ WATCHDOG_S = 0.08
 """After so long without any instruction on the bus the motors stop themselves [s]: four units of their register."""
 
 _GOAL_BYTES = 60  # of the packet with all goals
+_STANDS_STILL_S = 0.012  # two samples of the IMU are due in that time
 _MISSED_WINDOW = 200
 _MISSED_MOST = 0.25
 
@@ -62,6 +64,10 @@ class Loop:
         self.period = period
         self._record = record
         self._stamp_delay = rig.spec.bus.drive_delay.value
+        self._average = rig.spec.imu.average_samples
+        self._counter: int | None = None
+        self._mixed = 0
+        self._is_mixed = False
         self.late_s = 0.0
         self._lead = 0.5 * period + _GOAL_BYTES * 10 / rig.spec.wiring.baud
         self._due = math.nan
@@ -157,7 +163,7 @@ class Loop:
 
     def _sample(self, reading: Reading, drive: Drive, began: float) -> Sample:
         none3 = (MISSING, MISSING, MISSING)
-        imu, lever = reading.imu, reading.drive
+        imu, lever = self._unmixed(reading), reading.drive
         tilt = self._tilt.update(imu.gyro, imu.acceleration, imu.time) if imu is not None else MISSING
         return Sample(
             time_s=reading.time,
@@ -175,3 +181,15 @@ class Loop:
             late_s=self.late_s,
             imu_counter_s=1e-6 * imu.counter if imu is not None else MISSING,
         )
+
+    def _unmixed(self, reading: Reading) -> ImuReading | None:
+        """Return the IMU's reading, but not one whose average holds samples from before the sensor stood still."""
+        imu = reading.imu
+        if imu is None:
+            return None
+        if imu.counter != self._counter:
+            self._counter, self._is_mixed = imu.counter, self._mixed > 0
+            self._mixed = max(0, self._mixed - 1)
+        if reading.time - imu.time > _STANDS_STILL_S:
+            self._mixed = self._average - 1
+        return None if self._is_mixed else imu

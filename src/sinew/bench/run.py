@@ -105,8 +105,8 @@ class Runner:
         try:
             if resume:
                 stop(self._rig, self._clock, "release")
-            self._run_all(done)
-            report.is_complete = report.groups_done == report.groups
+            if len(done) < report.groups:
+                self._run_all(done)
             report.sentence = f"all {report.groups} groups are recorded"
         except (BenchError, HardwareError, FileError) as trouble:
             report.sentence = str(trouble)
@@ -116,6 +116,7 @@ class Runner:
             report.sentence = f"a fault of Sinew's own: {type(fault).__name__}: {fault}"
             raise
         finally:
+            report.is_complete = report.groups_done == report.groups
             report.stop = stop(self._rig, self._clock, self._rig.spec.limits.safe_state)
             report.loop = self._loop.statistics
             self._count(report.loop)
@@ -139,6 +140,7 @@ class Runner:
             self._run_group(index, group)
             self.report.groups_done += 1
             self._progress(sum(g.duration_s for g in self._groups[: index + 1]), total)
+        pause(self._loop)  # a lever that loses its torque in mid-swing would go on swinging
 
     def _power_up(self) -> Contact:
         """Configure the motors, put them under power where they are, bring the lever to zero, pull to contact."""
@@ -213,9 +215,9 @@ class Runner:
             if group_is_whole(self._kept, self._plan.sample_hz):
                 self._journal.finish_group(index)
                 return
-            self._say("repeat", f"group {index} has too many holes and is measured again")
+            self._say("repeat", f"{_named(group)} has too many holes and is measured again")
         raise LostError(
-            f"group {index} ({group.kind} at {group.pretension_mm:g} mm) came with too many missing answers "
+            f"{_named(group)} came with too many missing answers "
             f"{_ATTEMPTS} times; check cables, ground and supply, then `sinew doctor`"
         )
 
@@ -258,6 +260,12 @@ class Runner:
                 raise StoppedError(str(trouble)) from trouble
         if self._listener is not None:
             self._listener.on_event(kind, sentence)
+
+
+def _named(group: Group) -> str:
+    """Return what a user calls a group."""
+    at = "" if math.isnan(group.frequency_hz) else f" and {group.frequency_hz:g} Hz"
+    return f"the {group.kind} group at {group.pretension_mm:g} mm{at}"
 
 
 def _under_torque(motor: Motor) -> None:

@@ -1,0 +1,145 @@
+"""This is where what a bench recorded is held against how the joint moved, reading by reading."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from campaigns.faulty_bench import FaultyBench
+from campaigns.witness import MOTOR_S, SENSOR_S, Truth, wrong_readings
+from sinew.bench.conversion import recording_from_journal
+from sinew.bench.journal_reader import JournalReader
+from sinew.measure.errors import SinewError
+
+__all__ = ["Comparison", "compare"]
+
+Floats = NDArray[np.float64]
+
+_SHOWN = 5
+_DRIVE = ("drive_rad", "drive_current_a", "drive_pwm")
+_TENDON = ("rad", "current_a")
+
+
+@dataclass(slots=True)
+class Comparison:
+    """What came out.
+
+    rows, left_out: of the recording. checked: readings, in recording and journal. wrong: the first of those that were
+    not true. nearest: how near to its tolerance the worst reading came, by name. violations: in words.
+    """
+
+    rows: int = 0
+    left_out: int = 0
+    checked: int = 0
+    wrong: list[str] = field(default_factory=list)
+    nearest: dict[str, float] = field(default_factory=dict)
+    violations: list[str] = field(default_factory=list)
+
+    def take(
+        self, where: str, truth: Truth, readings: Mapping[str, Floats], at: Floats, early: float, late: float
+    ) -> None:
+        """Hold readings against the truth between so long before and after their times [s]."""
+        wrong, nearest = wrong_readings(truth, readings, at, early, late)
+        self.checked += sum(int(np.isfinite(found).sum()) for found in readings.values())
+        self.nearest |= {f"{where} {name}": round(share, 3) for name, share in nearest.items()}
+        if wrong:
+            self.violations.append(f"{len(wrong)} wrong readings in the {where}, the first: {wrong[0]}")
+            self.wrong += [f"{where}: {one}" for one in wrong[:_SHOWN]]
+
+
+def compare(bench: FaultyBench, journal: Path, groups_done: int) -> Comparison:
+    """Return how what is in the journal of a bench, and in the recording made from it, compares with the truth.
+
+    groups_done: groups of the plan that were reported as done; the recording must hold them all.
+    """
+    comparison = Comparison()
+    if not journal.exists():
+        return comparison
+    truth = bench.witness.truth(bench.spec)
+    with JournalReader(journal) as reader:
+        table = reader.samples(0, reader.last_sample() + 1)
+        finished = reader.finished()
+    if table["id"].size:
+        _take_journal(bench, truth, table, comparison)
+    if not groups_done:
+        return comparison
+    try:
+        recording = recording_from_journal(journal)
+    except SinewError as trouble:
+        comparison.violations.append(f"{groups_done} groups done, but no recording: {trouble}")
+        return comparison
+    left_out = recording.attrs["left_out_groups"]
+    if len(finished) != groups_done or left_out:
+        comparison.violations.append(
+            f"{groups_done} groups done, {len(finished)} in the journal, not in the recording: {left_out or 'none'}"
+        )
+    begin = finished[min(finished)][0].first
+    mine = {name: column[table["id"] >= begin] for name, column in table.items()}
+    _take_recording(bench, truth, recording, mine, comparison)
+    return comparison
+
+
+def _take_journal(bench: FaultyBench, truth: Truth, table: Mapping[str, Floats], comparison: Comparison) -> None:
+    _take_motors(bench, "journal", truth, table.__getitem__, table["time_s"], comparison)
+    sensors = {name: column for name, column in table.items() if name.startswith(("gyro_x", "acceleration"))}
+    comparison.take("journal", truth, sensors, table["imu_time_s"], MOTOR_S, MOTOR_S)
+
+
+def _take_recording(
+    bench: FaultyBench, truth: Truth, recording: xr.Dataset, table: Mapping[str, Floats], comparison: Comparison
+) -> None:
+    """Compare a recording; table: the journal's rows from its first group on.
+
+    The accelerometer is left to the journal: between its samples, which nothing smooths, no cubic is the truth.
+    """
+    comparison.rows, comparison.left_out = recording.sizes["sample"], int(recording.attrs["left_out_rows"])
+    stamp = bench.spec.bus.drive_delay.value
+    host = _host_times(recording, table, stamp)
+    if host is None:
+        comparison.violations.append("the recording's times are not those of the journal's rows")
+        return
+
+    def column(name: str) -> Floats:
+        if name.startswith("tendon"):
+            _, tendon, what = name.split("_", 2)
+            return np.asarray(recording[f"tendon_{what}"].values[:, int(tendon) - 1], dtype=float)
+        return np.asarray(recording[name].values, dtype=float)
+
+    _take_motors(bench, "recording", truth, column, host - stamp, comparison)
+    gyro = np.asarray(recording["gyro_rad_s"].values[:, 0], dtype=float)
+    comparison.take("recording", truth, {"gyro_x_rad_s": gyro}, host, SENSOR_S, SENSOR_S)
+
+
+def _take_motors(
+    bench: FaultyBench,
+    where: str,
+    truth: Truth,
+    column: Callable[[str], Floats],
+    at: Floats,
+    comparison: Comparison,
+) -> None:
+    """Compare drive and tendons, whose answers follow the drive's."""
+    answers_s = bench.rig.cycle_bytes * 10 / bench.spec.wiring.baud
+    names = [f"tendon_{i + 1}_{what}" for i in range(bench.spec.tendons.count) for what in _TENDON]
+    comparison.take(where, truth, {name: column(name) for name in _DRIVE}, at, MOTOR_S, MOTOR_S)
+    comparison.take(where, truth, {name: column(name) for name in names}, at, MOTOR_S, MOTOR_S + answers_s)
+
+
+def _host_times(recording: xr.Dataset, table: Mapping[str, Floats], stamp_s: float) -> Floats | None:
+    """Return the host's times of a recording's rows [s], whose own time counts from its first row.
+
+    None where the rows are not rows of the journal, with the times they have there.
+    """
+    order = np.argsort(table["time_s"])
+    known = table["time_s"][order] + stamp_s
+    drive = table["drive_rad"][order].astype(np.float32)
+    since, asked = recording["time_s"].values - recording["time_s"].values[0], recording["drive_rad"].values
+    for first in known[drive == asked[0]]:
+        place = np.clip(np.searchsorted(known, first + since - 1e-6), 0, known.size - 1)
+        if np.abs(known[place] - first - since).max() < 1e-6 and (drive[place] == asked).all():
+            host: Floats = known[place]
+            return host
+    return None
