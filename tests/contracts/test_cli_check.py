@@ -31,6 +31,7 @@ def test_the_document_has_the_keys_of_the_reference(capsys: pytest.CaptureFixtur
         "rig",
         "ok",
         "duration_s",
+        "longest_s",
         "groups",
         "samples",
         "full_amplitude_hz",

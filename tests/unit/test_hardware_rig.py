@@ -8,7 +8,7 @@ from tests.unit.emulator_stand_in import Bench, paper_rig
 
 from sinew.emulator.plant import Law
 from sinew.hardware.errors import DeviceError, RegisterError
-from sinew.hardware.instructions import BULK_READ, BULK_WRITE
+from sinew.hardware.instructions import BULK_READ, BULK_WRITE, SYNC_WRITE
 from sinew.hardware.rig import Reading, Rig
 
 COUNT = math.tau / 4096
@@ -309,9 +309,10 @@ def test_a_sensor_that_takes_no_part_in_group_reads_is_asked_alone() -> None:
     assert [fault.id for fault in reading.faults] == [199]
 
 
-def test_the_bytes_of_a_cycle_are_those_on_the_wire(stand: Stand) -> None:
-    rig = stand.ready()
-    goals = [motor.angle() for motor in rig.tendons]
+@pytest.mark.parametrize("mode", ["position", "current"])
+def test_the_bytes_of_a_cycle_are_those_on_the_wire(stand: Stand, mode: str) -> None:
+    rig = stand.ready(mode)
+    goals = [motor.angle() for motor in rig.tendons] if mode == "position" else [0.1] * 4
     before = stand.bus.statistics
     rig.write_goals(0.0, goals)
     rig.read()
@@ -320,10 +321,11 @@ def test_the_bytes_of_a_cycle_are_those_on_the_wire(stand: Stand) -> None:
     assert rig.cycle_bytes == pytest.approx(moved, abs=6)  # stuffing
 
 
-def test_goals_are_a_bulk_write(stand: Stand) -> None:
-    rig = stand.ready()
+@pytest.mark.parametrize(("mode", "instruction"), [("position", SYNC_WRITE), ("current", BULK_WRITE)])
+def test_goals_are_one_packet_to_all(stand: Stand, mode: str, instruction: int) -> None:
+    rig = stand.ready(mode)
     sent: list[bytes] = []
     stand.rig.line.disturb_down = lambda now, data: (sent.append(data), [(now, data)])[1]
-    rig.write_goals(0.0, [3.0] * 4)
+    rig.write_goals(0.0, [3.0 if mode == "position" else 0.3] * 4)
     stand.wait(0.01)
-    assert [data[7] for data in sent] == [BULK_WRITE]
+    assert [data[7] for data in sent] == [instruction]

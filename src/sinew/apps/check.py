@@ -62,6 +62,7 @@ def _document(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, Any
         "rig": rig.name,
         "ok": not preview.refusals,
         "duration_s": preview.duration_s,
+        "longest_s": preview.longest_s,
         "groups": preview.groups,
         "samples": preview.samples,
         "full_amplitude_hz": preview.full_amplitude_hz,
@@ -73,9 +74,9 @@ def _document(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, Any
 
 
 def _print_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> None:
-    minutes, seconds = divmod(round(preview.duration_s), 60)
     print(f"plan {plan.name} on rig {rig.name}: {preview.groups} motions, {preview.samples} samples,", end=" ")
-    print(f"{minutes} min {seconds} s without the changes of pretension")
+    longest = f" (at most {_time(preview.longest_s)})" if preview.longest_s > preview.duration_s else ""
+    print(f"{_time(preview.duration_s)}{longest} without the changes of pretension")
     if preview.frequency_hz and plan.sweep is not None:
         rows = [
             (f"{row['frequency_hz']:g}", f"{row['amplitude_deg']:.1f}", f"{row['current_a']:.2f}")
@@ -93,3 +94,7 @@ def _print_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> None:
         print(f"{'REFUSED' if finding.severity == 'refuse' else 'warning'}: {finding.sentence}")
     if not preview.refusals:
         print("no limit of the rig is broken")
+
+
+def _time(seconds: float) -> str:
+    return "{} min {} s".format(*divmod(round(seconds), 60))

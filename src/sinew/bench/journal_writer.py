@@ -32,7 +32,7 @@ def cannot_write(path: Path, error: object) -> FileError:
     """Return what to say of a journal that cannot be written."""
     return FileError(
         f"cannot write the journal {path}: {error}; see that the folder may be written and its disk has space, "
-        "then resume the run"
+        "then start the run again (with --resume where it had begun)"
     )
 
 

@@ -110,7 +110,7 @@ class Rig:
 
     bus, clock: the seams; nothing is sent while it is made. spec: wiring, limits and gear of the rig.
     tendons, drive, imu: the devices. motors: tendons first, then the drive. stale: answers of an earlier time, by
-    device. cycle_bytes: on the wire in one cycle, without stuffing.
+    device.
     Raises RegisterError if the wiring names a model of which there is no register table.
     """
 
@@ -140,9 +140,18 @@ class Rig:
         self._turn = 0
         grouped = len(self._turns[0])
         answers = sum(wire_bytes(read.length, status=True) for read in self._turns[0])
-        self.cycle_bytes = wire_bytes(9 * len(self.motors)) + wire_bytes(5 * grouped) + answers
+        self._read_bytes = wire_bytes(5 * grouped) + answers
         if not self.imu.is_grouped:
-            self.cycle_bytes += wire_bytes(4) + wire_bytes(self.imu.ask.length, status=True)
+            self._read_bytes += wire_bytes(4) + wire_bytes(self.imu.ask.length, status=True)
+
+    @property
+    def cycle_bytes(self) -> int:
+        """Return how many bytes are on the wire in one cycle, without stuffing; before a mode is set, at most."""
+        if self._mode == "current":
+            goals = 9 + 7 * len(self.tendons)
+        else:
+            goals = 4 + 5 * len(self.motors) if self._mode else 9 * len(self.motors)
+        return wire_bytes(goals) + self._read_bytes
 
     def read(self) -> Reading:
         """Return what all devices say, in one transaction that is never repeated; a missing answer raises nothing.
@@ -179,7 +188,10 @@ class Rig:
         for motor, goal in zip(self.tendons, tendon_goals, strict=True):
             encoder = motor.goal_current if by_current else motor.goal_angle
             writes.append(Write(motor.id, encoder.address, encoder.encode(goal)))
-        self.bus.bulk_write(writes)
+        if by_current:
+            self.bus.bulk_write(writes)
+        else:  # the same register of all: four bytes less for each of them on the wire
+            self.bus.sync_write(drive.address, {write.id: write.data for write in writes})
 
     def set_tendon_mode(self, mode: TendonMode) -> None:
         """Have all tendon motors run as a plan calls it, and `write_goals` mean that; those in it already are left.

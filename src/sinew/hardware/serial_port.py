@@ -28,8 +28,9 @@ class SerialPort:
         try:
             self._port = serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
         except (OSError, ValueError, termios.error) as trouble:
+            reason = os.strerror(trouble.errno) if isinstance(trouble, OSError) and trouble.errno else trouble
             raise PortError(
-                f"cannot open {path} at {baud} baud ({trouble}); "
+                f"cannot open {path} at {baud} baud ({reason}); "
                 "expected a free serial port; is it plugged in, and no other program on it?"
             ) from trouble
 
