@@ -53,6 +53,14 @@ def test_a_fault_costs_no_truth_no_safety_and_no_sentence(
     assert verdict.violations == []
 
 
+@pytest.mark.slow
+def test_a_ring_down_with_holes_is_not_taken_for_whole_because_of_the_pause_before_it(
+    tension_n: Mapping[float, float],
+) -> None:
+    holes = replace(draw_scenario(0, 296), faults=(parse_fault("duplicate:p=0.08624@11.206"),))
+    assert judge(holes, tension_n).violations == []
+
+
 def test_without_a_fault_every_reading_is_found_to_be_true(tension_n: Mapping[float, float]) -> None:
     verdict = judge(scenario(interrupt_s=math.inf), tension_n)
     assert (verdict.outcome, verdict.violations, verdict.checked > 50_000) == ("complete", [], True)

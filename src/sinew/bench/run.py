@@ -206,9 +206,9 @@ class Runner:
         adaptive = group.kind == "steady" and sweep is not None and sweep.settle == "adaptive"
         self._group, self._index = group, index
         for attempt in range(_ATTEMPTS):
-            self._attempt, self._kept = attempt, []
             if group.kind == "ring-down":
                 pause(self._loop)
+            self._attempt, self._kept = attempt, []  # the pause is not recorded, and may have holes
             rule = SettleRule.of(sweep, group.frequency_hz) if adaptive and sweep is not None else None
             run_group(self._loop, group, self._plan.sample_hz, self, rule)
             self._check_watchdogs()
