@@ -8,7 +8,7 @@ PYTHON ?=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup setup-dev reproduce pictures test test-slow test-realtime check bench campaign docs reference lock clean
+.PHONY: help setup setup-dev reproduce answers pictures test test-slow test-realtime check bench campaign docs reference lock clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -17,6 +17,10 @@ setup: $(VENV)/.runtime ## make .venv with what Sinew needs (PYTHON=... picks th
 
 reproduce: $(VENV)/.runtime ## the paper's campaign on the twin: table, figures and report in out/reproduce (OUT=...)
 	$(BIN)/sinew reproduce --out $(OUT)
+
+answers: reproduce ## the paper's open questions asked of that campaign: out/reproduce/answers.html
+	$(BIN)/sinew answer $(OUT)/recording.nc --out $(OUT)
+	$(BIN)/sinew report $(OUT)
 
 test: $(VENV)/.dev ## the fast tests
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile -m "not slow and not hardware"

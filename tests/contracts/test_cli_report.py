@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 from sinew.apps.analyse import analyse_with
+from sinew.apps.answer import stored_answers
 from sinew.apps.cli import main
 from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results
 from sinew.measure.csv import import_csv
@@ -121,3 +122,54 @@ def test_the_command_of_a_recording_does_not_change_its_hash(lab: Path, tmp_path
     before = load_recording(lab / "recording.nc")
     save_recording(before.assign_attrs(command="sinew simulate elsewhere"), tmp_path / "recording.nc")
     assert load_recording(tmp_path / "recording.nc").attrs["content_hash"] == before.attrs["content_hash"]
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a foreign recording that was asked the open questions."""
+    folder = tmp_path_factory.mktemp("asked")
+    recording(folder, 1.2)
+    assert main(["answer", str(folder / "recording.nc"), "--json"]) == 0
+    return folder
+
+
+def test_a_foreign_decay_is_told_what_it_cannot_answer(asked: Path) -> None:
+    document = json.loads((asked / "answers.json").read_text(encoding="utf-8"))
+    verdicts = {one["name"]: one["verdict"] for one in document["answers"]}
+    assert list(verdicts) == ["hardening", "saturation", "losses", "constancy", "delay"]
+    assert {verdicts[name] for name in ("saturation", "losses", "constancy", "delay")} == {"cannot tell"}
+    page = (asked / "answers.html").read_text(encoding="utf-8")
+    assert "no rig is known" in page
+
+
+def test_a_linear_foreign_decay_does_not_harden(asked: Path) -> None:
+    document = json.loads((asked / "answers.json").read_text(encoding="utf-8"))
+    low, high = document["answers"][0]["numbers"]["frequency_shift_at_smallest_pretension"]["interval90"]
+    assert low < 0 < high
+
+
+def test_the_report_takes_up_the_answers_of_its_recording(asked: Path) -> None:
+    assert main(["report", str(asked), "--json"]) == 0
+    page = (asked / "report.html").read_text(encoding="utf-8")
+    assert 'href="answers.html"' in page
+    assert "cannot tell" in page
+
+
+def test_answers_of_another_recording_are_left_out(
+    asked: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = recording(tmp_path, 2.4)
+    assert stored_answers(asked / "answers.json", load_recording(asked / "recording.nc"))
+    assert stored_answers(asked / "answers.json", other) == []
+    assert "answers.json belongs to another recording" in capsys.readouterr().err
+
+
+def test_a_report_without_answers_says_how_to_get_them(lab: Path) -> None:
+    page = (lab / "report.html").read_text(encoding="utf-8")
+    assert "sinew answer recording.nc" in page
+    assert "answers.html" not in page
+
+
+def test_answer_of_no_file_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["answer", "nowhere.nc"]) == 2
+    assert "found no recording nowhere.nc" in capsys.readouterr().err

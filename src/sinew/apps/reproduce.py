@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.analyse import analyse_with, recording_rig
+from sinew.apps.answer import stored_answers
 from sinew.apps.console import print_json, print_table, progress_bar, require_folder, write_json
 from sinew.apps.options import Json, Rig, Seed
 from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results, stored_times
@@ -191,6 +192,7 @@ def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: flo
             rig=campaign.rig,
             determination=_determination(campaign.rig),
             effects=campaign.effects,
+            answers=stored_answers(folder / "answers.json", campaign.recording),
             rebuild=campaign.rebuild,
         )
     return summary

@@ -1,19 +1,16 @@
 """This is where everything becomes one HTML page that needs nothing beside itself."""
 
-import base64
-import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from sinew.figures.captions import CAPTIONS, Caption
+from sinew.figures.captions import CAPTIONS
+from sinew.figures.page import picture, write_page
 from sinew.figures.paper import is_the_papers, role_of
-from sinew.figures.tables import fixed, measured_tables, number, parameter_rows, reaches
+from sinew.figures.tables import measured_tables, parameter_rows, reaches
 from sinew.figures.threshold import describe_threshold
-from sinew.measure.netcdf import write_atomically
 from sinew.plan.rig import RigSpec
 
 __all__ = ["write_report"]
@@ -29,6 +26,7 @@ def write_report(
     rig: RigSpec | None = None,
     determination: Mapping[str, Mapping[str, Any]] | None = None,
     effects: Sequence[Mapping[str, Any]] | None = None,
+    answers: Sequence[Mapping[str, str]] | None = None,
     rebuild: str = "",
 ) -> Path:
     """Write report.html into a folder, atomically, and return its path. What is not given is left out.
@@ -39,13 +37,17 @@ def write_report(
     determination: by parameter, `{"value", "unit", "alone": [low, high], "together": [low, high], "bounds": [low,
     high], "sentence"}`: how far it can move without leaving the paper's numbers, alone and with the others following.
     effects: rows of `{"effect", "resonance_hz_0", "resonance_hz_12", "gain_0", "gain_12", "damping_0", "damping_12"}`.
+    answers: rows of `{"question", "verdict", "sentence"}` of an answers.html in the same folder; with none in them the
+        page says how to get them.
     rebuild: the command that makes all of this again.
     Raises FileError where the folder cannot be written.
     """
     about_paper = is_the_papers(results, rig)
     paper = _with_roles(summary["paper"], rig) if summary is not None and rig is not None and about_paper else []
     source = str(results.attrs.get("source", ""))
-    page = _template().render(
+    return write_page(
+        folder / "report.html",
+        "report.html",
         title=f"Resonance report of the rig “{rig.name}”" if rig is not None and about_paper else "Resonance report",
         source=_SOURCES.get(source, source),
         effects_off=", ".join(str(results.attrs.get("effects_off", "")).split()),
@@ -55,23 +57,16 @@ def write_report(
         about_paper=about_paper,
         threshold=describe_threshold(results, beyond, about_paper=about_paper),
         tables=measured_tables(results),
-        pictures=[_picture(path) for path in figures if path.suffix == ".png"],
+        pictures=[picture(path, CAPTIONS) for path in figures if path.suffix == ".png"],
         parameters=parameter_rows(rig) if rig is not None else [],
         reaches=reaches(determination or {}),
         effects=list(effects or ()),
+        answers=None if answers is None else list(answers),
         rebuild=rebuild,
         timing={key: summary[key] for key in ("wall_s", "simulated_s")} if summary is not None else {},
         origins=_origins(results),
         texts={name: str(results.attrs[name]) for name in ("rig", "plan") if str(results.attrs.get(name, "")).strip()},
     )
-    path = folder / "report.html"
-    content = page.encode("utf-8")
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(content)
-
-    write_atomically(path, write)
-    return path
 
 
 _SOURCES = {
@@ -95,22 +90,6 @@ def _earned(paper: Sequence[Mapping[str, Any]]) -> str:
 
 
 _WERE, _ARE = ("was fitted", "were fitted"), ("is an input", "are inputs")
-
-
-@functools.cache
-def _template() -> Template:
-    loader = FileSystemLoader(Path(__file__).parent / "templates")
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {"number": number, "fixed": fixed}
-    return environment.get_template("report.html")
-
-
-def _picture(path: Path) -> dict[str, Any]:
-    name = path.stem
-    caption = CAPTIONS.get(name, Caption(name.replace("_", " "), "", "", name.replace("_", " ")))
-    return {"name": name, "caption": caption, "data": base64.b64encode(path.read_bytes()).decode("ascii")}
 
 
 def _origins(results: xr.Dataset) -> list[tuple[str, str]]:
