@@ -1,0 +1,117 @@
+"""This is where the points of a curve are refined and examined: size, phase, harmonics, stability.
+
+A point of the curve becomes a motion with finer waves, more harmonics and samples, by one step or a few of Newton's
+method across the curve. What that changes in amplitude and frequency estimates what the coarser waves cost; what is
+left after it is what the finer waves cut off, which is less.
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.predict.amplitude import drive_phasor, half_range, lag_product, phasors
+from sinew.predict.balance import Lane, balance
+from sinew.predict.floquet import half_map
+from sinew.predict.waves import Equations, Size, embedded, size_of
+
+__all__ = ["BLOCK", "Evaluation", "Examination", "evaluate", "examine", "pool", "rows_of"]
+
+Array = NDArray[np.float64]
+
+BLOCK = 16
+"""Motions that are evaluated in one call; any number runs in blocks of this size, so that it is compiled once."""
+
+_REFINEMENTS, _ENOUGH = 4, 3e-4
+
+
+class Evaluation(NamedTuple):
+    """Of each motion (k,): what is left over (k, m), its slope (k, m, m + 1), and the map of disturbances (k, s, s)."""
+
+    left: Array
+    slope: Array
+    maps: Array
+
+
+class Examination(NamedTuple):
+    """Of each point (k,), refined: frequency scaled; half_range of the response; its phasors (k, h); the drive's
+    fundamental; product, drive times conjugate response; all in the scales of their coordinates. Further what the
+    refinement changed in half_range and in the frequency [1], and the map of disturbances (k, s, s)."""
+
+    frequency: Array
+    half_range: Array
+    response: NDArray[np.complex128]
+    drive: NDArray[np.complex128]
+    product: NDArray[np.complex128]
+    range_change: Array
+    frequency_change: Array
+    maps: Array
+
+
+def rows_of(tree: Any, index: NDArray[np.intp]) -> Any:
+    """Return the rows of every leaf of a tree."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[index], tree)
+
+
+@cache
+def pool() -> ThreadPoolExecutor:
+    """Return the threads that blocks run in."""
+    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-predict")
+
+
+@partial(jax.jit, static_argnames=("equations", "size"))
+def _block(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
+    def one(x: jax.Array, lane: Lane) -> tuple[jax.Array, ...]:
+        left, slope, local = balance(x, lane, equations, size)
+        return left, slope, half_map(local, x[-1] * lane.omega, equations)
+
+    return jax.vmap(one)(x, lane)
+
+
+def evaluate(x: Array, lane: Lane, equations: Equations, size: Size) -> Evaluation:
+    """Return the evaluation of k motions x (k, m + 1); lane: with a leading axis k."""
+    blocks = [np.minimum(np.arange(i, i + BLOCK), len(x) - 1) for i in range(0, len(x), BLOCK)]
+
+    def run(index: NDArray[np.intp]) -> list[Array]:
+        return [np.asarray(leaf) for leaf in _block(x[index], rows_of(lane, index), equations=equations, size=size)]
+
+    parts = [run(blocks[0])] if len(blocks) == 1 else list(pool().map(run, blocks))
+    return Evaluation(*(np.concatenate(part)[: len(x)] for part in zip(*parts, strict=True)))
+
+
+def examine(points: Array, normals: Array, lane: Lane, equations: Equations, size: Size, fine: Size) -> Examination:
+    """Return the examination of k points.
+
+    points: scaled unknowns (k, m + 1). normals: across which they are refined, (k, m + 1), the curve's tangents.
+    lane: with a leading axis k. size, fine: of the waves as they are, and as they are to be.
+    """
+    place = embedded(equations, size.harmonics, fine.harmonics)
+    wide, normal = np.zeros((2, len(points), place[-1] + 1))
+    wide[:, place], normal[:, place] = points, normals
+    there, maps = wide.copy(), np.zeros((len(points), size_of(equations), size_of(equations)))
+    left = np.arange(len(points))
+    for _ in range(_REFINEMENTS):
+        seen = evaluate(there[left], rows_of(lane, left), equations, fine)
+        matrix = np.concatenate([seen.slope, normal[left, None, :]], axis=1)
+        right = np.concatenate([-seen.left, np.zeros((left.size, 1))], axis=1)
+        change = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+        there[left] += change
+        maps[left] = seen.maps
+        left = left[np.linalg.norm(change, axis=1) > _ENOUGH]
+        if not left.size:
+            break
+    before, after = (half_range(x, equations, fine.harmonics).value for x in (wide, there))
+    return Examination(
+        there[:, -1],
+        after,
+        phasors(there, equations, fine.harmonics, equations.response),
+        drive_phasor(there, equations, fine.harmonics),
+        lag_product(there, equations, fine.harmonics)[0],
+        after - before,
+        there[:, -1] / wide[:, -1] - 1,
+        maps,
+    )

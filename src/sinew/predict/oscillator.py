@@ -1,0 +1,159 @@
+"""This is where an oscillator of one degree of freedom is described by a handful of numbers.
+
+    I φ̈ + d φ̇ + k φ + k₂ φ² + k₃ φ³ + M_c tanh(φ̇/v) = M sin Ωt + I Ω² b sin Ωt
+
+φ is the rotation against the base, which turns by b sin Ωt. Dry friction M_c turns round over the speed v, which is
+`SLIDING_SHARE` of a speed that is expected; a motion that rests for a part of its period creeps instead.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.measure.errors import SpecError
+from sinew.predict.balance import Lane
+from sinew.predict.prediction import Problem, Resolution
+from sinew.predict.waves import Coordinate, Equations, Size
+
+__all__ = [
+    "LOPSIDED",
+    "SLIDING_SHARE",
+    "SYMMETRIC",
+    "Oscillator",
+    "equations_of",
+    "expected_amplitude",
+    "lane_of",
+    "oscillator_problem",
+    "resolution_of",
+]
+
+SLIDING_SHARE = 0.02
+"""Speed over which dry friction turns round, as a share of the natural frequency times the expected amplitude, or times
+three static rotations where that is less."""
+
+
+class Oscillator(NamedTuple):
+    """An oscillator in SI: I [kg m²], k/I as natural frequency [Hz], D = d/(2 sqrt(k I)), k₃ [N m/rad³],
+    k₂ [N m/rad²], M_c [N m]; driven by a torque M [N m] or by its base, b [rad]."""
+
+    inertia: float
+    frequency_hz: float
+    damping_ratio: float
+    cubic: float = 0.0
+    quadratic: float = 0.0
+    coulomb: float = 0.0
+    torque: float = 0.0
+    base: float = 0.0
+
+    def checked(self) -> "Oscillator":
+        """Return the same oscillator. Raises SpecError where a number cannot be meant."""
+        for name in ("inertia", "frequency_hz", "damping_ratio"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise SpecError(f"{name} is {getattr(self, name):g}, expected a positive number")
+        if self.coulomb < 0:
+            raise SpecError(f"coulomb is {self.coulomb:g} N m, expected zero or more")
+        push = abs(self.torque) + abs(self.base)
+        if not np.isfinite(push) or push == 0:
+            raise SpecError("found nothing that drives the oscillator, expected a torque or a motion of the base")
+        if self.coulomb > 0 and self.torque != 0 and abs(self.torque) <= self.coulomb:
+            raise SpecError(
+                f"a torque of {abs(self.torque):g} N m does not overcome {self.coulomb:g} N m of dry friction; the "
+                "oscillator sticks, raise the torque"
+            )
+        return self
+
+    @property
+    def stiffness(self) -> float:
+        """Return k [N m/rad]."""
+        return float(self.inertia * (2 * np.pi * self.frequency_hz) ** 2)
+
+
+class _Numbers(NamedTuple):
+    inertia: jax.Array
+    damping: jax.Array
+    stiffness: jax.Array
+    quadratic: jax.Array
+    cubic: jax.Array
+    coulomb: jax.Array
+    speed: jax.Array
+    torque: jax.Array
+    base: jax.Array
+
+
+def _rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Numbers) -> jax.Array:
+    phi, rate = u[0], u[1]
+    spring = phi * (p.stiffness + phi * (p.quadratic + phi * p.cubic))
+    losses = p.damping * rate + p.coulomb * jnp.tanh(rate / p.speed)
+    push = (p.torque + p.inertia * omega**2 * p.base) * jnp.sin(phase)
+    return ((push - losses - spring) / p.inertia)[None]
+
+
+SYMMETRIC = Equations((Coordinate("angle", "odd", 2),), _rates)
+"""Equations without a quadratic term: odd harmonics, half a period."""
+
+LOPSIDED = Equations((Coordinate("angle", "all", 2),), _rates)
+"""Equations with a quadratic term."""
+
+
+def equations_of(oscillators: list[Oscillator]) -> Equations:
+    """Return the equations that hold for all of them."""
+    return LOPSIDED if any(one.quadratic != 0 for one in oscillators) else SYMMETRIC
+
+
+def expected_amplitude(one: Oscillator) -> float:
+    """Return about how far the oscillator swings at resonance [rad]: d Ω A = M on the backbone of the fundamental."""
+    k, omega = one.stiffness, 2 * np.pi * one.frequency_hz
+    damping = 2 * one.damping_ratio * k / omega
+    low, high = 0.0, (abs(one.torque) + k * abs(one.base)) / (damping * omega) + 1e-300
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        free = np.sqrt(max(k + 0.75 * one.cubic * middle**2, 0.01 * k) / one.inertia)
+        push = abs(one.torque) + one.inertia * free**2 * abs(one.base)
+        low, high = (middle, high) if damping * free * middle < push else (low, middle)
+    return float(high)
+
+
+def lane_of(one: Oscillator, width_hz: float) -> Lane:
+    """Return the oscillator as one lane; width_hz: of the band of frequencies."""
+    omega, amplitude = 2 * np.pi * one.frequency_hz, expected_amplitude(one)
+    numbers = (
+        one.inertia,
+        2 * one.damping_ratio * one.stiffness / omega,
+        one.stiffness,
+        one.quadratic,
+        one.cubic,
+        one.coulomb,
+        SLIDING_SHARE * omega * min(amplitude, 3 * (abs(one.torque) / one.stiffness + abs(one.base))),
+        one.torque,
+        one.base,
+    )
+    leaves: list[NDArray[np.float64]] = [np.asarray(number, dtype=float) for number in numbers]
+    return Lane(_Numbers(*leaves), np.array([amplitude]), np.asarray(2 * np.pi * width_hz))  # type: ignore[arg-type]
+
+
+def _weakened(p: _Numbers, share: float) -> _Numbers:
+    return p._replace(torque=p.torque * share, base=p.base * share)
+
+
+def oscillator_problem(oscillators: list[Oscillator], band_hz: tuple[float, float]) -> Problem:
+    """Return the problem of several oscillators over one band of frequencies [Hz], one lane each."""
+    lanes = [lane_of(one.checked(), band_hz[1] - band_hz[0]) for one in oscillators]
+    lane: Lane = jax.tree.map(lambda *leaves: np.stack(leaves), *lanes)
+    return Problem(equations_of(oscillators), lane, np.zeros((len(lanes), 1)), _weakened)
+
+
+def resolution_of(oscillators: list[Oscillator]) -> Resolution:
+    """Return the waves that oscillators need: finer samples where dry friction turns round within few of them."""
+    half = 1 if equations_of(oscillators) is SYMMETRIC else 2
+    dry = any(one.coulomb > 0 for one in oscillators)
+
+    def pair(harmonics: int) -> tuple[Size, Size]:
+        fine = 2 * harmonics + 1
+        if dry:
+            return Size(harmonics, 512 * half), Size(fine, 1024 * half)
+        return Size(harmonics, 3 * (harmonics + 1) * half), Size(fine, 6 * (fine + 1) * half)
+
+    return Resolution(tuple(pair(h) for h in ((9, 19) if dry else (7, 15, 31))), 1e-3 if dry else 1e-6)

@@ -1,0 +1,139 @@
+"""The predicted response of the joint against time integration of the full twin."""
+
+from functools import cache
+from typing import NamedTuple
+
+import jax
+import jax.flatten_util
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sinew.plan.plan import Group
+from sinew.plan.toml import load_rig
+from sinew.predict.branch import Prediction
+from sinew.predict.joint import RESOLUTION, joint_problem
+from sinew.predict.prediction import predict
+from sinew.twin.integrate import Track, runge_kutta
+from sinew.twin.motion import State, rate, state_at_rest
+from sinew.twin.simulate import lane_parameters, simulate_tracks
+
+pytestmark = pytest.mark.slow
+BAND_HZ, SAMPLE_HZ, SEED = (1.0, 6.0), 400.0, 20
+CURVES, POINTS = 12, 5
+HARMONICS = np.arange(1, 20)
+
+
+class Case(NamedTuple):
+    """A predicted steady motion and the track of the twin at the same pretension, amplitude and frequency."""
+
+    group: Group
+    amplitude: float
+    phase: float
+    track: Track
+
+
+@cache
+def lanes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return pretensions [mm] and amplitudes of the command [deg]."""
+    rng = np.random.default_rng(SEED)
+    return rng.uniform(0, 12, CURVES), rng.uniform(3, 25, CURVES)
+
+
+@cache
+def prediction() -> Prediction:
+    return predict(joint_problem(load_rig("paper"), *lanes(), BAND_HZ), BAND_HZ, RESOLUTION)
+
+
+@cache
+def cases() -> list[Case]:
+    rng = np.random.default_rng(SEED + 1)
+    groups, expected = [], []
+    for pretension, amplitude, branch in zip(*lanes(), prediction().branches, strict=True):
+        for i in rng.choice(np.flatnonzero(branch.stable), POINTS, replace=False):
+            groups.append(
+                Group("steady", float(pretension), float(branch.frequency_hz[i]), float(amplitude), 0, 14.0, 2.0)
+            )
+            expected.append((float(branch.amplitude[i]), float(branch.phase[i])))
+    tracks = simulate_tracks(lane_parameters(groups, load_rig("paper")), groups, SAMPLE_HZ)
+    return [Case(g, *e, t) for g, e, t in zip(groups, expected, tracks, strict=True)]
+
+
+def waves(values: NDArray[np.float64], frequency_hz: float) -> NDArray[np.complex128]:
+    """Return the complex amplitudes of `HARMONICS` over the last four periods of samples, by least squares."""
+    count = round(4 * SAMPLE_HZ / frequency_hz)
+    time_s = np.arange(values.size)[-count:] / SAMPLE_HZ
+    turns = np.outer(time_s, 2 * np.pi * frequency_hz * HARMONICS)
+    basis = np.concatenate([np.ones((count, 1)), np.cos(turns), np.sin(turns)], axis=1)
+    found = np.linalg.lstsq(basis, values[-count:], rcond=None)[0][1:]
+    return found[: HARMONICS.size] - 1j * found[HARMONICS.size :]
+
+
+def half_range(c: NDArray[np.complex128]) -> float:
+    turn = np.exp(1j * np.outer(np.linspace(0, 2 * np.pi, 2000), HARMONICS))
+    return float(np.ptp((turn @ c).real) / 2)
+
+
+def test_every_curve_goes_through_the_band() -> None:
+    assert [branch.message for branch in prediction().branches if not branch.complete] == []
+
+
+def test_amplitudes_are_those_of_the_time_integration_within_half_a_percent() -> None:
+    found = np.array([half_range(waves(case.track.torsion, case.group.frequency_hz)) for case in cases()])
+    assert np.array([case.amplitude for case in cases()]) == pytest.approx(found, rel=5e-3)
+
+
+def test_phases_are_those_of_the_time_integration_within_half_a_degree() -> None:
+    for case in cases():
+        torsion, lever = (waves(x, case.group.frequency_hz)[0] for x in (case.track.torsion, case.track.lever))
+        apart = np.angle(np.exp(1j * (case.phase - np.angle(lever / torsion))))
+        assert abs(np.degrees(apart)) < 0.5
+
+
+def test_the_error_estimate_covers_what_the_time_integration_finds() -> None:
+    largest = {float(p): float(b.amplitude.max()) for p, b in zip(lanes()[0], prediction().branches, strict=True)}
+    for case in cases():
+        found = half_range(waves(case.track.torsion, case.group.frequency_hz))
+        assert abs(case.amplitude - found) < prediction().error_estimate * largest[case.group.pretension_mm]
+
+
+def test_multipliers_are_those_of_the_monodromy_of_the_time_integration() -> None:
+    pretension, amplitude = (float(row[0]) for row in lanes())
+    branch = prediction().branches[0]
+    index = int(np.argmax(branch.amplitude))
+    frequency = float(branch.frequency_hz[index])
+    group = Group("steady", pretension, frequency, amplitude, 0, 0.0, 1.0)
+    p, rest = lane_parameters([group], load_rig("paper"))
+    one = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), p)
+    flat, unravel = jax.flatten_util.ravel_pytree(state_at_rest(jnp.asarray(rest[0]), one))
+    steps = 1500
+    step_s = jnp.asarray(1 / frequency / steps)
+
+    @jax.jit
+    def period(y: jax.Array) -> jax.Array:
+        def slope(at: jax.Array, now: State) -> State:
+            return rate(at, now, one)
+
+        def body(n: int, now: State) -> State:
+            return runge_kutta(slope, n * step_s, now, step_s)
+
+        return jax.flatten_util.ravel_pytree(jax.lax.fori_loop(0, steps, body, unravel(y)))[0]
+
+    for _ in range(60):
+        flat = period(flat)
+    monodromy = np.asarray(jax.jit(jax.jacfwd(period))(flat))
+    largest = np.sort(np.abs(np.linalg.eigvals(monodromy)))[-1]
+    assert branch.multiplier[index] == pytest.approx(largest, rel=5e-3)
+
+
+def test_tendons_that_go_slack_are_balanced_like_any_other_motion() -> None:
+    # Without pretension and with a stiff pull the head sinks less than the cables lose: the tension reaches zero.
+    group = Group("steady", 0.0, 3.0, 25.0, 0, 14.0, 2.0)
+    slack = load_rig("paper").with_values({"tendons.first_contact_tension": 2.0})
+    problem = joint_problem(slack, [0.0], 25.0, (1.0, 3.0))
+    branch = predict(problem, (1.0, 3.0), RESOLUTION).branches[0]
+    track = simulate_tracks(lane_parameters([group], slack), [group], SAMPLE_HZ)[0]
+    found = half_range(waves(track.torsion, 3.0))
+    assert branch.frequency_hz[-1] == pytest.approx(3.0)
+    assert branch.amplitude[-1] == pytest.approx(found, rel=5e-3)
