@@ -14,8 +14,8 @@ from sinew.apps.cli import app, main
 
 SINEW = Path(sys.executable).with_name("sinew")
 COMMANDS = (
-    "analyse", "check", "doctor", "emulate", "export", "identify", "import", "report", "reproduce", "run", "simulate",
-    "stop",
+    "analyse", "answer", "calibrate", "check", "doctor", "emulate", "export", "identify", "import", "predict", "report",
+    "reproduce", "run", "simulate", "stop",
 )  # fmt: skip
 
 

@@ -1,10 +1,12 @@
 """Which model a record supports: held-out prediction, information criterion, residuals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.unit.identify_signals import OMEGA, chirp, dry_decay, duffing_sweep, motion, noisy, viscous
 
-from sinew.identify.comparison import Comparison, compare, compare_laws
+from sinew.identify.comparison import Comparison, compare, compare_laws, criterion
 from sinew.identify.fit import fit
 from sinew.identify.held_out import fit_and_predict, split_record
 from sinew.identify.model import MODELS
@@ -51,6 +53,40 @@ def test_auto_chooses_stiffness_and_damping_of_a_decay() -> None:
     assert compare_laws(split_record(dry(3), None, None)).best.model.name == "coulomb"
 
 
+def test_the_verdict_tells_how_the_residuals_of_the_winner_came_out() -> None:
+    assert "; residuals are white" in laws(viscous_decay(0.17, 3)).verdict
+
+
+def test_the_verdict_on_a_single_model_tells_of_its_residuals_too() -> None:
+    found = compare(split_record(dry(1), None, None), [MODELS["linear"]])
+    assert "residuals are not white" in found.verdict
+
+
+def test_dry_friction_that_adds_nothing_to_viscous_damping_is_bounded() -> None:
+    found = laws(viscous_decay(0.17, 3))
+    assert found.dry_bound is not None
+    assert 0 <= found.dry_bound < 0.8  # rad/s², what the dry decays of this page have
+    assert "dry friction, if there is any, is below coulomb_rad_per_s2" in found.verdict
+
+
+def test_a_rest_position_that_creeps_is_found_and_costs_no_mechanics() -> None:
+    x = motion(viscous(0.05), lambda t: 0.0, DECAY, (0.5, 0.0))[0] - 0.08 * (1 - np.exp(-DECAY / 0.7))
+    found = compare_laws(split_record(make_record(DECAY, noisy(x, 0.003, 5), output_unit="rad"), None, None)).best
+    assert found.model.rest == "creep"
+    assert found.damping_ratio.low < 0.05 < found.damping_ratio.high
+
+
+def test_what_a_loss_factor_saw_before_counts_only_where_the_record_tells_it() -> None:
+    found = fit(viscous_decay(0.02, 1), "loss-factor")
+    at = [entry.local for entry in found.layout.entries].index("memory")
+    matrix = found.covariance.matrix.copy()
+    costs = []
+    for std in (1e-6, 10.0):
+        matrix[at, at] = std**2
+        costs.append(criterion(replace(found, covariance=replace(found.covariance, matrix=matrix.copy())), 600.0))
+    assert costs[0] - costs[1] == pytest.approx(np.log(600.0))
+
+
 def test_held_out_samples_do_not_move_the_fit() -> None:
     record = viscous_decay(0.1, 0)
     split = split_record(record, (0, 400), (400, 600))
@@ -83,3 +119,21 @@ def test_residuals_of_a_linear_spring_grow_with_the_amplitude_of_a_cubic_one() -
     record = make_record(time, noisy(r, 0.002, 1), 15 * np.sin(phase(time)), excitation="force")
     asked = ask_residuals(record, fit(record, "linear").residuals()[0], OMEGA)
     assert "residuals grow with amplitude" in asked.sentences()
+
+
+def test_residuals_of_several_records_are_asked_over_the_records() -> None:
+    rng = np.random.default_rng(8)
+    time = np.arange(0, 2, 0.01)
+    loud = np.geomspace(0.1, 1.0, 10)
+    records = [make_record(time, size * np.sin(OMEGA * time), output_unit="rad") for size in loud]
+    residuals = [0.1 * size * rng.normal(size=time.size) for size in loud]
+    asked = ask_residuals(records, residuals, OMEGA)
+    assert asked.sentences() == ("residuals grow with amplitude",)
+    assert asked.share == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
+
+
+def test_too_few_periods_to_ask_residuals_for_trends_are_told() -> None:
+    time = np.arange(0, 1, 0.01)
+    record = make_record(time, np.sin(OMEGA * time), output_unit="rad")
+    asked = ask_residuals(record, np.random.default_rng(2).normal(size=time.size), OMEGA)
+    assert asked.telling() == "residuals are white, there are too few periods to ask them for trends"

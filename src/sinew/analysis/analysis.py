@@ -45,7 +45,10 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
             sweep = sweep.assign(resonance.data_vars)
         else:
             count = response.frequency_hz.size
-            notes = f"{count} frequencies are too few for a resonance; measure at least {FEWEST_FREQUENCIES}"
+            notes = (
+                f"too few frequencies for a resonance: found {count}, expected at least {FEWEST_FREQUENCIES}; "
+                "measure more"
+            )
         parts.append(sweep)
     if "ring-down" in kinds:
         inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value

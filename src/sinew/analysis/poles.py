@@ -171,7 +171,10 @@ def _points(
     f = np.asarray(frequency_hz[known], dtype=float)
     fewest = 3 * modes + 2
     if f.size < fewest:
-        raise RecordingError(f"{f.size} frequencies are too few for {modes} modes; measure at least {fewest}")
+        what = "one mode" if modes == 1 else f"{modes} modes"
+        raise RecordingError(
+            f"too few frequencies for {what}: found {f.size}, expected at least {fewest}; measure more"
+        )
     weights: list[Floats] = []
     for std in (size_std[known], angle_std[known]):
         weights.append(1.0 / np.maximum(std, max(1e-3 * float(np.median(std)), 1e-12)))

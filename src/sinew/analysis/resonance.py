@@ -96,7 +96,10 @@ def find_peak(frequency_hz: Floats, response: Complexes, size_std: Floats, angle
     """
     f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)
     if f.size < FEWEST_FREQUENCIES:
-        return Peak(reason=f"{f.size} frequencies are too few for a resonance; measure at least {FEWEST_FREQUENCIES}")
+        return Peak(
+            reason=f"too few frequencies for a resonance: found {f.size}, expected at least {FEWEST_FREQUENCIES}; "
+            "measure more"
+        )
     gain = np.abs(h)
     window = _window(f, gain / gain.max(), int(np.argmax(gain)))
     curve = fit_curve(f[window], h[window], size[window], angle[window])

@@ -13,7 +13,20 @@ from typing import Annotated
 import typer
 
 from sinew import __version__
-from sinew.apps import analyse, check, convert, doctor, emulate, identify, reproduce, run, simulate
+from sinew.apps import (
+    analyse,
+    answer,
+    calibrate,
+    check,
+    convert,
+    doctor,
+    emulate,
+    identify,
+    predict,
+    reproduce,
+    run,
+    simulate,
+)
 from sinew.measure.errors import SinewError
 
 __all__ = ["app", "main"]
@@ -36,6 +49,11 @@ app.command(epilog="Example: sinew analyse decay.csv --kind ring-down --time t_s
 app.command(
     epilog="Example: sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json"
 )(identify.identify)
+app.command(epilog="Example: sinew calibrate rigs/paper.toml monday.nc tuesday.nc --out rigs/mine.toml")(
+    calibrate.calibrate
+)
+app.command(epilog="Example: sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json")(predict.predict)
+app.command(epilog="Example: sinew answer out/paper/recording.nc --out out/paper")(answer.answer)
 app.command("import", epilog="Example: sinew import decay.csv --time t_s --response angle:deg --out decay.nc")(
     convert.import_
 )

@@ -1,84 +1,192 @@
 """This is where `sinew identify` turns the recording of an oscillation into its mechanics."""
 
-import math
 import re
+import shlex
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, cast
 
-import typer
-
-from sinew.apps.console import print_json, print_table, progress_bar
-from sinew.apps.identify_input import recording_records, table_record
+from sinew.apps.console import print_json, progress_bar, require_folder
+from sinew.apps.identify_input import (
+    is_recording,
+    recording_records,
+    refuse_columns,
+    refuse_rig_options,
+    table_record,
+    unit_remarks,
+)
+from sinew.apps.identify_options import (
+    EXCITATIONS,
+    Bootstrap,
+    ColumnInput,
+    ColumnOutput,
+    DrawSeed,
+    ExcitationOption,
+    FileArgument,
+    ModelOption,
+    Out,
+    Posterior,
+    PretensionOption,
+    Profile,
+    Rate,
+    RigOption,
+    Test,
+    Train,
+)
+from sinew.apps.identify_table import print_found
 from sinew.apps.options import ColumnTime, Json
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
-    from sinew.identify.comparison import Comparison
-    from sinew.identify.fitted import Fit
-    from sinew.identify.record import Excitation, Record
+    import xarray as xr
+
+    from sinew.apps.identify_found import Found
+    from sinew.identify.record import Excitation
 
 __all__ = ["identify"]
 
-_JOINT = ("linear", "cubic", "coulomb-cubic", "loss-factor-cubic")
-_EXCITATIONS = ("force", "torque", "base", "lever", "none")
-
 
 def identify(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")],
+    file: FileArgument,
     time: ColumnTime = None,
-    input_: Annotated[
-        str | None, typer.Option("--input", metavar="COL[:unit]", help="Column of what drives it.")
-    ] = None,
-    output: Annotated[
-        str | None, typer.Option("--output", metavar="COL[:unit]", help="Column of how it moves.")
-    ] = None,
-    excitation: Annotated[
-        str | None,
-        typer.Option("--excitation", metavar="|".join(_EXCITATIONS), help="What the input is; none is a free decay."),
-    ] = None,
-    model: Annotated[
-        str,
-        typer.Option(
-            "--model", metavar="linear|loss-factor|coulomb|cubic|cubic-quadratic|tendon|auto", help="What to fit."
-        ),
-    ] = "auto",
-    train: Annotated[
-        str | None, typer.Option("--train", metavar="A:B", help="Samples to fit: indices from 0, half open.")
-    ] = None,
-    test: Annotated[
-        str | None, typer.Option("--test", metavar="A:B", help="Samples to predict, held out of the fit.")
-    ] = None,
-    rate: Annotated[
-        float | None, typer.Option("--rate", metavar="HZ", help="Samples per second, where there is no time column.")
-    ] = None,
-    pretension: Annotated[
-        float | None, typer.Option("--pretension", metavar="MM", help="Of a rig's recording; else its smallest.")
-    ] = None,
+    input_: ColumnInput = None,
+    output: ColumnOutput = None,
+    excitation: ExcitationOption = None,
+    model: ModelOption = "auto",
+    train: Train = None,
+    test: Test = None,
+    rate: Rate = None,
+    pretension: PretensionOption = None,
+    rig: RigOption = None,
+    profile: Profile = False,
+    posterior: Posterior = False,
+    bootstrap: Bootstrap = None,
+    seed: DrawSeed = 0,
+    out: Out = None,
     json: Json = False,
 ) -> None:
     """Identify stiffness, damping law and nonlinearity, with intervals, and say which model the data support.
 
     Without --train and --test the fit is to all samples, and every fourth block of them is held out once to compare
     models. With --model auto the stiffness law and the damping law are chosen, or it says what cannot be told.
-    """
-    if excitation is not None and excitation not in _EXCITATIONS:
-        raise SpecError(f"--excitation is {excitation!r}, expected one of {', '.join(_EXCITATIONS)}")
-    chosen = cast("Excitation | None", excitation)
-    if file.suffix == ".nc":
-        if any(value is not None for value in (time, input_, output, rate)):
-            raise SpecError("a recording knows its columns; --time, --input, --output and --rate are for tables")
-        from sinew.measure.netcdf import load_recording
 
-        records = recording_records(load_recording(file), chosen, pretension)
-    else:
-        if chosen is None and input_ is not None:
-            raise SpecError(f"say what the input is: --excitation {'|'.join(_EXCITATIONS[:-1])}")
-        records = [table_record(file, time, input_, output, chosen or "none", rate)]
-    document = _identify(records, model, _range("--train", train), _range("--test", test))
+    \b
+    a force sweep, figures too:
+      sinew identify a.csv --time t --input u:N --output x:mm --excitation force --out out/a
+    a free decay:
+      sinew identify b.csv --time t_s --output angle:deg --excitation none
+    volts in, volts out, no time column, fitted on the first half and tested on the second:
+      sinew identify c.csv --rate 600 --input u:V --output y:V --excitation force --train 0:4000 --test 4000:8000
+    a moving base:
+      sinew identify d.csv --time t --input base:mm --output tip:mm --excitation base --model loss-factor
+    a recording of a rig, one pretension as one degree of freedom, or all of it as the tendon joint:
+      sinew identify recording.nc --pretension 4 --model cubic
+      sinew identify recording.nc --model tendon --out out/joint
+    """
+    if excitation is not None and excitation not in EXCITATIONS:
+        raise SpecError(f"--excitation is {excitation!r}, expected one of {', '.join(EXCITATIONS)}")
+    if out is not None:
+        require_folder(out)
+    asked = _Asked(
+        file,
+        _Columns(time, input_, output, rate),
+        cast("Excitation | None", excitation),
+        model,
+        _range("--train", train),
+        _range("--test", test),
+        pretension,
+        rig,
+        _More(profile, posterior, bootstrap, seed),
+    )
+    found = _find(asked)
+    _add(found, asked.more)
+    if out is not None:
+        from sinew.apps.identify_pages import write_pages
+
+        with progress_bar("draw"):
+            page = write_pages(found, out, about=asked.about, rebuild=asked.command(out), origins=asked.origins)
     if json:
-        print_json(document)
-    else:
-        _print(document)
+        print_json(found.document)
+        return
+    print_found(found)
+    if out is not None:
+        print(f"page: {page}")
+
+
+@dataclass(frozen=True)
+class _Columns:
+    time: str | None
+    input: str | None
+    output: str | None
+    rate_hz: float | None
+
+
+@dataclass(frozen=True)
+class _More:
+    """What is to be added to the fit."""
+
+    profile: bool
+    posterior: bool
+    bootstrap: int | None
+    seed: int
+
+    def words(self) -> list[str]:
+        """Return the options that ask for it."""
+        found = [name for name, given in (("--profile", self.profile), ("--posterior", self.posterior)) if given]
+        found += ["--bootstrap", str(self.bootstrap)] if self.bootstrap is not None else []
+        return [*found, "--seed", str(self.seed)] if self.posterior or self.bootstrap is not None else found
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What the command line asked for."""
+
+    file: Path
+    columns: _Columns
+    excitation: "Excitation | None"
+    model: str
+    train: tuple[int, int] | None
+    test: tuple[int, int] | None
+    pretension_mm: float | None
+    rig: str | None
+    more: _More
+
+    @property
+    def about(self) -> str:
+        """Return what was fitted, a sentence for the page."""
+        shown = {"input": self.columns.input, "output": self.columns.output, "excitation": self.excitation}
+        told = ", ".join(f"{name} {value}" for name, value in shown.items() if value is not None)
+        return f"From {self.file.name}{f': {told}' if told else ''}."
+
+    @property
+    def origins(self) -> list[tuple[str, str]]:
+        """Return what the numbers were made from: the file's hash and the versions."""
+        from sinew.apps.stored import hash_file
+        from sinew.measure.provenance import provenance
+
+        versions = str(provenance("import")["versions"])
+        return [("file", str(self.file)), ("SHA-256", hash_file(self.file)), ("versions", versions)]
+
+    def command(self, out: Path) -> str:
+        """Return the command line that makes all of it again."""
+        options = {
+            "--time": self.columns.time,
+            "--rate": None if self.columns.rate_hz is None else f"{self.columns.rate_hz:g}",
+            "--input": self.columns.input,
+            "--output": self.columns.output,
+            "--excitation": self.excitation,
+            "--model": self.model,
+            "--train": _text(self.train),
+            "--test": _text(self.test),
+            "--pretension": None if self.pretension_mm is None else f"{self.pretension_mm:g}",
+            "--rig": self.rig,
+        }
+        words = [word for name, value in options.items() if value is not None for word in (name, value)]
+        return shlex.join(["sinew", "identify", str(self.file), *words, *self.more.words(), "--out", str(out)])
+
+
+def _text(found: tuple[int, int] | None) -> str | None:
+    return None if found is None else f"{found[0]}:{found[1]}"
 
 
 def _range(option: str, text: str | None) -> tuple[int, int] | None:
@@ -90,94 +198,65 @@ def _range(option: str, text: str | None) -> tuple[int, int] | None:
     return int(found[1]), int(found[2])
 
 
-def _identify(
-    records: "list[Record]", model: str, train: tuple[int, int] | None, test: tuple[int, int] | None
-) -> dict[str, Any]:
-    from sinew.identify.comparison import compare, compare_laws
-    from sinew.identify.diagnosis import refuse_hopeless
-    from sinew.identify.held_out import split_record
-    from sinew.identify.model import get_model
-    from sinew.twin.cache import configure
+def _find(asked: _Asked) -> "Found":
+    columns = asked.columns
+    if is_recording(asked.file):
+        refuse_columns(columns.time, columns.input, columns.output, columns.rate_hz)
+        from sinew.measure.netcdf import load_recording
 
-    configure()
-    for record in records:
-        refuse_hopeless(record)
-    if len(records) > 1:
-        return _joint(records, model, train or test)
-    wanted = None if model == "auto" else get_model(model)
-    split = split_record(records[0], train, test)
-    refuse_hopeless(split.record)
-    if wanted is not None:
-        return _document(compare(split, [wanted]))
-    with progress_bar("models compared") as progress:
-        return _document(compare_laws(split, progress))
+        recording = load_recording(asked.file)
+        if asked.model == "tendon":
+            return _find_joint(asked, recording)
+        repeats = asked.more.bootstrap is not None
+        records = recording_records(recording, asked.excitation, asked.pretension_mm, repeats=repeats)
+    else:
+        refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, asked.more.bootstrap)
+        if asked.excitation is None and columns.input is not None:
+            raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
+        chosen = asked.excitation or "none"
+        records = [table_record(asked.file, columns.time, columns.input, columns.output, chosen, columns.rate_hz)]
+    from sinew.apps.identify_found import find_mechanics
 
-
-def _document(compared: "Comparison") -> dict[str, Any]:
-    from sinew.identify.diagnosis import suspicions
-
-    best, row = compared.best, compared.rows[0]
-    told = [compared.verdict, best.message, *suspicions(best)]
-    rows = [
-        {"model": one.model.name, "rmse_test": _number(one.rmse_test), "bic": _number(one.bic)} for one in compared.rows
-    ]
-    return _fit_part(best, row.rmse_test, told) | {"compared": rows}
+    with progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
+        return find_mechanics(
+            records,
+            asked.model,
+            asked.train,
+            asked.test,
+            remarks=(*unit_remarks(records[0]), *records[0].notes),
+            progress=progress,
+        )
 
 
-def _joint(records: "list[Record]", model: str, ranges: object) -> dict[str, Any]:
-    """Return the document of several segments of a rig with the same mechanics; every third is held out once."""
-    from sinew.identify.fit import fit
-    from sinew.identify.held_out import predict
+def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Found":
+    from sinew.apps.identify_found import find_joint
+    from sinew.apps.identify_input import joint_rig
 
-    if ranges is not None:
-        raise SpecError("--train and --test are for one record; this recording has several segments")
-    test = records[1::3]
-    rows: list[dict[str, Any]] = []
-    for name in _JOINT if model == "auto" else (model,):
-        taught = fit([record for i, record in enumerate(records) if i % 3 != 1], name)
-        squares = sum(float(((record.output - predict(taught, record)) ** 2).sum()) for record in test)
-        rmse = math.sqrt(squares / sum(record.size for record in test))
-        rows.append({"model": name, "rmse_test": _number(rmse), "bic": _number(taught.bic())})
-    rows.sort(key=lambda row: row["rmse_test"] if row["rmse_test"] is not None else math.inf)
-    best = fit(records, str(rows[0]["model"]))
-    told = [
-        f"{len(records)} segments at {records[0].group} were fitted together",
-        "the model with the smallest error of the held-out segments is reported",
-        best.message,
-    ]
-    return _fit_part(best, rows[0]["rmse_test"], told) | {"compared": rows}
+    given = {"--train": asked.train, "--test": asked.test, "--pretension": asked.pretension_mm}
+    for name, value in given.items():
+        if value is not None:
+            raise SpecError(f"{name} does not go with model tendon, which is fitted to all segments of the recording")
+    if asked.more.words():
+        raise SpecError(
+            f"{asked.more.words()[0]} is for models of one degree of freedom; leave it out with model tendon"
+        )
+    if asked.excitation not in (None, "lever"):
+        raise SpecError(f"--excitation is {asked.excitation}, but a rig is driven by its lever; leave it out")
+    rig = joint_rig(recording, asked.rig)
+    with progress_bar("fit the tendon joint") as progress:
+        return find_joint(recording, rig, progress)
 
 
-def _fit_part(best: "Fit", rmse_test: float | None, told: list[str]) -> dict[str, Any]:
-    return {
-        "model": best.model.name,
-        "parameters": {name: one.to_json() for name, one in best.parameters.items()},
-        "natural_frequency_hz": best.natural_frequency_hz.to_json(),
-        "damping_ratio": best.damping_ratio.to_json(),
-        "rmse": {"train": _number(best.rmse), "test": None if rmse_test is None else _number(rmse_test)},
-        "unit": best.unit,
-        "converged": best.converged,
-        "message": "; ".join(told),
-        "unidentifiable": list(best.unidentifiable),
-    }
+def _add(found: "Found", more: _More) -> None:
+    from sinew.apps.identify_more import add_bootstrap, add_posterior, add_profiles
 
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _print(document: dict[str, Any]) -> None:
-    rows = {"natural_frequency_hz": document["natural_frequency_hz"], "damping_ratio": document["damping_ratio"]}
-    cells = [
-        (name, *(_cell(value) for value in (one["value"], one["std"], *one["interval90"])))
-        for name, one in (rows | document["parameters"]).items()
-    ]
-    print_table((f"model {document['model']}", "value", "std", "90 % from", "to"), cells)
-    compared = [(row["model"], _cell(row["rmse_test"]), _cell(row["bic"])) for row in document["compared"]]
-    print_table(("compared", f"held-out rmse/{document['unit']}", "BIC"), compared)
-    for sentence in (*document["message"].split("; "), *document["unidentifiable"]):
-        print(f"- {sentence}")
-
-
-def _cell(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"
+    if more.profile:
+        with progress_bar("profiles") as progress:
+            add_profiles(found, progress)
+    if more.bootstrap is not None:
+        with progress_bar("bootstrap") as progress:
+            add_bootstrap(found, more.bootstrap, more.seed, progress)
+    if more.posterior:
+        with progress_bar("posterior") as progress:
+            add_posterior(found, more.seed, progress)
+    found.document["message"] = "; ".join(found.sentences)

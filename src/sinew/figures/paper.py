@@ -44,7 +44,7 @@ _FITTED = (
     "largest distance between 90° crossing",
     "spread of Lehr's damping",
 )
-"""How the quantities begin that the calibration of the paper's rig aims at (tools/calibrate_paper.py, TARGETS)."""
+"""How the quantities begin that the calibration of the paper's rig aims at (`sinew.identify.paper_numbers.TARGETS`)."""
 
 _INPUTS = ("stiffness k = G J / L", "frequency of the bare silicone")
 

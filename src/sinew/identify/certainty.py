@@ -134,7 +134,7 @@ def find_unidentifiable(names: Sequence[str], natural: Array, jacobian: Array, n
         if s > 0 and noise / s <= _UNCERTAIN and s > 1e-13 * size[0]:
             break
         part = np.abs(direction) > _TAKES_PART * np.abs(direction).max()
-        taking = [name for name, takes in zip(names, part, strict=True) if takes]
+        taking = sorted(name for name, takes in zip(names, part, strict=True) if takes)
         sentences.append(
             f"{taking[0]} cannot be determined from this record"
             if len(taking) == 1

@@ -1,12 +1,14 @@
 """This is where models compete for a record: held-out prediction first, the information criterion second.
 
-A model stays in the race if it predicts the held-out samples no worse than the best predictor does (blocks of squared
-errors compared in pairs, two standard errors). Of those that stay the smallest BIC wins, or a smaller model whose BIC
-is within 2 of it. Where another damping law comes within a factor e³ = 20 of its evidence and is no mere extension of
-it, the record cannot tell the two apart, and the verdict says so.
+A model stays in the race if it predicts what was held out no worse than the best predictor does (squared errors
+compared in pairs, block by block, two standard errors). Of those that stay the smallest BIC wins, or a smaller model
+whose BIC is within 2 of it. Where another damping law comes within a factor e³ = 20 of its evidence and is no mere
+extension of it, the record cannot tell the two apart, and the verdict says so. Dry friction that adds nothing to
+viscous damping is bounded. The winner's residuals are tested, and the verdict says how that came out; where even the
+winner misses more than a tenth of the motion, and not by noise, no law is told.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,10 +17,11 @@ from numpy.typing import NDArray
 from sinew.identify.fit import fit
 from sinew.identify.fitted import Fit
 from sinew.identify.held_out import HeldOut, Split, fit_and_predict
-from sinew.identify.model import MODELS, Model
+from sinew.identify.model import MODELS, Model, Rest
+from sinew.identify.residual_tests import ask_residuals
 from sinew.measure.errors import RecordingError
 
-__all__ = ["Comparison", "Row", "compare", "compare_laws"]
+__all__ = ["Choice", "Comparison", "Row", "choose", "compare", "compare_laws", "conclude", "criterion", "laws_to_try"]
 
 Array = NDArray[np.float64]
 
@@ -26,56 +29,154 @@ _CLEAR, _HINT = 6.0, 2.0  # differences of BIC: told for certain; too small to a
 _WORSE = 2.0  # standard errors of the paired difference of squared errors
 _BLOCKS = 12
 _HOPELESS = 3.0  # times the held-out error
+_POOR, _SMOOTH = 0.1, 0.5  # residuals' share of the output, and correlation of neighbours, of a misfit that is no noise
 _LAWS = {"viscous": "viscous damping", "loss-factor": "a constant loss factor", "coulomb": "viscous and dry friction"}
 
 
 @dataclass(frozen=True)
 class Row:
-    """One model's result: rmse over the held-out samples, in the unit of the output, and BIC over the training ones."""
+    """One model's result: rmse over what was held out, in the unit of the output, and BIC over what was fitted.
+
+    held_out: a fit and what it left of the held-out samples. squares: their mean square by block, shape (b,).
+    """
 
     model: Model
     rmse_test: float
     bic: float
     held_out: HeldOut
+    squares: Array
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The winner, the other damping laws that the data cannot tell from it, and all rows, best first."""
+
+    best: Row
+    rivals: tuple[Row, ...]
+    rows: tuple[Row, ...]
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Which model the record supports.
+    """Which model the data support.
 
-    rows: best first. best: the fit of the winner, to all of the record where blocks of it were held out.
+    rows: best first. best: the fit of the winner, to all of the data where parts of it were held out once.
     decided: whether the damping law is told from the others. verdict: one sentence.
+    dry_bound: where viscous damping is told from a loss factor and dry friction adds nothing to it, the upper end of
+    the friction's 90 % interval, over the inertia, in the motion's unit per s²; else None.
     """
 
     rows: tuple[Row, ...]
     best: Fit
     decided: bool
     verdict: str
+    dry_bound: float | None = None
 
 
-def compare(split: Split, models: Sequence[Model], known: Sequence[Row] = ()) -> Comparison:
-    """Return which of the models a record supports. known: rows of the same split, whose models are not fitted again.
+def compare(split: Split, models: Sequence[Model]) -> Comparison:
+    """Return which of the models a record supports. Raises RecordingError where none of them can be fitted."""
+    return _finish(split, _race(split, models))
 
-    Raises RecordingError where none of them can be fitted.
+
+def compare_laws(split: Split, progress: Callable[[float, float], None] | None = None) -> Comparison:
+    """Return the best of all damping laws and stiffness laws: the stiffness first, then the damping with it.
+
+    The rest position of a free decay may creep, where that makes the difference.
     """
+
+    def told(done: int) -> None:
+        if progress is not None:
+            progress(done, 3)
+
+    rows = _race(split, [model for model in laws_to_try() if model.damping == "viscous"])
+    told(1)
+    first = choose(rows).best
+    rests: list[Rest] = ["offset"]
+    if split.record.excitation == "none":
+        rows += _race(split, [first.model.resting("creep")], rows)
+        if choose(rows).best.model.rest == "creep":
+            rests.append("creep")
+            rows += _race(split, _new(rows, (row.model.resting("creep") for row in rows)), rows)
+            first = choose(rows).best
+    linear = next((row for row in rows if not row.model.terms), first)
+    # A damping law can do what a stiffness term had mimicked, unless the linear spring is hopeless.
+    terms = {first.model.terms, ()} if linear.rmse_test < _HOPELESS * first.rmse_test else {first.model.terms}
+    tried = [model.resting(rest) for model in laws_to_try() for rest in rests if model.terms in terms]
+    rows += _race(split, _new(rows, tried), rows)
+    told(2)
+    winner = choose(rows).best.model
+    same = [model.resting(winner.rest) for model in laws_to_try() if model.damping == winner.damping]
+    rows += _race(split, _new(rows, same), rows)
+    told(3)
+    return _finish(split, rows)
+
+
+def laws_to_try() -> tuple[Model, ...]:
+    """Return every damping law with every stiffness law; a pendulum is asked for by name."""
+    return tuple(model for model in MODELS.values() if not model.pendulum)
+
+
+def _new(rows: Sequence[Row], models: Iterable[Model]) -> list[Model]:
+    """Return the models that have no row yet, each once."""
+    return [model for model in dict.fromkeys(models) if all(row.model != model for row in rows)]
+
+
+def _race(split: Split, models: Sequence[Model], others: Sequence[Row] = ()) -> list[Row]:
+    """Return the rows of models. others: that there are already; without any, one model at least has to be fitted."""
     rows: list[Row] = []
     refused: list[RecordingError] = []
     for model in models:
-        if already := [row for row in known if row.model == model]:
-            rows += already
-            continue
         try:
             found = fit_and_predict(split, model)
         except RecordingError as error:
             refused.append(error)
             continue
         if np.isfinite(found.rmse):
-            rows.append(Row(model, found.rmse, np.nan, found))
-    if not rows:
+            rows.append(Row(model, found.rmse, np.nan, found, _blocks(found.residual)))
+    if not rows and not others:
         raise refused[0] if refused else RecordingError("no model can be fitted to this record")
+    return rows
+
+
+def _finish(split: Split, rows: Sequence[Row]) -> Comparison:
+    choice = choose(rows)
+    final = choice.best.held_out.fit
+    if split.interleaved:
+        final = fit(split.record, choice.best.model, guess=final)
+    return conclude(choice, final)
+
+
+def _blocks(residual: Array) -> Array:
+    size = max(1, residual.size // _BLOCKS)
+    count = residual.size // size
+    return np.asarray((residual[: count * size] ** 2).reshape(count, size).mean(axis=1))
+
+
+def criterion(found: Fit, independent: float) -> float:
+    """Return the information criterion n ln(mean squared residual) + m ln n.
+
+    independent: n, how many independent residuals there are, the same for all models that are compared.
+
+    What a loss factor saw before the record (`memory`, 0 after steady swinging, 1 after a long rest) costs what it was
+    narrowed down by, at most as much as another number: -2 ln(std √2π); nothing where the record does not tell it; and
+    the square of its distance from there, for a past that cannot have been is no explanation.
+    """
+    whole = float(np.log(independent))
+    cost = 0.0
+    for entry, std, value in zip(found.layout.entries, found.covariance.std, found.solution.values, strict=True):
+        if entry.local != "memory":
+            cost += whole
+            continue
+        told = -2 * np.log(max(float(std), 1e-12) * np.sqrt(2 * np.pi)) if np.isfinite(std) else 0.0
+        cost += float(np.clip(told, 0.0, whole)) + float(value - np.clip(value, 0.0, 1.0)) ** 2
+    return float(independent * np.log(max(found.rmse, 1e-300) ** 2) + cost)
+
+
+def choose(rows: Sequence[Row]) -> Choice:
+    """Return the winner of a race. rows: of the same data; their BIC is set here."""
     # Misfit makes residuals smooth, so the number that are independent is the best model's, the same for all.
     independent = min((row.held_out.fit for row in rows), key=lambda one: one.rmse).effective_samples
-    rows = [replace(row, bic=row.held_out.fit.bic(independent)) for row in rows]
+    rows = [replace(row, bic=criterion(row.held_out.fit, independent)) for row in rows]
     staying = _staying(rows)
     lowest = min(row.bic for row in staying)
     best = min((row for row in staying if row.bic < lowest + _HINT), key=lambda row: (_size(row.model), row.bic))
@@ -85,26 +186,22 @@ def compare(split: Split, models: Sequence[Model], known: Sequence[Row] = ()) ->
         best, rivals = plain, [best, *(row for row in rivals if row.model.damping != "viscous")]
     stays = [id(row) for row in staying]
     rows.sort(key=lambda row: (row is not best, id(row) not in stays, row.bic))
-    final = best.held_out.fit
-    if split.interleaved:
-        final = fit(split.record, best.model, guess=final)
-    return Comparison(tuple(rows), final, not rivals, _verdict(best, rivals, rows))
+    names = [row.model.name for row in rows]  # of two rest positions the better
+    return Choice(best, tuple(rivals), tuple(row for i, row in enumerate(rows) if row.model.name not in names[:i]))
 
 
-def compare_laws(split: Split, progress: Callable[[float, float], None] | None = None) -> Comparison:
-    """Return the best of all damping laws and stiffness laws: the stiffness first, then the damping with it."""
-    stiffness = compare(split, [MODELS[name] for name in ("linear", "cubic", "cubic-quadratic")])
-    if progress is not None:
-        progress(1, 2)
-    first = stiffness.rows[0]
-    linear = next((row for row in stiffness.rows if row.model.name == "linear"), first)
-    # A damping law can do what a stiffness term had mimicked, unless the linear spring is hopeless.
-    terms = {first.model.terms, ()} if linear.rmse_test < _HOPELESS * first.rmse_test else {first.model.terms}
-    tried = [model for model in MODELS.values() if not model.pendulum and model.terms in terms]
-    found = compare(split, list(dict.fromkeys([*(row.model for row in stiffness.rows), *tried])), stiffness.rows)
-    if progress is not None:
-        progress(2, 2)
-    return found
+def conclude(choice: Choice, final: Fit, what: str = "record") -> Comparison:
+    """Return the comparison with its verdict. final: the winner's fit to all of the data, which are called `what`."""
+    bound, words = _dry_bound(choice)
+    asked = ask_residuals(final.records, final.residuals(), 2 * np.pi * final.natural_frequency_hz.value)
+    if asked.share > _POOR and asked.neighbours > _SMOOTH and len(choice.rows) > 1:
+        told = (
+            f"cannot tell the damping law, for no model describes this {what}: {choice.best.model.name}, which leaves "
+            f"least, misses {100 * asked.share:.0f} % of the output's standard deviation; {asked.telling()}"
+        )
+        return Comparison(choice.rows, final, False, told)
+    verdict = f"{_verdict(choice, what)}{words}{_begins_late(final)}; {asked.telling()}"
+    return Comparison(choice.rows, final, not choice.rivals, verdict, bound)
 
 
 def _size(model: Model) -> int:
@@ -114,18 +211,16 @@ def _size(model: Model) -> int:
 def _staying(rows: Sequence[Row]) -> list[Row]:
     converged = [row for row in rows if row.held_out.fit.converged] or list(rows)
     first = min(converged, key=lambda row: row.rmse_test)
-    return [row for row in converged if not _is_worse(row.held_out.residual, first.held_out.residual)]
+    return [row for row in converged if not _is_worse(row.squares, first.squares)]
 
 
 def _is_worse(one: Array, other: Array) -> bool:
-    """Return whether one model's squared errors are larger than another's beyond chance, in blocks of samples."""
-    size = max(1, one.size // _BLOCKS)
-    count = one.size // size
-    difference = (one**2 - other**2)[: count * size].reshape(count, size).mean(axis=1)
-    if count < 4:
-        return bool(difference.mean() > 0.1 * float(np.mean(other**2)))
-    error = float(difference.std(ddof=1)) / np.sqrt(count)
-    return bool(difference.mean() > _WORSE * error and difference.mean() > 0.01 * float(np.mean(other**2)))
+    """Return whether one model's squared errors are larger than another's beyond chance; by block, shape (b,)."""
+    difference = one - other
+    if one.size < 4:
+        return bool(difference.mean() > 0.1 * float(other.mean()))
+    error = float(difference.std(ddof=1)) / np.sqrt(one.size)
+    return bool(difference.mean() > _WORSE * error and difference.mean() > 0.01 * float(other.mean()))
 
 
 def _rivals(row: Row, best: Row, staying: Sequence[Row]) -> bool:
@@ -138,21 +233,57 @@ def _rivals(row: Row, best: Row, staying: Sequence[Row]) -> bool:
     return not any(other.model.damping == "viscous" and other.bic <= row.bic for other in staying)
 
 
-def _verdict(best: Row, rivals: Sequence[Row], rows: Sequence[Row]) -> str:
+def _begins_late(found: Fit) -> str:
+    """Return the words where what seems to creep is over within a period: the motion was not free yet."""
+    record = found.records[0]
+    lasts = float(record.time_s[-1] - record.time_s[0])
+    for name, one in found.nuisance.items():
+        creep_s = lasts * float(np.exp(one.value))
+        if name.startswith("creep_time") and creep_s * found.natural_frequency_hz.value < 1.0:
+            return f"; what creeps is over in {creep_s:.2g} s, less than a period: if it was not free yet, begin later"
+    return ""
+
+
+def _dry_bound(choice: Choice) -> tuple[float | None, str]:
+    """Return how much dry friction there may be beside viscous damping that is told, and the words for it."""
+    best = choice.best.model
+    if choice.rivals or best.damping != "viscous":
+        return None, ""
+    same = [row for row in choice.rows if row.model.damping == "coulomb" and row.model.terms == best.terms]
+    if not same:
+        return None, ""
+    ends = {name: one.high for name, one in same[0].held_out.fit.parameters.items() if name.startswith("coulomb")}
+    over = [name for name in ends if name.split("[")[0].endswith("per_s2")]
+    shown = [name for name in ends if name not in over] or over  # in full, where the inertia is known
+    if not np.isfinite([ends[name] for name in over]).all():
+        return None, ""
+    largest = max(shown, key=lambda name: ends[name])
+    told = f"; dry friction, if there is any, is below {largest} = {max(ends[largest], 0.0):.3g}"
+    return max(0.0, *(ends[name] for name in over)), told
+
+
+def _verdict(choice: Choice, what: str) -> str:
+    best, rivals, rows = choice.best, choice.rivals, choice.rows
     law = _LAWS[best.model.damping]
     stiffness = {(): "a linear spring", ("cubic",): "a cubic spring"}.get(
-        best.model.terms, "a pendulum" if best.model.pendulum else "a spring with quadratic and cubic terms"
+        best.model.terms, "a spring with quadratic and cubic terms"
     )
+    stiffness = "a pendulum" if best.model.pendulum else stiffness
+    law += {"offset": "", "drift": " and a drifting rest position", "creep": " and a creeping rest position"}[
+        best.model.rest
+    ]
     if rivals:
         others = " or ".join(dict.fromkeys(_LAWS[row.model.damping] for row in rivals))
         return (
-            f"cannot tell {law} from {others} in this record (BIC within {_CLEAR:g}, held-out errors alike); "
-            f"{stiffness} with {law} is reported"
+            f"cannot tell {_LAWS[best.model.damping]} from {others} in this {what} (BIC within {_CLEAR:g}, held-out "
+            f"errors alike); {stiffness} with {law} is reported"
         )
     if len(rows) == 1:
         return f"{stiffness} with {law} was fitted; no other model was tried"
     second = min((row for row in rows if row is not best), key=lambda row: row.bic)
+    gain = second.bic - best.bic
+    criterion_says = f"BIC smaller by {gain:.3g}" if gain > 0 else f"whose smaller BIC (by {-gain:.3g}) counts less"
     return (
         f"{stiffness} with {law} is preferred: held-out rmse {best.rmse_test:.3g} against {second.rmse_test:.3g} of "
-        f"{second.model.name}, BIC smaller by {second.bic - best.bic:.3g}"
+        f"{second.model.name}, {criterion_says}"
     )

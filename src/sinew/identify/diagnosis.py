@@ -5,6 +5,7 @@ What makes a fit impossible (nothing moves, too short, sampled too slowly) is re
 and one that leaves much less is named.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -50,31 +51,54 @@ def refuse_hopeless(record: Record) -> None:
 
 
 def suspicions(found: Fit) -> tuple[str, ...]:
-    """Return what about a fit a person should know: sentences; none where nothing is suspicious."""
-    record, omega = found.records[0], 2 * np.pi * found.natural_frequency_hz.value
+    """Return what about a fit a person should know: sentences; none where nothing is suspicious.
+
+    How the residuals of a comparison's winner came out of their tests is in the comparison's verdict.
+    """
+    omega = 2 * np.pi * found.natural_frequency_hz.value
     if not np.isfinite(omega):
         return (*_alternatives(found), "the stiffness came out negative: the model does not fit this record")
     sentences: list[str] = []
-    samples = 1.0 / (found.natural_frequency_hz.value * record.step_s)
+    samples = 1.0 / (found.natural_frequency_hz.value * max(record.step_s for record in found.records))
     if samples < _FEW_SAMPLES:
         sentences.append(f"sampling is slow for the resonance: {samples:.1f} samples in a period; sample faster")
     if found.damping_ratio.high < 0:
         sentences.append("the damping came out negative: energy is fed in, or input and output do not belong together")
-    asked = ask_residuals(record, found.residuals()[0], omega)
-    if asked.share > _POOR:
-        sentences.append(f"the fit is poor: residuals are {100 * asked.share:.0f} % of the output's standard deviation")
-    if asked.share > _POOR or found.damping_ratio.high < 0:
+    share = ask_residuals(found.records, found.residuals(), omega).share
+    if share > _POOR:
+        sentences.append(f"the fit is poor: residuals are {100 * share:.0f} % of the output's standard deviation")
+    if share > _POOR or found.damping_ratio.high < 0:
         sentences += _alternatives(found)
-    return (*sentences, *asked.sentences())
+    return tuple(sentences)
 
 
 def _alternatives(found: Fit) -> list[str]:
-    """Return sentences on what the record fits much better: swapped columns, another excitation."""
-    record = found.records[0]
-    if record.input is None:
+    """Return sentences on what the records fit much better: swapped columns, another excitation."""
+    records, first = found.records, found.records[0]
+    if first.input is None:
         return ["a free decay does not describe it; was it driven, or did it start later than the record?"]
     sentences = []
-    swapped = replace(
+    own = found.rmse / _deviation(records)
+    if _share([_swapped(record) for record in records]) < _MUCH_BETTER * min(own, 1.0):
+        sentences.append("input and output look swapped: the other way round a linear joint leaves much less")
+    others: list[Excitation] = ["base", "lever"] if first.excitation in ("force", "torque") else ["force"]
+    if first.excitation in ("base", "lever"):
+        others.append("lever" if first.excitation == "base" else "base")
+    plain = min(own, _share(records))
+    better = {e: _share([replace(record, excitation=e) for record in records]) for e in others}
+    best = min(better, key=lambda e: better[e])
+    if better[best] < _MUCH_BETTER * plain:
+        name = "force or torque" if best == "force" else best
+        sentences.append(
+            f"excitation {first.excitation} looks wrong: as {name} a linear joint leaves {100 * better[best]:.0f} % "
+            f"instead of {100 * plain:.0f} %"
+        )
+    return sentences
+
+
+def _swapped(record: Record) -> Record:
+    assert record.input is not None
+    return replace(
         record,
         input=record.output,
         output=record.input,
@@ -82,28 +106,17 @@ def _alternatives(found: Fit) -> list[str]:
         output_unit=record.input_unit,
         excitation="force",
     )
-    own = found.rmse / float(record.output.std())
-    if _share(swapped) < _MUCH_BETTER * min(own, 1.0):
-        sentences.append("input and output look swapped: the other way round a linear joint leaves much less")
-    others: list[Excitation] = ["base", "lever"] if record.excitation in ("force", "torque") else ["force"]
-    if record.excitation in ("base", "lever"):
-        others.append("lever" if record.excitation == "base" else "base")
-    plain = min(own, _share(record))
-    better = {e: _share(replace(record, excitation=e)) for e in others}
-    best = min(better, key=lambda e: better[e])
-    if better[best] < _MUCH_BETTER * plain:
-        name = "force or torque" if best == "force" else best
-        sentences.append(
-            f"excitation {record.excitation} looks wrong: as {name} a linear joint leaves {100 * better[best]:.0f} % "
-            f"instead of {100 * plain:.0f} %"
-        )
-    return sentences
 
 
-def _share(record: Record) -> float:
-    """Return what a linear joint leaves of a record, rms over the output's standard deviation; inf where it cannot."""
+def _deviation(records: Sequence[Record]) -> float:
+    """Return the root mean square of the outputs, each less its mean."""
+    return float(np.sqrt(np.mean(np.concatenate([(r.output - r.output.mean()) ** 2 for r in records]))))
+
+
+def _share(records: Sequence[Record]) -> float:
+    """Return what a linear joint leaves of records, rms over the output's; inf where it cannot be fitted."""
     try:
-        found = fit(record, MODELS["linear"])
+        found = fit(records, MODELS["linear"])
     except (RecordingError, SpecError):
         return float("inf")
-    return found.rmse / float(record.output.std()) if found.damping_ratio.high > 0 else float("inf")
+    return found.rmse / _deviation(records) if found.damping_ratio.high > 0 else float("inf")

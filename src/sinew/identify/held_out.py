@@ -17,6 +17,7 @@ from sinew.identify.least_squares import Problem, solve
 from sinew.identify.model import Model
 from sinew.identify.record import FEWEST, Record
 from sinew.identify.start import dominant_omega
+from sinew.identify.track import LOCAL
 from sinew.measure.errors import RecordingError, SpecError
 
 __all__ = ["HeldOut", "Split", "fit_and_predict", "predict", "split_record"]
@@ -107,12 +108,21 @@ def fit_and_predict(split: Split, model: Model | str, guess: Fit | None = None) 
 def predict(fitted: Fit, record: Record) -> Array:
     """Return the output of another record by a fit's mechanics and rest position, shape (n,), in its unit.
 
-    Only where the record starts is not known; it is sought in the record's first two periods. A drift is not carried
-    over.
+    Of several groups the record's own is taken, of several records in it the median rest position. Only where the
+    record starts is not known; it is sought in the record's first two periods. A drift is not carried over.
+    Raises SpecError where the fit has no record of the record's group.
     """
-    scales = fitted.layout.parts[0].scales
+    mine = [i for i, part in enumerate(fitted.layout.parts) if part.record.group == record.group]
+    if not mine and any(entry.group for entry in fitted.layout.entries):
+        raise SpecError(f"the fit knows nothing of {record.group!r}; fit a record of it, too")
+    mine = mine or list(range(len(fitted.layout.parts)))
+    scales = fitted.layout.parts[mine[0]].scales
     part = make_part(record, fitted.model.resting("offset"), scales, fitted.frame, np.ones(record.size, dtype=bool))
-    known = fitted.layout.local(fitted.solution.values, 0)
+    each = [fitted.layout.local(fitted.solution.values, i) for i in mine]
+    known = each[0].copy()
+    offset = LOCAL.index("offset")
+    sizes = [one[offset] * fitted.layout.parts[i].unit_size for one, i in zip(each, mine, strict=True)]
+    known[offset] = float(np.median(sizes)) / part.unit_size
     layout = make_layout(fitted.model.resting("offset"), [part])
     x = known[layout.column[0]].copy()
     free = np.array([k for k, entry in enumerate(layout.entries) if entry.local in ("start", "start_rate")])

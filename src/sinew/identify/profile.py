@@ -12,13 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from sinew.identify.certainty import covariance
+from sinew.identify.fitted import Fit
 from sinew.identify.least_squares import Problem, Solution, solve
+from sinew.identify.numbers import DAMPING, FREQUENCY
+from sinew.identify.quantity import find_quantity
+from sinew.measure.estimate import Estimate
 
-__all__ = ["Profile", "profile_interval"]
+__all__ = ["Profile", "interval90", "profile_interval"]
 
 Array = NDArray[np.float64]
 
 _STEPS = 14
+_CLOSE = 1e-3  # of the rise that is wanted
+_BETTER = 1.0  # residual variances: a sum of squares that is smaller by more belongs to another minimum
+_RESTARTS = 3
+_FAR = 1e100  # no residual counts for more
 
 
 @dataclass(frozen=True)
@@ -28,12 +37,15 @@ class Profile:
     low, high: its ends; infinite where the sum of squares does not rise that far.
     tried, risen: trial values, and √(rise of the sum of squares over the residual variance), signed, shape (t,): for a
         linear model a straight line, (trial - value)/std.
+    better: parameters with a clearly smaller sum of squares than the solution's, if the trials came upon any, shape
+        (m,): then the solution is not the best, and the interval not to be used.
     """
 
     low: float
     high: float
     tried: Array
     risen: Array
+    better: Array | None = None
 
 
 def profile_interval(
@@ -54,22 +66,88 @@ def profile_interval(
     freedom = float(solution.degrees_of_freedom if degrees_of_freedom is None else degrees_of_freedom)
     variance = solution.sum_of_squares / max(solution.degrees_of_freedom, 1)
     wanted = float(special.stdtrit(freedom, 0.5 + 0.5 * level) * np.sqrt(inflation))
-    tried, risen, ends = [float(solution.values[index])], [0.0], []
+    value = float(solution.values[index])
+    tried, risen, ends, better = [value], [0.0], [], None
     for side in (-1.0, 1.0):
-        others = np.delete(solution.values, index)
+        followed = _Followed(problem, solution, index)
 
-        def rise(value: float, side: float = side) -> float:
-            nonlocal others
-            found = solve(_without(problem, index, value), others, tolerance=1e-9, max_evaluations=100)
-            others = found.values
-            gained = max(found.sum_of_squares - solution.sum_of_squares, 0.0) / variance
-            tried.append(value)
+        def rise(trial: float, side: float = side, followed: _Followed = followed) -> float:
+            gained = max(followed.least(trial) - solution.sum_of_squares, 0.0) / variance
+            tried.append(trial)
             risen.append(side * float(np.sqrt(gained)))
             return float(np.sqrt(gained) - wanted)
 
-        ends.append(_crossing(rise, float(solution.values[index]), side * wanted * std, wanted))
+        first = std * float(special.stdtrit(freedom, 0.5 + 0.5 * level))
+        ends.append(_crossing(rise, value, side * first, wanted))
+        if followed.best[0] < solution.sum_of_squares - _BETTER * variance:
+            better = followed.best[1]
     order = np.argsort(tried)
-    return Profile(ends[0], ends[1], np.array(tried)[order], np.array(risen)[order])
+    return Profile(ends[0], ends[1], np.array(tried)[order], np.array(risen)[order], better)
+
+
+def interval90(fit: Fit, name: str) -> Estimate | None:
+    """Return a number of a fit with its 90 % interval by profile likelihood; None where it is bounded on neither side.
+
+    name: of `Fit.parameters`, or natural_frequency_hz or damping_ratio. value, std: as in the fit; low, high: of the
+    profile, infinite where the record does not bound that side. Where the trials come upon a smaller sum of squares
+    than the fit's, the profile starts again from there, and the value is the one there.
+
+    Under correlated residuals the sum of squares rises too fast, by the ratio of the robust variance of the fit to the
+    classical one; the rise that ends the interval is that much larger. Raises SpecError for an unknown name.
+    """
+    quantity = find_quantity(fit, name)
+    solution = quantity.solution(fit.solution)
+    gradient = quantity.gradient(solution.values)
+    taking = np.flatnonzero(gradient)
+    robust = float(gradient[taking] @ fit.covariance.matrix[np.ix_(taking, taking)] @ gradient[taking])
+    classical = float(covariance(solution.jacobian, solution.residual).matrix[quantity.index, quantity.index])
+    if not (np.isfinite(robust) and np.isfinite(classical) and robust > 0 and classical > 0):
+        return None
+    problem, freedom = quantity.problem(fit.layout.problem(fit.kept)), fit.covariance.degrees_of_freedom
+    for _ in range(_RESTARTS):
+        found = profile_interval(
+            problem,
+            solution,
+            quantity.index,
+            float(np.sqrt(robust)),
+            degrees_of_freedom=freedom,
+            inflation=robust / classical,
+        )
+        if found.better is None:
+            break
+        solution = solve(problem, found.better, tolerance=1e-9, max_evaluations=100)
+    if not np.isfinite([found.low, found.high]).any():
+        return None
+    known = (fit.parameters | {FREQUENCY: fit.natural_frequency_hz, DAMPING: fit.damping_ratio})[name]
+    value = quantity.physical(float(solution.values[quantity.index]))
+    ends = sorted((quantity.physical(found.low), quantity.physical(found.high)))
+    if not ends[0] <= value <= ends[1]:  # 1/y, and y may be zero
+        return None
+    return Estimate(value, known.std, ends[0], ends[1])
+
+
+class _Followed:
+    """The other parameters, followed from trial to trial. best: the smallest sum of squares met, and where."""
+
+    def __init__(self, problem: Problem, solution: Solution, index: int) -> None:
+        self._problem, self._index = problem, index
+        self._value, self._others = float(solution.values[index]), np.delete(solution.values, index)
+        own, rest = solution.jacobian[:, index], np.delete(solution.jacobian, index, axis=1)
+        size = np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
+        self.best = solution.sum_of_squares, solution.values
+        self._lean = -np.linalg.lstsq(rest / size, own, rcond=1e-8)[0] / size
+
+    def least(self, trial: float) -> float:
+        """Return the smallest sum of squares with the parameter at its trial value."""
+        held = _without(self._problem, self._index, trial)
+        starts = [self._others, self._others + self._lean * (trial - self._value)]
+        off = [np.clip(np.nan_to_num(held.residual(start), nan=_FAR), -_FAR, _FAR) for start in starts]
+        nearer = starts[int(np.argmin([float(r @ r) for r in off]))]
+        found = solve(held, nearer, tolerance=1e-9, max_evaluations=100)
+        self._value, self._others = trial, found.values
+        if found.sum_of_squares < self.best[0]:
+            self.best = found.sum_of_squares, np.insert(found.values, self._index, trial)
+        return found.sum_of_squares
 
 
 def _crossing(rise: Callable[[float], float], value: float, step: float, wanted: float) -> float:
@@ -83,12 +161,12 @@ def _crossing(rise: Callable[[float], float], value: float, step: float, wanted:
     else:
         return float(np.copysign(np.inf, step))
     for _ in range(_STEPS):
-        if abs(outer_rise) < 1e-3 * wanted:
+        if abs(outer_rise) < _CLOSE * wanted:
             break
         share = np.clip(inner_rise / (inner_rise - outer_rise), 0.05, 0.95)
         middle = inner + float(share) * (outer - inner)
         middle_rise = rise(middle)
-        if abs(middle_rise) < 1e-3 * wanted:
+        if abs(middle_rise) < _CLOSE * wanted:
             return middle
         if middle_rise >= 0:
             outer, outer_rise = middle, middle_rise

@@ -1,5 +1,6 @@
 """This is where residuals are asked what is left in them: colour, and trends with amplitude and frequency."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,12 +20,12 @@ _FEWEST_BLOCKS = 8
 
 @dataclass(frozen=True)
 class ResidualTests:
-    """What the residuals of one record look like.
+    """What the residuals of one record, or of several, look like.
 
-    white_p: of Ljung and Box over 20 lags; neighbours: correlation of neighbouring residuals.
+    white_p: of Ljung and Box over 20 lags, summed over the records; neighbours: correlation of neighbouring residuals.
     amplitude_p, frequency_p: of Spearman's rank correlation between the residuals' size and the output's amplitude or
-        frequency, over blocks of a period; NaN where there are fewer than 8 blocks. amplitude_trend, frequency_trend:
-        those correlations.
+        frequency, over blocks of a period (of 8 records or more: over the records); NaN where there are fewer than 8
+        blocks. amplitude_trend, frequency_trend: those correlations.
     share: rms of the residuals over the standard deviation of the output.
     """
 
@@ -49,35 +50,69 @@ class ResidualTests:
                 found.append(f"residuals {'grow' if trend > 0 else 'shrink'} with {of}")
         return tuple(found)
 
+    def telling(self) -> str:
+        """Return how all the tests came out, in words."""
+        found = list(self.sentences())
+        if self.white_p >= _SIGNIFICANT:
+            found.insert(0, "residuals are white")
+        if np.isnan(self.amplitude_p):
+            found.append("there are too few periods to ask them for trends")
+        elif min(self.amplitude_p, self.frequency_p) >= _SIGNIFICANT:
+            found.append("they show no trend with amplitude or frequency")
+        return ", ".join(found)
 
-def ask_residuals(record: Record, residual: Array, omega: float) -> ResidualTests:
-    """Return the tests of one record's residuals.
 
-    residual: in the unit of the output, shape (n,). omega: angular frequency whose period makes the blocks [rad/s].
+def ask_residuals(
+    records: Record | Sequence[Record], residuals: Array | Sequence[Array], omega: float
+) -> ResidualTests:
+    """Return the tests of the residuals of one record, or of several that were fitted together.
+
+    residuals: in the unit of the output, one array of shape (n,) for each record. omega: angular frequency whose period
+    makes the blocks [rad/s].
     """
-    r = residual - residual.mean()
-    power = float(r @ r)
-    lags = min(_LAGS, r.size // 5)
-    each = np.array([float(r[k:] @ r[:-k]) for k in range(1, lags + 1)]) / max(power, 1e-300)
-    box = r.size * (r.size + 2) * float(np.sum(each**2 / (r.size - np.arange(1, lags + 1))))
-    size = max(4, round(2 * np.pi / omega / record.step_s))
-    count = r.size // size
+    one = isinstance(records, Record)
+    owners = (records,) if isinstance(records, Record) else tuple(records)
+    centred = [np.asarray(r) - np.mean(r) for r in ([residuals] if one else residuals)]
+    power = sum(float(r @ r) for r in centred)
+    boxes = [_box(r) for r in centred]
+    near = sum(float(r[1:] @ r[:-1]) for r in centred) / max(power, 1e-300)
+    whole = len(owners) >= _FEWEST_BLOCKS
+    blocks = np.concatenate([_blocks(o, r, omega, whole) for o, r in zip(owners, centred, strict=True)])
     trends = [(np.nan, np.nan), (np.nan, np.nan)]
-    if count >= _FEWEST_BLOCKS:
-        blocks = r[: count * size].reshape(count, size)
-        output = (record.output - record.output.mean())[: count * size].reshape(count, size)
-        loud = np.sqrt(np.mean(blocks**2, axis=1))
-        turns = np.sqrt(np.mean(np.diff(output, axis=1) ** 2, axis=1) / np.maximum(output.var(axis=1), 1e-300))
-        trends = [_trend(output.std(axis=1), loud), _trend(turns, loud)]
+    if blocks.shape[0] >= _FEWEST_BLOCKS:
+        trends = [_trend(blocks[:, k], blocks[:, 0]) for k in (1, 2)]
+    size = sum(r.size for r in centred)
+    moved = sum(float(np.sum((o.output - o.output.mean()) ** 2)) for o in owners)
     return ResidualTests(
-        float(special.chdtrc(lags, box)),
-        float(each[0]),
+        float(special.chdtrc(sum(lags for _, lags in boxes), sum(box for box, _ in boxes))),
+        near,
         trends[0][1],
         trends[0][0],
         trends[1][1],
         trends[1][0],
-        float(np.sqrt(power / r.size) / max(float(record.output.std()), 1e-300)),
+        float(np.sqrt(power / size) / max(np.sqrt(moved / size), 1e-300)),
     )
+
+
+def _box(r: Array) -> tuple[float, int]:
+    """Return the statistic of Ljung and Box, and over how many lags."""
+    lags = min(_LAGS, r.size // 5)
+    each = np.array([float(r[k:] @ r[:-k]) for k in range(1, lags + 1)]) / max(float(r @ r), 1e-300)
+    return r.size * (r.size + 2) * float(np.sum(each**2 / (r.size - np.arange(1, lags + 1)))), lags
+
+
+def _blocks(record: Record, r: Array, omega: float, whole: bool) -> Array:
+    """Return rms of the residuals, amplitude and frequency of the output in every block, shape (b, 3)."""
+    period = 2 * np.pi / omega / record.step_s if np.isfinite(omega) and omega > 0 else r.size / _FEWEST_BLOCKS
+    size = r.size if whole else min(max(4, round(period)), r.size)
+    count = r.size // size
+    blocks = r[: count * size].reshape(count, size)
+    output = record.output[: count * size].reshape(count, size)
+    if not whole:
+        output = output - record.output.mean()
+    deviation = np.maximum(output.std(axis=1), 1e-150)
+    turns = np.sqrt(np.mean(np.diff(output, axis=1) ** 2, axis=1)) / deviation / record.step_s
+    return np.stack([np.sqrt(np.mean(blocks**2, axis=1)), output.std(axis=1), turns], axis=1)
 
 
 def _trend(against: Array, loud: Array) -> tuple[float, float]:

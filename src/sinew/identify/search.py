@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinew.identify.grid import Frame, Scales, input_derivative
-from sinew.identify.layout import Layout, Part
+from sinew.identify.layout import Layout, Part, make_layout
 from sinew.identify.least_squares import Problem, Solution, solve
 from sinew.identify.model import Model
 from sinew.identify.record import Record, derivative_order
@@ -26,6 +27,11 @@ _LARGE = 0.1  # of the largest output: motion that dry friction does not bring t
 
 def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[Scales, dict[str, float]]]:
     """Return the scales of every record and where its search begins, in SI units; the records share their mechanics."""
+    creeps = [_creep(record) if model.rest == "creep" else None for record in records]
+    records = [
+        record if creep is None else replace(record, output=record.output - creep.position)
+        for record, creep in zip(records, creeps, strict=True)
+    ]
     omega = float(np.median([dominant_omega(record) for record in records]))
     values = regress_together(records, model, omega, frame)
     natural = np.sqrt(values[0]["stiffness"]) if values[0]["stiffness"] > 0 else omega
@@ -34,7 +40,44 @@ def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[S
     if values[0]["stiffness"] <= 0:
         values = [one | {"stiffness": omega**2} for one in values]
     omega = float(np.clip(np.sqrt(values[0]["stiffness"]), 0.2 * omega, 5.0 * omega))
-    return [(_scales(record, omega, one["offset"]), one) for record, one in zip(records, values, strict=True)]
+    return [
+        (_scales(record, omega, one["offset"]), one if creep is None else one | creep.start(one["offset"]))
+        for record, one, creep in zip(records, values, creeps, strict=True)
+    ]
+
+
+class _Creep(NamedTuple):
+    """A rest position that creeps, as the motion's mean over a period tells it: offset + drift (1 - exp(-t/τ)).
+
+    position: shape (n,). creep_time: ln(τ over the record's length).
+    """
+
+    position: Array
+    offset: float
+    drift: float
+    creep_time: float
+
+    def start(self, offset: float) -> dict[str, float]:
+        """Return what it adds to a start whose offset is that of the motion without the creep."""
+        return {"offset": self.offset + offset, "drift": self.drift, "creep_time": self.creep_time}
+
+
+def _creep(record: Record) -> _Creep:
+    omega = dominant_omega(record)
+    size = int(np.clip(round(2 * np.pi / omega / record.step_s), 2, record.size // 3))
+    share = (record.time_s - record.time_s[0]) / (record.time_s[-1] - record.time_s[0])
+    slow = np.convolve(record.output, np.ones(size) / size, "valid")
+    middle = np.convolve(share, np.ones(size) / size, "valid")
+    best = _Creep(np.zeros(record.size), 0.0, 0.0, -1.0), np.inf
+    for creep_time in np.linspace(-4.0, 1.0, 11):
+        shape = 1 - np.exp(-np.outer(middle, np.exp(-creep_time)))[:, 0]
+        table = np.stack([np.ones(shape.size), shape], axis=1)
+        (offset, drift), *_ = np.linalg.lstsq(table, slow, rcond=None)
+        left = float(np.sum((slow - table @ (offset, drift)) ** 2))
+        if left < best[1]:
+            position = offset + drift * (1 - np.exp(-share * np.exp(-creep_time)))
+            best = _Creep(position, float(offset), float(drift), float(creep_time)), left
+    return best[0]
 
 
 def _scales(record: Record, omega: float, offset: float) -> Scales:
@@ -57,7 +100,9 @@ def first_values(layout: Layout, starts: Sequence[dict[str, float]]) -> Array:
             if entry.record in (-1, i) and entry.group in ("", part.record.group)
         ]
         if entry.local in ("drift", "creep_time", "memory"):
-            x[k] = -1.0 if entry.local == "creep_time" else 0.0
+            own = max(entry.record, 0)
+            size = layout.parts[own].unit_size if entry.local == "drift" else 1.0
+            x[k] = starts[own].get(entry.local, -1.0 if entry.local == "creep_time" else 0.0) / size
             continue
         normal = []
         for i in which:
@@ -82,7 +127,8 @@ def search(layout: Layout, first: Array, masks: Masks) -> Solution:
     problem = layout.problem(masks)
     wanted = np.concatenate([p.record.output[m] / p.unit_size for p, m in zip(layout.parts, masks, strict=True)])
     size = float(np.std(wanted) * np.sqrt(wanted.size))
-    starts = _dry_starts(layout, first, masks) if layout.model.damping == "coulomb" else [first]
+    special = {"coulomb": _dry_starts, "loss-factor": _remembering_starts}.get(layout.model.damping)
+    starts = [first] if special is None else special(layout, first, masks)
     direct = solve(problem, *starts, tolerance=_TOLERANCE, max_evaluations=60)
     if np.sqrt(direct.sum_of_squares) <= _POOR * size:
         return direct
@@ -96,6 +142,29 @@ def search(layout: Layout, first: Array, masks: Masks) -> Solution:
         if min(np.sqrt(one.sum_of_squares) for one in grown) <= _LOST * size:
             break
     return min(grown, key=lambda solution: solution.sum_of_squares)
+
+
+def _remembering_starts(layout: Layout, first: Array, masks: Masks) -> list[Array]:
+    """Return the starts of a search for a loss factor: of a decay the viscous fit, let go after a drive or a rest."""
+    at = {(entry.local, entry.group, entry.record): k for k, entry in enumerate(layout.entries)}
+    memory = np.array([entry.local == "memory" for entry in layout.entries])
+    if not memory.any():
+        return [first]
+    viscous = make_layout(replace(layout.model, damping="viscous"), layout.parts)
+    same = [(entry.local.replace("damping", "loss_factor"), entry.group, entry.record) for entry in viscous.entries]
+    if not all(key in at for key in same):
+        return [first, np.where(memory, 1.0, first)]
+    whose = [at[key] for key in same]
+    bent = np.array([entry.local in layout.model.terms for entry in viscous.entries])
+    starts = [first[whose], np.where(bent, 0.0, first[whose])] if bent.any() else [first[whose]]
+    found = solve(viscous.problem(masks), *starts, tolerance=1e-6, max_evaluations=60).values
+    x = first.copy()
+    x[whose] = found
+    for k, entry in enumerate(layout.entries):
+        if entry.local == "loss_factor":
+            stiffness = at.get(("stiffness", entry.group, entry.record), at.get(("stiffness", "", -1), 0))
+            x[k] = float(np.clip(x[k] / np.sqrt(max(x[stiffness], 1e-3)), 1e-3, 0.8))
+    return [x, np.where(memory, 1.0, x), first]
 
 
 def _dry_starts(layout: Layout, first: Array, masks: Masks) -> list[Array]:

@@ -24,6 +24,7 @@ __all__ = ["dominant_omega", "regress", "regress_together"]
 Array = NDArray[np.float64]
 
 _AT_START = 0.12  # of a period: samples that tell position and rate at the start
+_CREEPING = 4.0  # periods in the record, below which a decay's motion may be the creep of its rest position
 
 
 def dominant_omega(record: Record) -> float:
@@ -43,7 +44,10 @@ def dominant_omega(record: Record) -> float:
         moving = (y - np.polynomial.Polynomial.fit(even, y, 1)(even)) * np.hanning(y.size)
     power = np.abs(np.fft.rfft(moving, size)) ** 2
     frequency = np.fft.rfftfreq(size, step)
-    power[frequency < 1.0 / (even[-1] - even[0])] = 0.0
+    lasts = even[-1] - even[0]
+    power[frequency < 1.0 / lasts] = 0.0
+    if record.excitation == "none":
+        power *= (frequency**2 / (frequency**2 + (_CREEPING / lasts) ** 2)) ** 2
     best = int(np.argmax(power))
     if best == 0:
         raise RecordingError("the record is shorter than one period of its oscillation; record longer")

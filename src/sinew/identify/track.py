@@ -27,7 +27,17 @@ from numpy.typing import NDArray
 
 from sinew.twin.prony import prony_shares
 
-__all__ = ["LARGEST_LOSS_FACTOR", "LOCAL", "DampingLaw", "Grid", "StiffnessLaw", "track", "track_slopes"]
+__all__ = [
+    "LARGEST_LOSS_FACTOR",
+    "LOCAL",
+    "DampingLaw",
+    "Grid",
+    "StiffnessLaw",
+    "traced_slopes",
+    "traced_track",
+    "track",
+    "track_slopes",
+]
 
 Array = NDArray[np.float64]
 DampingLaw = Literal["viscous", "loss-factor", "coulomb"]
@@ -243,7 +253,8 @@ def _measured(moving: jax.Array, p: jax.Array, grid: Grid) -> jax.Array:
 
 
 @partial(jax.jit, static_argnames=("damping", "stiffness", "order"))
-def _track(p: jax.Array, grid: Grid, damping: DampingLaw, stiffness: StiffnessLaw, order: int) -> jax.Array:
+def traced_track(p: jax.Array, grid: Grid, damping: DampingLaw, stiffness: StiffnessLaw, order: int) -> jax.Array:
+    """Return the track as JAX sees it, for programs that are compiled themselves; see `track`."""
     law, start = _begin(p, grid, damping)
     first = _seen(start, p[6] * jnp.asarray(grid.forcing)[0, 0], law, damping, stiffness, order)
 
@@ -255,13 +266,13 @@ def _track(p: jax.Array, grid: Grid, damping: DampingLaw, stiffness: StiffnessLa
 
 
 @partial(jax.jit, static_argnames=("damping", "stiffness", "order"))
-def _slopes(
+def traced_slopes(
     p: jax.Array, free: jax.Array, grid: Grid, damping: DampingLaw, stiffness: StiffnessLaw, order: int
 ) -> jax.Array:
     """Return the derivatives along the directions in `free`, shape (f, 13).
 
     Motion and derivative go through the steps together. (The derivative of the whole loop, which JAX would make of
-    `_track`, keeps every step's linearisation and is many times slower.)
+    `traced_track`, keeps every step's linearisation and is many times slower.)
     """
 
     def along(direction: jax.Array) -> jax.Array:
@@ -296,7 +307,7 @@ def track(p: Array, grid: Grid, damping: DampingLaw, stiffness: StiffnessLaw, or
 
     p: the numbers named in `LOCAL`, shape (13,). order: 0 for the motion, 1 for its rate, 2 for its acceleration.
     """
-    return np.asarray(_track(p, grid, damping, stiffness, order), dtype=float)
+    return np.asarray(traced_track(p, grid, damping, stiffness, order), dtype=float)
 
 
 def track_slopes(
@@ -307,4 +318,4 @@ def track_slopes(
     free: indices into `LOCAL`, shape (f,).
     """
     directions = np.eye(len(LOCAL))[free]
-    return np.asarray(_slopes(p, directions, grid, damping, stiffness, order), dtype=float)
+    return np.asarray(traced_slopes(p, directions, grid, damping, stiffness, order), dtype=float)

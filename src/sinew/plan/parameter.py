@@ -5,7 +5,7 @@ from collections.abc import Callable
 from decimal import Decimal
 from typing import Literal, cast
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from sinew.measure.errors import UnitError
 from sinew.measure.units import convert
@@ -21,7 +21,11 @@ class Parameter(BaseModel):
     value: in `unit`.
     origin: paper, data sheet, calibrated (fitted to the paper's or a bench's numbers) or assumed.
     bounds: what is physically thinkable, (low, high) in `unit`; a calibration stays inside.
+    interval90: ends of the 90 % interval of a calibrated value, in `unit`; None where it is not known.
     note: where exactly the number is from, one sentence.
+
+    `model_dump` leaves the interval out: who makes a rig with other values from that (`RigSpec.with_values`) has a rig
+    that was not calibrated to them.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -30,6 +34,7 @@ class Parameter(BaseModel):
     unit: str
     origin: Origin
     bounds: tuple[float, float]
+    interval90: tuple[float, float] | None = Field(default=None, exclude=True)
     note: str = ""
 
     @model_validator(mode="after")
@@ -37,7 +42,16 @@ class Parameter(BaseModel):
         low, high = self.bounds
         if not low <= self.value <= high:
             raise ValueError(f"value {self.value:g} {self.unit} is outside its bounds [{low:g}, {high:g}]")
+        if self.interval90 is not None and not self.interval90[0] <= self.value <= self.interval90[1]:
+            raise ValueError(
+                f"value {self.value:g} {self.unit} is outside its 90 % interval [{self.interval90[0]:g}, "
+                f"{self.interval90[1]:g}]; where the value was changed by hand, take interval90 out"
+            )
         return self
+
+    def numbers(self) -> tuple[float, ...]:
+        """Return value, bounds and, where there is one, interval: all that carries the unit."""
+        return (self.value, *self.bounds, *(self.interval90 or ()))
 
 
 def converted(number: float, unit: str, to: str) -> float:
@@ -61,10 +75,17 @@ def signed(unit: str) -> AfterValidator:
         if parameter.unit == unit:
             return parameter
         try:
-            value, low, high = (converted(x, parameter.unit, unit) for x in (parameter.value, *parameter.bounds))
+            value, low, high, *ends = (converted(x, parameter.unit, unit) for x in parameter.numbers())
         except UnitError as error:
             raise ValueError(str(error)) from error
-        return Parameter(value=value, unit=unit, origin=parameter.origin, bounds=(low, high), note=parameter.note)
+        return Parameter(
+            value=value,
+            unit=unit,
+            origin=parameter.origin,
+            bounds=(low, high),
+            interval90=(ends[0], ends[1]) if ends else None,
+            note=parameter.note,
+        )
 
     return AfterValidator(to_unit)
 

@@ -162,33 +162,33 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _parameter_cells(key: str, parameter: Parameter, dotted: str) -> list[str]:
-    unit, value, low, high = _best_unit(parameter, _FILE_UNITS.get(dotted, parameter.unit))
+    unit, numbers = _best_unit(parameter, _FILE_UNITS.get(dotted, parameter.unit))
+    value, low, high, *ends = numbers
+    interval = f", interval90 = [{', '.join(ends)}]" if ends else ""
     note = f"note = {_literal(parameter.note)}" if parameter.note else ""
     return [
         key,
         f" = {{ value = {value}, ",
         f"unit = {_literal(unit)}, ",
         f"origin = {_literal(parameter.origin)}, ",
-        f"bounds = [{low}, {high}]{', ' if parameter.note else ''}",
+        f"bounds = [{low}, {high}]{interval}{', ' if parameter.note else ''}",
         f"{note} }}",
     ]
 
 
-def _best_unit(parameter: Parameter, wanted: str) -> tuple[str, str, str, str]:
-    """Return (unit, value, low, high) as text: of the units that read back exactly, the one with fewer characters.
+def _best_unit(parameter: Parameter, wanted: str) -> tuple[str, tuple[str, ...]]:
+    """Return (unit, numbers) as text: of the units that read back exactly, the one with fewer characters.
 
     A product of two floats cannot always be undone, so a number may have no exact text in the wanted unit; then the
     unit of the model stands in the file.
     """
-    numbers = (parameter.value, *parameter.bounds)
-    exact = [_literal(number) for number in numbers]
-    best = (parameter.unit, exact[0], exact[1], exact[2])
+    exact = tuple(_literal(number) for number in parameter.numbers())
     if wanted != parameter.unit:
-        texts = [_text_in(number, parameter.unit, wanted) for number in numbers]
-        a, b, c = texts
-        if a is not None and b is not None and c is not None and len(a + b + c) <= len("".join(exact)) + 3:
-            return wanted, a, b, c
-    return best
+        texts = [_text_in(number, parameter.unit, wanted) for number in parameter.numbers()]
+        known = tuple(text for text in texts if text is not None)
+        if len(known) == len(exact) and len("".join(known)) <= len("".join(exact)) + 3:
+            return wanted, known
+    return parameter.unit, exact
 
 
 def _text_in(number: float, unit: str, wanted: str) -> str | None:

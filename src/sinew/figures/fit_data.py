@@ -1,0 +1,153 @@
+"""This is where a fit is drawn against its data: the whole record, what was held out, and two close-ups."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sinew.figures.fit_labels import axis_label, shown_unit
+from sinew.figures.fit_trace import Trace
+from sinew.figures.style import ACCENT, GREY, INK, RED, few, in_style, new_figure, note_panel
+
+__all__ = ["draw_fit"]
+
+_CLOSE_PERIODS = 5.0
+_SHADE = "#f3e3c3"
+_MOST = 12
+
+
+@in_style
+def draw_fit(traces: Sequence[Trace], frequency_hz: float, output: str = "output") -> Figure:
+    """Return the figure of measured and fitted output.
+
+    traces: one stretch, or a held-out one beside it: the whole above and two close-ups below, one of the largest motion
+        and one of the held-out part, or of where the fit leaves most. Several segments: one small panel for each.
+    frequency_hz: whose periods the close-ups are counted in. output: what the axis calls it.
+    """
+    if any(trace.title for trace in traces):
+        return _draw_many(traces, frequency_hz, output)
+    figure = new_figure(4.6)
+    grid = figure.add_gridspec(2, 2)
+    whole = figure.add_subplot(grid[0, :])
+    zero = float(traces[0].time_s[0])
+    for trace in traces:
+        _draw(whole, trace, slice(None), zero, dense=True)
+    whole.set(xlabel="time in s", ylabel=axis_label(output, traces[0].unit))
+    ends = [float(trace.time_s[k]) - zero for trace in traces for k in (0, -1)]
+    whole.set_xlim(min(ends), max(ends))
+    low, high = whole.get_ylim()
+    whole.set_ylim(low, high + 0.14 * (high - low))  # room for the letters of the close-ups
+    note_panel(whole, "a", "the whole record")
+    titles = ("largest motion", _second_title(traces))
+    for k, ((which, where), title) in enumerate(zip(_windows(traces, frequency_hz), titles, strict=True)):
+        axes = figure.add_subplot(grid[1, k])
+        trace = traces[which]
+        _draw(axes, trace, where, zero, dense=False)
+        axes.set(xlabel="time in s", ylabel=axis_label(output, trace.unit))
+        axes.set_xlim(trace.time_s[where][0] - zero, trace.time_s[where][-1] - zero)
+        note_panel(axes, "bc"[k], title)
+        _mark(whole, trace, where, zero, "bc"[k])
+    _legend(figure, "outside lower center")
+    return figure
+
+
+def _draw(axes: Axes, trace: Trace, where: slice, zero: float, *, dense: bool) -> None:
+    t, factor = trace.time_s[where] - zero, shown_unit(trace.unit)[0]
+    measured, fitted = factor * trace.measured[where], factor * trace.fitted[where]
+    for begin, end in _stretches(trace.held):
+        first, last = trace.time_s[begin] - zero, trace.time_s[end - 1] - zero
+        if last >= t[0] and first <= t[-1]:
+            axes.axvspan(max(first, t[0]), min(last, t[-1]), color=_SHADE, linewidth=0, label="held out")
+    if dense:
+        axes.plot(t, measured, color=GREY, linewidth=1.8, label="measured")
+    else:
+        axes.plot(t, measured, "o", color=GREY, markersize=2.2, label="measured")
+    axes.plot(t, fitted, color=ACCENT, linewidth=0.8 if dense else 1.1, label="fitted")
+    axes.plot(t, measured - fitted, color=RED, linewidth=0.8, label="measured less fitted")
+    axes.margins(x=0)
+
+
+def _stretches(held: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return begin and end (not included) of each run of samples that were held out."""
+    steps = np.diff(np.concatenate([[False], held, [False]]).astype(int))
+    return list(zip(np.flatnonzero(steps == 1).tolist(), np.flatnonzero(steps == -1).tolist(), strict=True))
+
+
+def _is_held_at_the_end(traces: Sequence[Trace]) -> bool:
+    return any(len(_stretches(trace.held)) == 1 for trace in traces)
+
+
+def _second_title(traces: Sequence[Trace]) -> str:
+    return "held out of the fit" if _is_held_at_the_end(traces) else "where the fit leaves most"
+
+
+def _windows(traces: Sequence[Trace], frequency_hz: float) -> list[tuple[int, slice]]:
+    """Return trace and samples of the two close-ups."""
+    longest = max(range(len(traces)), key=lambda i: traces[i].time_s.size - int(traces[i].held.sum()))
+    trace = traces[longest]
+    size = _samples(trace, frequency_hz)
+    first = _around(int(np.argmax(np.abs(trace.measured - np.median(trace.measured)))), size, trace.time_s.size)
+    if _is_held_at_the_end(traces):
+        apart = next(i for i, one in enumerate(traces) if len(_stretches(one.held)) == 1)
+        begin, end = _stretches(traces[apart].held)[0]
+        return [(longest, first), (apart, slice(begin, min(end, begin + size)))]
+    power = np.convolve(trace.residual**2, np.ones(size) / size, mode="same")
+    power[max(0, first.start - size // 2) : first.stop + size // 2] = 0.0
+    return [(longest, first), (longest, _around(int(np.argmax(power)), size, trace.time_s.size))]
+
+
+def _samples(trace: Trace, frequency_hz: float) -> int:
+    step = float(np.median(np.diff(trace.time_s)))
+    return int(np.clip(round(_CLOSE_PERIODS / frequency_hz / step), 12, trace.time_s.size))
+
+
+def _around(middle: int, size: int, count: int) -> slice:
+    begin = int(np.clip(middle - size // 2, 0, max(0, count - size)))
+    return slice(begin, min(count, begin + size))
+
+
+def _mark(axes: Axes, trace: Trace, where: slice, zero: float, letter: str) -> None:
+    """Mark above the whole record where a close-up is taken from."""
+    left, right = (float(trace.time_s[where][k]) - zero for k in (0, -1))
+    above = axes.get_xaxis_transform()
+    axes.plot(
+        [left, right], [1.0, 1.0], color=INK, linewidth=2.2, transform=above, clip_on=False, solid_capstyle="butt"
+    )
+    axes.annotate(letter, (0.5 * (left + right), 1.0), (0, -3), above, "offset points", ha="center", va="top")
+
+
+def _legend(figure: Figure, where: Literal["outside lower center", "outside upper center"]) -> None:
+    found: dict[str, Artist] = {}
+    for axes in figure.axes:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(str(label), handle)
+    order = ("measured", "fitted", "measured less fitted", "held out")
+    entries = {name: found[name] for name in order if name in found}
+    figure.legend(list(entries.values()), list(entries), loc=where, ncols=len(entries))
+
+
+def _draw_many(traces: Sequence[Trace], frequency_hz: float, output: str) -> Figure:
+    """Return small panels of several segments, at most twelve, of each its last periods (of a decay its first)."""
+    shown = [traces[i] for i in few(len(traces), _MOST)]
+    columns = min(4, len(shown))
+    rows = -(-len(shown) // columns)
+    figure = new_figure(1.0 + 1.35 * rows)
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
+    for k, (axes, trace) in enumerate(zip(grid, shown, strict=False)):
+        size = min(trace.time_s.size, 2 * _samples(trace, frequency_hz))
+        half = trace.time_s.size // 2
+        fades = np.ptp(trace.measured[half:]) < 0.5 * np.ptp(trace.measured[:half])
+        where = slice(0, size) if fades else slice(trace.time_s.size - size, trace.time_s.size)
+        _draw(axes, trace, where, float(trace.time_s[0]), dense=False)
+        axes.set_title(trace.title)
+        if k % columns == 0:
+            axes.set_ylabel(axis_label(output, trace.unit))
+    for axes in grid[len(shown) :]:
+        axes.axis("off")
+    figure.supxlabel("time from the start of the segment in s", fontsize=8.5)
+    _legend(figure, "outside upper center")
+    return figure

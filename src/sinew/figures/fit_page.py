@@ -1,0 +1,83 @@
+"""This is where an identification becomes one HTML page: verdict, numbers, models compared, figures."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from sinew.figures.fit_captions import FIT_CAPTIONS
+from sinew.figures.fit_labels import parameter_label
+from sinew.figures.page import picture, write_page
+from sinew.figures.tables import Table, number
+
+__all__ = ["write_fit_page"]
+
+_HEAD = ["quantity", "unit", "value", "standard deviation", "90 % from", "to"]
+_NOTES = {
+    "posterior": "From the draws: median, standard deviation, and the 5 % and 95 % quantiles.",
+    "bootstrap": "From refitting draws of whole repeats: what changes from one repeat to the next is in these.",
+    "profile": "It ends where the smallest sum of squares, all other numbers fitted anew, has risen by the 90 % limit.",
+}
+
+
+def write_fit_page(
+    folder: Path,
+    document: Mapping[str, Any],
+    *,
+    sentences: Sequence[str],
+    figures: Sequence[Path] = (),
+    about: str = "",
+    rebuild: str = "",
+    origins: Sequence[tuple[str, str]] = (),
+) -> Path:
+    """Write fit.html into a folder, atomically, and return its path.
+
+    document: of `sinew identify`, see the reference of its JSON. sentences: the first is the verdict. figures: the PNGs
+    among them are put into the page. about: what was fitted, a sentence. rebuild: the command that makes all of this
+    again. origins: (name, value) of what it was made from.
+    Raises FileError where the folder cannot be written.
+    """
+    return write_page(
+        folder / "fit.html",
+        "fit.html",
+        title="Identification",
+        about=about,
+        verdict=_sentence(sentences[0]) if sentences else "",
+        converged=bool(document["converged"]),
+        tables=_tables(document),
+        compared=document["compared"],
+        rmse=document["rmse"],
+        unit=document["unit"],
+        sentences=[_sentence(one) for one in sentences[1:]],
+        unidentifiable=[_sentence(one) for one in document["unidentifiable"]],
+        pictures=[picture(path, FIT_CAPTIONS) for path in figures if path.suffix == ".png"],
+        rebuild=rebuild,
+        origins=list(origins),
+    )
+
+
+def _tables(document: Mapping[str, Any]) -> list[Table]:
+    whole = {name: document[name] for name in ("natural_frequency_hz", "damping_ratio")} | dict(document["parameters"])
+    note = "Standard deviations and intervals hold for residuals as coloured as they are."
+    tables = [Table(f"Model {document['model']}", _HEAD, _rows(whole), note)]
+    for key, text in _NOTES.items():
+        rows = document.get(key)
+        if rows:
+            found = {name: one for name, one in rows.items() if isinstance(one, Mapping) and "interval90" in one}
+            if found:
+                tables.append(Table(key.capitalize(), _HEAD, _rows(found), text))
+    return tables
+
+
+def _rows(quantities: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+    rows = []
+    for name, one in quantities.items():
+        words, unit = parameter_label(name)
+        low, high = one["interval90"] or (None, None)
+        rows.append([words, unit, number(one["value"], 5), number(one["std"], 2), number(low, 5), number(high, 5)])
+    return rows
+
+
+def _sentence(text: str) -> str:
+    """Return a sentence as print has it, from one that begins small and ends without a full stop."""
+    whole = text[:1].upper() + text[1:]
+    return whole if whole.endswith((".", "?", "!")) else f"{whole}."

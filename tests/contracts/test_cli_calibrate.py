@@ -1,0 +1,188 @@
+"""`sinew calibrate`: the rig it writes, the document that other people's scripts rely on, and what it refuses."""
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from sinew.apps.cli import main
+from sinew.measure.csv import import_csv
+from sinew.measure.estimate import Estimate
+from sinew.measure.netcdf import load_recording, save_recording
+from sinew.plan.library import list_shipped
+from sinew.plan.toml import dump_rig, load_plan, load_rig
+from sinew.twin.simulate import simulate
+
+ROOT = Path(__file__).parents[2]
+TENSION, RADIUS = "tendons.first_contact_tension", "tendons.head_radius"
+FOUND = {
+    TENSION: Estimate(10.5, 0.4, 9.8, 11.2),
+    RADIUS: Estimate(0.0241, 1e-4, 0.0239, 0.0243),
+    "tendons.presliding_angle": Estimate(0.5, 5.0, -8.0, 9.0),
+}
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a short recording; the fit behind the command is replaced by one whose answer is known."""
+    monkeypatch.chdir(tmp_path)
+    t = np.arange(0, 4, 0.01)
+    rows = "\n".join(f"{a:.2f},{b:.5f}" for a, b in zip(t, np.exp(-t) * np.cos(18 * t), strict=True))
+    Path("swing.csv").write_text(f"t,x\n{rows}\n", encoding="utf-8")
+    recording = import_csv(Path("swing.csv"), time="t", response="x:deg")
+    Path("mine.toml").write_text(dump_rig(load_rig("paper")), encoding="utf-8")
+    save_recording(recording, Path("table.nc"))
+    recording.attrs.pop("content_hash", None)
+    save_recording(recording.assign_attrs(source="bench", rig=dump_rig(load_rig("paper"))), Path("monday.nc"))
+
+    def fit(recordings: list[xr.Dataset], rig: Any, *, free: Any = tuple(FOUND), progress: object = None) -> Any:
+        mine = {name: FOUND[name] for name in free}
+        fitted = rig.with_values({name: one.value for name, one in mine.items()} | {"tendons.base_radius": 0.0241})
+        return SimpleNamespace(
+            parameters=mine,
+            fitted_rig=fitted,
+            converged=True,
+            message="",
+            unidentifiable=(),
+            rmse={"gyro_rad_s": 0.01},
+        )
+
+    monkeypatch.setattr("sinew.identify.calibration.fit_joint", fit)
+    return tmp_path
+
+
+def calibrate(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
+    status = main(["calibrate", *arguments, "--json"])
+    out, err = capsys.readouterr()
+    assert (status, err) == (0, "")
+    return dict(json.loads(out))
+
+
+NAMES = ("--free", ",".join(FOUND))
+
+
+def test_the_document_has_the_keys_of_the_reference(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = calibrate(capsys, "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES)
+    assert set(document) == {
+        "rig", "name", "before", "recordings", "parameters", "kept", "rmse", "converged", "remarks"
+    }  # fmt: skip
+    assert document["parameters"][TENSION] == {
+        "unit": "N",
+        "before": 8.868,
+        "after": {"value": 10.5, "std": 0.4, "interval90": [9.8, 11.2]},
+    }
+    assert document["parameters"]["tendons.base_radius"]["after"]["interval90"] == [None, None]
+    assert document["kept"] == ["tendons.presliding_angle"]
+
+
+def test_the_rig_that_is_written_reads_back_with_origin_interval_and_source(
+    bench: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    calibrate(capsys, "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES)
+    rig, old = load_rig("rig2.toml"), load_rig("mine.toml")
+    assert rig.name == "rig2"
+    one = rig.tendons.first_contact_tension
+    assert (one.value, one.origin, one.interval90) == (10.5, "calibrated", (9.8, 11.2))
+    assert one.note == f"fitted to monday.nc ({load_recording(Path('monday.nc')).attrs['content_hash'][:12]})"
+    assert rig.tendons.presliding_angle == old.tendons.presliding_angle
+    assert rig.drive == old.drive
+
+
+def test_the_file_begins_with_the_command_and_the_whole_hashes(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    calibrate(capsys, "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES)
+    first, second, *_ = Path("rig2.toml").read_text(encoding="utf-8").splitlines()
+    assert first.startswith("# sinew calibrate mine.toml monday.nc")
+    assert load_recording(Path("monday.nc")).attrs["content_hash"] in second
+
+
+def test_a_table_of_before_and_after_is_printed(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES]) == 0
+    said = capsys.readouterr().out
+    assert re.search(r"first_contact_tension\s+N\s+8\.868\s+10\.5\s+9\.8 to 11\.2", said)
+    assert "not determined by these recordings, so with old value and origin: tendons.presliding_angle" in said
+
+
+def test_the_input_is_written_over_only_when_forced(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = Path("mine.toml").read_bytes()
+    assert main(["calibrate", "mine.toml", "monday.nc", "--out", "mine.toml", *NAMES]) == 2
+    assert "is the rig that is read; give another name with --out, or write over it with --force" in (
+        capsys.readouterr().err
+    )
+    assert Path("mine.toml").read_bytes() == before
+    calibrate(capsys, "mine.toml", "monday.nc", "--out", "mine.toml", "--force", *NAMES)
+    assert load_rig("mine.toml").tendons.first_contact_tension.value == 10.5
+
+
+Refusal = tuple[tuple[str, ...], str]
+REFUSED: dict[str, Refusal] = {
+    "no recording": (("mine.toml", "--out", "b.toml"), "found no recording to calibrate from"),
+    "out exists": (("paper", "monday.nc", "--out", "mine.toml"), "mine.toml exists; give another name with --out"),
+    "out is no rig file": (("paper", "monday.nc", "--out", "b.nc"), "expected a name that ends with .toml"),
+    "out is a folder": (("paper", "monday.nc", "--out", "."), "expected a name that ends with .toml"),
+    "unknown rig": (("papre", "monday.nc", "--out", "b.toml"), "did you mean paper?"),
+    "a plan for a rig": (("short.toml", "monday.nc", "--out", "b.toml"), "short.toml is a plan, expected a rig"),
+    "a recording for a rig": (("monday.nc", "monday.nc", "--out", "b.toml"), "monday.nc is not text"),
+    "a table for a recording": (("paper", "swing.csv", "--out", "b.toml"), "swing.csv is not a NetCDF file"),
+    "a rig for a recording": (("paper", "mine.toml", "--out", "b.toml"), "mine.toml is not a NetCDF file"),
+    "an absent recording": (("paper", "sunday.nc", "--out", "b.toml"), "sunday.nc"),
+    "an imported recording": (("paper", "table.nc", "--out", "b.toml"), "was imported from a table"),
+    "an unknown parameter": (("paper", "monday.nc", "--out", "b.toml", "--free", "radius"), "no parameter 'radius'"),
+    "the paper and a recording": (("paper", "monday.nc", "--paper", "--out", "b.toml"), "takes neither recordings"),
+    "a posterior without the paper": (("paper", "monday.nc", "--posterior", "--out", "b.toml"), "add --paper"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+def test_wrong_input_is_one_line_and_leaves_nothing(
+    arguments: tuple[str, ...], sentence: str, bench: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("short.toml").write_text((ROOT / "plans" / "short.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    before = {path.name: path.read_bytes() for path in bench.iterdir()}
+    status = main(["calibrate", *arguments])
+    out, err = capsys.readouterr()
+    assert (status, out, err.count("\n")) == (2, "", 1), err
+    assert sentence in err
+    assert {path.name: path.read_bytes() for path in bench.iterdir()} == before
+
+
+def test_without_numpyro_a_posterior_is_refused_before_anything_is_computed(
+    bench: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "numpyro" else find(name))
+    assert main(["calibrate", "paper", "--paper", "--posterior", "--out", "b.toml"]) == 2
+    assert "pip install 'sinew[posterior]'" in capsys.readouterr().err
+
+
+# Against the real fit
+
+
+@pytest.mark.slow
+def test_the_shipped_rig_is_what_the_command_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert list_shipped("rigs") == ["paper"]
+    document = calibrate(capsys, "paper", "--paper", "--out", str(tmp_path / "paper.toml"))
+    assert (tmp_path / "paper.toml").read_text(encoding="utf-8") == dump_rig(load_rig("paper"))
+    assert all(abs(row["twin"] - row["paper"]) <= row["tolerance"] for row in document["numbers"])
+
+
+@pytest.mark.slow
+def test_a_hidden_rig_is_found_from_a_recording_of_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of nine 90 % intervals fewer than six hold the truth once in a hundred times, were they independent."""
+    hidden = load_rig("paper").with_values({TENSION: 11.0, "silicone.loss_factor": 0.1, "tendons.guide_friction": 5e-3})
+    save_recording(simulate(load_plan("short"), hidden, seed=5), tmp_path / "hidden.nc")
+    document = calibrate(capsys, "paper", str(tmp_path / "hidden.nc"), "--out", str(tmp_path / "found.toml"))
+    truth = dict(hidden.parameters())
+    rows = {name: row["after"] for name, row in document["parameters"].items() if row["after"]["std"] is not None}
+    inside = [name for name, row in rows.items() if row["interval90"][0] <= truth[name].value <= row["interval90"][1]]
+    assert document["converged"]
+    assert len(rows) >= 6
+    assert len(inside) >= 2 / 3 * len(rows), rows
+    found = load_rig(tmp_path / "found.toml").tendons
+    moment = found.head_radius.value * found.first_contact_tension.value
+    assert moment == pytest.approx(11.0 * hidden.tendons.head_radius.value, rel=0.1)

@@ -1,0 +1,143 @@
+from functools import cache
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from sinew.identify.joint_balance import balance
+from sinew.identify.joint_coordinates import numbers_of
+from sinew.identify.joint_fit import fit_joint
+from sinew.identify.joint_fitted import JointFit
+from sinew.measure.errors import RecordingError, SpecError
+from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import load_rig
+from sinew.twin.effects import Effects
+from sinew.twin.parameters import POSITION
+from sinew.twin.simulate import lane_parameters, simulate, simulate_tracks
+
+QUIET = Effects().without("sensor_noise", "stamp_jitter", "repeatability")
+SHARES = {
+    "silicone.torsional_rigidity": 0.85,
+    "silicone.diameter": 1.06,
+    "silicone.loss_factor": 1.3,
+    "tendons.head_radius": 1.1,
+    "tendons.base_radius": 1.1,
+    "tendons.first_contact_tension": 0.8,
+    "tendons.guide_friction": 1.2,
+    "tendons.presliding_angle": 0.8,
+    "imu.residual_delay": 2.0,
+}
+
+
+def hidden_rig() -> RigSpec:
+    rig = load_rig("paper")
+    there = dict(rig.parameters())
+    lever = {"inertia.lever": 1.05 * rig.inertia.lever.value}
+    lever["inertia.head"] = rig.inertia.head.value + rig.inertia.lever.value - lever["inertia.lever"]
+    return rig.with_values({name: share * there[name].value for name, share in SHARES.items()} | lever)
+
+
+def small_plan(*pretension_mm: float) -> Plan:
+    return Plan(
+        name="small",
+        pretension=Pretension(pretension_mm=pretension_mm, rest_s=0.1),
+        sweep=Sweep(frequency_hz=(2.7, 3.2, 4.0), settle_s=0.8, periods=3, repeats=1),
+        ring_down=RingDown(frequency_hz=(3.0, 4.0), amplitude_deg=10, drive_s=0.8, record_s=0.8, repeats=1),
+    )
+
+
+@cache
+def quiet_recording() -> xr.Dataset:
+    return simulate(small_plan(1, 5, 10), hidden_rig(), effects=QUIET)
+
+
+@cache
+def quiet_fit() -> JointFit:
+    return fit_joint([quiet_recording()], load_rig("paper"))
+
+
+def test_a_recording_without_noise_gives_the_hidden_rig_back_from_a_wrong_start() -> None:
+    found = quiet_fit()
+    truth = dict(hidden_rig().parameters())
+    off = {name: one.value / truth[name].value - 1 for name, one in found.parameters.items()}
+    assert found.converged
+    assert max(map(abs, off.values())) < 0.01, off
+
+
+def test_the_fitted_rig_moves_what_is_tied_along() -> None:
+    rig = quiet_fit().fitted_rig
+    assert rig.tendons.base_radius.value == rig.tendons.head_radius.value
+    assert rig.inertia.head.value + rig.inertia.lever.value == pytest.approx(12.74e-3, rel=1e-12)
+
+
+def test_a_rig_whose_silicone_loses_nothing_leaves_a_residual() -> None:
+    data = load_rig("paper").model_dump()
+    data["silicone"]["loss_factor"] |= {"value": 0.0, "bounds": (0.0, 0.3)}
+    free = [name for name in quiet_fit().parameters if name != "silicone.loss_factor"]
+    wrong = fit_joint([quiet_recording()], RigSpec.model_validate(data), free=free)
+    assert wrong.rmse["gyro_rad_s"] > 5 * quiet_fit().rmse["gyro_rad_s"]
+
+
+def test_frequency_and_damping_of_the_balance_are_those_of_a_free_decay_that_loses_little() -> None:
+    # Known otherwise: the twin's own decay, the lever locked to the head, by its turning points. The balance is that of
+    # a steady swing, whose friction loops are closed, so it is met where little is lost in a cycle.
+    there, pretension = hidden_rig(), 5.0
+    friction = 0.2 * there.tendons.guide_friction.value
+    rig = there.with_values({"silicone.loss_factor": 0.02, "tendons.guide_friction": friction})
+    decay = Group("ring-down", pretension, 3.2, 20.0, 0, 6 / 3.2, 1.5)
+    lanes = lane_parameters([decay], rig, effects=Effects().without("drive_recoil", "repeatability"))
+    torsion = simulate_tracks(lanes, [decay], 2000.0)[0].torsion[3750:]
+    turning = np.flatnonzero(np.diff(np.sign(np.diff(torsion)))) + 1
+    swing = 0.5 * np.abs(np.diff(torsion[turning]))
+    frequency = 2000.0 / (turning[4] - turning[2])
+    decrement = np.log(swing[2] / swing[4]) / (2 * np.pi)
+    found = balance(numbers_of(rig), pretension, POSITION, float(np.sqrt(swing[2] * swing[4])))
+    assert float(found.damping_ratio) == pytest.approx(decrement, rel=0.05)
+    assert float(found.natural_frequency_hz) == pytest.approx(frequency, rel=0.005)
+
+
+def test_one_pretension_without_currents_leaves_the_diameter_open_and_says_so() -> None:
+    # The diameter acts through the axial stiffness alone: how fast tension grows with pretension. Neither is seen here.
+    recording = simulate(small_plan(4), hidden_rig(), seed=1001).drop_vars("tendon_current_a")
+    found = fit_joint([recording], load_rig("paper"))
+    assert any("silicone.diameter" in sentence for sentence in found.unidentifiable)
+    assert quiet_fit().unidentifiable == ()
+
+
+def test_the_document_has_the_keys_of_every_identification() -> None:
+    document = quiet_fit().document()
+    assert {"model", "parameters", "natural_frequency_hz", "damping_ratio", "rmse", "unit", "converged"} <= set(
+        document
+    )
+    assert {"message", "unidentifiable", "compared"} <= set(document)
+    assert document["parameters"]["silicone.loss_factor"]["value"] == quiet_fit().fitted_rig.silicone.loss_factor.value
+
+
+def test_a_parameter_of_the_drive_cannot_be_free() -> None:
+    with pytest.raises(SpecError, match="no part in the motion"):
+        fit_joint([quiet_recording()], load_rig("paper"), free=["drive.friction"])
+
+
+def test_an_unknown_parameter_is_refused_by_name() -> None:
+    with pytest.raises(SpecError, match=r"tendons\.radius"):
+        fit_joint([quiet_recording()], load_rig("paper"), free=["tendons.radius"])
+
+
+def test_a_recording_without_a_gyroscope_is_refused() -> None:
+    blind = quiet_recording().drop_vars("drive_rad")
+    with pytest.raises(RecordingError, match="drive_rad"):
+        fit_joint([blind], load_rig("paper"))
+
+
+def test_the_shares_of_the_damping_add_up_to_all_of_it() -> None:
+    found = quiet_fit()
+    names = ("silicone_share", "guide_friction_share", "viscous_share")
+    for pretension in found.pretension_mm:
+        assert sum(found.at_pretension(name, pretension).value for name in names) == pytest.approx(1, abs=1e-12)
+
+
+def test_the_prediction_of_a_segment_lies_on_its_measurement() -> None:
+    for segment in quiet_fit().segments:
+        kept = segment.residual[segment.kept]
+        assert np.sqrt(np.mean(kept**2)) < 0.01 * np.sqrt(np.mean(segment.measured**2))
