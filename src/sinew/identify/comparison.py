@@ -238,7 +238,7 @@ def _begins_late(found: Fit) -> str:
     record = found.records[0]
     lasts = float(record.time_s[-1] - record.time_s[0])
     for name, one in found.nuisance.items():
-        creep_s = lasts * float(np.exp(one.value))
+        creep_s = lasts * float(np.exp(min(one.value, 50.0)))
         if name.startswith("creep_time") and creep_s * found.natural_frequency_hz.value < 1.0:
             return f"; what creeps is over in {creep_s:.2g} s, less than a period: if it was not free yet, begin later"
     return ""

@@ -178,7 +178,7 @@ def _segments(problem: JointProblem, x: Array) -> tuple[JointSegment, ...]:
                 pretension_mm=swing.pretension_mm,
                 frequency_hz=swing.frequency_hz,
                 repeat=swing.repeat,
-                time_s=np.arange(swing.size - begin) * swing.sample_s,
+                time_s=np.arange(swing.size - begin, dtype=float) * np.float64(swing.sample_s),
                 measured=swing.gyro[begin:],
                 predicted=rate[begin:] + bias,
                 kept=(kept & swing.present)[begin:],
