@@ -187,8 +187,7 @@ class _Joint:
     def _rest_until(self, t: float, r: float, end: float) -> float:
         held = self.pull(r, np.zeros(0))
         later = np.arange(t, end + 1e-4, 1e-4)
-        loose = [s for s in later if abs(self.push(float(s)) - held) > self.truth.dry]
-        return float(loose[0]) if loose else end
+        return next((float(s) for s in later if abs(self.push(float(s)) - held) > self.truth.dry), end)
 
 
 def clean_record(truth: Truth) -> Record:
