@@ -5,8 +5,6 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from sinew.identify.record import Record, make_record
-
 OMEGA = 2 * np.pi * 3.0
 Force = Callable[[float, float], float]
 """Restoring and damping force over the inertia, of motion and rate."""
@@ -65,27 +63,3 @@ def chirp(start_hz: float, stop_hz: float, duration_s: float) -> Callable[[np.nd
 
 def noisy(values: np.ndarray, std: float, seed: int) -> np.ndarray:
     return np.asarray(values + np.random.default_rng(seed).normal(0, std, values.size))
-
-
-def duffing_sweep(seed: int = 0, noise: float = np.deg2rad(0.3)) -> Record:
-    """Return the 60 s sweep from 1 to 6 Hz: I = 12.74e-3 kg m², 3 Hz, ζ = 0.05, k3 = 6 N m/rad³, torque 0.45 N m."""
-    inertia, time, phase = 12.74e-3, np.arange(0, 60, 0.01), chirp(1, 6, 60)
-    clean = _clean_duffing(inertia, time, phase)
-    return make_record(
-        time,
-        noisy(clean, noise, seed),
-        0.45 * np.sin(phase(time)),
-        excitation="torque",
-        output_unit="rad",
-        input_unit="N*m",
-    )
-
-
-_CACHE: dict[str, np.ndarray] = {}
-
-
-def _clean_duffing(inertia: float, time: np.ndarray, phase: Callable) -> np.ndarray:
-    if "duffing" not in _CACHE:
-        force = viscous(0.05, cubic=6.0 / inertia)
-        _CACHE["duffing"] = motion(force, lambda t: 0.45 / inertia * np.sin(phase(t)), time)[0]
-    return _CACHE["duffing"]

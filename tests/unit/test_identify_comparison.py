@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.unit.identify_signals import OMEGA, chirp, dry_decay, duffing_sweep, motion, noisy, viscous
+from benchmarks.sweep_fit import sweep_record
+from tests.unit.identify_signals import OMEGA, chirp, dry_decay, motion, noisy, viscous
 
 from sinew.identify.comparison import Comparison, compare, compare_laws, criterion
 from sinew.identify.fit import fit
@@ -44,7 +45,7 @@ def test_a_weakly_damped_decay_cannot_tell_viscous_damping_from_a_loss_factor() 
 
 
 def test_the_cubic_spring_of_the_sweep_is_found_among_the_stiffness_laws() -> None:
-    split = split_record(duffing_sweep(), None, None)
+    split = split_record(sweep_record(0), None, None)
     found = compare(split, [MODELS[name] for name in ("linear", "cubic", "cubic-quadratic")])
     assert found.best.model.name == "cubic"
 
