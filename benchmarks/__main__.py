@@ -3,12 +3,13 @@
 import sys
 from collections.abc import Callable, Sequence
 
-from benchmarks import broadband_speed, bus_loop, prediction, sweep_fit, twin_speed
+from benchmarks import broadband_speed, bus_loop, prediction, recording_speed, sweep_fit, twin_speed
 
 PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "twin": lambda _: twin_speed.main(),
     "bus": bus_loop.main,
     "broadband": lambda _: broadband_speed.main(),
+    "recording": lambda _: recording_speed.main(),
     "sweep": sweep_fit.main,
     "prediction": lambda _: prediction.main(),
 }

@@ -1,0 +1,64 @@
+"""This is where the paper's campaign is made, saved and analysed on the clock, beside what one writes by hand.
+
+Peers in the same run: xarray's own `to_netcdf` without checks or a whole-file replacement, and scipy's least
+squares of a sine of the commanded frequency on each steady segment, which says nothing of errors, damping or quality.
+"""
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.linalg import lstsq
+
+from sinew.analysis.analysis import analyse_recording
+from sinew.measure.netcdf import save_recording
+from sinew.plan.toml import load_plan, load_rig
+from sinew.twin.cache import configure
+from sinew.twin.simulate import simulate
+
+__all__ = ["main"]
+
+
+def _seconds(work: Callable[[], Any]) -> float:
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def _by_hand(recording: xr.Dataset) -> None:
+    """Fit a sine to the gyroscope and the lever in each steady segment."""
+    ends = np.cumsum(recording["row_size"].values)
+    for i in np.flatnonzero(recording["kind"].values == "steady"):
+        part = slice(int(ends[i] - recording["row_size"].values[i]), int(ends[i]))
+        turn = 2 * np.pi * float(recording["frequency_hz"].values[i]) * recording["time_s"].values[part]
+        columns = np.stack([np.ones_like(turn), np.cos(turn), np.sin(turn)], axis=1)
+        lstsq(columns, recording["gyro_rad_s"].values[part, 2])
+        lstsq(columns, recording["drive_rad"].values[part])
+
+
+def main() -> None:
+    """Print seconds of simulation, of saving and of analysis."""
+    configure()
+    plan, rig = load_plan("paper"), load_rig("paper")
+    made: list[xr.Dataset] = []
+    first, again = (_seconds(lambda: made.append(simulate(plan, rig, seed=0))) for _ in range(2))
+    recording = made[-1]
+    size, segments = recording.sizes["sample"], recording.sizes["segment"]
+    print(f"the paper's campaign, {size / 1e6:.2f} M samples in {segments} segments")
+    print(f"  simulate                {first:6.2f} s at first, then {again:.2f} s")
+    with tempfile.TemporaryDirectory() as folder:
+        ours = min(_seconds(lambda: save_recording(recording, Path(folder) / "ours.nc")) for _ in range(3))
+        theirs = min(_seconds(lambda: recording.to_netcdf(Path(folder) / "theirs.nc")) for _ in range(3))
+        sizes = [(Path(folder) / name).stat().st_size / 1e6 for name in ("ours.nc", "theirs.nc")]
+    print(f"  save, checked, atomic   {ours:6.2f} s, {sizes[0]:.0f} MB; xarray alone {theirs:.2f} s, {sizes[1]:.0f} MB")
+    whole = min(_seconds(lambda: analyse_recording(recording, rig)) for _ in range(3))
+    hand = _seconds(lambda: _by_hand(recording))
+    print(f"  analyse all of it       {whole:6.2f} s; two sines per segment by scipy {hand:.2f} s")
+
+
+if __name__ == "__main__":
+    main()
