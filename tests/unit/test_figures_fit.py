@@ -1,15 +1,15 @@
 """What the figures of an identification show is what the fit and its record hold."""
 
 import functools
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from scipy import special
+from tests.unit.figures_pages import alternatives, asked_outside
+from tests.unit.figures_panels import drawn, labelled, smallest_type, titled
 from tests.unit.identify_signals import OMEGA, dry_decay, motion, noisy, viscous
 
 from sinew.figures.backbone import draw_backbone
@@ -66,22 +66,12 @@ def figures() -> dict[str, Figure]:
     split, held_out = divided()
     found = held_out.fit
     decay_itself = fit_backbone(split.record.time_s, split.record.output)
-    drawn = {
+    return {
         "fit_data": draw_fit(traces(), 3.0),
         "residuals": draw_residuals(traces(), 3.0),
-        "corner": draw_corner(cloud_of(found)),
-        "backbone": draw_backbone(swing_of(found), decay_itself, "rad"),
+        "corner": drawn(draw_corner(cloud_of(found))),
+        "backbone": drawn(draw_backbone(swing_of(found), decay_itself, "rad")),
     }
-    return {name: figure for name, figure in drawn.items() if figure is not None}
-
-
-def titled(figure: Figure, text: str) -> Axes:
-    return next(axes for axes in figure.axes if any(text in axes.get_title(loc=loc) for loc in ("left", "center")))
-
-
-def labelled(axes: Axes, label: str) -> np.ndarray:
-    line = next(line for line in axes.lines if line.get_label() == label)
-    return np.column_stack([line.get_xdata(), line.get_ydata()]).astype(float)
 
 
 def test_the_swing_of_a_hardening_spring_has_the_period_of_the_elliptic_integral() -> None:
@@ -165,8 +155,8 @@ def test_the_second_close_up_begins_with_the_held_out_part() -> None:
 def test_several_segments_get_a_panel_each() -> None:
     [one] = traces()
     many = [Trace(one.time_s, one.measured, one.fitted, one.held, one.unit, f"{i} mm") for i in range(7)]
-    drawn = [axes for axes in draw_fit(many, 3.0).axes if axes.get_title(loc="left")]
-    assert [axes.get_title(loc="left") for axes in drawn] == [f"{i} mm" for i in range(7)]
+    titles = [axes.get_title(loc="left") for axes in draw_fit(many, 3.0).axes]
+    assert [title for title in titles if title] == [f"{i} mm" for i in range(7)]
 
 
 def test_alternating_residuals_are_anticorrelated() -> None:
@@ -264,13 +254,7 @@ def test_neither_curve_means_no_backbone() -> None:
 
 
 def test_no_type_is_smaller_than_eight_points() -> None:
-    sizes = [
-        (text.get_fontsize(), name, text.get_text())
-        for name, figure in figures().items()
-        for text in figure.findobj(Text)
-        if text.get_text().strip()
-    ]
-    assert min(sizes)[0] >= 8.0
+    assert smallest_type(figures())[0] >= 8.0
 
 
 @pytest.mark.parametrize(
@@ -331,8 +315,9 @@ def test_the_page_holds_verdict_numbers_and_figures_and_nothing_from_elsewhere(t
     assert "All is &lt;well&gt;." in page
     assert "Offset and quadratic term" in page
     assert "did not converge" in page
-    assert re.findall(r'(?:src|href)="(?!data:|#)', page) == []
+    assert asked_outside(page) == []
     assert FIT_CAPTIONS["corner"].see.split(".")[0] in page
+    assert alternatives(page) == [FIT_CAPTIONS["corner"].alt]
 
 
 def test_the_numbers_of_an_option_get_a_table_of_their_own(tmp_path: Path) -> None:

@@ -1,0 +1,106 @@
+"""`sinew run`: what it says and leaves when something ends it before its plan does.
+
+The bench is the emulator's in virtual time, and the whole command runs in this process.
+"""
+
+import json
+import signal
+from pathlib import Path
+
+import pytest
+from tests.contracts.emulated_bench import rig_file, virtual_port
+from tests.contracts.virtual_run import interrupt, run, torques
+
+from sinew.bench.journal_reader import JournalReader
+
+SIGNALS = {
+    signal.SIGINT: "interrupted by Ctrl-C",
+    signal.SIGTERM: "terminated",
+    signal.SIGHUP: "the terminal closed",
+}
+
+
+@pytest.mark.parametrize("state", ["hold", "release"])
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_signal_ends_a_run_in_the_declared_safe_state(
+    number: signal.Signals,
+    state: str,
+    plan: str,
+    out: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    port = virtual_port(monkeypatch)
+    rig = rig_file(tmp_path, limits={"safe_state": state})
+    interrupt(port, 3.0, number=number)
+    told = run(capsys, plan, out, "--rig", rig, "--json")
+    document = json.loads(told.out)
+    keys = ("complete", "ended", "safe_state", "is_safe")
+    assert [told.status, *(document[key] for key in keys)] == [1, False, SIGNALS[number], state, True]
+    assert (port.rig.in_safe_state(), set(torques(port.rig))) == (True, {state == "hold"})
+
+
+def test_a_second_and_a_third_interrupt_change_nothing(
+    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = virtual_port(monkeypatch)
+    interrupt(port, 3.0, 3.0, 3.03)
+    told = run(capsys, plan, out)
+    assert (told.status, port.agenda, any(torques(port.rig))) == (1, [], False)
+    assert "interrupted by Ctrl-C; 0 of 2 groups are recorded\nrelease: tension let down, torque off" in told.out
+
+
+def test_after_a_run_the_signals_are_what_they_were(
+    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = virtual_port(monkeypatch)
+    before = [signal.getsignal(number) for number in SIGNALS]
+    interrupt(port, 2.0)
+    run(capsys, plan, out)
+    assert [signal.getsignal(number) for number in SIGNALS] == before
+
+
+def test_a_run_that_ended_early_says_how_to_go_on(
+    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    interrupt(virtual_port(monkeypatch), 2.0)
+    told = run(capsys, plan, out)
+    assert told.err.splitlines()[-1] == (
+        f"sinew: go on with: sinew run {plan} --rig paper --port /dev/bench --out {out} --resume"
+    )
+
+
+def test_an_unplugged_port_is_said_and_the_watchdogs_stop_the_motors(
+    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = virtual_port(monkeypatch)
+    port.agenda = [(port.now() + 3.0, lambda: setattr(port.rig, "unplugged", True))]
+    told = run(capsys, plan, out)
+    assert told.status == 1
+    assert "the port is gone; plug it in again; 0 of 2 groups are recorded" in told.out
+    assert "bus watchdog has stopped them where they are; switch the supply off" in told.out
+    port.rig.advance(port.spoke + 0.2)
+    assert [state.is_tripped for state in port.rig.states().values()] == [True] * 5
+
+
+def test_a_bench_without_cables_is_let_go_with_a_sentence(
+    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = virtual_port(monkeypatch)
+    told = run(capsys, plan, out)
+    assert (told.status, any(torques(port.rig))) == (1, False)
+    assert "expected -20 to 40 (tendon_travel_mm); is the cable off its pulley" in told.out
+
+
+def test_the_journal_of_a_run_that_ended_early_has_its_samples_and_its_end(
+    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    interrupt(virtual_port(monkeypatch), 3.0)
+    cycles = json.loads(run(capsys, plan, out, "--json").out)["cycles"]["cycles"]
+    with JournalReader(out / "journal.sqlite") as journal:
+        assert journal.last_sample() == cycles > 300
+        assert journal.events()[-1][1:] == (
+            "end",
+            "interrupted by Ctrl-C; release: tension let down, torque off on all motors",
+        )

@@ -1,0 +1,182 @@
+"""`sinew run`: which benches, rigs and plans it refuses, with what reason, and that it touches nothing.
+
+The bench is the emulator's in virtual time, and the whole command runs in this process.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.contracts.emulated_bench import QUESTIONS, TINY, rig_file, virtual_port
+from tests.contracts.virtual_run import run, without_motor
+
+from sinew.emulator.protection import OVERLOAD
+from sinew.emulator.rig import EmulatedRig
+
+
+def with_torque(rig: EmulatedRig) -> None:
+    for motor in (rig.motors[1], rig.motors[5]):
+        assert motor.write(64, b"\1", 0.0) == 0
+
+
+def with_offset(rig: EmulatedRig) -> None:
+    rig.motors[2].registers["homing_offset"] = 100
+
+
+def with_error(rig: EmulatedRig) -> None:
+    rig.motors[3].fail(OVERLOAD)
+
+
+def with_heat(rig: EmulatedRig) -> None:
+    rig.motors[5].protection.temperature = 75.0
+
+
+def with_twins(rig: EmulatedRig) -> None:
+    rig.motors[2].registers["id"] = 1
+    rig.motors[2].restart(-0.777)  # no two motors are switched on in the same millisecond
+
+
+def with_frozen_imu(rig: EmulatedRig) -> None:
+    rig.imu.frozen = True
+
+
+def without_imu(rig: EmulatedRig) -> None:
+    rig.line.devices = [device for device in rig.line.devices if device.id != 200]
+
+
+UNFIT_BENCHES: dict[str, tuple[Callable[[EmulatedRig], object], tuple[str, ...]]] = {
+    "torque is on": (with_torque, ("torque is on at tendon 1 and drive", "sinew stop", "--resume")),
+    "homing offset": (with_offset, ("homing offset at tendon 2, expected 0", "sinew doctor --fix")),
+    "hardware error": (with_error, ("hardware error (overload) at tendon 3", "sinew doctor --fix")),
+    "too warm": (with_heat, ("75 °C at drive, the rig allows 70", "cool")),
+    "supply too low": (lambda rig: rig.set_supply(9.7), ("supply of 9.7 V at all motors", "10 to 14.8", "supply")),
+    "supply too high": (lambda rig: rig.set_supply(15.2), ("supply of 15.2 V at all motors", "10 to 14.8", "supply")),
+    "two motors with one id": (with_twins, ("damaged", "tendon 1 (id 1)", "none from tendon 2 (id 2)", "another id")),
+    "frozen IMU": (with_frozen_imu, ("IMU repeats one sample", "restart its board")),
+    "missing motor": (
+        without_motor,
+        ("no answer from tendon 4 (id 4)", "but from the others", "check cable, baud, and its id"),
+    ),
+    "missing IMU": (
+        without_imu,
+        ("no answer from IMU (id 200)", "but from the others", "check cable, baud, and its id"),
+    ),
+}
+
+
+@pytest.mark.parametrize(("spoil", "words"), UNFIT_BENCHES.values(), ids=UNFIT_BENCHES.keys())
+def test_an_unfit_bench_is_refused_with_a_reason_and_nothing_is_touched(
+    spoil: Callable[[EmulatedRig], object],
+    words: tuple[str, ...],
+    plan: str,
+    out: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    port = virtual_port(monkeypatch)
+    spoil(port.rig)
+    told = run(capsys, plan, out)
+    assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
+    assert [word for word in words if word not in told.err] == []
+    assert port.codes <= QUESTIONS
+
+
+UNFIT_RIGS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
+    "wrong model": (
+        {"drive_model": "XH430-W350"},
+        ("drive (id 5) is model 1020 (XM430-W350), expected 1000 (XH430-W350)", "[wiring]"),
+    ),
+    "swapped ids": (
+        {"tendon_ids": (5, 2, 3, 4), "drive_id": 1},
+        ("tendon 1 (id 5) is model 1020", "drive (id 1) is model 1000", "correct ids or models"),
+    ),
+    "id that is not there": (
+        {"tendon_ids": (1, 2, 7, 4)},
+        ("no answer from tendon 3 (id 7) at 1000000 baud", "its id"),
+    ),
+    "upside-down IMU": (
+        {"imu_axes": ("-x", "-y", "+z")},
+        ("reads -9.", "along the joint, expected about 9.81", "imu_axes"),
+    ),
+    "unknown model": ({"drive_model": "XL320"}, ("XL320", "XM430-W350")),
+    "baud too slow for the plan": ({"baud": 57_600}, ("48", "57600 baud", "200 Hz leave 5.0 ms", "lower sample_hz")),
+}
+
+
+@pytest.mark.parametrize(("wiring", "words"), UNFIT_RIGS.values(), ids=UNFIT_RIGS.keys())
+def test_a_rig_that_is_not_the_bench_is_refused_with_a_reason_and_nothing_is_touched(
+    wiring: dict[str, Any],
+    words: tuple[str, ...],
+    plan: str,
+    out: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    port = virtual_port(monkeypatch)
+    told = run(capsys, plan, out, "--rig", rig_file(tmp_path, **wiring))
+    assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
+    assert [word for word in words if word not in told.err] == []
+    assert port.codes <= QUESTIONS
+
+
+def test_another_baud_than_the_devices_is_refused(
+    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = virtual_port(monkeypatch, baud=57_600)
+    told = run(capsys, plan, out)
+    assert (told.status, told.err.count("\n"), out.parent.exists()) == (2, 1, False)
+    assert "no device answers at 1000000 baud" in told.err
+    assert port.codes <= QUESTIONS
+
+
+def test_several_reasons_are_said_at_once(
+    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = virtual_port(monkeypatch)
+    for spoil in (with_torque, with_offset, with_heat):
+        spoil(port.rig)
+    told = run(capsys, plan, out)
+    assert (told.status, told.err.count("\n")) == (2, 1)
+    assert all(word in told.err for word in ("torque is on", "homing offset", "75 °C"))
+
+
+def test_a_port_that_goes_away_while_the_bench_is_looked_at_is_a_refusal(
+    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = virtual_port(monkeypatch)
+    port.agenda = [(port.now() + 0.01, lambda: setattr(port.rig, "unplugged", True))]
+    told = run(capsys, plan, out)
+    assert (told.status, told.err.count("\n"), out.parent.exists()) == (2, 1, False)
+    assert "the port is gone" in told.err
+
+
+def test_a_plan_beyond_a_limit_of_the_rig_is_refused(
+    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "hard.toml"
+    path.write_text(TINY.replace("[2]", "[20]"))
+    port = virtual_port(monkeypatch)
+    told = run(capsys, str(path), out)
+    assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
+    assert all(word in told.err for word in ("20 mm", "16", "pretension_mm"))
+    assert port.codes <= QUESTIONS
+
+
+def test_one_broken_reading_of_the_imu_is_no_refusal(
+    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = virtual_port(monkeypatch)
+    lost: list[float] = []
+
+    def disturb(now: float, data: bytes) -> list[tuple[float, bytes]]:
+        # The first answers of the IMU to a bulk read (32 bytes and more) get lost.
+        if data[4] == 200 and len(data) > 30 and len(lost) < 2:
+            lost.append(now)
+            return []
+        return [(now, data)]
+
+    port.rig.line.disturb_up = disturb
+    told = run(capsys, plan, out)
+    assert (len(lost), told.status) == (2, 1), told.err

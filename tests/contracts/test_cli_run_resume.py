@@ -1,0 +1,79 @@
+"""`sinew run --resume`: a bench left in hold, plans and rigs that are not the same, and a run brought to its end."""
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.contracts.emulated_bench import TINY, WatchedPort, joint, rig_file, virtual_port
+from tests.contracts.virtual_run import interrupt, run, spoken, torques, without_motor
+
+from sinew.measure.netcdf import load_recording
+from sinew.plan.toml import load_rig
+
+
+@pytest.fixture
+def held(
+    plan: str, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> tuple[WatchedPort, str]:
+    """A bench that a run has left in hold, and its rig."""
+    port = virtual_port(monkeypatch)
+    rig = rig_file(tmp_path, limits={"safe_state": "hold"})
+    interrupt(port, 3.0)
+    assert run(capsys, plan, out, "--rig", rig).status == 1
+    assert all(torques(port.rig))
+    return port, rig
+
+
+def test_a_bench_left_in_hold_is_refused_to_a_new_run(
+    held: tuple[WatchedPort, str], plan: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = run(capsys, plan, tmp_path / "other", "--rig", held[1])
+    assert (told.status, "torque is on at all motors" in told.err) == (2, True)
+
+
+def test_a_bench_left_in_hold_is_taken_over_by_resuming(
+    held: tuple[WatchedPort, str], plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = run(capsys, plan, out, "--rig", held[1], "--resume")
+    assert (told.status, "has travelled" in told.out, all(torques(held[0].rig))) == (1, True, True)
+
+
+def test_resuming_with_another_plan_is_refused(
+    held: tuple[WatchedPort, str], out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.toml"
+    other.write_text(TINY.replace("periods = 3", "periods = 4"))
+    told = run(capsys, str(other), out, "--rig", held[1], "--resume")
+    assert (told.status, told.err.count("\n")) == (2, 1)
+    assert all(word in told.err for word in ("begun with another plan", "periods = 4", "periods = 3", "use the same"))
+
+
+def test_resuming_with_another_rig_is_refused(
+    held: tuple[WatchedPort, str], plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = run(capsys, plan, out, "--resume")
+    assert (told.status, told.err.count("\n")) == (2, 1)
+    assert all(word in told.err for word in ("begun with another rig", "safe_state", "use the same"))
+
+
+def test_a_refused_resume_leaves_the_journal_as_it_was(
+    held: tuple[WatchedPort, str], plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (out / "journal.sqlite").read_bytes()
+    without_motor(held[0].rig)
+    told = run(capsys, plan, out, "--rig", held[1], "--resume")
+    assert (told.status, (out / "journal.sqlite").read_bytes() == before) == (2, True)
+
+
+def test_a_run_that_was_interrupted_is_completed_by_resuming(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    spec, plan, out = load_rig("paper"), tmp_path / "tiny.toml", tmp_path / "out"
+    plan.write_text(TINY)
+    port = virtual_port(monkeypatch, spec, joint(spec))
+    command = ("run", str(plan), "--port", "b", "--out", str(out), "--json")
+    interrupt(port, 9.5)
+    first = json.loads(spoken(*command)[1])
+    port.wait_until(port.now() + 10.0)  # until the joint is at rest
+    second = json.loads(spoken(*command, "--resume")[1])
+    assert (first["complete"], first["groups_done"], first["recording"] is not None) == (False, 1, True)
+    assert (second["complete"], second["groups_done"]) == (True, 2)
+    assert load_recording(out / "recording.nc").attrs["runs"] == 2

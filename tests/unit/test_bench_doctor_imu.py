@@ -1,0 +1,114 @@
+"""The doctor and the inertial sensor: its rate, its bias, gravity at rest, and how it is mounted."""
+
+import math
+
+import pytest
+from tests.unit.bench_ward import Ward
+from tests.unit.emulator_stand_in import paper_rig
+
+from sinew.bench.doctor_measures import examine_imu, judge_imu, listen_to_imu
+from sinew.hardware.bus import BusTiming
+from sinew.hardware.imu import ImuReading
+from sinew.hardware.rig import Rig
+
+AXES = ("+x", "+y", "+z")
+
+
+@pytest.fixture
+def ward() -> Ward:
+    return Ward()
+
+
+def test_rate_bias_and_gravity_of_a_sensor_at_rest_are_told(ward: Ward) -> None:
+    findings = examine_imu(ward.rigged, ward.port)
+    assert [f.severity for f in findings] == ["ok"]
+    assert findings[0].found.startswith("200 samples/s, bias ")
+
+
+def test_the_sensor_is_listened_to_for_two_seconds_and_no_sample_is_missed(ward: Ward) -> None:
+    begun = ward.port.now()
+    samples, answers = listen_to_imu(ward.rigged, ward.port)
+    assert ward.port.now() - begun == pytest.approx(2.0, abs=0.02)
+    assert len(samples) == pytest.approx(400, abs=2)
+    assert answers == pytest.approx(800, abs=2)
+
+
+def test_a_frozen_sensor_is_a_fault(ward: Ward) -> None:
+    ward.wait(0.1)
+    ward.rig.imu.frozen = True
+    assert [f.severity for f in examine_imu(ward.rigged, ward.port, 0.3)] == ["fault"]
+
+
+def test_a_silent_sensor_is_a_fault(ward: Ward) -> None:
+    ward.rig.line.disturb_up = lambda now, data: [] if data[4] == 200 else [(now, data)]
+    assert [f.severity for f in examine_imu(ward.rigged, ward.port, 0.3)] == ["fault"]
+
+
+def samples(
+    force: tuple[float, float, float] = (9.81, 0, 0), gyro: float = 0.0, swing: float = 0.0, period: int = 5000
+) -> list[ImuReading]:
+    return [
+        ImuReading((gyro + swing * math.sin(i), 0.0, 0.0), force, (2**32 - 300_000 + period * i) % 2**32, 0.0)
+        for i in range(400)
+    ]
+
+
+def test_missed_samples_do_not_lower_the_rate() -> None:
+    holes = [sample for i, sample in enumerate(samples()) if i % 3 and i % 7]
+    assert judge_imu(holes, AXES)[0].found.startswith("200 samples/s")
+
+
+def test_a_slow_sensor_is_a_warning() -> None:
+    assert [f.found for f in judge_imu(samples(period=20_000), AXES)[1:]] == ["50 samples/s"]
+
+
+def test_a_bus_too_slow_for_the_sensor_is_no_fault_of_the_sensor() -> None:
+    ward = Ward(baud=57_600)
+    ward.rig.line.host_baud = 57_600
+    ward.bus.timing = BusTiming(57_600)
+    findings = examine_imu(ward.rigged, ward.port)
+    assert [f.severity for f in findings] == ["ok"]
+    assert findings[0].found.startswith("at least ")
+
+
+def test_a_large_bias_is_a_warning() -> None:
+    assert [f.found for f in judge_imu(samples(gyro=math.radians(2.5)), AXES)[1:]] == ["bias of 2.5 °/s"]
+
+
+def test_a_head_that_moves_is_a_warning_and_its_bias_is_not_judged() -> None:
+    findings = judge_imu(samples(gyro=math.radians(2.5), swing=math.radians(5)), AXES)
+    assert [f.advice.split(";")[0] for f in findings[1:]] == ["examine it at rest"]
+
+
+def test_another_gravity_is_a_fault() -> None:
+    assert [f.found for f in judge_imu(samples((4.9, 0, 0)), AXES)[1:]] == ["4.90 m/s² at rest"]
+
+
+@pytest.mark.parametrize(
+    ("force", "axes", "advised"),
+    [
+        ((0, 0, 9.81), AXES, '["+z", "+x", "+y"]'),
+        ((-9.81, 0, 0), AXES, '["-x", "+y", "-z"]'),
+        ((0, -9.81, 0), AXES, '["-y", "+z", "-x"]'),
+        ((0, 9.81, 0), ("+z", "+x", "+y"), '["+x", "+y", "+z"]'),
+    ],
+)
+def test_a_sensor_that_is_mounted_otherwise_is_a_fault_with_axes_that_put_x_up(
+    force: tuple[float, float, float], axes: tuple[str, ...], advised: str
+) -> None:
+    findings = judge_imu(samples(force), axes)
+    assert findings[-1].severity == "fault"
+    assert advised in findings[-1].advice
+
+
+def test_a_sensor_between_its_axes_is_to_be_levelled() -> None:
+    assert judge_imu(samples((6.9, 6.9, 0)), AXES)[-1].advice.startswith("level the rig")
+
+
+def test_the_advised_axes_do_put_x_up() -> None:
+    ward = Ward()
+    ward.plant.acceleration = (0.0, 0.0, -9.80665)
+    advice = examine_imu(ward.rigged, ward.port, 0.3)[-1].advice
+    axes = tuple(advice[advice.index("[") + 1 : advice.index("]")].replace('"', "").split(", "))
+    ward.rigged = Rig(ward.bus, ward.port, paper_rig(imu_axes=axes))
+    assert [f.severity for f in examine_imu(ward.rigged, ward.port, 0.3)] == ["ok"]

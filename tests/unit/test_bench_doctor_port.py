@@ -1,0 +1,103 @@
+"""The doctor at the port: bauds at which devices answer, and the adapter's latency timer."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from tests.unit.bench_ward import Ward
+from tests.unit.emulator_stand_in import Bench, paper_rig
+
+from sinew.bench.doctor import examine_port, search_bauds
+from sinew.bench.doctor_fixes import apply_fixes, list_fixes
+from sinew.bench.finding import Fix
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.latency_timer import LatencyTimer, find_latency_timer
+
+
+@pytest.fixture
+def ward() -> Ward:
+    return Ward()
+
+
+def test_devices_at_another_baud_are_found_and_told(ward: Ward) -> None:
+    slow = Bench(paper_rig(), baud=57_600)
+
+    @contextmanager
+    def open_bus(baud: int) -> Iterator[Bus]:
+        slow.rig.line.host_baud = baud
+        yield Bus(slow.port, slow.port, BusTiming(baud))
+
+    findings = search_bauds(open_bus, 1_000_000, nobody=True)
+    assert [(f.severity, f.found) for f in findings] == [("fault", "id 1, 2, 3, 4, 5, 200 at 57600 baud")]
+    assert "--baud 57600" in findings[0].advice
+
+
+def test_one_motor_at_another_baud_is_to_be_set_like_the_others(ward: Ward) -> None:
+    ward.rig.motors[2].registers["baud_rate"] = 1
+
+    @contextmanager
+    def open_bus(baud: int) -> Iterator[Bus]:
+        ward.rig.line.host_baud = baud
+        yield Bus(ward.port, ward.port, BusTiming(baud))
+
+    findings = search_bauds(open_bus, 1_000_000, nobody=False)
+    assert [(f.found, f.advice) for f in findings] == [
+        ("id 2 at 57600 baud", "set their register baud_rate to 3, as in the other motors")
+    ]
+
+
+def test_a_port_that_does_not_know_a_baud_is_no_trouble() -> None:
+    from sinew.hardware.errors import PortError
+
+    @contextmanager
+    def open_bus(baud: int) -> Iterator[Bus]:
+        raise PortError(f"cannot open at {baud}")
+        yield
+
+    assert [f.severity for f in search_bauds(open_bus, 1_000_000, nobody=True)] == ["note"]
+
+
+def adapter(tmp_path: Path, milliseconds: str) -> tuple[str, Path]:
+    folder = tmp_path / "ttyUSB3"
+    folder.mkdir()
+    (folder / "latency_timer").write_text(milliseconds)
+    return "/dev/ttyUSB3", tmp_path
+
+
+def test_a_latency_timer_of_16_ms_is_told_and_set(ward: Ward, tmp_path: Path) -> None:
+    timer = find_latency_timer(*adapter(tmp_path, "16\n"))
+    findings = examine_port(timer, 1_000_000, 1_000_000)
+    assert [(f.severity, f.fixable) for f in findings] == [("warning", True)]
+    written = apply_fixes(ward.rigged, ward.port, list_fixes(findings), timer)
+    assert timer is not None
+    assert (written[0].severity, timer.read()) == ("ok", 1)
+
+
+def test_a_latency_timer_of_1_ms_is_fine(tmp_path: Path) -> None:
+    timer = find_latency_timer(*adapter(tmp_path, "1\n"))
+    assert [f.severity for f in examine_port(timer, 1_000_000, 1_000_000)] == ["ok"]
+
+
+def test_a_timer_that_may_not_be_written_is_told_with_the_command_for_it(ward: Ward, tmp_path: Path) -> None:
+    timer = LatencyTimer(tmp_path / "no such folder" / "latency_timer")
+    written = apply_fixes(ward.rigged, ward.port, [Fix("port", "latency_timer", 16, 1)], timer)
+    assert written[0].severity == "warning"
+    assert "as administrator: echo 1 > " in written[0].found
+
+
+@pytest.mark.parametrize("port", ["/dev/ttyACM0", "/dev/pts/4", "bench"])
+def test_a_port_without_such_an_adapter_has_no_timer(tmp_path: Path, port: str) -> None:
+    assert find_latency_timer(port, tmp_path) is None
+
+
+def test_a_link_to_the_port_leads_to_its_timer(tmp_path: Path) -> None:
+    _, system = adapter(tmp_path, "16")
+    (tmp_path / "ttyUSB3.device").touch()
+    link = tmp_path / "by-id"
+    link.symlink_to("/dev/ttyUSB3")
+    assert find_latency_timer(str(link), system) is not None
+
+
+def test_a_baud_that_is_not_the_wirings_is_told() -> None:
+    assert examine_port(None, 57_600, 1_000_000)[0].found == "57600 baud"
