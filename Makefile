@@ -8,7 +8,7 @@ PYTHON ?=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup setup-dev reproduce answers pictures test test-slow test-realtime check bench campaign docs reference lock clean
+.PHONY: help setup setup-dev reproduce answers pictures test test-slow test-realtime check bench peers campaign docs reference lock clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -39,8 +39,12 @@ check: $(VENV)/.dev ## lint, format, strict types, the import law, links in the 
 	$(BIN)/python tools/check_links.py
 	$(BIN)/python tools/check_hosts.py
 
-bench: $(VENV)/.dev ## speed beside solve_ivp and MuJoCo, in one run
+bench: $(VENV)/.dev ## speed beside solve_ivp, MuJoCo and pyHarm-os, in one run; beams beside finite elements
+	-@test -e .venv-peers/.peers || $(MAKE) --no-print-directory peers
 	$(BIN)/python -m benchmarks
+
+peers: $(VENV)/.runtime ## make .venv-peers with what `make bench` compares with and .venv cannot hold
+	@sh tools/peers.sh
 
 campaign: $(VENV)/.dev ## 500 runs of the emulated bench in which something goes wrong: fault x outcome (about 15 min)
 	$(BIN)/python -m campaigns.faults --runs 500 --seed 0 --workers 2 --out out/campaigns/faults.json

@@ -10,8 +10,11 @@ no law of its own: there the viscous law with a bound on the friction is right, 
 
 import argparse
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
 from typing import Literal
 
 import numpy as np
@@ -19,12 +22,13 @@ import numpy as np
 from campaigns.law_signals import EXCITATIONS, LAWS, Kind, Truth, clean_record, draw_truth, noisy_record
 from sinew.identify.comparison import Comparison, compare_laws
 from sinew.identify.fit import fit
+from sinew.identify.fitted import Fit
 from sinew.identify.held_out import split_record
-from sinew.identify.model import MODELS
+from sinew.identify.model import MODELS, Rest
 from sinew.identify.record import Record
 from sinew.identify.track import DampingLaw
 
-__all__ = ["Margin", "Outcome", "Verdict", "expected_margin", "main", "run_trial", "table"]
+__all__ = ["Margin", "Outcome", "Verdict", "expected_margin", "main", "run_trial", "run_trials", "table"]
 
 CAN, CANNOT = 20.0, 2.0
 Margin = Literal["can tell", "between", "cannot tell"]
@@ -66,14 +70,24 @@ def expected_margin(clean: Record, truth: Truth, samples: int) -> tuple[float, f
     """
     noise = math.radians(truth.noise_deg) ** 2
     score = {}
+    rests: tuple[Rest, ...] = ("offset", "creep") if truth.kind == "decay" else ("offset",)
+    viscous = {rest: _fitted(clean, "viscous", rest, []) for rest in rests}
     for law in LAWS:
-        model = replace(MODELS["cubic-quadratic"], name=law, damping=law)
-        tried = [model, model.resting("creep")] if truth.kind == "decay" else [model]
-        left = min(fit(clean, one).rmse ** 2 for one in tried)
+        left = min(_fitted(clean, law, rest, plain)[-1].rmse ** 2 for rest, plain in viscous.items())
         score[law] = (samples * math.log(noise + left) + (law == "coulomb") * math.log(samples), left)
     others = [one for law, (one, _) in score.items() if law != truth.law and (truth.law, law) != ("viscous", "coulomb")]
     own, misfit = score[truth.law]
     return min(others) - own, math.sqrt(misfit / noise)
+
+
+def _fitted(clean: Record, law: DampingLaw, rest: Rest, viscous: Sequence[Fit]) -> list[Fit]:
+    """Return the fits of a law with springs of more and more terms; viscous: the same of that law, to begin at."""
+    fits = list(viscous)
+    for model in MODELS.values():
+        if model.damping == law and not model.pendulum and not (viscous and law == "viscous"):
+            known = [one for one in fits if set(one.model.terms) <= set(model.terms)]
+            fits.append(fit(clean, model.resting(rest), smaller=min(known, key=lambda one: one.rmse, default=None)))
+    return fits
 
 
 def run_trial(law: DampingLaw, kind: Kind, cubic: bool, seed: int) -> Outcome:
@@ -87,6 +101,15 @@ def run_trial(law: DampingLaw, kind: Kind, cubic: bool, seed: int) -> Outcome:
     return Outcome(
         truth, seed, evidence, chosen.damping, chosen.name, _verdict(found, truth), own, found.verdict
     )  # fmt: skip
+
+
+def run_trials(trials: Sequence[tuple[DampingLaw, Kind, bool, int]], workers: int) -> Iterator[Outcome]:
+    """Yield what comes of each (law, excitation, cubic, seed), in order; workers: how many processes."""
+    if workers == 1:
+        yield from (run_trial(*one) for one in trials)
+        return
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(run_trial, *zip(*trials, strict=True))
 
 
 def _verdict(found: Comparison, truth: Truth) -> Verdict:
@@ -130,15 +153,20 @@ def main() -> None:
     parser.add_argument("--law", choices=LAWS, action="append", help="only this law")
     parser.add_argument("--excitation", choices=EXCITATIONS, action="append", help="only this excitation")
     parser.add_argument("--verbose", action="store_true", help="print every trial")
+    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     chosen = parser.parse_args()
+    trials = [
+        (law, kind, cubic, seed)
+        for seed in range(chosen.first, chosen.first + chosen.seeds)
+        for law in chosen.law or LAWS
+        for kind in chosen.excitation or EXCITATIONS
+        for cubic in (False, True)
+    ]
     outcomes = []
-    for seed in range(chosen.first, chosen.first + chosen.seeds):
-        for law in chosen.law or LAWS:
-            for kind in chosen.excitation or EXCITATIONS:
-                for cubic in (False, True):
-                    outcomes.append(run_trial(law, kind, cubic, seed))
-                    if chosen.verbose:
-                        print(_line(outcomes[-1]), flush=True)
+    for outcome in run_trials(trials, chosen.workers):
+        outcomes.append(outcome)
+        if chosen.verbose:
+            print(_line(outcome), flush=True)
     print(table(outcomes))
     told = [one for one in outcomes if one.margin == "can tell"]
     print(f"\npicked where it can be told: {np.mean([one.verdict == 'picked' for one in told]):.1%} of {len(told)}")

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Writes the two lock files anew: the same versions for Python 3.11, 3.12 and 3.13, wheels only, with hashes, and without
+# Writes the lock files anew: the same versions for Python 3.11, 3.12 and 3.13, wheels only, with hashes, and without
 # any index address. Versions that are locked stay unless UPGRADE=1. Needs uv, which users of Sinew never do.
 set -eu
 
@@ -8,11 +8,23 @@ uv=$(command -v uv || command -v .venv/bin/uv) || {
     exit 2
 }
 
+lock() {
+    out=$1
+    shift
+    "$uv" pip compile --quiet "$@" --only-binary :all: \
+        --generate-hashes --no-emit-index-url --no-annotate --no-header --output-file "$out" >/dev/null
+}
+
 compile() {
     out=$1
     shift
-    "$uv" pip compile --quiet pyproject.toml requirements.in "$@" --only-binary :all: \
-        --generate-hashes --no-emit-index-url --no-annotate --no-header --output-file "$out" >/dev/null
+    lock "$out" pyproject.toml requirements.in "$@"
+}
+
+peers() {
+    out=$1
+    shift
+    lock "$out" requirements-peers.in --override "$scratch/override" "$@"
 }
 
 pins() {
@@ -24,12 +36,21 @@ compile requirements-dev.txt --python-version 3.11 --extra dev --constraint requ
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
+echo 'notebook ; python_version < "3"' >"$scratch/override" # a server of pages, some hundred packages, not imported
+peers requirements-peers.txt --python-version 3.11 ${UPGRADE:+--upgrade}
 for version in 3.12 3.13; do
     compile "$scratch/dev" --python-version "$version" --extra dev --constraint requirements-dev.txt
     pins requirements-dev.txt >"$scratch/locked"
     pins "$scratch/dev" >"$scratch/needed"
     if ! diff "$scratch/locked" "$scratch/needed"; then
         echo "lock: Python $version needs other packages than 3.11; see the difference above" >&2
+        exit 1
+    fi
+    peers "$scratch/peers" --python-version "$version" --constraint requirements-peers.txt
+    pins requirements-peers.txt >"$scratch/locked"
+    pins "$scratch/peers" >"$scratch/needed"
+    if ! diff "$scratch/locked" "$scratch/needed"; then
+        echo "lock: Python $version needs other peers than 3.11; see the difference above" >&2
         exit 1
     fi
 done

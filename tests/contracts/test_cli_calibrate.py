@@ -47,6 +47,8 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         return SimpleNamespace(
             parameters=mine,
             fitted_rig=fitted,
+            covariance=SimpleNamespace(matrix=np.diag([one.std**2 for one in mine.values()])),
+            pretension_mm=(0.0, 4.0),
             converged=True,
             message="",
             unidentifiable=(),
@@ -92,6 +94,9 @@ def test_the_rig_that_is_written_reads_back_with_origin_interval_and_source(
     assert one.note == f"fitted to monday.nc ({load_recording(Path('monday.nc')).attrs['content_hash'][:12]})"
     assert rig.tendons.presliding_angle == old.tendons.presliding_angle
     assert rig.drive == old.drive
+    assert rig.calibration is not None
+    assert rig.calibration.parameters == (TENSION, RADIUS, "tendons.base_radius")
+    assert rig.calibration.pretension_mm == (0.0, 4.0)
 
 
 def test_the_file_begins_with_the_command_and_the_whole_hashes(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:

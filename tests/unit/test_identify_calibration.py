@@ -126,7 +126,11 @@ def stand_in_fit(asked: list[list[str]], **estimates: Estimate) -> Fits:
         asked.append(list(free))
         mine = {name: estimates[name.split(".")[1]] for name in free}
         fitted = rig.with_values({name: one.value for name, one in mine.items()})
-        return SimpleNamespace(parameters=mine, fitted_rig=fitted, converged=True, message="", unidentifiable=())
+        spread = SimpleNamespace(matrix=np.diag([one.std**2 for one in mine.values()]))
+        more = SimpleNamespace(
+            covariance=spread, pretension_mm=(0.0, 4.0), converged=True, message="", unidentifiable=()
+        )
+        return SimpleNamespace(parameters=mine, fitted_rig=fitted, **vars(more))
 
     return fit
 

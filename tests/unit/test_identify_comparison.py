@@ -7,12 +7,12 @@ import pytest
 from benchmarks.sweep_fit import sweep_record
 from tests.unit.identify_signals import OMEGA, chirp, dry_decay, motion, noisy, viscous
 
-from sinew.identify.comparison import Comparison, compare, compare_laws, criterion
+from sinew.identify.comparison import Comparison, compare, compare_laws, criterion, impossible_numbers
 from sinew.identify.fit import fit
 from sinew.identify.held_out import fit_and_predict, split_record
 from sinew.identify.model import MODELS
 from sinew.identify.record import Record, make_record
-from sinew.identify.residual_tests import ask_residuals
+from sinew.identify.residual_tests import ask_fit, ask_residuals
 from sinew.measure.errors import RecordingError, SpecError
 
 DECAY = np.arange(0, 6, 0.01)
@@ -68,6 +68,40 @@ def test_dry_friction_that_adds_nothing_to_viscous_damping_is_bounded() -> None:
     assert found.dry_bound is not None
     assert 0 <= found.dry_bound < 0.8  # rad/s², what the dry decays of this page have
     assert "dry friction, if there is any, is below coulomb_rad_per_s2" in found.verdict
+
+
+def drag_decay(seed: int) -> Record:
+    """Return a decay under a drag that goes with the square of the rate: at small amplitude it hardly damps."""
+    x = motion(lambda r, v: 0.3 * v + 0.15 * v * abs(v) + OMEGA**2 * r, lambda t: 0.0, DECAY, (0.5, 0.0))[0]
+    return make_record(DECAY, noisy(x, 0.001, seed), output_unit="rad")
+
+
+def test_a_model_that_needs_negative_friction_is_out_of_the_race() -> None:
+    assert fit(drag_decay(1), "coulomb").parameters["coulomb_rad_per_s2"].high < 0
+    found = laws(drag_decay(1))
+    assert found.best.model.damping != "coulomb"
+    assert "coulomb leaves less but is out of the race: its coulomb_rad_per_s2 = -" in found.verdict
+
+
+def test_a_negative_damping_number_is_impossible_only_beyond_its_interval() -> None:
+    assert impossible_numbers(fit(drag_decay(1), "coulomb")) == ["coulomb_rad_per_s2"]
+    assert impossible_numbers(fit(viscous_decay(0.17, 3), "coulomb")) == []
+
+
+def test_residuals_are_asked_over_the_samples_that_taught() -> None:
+    spoilt = viscous_decay(0.1, 0)
+    spoilt = make_record(DECAY, np.where(DECAY < 4, spoilt.output, spoilt.output + 0.3), output_unit="rad")
+    found = compare(split_record(spoilt, (0, 400), (400, 600)), [MODELS["linear"]])
+    assert "residuals are white" in found.verdict
+    assert ask_fit(found.best).share < 0.1
+    assert found.rows[0].rmse_test > 0.2
+
+
+def test_a_larger_model_that_begins_at_a_smaller_one_leaves_no_more() -> None:
+    record = dry(2)
+    small = fit(record, "linear")
+    for model in ("cubic", "cubic-quadratic", "coulomb"):
+        assert fit(record, model, smaller=small).rmse <= small.rmse * (1 + 1e-9)
 
 
 def test_a_rest_position_that_creeps_is_found_and_costs_no_mechanics() -> None:

@@ -6,6 +6,7 @@ from benchmarks.sweep_fit import sweep_record
 from tests.unit.identify_signals import OMEGA, chirp, dry_decay, motion, noisy, viscous
 
 from sinew.identify.fit import fit
+from sinew.identify.least_squares import solve
 from sinew.identify.record import make_record
 from sinew.identify.track import LOCAL, track, track_slopes
 from sinew.measure.errors import RecordingError, SpecError
@@ -122,6 +123,22 @@ def test_a_decay_that_friction_brings_to_rest_is_simulated_to_a_ten_thousandth()
     truth = dry_decay(t, 0.5, 0.0, 2.0, 0.01)
     found = fit(make_record(t, truth, output_unit="rad"), "coulomb")
     assert np.abs(found.predicted[0] - truth).max() < 5e-5
+
+
+def test_a_noisy_decay_with_dry_friction_has_no_smaller_sum_of_squares_at_the_truth() -> None:
+    # The best minimum is at most what is reached from the truth; a search from one side stops at a step before it.
+    time = np.arange(0, 2.5, 1 / 130)
+    for seed in range(1000, 1006):
+        x = dry_decay(time, 0.5, 0.0, friction=3.0, damping_ratio=0.04)
+        found = fit(make_record(time, noisy(x, 0.02, seed), output_unit="rad"), "coulomb")
+        scales = found.layout.parts[0].scales
+        truth = {"stiffness": OMEGA**2, "damping": 0.08 * OMEGA, "coulomb": 3.0, "start": 0.5}
+        begin = [truth.get(one.local, 0.0) for one in found.layout.entries]
+        sizes = [
+            scales.amplitude if one.local == "offset" else scales.physical(one.local) for one in found.layout.entries
+        ]
+        from_truth = solve(found.layout.problem(found.kept), np.array(begin) / sizes, tolerance=1e-8)
+        assert found.solution.sum_of_squares <= from_truth.sum_of_squares * (1 + 1e-4)
 
 
 def test_a_pendulum_from_a_hundred_degrees_gives_its_small_swing_frequency() -> None:

@@ -140,6 +140,15 @@ def test_the_expected_amplitude_of_a_linear_oscillator_is_that_at_resonance() ->
     assert expected_amplitude(oscillator()) == pytest.approx(0.45 / (2 * DAMPING * oscillator().stiffness), rel=1e-6)
 
 
+def test_friction_that_takes_up_most_of_the_torque_is_remarked_on() -> None:
+    assert oscillator(coulomb=0.2).friction_remark() == ""
+    assert "dry friction is 60% of the torque" in oscillator(coulomb=0.27).friction_remark()
+
+
+def test_friction_that_takes_up_most_of_the_torque_leaves_a_curve_through_the_band() -> None:
+    assert curve(oscillator(coulomb=0.85 * 0.45), (1.5, 5.0)).complete
+
+
 REFUSED = {
     "no drive": ({"torque": 0.0}, "drives"),
     "negative inertia": ({"inertia": -1.0}, "inertia is -1"),

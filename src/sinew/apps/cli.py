@@ -18,14 +18,18 @@ from sinew.apps import (
     answer,
     calibrate,
     check,
+    compare,
     convert,
     doctor,
     emulate,
+    gait,
     identify,
+    joint,
     predict,
     reproduce,
     run,
     simulate,
+    transfer,
 )
 from sinew.measure.errors import SinewError
 
@@ -53,6 +57,12 @@ app.command(epilog="Example: sinew calibrate rigs/paper.toml monday.nc tuesday.n
     calibrate.calibrate
 )
 app.command(epilog="Example: sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json")(predict.predict)
+app.command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat")(
+    transfer.transfer
+)
+app.command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(joint.joint)
+app.command(epilog="Example: sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared")(compare.compare)
+app.command(epilog="Example: sinew gait slow.npz fast.npz --speed-m-s 0.8,1.4 --out out/gait")(gait.gait)
 app.command(epilog="Example: sinew answer out/paper/recording.nc --out out/paper")(answer.answer)
 app.command("import", epilog="Example: sinew import decay.csv --time t_s --response angle:deg --out decay.nc")(
     convert.import_

@@ -106,7 +106,13 @@ def _of_comparison(compared: "Comparison", remarks: Sequence[str]) -> Found:
     from sinew.identify.diagnosis import suspicions
 
     best, row = compared.best, compared.rows[0]
-    told = [compared.verdict, *remarks, best.message, *_impossible(best), *suspicions(best)]
+    told = [
+        compared.verdict,
+        *remarks,
+        best.message,
+        *_impossible(best),
+        *suspicions(best, compared=len(compared.rows) > 1),
+    ]
     rows = [
         {"model": one.model.name, "rmse_test": _number(one.rmse_test), "bic": _number(one.bic)} for one in compared.rows
     ]
@@ -115,11 +121,14 @@ def _of_comparison(compared: "Comparison", remarks: Sequence[str]) -> Found:
 
 def _impossible(best: "Fit") -> list[str]:
     """Return a sentence where a friction or a loss factor is negative for certain."""
+    from sinew.identify.comparison import impossible_numbers
+
     words = {"coulomb": "dry friction", "loss_factor": "loss factor"}
+    negative = impossible_numbers(best)
     return [
         f"the {word} came out negative, which nothing has: the damping depends on amplitude or frequency in another way"
         for start, word in words.items()
-        if any(name.startswith(start) and one.high < 0 for name, one in best.parameters.items())
+        if any(name.startswith(start) for name in negative)
     ]
 
 
@@ -131,7 +140,7 @@ def find_joint(recording: "xr.Dataset", rig: "RigSpec", progress: Progress | Non
     configure()
     joint = fit_joint([recording], rig, progress=progress)
     whole = joint.document()
-    document = {key: whole[key] for key in _KEYS}
+    document = {key: one for key, one in whole.items() if key not in _OWN_KEYS}
     named = dict(zip(joint_names(joint), (one.to_json() for one in joint.parameters.values()), strict=True))
     document["parameters"] = named | {name: one.to_json() for name, one in joint.derived.items()}
     levels = ", ".join(f"{one:g}" for one in joint.pretension_mm)
@@ -141,18 +150,8 @@ def find_joint(recording: "xr.Dataset", rig: "RigSpec", progress: Progress | Non
     return Found(document, told, joint=joint)
 
 
-_KEYS = (
-    "model",
-    "parameters",
-    "natural_frequency_hz",
-    "damping_ratio",
-    "rmse",
-    "unit",
-    "converged",
-    "message",
-    "unidentifiable",
-    "compared",
-)
+_OWN_KEYS = ("units", "derived", "by_pretension")
+"""Of a joint fit's document what other models have not; here it stands under `parameters`."""
 
 
 def joint_names(joint: "JointFit") -> tuple[str, ...]:

@@ -1,18 +1,29 @@
 """This is where `sinew predict` turns an oscillator's numbers, or a rig, into its steady response over frequency."""
 
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import print_json, print_table
+from sinew.apps.console import print_json, remark
+from sinew.apps.joint_options import JointOptions, with_joint_options
 from sinew.apps.options import Json
+from sinew.apps.predict_against import Against, FittedMm
+from sinew.apps.predict_backbone import print_backbones
+from sinew.apps.predict_bands import Bands, BandSeed
+from sinew.apps.predict_document import prediction_document, print_prediction
+from sinew.apps.predict_further import Further, print_further
+from sinew.apps.predict_joint import predict_joint
+from sinew.apps.predict_rig import Amplitude, Mode, Pretension, Without, rig_asked
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
-    from sinew.plan.plan import TendonMode
-    from sinew.predict.branch import Branch, Mark, Prediction
+    from sinew.predict.branch import Prediction
 
 __all__ = ["predict"]
+
+Backbones = Callable[[], list[dict[str, Any]]]
 
 _KEYS = {
     "inertia_kg_m2": "inertia",
@@ -24,9 +35,24 @@ _KEYS = {
     "coulomb_n_m": "coulomb",
 }
 _NEEDED = ("inertia_kg_m2", "frequency_hz", "damping_ratio")
-_MODES = ("position", "position-with-current-limit", "current")
+
+_Torque = Annotated[
+    float | None, typer.Option("--torque-n-m", metavar="NM", help="Oscillator: amplitude of the torque on it.")
+]
+_Base = Annotated[
+    float | None, typer.Option("--base-deg", metavar="DEG", help="Oscillator: amplitude by which its base turns.")
+]
+_Backbone = Annotated[
+    bool,
+    typer.Option("--backbone", help="Also where it resonates, over the drive's amplitude up to the asked one."),
+]
+_Out = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR|RIG.toml", help="Rig: write figures and page, or the joint's rig alone."),
+]
 
 
+@with_joint_options
 def predict(
     rig: Annotated[
         str | None, typer.Argument(metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")
@@ -35,25 +61,12 @@ def predict(
         str | None,
         typer.Option("--oscillator", metavar="KEY=VALUE,...", help=f"Instead of a rig: {', '.join(_KEYS)}."),
     ] = None,
-    torque: Annotated[
-        float | None, typer.Option("--torque-n-m", metavar="NM", help="Oscillator: amplitude of the torque on it.")
-    ] = None,
-    base: Annotated[
-        float | None, typer.Option("--base-deg", metavar="DEG", help="Oscillator: amplitude by which its base turns.")
-    ] = None,
-    pretension: Annotated[
-        str, typer.Option("--pretension-mm", metavar="MM,...", help="Rig: pretensions, one curve for each.")
-    ] = "0,4,8,12",
-    amplitude: Annotated[
-        float, typer.Option("--amplitude-deg", metavar="DEG", help="Rig: amplitude of the drive's command.")
-    ] = 20.0,
-    mode: Annotated[
-        str, typer.Option("--mode", metavar="|".join(_MODES), help="Rig: mode of the motors.")
-    ] = "position",
-    without: Annotated[
-        list[str] | None,
-        typer.Option("--without", metavar="EFFECT", help="Rig: switch an effect of the twin off; may be repeated."),
-    ] = None,
+    torque: _Torque = None,
+    base: _Base = None,
+    pretension: Pretension = "0,4,8,12",
+    amplitude: Amplitude = 20.0,
+    mode: Mode = "position",
+    without: Without = None,
     start: Annotated[
         float | None,
         typer.Option("--from-hz", metavar="HZ", help="Lowest frequency; else 1, or a third of the natural."),
@@ -61,29 +74,48 @@ def predict(
     stop: Annotated[
         float | None, typer.Option("--to-hz", metavar="HZ", help="Highest frequency; else 6, or twice the natural.")
     ] = None,
+    backbone: _Backbone = False,
+    out: _Out = None,
+    bands: Bands = None,
+    seed: BandSeed = 0,
+    against: Against = None,
+    fitted: FittedMm = None,
+    *,
+    joint: JointOptions,
     json: Json = False,
 ) -> None:
     """Predict the steady response over frequency, through its folds, with stability.
 
     Amplitudes are half of peak to peak of the rotation of the head against the base; phases are the lag of the
     fundamental behind the drive: the torque, the base's motion, or the rig's lever.
+
+    A joint that is not built yet is a RIG, else the paper's, in which what is said of the joint is changed.
     """
-    if (rig is None) == (oscillator is None):
+    further = Further(bands, seed, against, fitted, start, stop)
+    if oscillator is not None:
+        for option in (*joint.given, *further.given, *(["--out"] if out is not None else [])):
+            raise SpecError(f"{option} is for a rig; leave it out with --oscillator")
+    if (rig is None and not joint.given) == (oscillator is None):
         raise SpecError("expected either a RIG or --oscillator, and not both")
     if oscillator is not None:
-        prediction, pretensions = _oscillator(oscillator, torque, base, start, stop)
+        prediction, pretensions, backbones = _oscillator(oscillator, torque, base, start, stop)
+        document = prediction_document(prediction, pretensions)
     else:
         if torque is not None or base is not None:
             raise SpecError("--torque-n-m and --base-deg drive an oscillator; a rig is driven with --amplitude-deg")
-        if mode not in _MODES:
-            raise SpecError(f"--mode is {mode!r}, expected one of {', '.join(_MODES)}")
-        pretensions = [_number("--pretension-mm", part) for part in pretension.split(",")]
-        prediction = _rig(str(rig), pretensions, amplitude, mode, without or [], (start or 1.0, stop or 6.0))
-    document = _document(prediction, pretensions)
+        asked = rig_asked(pretension, amplitude, mode, without, start, stop)
+        document, backbones = predict_joint(rig, joint, asked, further, out)
+    if backbone:
+        document["backbone"] = backbones()
     if json:
         print_json(document)
-    else:
-        _print(document)
+        return
+    print_prediction(document)
+    print_further(document)
+    if backbone:
+        print_backbones(document["backbone"])
+    if out is not None:
+        print(f"written: {out}")
 
 
 def _number(what: str, text: str) -> float:
@@ -101,9 +133,11 @@ def _band(band_hz: tuple[float, float]) -> tuple[float, float]:
 
 def _oscillator(
     text: str, torque: float | None, base: float | None, start: float | None, stop: float | None
-) -> "tuple[Prediction, list[float]]":
+) -> "tuple[Prediction, list[float], Backbones]":
     import math
+    from functools import partial
 
+    from sinew.apps.predict_backbone import oscillator_backbones
     from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
     from sinew.predict.prediction import predict as run
     from sinew.twin.cache import configure
@@ -122,77 +156,7 @@ def _oscillator(
     configure()
     one = Oscillator(**values, torque=torque or 0.0, base=math.radians(base or 0.0)).checked()
     band_hz = _band((start or one.frequency_hz / 3, stop or 2 * one.frequency_hz))
-    return run(oscillator_problem([one], band_hz), band_hz, resolution_of([one])), [math.nan]
-
-
-def _rig(
-    name: str, pretensions: list[float], amplitude: float, mode: str, without: list[str], band_hz: tuple[float, float]
-) -> "Prediction":
-    from sinew.plan.toml import load_rig
-    from sinew.predict.joint import RESOLUTION, joint_problem
-    from sinew.predict.prediction import predict as run
-    from sinew.twin.effects import Effects
-
-    if amplitude <= 0:
-        raise SpecError(f"--amplitude-deg is {amplitude:g}, expected a positive angle")
-    if min(pretensions) < 0:
-        raise SpecError(f"--pretension-mm holds {min(pretensions):g}, expected zero or more: cables cannot push")
-    rig, effects = load_rig(name), Effects().without(*without)
-    problem = joint_problem(rig, pretensions, amplitude, _band(band_hz), mode=cast("TendonMode", mode), effects=effects)
-    return run(problem, band_hz, RESOLUTION)
-
-
-def _mark(mark: "Mark | None") -> dict[str, float] | None:
-    from math import degrees
-
-    if mark is None:
-        return None
-    return {"frequency_hz": mark.frequency_hz, "amplitude_deg": degrees(mark.amplitude)}
-
-
-def _branch(branch: "Branch", pretension_mm: float) -> dict[str, Any]:
-    import numpy as np
-
-    return {
-        "pretension_mm": pretension_mm if np.isfinite(pretension_mm) else None,
-        "frequency_hz": branch.frequency_hz.tolist(),
-        "amplitude_deg": np.degrees(branch.amplitude).tolist(),
-        "fundamental_deg": np.degrees(branch.fundamental).tolist(),
-        "phase_deg": np.degrees(branch.phase).tolist(),
-        "stable": branch.stable.tolist(),
-        "multiplier": branch.multiplier.tolist(),
-        "folds": [_mark(fold) for fold in branch.folds],
-        "peak": _mark(branch.peak),
-        "phase_90": _mark(branch.phase_90),
-        "error": branch.error.tolist(),
-        "complete": branch.complete,
-        "message": branch.message,
-    }
-
-
-def _document(prediction: "Prediction", pretensions: list[float]) -> dict[str, Any]:
-    return {
-        "branches": [_branch(one, mm) for one, mm in zip(prediction.branches, pretensions, strict=True)],
-        "harmonics": prediction.harmonics,
-        "error_estimate": prediction.error_estimate,
-        "wall_s": prediction.wall_s,
-    }
-
-
-def _print(document: dict[str, Any]) -> None:
-    def cells(mark: dict[str, float] | None) -> str:
-        return "-" if mark is None else f"{mark['frequency_hz']:.4f} Hz, {mark['amplitude_deg']:.3f}°"
-
-    rows = []
-    for branch in document["branches"]:
-        pretension = branch["pretension_mm"]
-        folds = "; ".join(cells(fold) for fold in branch["folds"]) or "none"
-        name = "-" if pretension is None else f"{pretension:g}"
-        steady = f"{sum(branch['stable'])} of {len(branch['stable'])}"
-        rows.append((name, cells(branch["peak"]), cells(branch["phase_90"]), folds, steady))
-    print_table(("pretension/mm", "peak", "90° of phase", "folds", "stable points"), rows)
-    for branch in document["branches"]:
-        if not branch["complete"] or "not" in branch["message"]:
-            print(f"- {branch['message']}")
-    error = document["error_estimate"]
-    print(f"{document['harmonics']} harmonics, error estimate {error:.1e}, {document['wall_s'] * 1e3:.0f} ms")
+    if sentence := one.friction_remark():
+        remark(sentence)
+    prediction = run(oscillator_problem([one], band_hz), band_hz, resolution_of([one]))
+    return prediction, [math.nan], partial(oscillator_backbones, one, band_hz)

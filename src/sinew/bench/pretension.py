@@ -82,15 +82,15 @@ class MotorMap:
         # per newton in each tendon: cable and servo in series, and the silicone, axial stiffness 3 G A/L, under all.
         series = 1 / tendons.cable_stiffness.value + 1 / tendons.servo_stiffness.value
         silicone = spec.silicone
-        area_over_polar = 8 / silicone.diameter.value**2  # A/J of a solid circle
-        axial = 3 * silicone.torsional_rigidity.value * area_over_polar / silicone.length.value
+        torsional = silicone.torsional_rigidity.value / silicone.length.value
+        axial = 3 * torsional * spec.area_over_torsion_constant
         missing = self._contact_tension - contact.current / self.newton
         self._first = missing * (series + tendons.count / axial) - missing / self._servo
         turns = [math.tau * i / tendons.count for i in range(tendons.count)]
         r = tendons.head_radius.value
         self._points = tuple((r * math.cos(turn), r * math.sin(turn)) for turn in turns)
-        # By current, unequal tensions level against the silicone's bending stiffness, E I = 1.5 G J.
-        self._bending = 1.5 * spec.silicone.torsional_rigidity.value / spec.silicone.length.value
+        # By current, unequal tensions level against the silicone's bending stiffness.
+        self._bending = spec.bending_over_torsional_rigidity * torsional
 
     @property
     def by_current(self) -> bool:

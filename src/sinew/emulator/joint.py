@@ -8,8 +8,8 @@ length w, up to a limit; else a set one. It gets it as long as the horn need not
 that load; at that speed T follows from h. As in the twin, what the twist of the joint asks of the horn costs no speed.
 
 The head tilts by t about y and z of frame B, without inertia: c dt/dt = -∂V/∂t, V holding the tendons' lengths at the
-tilted pose and the silicone's bending, ½ (E I/L) |t - t_0|², E I = 1.5 G J. Neither the head's inertia across its axis
-nor the damping of that swing is known, and levelling asks only where the plate comes to rest and how soon: with
+tilted pose and the bending energy ½ (E I/L) |t - t_0|², I about the weaker axis. Neither the head's inertia across its
+axis nor the damping of that swing is known, and levelling asks only where the plate comes to rest and how soon: with
 `TILT_DAMPING`, in 5 ms on locked tendons and in 65 ms on light constant tensions. Constant tensions bend an arc
 further, by n T L²/(12 E I) of its tilt, and would topple it where that reaches one.
 """
@@ -189,7 +189,7 @@ def steps_per_tick(joint: Joint) -> int:
     grip = len(p.guide_directions) * float(joint.cable_stiffness)
     glassy = 1 + float(sum(p.prony_shares))
     axial = np.sqrt((grip + 3 * glassy * float(p.axial_rigidity / p.length)) / float(p.head_mass))
-    bending = 1.5 * float(p.torsional_rigidity / p.length)
+    bending = float(p.bending_rigidity / p.length)
     tilt = (0.5 * grip * max(float(p.head_radius), float(p.base_radius)) ** 2 + bending) / float(joint.damping)
     return max(1, int(np.ceil(TICK_S * max(axial, tilt) / 2)))
 
@@ -238,7 +238,7 @@ def _slope(
         stored = silicone_energy(torsion, shortening, p)
         stored += viscoelastic_energy(torsion, shortening, motion.memory, motion.axial_memory, p)
         bent = sum((t - rest) ** 2 for t, rest in zip(tilt, joint.rest_tilt, strict=True))
-        stored += 0.75 * p.torsional_rigidity / p.length * bent
+        stored += 0.5 * p.bending_rigidity / p.length * bent
         return stored + sum(t * span for t, span in zip(pull, spans, strict=True)), jnp.asarray(sum(pull))
 
     slope, total = jax.grad(energy, argnums=(0, 1, 2), has_aux=True)(motion.torsion, motion.shortening, at.tilt)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sinew.plan.plan import Group
 from sinew.twin.drive import gear_friction
-from sinew.twin.energy import total_tension
+from sinew.twin.energy import total_tension, twist_rigidity
 from sinew.twin.integrate import LANES, runge_kutta
 from sinew.twin.motion import State, friction_torque, mechanical_energy, rate, state_at_rest
 from sinew.twin.parameters import Parameters
@@ -83,7 +83,7 @@ def _spent(p: Parameters, shortening: jax.Array, free_from: jax.Array, steps: ja
 def _slope(time_s: jax.Array, now: _Spending, p: Parameters) -> _Spending:
     state = now.state
     stretch = 1 - state.shortening / p.length
-    torsional, axial = p.torsional_rigidity / (p.length * stretch), 3 * p.axial_rigidity / p.length
+    torsional, axial = twist_rigidity(stretch, p) / p.length, 3 * p.axial_rigidity / p.length
     silicone = p.viscous * state.torsion_rate**2
     for share, tau, q, u in zip(p.prony_shares, relaxation_times(), state.memory, state.axial_memory, strict=True):
         branch = torsional * (state.torsion - q) ** 2 + axial * (state.shortening - u) ** 2

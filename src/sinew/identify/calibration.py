@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import xarray as xr
 
 from sinew.identify.calibration_rig import Source, calibrated_rig, parameter_of
+from sinew.identify.calibration_spread import calibrated_together, with_ties
 from sinew.identify.joint_fit import FREE, fit_joint
 from sinew.identify.joint_fitted import JointFit
 from sinew.measure.errors import RecordingError, SpecError
@@ -94,6 +95,10 @@ def calibrate_rig(
             )
     found = {one: fit.parameters[one] for one in sought}
     calibrated, followed = calibrated_rig(rig, fit.fitted_rig, found, sources, name)
+    own = fit.covariance.matrix[: len(sought), : len(sought)]
+    together = with_ties(calibrated, sought, followed, own)
+    record = calibrated_together([*sought, *followed], together, sources, fit.pretension_mm)
+    calibrated = calibrated.model_copy(update={"calibration": record})
     if kept:
         remarks.append(
             f"not determined by these recordings, so with old value and origin: {', '.join(kept)}; "

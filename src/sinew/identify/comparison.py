@@ -17,18 +17,33 @@ from numpy.typing import NDArray
 from sinew.identify.fit import fit
 from sinew.identify.fitted import Fit
 from sinew.identify.held_out import HeldOut, Split, fit_and_predict
-from sinew.identify.model import MODELS, Model, Rest
-from sinew.identify.residual_tests import ask_residuals
+from sinew.identify.model import MODELS, Model
+from sinew.identify.record import Excitation
+from sinew.identify.residual_tests import ask_fit
 from sinew.measure.errors import RecordingError
 
-__all__ = ["Choice", "Comparison", "Row", "choose", "compare", "compare_laws", "conclude", "criterion", "laws_to_try"]
+__all__ = [
+    "Choice",
+    "Comparison",
+    "Row",
+    "choose",
+    "compare",
+    "compare_laws",
+    "conclude",
+    "criterion",
+    "impossible_numbers",
+    "laws_to_try",
+]
 
 Array = NDArray[np.float64]
 
 _CLEAR, _HINT = 6.0, 2.0  # differences of BIC: told for certain; too small to add a term
 _WORSE = 2.0  # standard errors of the paired difference of squared errors
 _BLOCKS = 12
-_HOPELESS = 3.0  # times the held-out error
+_HOPELESS = 1.5  # times the held-out error
+_NEAR = 30.0  # a difference of BIC that another spring, or a better minimum, may still make up for
+_SURE = 8.0  # standard deviations from zero of a term without which nothing needs to be tried
+_REFINEMENTS = 3
 _POOR, _SMOOTH = 0.1, 0.5  # residuals' share of the output, and correlation of neighbours, of a misfit that is no noise
 _LAWS = {"viscous": "viscous damping", "loss-factor": "a constant loss factor", "coulomb": "viscous and dry friction"}
 
@@ -49,11 +64,16 @@ class Row:
 
 @dataclass(frozen=True)
 class Choice:
-    """The winner, the other damping laws that the data cannot tell from it, and all rows, best first."""
+    """The winner of a race.
+
+    rivals: the other damping laws that the data cannot tell from it. rows: all, best first. impossible: what would have
+    won, but only with numbers that nothing has (see `impossible_numbers`), or None.
+    """
 
     best: Row
     rivals: tuple[Row, ...]
     rows: tuple[Row, ...]
+    impossible: Row | None = None
 
 
 @dataclass(frozen=True)
@@ -79,36 +99,75 @@ def compare(split: Split, models: Sequence[Model]) -> Comparison:
 
 
 def compare_laws(split: Split, progress: Callable[[float, float], None] | None = None) -> Comparison:
-    """Return the best of all damping laws and stiffness laws: the stiffness first, then the damping with it.
+    """Return the best of all damping laws and stiffness laws.
 
-    The rest position of a free decay may creep, where that makes the difference.
+    With viscous damping the stiffness law is found, and whether the rest position of a free decay creeps; with these
+    the damping laws compete; for those that come near, the spring is then made simpler and richer by a term.
     """
 
     def told(done: int) -> None:
         if progress is not None:
-            progress(done, 3)
+            progress(done, 4)
 
     rows = _race(split, [model for model in laws_to_try() if model.damping == "viscous"])
     told(1)
-    first = choose(rows).best
-    rests: list[Rest] = ["offset"]
+    first = choose(rows).best.model
     if split.record.excitation == "none":
-        rows += _race(split, [first.model.resting("creep")], rows)
+        rows += _race(split, [first.resting("creep")], rows)
         if choose(rows).best.model.rest == "creep":
-            rests.append("creep")
             rows += _race(split, _new(rows, (row.model.resting("creep") for row in rows)), rows)
-            first = choose(rows).best
-    linear = next((row for row in rows if not row.model.terms), first)
+            first = choose(rows).best.model
+    plain = next((row for row in rows if not row.model.terms and row.model.rest == first.rest), None)
     # A damping law can do what a stiffness term had mimicked, unless the linear spring is hopeless.
-    terms = {first.model.terms, ()} if linear.rmse_test < _HOPELESS * first.rmse_test else {first.model.terms}
-    tried = [model.resting(rest) for model in laws_to_try() for rest in rests if model.terms in terms]
-    rows += _race(split, _new(rows, tried), rows)
+    hopeless = plain is None or plain.rmse_test > _HOPELESS * choose(rows).best.rmse_test
+    terms = {first.terms} if hopeless else {(), first.terms}
+    alike = [one.resting(first.rest) for one in laws_to_try() if one.terms in terms]
+    rows += _race(split, _new(rows, alike), rows)
     told(2)
-    winner = choose(rows).best.model
-    same = [model.resting(winner.rest) for model in laws_to_try() if model.damping == winner.damping]
-    rows += _race(split, _new(rows, same), rows)
+    for _ in range(_REFINEMENTS):  # of a law that comes near, the spring and the rest position
+        tried = _new(rows, (model for row in _near(rows) for model in _neighbours(row, split.record.excitation)))
+        if not tried:
+            break
+        rows += _race(split, tried, rows)
     told(3)
+    near = [id(row) for row in _near(rows) if row.model.damping == "coulomb"]
+    rows = [_followed(split, row) if id(row) in near else row for row in rows]
+    told(4)
     return _finish(split, rows)
+
+
+def _near(rows: Sequence[Row]) -> list[Row]:
+    """Return of every damping law the row with the most evidence, if it may still win."""
+    rows = _with_criterion(rows)
+    lowest = min(row.bic for row in rows)
+    best = (min((r for r in rows if r.model.damping == law), key=lambda r: r.bic, default=None) for law in _LAWS)
+    return [row for row in best if row is not None and row.bic < lowest + _NEAR]
+
+
+def _neighbours(row: Row, excitation: Excitation) -> Iterable[Model]:
+    """Return the models with terms less, where those may be nothing, and with a term more."""
+    model, found = row.model, row.held_out.fit
+    names = [entry.local for entry in found.layout.entries]
+
+    def surely(local: str) -> bool:
+        k = names.index(local)
+        return bool(abs(found.solution.values[k]) > _SURE * found.covariance.std[k])
+
+    ladder = [one for one in laws_to_try() if one.damping == model.damping]
+    at = next(i for i, one in enumerate(ladder) if one.terms == model.terms)
+    for less in ladder[:at]:
+        if not any(surely(term) for term in set(model.terms) - set(less.terms)):
+            yield less.resting(model.rest)
+    if at + 1 < len(ladder):
+        yield ladder[at + 1].resting(model.rest)
+    if model.rest == "creep" and not surely("drift"):
+        yield model.resting("offset")
+
+
+def _followed(split: Split, row: Row) -> Row:
+    """Return the row of a fit that was sought beside its minimum, too."""
+    found = fit_and_predict(split, row.model, guess=row.held_out.fit)
+    return row if found.fit.rmse > row.held_out.fit.rmse else _row(row.model, found)
 
 
 def laws_to_try() -> tuple[Model, ...]:
@@ -127,15 +186,32 @@ def _race(split: Split, models: Sequence[Model], others: Sequence[Row] = ()) -> 
     refused: list[RecordingError] = []
     for model in models:
         try:
-            found = fit_and_predict(split, model)
+            found = fit_and_predict(split, model, smaller=_smaller([*others, *rows], model))
         except RecordingError as error:
             refused.append(error)
             continue
         if np.isfinite(found.rmse):
-            rows.append(Row(model, found.rmse, np.nan, found, _blocks(found.residual)))
+            rows.append(_row(model, found))
     if not rows and not others:
         raise refused[0] if refused else RecordingError("no model can be fitted to this record")
     return rows
+
+
+def _row(model: Model, found: HeldOut) -> Row:
+    return Row(model, found.rmse, np.nan, found, _blocks(found.residual))
+
+
+def _smaller(rows: Sequence[Row], model: Model) -> Fit | None:
+    """Return the best fit of the models that a model extends, or whose viscous damping it replaces; None without."""
+    extended = [
+        row.held_out.fit
+        for row in rows
+        if row.model.damping in ("viscous", model.damping)
+        and row.model.pendulum == model.pendulum
+        and set(row.model.terms) <= set(model.terms)
+        and row.model.rest in ("offset", model.rest)
+    ]
+    return min(extended, key=lambda one: one.rmse, default=None)
 
 
 def _finish(split: Split, rows: Sequence[Row]) -> Comparison:
@@ -174,10 +250,9 @@ def criterion(found: Fit, independent: float) -> float:
 
 def choose(rows: Sequence[Row]) -> Choice:
     """Return the winner of a race. rows: of the same data; their BIC is set here."""
-    # Misfit makes residuals smooth, so the number that are independent is the best model's, the same for all.
-    independent = min((row.held_out.fit for row in rows), key=lambda one: one.rmse).effective_samples
-    rows = [replace(row, bic=criterion(row.held_out.fit, independent)) for row in rows]
-    staying = _staying(rows)
+    rows = _with_criterion(rows)
+    possible = [row for row in rows if not impossible_numbers(row.held_out.fit)] or rows
+    staying = _staying(possible)
     lowest = min(row.bic for row in staying)
     best = min((row for row in staying if row.bic < lowest + _HINT), key=lambda row: (_size(row.model), row.bic))
     rivals = [row for row in staying if _rivals(row, best, staying)]
@@ -187,20 +262,35 @@ def choose(rows: Sequence[Row]) -> Choice:
     stays = [id(row) for row in staying]
     rows.sort(key=lambda row: (row is not best, id(row) not in stays, row.bic))
     names = [row.model.name for row in rows]  # of two rest positions the better
-    return Choice(best, tuple(rivals), tuple(row for i, row in enumerate(rows) if row.model.name not in names[:i]))
+    shown = tuple(row for i, row in enumerate(rows) if row.model.name not in names[:i])
+    everyone = min(_staying(rows), key=lambda row: row.bic)
+    beaten = everyone.bic < best.bic - _CLEAR and all(everyone is not row for row in possible)
+    return Choice(best, tuple(rivals), shown, everyone if beaten else None)
+
+
+def impossible_numbers(found: Fit) -> list[str]:
+    """Return the damping numbers of a fit that are negative for certain, beyond their 90 % interval."""
+    damping = ("damping", "loss_factor", "coulomb")
+    return [name for name, one in found.parameters.items() if name.startswith(damping) and one.high < 0]
+
+
+def _with_criterion(rows: Sequence[Row]) -> list[Row]:
+    # Misfit makes residuals smooth, so the number that are independent is the best model's, the same for all.
+    independent = min((row.held_out.fit for row in rows), key=lambda one: one.rmse).effective_samples
+    return [replace(row, bic=criterion(row.held_out.fit, independent)) for row in rows]
 
 
 def conclude(choice: Choice, final: Fit, what: str = "record") -> Comparison:
     """Return the comparison with its verdict. final: the winner's fit to all of the data, which are called `what`."""
     bound, words = _dry_bound(choice)
-    asked = ask_residuals(final.records, final.residuals(), 2 * np.pi * final.natural_frequency_hz.value)
+    asked = ask_fit(final)
     if asked.share > _POOR and asked.neighbours > _SMOOTH and len(choice.rows) > 1:
         told = (
             f"cannot tell the damping law, for no model describes this {what}: {choice.best.model.name}, which leaves "
             f"least, misses {100 * asked.share:.0f} % of the output's standard deviation; {asked.telling()}"
         )
         return Comparison(choice.rows, final, False, told)
-    verdict = f"{_verdict(choice, what)}{words}{_begins_late(final)}; {asked.telling()}"
+    verdict = f"{_verdict(choice, what)}{words}{_impossible(choice)}{_begins_late(final)}; {asked.telling()}"
     return Comparison(choice.rows, final, not choice.rivals, verdict, bound)
 
 
@@ -231,6 +321,18 @@ def _rivals(row: Row, best: Row, staying: Sequence[Row]) -> bool:
         return True
     # Dry friction extends viscous damping, and is no rival where it adds nothing to it.
     return not any(other.model.damping == "viscous" and other.bic <= row.bic for other in staying)
+
+
+def _impossible(choice: Choice) -> str:
+    """Return the words on a model that is out of the race because a damping number of it is negative."""
+    if choice.impossible is None:
+        return ""
+    found = choice.impossible.held_out.fit
+    name = impossible_numbers(found)[0]
+    return (
+        f"; {choice.impossible.model.name} leaves less but is out of the race: its {name} = "
+        f"{found.parameters[name].value:.3g} is negative beyond its interval, which nothing has"
+    )
 
 
 def _begins_late(found: Fit) -> str:

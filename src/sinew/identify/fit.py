@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sinew.identify.certainty import Covariance, covariance
 from sinew.identify.fitted import Fit
 from sinew.identify.grid import Frame, Scales, frames_of
+from sinew.identify.law_starts import carried_over
 from sinew.identify.layout import Layout, make_layout, make_part
 from sinew.identify.least_squares import Solution
 from sinew.identify.mechanics import (
@@ -43,6 +44,7 @@ def fit(
     varying: Sequence[str] = (),
     kept: Masks | None = None,
     guess: Fit | None = None,
+    smaller: Fit | None = None,
 ) -> Fit:
     """Return the fit of a model to one record, or to several with the same mechanics.
 
@@ -51,6 +53,8 @@ def fit(
     kept: masks of the samples to be fitted, one for each record, shape (n,); all where it is None. The simulation runs
         through the others, so what it says there is a prediction.
     guess: a fit of the same model to similar records, where the search begins.
+    smaller: a fit of another model, with fewer terms or viscous damping, to the same samples; the search begins at what
+        it found, too.
     Raises RecordingError for records that cannot be fitted, SpecError for a model that does not go with them.
     """
     configure()
@@ -59,7 +63,7 @@ def fit(
     _check(records, model)
     masks = tuple(np.ones(r.size, dtype=bool) for r in records) if kept is None else tuple(kept)
     frames = (guess.frame,) if guess is not None else frames_of(records[0])
-    found = [_fit_in_frame(records, model, frame, varying, masks, guess) for frame in frames]
+    found = [_fit_in_frame(records, model, frame, varying, masks, guess, smaller) for frame in frames]
     return min(found, key=lambda one: one.rmse)
 
 
@@ -73,18 +77,27 @@ def _check(records: Sequence[Record], model: Model) -> None:
 
 
 def _fit_in_frame(
-    records: Sequence[Record], model: Model, frame: Frame, varying: Sequence[str], masks: Masks, guess: Fit | None
+    records: Sequence[Record],
+    model: Model,
+    frame: Frame,
+    varying: Sequence[str],
+    masks: Masks,
+    guess: Fit | None,
+    smaller: Fit | None,
 ) -> Fit:
+    known = smaller if smaller is not None and smaller.frame == frame else None
     if guess is not None and len(guess.records) == len(records):
         scales, starts = [part.scales for part in guess.layout.parts], None
     else:
         scales, starts = _begin(records, model, frame, varying, masks)
+        scales = scales if known is None else [part.scales for part in known.layout.parts]
     parts = [
         make_part(record, model, own, frame, mask) for record, own, mask in zip(records, scales, masks, strict=True)
     ]
     layout = make_layout(model, parts, varying)
     first = guess.solution.values if guess is not None and starts is None else first_values(layout, starts or [])
-    solution = search(layout, first, masks)
+    taught = carried_over(layout, first, known) if known is not None and starts is not None else None
+    solution = search(layout, first, masks, taught, known=guess is not None and starts is None)
     return _tell(layout, solution, masks, frame, records)
 
 

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sinew.identify.joint_coordinates import Numbers
-from sinew.twin.energy import potential, tendon_stretch, tendon_tension, total_tension
+from sinew.twin.energy import potential, tendon_stretch, tendon_tension, total_tension, twist_rigidity
 from sinew.twin.parameters import Parameters
 from sinew.twin.prony import relaxation_times
 from sinew.twin.simulate import LIMIT_RESERVE_N
@@ -84,7 +84,7 @@ def _balance(numbers: Numbers, pretension: jax.Array, mode: jax.Array, amplitude
     pull = jax.vmap(total_tension, in_axes=(0, 0, None))(torsion, sunk, p)
     friction = p.guide_friction * pull * _bristle(torsion, jnp.sin(angle) < 0, amplitude, p.presliding_angle)
     held = 2 * jnp.mean((static + friction) * cosine) / amplitude
-    torsional = p.torsional_rigidity / (p.length - rest)
+    torsional = twist_rigidity(1 - rest / p.length, p) / p.length
     lost_guides = -2 * jnp.pi * amplitude * jnp.mean(friction * jnp.sin(angle))
     inertia = p.head + p.lever
     times = relaxation_times()

@@ -67,6 +67,8 @@ def fit_joint(
     Raises RecordingError where the recordings have nothing to fit, SpecError for a name that cannot be free.
     """
     configure()
+    if rig.section is not None:
+        free = [name for name in free if name != "silicone.diameter"]  # it only names the circle around the section
     coordinates = make_coordinates(rig, free)
     swings = [swing for swing in swings_of(recordings, rig) if is_enough(swing, rig.imu.average_samples)]
     if not swings:

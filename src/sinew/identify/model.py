@@ -105,7 +105,9 @@ WORDS: dict[str, str] = {
 def get_model(name: str) -> Model:
     """Return the model of this name. Raises SpecError with the names there are."""
     if name == "tendon":
-        raise SpecError("model tendon needs a rig and is not fitted to a single record yet; choose cubic or auto")
+        raise SpecError(
+            "model tendon is a rig's and is fitted to its recording (sinew.identify.joint_fit); choose cubic or auto"
+        )
     if name not in MODELS:
         raise SpecError(f"model is {name!r}, expected auto or one of {', '.join(MODELS)}")
     return MODELS[name]

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
 
+from sinew.identify.fitted import Fit
 from sinew.identify.record import Record
 
-__all__ = ["ResidualTests", "ask_residuals"]
+__all__ = ["ResidualTests", "ask_fit", "ask_residuals", "rank_trend", "trend_sentences"]
 
 Array = NDArray[np.float64]
 
@@ -42,13 +43,8 @@ class ResidualTests:
         found = []
         if self.white_p < _SIGNIFICANT:
             found.append(f"residuals are not white (neighbours correlate by {self.neighbours:.2f})")
-        for p, trend, of in (
-            (self.amplitude_p, self.amplitude_trend, "amplitude"),
-            (self.frequency_p, self.frequency_trend, "frequency"),
-        ):
-            if p < _SIGNIFICANT:
-                found.append(f"residuals {'grow' if trend > 0 else 'shrink'} with {of}")
-        return tuple(found)
+        amplitude, frequency = (self.amplitude_trend, self.amplitude_p), (self.frequency_trend, self.frequency_p)
+        return (*found, *trend_sentences(amplitude, frequency))
 
     def telling(self) -> str:
         """Return how all the tests came out, in words."""
@@ -60,6 +56,14 @@ class ResidualTests:
         elif min(self.amplitude_p, self.frequency_p) >= _SIGNIFICANT:
             found.append("they show no trend with amplitude or frequency")
         return ", ".join(found)
+
+
+def ask_fit(fit: Fit) -> ResidualTests:
+    """Return the tests of the residuals of a fit over the samples that it was fitted to, from the first to the last."""
+    parts = [slice(int(seen[0]), int(seen[-1]) + 1) for seen in map(np.flatnonzero, fit.kept)]
+    records = [record.cut(part.start, part.stop) for record, part in zip(fit.records, parts, strict=True)]
+    residuals = [r[part] for r, part in zip(fit.residuals(), parts, strict=True)]
+    return ask_residuals(records, residuals, 2 * np.pi * fit.natural_frequency_hz.value)
 
 
 def ask_residuals(
@@ -78,9 +82,7 @@ def ask_residuals(
     near = sum(float(r[1:] @ r[:-1]) for r in centred) / max(power, 1e-300)
     whole = len(owners) >= _FEWEST_BLOCKS
     blocks = np.concatenate([_blocks(o, r, omega, whole) for o, r in zip(owners, centred, strict=True)])
-    trends = [(np.nan, np.nan), (np.nan, np.nan)]
-    if blocks.shape[0] >= _FEWEST_BLOCKS:
-        trends = [_trend(blocks[:, k], blocks[:, 0]) for k in (1, 2)]
+    trends = [rank_trend(blocks[:, k], blocks[:, 0]) for k in (1, 2)]
     size = sum(r.size for r in centred)
     moved = sum(float(np.sum((o.output - o.output.mean()) ** 2)) for o in owners)
     return ResidualTests(
@@ -115,8 +117,23 @@ def _blocks(record: Record, r: Array, omega: float, whole: bool) -> Array:
     return np.stack([np.sqrt(np.mean(blocks**2, axis=1)), output.std(axis=1), turns], axis=1)
 
 
-def _trend(against: Array, loud: Array) -> tuple[float, float]:
-    if np.ptp(against) == 0 or np.ptp(loud) == 0:
+def rank_trend(against: Array, size: Array) -> tuple[float, float]:
+    """Return Spearman's rank correlation of two arrays, shape (b,), and its p; NaN where b is below 8."""
+    if size.size < _FEWEST_BLOCKS:
+        return np.nan, np.nan
+    if np.ptp(against) == 0 or np.ptp(size) == 0:
         return 0.0, 1.0
-    found = stats.spearmanr(against, loud)
+    found = stats.spearmanr(against, size)
     return float(found.statistic), float(found.pvalue)
+
+
+def trend_sentences(amplitude: tuple[float, float], frequency: tuple[float, float]) -> tuple[str, ...]:
+    """Return in words how residuals go with amplitude and with frequency; nothing where that may be chance.
+
+    amplitude, frequency: rank correlation and its p, of `rank_trend`.
+    """
+    told = []
+    for (trend, p), of in ((amplitude, "amplitude"), (frequency, "frequency")):
+        if p < _SIGNIFICANT:
+            told.append(f"residuals {'grow' if trend > 0 else 'shrink'} with {of}")
+    return tuple(told)

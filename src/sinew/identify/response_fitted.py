@@ -9,6 +9,7 @@ from sinew.identify.certainty import Covariance, correlation
 from sinew.identify.grid import Frame
 from sinew.identify.least_squares import Solution
 from sinew.identify.model import Model
+from sinew.identify.residual_tests import trend_sentences
 from sinew.identify.response_layout import ResponseLayout
 from sinew.identify.response_points import ResponsePoints
 from sinew.measure.estimate import Estimate
@@ -47,13 +48,8 @@ class ResponseTests:
             found.append(f"the model misses the points by {self.misfit:.2g} times their stated scatter")
         if self.neighbours_p < _SIGNIFICANT:
             found.append(f"residuals of neighbouring frequencies go together (correlation {self.neighbours:.2f})")
-        for p, trend, of in (
-            (self.amplitude_p, self.amplitude_trend, "amplitude"),
-            (self.frequency_p, self.frequency_trend, "frequency"),
-        ):
-            if p < _SIGNIFICANT:
-                found.append(f"residuals {'grow' if trend > 0 else 'shrink'} with {of}")
-        return tuple(found)
+        amplitude, frequency = (self.amplitude_trend, self.amplitude_p), (self.frequency_trend, self.frequency_p)
+        return (*found, *trend_sentences(amplitude, frequency))
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
+from sinew.identify.residual_tests import rank_trend
 from sinew.identify.response_fitted import ResponseTests
 from sinew.identify.response_points import ResponsePoints
 
@@ -38,8 +39,8 @@ def ask_points(
         p = float(special.gammaincc(scale * n * mean**2 / variance, total * mean / variance))
     neighbours, pairs = _neighbours(whitened)
     size = np.sqrt(np.concatenate(squares))
-    by_amplitude = _trend(np.concatenate(list(motion)), size)
-    by_frequency = _trend(np.concatenate([one.frequency_hz for one in points]), size)
+    by_amplitude = rank_trend(np.concatenate(list(motion)), size)
+    by_frequency = rank_trend(np.concatenate([one.frequency_hz for one in points]), size)
     return ResponseTests(
         float(np.sqrt(total / freedom)),
         p,
@@ -77,13 +78,6 @@ def _neighbours(whitened: Sequence[Array]) -> tuple[float, int]:
     below = sum(float(np.sum(w**2)) for w in whitened)
     pairs = sum(2 * max(w.shape[0] - 1, 0) for w in whitened)
     return (above / below if below > 0 else 0.0), pairs
-
-
-def _trend(against: Array, size: Array) -> tuple[float, float]:
-    if against.size < 8 or np.ptp(against) == 0 or np.ptp(size) == 0:
-        return 0.0, np.nan
-    found = stats.spearmanr(against, size)
-    return float(found.statistic), float(found.pvalue)
 
 
 def long_run(scores: Array, sizes: Sequence[int]) -> Array:

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.identify.grid import Frame, Scales, input_derivative
-from sinew.identify.layout import Layout, Part, make_layout
+from sinew.identify.law_starts import beside_friction, dry_starts, remembering_starts
+from sinew.identify.layout import Layout
 from sinew.identify.least_squares import Problem, Solution, solve
 from sinew.identify.model import Model
 from sinew.identify.record import Record, derivative_order
-from sinew.identify.start import dominant_omega, regress_together
+from sinew.identify.start import dominant_omega, regress_together, ringing
 
 __all__ = ["begin", "first_values", "search"]
 
@@ -21,13 +22,17 @@ Masks = Sequence[NDArray[np.bool_]]
 
 _TOLERANCE = 1e-8
 _POOR, _LOST = 0.35, 0.6  # rmse over the output's: suspicious, and the oscillation's count is lost
+_ASTRAY = 1.4  # between two frequencies that should be the same
 _HORIZON, _GROWTH = 8.0, 2.5  # periods that are fitted first then, and how their number grows
-_LARGE = 0.1  # of the largest output: motion that dry friction does not bring to rest
 
 
 def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[Scales, dict[str, float]]]:
     """Return the scales of every record and where its search begins, in SI units; the records share their mechanics."""
-    creeps = [_creep(record) if model.rest == "creep" else None for record in records]
+    rings = [_ringing(record) for record in records]
+    creeps = [
+        _creep(record, ring["stiffness"] ** 0.5 if ring else dominant_omega(record)) if model.rest == "creep" else None
+        for record, ring in zip(records, rings, strict=True)
+    ]
     records = [
         record if creep is None else replace(record, output=record.output - creep.position)
         for record, creep in zip(records, creeps, strict=True)
@@ -39,11 +44,28 @@ def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[S
         values = regress_together(records, model, float(natural), frame)
     if values[0]["stiffness"] <= 0:
         values = [one | {"stiffness": omega**2} for one in values]
+    ring = next((ring for ring in rings if ring), None)
+    if ring is not None and not 1 / _ASTRAY < np.sqrt(values[0]["stiffness"] / ring["stiffness"]) < _ASTRAY:
+        # The creep of a rest position, or noise after a short motion, has led the regression astray.
+        values = [_with_ringing(one, own or ring, ring) for one, own in zip(values, rings, strict=True)]
+        omega = float(np.sqrt(ring["stiffness"]))
     omega = float(np.clip(np.sqrt(values[0]["stiffness"]), 0.2 * omega, 5.0 * omega))
     return [
         (_scales(record, omega, one["offset"]), one if creep is None else one | creep.start(one["offset"]))
         for record, one, creep in zip(records, values, creeps, strict=True)
     ]
+
+
+def _ringing(record: Record) -> dict[str, float] | None:
+    return ringing(record, dominant_omega(record)) if record.excitation == "none" else None
+
+
+def _with_ringing(values: dict[str, float], own: dict[str, float], shared: dict[str, float]) -> dict[str, float]:
+    """Return a start with the mechanics of one oscillation, and the start of its own, about the same rest position."""
+    mechanics = {name: shared[name] for name in ("stiffness", "damping", "loss_factor") if name in values}
+    none = {name: 0.0 for name in ("coulomb", "quadratic", "cubic") if name in values}
+    rest = own["offset"] if abs(values["offset"]) > abs(own["start"]) else values["offset"]
+    return values | mechanics | none | {"start": own["start"], "start_rate": own["start_rate"], "offset": rest}
 
 
 class _Creep(NamedTuple):
@@ -62,8 +84,7 @@ class _Creep(NamedTuple):
         return {"offset": self.offset + offset, "drift": self.drift, "creep_time": self.creep_time}
 
 
-def _creep(record: Record) -> _Creep:
-    omega = dominant_omega(record)
+def _creep(record: Record, omega: float) -> _Creep:
     size = int(np.clip(round(2 * np.pi / omega / record.step_s), 2, record.size // 3))
     share = (record.time_s - record.time_s[0]) / (record.time_s[-1] - record.time_s[0])
     slow = np.convolve(record.output, np.ones(size) / size, "valid")
@@ -122,17 +143,26 @@ def _ratios(layout: Layout, entry: int, which: Sequence[int]) -> list[float]:
     return [float(layout.ratio[i][np.flatnonzero(layout.index[i] == entry)[0]]) for i in which]
 
 
-def search(layout: Layout, first: Array, masks: Masks) -> Solution:
-    """Return the best solution; where the direct search is lost, the record is taken in bit by bit."""
+def search(layout: Layout, first: Array, masks: Masks, taught: Array | None = None, *, known: bool = False) -> Solution:
+    """Return the best solution; where the direct search is lost, the record is taken in bit by bit.
+
+    first: where to begin by regression. taught: where to begin by a smaller model's fit, if there is one; then it is
+    one of many fits, and friction is not sought beside its minimum. known: whether `first` is a solution already.
+    """
     problem = layout.problem(masks)
     wanted = np.concatenate([p.record.output[m] / p.unit_size for p, m in zip(layout.parts, masks, strict=True)])
     size = float(np.std(wanted) * np.sqrt(wanted.size))
-    special = {"coulomb": _dry_starts, "loss-factor": _remembering_starts}.get(layout.model.damping)
-    starts = [first] if special is None else special(layout, first, masks)
+    starts = [first] if known else _law_starts(layout, first, masks, taught, problem)
+    if len(starts) > 1:
+        starts = [solve(problem, *starts, tolerance=1e-3, max_evaluations=12).values]
     direct = solve(problem, *starts, tolerance=_TOLERANCE, max_evaluations=60)
+    if layout.model.damping == "coulomb" and taught is None:
+        direct = beside_friction(layout, problem, direct)
     if np.sqrt(direct.sum_of_squares) <= _POOR * size:
         return direct
     grown = [direct]
+    if taught is not None and layout.model.damping == "viscous":
+        grown.append(solve(problem, first, taught, tolerance=_TOLERANCE, max_evaluations=60))
     for factor in (1.0, 0.85, 1.18):
         x = first.copy()
         for k, entry in enumerate(layout.entries):
@@ -144,55 +174,18 @@ def search(layout: Layout, first: Array, masks: Masks) -> Solution:
     return min(grown, key=lambda solution: solution.sum_of_squares)
 
 
-def _remembering_starts(layout: Layout, first: Array, masks: Masks) -> list[Array]:
-    """Return the starts of a search for a loss factor: of a decay the viscous fit, let go after a drive or a rest."""
-    at = {(entry.local, entry.group, entry.record): k for k, entry in enumerate(layout.entries)}
-    memory = np.array([entry.local == "memory" for entry in layout.entries])
-    if not memory.any():
-        return [first]
-    viscous = make_layout(replace(layout.model, damping="viscous"), layout.parts)
-    same = [(entry.local.replace("damping", "loss_factor"), entry.group, entry.record) for entry in viscous.entries]
-    if not all(key in at for key in same):
-        return [first, np.where(memory, 1.0, first)]
-    whose = [at[key] for key in same]
-    bent = np.array([entry.local in layout.model.terms for entry in viscous.entries])
-    starts = [first[whose], np.where(bent, 0.0, first[whose])] if bent.any() else [first[whose]]
-    found = solve(viscous.problem(masks), *starts, tolerance=1e-6, max_evaluations=60).values
-    x = first.copy()
-    x[whose] = found
-    for k, entry in enumerate(layout.entries):
-        if entry.local == "loss_factor":
-            stiffness = at.get(("stiffness", entry.group, entry.record), at.get(("stiffness", "", -1), 0))
-            x[k] = float(np.clip(x[k] / np.sqrt(max(x[stiffness], 1e-3)), 1e-3, 0.8))
-    return [x, np.where(memory, 1.0, x), first]
+def _law_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None, problem: Problem) -> list[Array]:
+    """Return the starts that a damping law has; of several the best is followed to the end."""
+    if layout.model.damping == "coulomb":
+        return dry_starts(layout, first, masks, taught)
+    if layout.model.damping == "loss-factor":
+        return remembering_starts(layout, first, masks, taught)
+    return [first] if taught is None else [min(first, taught, key=lambda x: _squares(problem.residual(x)))]
 
 
-def _dry_starts(layout: Layout, first: Array, masks: Masks) -> list[Array]:
-    """Return the start of a search with dry friction, whose sum of squares jumps where the motion comes to rest.
-
-    It is smooth as long as the motion is large, so that part is fitted first: without friction, then from there with
-    little of it, and with as much as would do half of the damping at a third of the amplitude (4 c r = π d ω r²/2).
-    """
-    at = {entry.local: k for k, entry in reversed(list(enumerate(layout.entries)))}
-    moving = [m & _large(part) for part, m in zip(layout.parts, masks, strict=True)]
-    if sum(int(m.sum()) for m in moving) <= 2 * first.size:
-        moving = list(masks)
-    x = np.where(np.arange(first.size) == at["coulomb"], 0.0, first)
-    viscous = replace(layout, model=replace(layout.model, damping="viscous"))
-    x = solve(viscous.problem(moving), x, tolerance=1e-6, max_evaluations=60).values
-    starts = []
-    for share in (0.05, 0.5):
-        starts.append(x.copy())
-        starts[-1][at["coulomb"]] = 0.26 * share * abs(x[at["damping"]])
-        starts[-1][at["damping"]] *= 1.0 - share
-    return [solve(layout.problem(moving), *starts, tolerance=1e-6, max_evaluations=40).values]
-
-
-def _large(part: Part) -> NDArray[np.bool_]:
-    """Return the samples up to the last at which the output is a tenth of its largest."""
-    output = part.record.output - np.median(part.record.output)
-    last = int(np.flatnonzero(np.abs(output) > _LARGE * np.abs(output).max())[-1])
-    return np.arange(output.size) <= last
+def _squares(residual: Array) -> float:
+    with np.errstate(over="ignore"):
+        return float(residual @ residual) if np.isfinite(residual).all() else np.inf
 
 
 def _grow(layout: Layout, x: Array, masks: Masks, problem: Problem) -> Solution:

@@ -16,14 +16,17 @@ from scipy.signal import fftconvolve
 
 from sinew.identify.grid import Frame, input_derivative
 from sinew.identify.model import Model
+from sinew.identify.pencil import split_poles
 from sinew.identify.record import Record, derivative_order
 from sinew.measure.errors import RecordingError
 
-__all__ = ["dominant_omega", "regress", "regress_together"]
+__all__ = ["dominant_omega", "is_step", "regress", "regress_together", "ringing"]
 
 Array = NDArray[np.float64]
 
 _AT_START = 0.12  # of a period: samples that tell position and rate at the start
+_LEVEL, _STEADY, _SWITCHES = 0.1, 0.9, 6  # of a step's height; share of the samples at a level; jumps
+_PENCIL_SAMPLES, _PENCIL_ORDER = 20, 6  # in a period; the oscillation, a harmonic, and two poles for the creep
 _CREEPING = 4.0  # periods in the record, below which a decay's motion may be the creep of its rest position
 
 
@@ -32,26 +35,41 @@ def dominant_omega(record: Record) -> float:
 
     Raises RecordingError where the output does not move, or has not even one period in the record.
     """
-    even, y, _ = _even(record)
+    even, y, given = _even(record)
     y = y - y.mean()
     if not np.abs(y).max() > 0:
         raise RecordingError("the output is constant; is it the right column, and did the sensor run?")
     step = even[1] - even[0]
     size = 2 ** math.ceil(math.log2(4 * y.size))
-    if record.excitation == "none":  # a window would take away the begin, where a decay is largest
+    free = record.excitation == "none"
+    if free:  # a window would take away the begin, where a decay is largest
         moving = y - np.median(y[-y.size // 4 :])
+    elif given is not None and is_step(record):  # what swings about the position that the step leads to
+        free, stepping = True, np.stack([np.ones_like(y), given], axis=1)
+        moving = y - stepping @ np.linalg.lstsq(stepping, y, rcond=None)[0]
     else:
         moving = (y - np.polynomial.Polynomial.fit(even, y, 1)(even)) * np.hanning(y.size)
     power = np.abs(np.fft.rfft(moving, size)) ** 2
     frequency = np.fft.rfftfreq(size, step)
     lasts = even[-1] - even[0]
     power[frequency < 1.0 / lasts] = 0.0
-    if record.excitation == "none":
+    if free:
         power *= (frequency**2 / (frequency**2 + (_CREEPING / lasts) ** 2)) ** 2
     best = int(np.argmax(power))
     if best == 0:
         raise RecordingError("the record is shorter than one period of its oscillation; record longer")
     return float(2 * math.pi * frequency[best])
+
+
+def is_step(record: Record) -> bool:
+    """Return whether the input is a step or a few of them: a force or torque that is switched, or a base that jumps."""
+    if record.input is None:
+        return False
+    low, high = float(record.input.min()), float(record.input.max())
+    height = (record.input - low) / max(high - low, 1e-300)
+    up = height > 0.5
+    steady = (height < _LEVEL) | (height > 1 - _LEVEL)
+    return bool(steady.mean() > _STEADY and 1 <= np.count_nonzero(up[1:] != up[:-1]) <= _SWITCHES)
 
 
 def _even(record: Record) -> tuple[Array, Array, Array | None]:
@@ -60,6 +78,34 @@ def _even(record: Record) -> tuple[Array, Array, Array | None]:
     even = np.linspace(t[0], t[-1], t.size)
     given = None if record.input is None else np.interp(even - record.output_delay_s, t, record.input)
     return even, np.interp(even, t, record.output), given
+
+
+def ringing(record: Record, omega: float) -> dict[str, float] | None:
+    """Return stiffness, damping, offset and start of the one oscillation in a free decay that has most of its energy.
+
+    omega: about its frequency, within a factor of three [rad/s]. By the matrix pencil, which separates it from the
+    creep of its rest position; None where it finds none.
+    """
+    even, y, _ = _even(record)
+    stride = max(1, int(2 * math.pi / omega / (even[1] - even[0]) / _PENCIL_SAMPLES))
+    count = y.size // stride
+    means = y[: count * stride].reshape(count, stride).mean(axis=1)
+    found = split_poles(means - means[-count // 4 :].mean(), stride * (even[1] - even[0]), (_PENCIL_ORDER,))[0]
+    if not found:
+        return None
+    pole = found[0][0]
+    wave = np.exp(pole * (even - even[0]))
+    table = np.stack([np.ones(y.size), wave.real, -wave.imag], axis=1)
+    offset, real, imaginary = map(float, np.linalg.lstsq(table, y, rcond=None)[0])
+    amplitude = complex(real, imaginary) / pole ** derivative_order(record.output_unit)
+    return {
+        "stiffness": abs(pole) ** 2,
+        "damping": -2 * pole.real,
+        "loss_factor": -2 * pole.real / abs(pole),
+        "offset": offset,
+        "start": amplitude.real,
+        "start_rate": (amplitude * pole).real,
+    }
 
 
 def regress(record: Record, model: Model, omega: float, frame: Frame) -> dict[str, float]:

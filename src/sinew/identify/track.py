@@ -317,5 +317,7 @@ def track_slopes(
 
     free: indices into `LOCAL`, shape (f,).
     """
-    directions = np.eye(len(LOCAL))[free]
-    return np.asarray(traced_slopes(p, directions, grid, damping, stiffness, order), dtype=float)
+    # Of few widths, so that few are compiled for: a direction more costs little, a compilation a second.
+    directions = np.zeros((max(8, -(-free.size // 4) * 4), len(LOCAL)))
+    directions[np.arange(free.size), free] = 1.0
+    return np.asarray(traced_slopes(p, directions, grid, damping, stiffness, order)[:, : free.size], dtype=float)

@@ -5,6 +5,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from sinew.plan.calibrated import Calibrated
+from sinew.plan.cross_section import CrossSection
 from sinew.plan.parameter import Parameter, not_negative, positive, signed
 from sinew.plan.wiring import Wiring
 
@@ -26,7 +28,8 @@ Window = Annotated[tuple[float, float], AfterValidator(_ordered)]
 class Silicone(BaseModel):
     """The continuum: a solid cylinder, incompressible neo-Hookean, with a loss factor.
 
-    torsional_rigidity: relaxed G·J (paper Eq. 5). diameter then fixes J = π d⁴/32, hence G.
+    torsional_rigidity: relaxed G·J (paper Eq. 5). diameter then fixes J = π d⁴/32, hence G; where the rig has a
+    `section`, that fixes J, and the diameter is only that of the circle around it.
     loss_factor: tan δ, about constant over 0.3-30 Hz.
     viscous: torsional dashpot in parallel; zero in the paper's rig, used for linear reference joints.
     """
@@ -175,12 +178,18 @@ class Limits(BaseModel):
 
 
 class RigSpec(BaseModel):
-    """A whole test bed, as data."""
+    """A whole test bed, as data.
+
+    section: of a silicone that is no solid circle; None where the diameter says it all.
+    calibration: how the calibrated parameters vary together; None where that is not known. As the intervals it is left
+    out of `model_dump`: a rig with other values was not calibrated to them.
+    """
 
     model_config = _STRICT
 
     name: str = Field(min_length=1)
     silicone: Silicone
+    section: CrossSection | None = None
     inertia: Inertia
     tendons: Tendons
     drive: Drive
@@ -189,6 +198,7 @@ class RigSpec(BaseModel):
     repeatability: Repeatability
     limits: Limits
     wiring: Wiring = Wiring()
+    calibration: Calibrated | None = Field(default=None, exclude=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -208,6 +218,32 @@ class RigSpec(BaseModel):
                 "expected one motor for each tendon"
             )
         return self
+
+    @model_validator(mode="after")
+    def _calibrated_parameters_are_there(self) -> Self:
+        if self.calibration is not None:
+            table = dict(self.parameters())
+            for name in self.calibration.parameters:
+                if name not in table or table[name].origin != "calibrated":
+                    found = f"has origin {table[name].origin}" if name in table else "is not in the rig"
+                    raise ValueError(
+                        f"calibration names {name}, which {found}; where it was changed by hand, take [calibration] out"
+                    )
+        return self
+
+    @property
+    def area_over_torsion_constant(self) -> float:
+        """Return A/J of the silicone's section [1/m²]: 8/d² of a solid circle."""
+        if self.section is None:
+            return 8 / self.silicone.diameter.value**2
+        return self.section.area.value / self.section.torsion_constant.value
+
+    @property
+    def bending_over_torsional_rigidity(self) -> float:
+        """Return E I/(G J) of the incompressible silicone, 3 I/J, about its weaker axis [1]: 1.5 of a solid circle."""
+        if self.section is None:
+            return 1.5
+        return 3 * self.section.least_moment.value / self.section.torsion_constant.value
 
     def parameters(self) -> Iterator[tuple[str, Parameter]]:
         """Yield (dotted name, parameter) of every parameter."""

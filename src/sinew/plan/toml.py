@@ -31,6 +31,13 @@ _PLAN_HEADER = """\
 _FILE_UNITS = {
     "silicone.length": "mm",
     "silicone.diameter": "mm",
+    "section.area": "mm^2",
+    "section.torsion_constant": "mm^4",
+    "section.least_moment": "mm^4",
+    "section.greatest_moment": "mm^4",
+    "section.warping_constant": "mm^6",
+    "section.perimeter": "mm",
+    "section.shear_arm": "mm",
     "tendons.base_radius": "mm",
     "tendons.head_radius": "mm",
     "tendons.free_span": "mm",
@@ -66,6 +73,9 @@ _FILE_REMARKS = {
     "wiring.drive_sign": "1 where more counts turn the lever positively against the head, else -1",
     "wiring.drive_zero_counts": "encoder reading with the lever in its middle",
     "wiring.imu_axes": "axes of the chip that point along x, y and z of the head",
+    "calibration.pretension_mm": "of the recordings",
+    "calibration.std": "in SI, in the order of the parameters",
+    "calibration.correlation": "lower triangle",
     "wiring.latency_ms": "of port, driver and operating system, on top of the time on the wire",
 }
 """What a key that is no parameter, and has no note therefore, means; it stands behind it in the file."""

@@ -27,6 +27,7 @@ BLOCK = 16
 """Motions that are evaluated in one call; any number runs in blocks of this size, so that it is compiled once."""
 
 _REFINEMENTS, _ENOUGH = 4, 3e-4
+_SETTLED, _NEAR = 0.03, 0.05
 
 
 class Evaluation(NamedTuple):
@@ -40,7 +41,8 @@ class Evaluation(NamedTuple):
 class Examination(NamedTuple):
     """Of each point (k,), refined: frequency scaled; half_range of the response; its phasors (k, h); the drive's
     fundamental; product, drive times conjugate response; all in the scales of their coordinates. Further what the
-    refinement changed in half_range and in the frequency [1], and the map of disturbances (k, s, s)."""
+    refinement changed in half_range and in the frequency [1], the map of disturbances (k, s, s), and whether the
+    refinement settled near the point."""
 
     frequency: Array
     half_range: Array
@@ -50,6 +52,7 @@ class Examination(NamedTuple):
     range_change: Array
     frequency_change: Array
     maps: Array
+    settled: NDArray[np.bool_]
 
 
 def rows_of(tree: Any, index: NDArray[np.intp]) -> Any:
@@ -74,6 +77,9 @@ def _block(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tup
 
 def evaluate(x: Array, lane: Lane, equations: Equations, size: Size) -> Evaluation:
     """Return the evaluation of k motions x (k, m + 1); lane: with a leading axis k."""
+    if not len(x):
+        m, states = x.shape[1] - 1, size_of(equations)
+        return Evaluation(np.zeros((0, m)), np.zeros((0, m, m + 1)), np.zeros((0, states, states)))
     blocks = [np.minimum(np.arange(i, i + BLOCK), len(x) - 1) for i in range(0, len(x), BLOCK)]
 
     def run(index: NDArray[np.intp]) -> list[Array]:
@@ -93,7 +99,7 @@ def examine(points: Array, normals: Array, lane: Lane, equations: Equations, siz
     wide, normal = np.zeros((2, len(points), place[-1] + 1))
     wide[:, place], normal[:, place] = points, normals
     there, maps = wide.copy(), np.zeros((len(points), size_of(equations), size_of(equations)))
-    left = np.arange(len(points))
+    left, last = np.arange(len(points)), np.zeros(len(points))
     for _ in range(_REFINEMENTS):
         seen = evaluate(there[left], rows_of(lane, left), equations, fine)
         matrix = np.concatenate([seen.slope, normal[left, None, :]], axis=1)
@@ -101,9 +107,11 @@ def examine(points: Array, normals: Array, lane: Lane, equations: Equations, siz
         change = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
         there[left] += change
         maps[left] = seen.maps
-        left = left[np.linalg.norm(change, axis=1) > _ENOUGH]
+        last[left] = np.linalg.norm(change, axis=1)
+        left = left[last[left] > _ENOUGH]
         if not left.size:
             break
+    moved = there[:, -1] / wide[:, -1] - 1
     before, after = (half_range(x, equations, fine.harmonics).value for x in (wide, there))
     return Examination(
         there[:, -1],
@@ -112,6 +120,7 @@ def examine(points: Array, normals: Array, lane: Lane, equations: Equations, siz
         drive_phasor(there, equations, fine.harmonics),
         lag_product(there, equations, fine.harmonics)[0],
         after - before,
-        there[:, -1] / wide[:, -1] - 1,
+        moved,
         maps,
+        (last < _SETTLED) & (np.abs(moved) < _NEAR),
     )

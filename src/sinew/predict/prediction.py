@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,12 +47,14 @@ class Resolution(NamedTuple):
 
 class Problem(NamedTuple):
     """Lanes to be computed. lane: with a leading axis. rest: mean of each coordinate without drive, (lane, c).
-    weakened: returns the equations' numbers with a share of their drive, for the first point."""
+    weakened: returns the equations' numbers with a share of their drive. eased: returns numbers that are the easier to
+    balance the smaller the share is, for a first point that is not found at once; None for weakened ones."""
 
     equations: Equations
     lane: Lane
     rest: Array
     weakened: Callable[[Any, float], Any]
+    eased: Callable[[Any, float], Any] | None = None
 
 
 def _at_rest(problem: Problem, size: Size, frequency: float) -> Array:
@@ -83,10 +86,10 @@ def _followed(
 
 
 def _ramped(start: Array, problem: Problem, window: Array, resolution: Resolution, size: Size) -> Array:
-    """Return first points that were reached with a growing drive."""
+    """Return first points that were reached with a growing drive, or as `Problem.eased` says."""
     x = start
     for share in _RAMP:
-        lane = problem.lane._replace(p=problem.weakened(problem.lane.p, share))
+        lane = problem.lane._replace(p=(problem.eased or problem.weakened)(problem.lane.p, share))
         curve = _followed(x, lane, window, 1, problem.equations, size, resolution.stride)
         reached = np.asarray(curve.number) > 0
         x = np.where(reached[:, None], np.asarray(curve.points)[:, 0], x)
@@ -137,14 +140,20 @@ def _branch(
     equations, scale = problem.equations, np.asarray(problem.lane.scale)[lane]
     hertz = float(np.asarray(problem.lane.omega)[lane]) / (2 * np.pi)
     response, drive = scale[equations.response], 1.0 if equations.drive is None else scale[equations.drive]
-    count, status = int(curve.number[lane]), int(curve.status[lane])
+    count, status = seen.frequency.size, int(curve.status[lane])
     kept: dict[int, list[Mark]] = {FOLD: [], PEAK: [], QUARTER: []}
     told = [_ENDS[status]]
+    missing = int(curve.number[lane]) - count
+    if missing:
+        told.append(
+            f"{missing} points could not be refined to {fine.harmonics} harmonics and were left out; corners in the "
+            "motion, as of tendons that go slack, need more"
+        )
     for guess, at in marks:
         if float(at.error) < enough and abs(float(at.points[-1] - guess.point[-1])) < _NEAR:
             mark = Mark(float(at.points[-1]) * hertz, float(at.half_range * response), float(_lag(np.asarray(at.lag))))
             kept[guess.kind].append(mark)
-        elif guess.kind == PEAK:
+        elif guess.kind == PEAK and not missing:
             where = interpolated_peak(seen.frequency * hertz, seen.half_range * response, _lag(seen.product))
             kept[PEAK].append(Mark(*where))
             told.append("its peak was interpolated")
@@ -176,16 +185,15 @@ def _resolved(problem: Problem, window: Array, resolution: Resolution, size: Siz
     lanes = np.repeat(np.arange(count.size), count)
     at = np.concatenate([np.arange(n) for n in count])
     points, tangents = np.asarray(curve.points)[lanes, at], np.asarray(curve.tangents)[lanes, at]
-    ends = np.cumsum(count)
-    parts = [slice(int(end - n), int(end)) for end, n in zip(ends, count, strict=True)]
     across = tangents.copy()
     fixed = (at == 0) | ((at == count[lanes] - 1) & (np.asarray(curve.status)[lanes] == OUTSIDE))
     across[fixed] = np.eye(points.shape[1])[-1]  # the ends stay at their frequency
     seen = examine(points, across, rows_of(problem.lane, lanes), equations, size, fine)
+    parts = [np.flatnonzero(seen.settled & (lanes == i)) for i in range(count.size)]
     each = [Examination(*(leaf[part] for leaf in seen)) for part in parts]  # type: ignore[arg-type]
     found: list[tuple[int, Guess]] = []
     for lane, (part, one) in enumerate(zip(parts, each, strict=True)):
-        if count[lane] > 2:
+        if part.size > 2:
             marked = guesses(points[part], tangents[part], one.half_range, one.product)
             found += [(lane, guess) for guess in marked]
     places = _located(found, problem, resolution.search, size, fine)
@@ -199,14 +207,19 @@ def _resolved(problem: Problem, window: Array, resolution: Resolution, size: Siz
 def predict(problem: Problem, band_hz: Sequence[float], resolution: Resolution) -> Prediction:
     """Return the curves of all lanes from the lower end of a band of frequencies [Hz] on.
 
-    Sizes of waves are tried one after the other until the error estimate is below the tolerance.
+    Sizes of waves are tried one after the other until the error estimate is below the tolerance; finer ones that lose
+    a curve on its way do not replace coarser ones that did not.
     """
     begin = time.perf_counter()
     omega = np.asarray(problem.lane.omega)
     window = 2 * np.pi * np.asarray(band_hz, dtype=float) / omega[0]
+    best, reached = Prediction((), 0, np.inf, 0.0), -1
     for size, fine in resolution.sizes:
         branches = _resolved(problem, window, resolution, size, fine)
         error = max((float(np.max(b.error, initial=0.0)) for b in branches), default=0.0)
+        complete = sum(b.complete for b in branches)
+        if complete >= reached:
+            best, reached = Prediction(tuple(branches), fine.harmonics, error, 0.0), complete
         if error <= resolution.tolerance:
             break
-    return Prediction(tuple(branches), fine.harmonics, error, time.perf_counter() - begin)
+    return replace(best, wall_s=time.perf_counter() - begin)

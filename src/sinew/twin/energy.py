@@ -14,6 +14,7 @@ __all__ = [
     "tendon_stretch",
     "tendon_tension",
     "total_tension",
+    "twist_rigidity",
     "viscoelastic_energy",
 ]
 
@@ -22,11 +23,20 @@ def silicone_energy(torsion: jax.Array, shortening: jax.Array, p: Parameters) ->
     """Return the relaxed strain energy of the silicone [J].
 
     Incompressible neo-Hookean solid cylinder in combined torsion and compression (Rivlin), stretch λ = 1 - x/L:
-    W = (G L / 2) [A (λ² + 2/λ - 3) + J φ² / (L² λ)].
+    W = (G L / 2) [A (λ² + 2/λ - 3) + J φ² / (L² λ)]; a section that warps see `twist_rigidity`.
     """
     stretch = 1 - shortening / p.length
     axial = p.axial_rigidity * p.length * (stretch**2 + 2 / stretch - 3)
-    return 0.5 * (axial + p.torsional_rigidity * torsion**2 / (p.length * stretch))
+    return 0.5 * (axial + twist_rigidity(stretch, p) * torsion**2 / p.length)
+
+
+def twist_rigidity(stretch: jax.Array, p: Parameters) -> jax.Array:
+    """Return the relaxed torsional rigidity at a stretch λ [N m²]: G (I_p/λ - (I_p - J)/λ⁴).
+
+    Small twist on a stretched incompressible neo-Hookean bar that warps freely; G J/λ for a circle, whose warping
+    rigidity G (I_p - J) is zero.
+    """
+    return (p.torsional_rigidity + p.warping_rigidity * (1 - stretch**-3)) / stretch
 
 
 def viscoelastic_energy(
@@ -39,10 +49,10 @@ def viscoelastic_energy(
     """Return the energy in the Maxwell branches [J].
 
     memory [rad], axial_memory [m]: dashpot positions q_i, u_i, by branch. Branch stiffnesses are the shares
-    g_i of the torsional stiffness G J/(L λ) at the present stretch, and of the axial one 3 G A/L.
+    g_i of the torsional stiffness at the present stretch, and of the axial one 3 G A/L.
     """
     stretch = 1 - shortening / p.length
-    torsional = p.torsional_rigidity / (p.length * stretch)
+    torsional = twist_rigidity(stretch, p) / p.length
     axial = 3 * p.axial_rigidity / p.length
     stored = jnp.zeros_like(torsion)
     for share, q, u in zip(p.prony_shares, memory, axial_memory, strict=True):

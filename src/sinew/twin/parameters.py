@@ -18,7 +18,8 @@ TENDON_MODES = {"position": POSITION, "position-with-current-limit": POSITION_LI
 class Parameters(NamedTuple):
     """Everything the equations of motion need, in SI; each leaf is a scalar, or has a leading lane axis.
 
-    Silicone: length L, torsional_rigidity G·J, axial_rigidity G·A, prony_shares g_i by branch, viscous d.
+    Silicone: length L, torsional_rigidity G·J, axial_rigidity G·A,
+    warping_rigidity G·(I_p - J), bending_rigidity E·I about the weaker axis, prony_shares g_i by branch, viscous d.
     Inertia: head I_h, lever I_l, armature J_a, head_mass m_h.
     Tendons: guide_directions by tendon as (cosine, sine), radii, free_span L_t, stiffness k_t (cable and servo in
     series), cable_end ℓ_c (length at which the cable between the guides goes slack; the motor's doing),
@@ -32,6 +33,8 @@ class Parameters(NamedTuple):
     length: jax.Array
     torsional_rigidity: jax.Array
     axial_rigidity: jax.Array
+    warping_rigidity: jax.Array
+    bending_rigidity: jax.Array
     prony_shares: tuple[jax.Array, ...]
     viscous: jax.Array
     head: jax.Array
@@ -65,20 +68,21 @@ class Parameters(NamedTuple):
 def from_rig(rig: RigSpec) -> Parameters:
     """Return scalar parameters of a rig at rest: tendons slack (cable_end huge), drive idle.
 
-    The cross-section's second moments follow from the diameter: J = π d⁴/32, A = π d²/4, and G = G·J / J.
+    The cross-section's second moments follow from the diameter: J = π d⁴/32, A = π d²/4, and G = G·J / J. Where the
+    rig has a section of its own, J is its torsion constant and A its area.
     The drive's torque line goes through stall torque and no-load speed at nominal voltage; its Coulomb friction is
     contained in that line, so duty_torque is larger than the stall torque by the friction.
     """
     silicone, tendons, drive = rig.silicone, rig.tendons, rig.drive
-    diameter = silicone.diameter.value
-    shear_modulus = silicone.torsional_rigidity.value / (np.pi * diameter**4 / 32)
     series = 1 / (1 / tendons.cable_stiffness.value + 1 / tendons.servo_stiffness.value)
     stall = drive.stall_torque.value + drive.friction.value
     supply = drive.supply_voltage.value / drive.nominal_voltage.value
     values = {
         "length": silicone.length.value,
         "torsional_rigidity": silicone.torsional_rigidity.value,
-        "axial_rigidity": shear_modulus * np.pi * diameter**2 / 4,
+        "axial_rigidity": _axial_rigidity(rig),
+        "warping_rigidity": _warping_rigidity(rig),
+        "bending_rigidity": rig.bending_over_torsional_rigidity * silicone.torsional_rigidity.value,
         "prony_shares": tuple(prony_shares(silicone.loss_factor.value)),
         "viscous": silicone.viscous.value,
         "head": rig.inertia.head.value,
@@ -109,3 +113,22 @@ def from_rig(rig: RigSpec) -> Parameters:
         "low_pass_omega": 2 * np.pi * rig.imu.low_pass.value,
     }
     return jax.tree.map(lambda value: np.asarray(value, dtype=float), Parameters(**values))  # type: ignore[arg-type,no-any-return]
+
+
+def _axial_rigidity(rig: RigSpec) -> float:
+    """Return G·A [N]."""
+    rigidity, section = rig.silicone.torsional_rigidity.value, rig.section
+    if section is not None:
+        return rigidity / section.torsion_constant.value * section.area.value
+    diameter = rig.silicone.diameter.value
+    shear_modulus = rigidity / (np.pi * diameter**4 / 32)
+    return float(shear_modulus * np.pi * diameter**2 / 4)
+
+
+def _warping_rigidity(rig: RigSpec) -> float:
+    """Return G·(I_p - J) [N m²]; zero for a circle."""
+    section = rig.section
+    if section is None:
+        return 0.0
+    polar = section.least_moment.value + section.greatest_moment.value
+    return rig.silicone.torsional_rigidity.value * (polar / section.torsion_constant.value - 1)

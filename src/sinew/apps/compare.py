@@ -1,0 +1,83 @@
+"""This is where `sinew compare` sets the predicted responses of several rigs beside each other."""
+
+import shlex
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from sinew.apps.console import print_json, print_table, progress_bar, require_folder
+from sinew.apps.options import Json
+from sinew.apps.predict_document import mark_cell, print_remarks
+from sinew.apps.predict_rig import Amplitude, Mode, Predicted, Pretension, RigAsked, Without, predict_rig, rig_asked
+from sinew.measure.errors import SpecError
+
+__all__ = ["compare"]
+
+
+def compare(
+    rigs: Annotated[
+        list[str], typer.Argument(metavar="RIG RIG...", help="Rigs: TOML files, or names of shipped ones.")
+    ],
+    pretension: Pretension = "0,4,8,12",
+    amplitude: Amplitude = 20.0,
+    mode: Mode = "position",
+    without: Without = None,
+    start: Annotated[float | None, typer.Option("--from-hz", metavar="HZ", help="Lowest frequency; else 1.")] = None,
+    stop: Annotated[float | None, typer.Option("--to-hz", metavar="HZ", help="Highest frequency; else 6.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write figures and a page there.")] = None,
+    json: Json = False,
+) -> None:
+    """Predict the response of several rigs and set them beside each other: tables, curves and maps of gain."""
+    if len(rigs) < 2:
+        raise SpecError(f"found {len(rigs)} rig, expected two or more; one alone is for sinew predict")
+    asked = rig_asked(pretension, amplitude, mode, without, start, stop)
+    if out is not None:
+        require_folder(out)
+    found = _predicted(rigs, asked)
+    document: dict[str, Any] = {
+        "amplitude_deg": amplitude,
+        "rigs": [{"rig": one.rig.name, "source": rig, **one.document()} for rig, one in zip(rigs, found, strict=True)],
+    }
+    page = None
+    if out is not None:
+        from sinew.apps.predict_pages import write_comparison
+
+        page = write_comparison(found, document, out, _command(rigs, asked, out))
+    if json:
+        print_json(document)
+        return
+    _print(document, amplitude)
+    if page is not None:
+        print(f"page: {page}")
+
+
+def _predicted(rigs: list[str], asked: RigAsked) -> list[Predicted]:
+    from sinew.plan.toml import load_rig
+
+    loaded = [load_rig(rig) for rig in rigs]
+    found = []
+    with progress_bar("predict") as progress:
+        for i, rig in enumerate(loaded):
+            progress(i, len(loaded))
+            found.append(predict_rig(rig, asked))
+    return found
+
+
+def _print(document: dict[str, Any], amplitude_deg: float) -> None:
+    rows = []
+    for rig in document["rigs"]:
+        for i, branch in enumerate(rig["branches"]):
+            peak = branch["peak"]
+            gain = "-" if peak is None else f"{peak['amplitude_deg'] / amplitude_deg:.3f}"
+            folds = str(len(branch["folds"]))
+            rows.append((rig["rig"] if i == 0 else "", f"{branch['pretension_mm']:g}", mark_cell(peak), gain, folds))
+    print_table(("rig", "pretension/mm", "peak", "gain", "folds"), rows)
+    for rig in document["rigs"]:
+        held = sum(check["holds"] for check in rig["validity"])
+        print(f"{rig['rig']}: {held} of {len(rig['validity'])} assumptions hold")
+        print_remarks(rig, faults_only=True)
+
+
+def _command(rigs: list[str], asked: RigAsked, out: Path) -> str:
+    return shlex.join(["sinew", "compare", *rigs, *asked.words(), "--out", str(out)])

@@ -1,0 +1,208 @@
+"""This is where `sinew transfer` turns a rig into transfer functions: linear at rest, and over the amplitude."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, cast
+
+import typer
+
+from sinew.apps.console import print_json, print_table, require_file, require_folder
+from sinew.apps.options import Json
+from sinew.measure.errors import SpecError
+
+if TYPE_CHECKING:
+    from sinew.plan.plan import TendonMode
+    from sinew.plan.rig import RigSpec
+    from sinew.predict.linear import Gear
+    from sinew.twin.effects import Effects
+
+__all__ = ["transfer"]
+
+_MODES = ("position", "position-with-current-limit", "current")
+_GEARS = ("sliding", "creeping")
+
+
+def transfer(
+    rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")],
+    pretension: Annotated[
+        str, typer.Option("--pretension-mm", metavar="MM,...", help="Pretensions, one linear joint for each.")
+    ] = "0,4,8,12",
+    gear: Annotated[
+        str,
+        typer.Option(
+            "--gear", metavar="|".join(_GEARS), help="Friction of the gear: the lever slides, or hardly moves."
+        ),
+    ] = "sliding",
+    amplitude: Annotated[
+        str | None,
+        typer.Option("--amplitude-deg", metavar="DEG,...", help="Also the describing function at these commands."),
+    ] = None,
+    start: Annotated[float, typer.Option("--from-hz", metavar="HZ", help="Its lowest frequency.")] = 1.0,
+    stop: Annotated[float, typer.Option("--to-hz", metavar="HZ", help="Its highest frequency.")] = 6.0,
+    mode: Annotated[str, typer.Option("--mode", metavar="|".join(_MODES), help="Mode of the motors.")] = "position",
+    without: Annotated[
+        list[str] | None,
+        typer.Option("--without", metavar="EFFECT", help="Switch an effect of the twin off; may be repeated."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="PATH", help="FILE.json, FILE.mat, or a folder for both.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Give the transfer functions of a rig's joint: linear at rest, and the describing function over amplitude.
+
+    Linear: state space, poles, zeros and gains, from command, lever and torque on the head to torsion, for
+    python-control and MATLAB. Where linear is not enough, --amplitude-deg gives gain and lag of the fundamental, and
+    the joint's equivalent stiffness and damping, at each amplitude of the command.
+    """
+    pretensions = _numbers("--pretension-mm", pretension)
+    amplitudes = _numbers("--amplitude-deg", amplitude) if amplitude else []
+    _refuse(pretensions, amplitudes, mode, gear, (start, stop))
+    if out is not None:
+        if out.suffix not in ("", ".json", ".mat"):
+            raise SpecError(f"--out is {out}, expected a name that ends with .json or .mat, or a folder")
+        (require_file if out.suffix else require_folder)(out)
+
+    from sinew.plan.toml import load_rig
+    from sinew.predict.linear import linear_joints
+    from sinew.predict.transfer_file import joint_document, write_transfer
+    from sinew.twin.effects import Effects
+
+    spec, effects = load_rig(rig), Effects().without(*(without or []))
+    held = cast("TendonMode", mode)
+    joints = linear_joints(spec, pretensions, gear=cast("Gear", gear), mode=held, effects=effects)
+    document: dict[str, Any] = {
+        "rig": spec.name,
+        "gear": gear,
+        "mode": mode,
+        "effects_off": [name for name in Effects.names() if not getattr(effects, name)],
+        "joints": [joint_document(joint) for joint in joints],
+    }
+    if amplitudes:
+        document["describing"] = _describing(spec, pretensions, amplitudes, (start, stop), held, effects)
+    if out is not None:
+        files = write_transfer(joints, document, out)
+        document["files"] = [str(file) for file in files]
+    if json:
+        print_json(document)
+    else:
+        _print(document)
+
+
+def _numbers(what: str, text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError as error:
+        raise SpecError(f"{what} is {text!r}, expected numbers with commas between them") from error
+
+
+def _refuse(
+    pretensions: list[float], amplitudes: list[float], mode: str, gear: str, band_hz: tuple[float, float]
+) -> None:
+    from math import isfinite
+
+    for what, allowed, found in (("--mode", _MODES, mode), ("--gear", _GEARS, gear)):
+        if found not in allowed:
+            raise SpecError(f"{what} is {found!r}, expected one of {', '.join(allowed)}")
+    for mm in pretensions:
+        if not (isfinite(mm) and mm >= 0):
+            raise SpecError(f"--pretension-mm holds {mm:g}, expected zero or more: cables cannot push")
+    for degrees in amplitudes:
+        if not (isfinite(degrees) and degrees > 0):
+            raise SpecError(f"--amplitude-deg holds {degrees:g}, expected a positive angle")
+    if not 0 < band_hz[0] < band_hz[1] < float("inf"):
+        raise SpecError(f"found a band from {band_hz[0]:g} to {band_hz[1]:g} Hz, expected 0 < --from-hz < --to-hz")
+
+
+def _ratio(ratio: Any) -> dict[str, list[float]]:
+    import numpy as np
+
+    lag = np.mod(np.pi / 2 - np.angle(ratio), 2 * np.pi) - np.pi / 2
+    return {"gain": np.abs(ratio).tolist(), "lag_deg": np.degrees(lag).tolist()}
+
+
+def _describing(
+    rig: "RigSpec",
+    pretensions: list[float],
+    amplitudes: list[float],
+    band_hz: tuple[float, float],
+    mode: "TendonMode",
+    effects: "Effects",
+) -> list[dict[str, Any]]:
+    import math
+
+    from sinew.apps.predict_backbone import equivalent_document
+    from sinew.predict.describing import describing_function
+    from sinew.predict.joint import RESOLUTION, joint_problem
+    from sinew.predict.prediction import predict
+
+    lanes = [(mm, degrees) for mm in pretensions for degrees in amplitudes]
+    problem = joint_problem(
+        rig, [mm for mm, _ in lanes], [degrees for _, degrees in lanes], band_hz, mode=mode, effects=effects
+    )
+    rows = []
+    for (mm, degrees), branch in zip(lanes, predict(problem, band_hz, RESOLUTION).branches, strict=True):
+        found = describing_function(branch, math.radians(degrees), rig, prescribed=problem.equations.drive is None)
+        rows.append(
+            {
+                "pretension_mm": mm,
+                "command_deg": degrees,
+                "frequency_hz": branch.frequency_hz.tolist(),
+                "torsion_per_command": _ratio(found.torsion_per_command),
+                "torsion_per_lever": _ratio(found.torsion_per_lever),
+                "lever_per_command": _ratio(found.lever_per_command),
+                **equivalent_document(found.equivalent),
+                "stable": branch.stable.tolist(),
+                "complete": branch.complete,
+                "message": branch.message,
+            }
+        )
+    return rows
+
+
+def _print(document: dict[str, Any]) -> None:
+    def swings(system: dict[str, Any]) -> str:
+        pairs = [pole for pole in system["poles"] if pole["imag_per_s"] > 0]
+        return "; ".join(f"{p['frequency_hz']:.3f} Hz, D {p['damping_ratio']:.4f}" for p in pairs) or "none"
+
+    rows = []
+    for joint in document["joints"]:
+        static = next(c["static_gain"] for c in joint["lever"]["channels"] if c["input"] == "torque_n_m")
+        cells = f"{joint['tension_n']:.1f}", f"{1 / static:.3f}"
+        rows.append((f"{joint['pretension_mm']:g}", *cells, swings(joint["lever"]), swings(joint["drive"])))
+    columns = "pretension/mm", "tension/N", "static stiffness/(N m/rad)", "lever as told", f"servo, {document['gear']}"
+    print_table(columns, rows, "linear at rest: undamped frequency and damping ratio of the poles that swing")
+    if "describing" in document:
+        _print_describing(document["describing"])
+    for note in document["joints"][0]["notes"]:
+        print(f"- at {document['joints'][0]['pretension_mm']:g} mm {note}")
+    for file in document.get("files", []):
+        print(f"wrote {file}")
+
+
+def _print_describing(describing: list[dict[str, Any]]) -> None:
+    rows = []
+    for one in describing:
+        gains = one["torsion_per_command"]["gain"]
+        top = gains.index(max(gains)) if gains else None
+        if top is None:
+            rows.append((f"{one['pretension_mm']:g}", f"{one['command_deg']:g}", *["-"] * 6))
+            continue
+        at = one["torsion_per_command"]["lag_deg"][top], one["lever_per_command"]["gain"][top]
+        ratio = one["damping_ratio"][top]
+        rows.append(
+            (
+                f"{one['pretension_mm']:g}",
+                f"{one['command_deg']:g}",
+                f"{one['frequency_hz'][top]:.3f}",
+                f"{gains[top]:.3f}",
+                f"{at[0]:.1f}",
+                f"{at[1]:.3f}",
+                f"{one['stiffness_n_m_rad'][top]:.3f}",
+                "-" if ratio is None else f"{ratio:.4f}",
+            )
+        )
+    columns = "pretension/mm", "command/°", "peak/Hz", "torsion/command", "lag/°", "lever/command", "k/(N m/rad)", "D"
+    print_table(columns, rows, "describing function where torsion over command is largest")
+    for one in describing:
+        if not one["complete"]:
+            print(f"- at {one['pretension_mm']:g} mm and {one['command_deg']:g}° {one['message']}")

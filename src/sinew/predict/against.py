@@ -1,0 +1,238 @@
+"""This is where a prediction is held against a recording of the joint: same pretensions, same readings, differences.
+
+Two predictions are compared, each with what was measured the same way:
+
+- from the command: lever and torsion from what the servo was told. `gain` is the paper's, half of peak to peak over the
+  nominal amplitude; it is off where the rig's servo is.
+- from the measured lever: the joint alone, moved by the lever as it was measured, its harmonics with it.
+  `gain_measured_drive` and `phase_lag_rad` are fundamental over fundamental.
+
+Peaks are read off the predicted curve as off the measured one: at the measured frequencies, by the same fit. That way
+the bias of such a reading is in both.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sinew.analysis.groups import split_by_drive
+from sinew.analysis.lever import LeverMotion, measure_lever
+from sinew.analysis.repeats import combine_repeats
+from sinew.analysis.resonance import FEWEST_FREQUENCIES, estimate_resonance
+from sinew.analysis.response import Response, estimate_response, wrapped_lag
+from sinew.measure.errors import RecordingError, SpecError
+from sinew.plan.plan import TendonMode
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan
+from sinew.predict.branch import Prediction
+from sinew.predict.sweep import Swept, sweep
+
+__all__ = ["Comparison", "Measured", "Reading", "compare", "measured_of"]
+
+Array = NDArray[np.float64]
+
+_NINETY = 1.6448536269514722
+_READINGS = (
+    "resonance_hz",
+    "gain_peak",
+    "resonance_measured_drive_hz",
+    "gain_peak_measured_drive",
+    "phase_90_hz",
+)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a recording says of the joint's steady response, and how it was driven.
+
+    response: over pretension (p), frequency (f) and repeat. resonance: its readings, None below six frequencies.
+    lever: as it was measured, None where it was not. amplitude_deg: of the command, one for all.
+    mode: of the tendon motors. effects_off: names of effects that the twin had switched off, if it was the twin.
+    """
+
+    response: Response
+    resonance: xr.Dataset | None
+    lever: LeverMotion | None
+    amplitude_deg: float
+    mode: TendonMode
+    effects_off: tuple[str, ...]
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Return lowest and highest frequency."""
+        frequency = self.response.frequency_hz
+        return float(frequency[0]), float(frequency[-1])
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A number over pretension (p,) or pretension and frequency (p, f): measured, with standard deviation and 90 %
+    interval of the mean over repeats, and predicted; NaN where there is none."""
+
+    measured: Array
+    std: Array
+    low: Array
+    high: Array
+    predicted: Array
+
+    @property
+    def relative(self) -> Array:
+        """Return predicted over measured, less one."""
+        return np.asarray(self.predicted / self.measured - 1)
+
+    @property
+    def difference(self) -> Array:
+        """Return predicted less measured."""
+        return np.asarray(self.predicted - self.measured)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A prediction beside a recording.
+
+    pretension_mm (p,), frequency_hz (f,). fitted: to which pretensions the rig was calibrated, (p,).
+    points: `gain`, `phase_from_command_rad`, and where the lever was measured `gain_measured_drive` and
+    `phase_lag_rad`, over (p, f). readings: those of the resonance, over (p,), by name.
+    """
+
+    pretension_mm: Array
+    frequency_hz: Array
+    fitted: NDArray[np.bool_]
+    points: dict[str, Reading]
+    readings: dict[str, Reading]
+
+
+def measured_of(recording: xr.Dataset, rig: RigSpec) -> Measured:
+    """Return what a recording says of the steady response.
+
+    rig: whose delays of the sensors are undone. Raises RecordingError without steady segments, SpecError for an
+    imported table and for a recording that was driven with several amplitudes.
+    """
+    if recording.attrs.get("source") == "import":
+        raise SpecError("the recording was imported from a table; expected one of a bench or of the twin")
+    recording = split_by_drive(recording)
+    steady = recording["kind"].values == "steady"
+    if not steady.any():
+        raise RecordingError("the recording has no steady segment; expected a sweep, to hold a prediction against")
+    amplitude = np.unique(recording["amplitude_deg"].values[steady])
+    if amplitude.size != 1 or not np.isfinite(amplitude).all():
+        found = ", ".join(f"{one:g}" for one in amplitude)
+        raise SpecError(f"the recording was driven with {found}°, expected one amplitude; compare each on its own")
+    response = estimate_response(recording, rig)
+    text = str(recording.attrs.get("plan", ""))
+    mode: TendonMode = parse_plan(text, source="the recording's plan").pretension.mode if text.strip() else "position"
+    try:
+        lever = measure_lever(recording, rig)
+    except RecordingError:
+        lever = None
+    enough = response.frequency_hz.size >= FEWEST_FREQUENCIES
+    off = tuple(str(recording.attrs.get("effects_off", "")).split())
+    return Measured(response, estimate_resonance(response) if enough else None, lever, float(amplitude[0]), mode, off)
+
+
+def compare(
+    measured: Measured,
+    command: Prediction,
+    lever: Prediction | None,
+    fitted_mm: Sequence[float] = (),
+) -> Comparison:
+    """Return a prediction beside a recording.
+
+    command: from the command, lever: from the measured lever, each one curve for every pretension of the recording.
+    fitted_mm: pretensions to which the rig was calibrated.
+    """
+    response = measured.response
+    f, columns = response.frequency_hz, response.columns
+    nominal = np.radians(measured.amplitude_deg)
+    from_command = _stacked([sweep(branch, f, "up") for branch in command.branches])
+    points = {
+        "gain": _points(columns["gain"], response.nominal_gain_std * columns["gain"], from_command.amplitude / nominal),
+        "phase_from_command_rad": _lag(response, from_command.phase),
+    }
+    joint = from_command
+    transfer = from_command.fundamental / from_command.drive
+    if lever is not None and measured.lever is not None:
+        joint = _stacked([sweep(branch, f, "up") for branch in lever.branches])
+        transfer = joint.fundamental / (-1j * measured.lever.amplitude)
+        points["gain_measured_drive"] = _points(
+            columns["gain_measured_drive"], columns["gain_measured_drive_std"], np.abs(transfer)
+        )
+        points["phase_lag_rad"] = _lag(response, joint.phase)
+    fitted = np.array(
+        [bool(np.isclose(p, fitted_mm).any()) if len(fitted_mm) else False for p in response.pretension_mm]
+    )
+    readings: dict[str, Reading] = {}
+    if measured.resonance is not None:
+        curve = _as_measured(response, from_command, transfer, nominal)
+        readings = _readings(measured.resonance, estimate_resonance(curve), with_lever=lever is not None)
+    return Comparison(response.pretension_mm, f, fitted, points, readings)
+
+
+def _stacked(rows: Sequence[Swept]) -> Swept:
+    return Swept(*(np.stack(parts) for parts in zip(*rows, strict=True)))
+
+
+def _points(values: Array, stds: Array, predicted: Array) -> Reading:
+    mean = combine_repeats(values, stds)
+    return Reading(
+        mean.value, mean.std_of_value, mean.low, mean.high, np.where(np.isfinite(mean.value), predicted, np.nan)
+    )
+
+
+def _lag(response: Response, predicted: Array) -> Reading:
+    """Return the lag, that of the prediction on the turn of the measured one."""
+    columns = response.columns
+    delay = np.nan_to_num(np.nanmax(np.nan_to_num(columns["phase_delay_std_rad"]), axis=2))
+    mean = combine_repeats(columns["phase_lag_rad"], columns["phase_std_rad"], np.inf, delay)
+    apart = np.mod(predicted - mean.value + np.pi, 2 * np.pi) - np.pi
+    return Reading(mean.value, mean.std_of_value, mean.low, mean.high, mean.value + apart)
+
+
+def _as_measured(response: Response, command: Swept, transfer: NDArray[np.complex128], nominal: float) -> Response:
+    """Return the predicted curves as if they had been measured once: at the same frequencies, as certain."""
+
+    def once(values: NDArray[np.generic]) -> NDArray[np.generic]:
+        return values[:, :, None]
+
+    def certain(values: Array) -> Array:
+        known = np.isfinite(values)
+        return np.asarray(np.where(known, values, 0).sum(axis=2) / np.maximum(known.sum(axis=2), 1))
+
+    there = np.isfinite(response.columns["gain"]).any(axis=2)
+    gone = np.where(there, 1.0, np.nan)
+    measured, by_command = transfer * gone, command.fundamental / (-1j * nominal) * gone
+    ratio = certain(response.columns["gain_measured_drive_std"] / response.columns["gain_measured_drive"])
+    drive = np.abs(command.drive) * gone
+    columns = {
+        "gain": command.amplitude / nominal * gone,
+        "gain_harmonic": np.abs(by_command),
+        "gain_measured_drive": np.abs(measured),
+        "gain_measured_drive_std": np.abs(measured) * ratio,
+        "phase_lag_rad": wrapped_lag(measured),
+        "phase_std_rad": certain(response.columns["phase_std_rad"]),
+        "phase_delay_std_rad": certain(response.columns["phase_delay_std_rad"]),
+        "drive_amplitude_rad": drive,
+        "drive_amplitude_std_rad": np.zeros_like(drive),
+    }
+    return Response(
+        response.pretension_mm,
+        response.frequency_hz,
+        {name: np.asarray(once(values), dtype=float) for name, values in columns.items()},
+        np.asarray(once(measured), dtype=complex),
+        np.asarray(once(by_command), dtype=complex),
+        np.asarray(once(certain(response.nominal_gain_std)), dtype=float),
+        np.asarray(once(certain(response.nominal_phase_std)), dtype=float),
+    )
+
+
+def _readings(measured: xr.Dataset, predicted: xr.Dataset, *, with_lever: bool) -> dict[str, Reading]:
+    found = {}
+    for name in _READINGS if with_lever else _READINGS[:2]:
+        suffix = "_hz" if name.endswith("_hz") else ""
+        stem = name.removesuffix(suffix)
+        low, high = (measured[f"{stem}_{end}{suffix}"].values for end in ("low", "high"))
+        found[name] = Reading(measured[name].values, (high - low) / (2 * _NINETY), low, high, predicted[name].values)
+    return found

@@ -1,0 +1,1 @@
+"""This is where a joint that is not built yet becomes a rig, with what speaks for and against it."""

@@ -1,0 +1,164 @@
+"""This is where a joint that is not built yet becomes a rig, from one that is."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+from sinew.measure.errors import SpecError
+from sinew.plan.complaint import complaint
+from sinew.plan.rig import RigSpec
+from sinew.predict.joints.material import Material
+from sinew.predict.sections.section import Section, circle_section
+
+__all__ = ["Design", "design_rig", "section_of", "shear_modulus_of"]
+
+_ROOM = 2.0
+
+
+@dataclass(frozen=True)
+class Design:
+    """What is to differ from the base rig, in SI; None leaves a part as it is.
+
+    section: of the silicone. length: of it [m]; the free span of the tendons changes by as much. material, or
+    shear_modulus [Pa]. loss_factor [1]. tendons: their number; tendon_circle: radius of the guides' circle on base and
+    head [m]; first_contact_tension: of each [N]. head_inertia, lever_inertia [kg m²], head_mass [kg].
+    """
+
+    section: Section | None = None
+    length: float | None = None
+    material: Material | None = None
+    shear_modulus: float | None = None
+    loss_factor: float | None = None
+    tendons: int | None = None
+    tendon_circle: float | None = None
+    first_contact_tension: float | None = None
+    head_inertia: float | None = None
+    lever_inertia: float | None = None
+    head_mass: float | None = None
+    name: str | None = None
+
+
+def section_of(rig: RigSpec) -> Section:
+    """Return the section of a rig: its own, or the solid circle that its diameter stands for."""
+    own = rig.section
+    if own is None:
+        return circle_section(rig.silicone.diameter.value)
+    return Section(
+        shape=own.shape,
+        diameter=rig.silicone.diameter.value,
+        area=own.area.value,
+        perimeter=own.perimeter.value,
+        least=own.least_moment.value,
+        greatest=own.greatest_moment.value,
+        torsion_constant=own.torsion_constant.value,
+        torsion_error=0.0,
+        warping_constant=own.warping_constant.value,
+        shear_arm=None if own.shear_arm is None else own.shear_arm.value,
+    )
+
+
+def shear_modulus_of(rig: RigSpec) -> float:
+    """Return G of a rig's silicone [Pa]: its torsional rigidity over the torsion constant."""
+    return rig.silicone.torsional_rigidity.value / section_of(rig).torsion_constant
+
+
+def design_rig(base: RigSpec, design: Design) -> RigSpec:
+    """Return the rig of a design: the base, with every changed parameter marked as assumed and its bounds made wide.
+
+    Everything else stays the base's: guides, motors, drive, sensors, and without a loss factor that too.
+    Raises SpecError where a number cannot be meant.
+    """
+    if design.material is not None and design.shear_modulus is not None:
+        raise SpecError("found a material and a shear modulus; expected one of them")
+    data = base.model_dump()
+    data["name"] = design.name or f"{base.name}, changed"
+    _put_silicone(data, base, design)
+    told = f"designed; the rig {base.name} was the base"
+    values = {
+        "silicone.length": design.length,
+        "silicone.loss_factor": design.loss_factor,
+        "tendons.base_radius": design.tendon_circle,
+        "tendons.head_radius": design.tendon_circle,
+        "tendons.first_contact_tension": design.first_contact_tension,
+        "inertia.head": design.head_inertia,
+        "inertia.lever": design.lever_inertia,
+        "inertia.head_mass": design.head_mass,
+    }
+    for name, value in values.items():
+        if value is not None:
+            _put(data, name, value, told)
+    if design.length is not None:
+        span = base.tendons.free_span.value + design.length - base.silicone.length.value
+        _put(data, "tendons.free_span", span, f"{told}; it follows the silicone's length")
+    if design.tendons is not None:
+        data["tendons"]["count"] = design.tendons
+        if design.tendons != base.tendons.count:
+            data.pop("wiring")  # the usual one of that number
+    try:
+        return RigSpec.model_validate(data)
+    except ValidationError as error:
+        raise SpecError(f"this design makes no rig: {complaint(error, RigSpec, 'rig')}") from error
+
+
+def _put_silicone(data: dict[str, Any], base: RigSpec, design: Design) -> None:
+    """Write section and torsional rigidity into a rig's data."""
+    section = design.section or section_of(base)
+    modulus, source = shear_modulus_of(base), f"G as in the rig {base.name}"
+    if design.shear_modulus is not None:
+        modulus, source = design.shear_modulus, "G as given"
+    elif design.material is not None:
+        known = design.material.shear_modulus
+        modulus = known.value
+        source = f"G of {design.material.title}, within {known.std / known.value:.0%}, from its tensile curve"
+    if design.section is None and design.material is None and design.shear_modulus is None:
+        return
+    if not modulus > 0:
+        raise SpecError(f"a shear modulus of {modulus:g} Pa, expected a positive one")
+    rigidity = modulus * section.torsion_constant
+    _put(data, "silicone.torsional_rigidity", rigidity, f"designed: {section.shape}; {source}")
+    if design.section is None:
+        return
+    _put(data, "silicone.diameter", section.diameter, f"designed: circle around the {section.shape}")
+    # A solid circle needs no section of its own.
+    data["section"] = None if section.is_solid_circle else _section_data(section)
+
+
+def _section_data(section: Section) -> dict[str, Any]:
+    torsion = "closed form"
+    if section.torsion_error > 0:
+        torsion = f"finite elements, within {section.torsion_error:.1e} of it"
+    rows: dict[str, tuple[float | None, str, str]] = {
+        "area": (section.area, "m^2", ""),
+        "torsion_constant": (section.torsion_constant, "m^4", torsion),
+        "least_moment": (section.least, "m^4", ""),
+        "greatest_moment": (section.greatest, "m^4", ""),
+        "warping_constant": (section.warping_constant, "m^6", "about the shear centre"),
+        "perimeter": (section.perimeter, "m", "of all edges"),
+        "shear_arm": (section.shear_arm, "m", "largest shear strain per twist"),
+    }
+    found: dict[str, Any] = {"shape": section.shape}
+    for name, (value, unit, note) in rows.items():
+        if value is not None:
+            found[name] = {
+                "value": value,
+                "unit": unit,
+                "origin": "assumed",
+                "bounds": (value / _ROOM, value * _ROOM),
+                "note": note,
+            }
+    return found
+
+
+def _put(data: dict[str, Any], dotted: str, value: float, note: str) -> None:
+    part, name = dotted.split(".")
+    row = data[part][name]
+    if not value > 0:
+        raise SpecError(f"{dotted} would be {value:g} {row['unit']}, expected a positive number")
+    low, high = row["bounds"]
+    row |= {
+        "value": value,
+        "origin": "assumed",
+        "bounds": (min(low, value / _ROOM), max(high, value * _ROOM)),
+        "note": note,
+    }

@@ -1,0 +1,167 @@
+"""This is where a prediction says what it is worth: each assumption with a number, a limit and a sentence."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sinew.plan.rig import RigSpec
+from sinew.predict.joints.buckling import compressive_load, euler_load, haringx_load, twisting_stretch
+from sinew.predict.joints.design import section_of, shear_modulus_of
+from sinew.predict.joints.ends import bonded_axial_factor, bonded_torsion_factor
+from sinew.predict.joints.loads import Loads
+from sinew.predict.sections.section import Section
+
+__all__ = ["Check", "check_joint", "largest_strain"]
+
+SLENDER = 1.0
+"""Length over the diameter of the circle around the section, below which a joint is no beam at all."""
+
+CLOSE = 0.1
+"""Share by which a stiffness may be off before it counts."""
+
+STRAIN = 0.5
+"""Largest principal strain up to which a silicone's neo-Hookean law is taken to hold."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One assumption. value and limit: in the unit of the name, else shares; None where there is no number.
+    holds: the verdict. sentence: with the number and what it means."""
+
+    name: str
+    value: float | None
+    limit: float
+    holds: bool
+    sentence: str
+
+
+def check_joint(rig: RigSpec, pretension_mm: list[float], loads: Loads, *, tilt_held: bool) -> list[Check]:
+    """Return what is assumed of a rig's joint at the pretension where it matters most.
+
+    pretension_mm: of the lanes of `loads`. tilt_held: whether the motors hold positions, not currents.
+    """
+    section, modulus = section_of(rig), shear_modulus_of(rig)
+    return [
+        _slenderness(rig, section),
+        _axial_ends(rig, section),
+        _torsion_ends(rig, section),
+        _strain(rig, section, pretension_mm, loads),
+        _bending(rig, section, modulus, pretension_mm, loads, tilt_held=tilt_held),
+        _twisting(rig, section, modulus, pretension_mm, loads),
+        _tension(rig, pretension_mm, loads),
+        _current(rig, pretension_mm, loads),
+        _torsion(rig, pretension_mm, loads),
+    ]
+
+
+def largest_strain(shear: float, stretch: float) -> float:
+    """Return the largest principal strain [1] of an incompressible bar's surface at a stretch λ under a shear strain
+    (per length at rest): the largest singular value of the deformation gradient, less one."""
+    across = 1 / math.sqrt(stretch)
+    gradient = np.array([[across, 0.0, 0.0], [0.0, across, shear * across], [0.0, 0.0, stretch]])
+    return float(np.linalg.svd(gradient, compute_uv=False)[0] - 1)
+
+
+def _slenderness(rig: RigSpec, section: Section) -> Check:
+    value = rig.silicone.length.value / section.diameter
+    holds = value >= SLENDER
+    told = "long enough for a beam with corrections for its ends" if holds else "too short for beam theory"
+    sentence = f"the silicone is {value:.2f} times as long as it is wide: {told}"
+    return Check("slenderness", value, SLENDER, holds, sentence)
+
+
+def _axial_ends(rig: RigSpec, section: Section) -> Check:
+    value = bonded_axial_factor(section.area, section.perimeter, rig.silicone.length.value) - 1
+    holds = value <= CLOSE
+    told = "which hardly matters" if holds else "tension at a given pretension comes out too low"
+    sentence = f"bonded ends make it about {value:.0%} stiffer along its axis than 3 G A/L: {told}"
+    return Check("bonded_ends_axial", value, CLOSE, holds, sentence)
+
+
+def _torsion_ends(rig: RigSpec, section: Section) -> Check:
+    length = rig.silicone.length.value
+    value = bonded_torsion_factor(section.torsion_constant, section.warping_constant, length) - 1
+    holds = value <= CLOSE
+    if value == 0:
+        return Check("bonded_ends_torsion", value, CLOSE, True, "the section does not warp, bonded ends change nothing")
+    told = "which hardly matters" if holds else "expect the silicone to be stiffer, up to that"
+    sentence = f"bonded ends hold the warping and make it up to {value:.0%} stiffer in torsion than G J/L: {told}"
+    return Check("bonded_ends_torsion", value, CLOSE, holds, sentence)
+
+
+def _strain(rig: RigSpec, section: Section, pretension_mm: list[float], loads: Loads) -> Check:
+    arm = section.shear_arm or section.diameter / 2
+    twist = loads.torsion / rig.silicone.length.value
+    strains = [largest_strain(float(arm * t), float(s)) for t, s in zip(twist, loads.stretch, strict=True)]
+    worst = int(np.argmax(strains))
+    value, holds = strains[worst], strains[worst] <= STRAIN
+    shear, short = float(arm * twist[worst]), 1 - float(loads.stretch[worst])
+    corner = "" if section.shear_arm else ", more at its re-entrant corners"
+    told = "neo-Hookean within that" if holds else "silicone stiffens there, which the law does not know"
+    sentence = (
+        f"at {pretension_mm[worst]:g} mm the surface is sheared by {shear:.2f} and shortened by {short:.0%}, a strain "
+        f"of {value:.0%}{corner}: {told}"
+    )
+    return Check("local_strain", value, STRAIN, holds, sentence)
+
+
+def _bending(
+    rig: RigSpec, section: Section, modulus: float, pretension_mm: list[float], loads: Loads, *, tilt_held: bool
+) -> Check:
+    euler = euler_load(3 * modulus * section.least, rig.silicone.length.value, tilt_held=tilt_held)
+    critical = haringx_load(euler, modulus * section.area)
+    worst = int(np.argmax(loads.tension))
+    load = float(rig.tendons.count * loads.tension[worst])
+    value = load / critical
+    told = "the joint stays straight" if value < 1 else "it buckles sideways; lower the pretension"
+    how = "tendons that hold their length" if tilt_held else "tendons that hold their force"
+    sentence = (
+        f"at {pretension_mm[worst]:g} mm the tendons press with {load:.0f} N, {value:.2f} of the buckling load of "
+        f"{critical:.0f} N with {how} (Euler's alone: {euler:.0f} N): {told}"
+    )
+    return Check("buckling_sideways", value, 1.0, value < 1, sentence)
+
+
+def _twisting(rig: RigSpec, section: Section, modulus: float, pretension_mm: list[float], loads: Loads) -> Check:
+    critical = twisting_stretch(section.torsion_constant, section.polar_moment)
+    worst = int(np.argmin(loads.stretch))
+    stretch = float(loads.stretch[worst])
+    if critical < 1e-3:
+        sentence = "compression does not twist a round section"
+        return Check("buckling_by_twisting", 0.0, 1.0, True, sentence)
+    value = (1 - stretch) / (1 - critical)
+    load = compressive_load(modulus * section.area, critical)
+    told = "it does not twist by itself" if value < 1 else "only the tendons keep it from twisting by itself"
+    sentence = (
+        f"at {pretension_mm[worst]:g} mm the silicone is shortened by {1 - stretch:.0%}, {value:.2f} of the "
+        f"{1 - critical:.0%} ({load:.0f} N) at which its stiffness in torsion is lost: {told}"
+    )
+    return Check("buckling_by_twisting", value, 1.0, value < 1, sentence)
+
+
+def _tension(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
+    worst, limit = int(np.argmax(loads.tension)), rig.limits.tension_n
+    value, rest = float(loads.tension[worst]), float(loads.rest_tension[worst])
+    told = "" if value <= limit else "; lower the pretension or the drive"
+    sentence = (
+        f"at {pretension_mm[worst]:g} mm a tendon pulls {rest:.0f} N at rest and {value:.0f} N at "
+        f"{math.degrees(float(loads.torsion[worst])):.0f}° of torsion, the rig allows {limit:g} N{told}"
+    )
+    return Check("tension_n", value, limit, value <= limit, sentence)
+
+
+def _current(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
+    worst, limit = int(np.argmax(loads.tension)), rig.limits.tendon_current_a
+    value = float(loads.tension[worst]) * rig.tendons.pulley_radius.value / rig.tendons.torque_constant.value
+    told = "" if value <= limit else "; take a smaller pulley or lower the pretension"
+    sentence = f"its motor draws {value:.2f} A for that, the rig allows {limit:g} A{told}"
+    return Check("tendon_current_a", value, limit, value <= limit, sentence)
+
+
+def _torsion(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
+    worst, limit = int(np.argmax(loads.torsion)), rig.limits.torsion_deg
+    value = math.degrees(float(loads.torsion[worst]))
+    told = "" if value <= limit else "; lower the drive's amplitude"
+    sentence = f"at {pretension_mm[worst]:g} mm the head twists by {value:.0f}°, the rig allows {limit:g}°{told}"
+    return Check("torsion_deg", value, limit, value <= limit, sentence)

@@ -1,0 +1,1 @@
+"""This is where a cross-section becomes the numbers that bending and torsion need."""

@@ -1,0 +1,115 @@
+"""The commands for joints that are not built yet: `sinew joint`, `sinew predict --section`, `sinew compare`."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sinew.apps.cli import main
+from sinew.plan.toml import load_rig
+
+RING = ("--section", "annulus", "--outer-mm", "60", "--inner-mm", "30", "--length-mm", "95")
+SHORT = ("--pretension-mm", "4", "--from-hz", "2.5", "--to-hz", "3.5", "--amplitude-deg", "10")
+
+
+def test_a_joint_is_written_as_a_rig_and_told_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "ring.toml"
+    status = main(["joint", *RING, "--material", "dragon-skin-30", "--tendons", "3", "--out", str(out), "--json"])
+    document = json.loads(capsys.readouterr().out)
+    rig = load_rig(out)
+    assert status == 0
+    assert document["section"]["torsion_constant_mm4"] == pytest.approx(np.pi * (60**4 - 30**4) / 32)
+    assert document["section"]["area_mm2"] == pytest.approx(np.pi * (60**2 - 30**2) / 4)
+    assert document["material"]["name"] == "dragon-skin-30"
+    assert {"value", "std", "interval90"} == set(document["material"]["shear_modulus_pa"])
+    assert (document["name"], document["out"]) == (rig.name, str(out))
+    assert rig.tendons.count == 3
+
+
+def test_a_joint_can_be_derived_from_one_that_was_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first, second = tmp_path / "a.toml", tmp_path / "b.toml"
+    main(["joint", *RING, "--out", str(first)])
+    assert main(["joint", str(first), "--length-mm", "190", "--name", "long", "--out", str(second)]) == 0
+    a, b = load_rig(first), load_rig(second)
+    assert b.name == "long"
+    assert b.section == a.section
+    assert b.silicone.length.value == pytest.approx(0.19)
+
+
+def test_a_polygon_comes_from_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "square.csv"
+    file.write_text("0,0\n40,0\n40,40\n0,40\n", encoding="utf-8")
+    assert main(["joint", "--section", "polygon", "--polygon", str(file), "--json"]) == 0
+    section = json.loads(capsys.readouterr().out)["section"]
+    assert section["torsion_constant_mm4"] == pytest.approx(0.140577 * 40**4, rel=1e-3)  # Timoshenko and Goodier
+    assert section["torsion_error"] < 1e-3
+
+
+@pytest.mark.slow
+def test_a_described_joint_is_predicted_as_the_rig_that_is_written_of_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "predicted"
+    assert main(["predict", *RING, "--shear-modulus-kpa", "250", *SHORT, "--out", str(out), "--json"]) == 0
+    described = json.loads(capsys.readouterr().out)
+    assert main(["predict", str(out / "rig.toml"), *SHORT, "--json"]) == 0
+    written = json.loads(capsys.readouterr().out)
+    assert written["branches"] == described["branches"]
+    assert written["validity"] == described["validity"]
+    assert {"check", "value", "limit", "holds", "sentence"} == set(described["validity"][0])
+    assert described["section"]["shape"] == "annulus of 60 and 30 mm"
+    assert json.loads((out / "prediction.json").read_text(encoding="utf-8"))["branches"] == described["branches"]
+    assert "sinew predict --section annulus" in (out / "prediction.html").read_text(encoding="utf-8")
+    assert (out / "figures" / "predicted_response.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_two_rigs_are_compared_in_one_document_and_on_one_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    soft, out = tmp_path / "soft.toml", tmp_path / "compared"
+    main(["joint", "--shear-modulus-kpa", "150", "--name", "soft", "--out", str(soft)])
+    capsys.readouterr()
+    assert main(["compare", "paper", str(soft), *SHORT, "--out", str(out), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [rig["rig"] for rig in document["rigs"]] == ["paper", "soft"]
+    assert document["amplitude_deg"] == 10
+    first, second = (rig["branches"][0]["peak"] for rig in document["rigs"])
+    assert second is None or second["frequency_hz"] < first["frequency_hz"]
+    assert (out / "comparison.html").is_file()
+    assert (out / "figures" / "predicted_comparison.pdf").is_file()
+
+
+REFUSED = {
+    "nothing to change": (("joint",), "nothing to change"),
+    "unknown section": (("joint", "--section", "heart"), "'heart', expected one of circle"),
+    "missing size": (("joint", "--section", "annulus", "--outer-mm", "60"), "--inner-mm is missing"),
+    "size of another": (("joint", "--section", "circle", "--outer-mm", "60", "--width-mm", "3"), "--width-mm does not"),
+    "size without section": (("joint", "--outer-mm", "60"), "--outer-mm without --section"),
+    "inside out": (("joint", "--section", "annulus", "--outer-mm", "30", "--inner-mm", "60"), "0 < inner < outer"),
+    "unknown material": (("joint", "--material", "jelly"), "unknown material 'jelly'"),
+    "two stiffnesses": (("joint", "--material", "dragon-skin-30", "--shear-modulus-kpa", "9"), "one of them"),
+    "no such polygon": (("joint", "--section", "polygon", "--polygon", "nowhere.csv"), "nowhere.csv"),
+    "negative length": (("joint", "--length-mm", "-5"), "silicone.length would be -0.005 m"),
+    "joint of an oscillator": (("predict", "--oscillator", "x=1", "--length-mm", "50"), "--length-mm is for a rig"),
+    "page of an oscillator": (("predict", "--oscillator", "x=1", "--out", "o"), "--out is for a rig"),
+    "one rig": (("compare", "paper"), "found 1 rig, expected two or more"),
+    "pushing": (("compare", "paper", "paper", "--pretension-mm", "-2"), "cables cannot push"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_cannot_be_meant_is_refused_in_one_line(
+    arguments: tuple[str, ...],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    status = main(list(arguments))
+    out, err = capsys.readouterr()
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert sentence in err
+    assert list(tmp_path.iterdir()) == []

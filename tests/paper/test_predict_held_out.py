@@ -1,0 +1,55 @@
+"""What a rig that was calibrated at a few pretensions predicts at the others; the counts are in campaigns/."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from campaigns.bands import run_trial
+from campaigns.prediction import FITTED_MM, FREQUENCY_SHARE, GAIN_SHARE, Outcome, run
+
+from sinew.plan.plan import Plan, Pretension, Sweep
+
+pytestmark = pytest.mark.slow
+
+PLAN = Plan(
+    name="held out",
+    pretension=Pretension(pretension_mm=(0, 2, 4, 6, 8, 10, 12), rest_s=0.2),
+    sweep=Sweep(frequency_hz=(2.5, 2.8, 3.0, 3.2, 3.4, 3.6, 3.8, 4.0, 4.2, 4.4, 4.8), repeats=2),
+)
+SEED = 0
+
+
+@cache
+def outcome() -> Outcome:
+    return run(PLAN, SEED, SEED + 500)
+
+
+def test_the_rig_says_to_which_pretensions_it_was_calibrated() -> None:
+    calibration = outcome().calibration.rig.calibration
+    assert calibration is not None
+    assert calibration.pretension_mm == FITTED_MM
+
+
+@pytest.mark.parametrize("name", ["resonance_hz", "resonance_measured_drive_hz"])
+def test_the_resonance_of_other_pretensions_is_predicted_within_one_percent(name: str) -> None:
+    assert outcome().worst(name) < FREQUENCY_SHARE
+
+
+@pytest.mark.parametrize("name", ["gain_peak", "gain_peak_measured_drive"])
+def test_the_gain_at_other_pretensions_is_predicted_within_three_percent(name: str) -> None:
+    assert outcome().worst(name) < GAIN_SHARE
+
+
+def test_the_start_of_the_search_is_no_prediction_itself() -> None:
+    # The calibration has something to do: a parameter that it found was off by more than ten of its intervals.
+    done = outcome().calibration
+    before = dict(done.before.parameters())
+    off = [abs(before[name].value - one.value) / (one.high - one.low) for name, one in done.found.items()]
+    assert max(off) > 10
+
+
+def test_bands_of_a_calibrated_rig_hold_most_of_the_truth() -> None:
+    trials = [run_trial(seed, draws=30) for seed in (0, 1)]
+    inside = np.concatenate([np.concatenate([t.amplitude, t.phase, t.marks]) for t in trials])
+    assert inside.mean() > 0.6
+    assert all(0 < width < 0.05 for t in trials for width in t.width)

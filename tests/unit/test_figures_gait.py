@@ -1,0 +1,44 @@
+"""The figure of a gait shows each bout's mean cycle, its amplitude and the band."""
+
+import numpy as np
+import pytest
+from campaigns.walker import Walker, walk
+
+from sinew.analysis.gait_target import GaitTarget, estimate_gait, target_of_numbers, target_of_walks
+from sinew.figures.gait_yaw import GAIT_CAPTIONS, draw_gait_yaw
+
+
+@pytest.fixture(scope="module")
+def target() -> GaitTarget:
+    walks = [
+        estimate_gait(walk(Walker(frequency_hz=f), 25, np.random.default_rng(i)), f"{f} Hz")
+        for i, f in enumerate((0.8, 1.0))
+    ]
+    return target_of_walks(walks)
+
+
+def test_each_bout_has_its_mean_cycle_over_the_whole_stride(target: GaitTarget) -> None:
+    figure = draw_gait_yaw(target)
+    assert figure is not None
+    lines = [line for line in figure.axes[0].lines if not str(line.get_label()).startswith("_")]
+    means = [bout.cycles_deg.mean(axis=0) for one in target.walks for bout in one.bouts]
+    assert [np.asarray(line.get_ydata())[:-1].tolist() for line in lines] == [mean.tolist() for mean in means]
+    assert lines[0].get_xdata()[[0, -1]] == pytest.approx([0, 100])  # type: ignore[index, call-overload]
+
+
+def test_a_cycle_begins_where_its_fundamental_is_greatest(target: GaitTarget) -> None:
+    for bout in (bout for one in target.walks for bout in one.bouts):
+        phase = 2 * np.pi * np.arange(64) / 64
+        angle = np.angle(bout.cycles_deg.mean(axis=0) @ np.exp(-1j * phase))
+        assert abs(angle) <= np.pi / 64 + 1e-9  # half a point of the cycle
+
+
+def test_the_axes_say_what_they_show(target: GaitTarget) -> None:
+    figure = draw_gait_yaw(target)
+    assert figure is not None
+    assert [axes.get_xlabel() for axes in figure.axes] == ["share of the stride in %", "stride frequency in Hz"]
+    assert "fundamental" in GAIT_CAPTIONS["gait_yaw"].see
+
+
+def test_a_target_of_numbers_has_no_figure() -> None:
+    assert draw_gait_yaw(target_of_numbers((0.7, 1.1), 7)) is None

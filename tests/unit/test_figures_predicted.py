@@ -1,0 +1,130 @@
+"""What the figures and the page of a prediction show is what its curves hold."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from sinew.figures.predicted import Curves, draw_predicted, stretches, upper_gain
+from sinew.figures.predicted_comparison import draw_comparison, shortened
+from sinew.figures.predicted_map import draw_predicted_map
+from sinew.figures.prediction_captions import PREDICTION_CAPTIONS
+from sinew.figures.prediction_page import write_prediction_page
+from sinew.predict.branch import Branch, Mark
+
+
+def bent(shift_hz: float) -> Branch:
+    """A made-up curve that leans over: straight up to a fold at 3.5 Hz, back to one at 3 Hz, and down to 4.5 Hz."""
+    corners = np.array([[2.0, 0.1], [3.5, 1.0], [3.0, 0.4], [4.5, 0.1]])
+    at = np.linspace(0, 3, 61)
+    frequency, height = (np.interp(at, np.arange(4), column) for column in corners.T)
+    frequency = frequency + shift_hz
+    marks = (Mark(3.5 + shift_hz, 1.0, 1.2), Mark(3.0 + shift_hz, 0.4, 1.8))
+    return Branch(
+        frequency_hz=frequency,
+        amplitude=height,
+        phase=np.linspace(0.1, 3.0, frequency.size),
+        orders=np.array([1]),
+        harmonics=height[:, None].astype(complex),
+        drive=np.ones(frequency.size, dtype=complex),
+        multiplier=np.where((at > 1) & (at < 2), 1.2, 0.8),
+        folds=marks,
+        peak=marks[0],
+        phase_90=None,
+        error=np.zeros(frequency.size),
+        complete=True,
+        message="the curve was followed through the band",
+    )
+
+
+def curves(name: str = "a rig", shift: float = 0.0) -> Curves:
+    return Curves(name, (0.0, 4.0, 8.0), tuple(bent(shift + 0.3 * i) for i in range(3)), 30.0)
+
+
+def texts(figure: Figure) -> set[str]:
+    return {text.get_text() for text in figure.findobj(Text)}
+
+
+def test_a_curve_is_cut_where_its_stability_changes() -> None:
+    parts = stretches([True, True, False, False, True, True])
+    assert parts == [(slice(0, 2), True), (slice(1, 5), False), (slice(4, 6), True)]
+
+
+def test_a_stable_curve_is_one_stretch_and_a_point_is_none() -> None:
+    assert stretches([True] * 5) == [(slice(0, 5), True)]
+    assert stretches([True]) == []
+
+
+def test_between_its_folds_a_curve_is_read_on_the_upper_branch() -> None:
+    one = Curves("", (0.0,), (bent(0.0),), float(np.degrees(1.0)))
+    found = upper_gain(one, np.array([2.5, 3.2, 4.0]))[0]
+    assert found == pytest.approx([0.1 + 0.9 * 0.5 / 1.5, 0.1 + 0.9 * 1.2 / 1.5, 0.4 - 0.3 * 1.0 / 1.5])
+
+
+def test_beyond_its_band_a_curve_has_no_gain() -> None:
+    assert np.isnan(upper_gain(curves(), np.array([0.1, 99.0]))).all()
+
+
+def test_the_gain_is_by_the_commanded_amplitude() -> None:
+    figure = draw_predicted(curves())
+    left = figure.axes[0]
+    tallest = max(np.max(np.asarray(line.get_ydata())) for line in left.lines)
+    assert tallest == pytest.approx(1.0 / np.radians(30.0))
+
+
+def test_a_curve_with_folds_tells_its_line_styles_apart() -> None:
+    assert {"stable", "unstable", "fold"} <= texts(draw_predicted(curves()))
+
+
+def test_the_comparison_names_each_rig_and_marks_each_resonance() -> None:
+    figure = draw_comparison([curves("one"), curves("two", 1.0)])
+    assert {"one", "two", "(c) one", "(d) two"} <= texts(figure)
+    line = figure.axes[0].lines[1]
+    assert np.asarray(line.get_ydata()) == pytest.approx([b.peak.frequency_hz for b in curves("", 1.0).branches])  # type: ignore[union-attr]
+
+
+def test_a_long_name_is_cut_above_a_panel() -> None:
+    assert len(shortened("x" * 90, 3)) <= 23
+    assert shortened("short", 3) == "short"
+
+
+def test_a_map_needs_three_pretensions() -> None:
+    few = Curves("few", (0.0, 4.0), tuple(bent(f) for f in (0.0, 0.2)), 30.0)
+    assert draw_predicted_map([few]) is None
+    assert draw_predicted_map([few, curves()]) is not None
+
+
+def test_a_map_has_its_ridge_at_the_peaks() -> None:
+    figure = draw_predicted_map([curves()])
+    assert figure is not None
+    ridge = figure.axes[0].lines[0]
+    expected = [b.peak.frequency_hz for b in curves().branches if b.peak is not None]
+    assert np.asarray(ridge.get_xdata()) == pytest.approx(expected)
+
+
+def test_the_page_says_what_does_not_hold(tmp_path: Path) -> None:
+    checks = [
+        {"check": "slenderness", "holds": True, "sentence": "long enough"},
+        {"check": "tension_n", "holds": False, "sentence": "300 N are too many"},
+    ]
+    branch = {
+        "pretension_mm": 4.0,
+        "peak": {"frequency_hz": 3.25, "amplitude_deg": 40.0},
+        "phase_90": None,
+        "folds": [{"frequency_hz": 3.5, "amplitude_deg": 20.0}],
+        "complete": True,
+        "message": "",
+    }
+    document = {"rig": "mine", "branches": [branch], "validity": checks, "harmonics": 19, "error_estimate": 1e-3}
+    path = write_prediction_page(tmp_path / "prediction.html", [document], amplitude_deg=20.0, rebuild="sinew predict")
+    page = path.read_text(encoding="utf-8")
+    assert "<b>Does not hold:</b> 300 N are too many." in page
+    assert "1 do not hold" in page
+    assert "3.25" in page
+
+
+def test_every_figure_has_its_words() -> None:
+    for caption in PREDICTION_CAPTIONS.values():
+        assert all((caption.title, caption.see, caption.alt))
