@@ -165,10 +165,8 @@ def test_two_releases_of_the_beam_under_its_own_weight_have_one_damping_and_one_
         assert abs(one.value - other.value) < 2 * np.hypot(one.std, other.std)
 
 
-def test_two_releases_with_52_g_have_one_viscous_damping_and_differ_in_stiffness_and_dry_friction() -> None:
-    # So the 7 to 15 % by which their damping differs at one amplitude is a loss that does not go with the rate.
+def test_two_releases_with_52_g_differ_beyond_chance_in_stiffness_and_in_both_kinds_of_damping() -> None:
+    # So their repeats are two states of the mount, and no scatter of one: the stiffer one damps more at every amplitude.
     a, b = (beam(f"beam_load52_V2_{side}", "coulomb-cubic-quadratic").parameters for side in "ab")
-    off = {name: (a[name].value - b[name].value) / np.hypot(a[name].std, b[name].std) for name in a}
-    assert abs(off["damping_per_s"]) < 2
-    assert off["coulomb_m_per_s2"] > 3
-    assert off["stiffness_per_s2"] > 3
+    for name in ("stiffness_per_s2", "damping_per_s", "coulomb_m_per_s2"):
+        assert a[name].value - b[name].value > 3 * np.hypot(a[name].std, b[name].std)

@@ -13,7 +13,7 @@ from sinew.identify.layout import Layout
 from sinew.identify.least_squares import Problem, Solution, solve
 from sinew.identify.model import Model
 from sinew.identify.record import Record, derivative_order
-from sinew.identify.start import dominant_omega, regress_together, ringing
+from sinew.identify.start import dominant_omega, regress_together, ringing, ringing_misfit
 
 __all__ = ["begin", "first_values", "search"]
 
@@ -45,7 +45,7 @@ def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[S
     if values[0]["stiffness"] <= 0:
         values = [one | {"stiffness": omega**2} for one in values]
     ring = next((ring for ring in rings if ring), None)
-    if ring is not None and not 1 / _ASTRAY < np.sqrt(values[0]["stiffness"] / ring["stiffness"]) < _ASTRAY:
+    if ring is not None and _astray(records, values[0], ring):
         # The creep of a rest position, or noise after a short motion, has led the regression astray.
         values = [_with_ringing(one, own or ring, ring) for one, own in zip(values, rings, strict=True)]
         omega = float(np.sqrt(ring["stiffness"]))
@@ -54,6 +54,15 @@ def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[S
         (_scales(record, omega, one["offset"]), one if creep is None else one | creep.start(one["offset"]))
         for record, one, creep in zip(records, values, creeps, strict=True)
     ]
+
+
+def _astray(records: Sequence[Record], values: dict[str, float], ring: dict[str, float]) -> bool:
+    """Return whether a regression's frequency is another than that of the ringing, which explains the records better."""
+    if 1 / _ASTRAY < np.sqrt(values["stiffness"] / ring["stiffness"]) < _ASTRAY:
+        return False
+    damping = values.get("damping", 0.0) + values.get("loss_factor", 0.0) * np.sqrt(values["stiffness"])
+    of_regression = sum(ringing_misfit(record, values["stiffness"], damping) for record in records)
+    return of_regression > sum(ringing_misfit(record, ring["stiffness"], ring["damping"]) for record in records)
 
 
 def _ringing(record: Record) -> dict[str, float] | None:

@@ -20,7 +20,7 @@ from sinew.identify.pencil import split_poles
 from sinew.identify.record import Record, derivative_order
 from sinew.measure.errors import RecordingError
 
-__all__ = ["dominant_omega", "is_step", "regress", "regress_together", "ringing"]
+__all__ = ["dominant_omega", "is_step", "regress", "regress_together", "ringing", "ringing_misfit"]
 
 Array = NDArray[np.float64]
 
@@ -94,9 +94,7 @@ def ringing(record: Record, omega: float) -> dict[str, float] | None:
     if not found:
         return None
     pole = found[0][0]
-    wave = np.exp(pole * (even - even[0]))
-    table = np.stack([np.ones(y.size), wave.real, -wave.imag], axis=1)
-    offset, real, imaginary = map(float, np.linalg.lstsq(table, y, rcond=None)[0])
+    offset, real, imaginary = map(float, np.linalg.lstsq(_wave(even, pole), y, rcond=None)[0])
     amplitude = complex(real, imaginary) / pole ** derivative_order(record.output_unit)
     return {
         "stiffness": abs(pole) ** 2,
@@ -106,6 +104,21 @@ def ringing(record: Record, omega: float) -> dict[str, float] | None:
         "start": amplitude.real,
         "start_rate": (amplitude * pole).real,
     }
+
+
+def ringing_misfit(record: Record, stiffness: float, damping: float) -> float:
+    """Return the rms of what a linear oscillation with these mechanics, of any start, leaves of a free decay."""
+    even, y, _ = _even(record)
+    table = _wave(even, -0.5 * damping + 1j * math.sqrt(max(stiffness - 0.25 * damping**2, 0.0)))
+    if not np.isfinite(table).all():
+        return math.inf
+    return float(np.std(y - table @ np.linalg.lstsq(table, y, rcond=None)[0]))
+
+
+def _wave(even: Array, pole: complex) -> Array:
+    with np.errstate(over="ignore", invalid="ignore"):
+        wave = np.exp(pole * (even - even[0]))
+    return np.stack([np.ones(even.size), wave.real, -wave.imag], axis=1)
 
 
 def regress(record: Record, model: Model, omega: float, frame: Frame) -> dict[str, float]:
