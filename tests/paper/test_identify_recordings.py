@@ -166,7 +166,7 @@ def test_two_releases_of_the_beam_under_its_own_weight_have_one_damping_and_one_
 
 
 def test_two_releases_with_52_g_differ_beyond_chance_in_stiffness_and_in_both_kinds_of_damping() -> None:
-    # So their repeats are two states of the mount, and no scatter of one: the stiffer one damps more at every amplitude.
+    # So the repeats are two states of one beam, not scatter: the stiffer one damps more at every amplitude.
     a, b = (beam(f"beam_load52_V2_{side}", "coulomb-cubic-quadratic").parameters for side in "ab")
     for name in ("stiffness_per_s2", "damping_per_s", "coulomb_m_per_s2"):
         assert a[name].value - b[name].value > 3 * np.hypot(a[name].std, b[name].std)

@@ -57,7 +57,7 @@ def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[S
 
 
 def _astray(records: Sequence[Record], values: dict[str, float], ring: dict[str, float]) -> bool:
-    """Return whether a regression's frequency is another than that of the ringing, which explains the records better."""
+    """Return whether the ringing has another frequency than a regression, and explains the records better."""
     if 1 / _ASTRAY < np.sqrt(values["stiffness"] / ring["stiffness"]) < _ASTRAY:
         return False
     damping = values.get("damping", 0.0) + values.get("loss_factor", 0.0) * np.sqrt(values["stiffness"])
