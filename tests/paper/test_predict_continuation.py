@@ -1,0 +1,33 @@
+"""Curves of rigs that were drawn anywhere inside their bounds; the counts are those of `python -m campaigns.continuation`."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from campaigns.continuation import Trial, run_trials
+
+pytestmark = pytest.mark.slow
+
+
+@cache
+def trials() -> tuple[Trial, ...]:
+    return tuple(run_trials(range(10)))
+
+
+def test_no_rig_within_its_bounds_ends_the_computation() -> None:
+    assert [t.reason for t in trials() if t.outcome == "crash"] == []
+
+
+def test_a_curve_that_is_not_whole_says_why() -> None:
+    assert all(t.reason for t in trials() if t.outcome != "whole")
+
+
+def test_nine_of_ten_curves_reach_the_end_of_the_band() -> None:
+    assert sum(t.outcome in ("whole", "with a remark") for t in trials()) >= 9
+
+
+def test_the_twin_swings_as_most_whole_curves_say() -> None:
+    whole = [t for t in trials() if t.outcome == "whole" and np.isfinite(t.off)]
+    near = [abs(t.off) < 5e-3 and abs(t.off_deg) < 0.5 for t in whole]
+    assert len(whole) >= 7
+    assert np.mean(near) >= 0.8
