@@ -16,6 +16,7 @@ from benchmarks.solid_cylinder import beam, deviation, lost_length, stiffness
 
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
+from sinew.predict.joints.ends import bonded_axial_factor
 from sinew.twin.energy import silicone_energy
 from sinew.twin.parameters import Parameters
 from sinew.twin.simulate import lane_parameters
@@ -101,6 +102,13 @@ def test_bonded_ends_take_the_same_length_from_any_slender_cylinder() -> None:
         lost.append(lost_length(deviation(stiffness(cylinder, 1.0), 1.0, 2 * slenderness, 1.0).axial, slenderness))
     assert lost[0] == pytest.approx(lost[1], rel=5e-3)
     assert lost[0] > 0.1
+
+
+@pytest.mark.parametrize("slenderness", [1.0, 1.7, 3.0])
+def test_the_factor_that_a_prediction_is_checked_with_is_that_of_the_solid(slenderness: float) -> None:
+    length = 2 * slenderness
+    found = deviation(stiffness(axisymmetric_cylinder(1.0, length, 8, 24), 1.0), 1.0, length, 1.0).axial
+    assert bonded_axial_factor(np.pi, 2 * np.pi, length) - 1 == pytest.approx(found, rel=0.02)
 
 
 def test_finer_meshes_come_nearer_to_each_other() -> None:

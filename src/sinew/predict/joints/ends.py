@@ -5,13 +5,21 @@ import numpy as np
 __all__ = ["bonded_axial_factor", "bonded_torsion_factor"]
 
 
-def bonded_axial_factor(area: float, perimeter: float, length: float) -> float:
-    """Return by how much bonded ends raise the axial stiffness 3 G A/L of an incompressible block: 1 + 2 S².
+_LOST = 0.163
+"""Length that bonded ends take from a slender cylinder, in diameters: finite elements, `python -m benchmarks solid`."""
 
-    S: loaded area over the area that is free to bulge, A/(P L). Gent and Lindley, Proc. Inst. Mech. Eng. 173 (1959).
+
+def bonded_axial_factor(area: float, perimeter: float, length: float) -> float:
+    """Return by how much bonded ends raise the axial stiffness 3 G A/L of an incompressible block.
+
+    A slender one is as stiff as one that is shorter by 0.163 diameters, 1/(1 - 0.163 d/L), with d = 4 A/P: for a circle
+    within 0.3 % from a length of one width on. A squat one follows 1 + 2 S² with S = A/(P L), loaded area over the one that is
+    free to bulge (Gent and Lindley, Proc. Inst. Mech. Eng. 173, 1959). The larger of both holds.
     area [m²], perimeter of all edges [m], length [m].
     """
-    return 1 + 2 * (area / (perimeter * length)) ** 2
+    shape = area / (perimeter * length)
+    left = 1 - _LOST * 4 * shape
+    return max(1 + 2 * shape**2, 1 / left if left > 0.5 else 0.0)
 
 
 def bonded_torsion_factor(torsion_constant: float, warping_constant: float, length: float) -> float:

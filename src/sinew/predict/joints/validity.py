@@ -74,7 +74,7 @@ def _slenderness(rig: RigSpec, section: Section) -> Check:
 def _axial_ends(rig: RigSpec, section: Section) -> Check:
     value = bonded_axial_factor(section.area, section.perimeter, rig.silicone.length.value) - 1
     holds = value <= CLOSE
-    told = "which hardly matters" if holds else "tension at a given pretension comes out too low"
+    told = "which hardly matters" if holds else "its shortening under the tendons comes out too large by that share"
     sentence = f"bonded ends make it about {value:.0%} stiffer along its axis than 3 G A/L: {told}"
     return Check("bonded_ends_axial", value, CLOSE, holds, sentence)
 
