@@ -1,4 +1,4 @@
-"""Curves of rigs that were drawn anywhere inside their bounds; the counts are those of `python -m campaigns.continuation`."""
+"""Curves of rigs that were drawn anywhere inside their bounds; more of them: `python -m campaigns.continuation`."""
 
 from functools import cache
 

@@ -125,15 +125,3 @@ def test_multipliers_are_those_of_the_monodromy_of_the_time_integration() -> Non
     monodromy = np.asarray(jax.jit(jax.jacfwd(period))(flat))
     largest = np.sort(np.abs(np.linalg.eigvals(monodromy)))[-1]
     assert branch.multiplier[index] == pytest.approx(largest, rel=5e-3)
-
-
-def test_tendons_that_go_slack_are_balanced_like_any_other_motion() -> None:
-    # Without pretension and with a stiff pull the head sinks less than the cables lose: the tension reaches zero.
-    group = Group("steady", 0.0, 3.0, 25.0, 0, 14.0, 2.0)
-    slack = load_rig("paper").with_values({"tendons.first_contact_tension": 2.0})
-    problem = joint_problem(slack, [0.0], 25.0, (1.0, 3.0))
-    branch = predict(problem, (1.0, 3.0), RESOLUTION).branches[0]
-    track = simulate_tracks(lane_parameters([group], slack), [group], SAMPLE_HZ)[0]
-    found = half_range(waves(track.torsion, 3.0))
-    assert branch.frequency_hz[-1] == pytest.approx(3.0)
-    assert branch.amplitude[-1] == pytest.approx(found, rel=5e-3)

@@ -13,8 +13,8 @@ def bonded_axial_factor(area: float, perimeter: float, length: float) -> float:
     """Return by how much bonded ends raise the axial stiffness 3 G A/L of an incompressible block.
 
     A slender one is as stiff as one that is shorter by 0.163 diameters, 1/(1 - 0.163 d/L), with d = 4 A/P: for a circle
-    within 0.3 % from a length of one width on. A squat one follows 1 + 2 S² with S = A/(P L), loaded area over the one that is
-    free to bulge (Gent and Lindley, Proc. Inst. Mech. Eng. 173, 1959). The larger of both holds.
+    within 0.3 % from a length of one width on. A squat one follows 1 + 2 S² with S = A/(P L), loaded area over the one
+    that is free to bulge (Gent and Lindley, Proc. Inst. Mech. Eng. 173, 1959). The larger of both holds.
     area [m²], perimeter of all edges [m], length [m].
     """
     shape = area / (perimeter * length)
