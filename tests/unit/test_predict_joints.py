@@ -14,6 +14,7 @@ from sinew.measure.errors import RecordingError, SpecError
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
+from sinew.predict.draws import spread_of
 from sinew.predict.joint import joint_problem
 from sinew.predict.joints.buckling import compressive_load, euler_load, haringx_load, twisting_stretch
 from sinew.predict.joints.design import Design, design_rig, section_of, shear_modulus_of
@@ -334,3 +335,13 @@ def test_the_sections_parameters_are_parameters_of_the_rig() -> None:
     larger = rig.with_values({"section.area": 2.5e-3})
     assert larger.section is not None
     assert larger.section.area.value == 2.5e-3
+
+
+def test_a_material_brings_the_interval_of_its_modulus_into_the_rig_and_its_file() -> None:
+    known = load_material("dragon-skin-30")
+    rig = parse_rig(dump_rig(design_rig(PAPER, Design(material=known))))
+    rigidity = rig.silicone.torsional_rigidity
+    assert rigidity.interval90 is not None
+    half = (rigidity.interval90[1] - rigidity.interval90[0]) / 2
+    assert half / rigidity.value == pytest.approx(1.645 * known.shear_modulus.std / known.shear_modulus.value, rel=1e-3)
+    assert spread_of(rig)[0] == ("silicone.torsional_rigidity",)

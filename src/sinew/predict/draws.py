@@ -95,7 +95,7 @@ def carried_over(base: RigSpec, rig: RigSpec) -> tuple[RigSpec, tuple[str, ...]]
     """Return (a rig that was made from a calibrated one, with what is still known of it; what is no longer known).
 
     Parameters that have kept their value keep their uncertainty. Dotted names of those that have not are returned: they
-    are what the design says, and are taken as certain.
+    are what the design says, and are taken as certain, unless they have an interval of their own.
     """
     before, after = dict(base.parameters()), dict(rig.parameters())
     known, old = base.calibration, [name for name, one in before.items() if one.interval90 is not None]
@@ -110,7 +110,8 @@ def carried_over(base: RigSpec, rig: RigSpec) -> tuple[RigSpec, tuple[str, ...]]
             update={name: getattr(section, name).model_copy(update=row) for name, row in mine.items()}
         )
     parts["calibration"] = None if known is None else known.only(kept)
-    return rig.model_copy(update=parts), tuple(name for name in names if name not in kept)
+    certain = tuple(name for name in names if name not in kept and after[name].interval90 is None)
+    return rig.model_copy(update=parts), certain
 
 
 def _factor(covariance: Array) -> Array:

@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from sinew.measure.errors import SpecError
 from sinew.plan.complaint import complaint
 from sinew.plan.rig import RigSpec
+from sinew.predict.draws import carried_over
 from sinew.predict.joints.material import Material
 from sinew.predict.sections.section import Section, circle_section
 
@@ -66,7 +67,8 @@ def shear_modulus_of(rig: RigSpec) -> float:
 def design_rig(base: RigSpec, design: Design) -> RigSpec:
     """Return the rig of a design: the base, with every changed parameter marked as assumed and its bounds made wide.
 
-    Everything else stays the base's: guides, motors, drive, sensors, and without a loss factor that too.
+    Everything else stays the base's: guides, motors, drive, sensors, and without a loss factor that too. A parameter that
+    keeps its value keeps what is known of its uncertainty; a material brings that of its modulus.
     Raises SpecError where a number cannot be meant.
     """
     if design.material is not None and design.shear_modulus is not None:
@@ -96,9 +98,10 @@ def design_rig(base: RigSpec, design: Design) -> RigSpec:
         if design.tendons != base.tendons.count:
             data.pop("wiring")  # the usual one of that number
     try:
-        return RigSpec.model_validate(data)
+        rig = RigSpec.model_validate(data)
     except ValidationError as error:
         raise SpecError(f"this design makes no rig: {complaint(error, RigSpec, 'rig')}") from error
+    return carried_over(base, rig)[0]
 
 
 def _put_silicone(data: dict[str, Any], base: RigSpec, design: Design) -> None:
@@ -117,6 +120,10 @@ def _put_silicone(data: dict[str, Any], base: RigSpec, design: Design) -> None:
         raise SpecError(f"a shear modulus of {modulus:g} Pa, expected a positive one")
     rigidity = modulus * section.torsion_constant
     _put(data, "silicone.torsional_rigidity", rigidity, f"designed: {section.shape}; {source}")
+    if design.material is not None:
+        known = design.material.shear_modulus
+        interval = (known.low * section.torsion_constant, known.high * section.torsion_constant)
+        data["silicone"]["torsional_rigidity"]["interval90"] = interval
     if design.section is None:
         return
     _put(data, "silicone.diameter", section.diameter, f"designed: circle around the {section.shape}")
