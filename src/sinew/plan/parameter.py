@@ -21,7 +21,7 @@ class Parameter(BaseModel):
     value: in `unit`.
     origin: paper, data sheet, calibrated (fitted to the paper's or a bench's numbers) or assumed.
     bounds: what is physically thinkable, (low, high) in `unit`; a calibration stays inside.
-    interval90: ends of the 90 % interval, in `unit`: of a calibrated value, or a material's; None where it is not known.
+    interval90: ends of the 90 % interval, in `unit`: of a calibrated value or a material's; None where not known.
     note: where exactly the number is from, one sentence.
 
     `model_dump` leaves the interval out: who makes a rig with other values from that (`RigSpec.with_values`) has a rig

@@ -67,8 +67,8 @@ def shear_modulus_of(rig: RigSpec) -> float:
 def design_rig(base: RigSpec, design: Design) -> RigSpec:
     """Return the rig of a design: the base, with every changed parameter marked as assumed and its bounds made wide.
 
-    Everything else stays the base's: guides, motors, drive, sensors, and without a loss factor that too. A parameter that
-    keeps its value keeps what is known of its uncertainty; a material brings that of its modulus.
+    Everything else stays the base's: guides, motors, drive, sensors, and without a loss factor that too. A parameter
+    that keeps its value keeps what is known of its uncertainty; a material brings that of its modulus.
     Raises SpecError where a number cannot be meant.
     """
     if design.material is not None and design.shear_modulus is not None:
