@@ -83,10 +83,10 @@ def draw_gains(axes: Axes, curves: Curves) -> None:
             axes.plot(*at, "o", markersize=3, color="white", markeredgecolor=INK, zorder=5)
             if i in labelled:
                 text = f"{curves.pretension_mm[i]:g} mm"
-                axes.annotate(text, at, (4, 4), textcoords="offset points", fontsize=8, color=INK)
+                axes.annotate(text, at, (1, 5), textcoords="offset points", fontsize=8, color=INK, rotation=60)
     axes.axhline(1.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
     axes.set(xlabel="drive frequency in Hz", ylabel="gain: torsion amplitude / command")
-    axes.margins(x=0, y=0.1)
+    axes.margins(x=0, y=0.2)
 
 
 def stretches(stable: ArrayLike) -> list[tuple[slice, bool]]:

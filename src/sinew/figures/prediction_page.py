@@ -33,7 +33,7 @@ def write_prediction_page(
     worth = (
         "Every assumption that was checked holds."
         if not broken
-        else f"Of the checked assumptions {broken} do not hold."
+        else f"{broken} of the checked assumptions {'does' if broken == 1 else 'do'} not hold."
     )
     return write_page(
         path,
