@@ -88,7 +88,9 @@ def solve(
             found.append(_descend(problem, np.asarray(start, dtype=float), first, bounds, tolerance, max_evaluations))
             found[-1] = replace(found[-1], start=index)
     if not found:
-        raise RecordingError("the model runs away from every start; check the excitation, and the units of input and output")
+        raise RecordingError(
+            "the model runs away from every start; check the excitation, and the units of input and output"
+        )
     best = min(found, key=lambda solution: solution.sum_of_squares)
     agreeing = sum(solution.sum_of_squares <= best.sum_of_squares * (1 + 1e-6) for solution in found)
     return replace(best, agreeing=agreeing, evaluations=sum(solution.evaluations for solution in found))
