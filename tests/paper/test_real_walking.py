@@ -54,7 +54,8 @@ def test_the_sine_of_one_frequency_is_the_sources_within_half_a_degree(which: in
 
 def test_strides_brought_into_step_swing_further_than_the_sine_of_one_frequency() -> None:
     uneven, even = walking()[1].bouts
-    assert uneven.yaw_deg.value - BOUTS[0][3] == pytest.approx(0.65, abs=0.05)
+    assert uneven.yaw_deg.value > uneven.line_deg
+    assert even.yaw_deg.value > even.line_deg
     assert even.yaw_deg.value == pytest.approx(BOUTS[1][3], abs=0.5)
     assert uneven.yaw_deg.low < BOUTS[0][3] < uneven.yaw_deg.high
 
