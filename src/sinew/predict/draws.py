@@ -94,13 +94,15 @@ def draw_rigs(rig: RigSpec, count: int, seed: int) -> Draws:
 def carried_over(base: RigSpec, rig: RigSpec) -> tuple[RigSpec, tuple[str, ...]]:
     """Return (a rig that was made from a calibrated one, with what is still known of it; what is no longer known).
 
-    Parameters that have kept their value keep their uncertainty. Dotted names of those that have not are returned: they
-    are what the design says, and are taken as certain, unless they have an interval of their own.
+    Parameters that have kept their value and its origin keep their uncertainty. Dotted names of those that have not are
+    returned: they are what the design says, and are taken as certain, unless they have an interval of their own.
     """
     before, after = dict(base.parameters()), dict(rig.parameters())
     known, old = base.calibration, [name for name, one in before.items() if one.interval90 is not None]
     names = dict.fromkeys((*old, *(known.parameters if known is not None else ())))
-    kept = [name for name in names if after[name].value == before[name].value]
+    kept = [
+        name for name in names if (after[name].value, after[name].origin) == (before[name].value, before[name].origin)
+    ]
     intervals = {name: {"interval90": before[name].interval90} for name in kept}
     parts: dict[str, object] = {}
     for part in {name.split(".")[0] for name in kept}:

@@ -93,6 +93,9 @@ def design_rig(base: RigSpec, design: Design) -> RigSpec:
     if design.length is not None:
         span = base.tendons.free_span.value + design.length - base.silicone.length.value
         _put(data, "tendons.free_span", span, f"{told}; it follows the silicone's length")
+        if design.section is None:
+            # A calibrated diameter holds what the bonded ends do at its own length.
+            _put(data, "silicone.diameter", base.silicone.diameter.value, f"{told}; found at another length")
     if design.tendons is not None:
         data["tendons"]["count"] = design.tendons
         if design.tendons != base.tendons.count:
