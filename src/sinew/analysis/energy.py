@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from sinew.analysis.power import idle_power, supply_uncertainty, winding_resistance
+from sinew.analysis.power import idle_power, rest_power, supply_uncertainty, winding_resistance
 from sinew.analysis.repeats import combine_repeats
 from sinew.analysis.resonance import store_interval
 from sinew.analysis.response import Response
@@ -57,7 +57,11 @@ def estimate_energy(
             response.frequency_hz, mine, float(resonance_hz[p, r]), resistance
         ).items():
             value[name][p, r], std[name][p, r] = number, own
-    shared = _shared(value, columns, supply_uncertainty(recording, rig))
+    for (pretension, repeat), watts in rest_power(recording, rig).items():
+        rows = np.flatnonzero(response.pretension_mm == pretension)
+        if rows.size and repeat < shape[1]:
+            value["rest_power_w"][rows[0], repeat], std["rest_power_w"][rows[0], repeat] = watts
+    shared = _shared(value, supply_uncertainty(recording, rig))
     idle = idle_power(rig)
     out = xr.Dataset(attrs={"idle_power_w": math.nan if idle is None else idle})
     for name in ENERGY_QUANTITIES:
@@ -65,7 +69,7 @@ def estimate_energy(
     return out
 
 
-def _shared(value: Mapping[str, Floats], columns: Mapping[str, Floats], volts: float) -> dict[str, Floats]:
+def _shared(value: Mapping[str, Floats], volts: float) -> dict[str, Floats]:
     """Return the standard uncertainties that repeats share, each (p,), from that of the voltage (relative)."""
 
     def mean(values: Floats) -> Floats:

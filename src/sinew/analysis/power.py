@@ -8,10 +8,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.analysis.cycle_mean import cycle_mean
+from sinew.measure.recording import iterate_segments
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
 
-__all__ = ["electrical_power", "idle_power", "power_columns", "supply_uncertainty", "winding_resistance"]
+__all__ = ["electrical_power", "idle_power", "power_columns", "rest_power", "supply_uncertainty", "winding_resistance"]
 
 Floats = NDArray[np.float64]
 
@@ -54,6 +55,34 @@ def electrical_power(recording: xr.Dataset, rig: RigSpec) -> Floats | None:
         return None
     power = recording["drive_pwm"].values.astype(float) * recording["drive_current_a"].values
     return np.asarray(power * _supply(recording, rig, slice(None)))
+
+
+def rest_power(recording: xr.Dataset, rig: RigSpec) -> dict[tuple[float, int], tuple[float, float]]:
+    """Return (mean, standard deviation) of all motors' electrical power in the idle segments [W].
+
+    By (pretension [mm], repeat). Tendon motors hold, the lever stays at its zero. At rest the currents hardly move, so
+    that rounding does not average out: the deviation is that of the registers' units. Empty where duty or current of
+    the drive was not recorded.
+    """
+    drive = electrical_power(recording, rig)
+    if drive is None:
+        return {}
+    found: dict[tuple[float, int], list[float]] = {}
+    for _, segment, where in iterate_segments(recording, "idle"):
+        if not math.isfinite(segment.pretension_mm):
+            continue
+        samples = np.arange(where.start, where.stop)[None]
+        holding = _holding(recording, rig, samples, _supply(recording, rig, samples))
+        mean = float(drive[where].mean()) + (0.0 if holding is None else float(holding.mean()))
+        found.setdefault((segment.pretension_mm, segment.repeat), []).append(mean)
+    servo = servo_of(rig.wiring.tendon_model) or SERVOS["XH430-W350"]
+    unit = rig.tendons.current_lsb.value / math.sqrt(12.0)
+
+    def std(watts: float) -> float:
+        # n equal motors at R i² each: d(n R i²) = 2 R i √n di, with n R i² = watts
+        return 2.0 * math.sqrt(max(0.0, watts) * servo.resistance) * unit
+
+    return {pair: (float(np.mean(means)), std(float(np.mean(means)))) for pair, means in found.items()}
 
 
 def power_columns(

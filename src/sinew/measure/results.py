@@ -110,6 +110,7 @@ _ENERGY = {
     **_with_interval("gear_at_resonance_w", "W", "of it: gear and friction, what copper and mechanical power leave"),
     **_with_interval("mechanical_at_resonance_w", "W", "of it: mechanical power into the joint"),
     **_with_interval("holding_at_resonance_w", "W", "electrical power of all tendon motors at resonance_hz"),
+    **_with_interval("rest_power_w", "W", "electrical power of all motors while the lever rests at its zero"),
     **_with_interval("energy_per_cycle_at_resonance_j", "J", "energy of the drive per cycle at resonance_hz"),
     **_with_interval("swing_cost_at_resonance_j_rad2", "J/rad2", "energy per cycle over squared torsion amplitude"),
     **_with_interval("trend_cost_at_resonance_j_rad2", "J/rad2", "the same without what spring and inertia save"),
