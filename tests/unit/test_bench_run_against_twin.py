@@ -74,6 +74,16 @@ def test_the_whole_plan_is_recorded(pair: Pair) -> None:
     assert (report.is_complete, report.groups_done, report.loop.incomplete) == (True, len(pair.plan.groups()), 0)
 
 
+@pytest.mark.parametrize("name", ["drive_power_w", "drive_copper_w", "drive_mechanical_w", "holding_power_w"])
+def test_the_powers_are_the_twins_within_four_percent(pair: Pair, name: str) -> None:
+    # The bench sends its goals 200 times a second; the twin's command is smooth.
+    assert pair.ratio(name).max() < 0.04
+
+
+def test_the_voltage_is_the_supplys_within_the_registers_unit(pair: Pair) -> None:
+    assert np.abs(pair.recording["supply_v"].values - RIG.drive.supply_voltage.value).max() <= 0.05 + 1e-6
+
+
 def test_the_recording_has_the_segments_of_the_plan(pair: Pair) -> None:
     kinds = [kind for group in pair.plan.groups() for kind in (["settle"] if group.settle_s else []) + [group.kind]]
     assert pair.recording["kind"].values.tolist() == kinds

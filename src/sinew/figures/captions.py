@@ -84,7 +84,7 @@ CAPTIONS = {
         "(a) Electrical power of the drive (duty, current and voltage of its servo) as it was driven; rings mark the "
         "resonance. (b) The same per cycle and per squared torsion amplitude: what a swing of the head costs. Dashed: "
         "the trend, which spring and inertia would need if neither helped the other; the arrow is the reduction at "
-        "resonance, the triangle the frequency at which a swing costs least. (c) Where the power at resonance goes, with "
+        "resonance, the triangle the frequency of the cheapest swing. (c) Where the power at resonance goes, with "
         "the tendon motors and the electronics of all servos.",
         "The paper proposes the reduction of the motor's current at resonance, against its rise with frequency, as a "
         "measure of the energy saved, and leaves it to future work (section 5.3).",

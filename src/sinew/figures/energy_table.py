@@ -44,7 +44,7 @@ def energy_note(results: xr.Dataset) -> str:
         return ""
     idle, rest = float(results.attrs.get("idle_power_w", math.nan)), results["rest_power_w"].values
     text = (
-        "At the resonance of the gain, by duty, current and voltage of the servos. The trend is what spring and inertia "
+        "At the resonance of the gain, by duty, current and voltage of the servos. The trend: what spring and inertia "
         "would need for the same swing of the head if neither helped the other; the reduction is the share of it that "
         "resonance saves. A negative last column means more current than on a straight line through the currents off "
         "resonance (the paper's proposal, at the nominal drive amplitude and not at equal swing)."

@@ -1,0 +1,190 @@
+"""Power and energy of a linear joint that an ideal motor swings: everything is known in closed form."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from tests.unit.analysis_sweep import Joint, sweep
+
+from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.motion_energy import compare_with_fixed, energy_per_cycle
+from sinew.analysis.power import idle_power
+from sinew.measure.errors import RecordingError
+from sinew.measure.netcdf import load_dataset, save_dataset
+from sinew.measure.recording import build_recording, iterate_segments
+from sinew.measure.results import validate_results
+from sinew.plan.toml import load_rig
+
+RIG = load_rig("paper")
+VOLTS = 13.3
+RESISTANCE = 12.0 / 2.3
+CONSTANT = 1.9  # N m/A and V s/rad: the motor is ideal
+ARMATURE = 0.009
+LEVER = RIG.inertia.lever.value
+JOINTS = [Joint(3.0, 0.06), Joint(4.0, 0.05)]
+FREQUENCY = np.arange(1.6, 6.01, 0.2)
+AMPLITUDE = np.deg2rad(20.0)
+TENDON_A = 0.2
+
+
+def phasors(joint: Joint, frequency_hz: float) -> tuple[complex, complex, complex]:
+    """Lever, torsion and current for a lever angle of AMPLITUDE sin: of exp(jωt)/j."""
+    torsion = AMPLITUDE * complex(joint.transfer(frequency_hz))
+    torque = -((2 * np.pi * frequency_hz) ** 2) * (LEVER * (torsion + AMPLITUDE) + ARMATURE * AMPLITUDE)
+    return AMPLITUDE, torsion, torque / CONSTANT
+
+
+def truth(joint: Joint, frequency_hz: float) -> dict[str, float]:
+    lever, torsion, current = phasors(joint, frequency_hz)
+    speed = 2j * np.pi * frequency_hz * lever
+    copper = 0.5 * RESISTANCE * abs(current) ** 2
+    mechanical = 0.5 * (CONSTANT * current * np.conj(speed)).real
+    return {
+        "drive_power_w": copper + mechanical,
+        "drive_copper_w": copper,
+        "drive_mechanical_w": mechanical,
+        "amplitude_rad": abs(torsion),
+    }
+
+
+def recorded(*, repeats: int = 2, with_volts: bool = True, noise: float = 0.0) -> xr.Dataset:
+    bare = sweep(JOINTS, FREQUENCY, repeats=repeats)
+    total = bare.sizes["sample"]
+    random = np.random.default_rng(1004)
+    current, duty = np.zeros(total), np.zeros(total)
+    for _, segment, where in iterate_segments(bare):
+        lever, _, phasor = phasors(JOINTS[int(segment.pretension_mm)], segment.frequency_hz)
+        omega = 2 * np.pi * segment.frequency_hz
+        turn = np.exp(1j * omega * bare["time_s"].values[where])
+        current[where] = (phasor * turn).imag + noise * random.standard_normal(turn.size)
+        duty[where] = ((RESISTANCE * phasor + CONSTANT * 1j * omega * lever) * turn).imag / VOLTS
+    samples = {name: bare[name].values for name in ("time_s", "drive_command_rad", "drive_rad", "gyro_rad_s")}
+    samples |= {"drive_current_a": current, "drive_pwm": duty, "tendon_current_a": np.full((total, 4), TENDON_A)}
+    if with_volts:
+        tendon = TENDON_A * 12.0 / 1.3 / VOLTS
+        samples |= {"supply_v": np.full(total, VOLTS), "tendon_pwm": np.full((total, 4), tendon)}
+    segments = [segment for _, segment, _ in iterate_segments(bare)]
+    return build_recording(samples, segments, bare["row_size"].values.tolist(), bare.attrs)
+
+
+@pytest.fixture(scope="module")
+def results() -> xr.Dataset:
+    return analyse_recording(recorded(), RIG)
+
+
+@pytest.mark.parametrize("name", ["drive_power_w", "drive_copper_w", "drive_mechanical_w", "amplitude_rad"])
+def test_every_group_has_the_power_of_the_closed_form(results: xr.Dataset, name: str) -> None:
+    expected = np.array([[truth(joint, f)[name] for f in FREQUENCY] for joint in JOINTS])
+    assert np.allclose(results[name].values, expected[..., None], rtol=2e-3)
+
+
+def test_the_tendon_motors_draw_what_their_resistance_takes(results: xr.Dataset) -> None:
+    assert np.allclose(results["holding_power_w"].values, 4 * 12.0 / 1.3 * TENDON_A**2, rtol=1e-6)
+
+
+def test_power_drawn_is_more_than_power_where_the_motor_gives_back(results: xr.Dataset) -> None:
+    # Far below the resonance the motor brakes the lever for a quarter of the time.
+    assert (results["drive_drawn_w"].values[:, 0] > 1.01 * results["drive_power_w"].values[:, 0]).all()
+
+
+def test_the_reduction_at_resonance_is_the_share_that_spring_and_inertia_save(results: xr.Dataset) -> None:
+    for p, joint in enumerate(JOINTS):
+        inertia = LEVER / joint.share
+        stiffness = inertia * (2 * np.pi * joint.natural_hz) ** 2
+        spring = (1 + ARMATURE / LEVER) * stiffness
+        mass = inertia * (1 + ARMATURE / LEVER) - LEVER
+        damper = 2 * joint.damping * np.sqrt(stiffness * inertia) * (1 + ARMATURE / LEVER)
+        omega = 2 * np.pi * results["resonance_hz"].values[p]
+        there = truth(joint, omega / 2 / np.pi)
+        saved = (2 * spring * mass - damper**2) * (omega * there["amplitude_rad"] / CONSTANT) ** 2 / 2 * RESISTANCE
+        expected = saved / (there["drive_power_w"] + saved)
+        assert results["energy_reduction"].values[p] == pytest.approx(expected, abs=2e-3)
+
+
+def test_the_cheapest_frequency_is_the_least_of_the_closed_form(results: xr.Dataset) -> None:
+    fine = np.linspace(2.0, 6.0, 4001)
+    for p, joint in enumerate(JOINTS):
+        powers = [truth(joint, f) for f in fine]
+        cost = [one["drive_power_w"] / f / one["amplitude_rad"] ** 2 for one, f in zip(powers, fine, strict=True)]
+        assert results["cheapest_hz"].values[p] == pytest.approx(fine[int(np.argmin(cost))], abs=0.03)
+
+
+def test_copper_gear_and_mechanical_power_add_up(results: xr.Dataset) -> None:
+    parts = [results[f"{name}_at_resonance_w"].values for name in ("copper", "gear", "mechanical")]
+    assert np.allclose(sum(parts), results["drive_power_at_resonance_w"].values, rtol=1e-12)
+
+
+def test_an_ideal_motor_leaves_nothing_for_gear_and_friction(results: xr.Dataset) -> None:
+    assert np.allclose(results["gear_at_resonance_w"].values, 0.0, atol=0.02)
+
+
+def test_the_tendon_motors_are_paid_from_the_break_even_swing_on(results: xr.Dataset) -> None:
+    even, hertz = results["break_even_rad"].values, results["resonance_hz"].values
+    saved = (results["trend_cost_at_resonance_j_rad2"] - results["swing_cost_at_resonance_j_rad2"]).values
+    assert np.allclose(saved * even**2 * hertz, 4 * 12.0 / 1.3 * TENDON_A**2, rtol=1e-3)
+
+
+def test_a_recording_without_voltage_and_duty_of_the_tendons_takes_the_rigs_voltage() -> None:
+    plain = analyse_recording(recorded(with_volts=False), RIG)
+    share = RIG.drive.supply_voltage.value / VOLTS
+    assert plain["drive_power_w"].values[0, 3, 0] == pytest.approx(
+        truth(JOINTS[0], FREQUENCY[3])["drive_power_w"] * share, rel=2e-3
+    )
+    assert np.allclose(plain["holding_power_w"].values, 4 * 12.0 / 1.3 * TENDON_A**2)
+
+
+def test_without_a_rig_there_is_no_power() -> None:
+    assert "drive_power_w" not in analyse_recording(recorded())
+
+
+def test_without_the_duty_there_is_no_power() -> None:
+    assert "drive_power_w" not in analyse_recording(recorded().drop_vars("drive_pwm"), RIG)
+
+
+def test_results_without_the_energy_part_are_still_valid(results: xr.Dataset, tmp_path) -> None:
+    old = results.drop_vars([name for name in results.data_vars if "_w" in name[-2:] or "_j" in name or name in MORE])
+    save_dataset(old, tmp_path / "results.nc")
+    validate_results(load_dataset(tmp_path / "results.nc"))
+
+
+MORE = {
+    f"{stem}{end}{suffix}"
+    for stem, suffix in (
+        ("energy_reduction", ""),
+        ("energy_reduction_with_holding", ""),
+        ("current_reduction", ""),
+        ("break_even", "_rad"),
+        ("cheapest", "_hz"),
+        ("cheapest_reduction", ""),
+        ("line_current", "_a"),
+        ("line_reduction", ""),
+    )
+    for end in ("", "_std", "_low", "_high")
+}
+
+
+def test_noise_of_the_current_widens_the_interval_and_leaves_the_power() -> None:
+    noisy = analyse_recording(recorded(repeats=1, noise=0.05), RIG)
+    assert (noisy["drive_power_std_w"].values > 0).all()
+    assert (noisy["drive_power_at_resonance_high_w"].values > noisy["drive_power_at_resonance_w"].values).all()
+
+
+def test_the_idle_power_is_five_standby_currents() -> None:
+    assert idle_power(RIG) == pytest.approx(5 * 0.040 * RIG.drive.supply_voltage.value)
+
+
+def test_the_energy_of_a_motion_on_the_grid_is_the_measured_power_of_its_swing(results: xr.Dataset) -> None:
+    f = float(FREQUENCY[5])
+    there = truth(JOINTS[1], f)
+    motion = energy_per_cycle(results, f, 1.0, there["amplitude_rad"])
+    assert motion.drive.value == pytest.approx(there["drive_power_w"] / f, rel=3e-3)
+    assert motion.holding.value == pytest.approx(4 * 12.0 / 1.3 * TENDON_A**2 / f, rel=1e-6)
+
+
+def test_a_tuned_swing_costs_less_than_the_same_swing_at_the_other_pretension(results: xr.Dataset) -> None:
+    tuned, fixed = compare_with_fixed(results, [3.4, 4.8], [0.0, 1.0], np.deg2rad(7.0), fixed_mm=0.0)
+    assert tuned.total.high < fixed.total.low
+
+
+def test_a_motion_that_leaves_the_map_is_refused(results: xr.Dataset) -> None:
+    with pytest.raises(RecordingError, match="leaves the map"):
+        energy_per_cycle(results, 7.0, 0.0, 0.1)
