@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from tests.unit.analysis_sweep import Joint, sweep
+from tests.unit.analysis_sweep import QUIET, Joint, rig_with, sweep
 
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.motion_energy import compare_with_fixed, energy_per_cycle
@@ -12,9 +12,8 @@ from sinew.measure.errors import RecordingError
 from sinew.measure.netcdf import load_dataset, save_dataset
 from sinew.measure.recording import build_recording, iterate_segments
 from sinew.measure.results import validate_results
-from sinew.plan.toml import load_rig
 
-RIG = load_rig("paper")
+RIG = rig_with(QUIET)
 VOLTS = 13.3
 RESISTANCE = 12.0 / 2.3
 CONSTANT = 1.9  # N m/A and V s/rad: the motor is ideal
@@ -126,9 +125,8 @@ def test_the_tendon_motors_are_paid_from_the_break_even_swing_on(results: xr.Dat
 def test_a_recording_without_voltage_and_duty_of_the_tendons_takes_the_rigs_voltage() -> None:
     plain = analyse_recording(recorded(with_volts=False), RIG)
     share = RIG.drive.supply_voltage.value / VOLTS
-    assert plain["drive_power_w"].values[0, 3, 0] == pytest.approx(
-        truth(JOINTS[0], FREQUENCY[3])["drive_power_w"] * share, rel=2e-3
-    )
+    expected = truth(JOINTS[0], FREQUENCY[3])["drive_power_w"] * share
+    assert plain["drive_power_w"].values[0, 3, 0] == pytest.approx(expected, rel=2e-3)
     assert np.allclose(plain["holding_power_w"].values, 4 * 12.0 / 1.3 * TENDON_A**2)
 
 

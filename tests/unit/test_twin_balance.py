@@ -37,12 +37,13 @@ def test_power_drawn_is_never_less_than_power(balance: Balance) -> None:
 
 
 def test_a_viscous_joint_takes_up_half_its_damping_times_the_squared_speed() -> None:
-    viscous = RIG.with_values({"silicone.viscous": 0.03})
+    # Without friction of its gear the drive is linear while its duty stays below the limit, and the swing is a sine.
+    viscous = RIG.with_values({"silicone.viscous": 0.03, "drive.friction": 0.0})
     effects = Effects().without("tendons", "guide_friction", "silicone_loss", "axial_motion")
     lanes = lane_parameters([group(0, f, 2.0) for f in FREQUENCIES], viscous, effects=effects)
     found = balance_lanes(lanes, viscous, settle_cycles=60)
     speed = 2 * np.pi * np.array(FREQUENCIES) * found.torsion
-    assert np.allclose(found.mechanical, 0.5 * 0.03 * speed**2, rtol=0.01)
+    assert np.allclose(found.mechanical, 0.5 * 0.03 * speed**2, rtol=1e-3)
 
 
 def test_a_motor_whose_two_constants_are_one_has_no_loss_in_its_gear() -> None:

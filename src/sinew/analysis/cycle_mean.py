@@ -17,7 +17,8 @@ def cycle_mean(time_s: Floats, signal: Floats, frequency_hz: Floats) -> tuple[Fl
     time_s: stamps as they are, (s, n). signal: (s, q, n). frequency_hz: at which the signals repeat, (s,); of a power
     that is twice the drive's.
     Least squares with a mean, a slope and up to five harmonics: a plain mean would keep what the last, broken cycle
-    holds. The standard deviation is that of white noise of the residual's size and of the slope over the record.
+    holds. The standard deviation is that of white noise of the residual's size, and of the slope over the record
+    where it is more than three times its own noise.
     Records of fewer samples than coefficients give NaN.
     """
     records, samples = time_s.shape
@@ -35,7 +36,9 @@ def cycle_mean(time_s: Floats, signal: Floats, frequency_hz: Floats) -> tuple[Fl
     solution = normal @ (design.transpose(0, 2, 1) @ signal.transpose(0, 2, 1))
     residual = signal.transpose(0, 2, 1) - design @ solution
     variance = (residual**2).sum(axis=1) / max(1, samples - design.shape[2])
-    std = np.sqrt(variance * normal[:, :1, 0] + solution[:, 1] ** 2 / 12.0)
+    slope = solution[:, 1] ** 2
+    drift = np.where(slope > 9.0 * variance * normal[:, 1:2, 1], slope, 0.0)
+    std = np.sqrt(variance * normal[:, :1, 0] + drift / 12.0)
     return solution[:, 0], std
 
 
