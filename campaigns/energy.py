@@ -213,9 +213,13 @@ def run_trial(seed: int, plan: Plan, rig: RigSpec, steady: Floats) -> Trial:
 
 
 def table(trials: Sequence[Trial]) -> str:
-    """Return, by quantity: exact value at the ends, largest and mean deviation, and how often the interval holds it."""
+    """Return, by quantity: exact value at the ends, largest and mean deviation, and how often the interval holds it.
+
+    Intervals are counted above zero pretension only: the scatter of the pretension cannot go below zero, so that at
+    zero the repeats' mean is not the rig without scatter.
+    """
     first = trials[0]
-    inside = np.array([t.inside for t in trials])
+    inside = np.array([t.inside for t in trials])[:, :, first.pretension_mm > 0]
     error = np.array([t.error for t in trials])
     count = inside[:, 0].size
     ends = f"{first.pretension_mm[0]:g} and {first.pretension_mm[-1]:g} mm"
