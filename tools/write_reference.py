@@ -109,7 +109,7 @@ repeats and the ends of the 90 % interval.
 
 {tables}
 How each number is made: [analysis](../explanation/analysis.md), [energy](../explanation/energy.md). Beside the energy
-stands the attribute `idle_power_w`, what all servos draw with their torque off by data sheet, NaN where that is not known.
+stands the attribute `idle_power_w`, what all servos draw with their torque off by data sheet, or NaN.
 """
 
 

@@ -88,10 +88,10 @@ def _print_resonance(rows: list[dict[str, Any]]) -> None:
 
 def _print_energy(energy: dict[str, Any]) -> None:
     names = (
-        "pretension/mm",
+        "p/mm",
         "drive/W",
         "tendons/W",
-        "J per cycle and rad²",
+        "J/rad²",
         "reduction",
         "with tendons",
         "cheapest/Hz",
@@ -105,7 +105,7 @@ def _print_energy(energy: dict[str, Any]) -> None:
         "cheapest_hz",
     )
     cells = [[_pair(row["pretension_mm"]), *(_quantity(row[key]) for key in keys)] for row in energy["pretensions"]]
-    print_table(names, cells, "energy at resonance, and its reduction against the trend off resonance")
+    print_table(names, cells, "energy at resonance, per cycle and squared swing; its reduction against the trend")
     if energy["idle_power_w"] is not None:
         print(f"servos with their torque off: {energy['idle_power_w']:.3g} W by data sheet, in none of these numbers")
 
