@@ -216,7 +216,8 @@ def _against_trend(
     }
     if math.isfinite(holding):
         less = 1.0 - (power + holding) / (power + saving)
-        out["energy_reduction_with_holding"] = (less, math.hypot(own, saving_std) / (power + saving))
+        spread = math.hypot((saving - holding) * own, (power + holding) * saving_std) / (power + saving) ** 2
+        out["energy_reduction_with_holding"] = (less, spread)
         even = swing * math.sqrt(holding / saving) if saving > 0 and holding >= 0 else math.nan
         out["break_even_rad"] = (even, 0.5 * even * saving_std / saving if saving > 0 else math.nan)
     return out

@@ -87,24 +87,23 @@ def _print_resonance(rows: list[dict[str, Any]]) -> None:
 
 
 def _print_energy(energy: dict[str, Any]) -> None:
-    names = (
-        "p/mm",
-        "drive/W",
-        "tendons/W",
-        "J/rad²",
-        "reduction",
-        "with tendons",
-        "cheapest/Hz",
-    )
-    keys = (
-        "drive_power_at_resonance_w",
-        "holding_at_resonance_w",
-        "swing_cost_at_resonance_j_rad2",
-        "energy_reduction",
-        "energy_reduction_with_holding",
-        "cheapest_hz",
-    )
-    cells = [[_pair(row["pretension_mm"]), *(_quantity(row[key]) for key in keys)] for row in energy["pretensions"]]
+    def percent(estimate: dict[str, Any]) -> str:
+        value, std = (None if estimate[key] is None else 100 * estimate[key] for key in ("value", "std"))
+        return _pair(value, std)
+
+    names = ("p/mm", "drive/W", "tendons/W", "J/rad²", "reduction/%", "with tendons/%", "cheapest/Hz")
+    cells = [
+        [
+            _pair(row["pretension_mm"]),
+            _quantity(row["drive_power_at_resonance_w"]),
+            _quantity(row["holding_at_resonance_w"]),
+            _quantity(row["swing_cost_at_resonance_j_rad2"]),
+            percent(row["energy_reduction"]),
+            percent(row["energy_reduction_with_holding"]),
+            _quantity(row["cheapest_hz"]),
+        ]
+        for row in energy["pretensions"]
+    ]
     print_table(names, cells, "energy at resonance, per cycle and squared swing; its reduction against the trend")
     if energy["idle_power_w"] is not None:
         print(f"servos with their torque off: {energy['idle_power_w']:.3g} W by data sheet, in none of these numbers")
