@@ -40,9 +40,9 @@ _SHARES = (
 def draw_energy(_: xr.Dataset, results: xr.Dataset) -> Figure | None:
     """Return power over frequency, cost of a swing over frequency with its trend, and shares of the power at resonance.
 
-    None where the results hold no energy part.
+    None where the results hold no powers, or none but NaN.
     """
-    if "energy_reduction" not in results:
+    if "energy_reduction" not in results or not np.isfinite(results["drive_power_w"].values).any():
         return None
     figure = new_figure(6.0)
     grid = figure.add_gridspec(2, 2)
@@ -107,6 +107,6 @@ def _draw_shares(axes: Axes, results: xr.Dataset) -> None:
         height = np.nan_to_num(results[name].values if name else np.full(pretension.size, idle))
         axes.bar(pretension, height, width, bottom=floor, color=colour, label=label)
         floor = floor + height
-    axes.set(xlabel="pretension in mm", ylabel="power at resonance in W", ylim=(0, 1.3 * float(floor.max())))
+    axes.set(xlabel="pretension in mm", ylabel="power at resonance in W", ylim=(0, 1.3 * max(1.0, float(floor.max()))))
     axes.legend(loc="upper left", ncols=len(_SHARES), handlelength=1.0, columnspacing=1.2)
     note_panel(axes, "c", "where it goes, at resonance")

@@ -40,7 +40,7 @@ def energy_columns(results: xr.Dataset) -> list[tuple[str, Floats, Floats]]:
 
 def energy_note(results: xr.Dataset) -> str:
     """Return what the columns mean, and what is in none of them; empty without the energy part."""
-    if "energy_reduction" not in results:
+    if "energy_reduction" not in results or not np.isfinite(results["drive_power_w"].values).any():
         return ""
     idle, rest = float(results.attrs.get("idle_power_w", math.nan)), results["rest_power_w"].values
     text = (
