@@ -88,9 +88,15 @@ def results_page() -> str:
         ("pretension",): "Resonance, over the repeats",
         ("frequency",): "Axes",
     }
+    energy = {end for name in results.ENERGY_QUANTITIES for end in (name, *results.companions(name))}
     for name, row in results.RESULT_VARIABLES.items():
         dims = ("frequency",) if name == "pretension_mm" else row.dims
-        groups.setdefault(titles[dims], {})[name] = row
+        title = titles[dims]
+        if name in results.POWER_COLUMNS:
+            title = "Power, of every group of every repeat"
+        elif name in energy:
+            title = "Energy, over the repeats"
+        groups.setdefault(title, {})[name] = row
     tables = "\n".join(f"## {title}\n\n{_table(rows, required=False)}" for title, rows in groups.items())
     return f"""{_NOTE}
 # Results
@@ -102,7 +108,8 @@ unit: `resonance_hz` has `resonance_std_hz`, `resonance_low_hz` and `resonance_h
 repeats and the ends of the 90 % interval.
 
 {tables}
-How each number is made: [analysis](../explanation/analysis.md).
+How each number is made: [analysis](../explanation/analysis.md), [energy](../explanation/energy.md). Beside the energy
+stands the attribute `idle_power_w`, what all servos draw with their torque off by data sheet, or NaN.
 """
 
 

@@ -252,6 +252,7 @@ def test_the_summary_has_the_keys_of_the_reference(campaign: Path) -> None:
         "gain_measured_drive",
         "phase_90_hz",
         "drive_amplitude_deg_at_resonance",
+        "energy",
         "ring_down",
         "paper",
         "wall_s",

@@ -62,6 +62,8 @@ def cycle(time: float, frequency_hz: float, start: float, node: Node, random: np
         tilt_rad=0.01,
         late_s=0.0,
         imu_counter_s=taken / (1 + node.drift) if node.has_counter else MISSING,
+        tendon_pwm=(0.1, 0.2, 0.3, 0.4),
+        supply_v=12.3,
     )
 
 

@@ -1,5 +1,7 @@
 """From a journal to a recording: the two clocks are brought together, holes are counted, the plan's order is kept."""
 
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -101,6 +103,21 @@ def test_there_is_no_reading_outside_the_samples() -> None:
 def test_analysis_takes_the_recording_like_any_other(tmp_path: Path) -> None:
     results = analyse_recording(recording_from_journal(written(tmp_path)), RIG)
     assert results["frequency_hz"].values.tolist() == [2.9, 4.3]
+
+
+def test_duty_and_voltage_of_the_tendons_are_in_the_recording(tmp_path: Path) -> None:
+    recording = recording_from_journal(written(tmp_path))
+    assert np.allclose(recording["tendon_pwm"].values, [0.1, 0.2, 0.3, 0.4])
+    assert np.allclose(recording["supply_v"].values, 12.3)
+
+
+def test_a_journal_of_the_first_version_gives_a_recording_without_them(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    with closing(sqlite3.connect(path)) as connection:
+        for column in (*(f"tendon_{i}_pwm" for i in range(1, 5)), "supply_v"):
+            connection.execute(f"ALTER TABLE samples DROP COLUMN {column}")
+        connection.execute("PRAGMA user_version = 1")
+    assert {"tendon_pwm", "supply_v"}.isdisjoint(recording_from_journal(path))
 
 
 def test_the_recording_follows_the_plan_whatever_the_order_of_measuring(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def create(folder: Path) -> Journal:
 def sample(time: float = 1.0) -> Sample:
     return Sample(
         time, 0.9, 0.1, 0.2, 0.3, 0.4, (1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12), (13, 14, 15), (16, 17, 18), 0.5,
-        0.6, 0.7,
+        0.6, 0.7, (19, 20, 21, 22), 12.3,
     )  # fmt: skip
 
 
@@ -215,7 +215,7 @@ def test_a_journal_of_another_version_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path)
     with closing(sqlite3.connect(path)) as connection:
         connection.execute("PRAGMA user_version = 99")
-    with pytest.raises(FileError, match="a journal of version 99, expected 1; go on with the Sinew that began it"):
+    with pytest.raises(FileError, match="a journal of version 99, expected 2; go on with the Sinew that began it"):
         Journal.open(path, PLAN_TEXT, RIG_TEXT)
 
 

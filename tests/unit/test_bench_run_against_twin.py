@@ -8,8 +8,10 @@ import xarray as xr
 from tests.unit.bench_virtual import virtual_bench
 
 from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.harmonics import fit_harmonics
 from sinew.bench.conversion import recording_from_journal
 from sinew.bench.run import RunReport
+from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan
 from sinew.plan.toml import load_rig, parse_plan
 from sinew.twin.effects import Effects
@@ -72,6 +74,38 @@ def pair(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 def test_the_whole_plan_is_recorded(pair: Pair) -> None:
     report = pair.report
     assert (report.is_complete, report.groups_done, report.loop.incomplete) == (True, len(pair.plan.groups()), 0)
+
+
+@pytest.mark.parametrize("name", ["drive_mechanical_w", "holding_power_w"])
+def test_the_powers_are_the_twins_within_four_percent(pair: Pair, name: str) -> None:
+    assert pair.ratio(name).max() < 0.04
+
+
+def test_duty_and_current_of_the_drive_keep_its_voltage_equation(pair: Pair) -> None:
+    # u = R i + k_e θ̇, with R and no-load speed of the data sheet: 12 V over 2.3 A; 12 V less the current at no load.
+    rows = []
+    for _, segment, where in iterate_segments(pair.recording, "steady"):
+        volts = pair.recording["drive_pwm"].values[where] * pair.recording["supply_v"].values[where]
+        signals = [volts, *(pair.recording[n].values[where] for n in ("drive_current_a", "drive_rad"))]
+        time, hertz = pair.recording["time_s"].values[where], segment.frequency_hz
+        wave = fit_harmonics(time[None], np.array([signals], dtype=float), np.array([hertz])).coefficient[0, :, 0]
+        rows.append((wave[0], wave[1], 2j * np.pi * hertz * wave[2]))
+    volts, current, speed = np.concatenate([np.real(rows), np.imag(rows)]).T
+    (resistance, constant), *_ = np.linalg.lstsq(np.stack([current, speed], axis=1), volts, rcond=None)
+    drive = RIG.drive
+    idle = drive.friction.value / (drive.stall_torque.value + drive.friction.value)
+    assert resistance == pytest.approx(12.0 / 2.3, rel=0.03)
+    assert constant == pytest.approx(12.0 * (1 - idle) / drive.no_load_speed.value, rel=0.03)
+
+
+def test_duty_and_current_of_a_tendon_at_rest_are_its_resistance(pair: Pair) -> None:
+    (where,) = [w for _, _, w in iterate_segments(pair.recording, "idle")]
+    rest = {n: pair.recording[n].values[where].mean(axis=0) for n in ("tendon_pwm", "tendon_current_a", "supply_v")}
+    assert np.allclose(rest["tendon_pwm"] * rest["supply_v"] / rest["tendon_current_a"], 12.0 / 1.3, rtol=0.03)
+
+
+def test_the_voltage_is_the_supplys_within_the_registers_unit(pair: Pair) -> None:
+    assert np.abs(pair.recording["supply_v"].values - RIG.drive.supply_voltage.value).max() <= 0.05 + 1e-6
 
 
 def test_the_recording_has_the_segments_of_the_plan(pair: Pair) -> None:

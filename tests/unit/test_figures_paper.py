@@ -45,6 +45,7 @@ def test_the_summary_has_the_keys_that_scripts_rely_on() -> None:
         "gain_measured_drive",
         "phase_90_hz",
         "drive_amplitude_deg_at_resonance",
+        "energy",
         "ring_down",
         "paper",
         "wall_s",

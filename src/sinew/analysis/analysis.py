@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sinew.analysis.energy import estimate_energy
 from sinew.analysis.groups import split_by_drive
 from sinew.analysis.repeats import combine_repeats
-from sinew.analysis.resonance import FEWEST_FREQUENCIES, estimate_resonance
+from sinew.analysis.resonance import FEWEST_FREQUENCIES, estimate_resonance, read_resonances
 from sinew.analysis.response import estimate_response, response_dataset
 from sinew.analysis.ring_down import analyse_ring_downs
 from sinew.analysis.torsion import drive_channel, response_channel
@@ -27,7 +28,8 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     The sweep part is there if the recording has steady segments (those without a frequency are first split by their
     drive), the resonance part if these hold six frequencies or more, the ring-down part if there are ring-downs.
     Attributes: `recording_hash`, `response_unit`, `drive_unit`, `effects_off` (of the twin, names with spaces between,
-    empty for none), `resonance_notes`, `ring_down_notes`, and those of `provenance`.
+    empty for none), `resonance_notes`, `ring_down_notes`, `idle_power_w` (beside the energy part; by data sheet), and
+    those of `provenance`.
     Raises RecordingError where the recording holds neither a steady segment nor a ring-down, or cannot be analysed.
     """
     kinds = set(map(str, recording["kind"].values))
@@ -40,9 +42,13 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
         response = estimate_response(split_by_drive(recording), rig)
         sweep = response_dataset(response)
         if response.frequency_hz.size >= FEWEST_FREQUENCIES:
-            resonance = estimate_resonance(response)
+            readings = read_resonances(response)
+            resonance = estimate_resonance(response, readings)
             notes = str(resonance.attrs["resonance_notes"])
             sweep = sweep.assign(resonance.data_vars)
+            energy = estimate_energy(recording, response, readings.value["resonance_hz"], rig)
+            if energy is not None:
+                sweep = sweep.assign(energy.data_vars).assign_attrs(energy.attrs)
         else:
             count = response.frequency_hz.size
             notes = (
@@ -54,9 +60,12 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
         inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
         parts.append(analyse_ring_downs(recording, inertia))
     results = join_parts(parts)
-    told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith("_notes")}
+    told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_TOLD)}
     results.attrs = {**_attributes(recording), **told, "resonance_notes": notes}
     return validate_results(results)
+
+
+_TOLD = ("_notes", "idle_power_w")
 
 
 def _attributes(recording: xr.Dataset) -> dict[str, Any]:

@@ -12,9 +12,18 @@ from sinew.analysis.crest import fit_crest, top_points
 from sinew.analysis.rational import RationalCurve, fit_curve, read_curve
 from sinew.analysis.repeats import Interval, combine_repeats
 from sinew.analysis.response import Response, wrapped_lag
-from sinew.measure.results import RESULT_VARIABLES
+from sinew.measure.results import RESULT_VARIABLES, companions
 
-__all__ = ["FEWEST_FREQUENCIES", "Peak", "estimate_resonance", "find_crossing", "find_peak"]
+__all__ = [
+    "FEWEST_FREQUENCIES",
+    "Peak",
+    "Readings",
+    "estimate_resonance",
+    "find_crossing",
+    "find_peak",
+    "read_resonances",
+    "store_interval",
+]
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -171,15 +180,23 @@ def find_crossing(frequency_hz: Floats, response: Complexes, size_std: Floats, a
     return Peak(crossing_hz=_reading(readings[:, 3], curve), crossing_slope=float(readings[0, 4]))
 
 
-def estimate_resonance(response: Response) -> xr.Dataset:
-    """Return the resonance part of the results, each over pretension, with `_std`, `_low` and `_high`.
+@dataclass(frozen=True)
+class Readings:
+    """What each repeat says of its resonance, by name of the quantity, shape (p, r), NaN where it is absent.
 
-    Each repeat is fitted by itself; repeats are combined by Student's t, a single repeat keeps its fit's interval.
-    gain_peak is the curve's largest gain by nominal drive times the ratio of the mean of peaks to the fundamental
-    there, so that it is the paper's. The interval of phase_90_hz holds the delay budget's uncertainty too, those of
-    the peaks the misfit of a curve that is not linear: repeats share both.
-    Absent readings are NaN; the attribute `resonance_notes` says why, one line per pretension and repeat.
+    freedom: degrees of freedom of the standard deviations. shared: standard uncertainties that repeats share. notes:
+    why readings are absent, by pretension and repeat.
     """
+
+    value: dict[str, Floats]
+    std: dict[str, Floats]
+    freedom: dict[str, Floats]
+    shared: dict[str, Floats]
+    notes: tuple[str, ...]
+
+
+def read_resonances(response: Response) -> Readings:
+    """Return the resonance of every pretension and repeat, each fitted by itself."""
     shape = (response.pretension_mm.size, response.transfer.shape[2])
     value, std, freedom = ({name: np.full(shape, np.nan) for name in _QUANTITIES} for _ in range(3))
     shared = {name: np.full(shape, np.nan) for name in _QUANTITIES}
@@ -194,11 +211,26 @@ def estimate_resonance(response: Response) -> xr.Dataset:
         said = " and ".join(dict.fromkeys(peak.reason for peak in used if peak.reason))
         if said and np.isfinite(response.columns["gain_harmonic"][p, :, r]).any():
             notes.append(f"{response.pretension_mm[p]:g} mm, repeat {r}: {said}")
-    dataset = xr.Dataset(attrs={"resonance_notes": "\n".join(notes)})
+    return Readings(value, std, freedom, shared, tuple(notes))
+
+
+def estimate_resonance(response: Response, readings: Readings | None = None) -> xr.Dataset:
+    """Return the resonance part of the results, each over pretension, with `_std`, `_low` and `_high`.
+
+    readings: of `read_resonances`, where they are known already. Repeats are combined by Student's t, a single repeat
+    keeps its fit's interval.
+    gain_peak is the curve's largest gain by nominal drive times the ratio of the mean of peaks to the fundamental
+    there, so that it is the paper's. The interval of phase_90_hz holds the delay budget's uncertainty too, those of
+    the peaks the misfit of a curve that is not linear: repeats share both.
+    Absent readings are NaN; the attribute `resonance_notes` says why, one line per pretension and repeat.
+    """
+    found = readings or read_resonances(response)
+    dataset = xr.Dataset(attrs={"resonance_notes": "\n".join(found.notes)})
     for name in _QUANTITIES:
-        alone = np.isfinite(value[name]).sum(axis=1) == 1  # a single repeat's deviation holds its misfit already
-        common = np.where(alone & (name != "phase_90_hz"), 0.0, _mean(shared[name]))
-        _store(dataset, name, combine_repeats(value[name], std[name], freedom[name], common))
+        value = found.value[name]
+        alone = np.isfinite(value).sum(axis=1) == 1  # a single repeat's deviation holds its misfit already
+        common = np.where(alone & (name != "phase_90_hz"), 0.0, _mean(found.shared[name]))
+        store_interval(dataset, name, combine_repeats(value, found.std[name], found.freedom[name], common))
     return dataset
 
 
@@ -278,13 +310,9 @@ def _mean(values: Floats) -> Floats:
     return np.asarray(np.where(valid, values, 0.0).sum(axis=1) / np.maximum(valid.sum(axis=1), 1))
 
 
-def _store(dataset: xr.Dataset, name: str, interval: Interval) -> None:
+def store_interval(dataset: xr.Dataset, name: str, interval: Interval) -> None:
     """Put a quantity and its three companions into the dataset, under the names of the result schema."""
-    unit = RESULT_VARIABLES[name].unit
-    suffix = {"1": "", "Hz": "_hz", "rad": "_rad"}[unit]
-    stem = name.removesuffix(suffix)
-    parts = {name: interval.value, f"{stem}_std{suffix}": interval.std}
-    parts |= {f"{stem}_low{suffix}": interval.low, f"{stem}_high{suffix}": interval.high}
-    for key, values in parts.items():
+    numbers = (interval.value, interval.std, interval.low, interval.high)
+    for key, values in zip((name, *companions(name)), numbers, strict=True):
         row = RESULT_VARIABLES[key]
-        dataset[key] = (row.dims, values, {"units": unit, "long_name": row.meaning})
+        dataset[key] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})

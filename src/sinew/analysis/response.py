@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from sinew.analysis.harmonics import Harmonics, fit_harmonics, relative_noise, waveform
 from sinew.analysis.lissajous import lissajous_phase
+from sinew.analysis.power import power_columns
 from sinew.analysis.sensor import DelayBudget, delay_budget, drive_chain, hidden_quantisation, torsion_chain
 from sinew.analysis.torsion import drive_channel, response_channel, steady_torsion
 from sinew.measure.errors import RecordingError
-from sinew.measure.results import RESULT_VARIABLES
+from sinew.measure.results import POWER_COLUMNS, RESULT_VARIABLES
 from sinew.plan.rig import RigSpec
 
 __all__ = ["DRIFT_THRESHOLD", "Response", "estimate_response", "response_dataset", "wrapped_lag"]
@@ -40,6 +41,8 @@ class Response:
     transfer: torsion over measured drive, complex, chain corrected, shape (p, f, r); the standard deviations of its
     size and angle are columns. nominal_transfer: torsion over nominal amplitude at the command's phase, or at the
     drive's where no command was recorded; nominal_gain_std: of its size, relative; nominal_phase_std: of its angle.
+    power_per_inertia: mean of φ̈ θ̇ [rad²/s³], of which the lever's inertia makes the drive's mechanical power; None
+    where nobody measured it.
     """
 
     pretension_mm: Floats
@@ -49,6 +52,7 @@ class Response:
     nominal_transfer: Complexes
     nominal_gain_std: Floats
     nominal_phase_std: Floats
+    power_per_inertia: Floats | None = None
 
 
 def wrapped_lag(ratio: Complexes) -> Floats:
@@ -84,7 +88,7 @@ def estimate_response(recording: xr.Dataset, rig: RigSpec | None = None) -> Resp
     flat: dict[str, NDArray[Any]] = {name: np.full(steady.size, np.nan) for name in _COLUMNS}
     for name in ("transfer", "nominal_transfer"):
         flat[name] = np.full(steady.size, np.nan + 0j)
-    for name in ("nominal_gain_std", "nominal_phase_std"):
+    for name in ("nominal_gain_std", "nominal_phase_std", "power_per_inertia"):
         flat[name] = np.full(steady.size, np.nan)
     analysed = 0
     for batch in _batches(recording, np.flatnonzero(steady)):
@@ -94,6 +98,9 @@ def estimate_response(recording: xr.Dataset, rig: RigSpec | None = None) -> Resp
             continue  # too short, or too coarse, for this frequency: its place in the grid stays NaN
         analysed += batch.rows.size
         columns |= _motor_columns(recording, batch, limit)
+        columns |= power_columns(recording, batch.samples, batch.frequency, rig)
+        if rig is not None and "power_per_inertia" in columns:
+            columns["drive_mechanical_w"] = rig.inertia.lever.value * columns["power_per_inertia"]
         for name, values in columns.items():
             flat[name][batch.rows] = values
     if not analysed:
@@ -144,6 +151,7 @@ def _analyse_batch(recording: xr.Dataset, batch: _Batch, budget: DelayBudget) ->
         hidden = _ratio(hidden_quantisation(budget, batch.frequency, batch.time.shape[1]), size)
         spread_of_drive = np.hypot(relative_noise(fitted, 1)[0], hidden)
         out |= {"drive_amplitude_rad": size, "drive_amplitude_std_rad": size * spread_of_drive}
+        out["power_per_inertia"] = -0.5 * np.nansum((2.0 * np.pi * order) ** 3 * (torsion * driven.conj()).imag, axis=1)
     else:
         nominal = np.full(nominal.size, np.nan)
     gain_std, phase_std = (np.hypot(noise, hidden) for noise in relative_noise(fitted, 0, 1))
@@ -259,10 +267,15 @@ def _on_grid(recording: xr.Dataset, steady: NDArray[np.int64], flat: dict[str, N
 
 
 def response_dataset(response: Response) -> xr.Dataset:
-    """Return the response part of the results, with units and meanings from the result schema."""
+    """Return the response part of the results, with units and meanings from the result schema.
+
+    The powers are in it where there is any.
+    """
     axes = {"pretension_mm": response.pretension_mm, "frequency_hz": response.frequency_hz}
     variables = {}
-    for name, values in (axes | response.columns).items():
+    has_power = bool(np.isfinite(response.columns["drive_power_w"]).any())
+    columns = {name: values for name, values in response.columns.items() if has_power or name not in POWER_COLUMNS}
+    for name, values in (axes | columns).items():
         row = RESULT_VARIABLES[name]
         variables[name] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})
     return xr.Dataset(variables)

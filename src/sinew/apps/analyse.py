@@ -1,6 +1,7 @@
 """This is where `sinew analyse` turns a recording, or somebody's CSV file, into resonance and damping."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -137,7 +138,17 @@ def _sweep_part(results: "xr.Dataset") -> dict[str, Any]:
     if "gain" not in results:
         return {}
     part: dict[str, Any] = {"response": response_table_json(results)}
-    return part | ({"resonance": _resonance_rows(results)} if "resonance_hz" in results else {})
+    part |= {"resonance": _interval_rows(results, _RESONANCE)} if "resonance_hz" in results else {}
+    return part | (_energy_part(results) if "energy_reduction" in results else {})
+
+
+def _energy_part(results: "xr.Dataset") -> dict[str, Any]:
+    """Return what a swing costs, by pretension, and what the servos draw with their torque off (by data sheet)."""
+    from sinew.measure.results import ENERGY_QUANTITIES
+
+    idle = float(results.attrs.get("idle_power_w", math.nan))
+    rows = _interval_rows(results, ENERGY_QUANTITIES)
+    return {"energy": {"idle_power_w": idle if math.isfinite(idle) else None, "pretensions": rows}}
 
 
 _RESONANCE = (
@@ -151,18 +162,18 @@ _RESONANCE = (
 )
 
 
-def _resonance_rows(results: "xr.Dataset") -> list[dict[str, Any]]:
+def _interval_rows(results: "xr.Dataset", names: Sequence[str]) -> list[dict[str, Any]]:
     """Return one row for each pretension, each quantity with the standard deviation of its value and its interval."""
     import numpy as np
+
+    from sinew.measure.results import companions
 
     repeats = np.isfinite(results["gain"].values).any(axis=1).sum(axis=-1)
     rows = []
     for index, pretension in enumerate(results["pretension_mm"].values):
         row: dict[str, Any] = {"pretension_mm": float(pretension)}
-        for name in _RESONANCE:
-            suffix = next((unit for unit in ("_hz", "_rad") if name.endswith(unit)), "")
-            stem = name.removesuffix(suffix)
-            std, low, high = (float(results[f"{stem}_{end}{suffix}"].values[index]) for end in ("std", "low", "high"))
+        for name in names:
+            std, low, high = (float(results[end].values[index]) for end in companions(name))
             row[name] = _of_mean(float(results[name].values[index]), std, low, high, int(repeats[index])).to_json()
         rows.append(row)
     return rows

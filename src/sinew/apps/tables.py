@@ -23,6 +23,8 @@ def print_analysis(document: dict[str, Any], recording: "xr.Dataset", results: "
         _print_response(document["response"], results)
     if document.get("resonance"):
         _print_resonance(document["resonance"])
+    if document.get("energy"):
+        _print_energy(document["energy"])
     if document.get("ring_down"):
         rows = [
             [_pair(row["pretension_mm"]), *(_quantity(row.get(key)) for key in _DECAY)] for row in document["ring_down"]
@@ -82,6 +84,29 @@ def _print_resonance(rows: list[dict[str, Any]]) -> None:
         )
     names = ("pretension/mm", "resonance/Hz", "90 % interval", "peak gain", "lag of 90°/Hz", "half-power/Hz")
     print_table(names, cells, "resonance: frequency of the largest gain, lag of 90°, half-power width")
+
+
+def _print_energy(energy: dict[str, Any]) -> None:
+    def percent(estimate: dict[str, Any]) -> str:
+        value, std = (None if estimate[key] is None else 100 * estimate[key] for key in ("value", "std"))
+        return _pair(value, std)
+
+    names = ("p/mm", "drive/W", "tendons/W", "J/rad²", "reduction/%", "with tendons/%", "cheapest/Hz")
+    cells = [
+        [
+            _pair(row["pretension_mm"]),
+            _quantity(row["drive_power_at_resonance_w"]),
+            _quantity(row["holding_at_resonance_w"]),
+            _quantity(row["swing_cost_at_resonance_j_rad2"]),
+            percent(row["energy_reduction"]),
+            percent(row["energy_reduction_with_holding"]),
+            _quantity(row["cheapest_hz"]),
+        ]
+        for row in energy["pretensions"]
+    ]
+    print_table(names, cells, "energy at resonance, per cycle and squared swing; its reduction against the trend")
+    if energy["idle_power_w"] is not None:
+        print(f"servos with their torque off: {energy['idle_power_w']:.3g} W by data sheet, in none of these numbers")
 
 
 def _print_ring_down(document: dict[str, Any], recording: "xr.Dataset") -> None:

@@ -169,10 +169,23 @@ def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSp
     kept = came & np.all([np.isfinite(v.reshape(time.size, -1)).all(axis=1) for v in values.values()], axis=0)
     if np.isfinite(readings[kept, 6]).all():
         values["tilt_rad"] = readings[:, 6]
+    values |= {name: v for name, v in _power_columns(rows, tendons).items() if np.isfinite(v[kept]).all()}
     sizes = [int((kept & (rows["id"] >= s.first) & (rows["id"] < (s.end or 0))).sum()) for s in stretches]
     whole = min(sizes) > 0 and _has_few_holes(time[kept], time, sample_hz, _GRACE)
     single = {name: v if name == "time_s" else v.astype(np.float32) for name, v in values.items()}
     return _Rows({name: v[kept] for name, v in single.items()}, sizes, int((~kept).sum()), whole)
+
+
+def _power_columns(rows: dict[str, Floats], tendons: Sequence[int]) -> dict[str, Floats]:
+    """Return duty of the tendons and supply voltage, where the journal has them; it may be older than they are.
+
+    A motor that has not told its voltage yet is no hole: the first cycles get the first one told.
+    """
+    if "supply_v" not in rows:
+        return {}
+    told = np.flatnonzero(np.isfinite(rows["supply_v"]))
+    supply = rows["supply_v"] if told.size == 0 else np.interp(rows["id"], rows["id"][told], rows["supply_v"][told])
+    return {"tendon_pwm": np.stack([rows[f"tendon_{i}_pwm"] for i in tendons], axis=1), "supply_v": supply}
 
 
 def _on_one_clock(

@@ -11,7 +11,7 @@ from typing import Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.bench.journal_tables import APPLICATION_ID, JOURNAL_VERSION, sample_columns
+from sinew.bench.journal_tables import APPLICATION_ID, JOURNAL_VERSION, READABLE_VERSIONS, sample_columns
 from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
@@ -53,12 +53,12 @@ class JournalReader:
         self._path = path
         self._connection = _connect(path)
         try:
-            self._check()
+            version = self._check()
             meta = dict(self._connection.execute("SELECT key, value FROM meta"))
             self.plan_toml, self.rig_toml = str(meta["plan"]), str(meta["rig"])
             self.attrs: Mapping[str, str | int | float] = json.loads(meta["attrs"])
             self.dates = tuple(date for (date,) in self._connection.execute("SELECT date FROM sessions ORDER BY id"))
-            self._columns = sample_columns(parse_rig(self.rig_toml).tendons.count)
+            self._columns = sample_columns(parse_rig(self.rig_toml).tendons.count, READABLE_VERSIONS[version])
         except (sqlite3.DatabaseError, KeyError) as error:
             self._connection.close()
             raise FileError(f"{path} is not a journal, or is damaged ({error})") from error
@@ -66,13 +66,15 @@ class JournalReader:
             self._connection.close()
             raise
 
-    def _check(self) -> None:
+    def _check(self) -> int:
+        """Return the version of the journal's tables."""
         (kind,) = self._connection.execute("PRAGMA application_id").fetchone()
         (version,) = self._connection.execute("PRAGMA user_version").fetchone()
         if kind != APPLICATION_ID:
             raise FileError(f"{self._path} is an SQLite file, but no journal of Sinew")
-        if version != JOURNAL_VERSION:
-            raise FileError(f"{self._path} is a journal of version {version}, expected {JOURNAL_VERSION}")
+        if version not in READABLE_VERSIONS:
+            raise FileError(f"{self._path} is a journal of version {version}, expected at most {JOURNAL_VERSION}")
+        return int(version)
 
     def finished(self) -> dict[int, list[Stretch]]:
         """Return the segments of every recorded group, by its index in the plan: settle and record, in order."""

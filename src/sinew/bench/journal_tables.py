@@ -4,20 +4,31 @@ Every value stands in a column of its own, with its unit in its name, so that a 
 SQLite. A reading that did not come is NULL.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import fields
 
-from sinew.bench.sample import Sample
+from sinew.bench.sample import MISSING, Sample
 
-__all__ = ["APPLICATION_ID", "JOURNAL_VERSION", "insert_sample", "sample_columns", "sample_row", "statements"]
+__all__ = [
+    "APPLICATION_ID",
+    "JOURNAL_VERSION",
+    "READABLE_VERSIONS",
+    "insert_sample",
+    "sample_columns",
+    "sample_row",
+    "statements",
+]
 
 APPLICATION_ID = 0x53694E77
 """What tells a journal of Sinew from any other SQLite file."""
 
-JOURNAL_VERSION = 1
+JOURNAL_VERSION = 2
 """Changes whenever a table does."""
 
-_TENDON = {"tendon_goal": "goal", "tendon_rad": "rad", "tendon_current_a": "current_a"}
+READABLE_VERSIONS = {1: ("tendon_pwm", "supply_v"), JOURNAL_VERSION: ()}
+"""Versions that can be read, and the fields of a sample that each had not yet."""
+
+_TENDON = {"tendon_goal": "goal", "tendon_rad": "rad", "tendon_current_a": "current_a", "tendon_pwm": "pwm"}
 _AXES = {"gyro_rad_s": ("gyro", "rad_s"), "acceleration_m_s2": ("acceleration", "m_s2")}
 
 _TABLES = (
@@ -37,10 +48,13 @@ _TABLES = (
 )
 
 
-def sample_columns(tendons: int) -> tuple[str, ...]:
-    """Return the columns of a sample for so many tendons, in the order of `sample_row`."""
+def sample_columns(tendons: int, without: Collection[str] = ()) -> tuple[str, ...]:
+    """Return the columns of a sample for so many tendons, in the order of `sample_row`.
+
+    without: fields of a sample to leave out, see `READABLE_VERSIONS`.
+    """
     names: list[str] = []
-    for name in (field.name for field in fields(Sample)):
+    for name in (field.name for field in fields(Sample) if field.name not in without):
         if name in _TENDON:
             names += [f"tendon_{i + 1}_{_TENDON[name]}" for i in range(tendons)]
         elif name in _AXES:
@@ -69,6 +83,8 @@ def sample_row(sample: Sample) -> tuple[float, ...]:
         sample.tilt_rad,
         sample.late_s,
         sample.imu_counter_s,
+        *(sample.tendon_pwm or (MISSING,) * len(sample.tendon_rad)),
+        sample.supply_v,
     )
 
 

@@ -69,6 +69,7 @@ class Loop:
         self._mixed = 0
         self._is_mixed = False
         self.late_s = 0.0
+        self._volts: dict[str, float] = {}
         self._lead = 0.5 * period + _GOAL_BYTES * 10 / rig.spec.wiring.baud
         self._due = math.nan
         self._late: deque[bool] = deque(maxlen=_MISSED_WINDOW)
@@ -164,6 +165,8 @@ class Loop:
     def _sample(self, reading: Reading, drive: Drive, began: float) -> Sample:
         none3 = (MISSING, MISSING, MISSING)
         imu, lever = self._unmixed(reading), reading.drive
+        if reading.climate is not None:
+            self._volts[reading.climate.name] = reading.climate.voltage
         tilt = self._tilt.update(imu.gyro, imu.acceleration, imu.time) if imu is not None else MISSING
         return Sample(
             time_s=reading.time,
@@ -180,6 +183,8 @@ class Loop:
             tilt_rad=tilt,
             late_s=self.late_s,
             imu_counter_s=1e-6 * imu.counter if imu is not None else MISSING,
+            tendon_pwm=tuple(motor.duty if motor is not None else MISSING for motor in reading.tendons),
+            supply_v=sum(self._volts.values()) / len(self._volts) if self._volts else MISSING,
         )
 
     def _unmixed(self, reading: Reading) -> ImuReading | None:

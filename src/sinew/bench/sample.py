@@ -20,6 +20,8 @@ class Sample:
     late_s: how much later than due the cycle began [s].
     imu_counter_s: the node's own time of that IMU sample [s], wrapping at 2³² µs; MISSING where it is not known, then
     the samples' order has to do.
+    tendon_pwm: duty of the tendon motors, by tendon; pulling is positive. supply_v: mean over the motors of the voltage
+    that each told last [V].
     """
 
     time_s: float
@@ -36,3 +38,5 @@ class Sample:
     tilt_rad: float
     late_s: float
     imu_counter_s: float = MISSING
+    tendon_pwm: tuple[float, ...] = ()
+    supply_v: float = MISSING

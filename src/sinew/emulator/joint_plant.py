@@ -12,6 +12,7 @@ from sinew.emulator.plant import HornMotion, Law, Motion
 from sinew.emulator.unloaded import TENDON_NO_LOAD_SPEED, TENDON_VOLTAGE
 from sinew.measure.errors import SpecError
 from sinew.plan.rig import RigSpec
+from sinew.plan.servo import SERVOS
 from sinew.twin.cache import configure
 from sinew.twin.energy import span_lengths
 from sinew.twin.parameters import POSITION, from_rig
@@ -20,7 +21,7 @@ from sinew.twin.statics import set_pretension
 
 __all__ = ["GEAR_HOLD", "TENDON_STALL_TORQUE", "JointPlant"]
 
-TENDON_STALL_TORQUE = 3.4
+TENDON_STALL_TORQUE = SERVOS["XH430-W350"].stall_torque
 """XH430-W350 at its horn [N m], at `TENDON_VOLTAGE` (data sheet)."""
 
 GEAR_HOLD = 0.1

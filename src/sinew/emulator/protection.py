@@ -9,17 +9,19 @@ mask; all others stay until the motor starts anew.
 
 from dataclasses import dataclass
 
+from sinew.plan.servo import SERVOS
+
 __all__ = ["ELECTRICAL_SHOCK", "ENCODER", "OVERHEATING", "OVERLOAD", "PERIOD", "STALL_CURRENT", "VOLTAGE", "Protection"]
 
 VOLTAGE, OVERHEATING, ENCODER, ELECTRICAL_SHOCK, OVERLOAD = 0x01, 0x04, 0x08, 0x10, 0x20
 """Bits of the registers hardware_error_status and shutdown."""
 PERIOD = 0.05
 """How often a motor looks after itself [s]."""
-STALL_CURRENT = {1000: 1.3, 1020: 2.3}
+STALL_CURRENT = {1000: SERVOS["XH430-W350"].stall_current, 1020: SERVOS["XM430-W350"].stall_current}
 """By model number, at 12 V [A]; data sheets of XH430-W350 and XM430-W350."""
 
 _AMBIENT, _PER_WATT, _TIME_CONSTANT = 25.0, 6.0, 300.0
-_NOMINAL_VOLTAGE = 12.0
+_NOMINAL_VOLTAGE = SERVOS["XH430-W350"].nominal_voltage
 _OVERLOAD_SHARE, _OVERLOAD_TIME = 0.8, 1.0
 
 

@@ -79,6 +79,18 @@ CAPTIONS = {
         "limits the gain; this figure is added for that question.",
         "Measured drive amplitude over frequency, a line for each pretension, with the nominal amplitude dotted.",
     ),
+    "energy": Caption(
+        "Energy",
+        "(a) Electrical power of the drive (duty, current and voltage of its servo) as it was driven; rings mark the "
+        "resonance. (b) The same per cycle and per squared torsion amplitude: what a swing of the head costs. Dashed: "
+        "the trend, which spring and inertia would need if neither helped the other; the arrow is the reduction at "
+        "resonance, the triangle the frequency of the cheapest swing. (c) Where the power at resonance goes, with "
+        "the tendon motors and the electronics of all servos.",
+        "The paper proposes the reduction of the motor's current at resonance, against its rise with frequency, as a "
+        "measure of the energy saved, and leaves it to future work (section 5.3).",
+        "Power of the drive over frequency, energy per swing over frequency with a trend line, and stacked bars of the "
+        "power at resonance over pretension.",
+    ),
     "phase_portraits": Caption(
         "Phase portraits at resonance",
         "Torsion rate over torsion during the recorded periods at resonance. The dashed ellipse is a harmonic "

@@ -13,6 +13,7 @@ from sinew.figures.damping import draw_damping
 from sinew.figures.decay import draw_decay
 from sinew.figures.drive_amplitude import draw_drive_amplitude
 from sinew.figures.drive_groups import draw_drive_groups
+from sinew.figures.energy import draw_energy
 from sinew.figures.lissajous import draw_lissajous
 from sinew.figures.phase_portraits import draw_phase_portraits
 from sinew.figures.response import draw_response
@@ -29,6 +30,7 @@ FIGURES: dict[str, Callable[[xr.Dataset, xr.Dataset], Figure | None]] = {
     "figure09_decay": draw_decay,
     "figure10_damping": draw_damping,
     "drive_amplitude": draw_drive_amplitude,
+    "energy": draw_energy,
     "phase_portraits": draw_phase_portraits,
 }
 """What draws each figure, by the name of its files, in the order of the paper."""

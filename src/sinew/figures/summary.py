@@ -10,6 +10,7 @@ import xarray as xr
 from sinew.figures.paper import paper_table
 from sinew.figures.rig import rig_of
 from sinew.figures.spread import mean_and_spread
+from sinew.measure.results import ENERGY_QUANTITIES, companions
 from sinew.plan.rig import RigSpec
 
 __all__ = ["summarise"]
@@ -44,6 +45,7 @@ def summarise(
         "gain_measured_drive": column("gain_peak_measured_drive"),
         "phase_90_hz": column("phase_90_hz"),
         "drive_amplitude_deg_at_resonance": column("drive_amplitude_at_resonance_rad", 180 / math.pi),
+        "energy": _energy(results),
         "ring_down": _ring_down(results) if has_decay else {name: [] for name in _RING_DOWN},
         "paper": paper_table(results, beyond, rig if rig is not None else rig_of(results)),
         "wall_s": float(wall_s),
@@ -66,6 +68,16 @@ def _ring_down(results: xr.Dataset) -> dict[str, list[float | None]]:
         spread,
     )
     return {name: _numbers(values) for name, values in zip(_RING_DOWN, columns, strict=True)}
+
+
+def _energy(results: xr.Dataset) -> dict[str, Any]:
+    """Return what a swing costs over pretension, and what the servos draw with their torque off; {} if not known."""
+    if "energy_reduction" not in results:
+        return {}
+    idle = float(results.attrs.get("idle_power_w", math.nan))
+    ends = [end for name in ("energy_reduction", "energy_reduction_with_holding") for end in companions(name)[1:]]
+    columns = {name: _numbers(results[name].values) for name in (*ENERGY_QUANTITIES, *ends)}
+    return {"idle_power_w": idle if math.isfinite(idle) else None, **columns}
 
 
 def _numbers(values: Iterable[float]) -> list[float | None]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sinew.figures.energy_table import energy_columns, energy_note
 from sinew.figures.spread import mean_and_spread
 from sinew.figures.style import Floats
 from sinew.plan.rig import RigSpec
@@ -41,8 +42,8 @@ def fixed(value: float | None, decimals: int) -> str:
 def measured_tables(results: xr.Dataset) -> list[Table]:
     """Return what was measured at each pretension: of the sweep and of the ring-downs, each where there is one."""
     tables = []
-    notes = (str(results.attrs.get("resonance_notes", "")), _verdict(results))
-    parts = (("Resonance", _resonance(results)), ("Ring-down", _decay(results)))
+    notes = (str(results.attrs.get("resonance_notes", "")), energy_note(results), _verdict(results))
+    parts = (("Resonance", _resonance(results)), ("Energy", energy_columns(results)), ("Ring-down", _decay(results)))
     for (title, columns), note in zip(parts, notes, strict=True):
         known = [column for column in columns if np.isfinite(column[1]).any()]
         if not known:

@@ -14,6 +14,7 @@ from sinew.hardware.motor_registers import (
 )
 from sinew.hardware.registers import Register, RegisterTable
 from sinew.plan.plan import TendonMode
+from sinew.plan.servo import SERVOS
 
 __all__ = ["STALL_CURRENTS", "STALL_VOLTAGE", "TENDON_MODES", "DriveServo", "GoalEncoder", "TendonServo"]
 
@@ -25,7 +26,7 @@ TENDON_MODES: dict[TendonMode, int] = {
 """Value of the register `operating_mode` for each way a plan may run the tendon motors."""
 
 STALL_VOLTAGE = 12.0
-STALL_CURRENTS = {XH430_W350.model: 1.3, XM430_W350.model: 2.3}
+STALL_CURRENTS = {model: SERVOS[model].stall_current for model in (XH430_W350.model, XM430_W350.model)}
 """Current of the motor that is held still at full duty and `STALL_VOLTAGE` [A]; data sheets."""
 
 _DRIVE_TURN = 4096  # counts of position mode, which has one turn

@@ -11,7 +11,14 @@ import xarray as xr
 from sinew.measure.errors import SchemaError
 from sinew.measure.schema import Variable
 
-__all__ = ["RESULTS_SCHEMA", "RESULT_VARIABLES", "validate_results"]
+__all__ = [
+    "ENERGY_QUANTITIES",
+    "POWER_COLUMNS",
+    "RESULTS_SCHEMA",
+    "RESULT_VARIABLES",
+    "companions",
+    "validate_results",
+]
 
 RESULTS_SCHEMA = "sinew-results-1"
 
@@ -44,6 +51,18 @@ _RESPONSE = {
     "drive_current_rms_a": Variable(_PFR, "A", "root mean square of the drive current"),
 }
 
+_POWER = {
+    "drive_power_w": Variable(_PFR, "W", "electrical power of the drive, mean over whole cycles"),
+    "drive_power_std_w": Variable(_PFR, "W", "standard deviation of that mean, from what is not periodic"),
+    "drive_drawn_w": Variable(_PFR, "W", "the same with what the motor gives back counted as lost"),
+    "drive_copper_w": Variable(_PFR, "W", "of it: lost in winding and bridge, R i²"),
+    "drive_mechanical_w": Variable(_PFR, "W", "of it: mechanical power into the joint, from the motion"),
+    "holding_power_w": Variable(_PFR, "W", "electrical power of all tendon motors"),
+}
+
+POWER_COLUMNS = frozenset(_POWER)
+"""What results hold only where duty and current of the drive were recorded and a rig is known."""
+
 _RING_DOWN = {
     "paper_decay_rate_per_s": Variable(_PR, "1/s", "λ of the peak envelope (paper)"),
     "paper_omega_rad_s": Variable(_PR, "rad/s", "mean angular frequency ⟨ω⟩ of the decay (paper)"),
@@ -63,7 +82,7 @@ _RING_DOWN = {
 }
 
 
-_SUFFIXES = {"1": "", "Hz": "_hz", "rad": "_rad"}
+_SUFFIXES = {"1": "", "Hz": "_hz", "rad": "_rad", "W": "_w", "J": "_j", "A": "_a", "J/rad2": "_j_rad2"}
 
 
 def _with_interval(name: str, unit: str, meaning: str) -> dict[str, Variable]:
@@ -85,7 +104,45 @@ _RESONANCE = {
     **_with_interval("drive_amplitude_at_resonance_rad", "rad", "measured drive amplitude at resonance_hz"),
 }
 
-RESULT_VARIABLES: dict[str, Variable] = {**_COORDINATES, **_RESPONSE, **_RESONANCE, **_RING_DOWN}
+_ENERGY = {
+    **_with_interval("drive_power_at_resonance_w", "W", "electrical power of the drive at resonance_hz"),
+    **_with_interval("copper_at_resonance_w", "W", "of it: copper"),
+    **_with_interval("gear_at_resonance_w", "W", "of it: gear and friction, what copper and mechanical power leave"),
+    **_with_interval("mechanical_at_resonance_w", "W", "of it: mechanical power into the joint"),
+    **_with_interval("holding_at_resonance_w", "W", "electrical power of all tendon motors at resonance_hz"),
+    **_with_interval("rest_power_w", "W", "electrical power of all motors while the lever rests at its zero"),
+    **_with_interval("energy_per_cycle_at_resonance_j", "J", "energy of the drive per cycle at resonance_hz"),
+    **_with_interval("swing_cost_at_resonance_j_rad2", "J/rad2", "energy per cycle over squared torsion amplitude"),
+    **_with_interval("trend_cost_at_resonance_j_rad2", "J/rad2", "the same without what spring and inertia save"),
+    **_with_interval("energy_reduction", "1", "reduction of the energy per cycle at resonance_hz against the trend"),
+    **_with_interval("energy_reduction_with_holding", "1", "the same with the tendon motors' power added"),
+    **_with_interval("current_reduction", "1", "reduction of the drive's current at resonance_hz against the trend"),
+    **_with_interval("break_even_rad", "rad", "torsion amplitude at which the reduction pays for the tendon motors"),
+    **_with_interval("cheapest_hz", "Hz", "frequency of the least energy per cycle and squared torsion amplitude"),
+    **_with_interval("swing_cost_at_cheapest_j_rad2", "J/rad2", "that least energy"),
+    **_with_interval("cheapest_reduction", "1", "reduction of the energy per cycle at cheapest_hz"),
+    **_with_interval("line_current_a", "A", "current at resonance_hz on a line through those off resonance (paper)"),
+    **_with_interval("line_reduction", "1", "reduction of the current against that line (paper); negative: more"),
+}
+
+ENERGY_QUANTITIES = tuple(list(_ENERGY)[::4])
+"""The quantities of the energy part, without their companions."""
+
+RESULT_VARIABLES: dict[str, Variable] = {
+    **_COORDINATES,
+    **_RESPONSE,
+    **_POWER,
+    **_RESONANCE,
+    **_ENERGY,
+    **_RING_DOWN,
+}
+
+
+def companions(name: str) -> tuple[str, str, str]:
+    """Return the names of a quantity's standard deviation and of the ends of its interval."""
+    suffix = _SUFFIXES[RESULT_VARIABLES[name].unit]
+    stem = name.removesuffix(suffix)
+    return f"{stem}_std{suffix}", f"{stem}_low{suffix}", f"{stem}_high{suffix}"
 
 
 def validate_results(results: xr.Dataset) -> xr.Dataset:
@@ -104,7 +161,7 @@ def validate_results(results: xr.Dataset) -> xr.Dataset:
         unit = results[name].attrs.get("units", "")
         if row.unit not in ("*", unit):
             raise SchemaError(f"result variable {name!r} has unit {unit!r}, expected {row.unit!r}")
-    for part in (_RESPONSE, _RESONANCE, _RING_DOWN):
+    for part in (_RESPONSE, _POWER, _RESONANCE, _ENERGY, _RING_DOWN):
         missing = [name for name in part if name not in results]
         if missing and len(missing) < len(part):
             raise SchemaError(

@@ -48,6 +48,8 @@ SAMPLE_VARIABLES: dict[str, Variable] = {
     "tendon_current_a": Variable(
         ("sample", "tendon"), "A", "measured current of the tendon motors; pulling is positive"
     ),
+    "tendon_pwm": Variable(("sample", "tendon"), "1", "measured duty of the tendon motors, -1..1; pulling is positive"),
+    "supply_v": Variable(("sample",), "V", "supply voltage at the motors, mean over those that told it"),
     "gyro_rad_s": Variable(("sample", "axis"), "rad/s", "gyroscope on the head plate, axes of frame H"),
     "acceleration_m_s2": Variable(("sample", "axis"), "m/s2", "accelerometer on the head plate, axes of frame H"),
     "torsion_rad": Variable(("sample",), "rad", "torsion of the head, where an angle was measured directly"),

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from sinew.twin.drive import commanded_angle, duty, horn_torque
-from sinew.twin.energy import potential, total_tension, viscoelastic_energy
+from sinew.twin.energy import potential, total_tension, twist_rigidity, viscoelastic_energy
 from sinew.twin.parameters import Parameters
 from sinew.twin.prony import BRANCHES, relaxation_times
 
@@ -141,7 +141,7 @@ def mechanical_energy(state: State, p: Parameters) -> jax.Array:
 def dissipation(time_s: jax.Array, state: State, p: Parameters) -> tuple[jax.Array, jax.Array]:
     """Return (power lost in silicone, viscous damper and guides, power delivered by the horn) [W]."""
     stretch = 1 - state.shortening / p.length
-    torsional = p.torsional_rigidity / (p.length * stretch)
+    torsional = twist_rigidity(stretch, p) / p.length
     axial = 3 * p.axial_rigidity / p.length
     lost = p.viscous * state.torsion_rate**2 + friction_torque(state, p) * state.torsion_rate
     for share, tau, q, u in zip(p.prony_shares, relaxation_times(), state.memory, state.axial_memory, strict=True):

@@ -14,6 +14,7 @@ from sinew.measure.provenance import provenance
 from sinew.measure.recording import Segment, build_recording
 from sinew.plan.plan import Group, Plan, TendonMode
 from sinew.plan.rig import RigSpec
+from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
 from sinew.plan.toml import dump_plan, dump_rig
 from sinew.twin.cache import configure
 from sinew.twin.drive import motor_current
@@ -215,6 +216,7 @@ def _read(
     tension = np.asarray(tendon_tension(jnp.asarray(joined.stretch), each)).T
     taken_up = _take_up(joined.stretch, tension, starts, counts, groups, rig) / tendons.pulley_radius.value
     pull = tension * tendons.pulley_radius.value / tendons.torque_constant.value
+    supply = np.full(command.size, drive.supply_voltage.value)
     turn = 2 * np.pi
     return {
         "time_s": stamp(counts, plan.sample_hz, bus, effects, rng),
@@ -224,6 +226,10 @@ def _read(
         "drive_pwm": read_rounded(joined.duty, drive.duty_lsb.value, effects).astype(np.float32),
         "tendon_rad": read_rounded(taken_up, turn / tendons.counts_per_turn.value, effects).astype(np.float32),
         "tendon_current_a": read_rounded(pull, tendons.current_lsb.value, effects).astype(np.float32),
+        "tendon_pwm": read_rounded(
+            _tendon_duty(pull, taken_up, starts, plan.sample_hz, rig), drive.duty_lsb.value, effects
+        ).astype(np.float32),
+        "supply_v": read_rounded(supply, VOLTAGE_LSB, effects).astype(np.float32),
         "gyro_rad_s": read_gyro(
             joined.gyro, joined.gyro_rate, joined.torsion_rate, starts, plan.sample_hz, rig.imu, effects, rng
         ),
@@ -231,6 +237,24 @@ def _read(
             joined.torsion_rate, joined.torsion_acceleration, rig.imu, effects, rng
         ),
     }
+
+
+def _tendon_duty(
+    current: NDArray[np.float64], angle: NDArray[np.float64], starts: NDArray[np.intp], sample_hz: float, rig: RigSpec
+) -> NDArray[np.float64]:
+    """Return the duty of the tendon motors, (sample, tendon), for their current [A] and angle [rad] of that shape.
+
+    (R i + k_e ω)/V: what holds the current against winding and back-EMF. R and k_e of the model's data sheet (of the
+    XH430-W350 where the model is not known): nominal voltage over stall current, and over no-load speed.
+    """
+    servo = servo_of(rig.wiring.tendon_model) or SERVOS["XH430-W350"]
+    supply = rig.drive.supply_voltage.value
+    duty = (servo.resistance / supply) * current
+    turned = angle[2:] - angle[:-2]
+    inside = np.ones(angle.shape[0], dtype=bool)  # a group's first and last sample have no neighbour on one side
+    inside[starts] = inside[starts - 1] = False
+    duty[1:-1] += (servo.nominal_voltage / servo.no_load_speed / supply * 0.5 * sample_hz) * turned * inside[1:-1, None]
+    return np.asarray(np.clip(duty, -1.0, 1.0))
 
 
 def _take_up(

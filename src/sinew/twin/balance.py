@@ -1,0 +1,137 @@
+"""This is where the power balance of a steady oscillation is computed: integrated with the motion, not sampled."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.measure.errors import SpecError
+from sinew.plan.plan import Group
+from sinew.plan.rig import RigSpec
+from sinew.twin.integrate import runge_kutta
+from sinew.twin.motion import State, mechanical_energy, rate, state_at_rest
+from sinew.twin.parameters import Parameters
+from sinew.twin.power import Electrics, Powers, electrics_of, powers
+from sinew.twin.simulate import Lanes, lane_parameters
+
+__all__ = ["Balance", "balance_groups", "balance_lanes"]
+
+Floats = NDArray[np.float64]
+
+_STEPS = 512
+_LANES = 64
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Means over whole cycles of every lane, arrays (lane,): powers [W], see `sinew.twin.power.Powers`.
+
+    stored: growth of kinetic and stored energy per time; zero in a steady cycle.
+    current_rms [A], of the drive; torsion, drive: amplitudes of the fundamentals [rad].
+    """
+
+    frequency_hz: Floats
+    electrical: Floats
+    drawn: Floats
+    copper: Floats
+    gear: Floats
+    friction: Floats
+    mechanical: Floats
+    silicone: Floats
+    guides: Floats
+    viscous: Floats
+    holding: Floats
+    stored: Floats
+    current_rms: Floats
+    torsion: Floats
+    drive: Floats
+
+    @property
+    def drive_residual(self) -> Floats:
+        """Return electrical power less copper, gear, friction and mechanical power [W]: zero but for rounding."""
+        return self.electrical - self.copper - self.gear - self.friction - self.mechanical
+
+    @property
+    def joint_residual(self) -> Floats:
+        """Return mechanical power less what the joint loses and stores [W]: zero but for the error of the steps."""
+        return self.mechanical - self.silicone - self.guides - self.viscous - self.stored
+
+
+def balance_groups(
+    groups: Sequence[Group], rig: RigSpec, *, settle_cycles: int = 40, cycles: int = 5, rng_seed: int | None = None
+) -> Balance:
+    """Return the balance of driven groups, one lane each, in position mode; see `balance_lanes`.
+
+    rng_seed: of the scatter between repeats, drawn as `sinew.twin.simulate.simulate` does with the same groups and
+    seed; None for none. Raises SpecError for a group that is not steady.
+    """
+    if any(group.kind != "steady" for group in groups):
+        raise SpecError("a power balance needs steady groups; leave ring-downs and idle groups out")
+    scatter = None
+    if rng_seed is not None:
+        scatter = np.random.default_rng(np.random.SeedSequence(rng_seed).spawn(2)[0])
+    return balance_lanes(lane_parameters(groups, rig, rng=scatter), rig, settle_cycles=settle_cycles, cycles=cycles)
+
+
+def balance_lanes(lanes: Lanes, rig: RigSpec, *, settle_cycles: int = 40, cycles: int = 5) -> Balance:
+    """Return the balance of lanes over `cycles` whole cycles, after `settle_cycles` from rest.
+
+    lanes: parameters with a lane axis, and shortening at rest; their drive must run (not prescribed). All powers are
+    integrated as states of their own beside the motion, with 512 steps of RK4 in a cycle.
+    """
+    p, shortening = lanes
+    electrics = electrics_of(rig)
+    count = int(np.size(shortening))
+    rows = []
+    for start in range(0, count, _LANES):
+        index = np.minimum(np.arange(start, start + _LANES), count - 1)
+        block = jax.tree.map(lambda leaf, index=index: np.asarray(leaf)[index], p)
+        out = _run(block, np.asarray(shortening)[index], electrics, np.int64(settle_cycles), np.int64(cycles))
+        rows.append(np.asarray(out)[:, : min(_LANES, count - start)])
+    means = np.concatenate(rows, axis=1)
+    names = [field.name for field in fields(Balance)][1 : 1 + len(Powers._fields) + 1]
+    values = dict(zip(names, means, strict=False))
+    square, t_re, t_im, d_re, d_im = means[len(names) :]
+    frequency = np.broadcast_to(np.asarray(p.omega), (count,)) / (2 * np.pi)
+    return Balance(
+        frequency, **values, current_rms=np.sqrt(square), torsion=np.hypot(t_re, t_im), drive=np.hypot(d_re, d_im)
+    )
+
+
+def _flow(time_s: jax.Array, state: State, p: Parameters, e: Electrics) -> jax.Array:
+    """Return what is integrated beside the motion: powers, squared current, parts of the fundamentals."""
+    now = powers(time_s, state, p, e)
+    c, s = 2 * jnp.cos(p.omega * time_s), 2 * jnp.sin(p.omega * time_s)
+    waves = (state.torsion * c, state.torsion * s, state.lever * c, state.lever * s)
+    return jnp.stack([*now, now.copper / e.resistance, *waves])
+
+
+@jax.jit
+def _run(p: Parameters, shortening: jax.Array, e: Electrics, settle: jax.Array, cycles: jax.Array) -> jax.Array:
+    """Return means over the last cycles, (channel, lane): powers, stored, squared current, fundamentals."""
+
+    def one(p: Parameters, shortening: jax.Array) -> jax.Array:
+        step_s = 2 * jnp.pi / p.omega / _STEPS
+
+        def slope(at: jax.Array, both: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+            return rate(at, both[0], p), _flow(at, both[0], p, e)
+
+        def step(n: jax.Array, both: tuple[State, jax.Array]) -> tuple[State, jax.Array]:
+            return runge_kutta(slope, n * step_s, both, step_s)
+
+        def only(n: jax.Array, state: State) -> State:
+            return runge_kutta(lambda at, now: rate(at, now, p), n * step_s, state, step_s)
+
+        begin = settle * _STEPS
+        state = jax.lax.fori_loop(0, begin, only, state_at_rest(shortening, p))
+        nothing = jnp.zeros(len(Powers._fields) + 5)
+        after, total = jax.lax.fori_loop(begin, begin + cycles * _STEPS, step, (state, nothing))
+        span = cycles * _STEPS * step_s
+        stored = (mechanical_energy(after, p) - mechanical_energy(state, p)) / span
+        mean = total / span
+        return jnp.concatenate([mean[: len(Powers._fields)], stored[None], mean[len(Powers._fields) :]])
+
+    return jax.vmap(one, out_axes=1)(p, shortening)

@@ -1,0 +1,148 @@
+"""Power and energy of a linear joint that an ideal motor swings: everything is known in closed form."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from tests.unit.ideal_motor import (
+    ARMATURE,
+    CONSTANT,
+    FREQUENCY,
+    JOINTS,
+    LEVER,
+    RESISTANCE,
+    RIG,
+    TENDON_A,
+    VOLTS,
+    recorded,
+    truth,
+)
+
+from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.motion_energy import compare_with_fixed, energy_per_cycle
+from sinew.analysis.power import idle_power
+from sinew.measure.errors import RecordingError
+from sinew.measure.netcdf import load_dataset, save_dataset
+from sinew.measure.results import validate_results
+
+
+@pytest.fixture(scope="module")
+def results() -> xr.Dataset:
+    return analyse_recording(recorded(), RIG)
+
+
+@pytest.mark.parametrize("name", ["drive_power_w", "drive_copper_w", "drive_mechanical_w", "amplitude_rad"])
+def test_every_group_has_the_power_of_the_closed_form(results: xr.Dataset, name: str) -> None:
+    expected = np.array([[truth(joint, f)[name] for f in FREQUENCY] for joint in JOINTS])
+    assert np.allclose(results[name].values, expected[..., None], rtol=2e-3)
+
+
+def test_the_tendon_motors_draw_what_their_resistance_takes(results: xr.Dataset) -> None:
+    assert np.allclose(results["holding_power_w"].values, 4 * 12.0 / 1.3 * TENDON_A**2, rtol=1e-6)
+
+
+def test_power_drawn_is_more_than_power_where_the_motor_gives_back(results: xr.Dataset) -> None:
+    # Far below the resonance the motor brakes the lever for a quarter of the time.
+    assert (results["drive_drawn_w"].values[:, 0] > 1.01 * results["drive_power_w"].values[:, 0]).all()
+
+
+def test_the_reduction_at_resonance_is_the_share_that_spring_and_inertia_save(results: xr.Dataset) -> None:
+    for p, joint in enumerate(JOINTS):
+        inertia = LEVER / joint.share
+        stiffness = inertia * (2 * np.pi * joint.natural_hz) ** 2
+        spring = (1 + ARMATURE / LEVER) * stiffness
+        mass = inertia * (1 + ARMATURE / LEVER) - LEVER
+        damper = 2 * joint.damping * np.sqrt(stiffness * inertia) * (1 + ARMATURE / LEVER)
+        omega = 2 * np.pi * results["resonance_hz"].values[p]
+        there = truth(joint, omega / 2 / np.pi)
+        saved = (2 * spring * mass - damper**2) * (omega * there["amplitude_rad"] / CONSTANT) ** 2 / 2 * RESISTANCE
+        expected = saved / (there["drive_power_w"] + saved)
+        assert results["energy_reduction"].values[p] == pytest.approx(expected, abs=2e-3)
+
+
+def test_the_cheapest_frequency_is_the_least_of_the_closed_form(results: xr.Dataset) -> None:
+    fine = np.linspace(2.0, 6.0, 4001)
+    for p, joint in enumerate(JOINTS):
+        powers = [truth(joint, f) for f in fine]
+        cost = [one["drive_power_w"] / f / one["amplitude_rad"] ** 2 for one, f in zip(powers, fine, strict=True)]
+        assert results["cheapest_hz"].values[p] == pytest.approx(fine[int(np.argmin(cost))], abs=0.03)
+
+
+def test_copper_gear_and_mechanical_power_add_up(results: xr.Dataset) -> None:
+    parts = [results[f"{name}_at_resonance_w"].values for name in ("copper", "gear", "mechanical")]
+    assert np.allclose(sum(parts), results["drive_power_at_resonance_w"].values, rtol=1e-12)
+
+
+def test_an_ideal_motor_leaves_nothing_for_gear_and_friction(results: xr.Dataset) -> None:
+    assert np.allclose(results["gear_at_resonance_w"].values, 0.0, atol=0.02)
+
+
+def test_the_tendon_motors_are_paid_from_the_break_even_swing_on(results: xr.Dataset) -> None:
+    even, hertz = results["break_even_rad"].values, results["resonance_hz"].values
+    saved = (results["trend_cost_at_resonance_j_rad2"] - results["swing_cost_at_resonance_j_rad2"]).values
+    assert np.allclose(saved * even**2 * hertz, 4 * 12.0 / 1.3 * TENDON_A**2, rtol=1e-3)
+
+
+def test_a_recording_without_voltage_and_duty_of_the_tendons_takes_the_rigs_voltage() -> None:
+    plain = analyse_recording(recorded(with_volts=False), RIG)
+    share = RIG.drive.supply_voltage.value / VOLTS
+    expected = truth(JOINTS[0], FREQUENCY[3])["drive_power_w"] * share
+    assert plain["drive_power_w"].values[0, 3, 0] == pytest.approx(expected, rel=2e-3)
+    assert np.allclose(plain["holding_power_w"].values, 4 * 12.0 / 1.3 * TENDON_A**2)
+
+
+def test_without_a_rig_there_is_no_power() -> None:
+    assert "drive_power_w" not in analyse_recording(recorded())
+
+
+def test_without_the_duty_there_is_no_power() -> None:
+    assert "drive_power_w" not in analyse_recording(recorded().drop_vars("drive_pwm"), RIG)
+
+
+def test_results_without_the_energy_part_are_still_valid(results: xr.Dataset, tmp_path) -> None:
+    old = results.drop_vars([name for name in results.data_vars if "_w" in name[-2:] or "_j" in name or name in MORE])
+    save_dataset(old, tmp_path / "results.nc")
+    validate_results(load_dataset(tmp_path / "results.nc"))
+
+
+MORE = {
+    f"{stem}{end}{suffix}"
+    for stem, suffix in (
+        ("energy_reduction", ""),
+        ("energy_reduction_with_holding", ""),
+        ("current_reduction", ""),
+        ("break_even", "_rad"),
+        ("cheapest", "_hz"),
+        ("cheapest_reduction", ""),
+        ("line_current", "_a"),
+        ("line_reduction", ""),
+    )
+    for end in ("", "_std", "_low", "_high")
+}
+
+
+def test_noise_of_the_current_widens_the_interval_and_leaves_the_power() -> None:
+    noisy = analyse_recording(recorded(repeats=1, noise=0.05), RIG)
+    assert (noisy["drive_power_std_w"].values > 0).all()
+    assert (noisy["drive_power_at_resonance_high_w"].values > noisy["drive_power_at_resonance_w"].values).all()
+
+
+def test_the_idle_power_is_five_standby_currents() -> None:
+    assert idle_power(RIG) == pytest.approx(5 * 0.040 * RIG.drive.supply_voltage.value)
+
+
+def test_the_energy_of_a_motion_on_the_grid_is_the_measured_power_of_its_swing(results: xr.Dataset) -> None:
+    f = float(FREQUENCY[5])
+    there = truth(JOINTS[1], f)
+    motion = energy_per_cycle(results, f, 1.0, there["amplitude_rad"])
+    assert motion.drive.value == pytest.approx(there["drive_power_w"] / f, rel=3e-3)
+    assert motion.holding.value == pytest.approx(4 * 12.0 / 1.3 * TENDON_A**2 / f, rel=1e-6)
+
+
+def test_a_tuned_swing_costs_less_than_the_same_swing_at_the_other_pretension(results: xr.Dataset) -> None:
+    tuned, fixed = compare_with_fixed(results, [3.4, 4.8], [0.0, 1.0], np.deg2rad(7.0), fixed_mm=0.0)
+    assert tuned.total.high < fixed.total.low
+
+
+def test_a_motion_that_leaves_the_map_is_refused(results: xr.Dataset) -> None:
+    with pytest.raises(RecordingError, match="leaves the map"):
+        energy_per_cycle(results, 7.0, 0.0, 0.1)

@@ -1,0 +1,71 @@
+"""What the figure and the table of the energy show is what the results say."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+from tests.unit.ideal_motor import RIG, recorded
+
+from sinew.analysis.analysis import analyse_recording
+from sinew.figures.energy import draw_energy
+from sinew.figures.summary import summarise
+from sinew.figures.tables import measured_tables
+from sinew.measure.results import ENERGY_QUANTITIES
+
+
+@pytest.fixture(scope="module")
+def results() -> xr.Dataset:
+    return analyse_recording(recorded(), RIG)
+
+
+@pytest.fixture(scope="module")
+def figure(results: xr.Dataset) -> Figure:
+    drawn = draw_energy(recorded(), results)
+    assert drawn is not None
+    return drawn
+
+
+def test_the_rings_are_the_power_at_resonance(figure: Figure, results: xr.Dataset) -> None:
+    (rings,) = [line for line in figure.axes[0].lines if line.get_linestyle() == "None"]
+    assert np.allclose(rings.get_ydata(), results["drive_power_at_resonance_w"].values)
+
+
+def test_the_triangles_are_the_cheapest_swings(figure: Figure, results: xr.Dataset) -> None:
+    marks = [line for line in figure.axes[1].lines if line.get_marker() == "v"]
+    assert np.allclose([m.get_xdata()[0] for m in marks], results["cheapest_hz"].values)
+
+
+def test_the_trend_lies_above_the_cost_by_what_is_saved(figure: Figure, results: xr.Dataset) -> None:
+    lines = figure.axes[1].lines
+    solid, dashed = lines[0], lines[1]
+    at = np.interp(results["resonance_hz"].values[0], solid.get_xdata(), 1 - solid.get_ydata() / dashed.get_ydata())
+    assert (solid.get_linestyle(), dashed.get_linestyle()) == ("-", "--")
+    assert at == pytest.approx(results["energy_reduction"].values[0], abs=0.02)
+
+
+def test_the_bars_add_up_to_all_power_at_resonance(figure: Figure, results: xr.Dataset) -> None:
+    bars = figure.axes[2].patches
+    whole = results["drive_power_at_resonance_w"] + results["holding_at_resonance_w"] + results.attrs["idle_power_w"]
+    assert sum(bar.get_height() for bar in bars) == pytest.approx(float(whole.sum()))
+
+
+def test_every_axis_says_what_it_is_and_in_which_unit(figure: Figure) -> None:
+    labels = [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes[:3]]
+    assert all(" in " in x and " in " in y for x, y in labels)
+
+
+def test_the_table_has_a_row_for_each_pretension_and_tells_of_the_electronics(results: xr.Dataset) -> None:
+    (table,) = [table for table in measured_tables(results) if table.title == "Energy"]
+    assert [row[0] for row in table.rows] == ["0", "1"]
+    assert "electronics" in table.note
+
+
+def test_the_summary_lists_every_quantity_over_pretension(results: xr.Dataset) -> None:
+    energy = summarise(results, wall_s=1.0, simulated_s=1.0)["energy"]
+    assert energy["energy_reduction"] == pytest.approx(results["energy_reduction"].values.tolist())
+    assert set(ENERGY_QUANTITIES) <= set(energy)
+
+
+def test_without_powers_there_is_no_figure(results: xr.Dataset) -> None:
+    bare = analyse_recording(recorded().drop_vars("drive_pwm"), RIG)
+    assert draw_energy(recorded(), bare) is None
