@@ -121,7 +121,7 @@ def test_the_page_says_what_does_not_hold(tmp_path: Path) -> None:
     path = write_prediction_page(tmp_path / "prediction.html", [document], amplitude_deg=20.0, rebuild="sinew predict")
     page = path.read_text(encoding="utf-8")
     assert "<b>Does not hold:</b> 300 N are too many." in page
-    assert "1 do not hold" in page
+    assert "1 of the checked assumptions does not hold" in page
     assert "3.25" in page
 
 
