@@ -67,7 +67,7 @@ def emulate(
 
     SPEC is KIND[:key=value,...][@START[-STOP]], times in emulated seconds. To packets, each with probability p: drop,
     flip, duplicate, truncate, delay (by=20ms). To the bench: unplug, brown-out (to=5V), imu-freeze, overload (motor=2),
-    overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm).
+    overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm), push (torque=0.5).
     """
     from sinew.emulator.fault_spec import parse_fault  # numpy: not for --help
     from sinew.emulator.pty_port import refuse_taken
