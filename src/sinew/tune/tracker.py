@@ -21,7 +21,7 @@ __all__ = ["Tracker", "TrackerSetting"]
 
 _STILL = math.radians(0.3)  # a torsion below it has no phase worth following
 _SLEW_PER_DECAY = 12.0  # the frequency may move through so many half widths in a mode's time constant
-_RISE_S = 1.0
+_RISE_S = 0.6
 
 
 @dataclass(frozen=True)
