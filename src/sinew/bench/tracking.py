@@ -57,13 +57,15 @@ class Levelled:
     extra_a: tuple[float, ...]
 
     @classmethod
-    def of(cls, pretension_mm: float, offsets: tuple[float, float], share: Sequence[float], current_a: float) -> "Levelled":
+    def of(
+        cls, pretension_mm: float, offsets: tuple[float, float], share: Sequence[float], current_a: float
+    ) -> "Levelled":
         """Return it from each tendon's part of the tension and the mean current [A]."""
         return cls(pretension_mm, offsets, tuple((part * len(share) - 1) * current_a for part in share))
 
 
 class Mover:
-    """Moves the pretension between two levelled ones; correction of tilt and parts of the tension lie between theirs."""
+    """Moves the pretension between two levelled ones; tilt correction and parts of the tension lie between theirs."""
 
     def __init__(self, loop: Loop, motors: MotorMap, first: Levelled, last: Levelled) -> None:
         self._loop, self._motors, self._first, self._last = loop, motors, first, last

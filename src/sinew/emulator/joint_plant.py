@@ -262,7 +262,12 @@ class JointPlant:
         constant = float(p.torque_constant)
         duty_torque = float(p.duty_torque) * share
         orders: dict[str, float] = dict.fromkeys(self._where.drive._fields, 0.0)
-        orders |= {"push": self._push, "duty_limit": law.duty_limit, "on": float(law.kind != "off"), "duty_torque": duty_torque}
+        orders |= {
+            "push": self._push,
+            "duty_limit": law.duty_limit,
+            "on": float(law.kind != "off"),
+            "duty_torque": duty_torque,
+        }
         orders["torque_limit"] = min(1e9, constant * law.current_limit)
         if law.kind == "position":
             orders |= {"goal": law.goal, "gain": law.gain}

@@ -65,8 +65,12 @@ SEGMENT_VARIABLES: dict[str, Variable] = {
         "commanded common shortening of the tendons from first contact; of tracking at its begin",
         True,
     ),
-    "frequency_hz": Variable(("segment",), "Hz", "commanded drive frequency; NaN where there is none or it moves", True),
-    "amplitude_deg": Variable(("segment",), "deg", "commanded drive amplitude, of tracking the held one; NaN where there is none", True),
+    "frequency_hz": Variable(
+        ("segment",), "Hz", "commanded drive frequency; NaN where there is none or it moves", True
+    ),
+    "amplitude_deg": Variable(
+        ("segment",), "deg", "commanded drive amplitude, of tracking the held one; NaN where there is none", True
+    ),
     "repeat": Variable(("segment",), "1", "index of the repetition, from 0", True),
 }
 

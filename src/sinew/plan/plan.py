@@ -117,11 +117,11 @@ class Track(BaseModel):
     """Resonance tracking: at each pretension, and with each amplitude, the drive is kept at 90° of phase.
 
     amplitude_deg: amplitudes that are held [deg], one motion for each. held: of what: the lever's command, the measured
-    lever, or the torsion. start_hz: first drive frequency; low_hz, high_hz: its bounds [Hz].
+    lever, or the torsion. start_hz: first drive frequency, None: the expected resonance; low_hz, high_hz: bounds [Hz].
     duration_s: of a motion at one pretension, or of the change of one that moves [s].
     pretension_to_mm: where the pretension moves to while it is tracked [mm]; None where it stays.
-    wanted_hz: resonance frequencies (first, last) that the pretension is to follow within duration_s, on the way between
-    the plan's pretension and pretension_to_mm; None where it is not led by a frequency.
+    wanted_hz: resonance frequencies (first, last) that the pretension is to follow within duration_s, on the way
+    between the plan's pretension and pretension_to_mm; None where it is not led by a frequency.
     lead_s, tail_s: how long a moving pretension stands before and after its motion [s].
     gap_s: how long the sensor may be silent before the run ends [s]; until then the drive goes on as it did.
     """
@@ -130,7 +130,7 @@ class Track(BaseModel):
 
     amplitude_deg: tuple[Positive, ...] = Field(min_length=1)
     held: Held = "command"
-    start_hz: Positive
+    start_hz: Positive | None = None
     low_hz: Positive
     high_hz: Positive
     duration_s: Duration
@@ -142,10 +142,11 @@ class Track(BaseModel):
 
     @model_validator(mode="after")
     def _in_order(self) -> "Track":
-        if not self.low_hz <= self.start_hz <= self.high_hz or self.low_hz == self.high_hz:
+        start = self.low_hz if self.start_hz is None else self.start_hz
+        if not (self.low_hz <= start <= self.high_hz and self.low_hz < self.high_hz):
             raise ValueError(
-                f"found a first frequency of {self.start_hz:g} Hz between bounds of {self.low_hz:g} and "
-                f"{self.high_hz:g} Hz, expected low_hz <= start_hz <= high_hz"
+                f"found a first frequency of {start:g} Hz with bounds of {self.low_hz:g} and {self.high_hz:g} Hz, "
+                "expected low_hz <= start_hz <= high_hz"
             )
         if self.wanted_hz is not None and self.pretension_to_mm is None:
             raise ValueError("wanted_hz needs pretension_to_mm: the end of the range in which the pretension may move")

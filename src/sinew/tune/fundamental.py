@@ -25,7 +25,7 @@ class Fundamental:
         self._samples: deque[tuple[float, float]] = deque()
 
     def add(self, phase: float, value: float) -> None:
-        """Take a sample that was taken at a phase of the drive [rad]; one that is not newer than the last is left out."""
+        """Take a sample of a phase of the drive [rad]; one that is not newer than the last is left out."""
         if self._samples and phase <= self._samples[-1][0]:
             return
         self._samples.append((phase, value))

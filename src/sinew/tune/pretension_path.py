@@ -41,17 +41,17 @@ class Stand:
 
 
 class Ramp:
-    """The pretension goes from one value to another [mm] in a time [s]; it waits while the lock is not there."""
+    """The pretension goes from one value to another [mm] in a time [s], after a lead [s]; it waits without a lock."""
 
     wanted_hz: None = None
 
-    def __init__(self, first_mm: float, last_mm: float, duration: float) -> None:
-        self._mm, self._last = first_mm, last_mm
+    def __init__(self, first_mm: float, last_mm: float, duration: float, lead: float = 0.0) -> None:
+        self._mm, self._last, self._lead = first_mm, last_mm, lead
         self._speed = min(abs(last_mm - first_mm) / duration, FASTEST_MM_S) if duration > 0 else FASTEST_MM_S
 
     def update(self, time: float, frequency_hz: float | None, step: float) -> float:
         """Return the pretension [mm]."""
-        if frequency_hz is not None:
+        if frequency_hz is not None and time >= self._lead:
             reach = self._speed * step
             self._mm += max(-reach, min(reach, self._last - self._mm))
         return self._mm

@@ -44,7 +44,7 @@ class TrackerSetting:
     held: Held = "command"
     chain: Callable[[float], complex] = field(default=lambda _: 1 + 0j)
     hz_per_mm: float = 0.0
-    rule: LockRule = LockRule()
+    rule: LockRule = field(default_factory=LockRule)
 
 
 class Tracker:
@@ -62,8 +62,8 @@ class Tracker:
         self._setting, self._path, self._begin, self._now = setting, path, time, time
         gains = design_loop(mode)
         fastest = _SLEW_PER_DECAY * mode.decay_rate**2
-        bounds = (math.tau * hz for hz in (setting.start_hz, setting.low_hz, setting.high_hz))
-        self._loop = PhaseLoop(gains, *bounds, fastest)
+        start, low, high = (math.tau * hz for hz in (setting.start_hz, setting.low_hz, setting.high_hz))
+        self._loop = PhaseLoop(gains, start, low, high, fastest)
         self._oscillator = Oscillator(time, self._loop.omega)
         self._swing = SwingControl(setting.held, setting.wanted, setting.most, _RISE_S, mode.decay_rate / 3)
         self._lever, self._rate = Fundamental(), Fundamental()
