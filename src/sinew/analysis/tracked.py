@@ -23,6 +23,7 @@ _ORDERS = (1, 3)
 _FEWEST_ROWS = 16
 _MOST_GAP = 0.15  # of a turn
 _BLOCKS = 5
+_FIRST_ROWS = 4  # the pretension may move from the begin on
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def _pretension(recording: xr.Dataset, where: slice, segment: int, rig: RigSpec)
         recording["tendon_current_a"].values[where].astype(float).mean(axis=1) * force / tendons.servo_stiffness.value
     )
     goal = horn + give
-    rest = goal[: max(1, goal.size // 100)].mean()
+    rest = goal[:_FIRST_ROWS].mean()
     return np.asarray(begin + 1e3 * (goal - rest))
 
 
