@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.figures.style import GREY, INK, in_style, new_figure, note_panel, pretension_colours
+from sinew.figures.style import GREY, INK, RED, in_style, new_figure, note_panel, pretension_colours
 
 __all__ = ["draw_tracking"]
 
@@ -35,7 +35,9 @@ def draw_tracking(tracks: Sequence[Mapping[str, Any]], expected: Sequence[Mappin
             _draw_wanted(panels["frequency"], track["follow"], turns["time_s"])
         if track["point"] is None:
             locked = slice(int(track["lock_cycles"] or 0) + 2, None)
-            panels["backbone"].plot(turns["frequency_hz"][locked], turns["torsion_deg"][locked], color=INK, zorder=4)
+            panels["backbone"].plot(
+                turns["frequency_hz"][locked], turns["torsion_deg"][locked], color=INK, label="tracked"
+            )
         else:
             _draw_point(panels["backbone"], track["point"], colour)
     for one in expected:
@@ -46,8 +48,11 @@ def draw_tracking(tracks: Sequence[Mapping[str, Any]], expected: Sequence[Mappin
     panels["backbone"].set(xlabel="frequency in Hz", ylabel="torsion amplitude in degrees", ylim=(0, None))
     note_panel(panels["frequency"], "a", "frequency")
     note_panel(panels["phase"], "b", "lag of the torsion less 90°")
-    what = "tracked (black) and predicted (colour)" if moves else "tracked (marks) and predicted (lines)"
-    note_panel(panels["backbone"], "c", f"resonance: {what}")
+    note_panel(panels["backbone"], "c", "where it resonated")
+    panels["backbone"].plot([], [], color=GREY, linewidth=1.0, label="predicted")
+    if not moves:
+        panels["backbone"].plot([], [], "o", color=GREY, label="tracked")
+    panels["backbone"].legend(loc="upper right")
     return figure
 
 
@@ -56,9 +61,10 @@ def _draw_wanted(axes: Axes, follow: Mapping[str, float], time: Any) -> None:
     axes.plot(
         [0, begin, begin + follow["duration_s"], time[-1]],
         [follow["from_hz"], follow["from_hz"], follow["to_hz"], follow["to_hz"]],
-        color=INK,
+        color=RED,
         linestyle=(0, (4, 3)),
         linewidth=0.9,
+        zorder=4,
         label="wanted",
     )
     axes.legend(loc="upper left")
@@ -77,10 +83,11 @@ def _draw_expected(axes: Axes, one: Mapping[str, Any], colour: Any) -> None:
     axes.plot(frequency, torsion, color=colour, linewidth=1.0, alpha=0.8)
     axes.annotate(
         f"{one['pretension_mm']:g} mm",
-        (frequency[-1], torsion[-1]),
-        xytext=(0, 4),
+        (frequency[0], 0.0),
+        xytext=(-2, 3),
         textcoords="offset points",
-        ha="center",
+        ha="right",
+        rotation=90,
         color=colour,
-        fontsize=7.5,
+        fontsize=8.0,
     )
