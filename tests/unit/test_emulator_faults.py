@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from tests.unit.emulator_stand_in import StandIn
 
 from sinew.emulator.fault_spec import DRAWN_KINDS, FAULT_KINDS, FaultSpec, parse_fault, random_fault
 from sinew.emulator.faults import Faults, FaultyRig
@@ -272,3 +273,15 @@ def test_a_tendon_slips_once() -> None:
 def test_a_fault_of_what_the_rig_does_not_have_is_refused(fault: str, sentence: str) -> None:
     with pytest.raises(SpecError, match=sentence):
         Bench(fault)
+
+
+def test_pushes_add_up_and_are_over_when_they_end() -> None:
+    spec = load_rig("paper")
+    plant = StandIn()
+    faults = Faults([parse_fault("push:torque=0.5@1-2"), parse_fault("push:torque=0.2@1.5-3")])
+    rig = faults.attach(EmulatedRig(spec, plant))
+    seen = []
+    for time in (0.9, 1.1, 1.6, 2.5, 3.1):
+        rig.advance(time)
+        seen.append(plant.pushed)
+    assert seen == pytest.approx([0.0, 0.5, 0.7, 0.2, 0.0])
