@@ -46,7 +46,7 @@ _ORDERS = (1, 3)
 class Tracked:
     """What one motion gave.
 
-    report: of the run. is_safe: whether all motors truly were in a safe state 0.3 s after its end. begin: of the
+    report: of the run. is_safe: whether all motors truly were in a safe state after its end. begin: of the
     tracking [s]. Truth, turn by turn of the true lever, since then: time_s, frequency_hz, error_deg (lag less 90°),
     torsion_deg, pretension_mm (at the turn's end). tracker: the law at its end. recording: None where none was made.
     """
@@ -140,10 +140,19 @@ def tracked(
             rig = Rig(bus, port, spec)
             report = Runner(rig, port, plan, journal, _tensions(plan, spec), listener=witness, law=law).run()
         recording = recording_from_journal(path) if report.is_complete else None
-    emulated.advance(emulated.time + 0.3)
+    is_safe = _ends_safely(emulated)
     begin = laws[0][0] if laws else math.nan
     turns = _turns(np.array(witness.rows), begin, plan.track.motion_s if plan.track is not None else 0.0)
-    return Tracked(report, emulated.in_safe_state(), begin, *turns, laws[0][1] if laws else None, recording)
+    return Tracked(report, is_safe, begin, *turns, laws[0][1] if laws else None, recording)
+
+
+def _ends_safely(emulated: EmulatedRig) -> bool:
+    """Return whether 0.1 s after a run every motor is without torque, limited or stopped by its watchdog, and stands
+    still when the swing has died down: a joint that swings turns a held lever a little."""
+    emulated.advance(emulated.time + 0.1)
+    let_go = all(state.is_limited or state.is_tripped for state in emulated.states().values())
+    emulated.advance(emulated.time + 5.0)
+    return let_go and emulated.in_safe_state()
 
 
 def _tensions(plan: Plan, spec: RigSpec) -> dict[float, float]:

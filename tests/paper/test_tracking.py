@@ -92,7 +92,7 @@ ENDS = {
     "a line that is silent for half a second": ("drop:p=1@0-0.5", "have not answered"),
     "a port that is gone": ("unplug@0-1000", "the port is gone"),
     "a supply that breaks down": ("brown-out:to=5V@0-1000", "not answered"),
-    "a motor that overheats": ("overheat:motor=2,rate=100@0-1000", "temperature"),
+    "a motor that overheats": ("overheat:motor=2,rate=100@0-1000", "tendon 2 raises its alert"),
     "a push beyond the largest torsion": ("push:torque=8@0-0.3", "torsion of the head"),
     "a cable that slips": ("slip-tendon:tendon=2,by=6mm@0", "tendon"),
 }

@@ -43,9 +43,9 @@ def track_plan(
     if min(amplitudes) <= 0:
         raise SpecError(f"--amplitude-deg holds {min(amplitudes):g}, expected positive angles")
     stops, moves = _stops(rig, pretension, follow)
+    wanted = _wanted(follow)
     largest = max(amplitudes) if hold == "command" else _LARGEST_DEG
     expected = expect_backbones(rig, _grid(stops) if moves else sorted(set(stops)), largest)
-    wanted = _wanted(follow)
     if wanted is not None:
         middle = 0.5 * (expected[0].frequency_hz[-1] + expected[-1].frequency_hz[-1])
         stops = sorted(stops) if wanted[0] < middle else sorted(stops, reverse=True)
@@ -93,6 +93,9 @@ def _stops(rig: "RigSpec", pretension: str | None, follow: str | None) -> tuple[
     stops = _numbers(pretension, ":" if moves else ",", "--pretension-mm")
     if min(stops) < 0:
         raise SpecError(f"--pretension-mm holds {min(stops):g}, expected zero or more: cables cannot push")
+    low, high = rig.limits.pretension_mm
+    if max(stops) > high or min(stops) < low:
+        raise SpecError(f"--pretension-mm is {pretension}, the rig allows {low:g} to {high:g} mm; stay between them")
     if moves and (len(stops) != 2 or stops[0] == stops[1]):
         raise SpecError(f"--pretension-mm is {pretension!r}, expected FROM:TO with two different numbers")
     if follow is not None and not moves:
