@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.sdk_bus import SdkMaster
+from sinew.apps.bench_run import open_rig
 from sinew.apps.realtime import keeping_time
-from sinew.apps.run import open_rig
 from sinew.bench.errors import BenchError
 from sinew.bench.guard import Guard, Watch
 from sinew.bench.journal import Journal

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from campaigns.trial import Verdict
-from sinew.emulator.fault_spec import FAULT_KINDS
+from sinew.emulator.fault_spec import DRAWN_KINDS
 
 __all__ = ["OUTCOMES", "summary", "table", "text"]
 
@@ -21,7 +21,7 @@ def table(verdicts: Sequence[Verdict]) -> dict[str, dict[str, int]]:
 
     struck: the fault came before the run had ended. The last columns count runs, not readings.
     """
-    kinds = ["none", *FAULT_KINDS, "two at once"]
+    kinds = ["none", *DRAWN_KINDS, "two at once"]
     rows = {kind: _row([v for v in verdicts if v.kind == kind]) for kind in kinds}
     return {kind: row for kind, row in rows.items() if row["runs"]} | {"all": _row(verdicts)}
 

@@ -73,6 +73,9 @@ class Witness:
     def slip(self, tendon: int, length: float) -> None:
         self.plant.slip(tendon, length)
 
+    def push(self, torque: float) -> None:
+        self.plant.push(torque)
+
     def advance(self, until: float) -> None:
         while until - self._newest > _STEP_S:
             self.plant.advance(self._newest + _STEP_S)

@@ -15,7 +15,7 @@ from campaigns.trial import judge
 from campaigns.witness import MOTOR_S, Truth, wrong_readings
 
 from sinew.bench.stops import StopReport
-from sinew.emulator.fault_spec import FAULT_KINDS, parse_fault
+from sinew.emulator.fault_spec import DRAWN_KINDS, parse_fault
 from sinew.hardware.clock_track import ClockTrack
 from sinew.hardware.motor import Motor
 from sinew.plan.toml import load_rig
@@ -82,7 +82,7 @@ def test_no_fault_drawn_at_random_costs_truth_safety_or_a_sentence() -> None:
     rows = table(found)
     assert [violation for verdict in found for violation in verdict.violations] == []
     assert sum(rows["all"][outcome] for outcome in OUTCOMES) == SAMPLE
-    assert set(FAULT_KINDS) <= set(rows)
+    assert set(DRAWN_KINDS) <= set(rows)
 
 
 # The rest: a campaign that could not fail would show nothing.

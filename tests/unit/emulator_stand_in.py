@@ -36,6 +36,7 @@ class StandIn:
         self.stuck: dict[int, bool] = {}
         self.slipped: dict[int, float] = {}
         self.supply = math.nan
+        self.pushed = 0.0
 
     def set_law(self, motor: int, law: Law) -> None:
         self.laws[motor] = law
@@ -48,6 +49,9 @@ class StandIn:
 
     def slip(self, tendon: int, length: float) -> None:
         self.slipped[tendon] = length
+
+    def push(self, torque: float) -> None:
+        self.pushed = torque
 
     def advance(self, until: float) -> None:
         dt = until - self.time

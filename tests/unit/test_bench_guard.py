@@ -137,3 +137,35 @@ def test_a_tendon_that_does_not_hold_its_current_is_called_stuck() -> None:
 def test_a_tendon_whose_part_of_the_tension_falls_is_called_slipping() -> None:
     with pytest.raises(LostError, match=r"tendon 3 carries .* has a cable slipped or caught"):
         watch(600, replace(WATCH, resting=False), tendons=with_tendon(2, current=0.5 * CURRENT))
+
+
+def _check_all(guard: Guard, cycles: list[tuple[Reading, float, float, Watch]]) -> None:
+    for cycle in cycles:
+        guard.check(*cycle)
+
+
+def test_a_silent_sensor_is_borne_as_long_as_it_may_be_and_no_longer() -> None:
+    guard = Guard(SPEC)
+    guard.imu_patience = 0.5
+    for cycle in range(100):
+        guard.check(replace(reading(cycle), imu=reading().imu), 0.0, PERIOD * cycle, WATCH)
+    late = [(replace(reading(cycle), imu=reading().imu), 0.0, PERIOD * cycle, WATCH) for cycle in range(100, 110)]
+    with pytest.raises(LostError, match="IMU repeats one sample"):
+        _check_all(guard, late)
+
+
+def test_a_motor_is_not_given_the_sensors_patience() -> None:
+    guard = Guard(SPEC)
+    guard.imu_patience = 10.0
+    silent = [(replace(reading(cycle), drive=None), 0.0, PERIOD * cycle, WATCH) for cycle in range(30)]
+    with pytest.raises(LostError, match="drive has not answered"):
+        _check_all(guard, silent)
+
+
+def test_a_rate_that_stands_still_does_not_turn_the_head_further() -> None:
+    guard = Guard(SPEC)
+    guard.imu_patience = 1.0
+    stuck = ImuReading((10.0, 0.0, 0.0), (9.81, 0.0, 0.0), counter=1, time=0.0)  # 10 rad/s for 0.5 s would be 286°
+    for cycle in range(100):
+        guard.check(replace(reading(cycle), imu=stuck), 0.0, PERIOD * cycle, WATCH)
+    assert abs(guard.torsion) < math.radians(10)

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from tests.unit.emulator_stand_in import StandIn
 
-from sinew.emulator.fault_spec import FAULT_KINDS, FaultSpec, parse_fault, random_fault
+from sinew.emulator.fault_spec import DRAWN_KINDS, FAULT_KINDS, FaultSpec, parse_fault, random_fault
 from sinew.emulator.faults import Faults, FaultyRig
 from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.unloaded import Unloaded
@@ -82,7 +83,7 @@ def test_a_thousand_random_faults_are_read_back_from_their_text() -> None:
 
 def test_random_faults_are_of_every_kind() -> None:
     rng = np.random.default_rng(2)
-    assert {random_fault(rng).kind for _ in range(500)} == set(FAULT_KINDS)
+    assert {random_fault(rng).kind for _ in range(500)} == set(DRAWN_KINDS)
 
 
 def test_random_faults_are_the_same_for_a_seed() -> None:
@@ -272,3 +273,15 @@ def test_a_tendon_slips_once() -> None:
 def test_a_fault_of_what_the_rig_does_not_have_is_refused(fault: str, sentence: str) -> None:
     with pytest.raises(SpecError, match=sentence):
         Bench(fault)
+
+
+def test_pushes_add_up_and_are_over_when_they_end() -> None:
+    spec = load_rig("paper")
+    plant = StandIn()
+    faults = Faults([parse_fault("push:torque=0.5@1-2"), parse_fault("push:torque=0.2@1.5-3")])
+    rig = faults.attach(EmulatedRig(spec, plant))
+    seen = []
+    for time in (0.9, 1.1, 1.6, 2.5, 3.1):
+        rig.advance(time)
+        seen.append(plant.pushed)
+    assert seen == pytest.approx([0.0, 0.5, 0.7, 0.2, 0.0])

@@ -39,7 +39,7 @@ def preview_plan(plan: "Plan", rig: "RigSpec", *, swing: bool = False) -> "Previ
     """Return the check of a plan with the twin's tensions at rest and, if asked, its torsions.
 
     swing: run one repeat of the plan for its torsions, unless a limit is broken already or the plan is longer than
-    `LONGEST_PREVIEW_S`. What runs on the twin next hurts nobody and does not ask.
+    `LONGEST_PREVIEW_S`, or tracks, which no plan foretells. What runs on the twin next hurts nobody and does not ask.
     """
     import numpy as np
 
@@ -48,7 +48,7 @@ def preview_plan(plan: "Plan", rig: "RigSpec", *, swing: bool = False) -> "Previ
 
     tension = rest_tension(plan.pretension.pretension_mm, rig).tolist()
     preview = check_plan(plan, rig, tension)
-    if not swing or preview.refusals or preview.duration_s > LONGEST_PREVIEW_S:
+    if not swing or preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
         return preview
     return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
 

@@ -29,6 +29,7 @@ from sinew.apps import (
     reproduce,
     run,
     simulate,
+    track,
     transfer,
 )
 from sinew.measure.errors import SinewError
@@ -71,6 +72,7 @@ app.command(epilog="Example: sinew export run/recording.nc --to mat --out run/re
 app.command(epilog="Example: sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1")(emulate.emulate)
 app.command(epilog="Example: sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix")(doctor.doctor)
 app.command(epilog="Example: sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench")(run.run)
+app.command(epilog="Example: sinew track paper --emulate --pretension-mm 0,4,8,12 --out out/backbone")(track.track)
 app.command(epilog="Example: sinew stop --port /dev/ttyUSB0 --state release")(run.stop)
 app.command(epilog="Example: sinew report out/paper")(reproduce.report)
 app.command(epilog="Example: sinew reproduce --out out/paper --seed 1")(reproduce.reproduce)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sinew.apps.bench_run import Port, Wait, await_port, open_rig
 from sinew.apps.console import print_json, remark
 from sinew.apps.options import Json, Rig
-from sinew.apps.run import Port, Wait, await_port, open_rig
 
 if TYPE_CHECKING:
     from sinew.bench.finding import Finding, Fix

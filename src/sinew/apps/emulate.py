@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sinew.emulator.trips import Trip
     from sinew.plan.rig import RigSpec
 
-__all__ = ["emulate"]
+__all__ = ["emulate", "found_bench"]
 
 _WARM_UP = 0.02  # s of emulated time, before a master can open the port
 
@@ -67,7 +67,7 @@ def emulate(
 
     SPEC is KIND[:key=value,...][@START[-STOP]], times in emulated seconds. To packets, each with probability p: drop,
     flip, duplicate, truncate, delay (by=20ms). To the bench: unplug, brown-out (to=5V), imu-freeze, overload (motor=2),
-    overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm).
+    overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm), push (torque=0.5).
     """
     from sinew.emulator.fault_spec import parse_fault  # numpy: not for --help
     from sinew.emulator.pty_port import refuse_taken
@@ -91,6 +91,14 @@ def emulate(
         server.close()
     if truth is not None:
         write_json(_truth(rig_, bench, server, unloaded, seed), truth)
+
+
+def found_bench(rig: "RigSpec", seed: int, faults: list[str]) -> "FaultyRig":
+    """Return an emulated bench as it is found for a seed, ready to answer. Raises SpecError for a fault unknown."""
+    from sinew.emulator.fault_spec import parse_fault
+
+    start = _start(rig, seed, None, None)
+    return _warm_bench(rig, start, False, seed, None, [parse_fault(text) for text in faults])
 
 
 @dataclass(frozen=True)

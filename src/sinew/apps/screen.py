@@ -1,8 +1,9 @@
 """This is where a run is shown on stderr while it goes on."""
 
 import json
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import progress_bar, remark
@@ -10,20 +11,22 @@ from sinew.apps.console import progress_bar, remark
 if TYPE_CHECKING:
     from sinew.bench.listeners import Stream
 
-__all__ = ["Screen", "showing"]
+__all__ = ["Screen", "showing", "state_line"]
 
 
 @contextmanager
-def showing() -> "Iterator[Screen]":
-    """Give what shows a run: remarks, and on a terminal a bar."""
+def showing(*, tracking: bool = False) -> "Iterator[Screen]":
+    """Give what shows a run: remarks, and on a terminal a bar, or the state of a run that tracks."""
     from sinew.bench.listeners import Stream
 
-    with progress_bar("run") as bar:
-        stream = Stream([_Writer(bar)])
+    with ExitStack() as stack:
+        writer = _Follower() if tracking else _Writer(stack.enter_context(progress_bar("run")))
+        stream = Stream([writer])
         try:
             yield Screen(stream)
         finally:
             stream.close()
+            writer.end()
 
 
 class Screen:
@@ -64,5 +67,53 @@ class _Writer:
         elif kind == "pretension":
             result = json.loads(sentence)
             remark(f"pretension {result['asked_mm']:g} mm is set, tilt {result['tilt_deg']:.2f}°")
-        elif kind != "end":  # the summary says it
+        elif kind not in ("end", "track"):  # the summary says it
             remark(sentence)
+
+    def end(self) -> None:
+        """Do nothing: the bar goes by itself."""
+
+
+class _Follower(_Writer):
+    """Writes the state of the tracking on a line of its own, on a terminal."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda _done, _total: None)
+        self._is_shown = False
+
+    def on_event(self, kind: str, sentence: str) -> None:
+        """Write an event, or the state in the place of the last one."""
+        if kind != "track":
+            self.end()
+            super().on_event(kind, sentence)
+        elif sys.stderr.isatty():
+            sys.stderr.write(f"\r\x1b[2K{state_line(json.loads(sentence))}")
+            sys.stderr.flush()
+            self._is_shown = True
+
+    def end(self) -> None:
+        """Leave the state on its line, and begin another."""
+        if self._is_shown:
+            sys.stderr.write("\n")
+            self._is_shown = False
+
+
+def state_line(state: dict[str, Any]) -> str:
+    """Return the state of a tracking drive as one line."""
+
+    def number(name: str, form: str, unit: str) -> str:
+        return f"{'-' if state.get(name) is None else format(state[name], form)}{unit}"
+
+    lock = "locked" if state["is_locked"] else ("coasting" if state.get("is_coasting") else "searching")
+    parts = [
+        number("elapsed_s", "6.1f", " s"),
+        f"{lock:9s}",
+        number("frequency_hz", ".3f", " Hz"),
+        f"error {number('phase_error_deg', '+5.1f', '°')}",
+        f"torsion {number('torsion_deg', '5.1f', '°')}",
+        f"command {number('command_deg', '4.1f', '°')}",
+        number("pretension_mm", "5.2f", " mm"),
+    ]
+    if state.get("wanted_hz") is not None:
+        parts.append(f"wanted {number('wanted_hz', '.3f', ' Hz')}")
+    return "  ".join(parts)

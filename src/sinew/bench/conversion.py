@@ -171,7 +171,8 @@ def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSp
         values["tilt_rad"] = readings[:, 6]
     values |= {name: v for name, v in _power_columns(rows, tendons).items() if np.isfinite(v[kept]).all()}
     sizes = [int((kept & (rows["id"] >= s.first) & (rows["id"] < (s.end or 0))).sum()) for s in stretches]
-    whole = min(sizes) > 0 and _has_few_holes(time[kept], time, sample_hz, _GRACE)
+    tracked = stretches[-1].kind == "tracking"  # a law goes on through holes; they are left out all the same
+    whole = min(sizes) > 0 and (tracked or _has_few_holes(time[kept], time, sample_hz, _GRACE))
     single = {name: v if name == "time_s" else v.astype(np.float32) for name, v in values.items()}
     return _Rows({name: v[kept] for name, v in single.items()}, sizes, int((~kept).sum()), whole)
 

@@ -16,6 +16,7 @@ LOST_AFTER_S = 0.05
 _ASKED_IN_VAIN = 5  # a pause of the computer is no silence of a device
 
 _TORSION_MEMORY_S = 2.0  # the gyro's integral forgets; a swing of 1 Hz and more is kept to within 1 %
+_READING_STANDS_S = 0.015  # three cycles
 _FOLLOW_MM = 0.75
 _FOLLOW_S = 0.3
 _HEATING_S = 0.1  # a motor that is reversed at speed draws up to twice its stall current for some milliseconds
@@ -46,6 +47,7 @@ class Guard:
     """Holds readings against the rig's limits.
 
     Raises LimitError or LostError with one sentence; the caller brings the rig to its safe state.
+    imu_patience: how long the IMU may give nothing new [s]; who can do without it for a while may make it longer.
     """
 
     def __init__(self, spec: RigSpec, gyro_bias: float = 0.0) -> None:
@@ -61,14 +63,16 @@ class Guard:
         self._means: list[float] = []
         self._last = math.nan
         self.gyro_bias = gyro_bias
+        self.imu_patience = LOST_AFTER_S
         self.torsion = 0.0
+        self._unread = 0.0
         self._square = 0.0
 
     def check(self, reading: Reading, tilt: float, now: float, watch: Watch) -> None:
         """Check one cycle. tilt: of the head plate [rad], NaN where unknown. now: host time of the cycle [s]."""
         step = 0.0 if math.isnan(self._last) else max(0.0, now - self._last)
         self._last = now
-        self._check_presence(reading, now)
+        is_fresh = self._check_presence(reading, now)
         if reading.drive is not None:
             self._check_drive(reading.drive, step)
         for index, motor in enumerate(reading.tendons):
@@ -76,7 +80,7 @@ class Guard:
                 self._check_tendon(index, motor, watch)
         self._check_following(reading.tendons, step, watch)
         self._check_shares(reading.tendons, step, watch)
-        self._check_head(reading, tilt, step)
+        self._check_head(reading.imu.gyro[0] if is_fresh and reading.imu is not None else None, tilt, step)
         self._check_climate(reading)
 
     def forget(self, now: float) -> None:
@@ -85,7 +89,8 @@ class Guard:
         self._last = now
         self._astray, self._means = [], []
 
-    def _check_presence(self, reading: Reading, now: float) -> None:
+    def _check_presence(self, reading: Reading, now: float) -> bool:
+        """Raise if a device is lost; return whether the IMU brought a new sample."""
         present = {f"tendon {i + 1}": motor is not None for i, motor in enumerate(reading.tendons)}
         present["drive"] = reading.drive is not None
         fresh = reading.imu is not None and reading.imu.counter != self._counter
@@ -98,10 +103,12 @@ class Guard:
                 continue
             self._vain[name] = self._vain.get(name, 0) + 1
             since = now - self._seen.setdefault(name, now)
-            if since > LOST_AFTER_S and self._vain[name] > _ASKED_IN_VAIN:
+            patience = self.imu_patience if name == "IMU" else LOST_AFTER_S
+            if since > patience and self._vain[name] > _ASKED_IN_VAIN:
                 gone[name] = since
         if gone:
             self._say_who_is_gone(gone, frozen=reading.imu is not None)
+        return fresh
 
     @staticmethod
     def _say_who_is_gone(gone: dict[str, float], *, frozen: bool) -> None:
@@ -188,9 +195,12 @@ class Guard:
                     "the pretension was set; has a cable slipped or caught?"
                 )
 
-    def _check_head(self, reading: Reading, tilt: float, step: float) -> None:
-        if reading.imu is not None:
-            self.torsion += (reading.imu.gyro[0] - self.gyro_bias) * step
+    def _check_head(self, rate: float | None, tilt: float, step: float) -> None:
+        """Check torsion and tilt. rate: a new one of the torsion [rad/s], which counts for the cycles without, too."""
+        self._unread = min(self._unread + step, _READING_STANDS_S)
+        if rate is not None:
+            self.torsion += (rate - self.gyro_bias) * self._unread
+            self._unread = 0.0
         self.torsion *= math.exp(-step / _TORSION_MEMORY_S)
         limits = self._limits
         _below("torsion of the head", abs(math.degrees(self.torsion)), limits.torsion_deg, "°", "torsion_deg")

@@ -12,6 +12,7 @@ from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import Reading, Rig
 from sinew.hardware.transport import Clock
+from sinew.plan.rig import Limits
 
 __all__ = ["WATCHDOG_S", "Loop", "LoopStatistics", "at_zero"]
 
@@ -79,6 +80,11 @@ class Loop:
         self.statistics = LoopStatistics()
         self.watch = Watch((0.0,) * len(rig.tendons), (0.0,) * len(rig.tendons))
         self.last: Reading | None = None
+
+    @property
+    def limits(self) -> Limits:
+        """The rig's limits."""
+        return self._rig.spec.limits
 
     @property
     def due(self) -> float:

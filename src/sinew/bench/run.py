@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field
 from sinew.bench.conversion import group_is_whole
 from sinew.bench.errors import BenchError, LostError, StoppedError
 from sinew.bench.group import pause, run_group
-from sinew.bench.guard import Guard, Watch
+from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
 from sinew.bench.journal import Journal
 from sinew.bench.listeners import Listener
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
@@ -19,6 +19,7 @@ from sinew.bench.sample import Sample
 from sinew.bench.settle import SettleRule
 from sinew.bench.stops import StopReport, stop
 from sinew.bench.tilt import TiltEstimator
+from sinew.bench.tracking import DriveLaw, Levelled, Mover, run_tracking
 from sinew.hardware.errors import HardwareError
 from sinew.hardware.motor import Motor
 from sinew.hardware.rig import Rig
@@ -43,7 +44,7 @@ class RunReport:
 
     is_complete: every group of the plan is recorded. sentence: what ended it. stop: how the rig was left.
     groups_done, groups: of the plan, those of earlier attempts included. loop: of the cycles. pretensions: as they came
-    out, in order.
+    out, in order. tracks: the last state of the law of each tracking group of this run, by its index in the plan.
     """
 
     groups: int
@@ -53,6 +54,7 @@ class RunReport:
     stop: StopReport | None = None
     loop: LoopStatistics = field(default_factory=LoopStatistics)
     pretensions: list[Pretensioned] = field(default_factory=list)
+    tracks: dict[int, dict[str, float | bool | None]] = field(default_factory=dict)
 
 
 class Runner:
@@ -60,6 +62,7 @@ class Runner:
 
     journal: takes every sample, and says which groups are done. tension_n: of each tendon at rest, by pretension [mm],
     as the twin has it. listener: live samples and events. progress: takes (done, total) seconds of the plan.
+    law: makes what moves the lever in a tracking group, from the group and the time of its begin [s].
     """
 
     def __init__(
@@ -72,11 +75,14 @@ class Runner:
         *,
         listener: Listener | None = None,
         progress: Callable[[float, float], None] | None = None,
+        law: Callable[[Group, float], DriveLaw] | None = None,
     ) -> None:
         self._rig, self._clock, self._plan, self._journal = rig, clock, plan, journal
         self._tension = dict(tension_n)
         self._listener = listener
         self._progress = progress or (lambda _done, _total: None)
+        self._law = law
+        self._mover: Mover | None = None
         self._group: Group | None = None
         self._index = -1
         self._attempt = 0
@@ -134,10 +140,11 @@ class Runner:
                 continue
             if group.pretension_mm != current:
                 self._prepare(group.pretension_mm)
-                result = set_pretension(self._loop, motors, group.pretension_mm, before, offsets)
-                offsets, before, current = result.offsets, group.pretension_mm, group.pretension_mm
-                self._note(result)
+                offsets, before = self._set_range(motors, group.pretension_mm, before, offsets)
+                current = group.pretension_mm
             self._run_group(index, group)
+            if group.kind == "tracking" and self._mover is not None and self._mover.pretension_mm != before:
+                before, current = self._mover.pretension_mm, None
             self.report.groups_done += 1
             self._progress(sum(g.duration_s for g in self._groups[: index + 1]), total)
         pause(self._loop)  # a lever that loses its torque in mid-swing would go on swinging
@@ -196,6 +203,38 @@ class Runner:
             for motor in self._rig.tendons:
                 motor.limit_output(watch.limit)
 
+    def _set_range(
+        self, motors: MotorMap, mm: float, before: float, offsets: tuple[float, float]
+    ) -> tuple[tuple[float, float], float]:
+        """Set a pretension [mm] and return its levelling correction, and it; where the plan moves the pretension, the
+        other end of its way is visited first, and levelled."""
+        asked = [mm]
+        if self._plan.track is not None and self._plan.track.pretension_to_mm is not None:
+            asked.insert(0, self._plan.track.pretension_to_mm)
+        levelled = []
+        for stop_mm in asked:
+            result = set_pretension(self._loop, motors, stop_mm, before, offsets)
+            offsets, before = result.offsets, stop_mm
+            self._note(result)
+            share = self._loop.watch.share or (1 / len(self._rig.tendons),) * len(self._rig.tendons)
+            levelled.append(Levelled.of(stop_mm, offsets, share, result.current_a))
+        self._mover = Mover(self._loop, motors, levelled[1], levelled[0]) if len(levelled) > 1 else None
+        return offsets, before
+
+    def _track(self, index: int, group: Group) -> None:
+        """Run a tracking group; a hole in it is the law's to bridge, so it is never measured again."""
+        if self._law is None or self._plan.track is None:
+            raise StoppedError("the plan tracks a resonance, which needs `sinew track`")
+        law = self._law(group, self._loop.due)
+        self._guard.imu_patience = self._plan.track.gap_s
+        try:
+            last = run_tracking(self._loop, group, self._plan.sample_hz, law, self, self._say, self._mover)
+        finally:
+            self._guard.imu_patience = LOST_AFTER_S
+        self.report.tracks[index] = dict(last)
+        self._check_watchdogs()
+        self._journal.finish_group(index)
+
     def _note(self, result: Pretensioned) -> None:
         self.report.pretensions.append(result)
         self._say("pretension", json.dumps(asdict(result)))
@@ -208,6 +247,9 @@ class Runner:
         for attempt in range(_ATTEMPTS):
             if group.kind == "ring-down":
                 pause(self._loop)
+            if group.kind == "tracking":
+                self._track(index, group)
+                return
             self._attempt, self._kept = attempt, []  # the pause is not recorded, and may have holes
             rule = SettleRule.of(sweep, group.frequency_hz) if adaptive and sweep is not None else None
             run_group(self._loop, group, self._plan.sample_hz, self, rule)

@@ -16,13 +16,22 @@ import numpy as np
 
 from sinew.measure.errors import SpecError
 
-__all__ = ["FAULT_KINDS", "LINE_FAULTS", "FaultKey", "FaultKind", "FaultSpec", "parse_fault", "random_fault"]
+__all__ = [
+    "DRAWN_KINDS",
+    "FAULT_KINDS",
+    "LINE_FAULTS",
+    "FaultKey",
+    "FaultKind",
+    "FaultSpec",
+    "parse_fault",
+    "random_fault",
+]
 
 _NUMBER = r"\d*\.?\d+(?:[eE][+-]?\d+)?|\d+\.(?:[eE][+-]?\d+)?"
 _VALUE = re.compile(rf"({_NUMBER})\s*(\S*)")
 _WINDOW = re.compile(rf"({_NUMBER})(?:-({_NUMBER}))?")
 _CHANCE, _SECONDS, _LENGTH, _VOLTS = {"": 1.0, "%": 0.01}, {"s": 1.0, "ms": 1e-3}, {"mm": 1e-3, "m": 1.0}, {"V": 1.0}
-_WHOLE, _HEATING = {"": 1.0}, {"K/s": 1.0}
+_WHOLE, _HEATING, _TORQUE = {"": 1.0}, {"K/s": 1.0}, {"N*m": 1.0}
 
 
 @dataclass(frozen=True)
@@ -76,15 +85,20 @@ FAULT_KINDS: dict[str, FaultKind] = {
     "slip-tendon": FaultKind(
         {"tendon": _TENDON, "by": FaultKey(_LENGTH, 0.0, 0.1, 1e-3)}, "slip-tendon:tendon=2,by=1mm@4", at_once=True
     ),
+    "push": FaultKind({"torque": FaultKey(_TORQUE, 0.0, 20.0, 0.5)}, "push:torque=0.5@20-20.1"),
 }
 """Every kind of fault: its keys and an example."""
+
+DRAWN_KINDS = tuple(kind for kind in FAULT_KINDS if kind != "push")
+"""Kinds that `random_fault` draws: what breaks. A push breaks nothing, it only moves the head."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultSpec:
     """One fault.
 
-    kind: of FAULT_KINDS. values: of its keys, every one, in seconds, metres, volts or kelvin per second.
+    kind: of FAULT_KINDS. values: of its keys, every one, in seconds, metres, volts, newton metres or
+    kelvin per second.
     start, stop: when it is there [s, emulated time]; stop is infinite where it stays.
     `str` gives the text that `parse_fault` reads back to the same.
     """
@@ -138,7 +152,7 @@ def random_fault(
 
     latest: when it begins at the latest [s]. motors: ids. tendons: how many.
     """
-    name = str(rng.choice(list(FAULT_KINDS)))
+    name = str(rng.choice(list(DRAWN_KINDS)))
     drawn: dict[tuple[str, str], float] = {
         ("delay", "by"): round(float(rng.uniform(1e-3, 0.1)), 4),
         ("brown-out", "to"): round(float(rng.uniform(3.0, 9.0)), 2),

@@ -121,6 +121,8 @@ class Faults:
         elif spec.kind == "stuck-tendon":
             tendon = spec.value("tendon")
             rig.stick(int(tendon) - 1, tendon in self._values("stuck-tendon", "tendon"))
+        elif spec.kind == "push":
+            rig.push(sum(self._values("push", "torque")))
         elif spec.kind == "slip-tendon" and there:
             rig.slip(int(spec.value("tendon")) - 1, spec.value("by"))
 

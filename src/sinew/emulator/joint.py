@@ -118,6 +118,7 @@ class DriveOrder(NamedTuple):
     duty = clip(feed + gain (goal on its way - angle) - speed_gain speed, ±duty_limit), its torque within ±torque_limit;
     or torque, within what the duty allows, where by_torque is 1; or none where on is 0. speed: at which the goal is
     approached [rad/s], jump: by how much it moves at once [rad]. duty_torque: of full duty at standstill [N m].
+    push: what pushes the head from outside [N m].
     """
 
     goal: Any
@@ -132,6 +133,7 @@ class DriveOrder(NamedTuple):
     by_torque: Any
     on: Any
     duty_torque: Any
+    push: Any
 
 
 class Seen(NamedTuple):
@@ -168,7 +170,7 @@ def layout(count: int) -> Layout:
     state = State(*(0,) * 7, memory=(0,) * BRANCHES, axial_memory=(0,) * BRANCHES, gyro=0, gyro_rate=0)  # type: ignore[arg-type]
     now, seen = _numbered((Now(Tilting(state, (0, 0)), *(each,) * 5, goal=0), Seen(0, (0, 0), 0)))
     tendons = _numbered(TendonOrder(*(each,) * 12))
-    drive, step_s, steps = _numbered((DriveOrder(*(0,) * 12), 0, 0))
+    drive, step_s, steps = _numbered((DriveOrder(*(0,) * 13), 0, 0))
     return Layout(now, tendons, drive, step_s, steps, seen)
 
 
@@ -242,7 +244,7 @@ def _slope(
         return stored + sum(t * span for t, span in zip(pull, spans, strict=True)), jnp.asarray(sum(pull))
 
     slope, total = jax.grad(energy, argnums=(0, 1, 2), has_aux=True)(motion.torsion, motion.shortening, at.tilt)
-    torque = -slope[0] - p.viscous * motion.torsion_rate - p.guide_friction * total * motion.bristle
+    torque = -slope[0] - p.viscous * motion.torsion_rate - p.guide_friction * total * motion.bristle + drive.push
     pulled = _drive_torque(time_s, motion, now.goal, drive, p)
     horn = pulled - gear_friction(motion.lever_rate, p)
     lever = free_lever_acceleration(torque, horn, p)

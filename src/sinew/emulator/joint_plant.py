@@ -80,6 +80,7 @@ class JointPlant:
         self._laws = [Law()] * (count + 1)
         self._stuck = [False] * count
         self._supply = spec.drive.supply_voltage.value
+        self._push = 0.0
         self._ticks, self._until = 0, 0.0
         self._first_end = _first_end(spec)
         self._begin(slack_m, rest_tilt, at)
@@ -133,6 +134,10 @@ class JointPlant:
         state[now.horn[tendon]] += (before - after) * give
         state[now.tension[tendon]] = after
         self._go(0)
+
+    def push(self, torque: float) -> None:
+        self._push = torque
+        self._order_drive()
 
     def advance(self, until: float) -> None:
         if until <= self._until:
@@ -258,7 +263,12 @@ class JointPlant:
         constant = float(p.torque_constant)
         duty_torque = float(p.duty_torque) * share
         orders: dict[str, float] = dict.fromkeys(self._where.drive._fields, 0.0)
-        orders |= {"duty_limit": law.duty_limit, "on": float(law.kind != "off"), "duty_torque": duty_torque}
+        orders |= {
+            "push": self._push,
+            "duty_limit": law.duty_limit,
+            "on": float(law.kind != "off"),
+            "duty_torque": duty_torque,
+        }
         orders["torque_limit"] = min(1e9, constant * law.current_limit)
         if law.kind == "position":
             orders |= {"goal": law.goal, "gain": law.gain}

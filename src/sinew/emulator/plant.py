@@ -81,6 +81,10 @@ class Plant(Protocol):
         """Let so much cable slip out of a pulley [m], at once."""
         ...
 
+    def push(self, torque: float) -> None:
+        """Push the head about the joint's axis with a torque from now on [N m]; positive as the torsion is."""
+        ...
+
     def advance(self, until: float) -> None:
         """Move on to a time [s]; one that has passed changes nothing."""
         ...

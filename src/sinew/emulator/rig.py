@@ -187,6 +187,10 @@ class EmulatedRig:
         """Let so much cable slip out of a pulley [m], at once."""
         self.mechanics.catch_up().slip(tendon, length)
 
+    def push(self, torque: float) -> None:
+        """Push the head about the joint's axis with a torque from now on [N m]; 0 lets it go."""
+        self.mechanics.catch_up().push(torque)
+
     def motion(self) -> Motion:
         """Return the true motion at the present time."""
         return self.mechanics.motion()

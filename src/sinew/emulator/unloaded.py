@@ -87,7 +87,8 @@ class Unloaded:
 
     A goal position is approached at the speed limit, or at the duty's share of the no-load speed, and reached
     exponentially within `RESPONSE_S`; any other law brings the motor to a speed: off to rest, a current of either sign
-    to the no-load speed. Nothing draws current, because nothing resists. `slip` changes nothing.
+    to the no-load speed. Nothing draws current, because nothing resists. `slip` and
+    `push` change nothing.
     """
 
     def __init__(self, count: int, spec: RigSpec) -> None:
@@ -114,6 +115,9 @@ class Unloaded:
         horn.stuck = stuck
 
     def slip(self, tendon: int, length: float) -> None:
+        pass
+
+    def push(self, torque: float) -> None:
         pass
 
     def advance(self, until: float) -> None:

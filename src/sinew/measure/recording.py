@@ -20,7 +20,8 @@ class Segment:
 
     kind: settle, steady, ring-down or idle.
     pretension_mm: common shortening of the tendons from first contact [mm].
-    frequency_hz, amplitude_deg: of the drive; NaN where there is none (idle, foreign ring-down).
+    frequency_hz, amplitude_deg: of the drive; NaN where there is none (idle, foreign ring-down). Tracking has no
+    frequency of its own, and its amplitude is the one that was to be held.
     repeat: index of the repetition, from 0.
     """
 

@@ -25,7 +25,7 @@ __all__ = [
 
 RECORDING_SCHEMA = "sinew-recording-1"
 
-SegmentKind = Literal["settle", "steady", "ring-down", "idle"]
+SegmentKind = Literal["settle", "steady", "ring-down", "idle", "tracking"]
 
 
 @dataclass(frozen=True)
@@ -60,12 +60,19 @@ SAMPLE_VARIABLES: dict[str, Variable] = {
 
 SEGMENT_VARIABLES: dict[str, Variable] = {
     "row_size": Variable(("segment",), "1", "number of samples in the segment", True),
-    "kind": Variable(("segment",), "", "settle, steady, ring-down or idle", True),
+    "kind": Variable(("segment",), "", "settle, steady, ring-down, idle or tracking", True),
     "pretension_mm": Variable(
-        ("segment",), "mm", "commanded common shortening of the tendons from first contact", True
+        ("segment",),
+        "mm",
+        "commanded common shortening of the tendons from first contact; of tracking at its begin",
+        True,
     ),
-    "frequency_hz": Variable(("segment",), "Hz", "commanded drive frequency; NaN where there is none", True),
-    "amplitude_deg": Variable(("segment",), "deg", "commanded drive amplitude; NaN where there is none", True),
+    "frequency_hz": Variable(
+        ("segment",), "Hz", "commanded drive frequency; NaN where there is none or it moves", True
+    ),
+    "amplitude_deg": Variable(
+        ("segment",), "deg", "commanded drive amplitude, of tracking the held one; NaN where there is none", True
+    ),
     "repeat": Variable(("segment",), "1", "index of the repetition, from 0", True),
 }
 

@@ -115,7 +115,9 @@ def _setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
     """Yield what the plan sets beyond the limits: pretension, amplitude, frequency, sample rate, supply."""
     limits = rig.limits
     low, high = limits.pretension_mm
-    beyond = [p for p in plan.pretension.pretension_mm if not low <= p <= high]
+    moved_to = plan.track.pretension_to_mm if plan.track is not None else None
+    asked = (*plan.pretension.pretension_mm, *(() if moved_to is None else (moved_to,)))
+    beyond = [p for p in asked if not low <= p <= high]
     if beyond:
         yield Finding(
             "refuse",
@@ -152,6 +154,8 @@ def _drives(plan: Plan) -> Iterator[tuple[str, float, float]]:
         yield "sweep", plan.sweep.amplitude_deg, max(plan.sweep.frequency_hz)
     if plan.ring_down is not None:
         yield "ring_down", plan.ring_down.amplitude_deg, max(plan.ring_down.frequency_hz)
+    if (track := plan.track) is not None:
+        yield "track", max(track.amplitude_deg) if track.held != "torsion" else 0.0, track.high_hz
 
 
 def _current_findings(plan: Plan, rig: RigSpec, reach: Sequence[Reach]) -> Iterator[Finding]:

@@ -10,11 +10,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 
-__all__ = ["Group", "Plan", "Pretension", "RingDown", "Sweep", "TendonMode"]
+__all__ = ["Group", "Held", "Plan", "Pretension", "RingDown", "Sweep", "TendonMode", "Track"]
 
 _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 TendonMode = Literal["position", "position-with-current-limit", "current"]
+Held = Literal["command", "lever", "torsion"]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Duration = Annotated[float, Field(gt=0, le=3600)]
@@ -112,11 +113,56 @@ class RingDown(BaseModel):
     repeats: Count = 3
 
 
+class Track(BaseModel):
+    """Resonance tracking: at each pretension, and with each amplitude, the drive is kept at 90° of phase.
+
+    amplitude_deg: amplitudes that are held [deg], one motion for each. held: of what: the lever's command, the measured
+    lever, or the torsion. start_hz: first drive frequency, None: the expected resonance; low_hz, high_hz: bounds [Hz].
+    duration_s: of a motion at one pretension, or of the change of one that moves [s].
+    pretension_to_mm: where the pretension moves to while it is tracked [mm]; None where it stays.
+    wanted_hz: resonance frequencies (first, last) that the pretension is to follow within duration_s, on the way
+    between the plan's pretension and pretension_to_mm; None where it is not led by a frequency.
+    lead_s, tail_s: how long a moving pretension stands before and after its motion [s].
+    gap_s: how long the sensor may be silent before the run ends [s]; until then the drive goes on as it did.
+    """
+
+    model_config = _STRICT
+
+    amplitude_deg: tuple[Positive, ...] = Field(min_length=1)
+    held: Held = "command"
+    start_hz: Positive | None = None
+    low_hz: Positive
+    high_hz: Positive
+    duration_s: Duration
+    pretension_to_mm: NotNegative | None = None
+    wanted_hz: tuple[Positive, Positive] | None = None
+    lead_s: Duration = 5.0
+    tail_s: Duration = 2.0
+    gap_s: Annotated[float, Field(ge=0.05, le=5.0)] = 1.0
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "Track":
+        start = self.low_hz if self.start_hz is None else self.start_hz
+        if not (self.low_hz <= start <= self.high_hz and self.low_hz < self.high_hz):
+            raise ValueError(
+                f"found a first frequency of {start:g} Hz with bounds of {self.low_hz:g} and {self.high_hz:g} Hz, "
+                "expected low_hz <= start_hz <= high_hz"
+            )
+        if self.wanted_hz is not None and self.pretension_to_mm is None:
+            raise ValueError("wanted_hz needs pretension_to_mm: the end of the range in which the pretension may move")
+        return self
+
+    @property
+    def motion_s(self) -> float:
+        """Length of one motion [s]."""
+        return self.duration_s + (0.0 if self.pretension_to_mm is None else self.lead_s + self.tail_s)
+
+
 @dataclass(frozen=True)
 class Group:
     """One motion of the drive from rest: a settle followed by a record, or an idle record.
 
-    kind: of the record (steady, ring-down or idle).
+    kind: of the record (steady, ring-down, idle or tracking).
     pretension_mm, frequency_hz, amplitude_deg, repeat: as in `sinew.measure.recording.Segment`.
     settle_s: how long the drive runs before the record [s]; a ring-down's drive stops at its end.
     record_s: length of the record [s].
@@ -159,18 +205,23 @@ class Plan(BaseModel):
     pretension: Pretension
     sweep: Sweep | None = None
     ring_down: RingDown | None = None
+    track: Track | None = None
 
     @model_validator(mode="after")
     def _something_to_do(self) -> "Plan":
-        if self.sweep is None and self.ring_down is None:
-            raise ValueError("a plan needs a [sweep], a [ring_down] or both")
+        if self.sweep is None and self.ring_down is None and self.track is None:
+            raise ValueError("a plan needs a [sweep], a [ring_down] or both, or a [track]")
+        moves = self.track is not None and self.track.pretension_to_mm is not None
+        if moves and self.pretension.mode != "position":
+            raise ValueError(f"found mode {self.pretension.mode}, a pretension that moves needs the mode position")
         return self
 
     @model_validator(mode="after")
     def _not_endless(self) -> "Plan":
         sweep = len(self.sweep.frequency_hz) * self.sweep.repeats if self.sweep is not None else 0
         decays = self.ring_down.repeats if self.ring_down is not None else 0
-        groups = len(self.pretension.pretension_mm) * (1 + sweep + decays)
+        tracks = len(self.track.amplitude_deg) if self.track is not None else 0
+        groups = len(self.pretension.pretension_mm) * (1 + sweep + decays + tracks)
         if groups > MOST_GROUPS:
             raise ValueError(
                 f"found {groups} groups (pretensions x frequencies x repeats), expected at most {MOST_GROUPS}; "
@@ -197,6 +248,9 @@ class Plan(BaseModel):
             stop = _crossing_after(ring.drive_s, frequency)
             for repeat in range(ring.repeats):
                 yield Group("ring-down", pretension, frequency, ring.amplitude_deg, repeat, stop, ring.record_s)
+        if (track := self.track) is not None:
+            for amplitude in track.amplitude_deg:
+                yield Group("tracking", pretension, math.nan, amplitude, 0, 0.0, track.motion_s)
 
 
 def _crossing_after(time_s: float, frequency_hz: float) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from sinew.measure.errors import SpecError
 from sinew.measure.provenance import provenance
 from sinew.measure.recording import Segment, build_recording
 from sinew.plan.plan import Group, Plan, TendonMode
@@ -115,7 +116,7 @@ def peak_torsion(plan: Plan, rig: RigSpec) -> NDArray[np.float64]:
 
     One repeat of every group, without scatter or sensors, from rest.
     """
-    groups = [group for group in plan.groups() if group.kind != "idle" and group.repeat == 0]
+    groups = [group for group in plan.groups() if group.kind not in ("idle", "tracking") and group.repeat == 0]
     lanes = lane_parameters(groups, rig, mode=plan.pretension.mode)
     tracks = simulate_tracks(lanes, groups, plan.sample_hz)
     peaks = [(g.pretension_mm, float(np.abs(t.torsion).max())) for g, t in zip(groups, tracks, strict=True)]
@@ -148,7 +149,13 @@ def simulate(
     seed: of scatter, noise and jitter; the same seed gives the same recording.
     progress: called with (done, total) simulated seconds.
     Every group starts from rest; the pause before it is not recorded.
+    Raises SpecError for a plan with a [track]: what a drive that listens does is no plan's; see `sinew track`.
     """
+    if plan.track is not None:
+        raise SpecError(
+            f"plan {plan.name} has a [track]: what a drive that listens does is not known before; "
+            "run it by `sinew track --emulate`"
+        )
     effects = effects or Effects()
     scatter, noise = (np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(2))
     groups = plan.groups()

@@ -1,0 +1,93 @@
+"""This is where tracked motions are drawn: frequency and phase error over time, and where the joint resonated."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sinew.figures.style import GREY, INK, RED, in_style, new_figure, note_panel, pretension_colours
+
+__all__ = ["draw_tracking"]
+
+_PHASE_DEG = 15.0
+_TARGET_DEG = 3.0
+
+
+@in_style
+def draw_tracking(tracks: Sequence[Mapping[str, Any]], expected: Sequence[Mapping[str, Any]]) -> Figure:
+    """Return frequency and phase error of tracked motions over time, and torsion over frequency beside the prediction.
+
+    tracks, expected: as in the document of `sinew track`. Colour is the pretension; of one that moves, its begin.
+    """
+    figure = new_figure(5.0)
+    panels = figure.subplot_mosaic([["frequency", "backbone"], ["phase", "backbone"]], width_ratios=(1.1, 1.0))
+    pretensions = [one["pretension_mm"] for one in expected]
+    colours = {mm: tuple(colour) for mm, colour in zip(pretensions, pretension_colours(pretensions), strict=True)}
+    moves = any(track["point"] is None for track in tracks)
+    for track in tracks:
+        turns = {name: np.asarray(values) for name, values in track["turns"].items()}
+        colour = colours[min(colours, key=lambda mm: abs(mm - track["pretension_mm"]))]
+        panels["frequency"].plot(turns["time_s"], turns["frequency_hz"], color=colour)
+        panels["phase"].plot(turns["time_s"], turns["phase_error_deg"], color=colour, linewidth=1.0)
+        if track.get("follow"):
+            _draw_wanted(panels["frequency"], track["follow"], turns["time_s"])
+        if track["point"] is None:
+            locked = slice(int(track["lock_cycles"] or 0) + 2, None)
+            panels["backbone"].plot(
+                turns["frequency_hz"][locked], turns["torsion_deg"][locked], color=INK, label="tracked"
+            )
+        else:
+            _draw_point(panels["backbone"], track["point"], colour)
+    for one in expected:
+        _draw_expected(panels["backbone"], one, colours[one["pretension_mm"]])
+    panels["phase"].axhspan(-_TARGET_DEG, _TARGET_DEG, color=GREY, alpha=0.25, linewidth=0)
+    panels["phase"].set(xlabel="time in s", ylabel="phase error in degrees", ylim=(-_PHASE_DEG, _PHASE_DEG))
+    panels["frequency"].set(xlabel="time in s", ylabel="drive frequency in Hz")
+    panels["backbone"].set(xlabel="frequency in Hz", ylabel="torsion amplitude in degrees", ylim=(0, None))
+    note_panel(panels["frequency"], "a", "frequency")
+    note_panel(panels["phase"], "b", "lag of the torsion less 90°")
+    note_panel(panels["backbone"], "c", "where it resonated")
+    panels["backbone"].plot([], [], color=GREY, linewidth=1.0, label="predicted")
+    if not moves:
+        panels["backbone"].plot([], [], "o", color=GREY, label="tracked")
+    panels["backbone"].legend(loc="upper right")
+    return figure
+
+
+def _draw_wanted(axes: Axes, follow: Mapping[str, float], time: Any) -> None:
+    begin = follow["begin_s"]
+    axes.plot(
+        [0, begin, begin + follow["duration_s"], time[-1]],
+        [follow["from_hz"], follow["from_hz"], follow["to_hz"], follow["to_hz"]],
+        color=RED,
+        linestyle=(0, (4, 3)),
+        linewidth=0.9,
+        zorder=4,
+        label="wanted",
+    )
+    axes.legend(loc="upper left")
+
+
+def _draw_point(axes: Axes, point: Mapping[str, Any], colour: Any) -> None:
+    f, torsion = point["frequency_hz"], point["torsion_deg"]
+    bars = [[[one["value"] - one["interval90"][0]], [one["interval90"][1] - one["value"]]] for one in (f, torsion)]
+    axes.errorbar(
+        [f["value"]], [torsion["value"]], xerr=bars[0], yerr=bars[1], fmt="o", color=colour, capsize=2.5, zorder=5
+    )
+
+
+def _draw_expected(axes: Axes, one: Mapping[str, Any], colour: Any) -> None:
+    frequency, torsion = np.asarray(one["frequency_hz"]), np.asarray(one["torsion_deg"])
+    axes.plot(frequency, torsion, color=colour, linewidth=1.0, alpha=0.8)
+    axes.annotate(
+        f"{one['pretension_mm']:g} mm",
+        (frequency[0], 0.0),
+        xytext=(-2, 3),
+        textcoords="offset points",
+        ha="right",
+        rotation=90,
+        color=colour,
+        fontsize=8.0,
+    )

@@ -1,0 +1,92 @@
+"""`sinew track`: what it refuses, what it writes, and how it is told."""
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.contracts.virtual_run import spoken
+
+from sinew.apps.cli import main
+from sinew.apps.screen import state_line
+from sinew.measure.netcdf import load_recording
+
+REFUSED = {
+    "nowhere to run": ((), "neither"),
+    "two places to run": (("--emulate", "--port", "/dev/bench"), "found both --port and --emulate"),
+    "faults on a real bench": (("--port", "/dev/bench", "--fault", "unplug@1"), "faults are for --emulate"),
+    "an amplitude of nothing": (("--emulate", "--amplitude-deg", "0"), "expected positive angles"),
+    "an amplitude of something else": (("--emulate", "--hold", "current"), "expected one of command, lever, torsion"),
+    "words for pretensions": (("--emulate", "--pretension-mm", "loose"), "expected numbers"),
+    "cables that push": (("--emulate", "--pretension-mm", "-1,2"), "cables cannot push"),
+    "too much pretension": (("--emulate", "--pretension-mm", "0:99"), "the rig allows 0 to 16 mm"),
+    "a way without an end": (("--emulate", "--pretension-mm", "4:4"), "expected FROM:TO"),
+    "following without room": (("--emulate", "--pretension-mm", "4", "--follow-hz", "3:4"), "needs room to move"),
+    "following one frequency": (("--emulate", "--follow-hz", "3"), "expected FROM:TO"),
+    "no time": (("--emulate", "--duration-s", "1"), "--duration-s"),
+    "an unknown rig": (("papre", "--emulate"), "did you mean paper"),
+}
+
+
+@pytest.mark.parametrize(("options", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_cannot_be_meant_is_refused_in_one_line(
+    options: tuple[str, ...], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status = main(["track", *options, "--out", str(tmp_path / "out")])
+    out, err = capsys.readouterr()
+    assert (status, out, err.count("\n"), list(tmp_path.iterdir())) == (2, "", 1, [])
+    assert sentence in err
+
+
+def test_a_folder_that_holds_a_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "journal.sqlite").touch()
+    assert main(["track", "--emulate", "--out", str(tmp_path)]) == 2
+    assert "holds a run already" in capsys.readouterr().err
+
+
+def test_the_line_of_the_state_says_what_is_known_and_what_is_not() -> None:
+    state = {"elapsed_s": 3.25, "is_locked": True, "frequency_hz": 3.3517, "phase_error_deg": -0.42}
+    state |= {"torsion_deg": 41.3, "command_deg": 20.0, "pretension_mm": 4.0}
+    expected = "   3.2 s  locked     3.352 Hz  error  -0.4°  torsion  41.3°  command 20.0°   4.00 mm"
+    assert state_line(state) == expected
+    blind = state_line({**state, "is_locked": False, "is_coasting": True, "phase_error_deg": None, "wanted_hz": 3.5})
+    assert "coasting" in blind
+    assert "error -°" in blind
+    assert blind.endswith("wanted 3.500 Hz")
+
+
+@pytest.mark.slow
+def test_a_run_on_the_emulated_bench_gives_a_point_a_recording_and_a_figure(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    words = ("track", "paper", "--emulate", "--pretension-mm", "6", "--duration-s", "8", "--seed", "1004", "--json")
+    status, said, err = spoken(*words, "--out", str(out))
+    document = json.loads(said)
+    assert status == 0
+    assert "locked at" in err
+    assert json.loads((out / "track.json").read_text()) == document
+    names = {path.name for path in out.iterdir()}
+    assert {"journal.sqlite", "recording.nc", "track.json", "tracking.pdf", "tracking.png"} <= names
+    (track,) = document["tracks"]
+    assert track["point"]["frequency_hz"]["value"] == pytest.approx(track["point"]["predicted_hz"], rel=0.01)
+    assert track["lock_cycles"] < 10
+    assert document["is_safe"]
+    recording = load_recording(out / "recording.nc")
+    assert recording.attrs["source"] == "emulator"
+    assert "sinew track paper --emulate" in recording.attrs["command"]
+
+
+@pytest.mark.slow
+def test_a_frequency_out_of_reach_is_refused_with_what_can_be_reached(tmp_path: Path) -> None:
+    words = (
+        "track",
+        "paper",
+        "--emulate",
+        "--pretension-mm",
+        "4:8",
+        "--follow-hz",
+        "3.5:5",
+        "--out",
+        str(tmp_path / "o"),
+    )
+    status, said, err = spoken(*words)
+    assert (status, said, list(tmp_path.iterdir())) == (2, "", [])
+    assert "which is what 4 to 8 mm can reach" in err
