@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sinew.measure.recording import Segment, build_recording
-from sinew.measure.results import RESULT_VARIABLES, RESULTS_SCHEMA, validate_results
+from sinew.measure.results import RESULT_VARIABLES, RESULTS_SCHEMA, companions, validate_results
 
 AMPLITUDE_DEG = 20.0
 SETTLE_S, PERIODS, RECORD_S = 3.0, 5, 3.0
@@ -145,8 +145,10 @@ def sample_results(pretensions: tuple[float, ...], frequencies: np.ndarray, repe
                 "settled": np.ones_like(f),
             }.items():
                 values[name][p, :, r] = value
+            _power(values, p, r, f)
             _ring_down(values, p, r, copy)
         _resonance(values, p, joint)
+        _energy(values, p)
     data = {
         name: (row.dims, values[name], {"units": "rad" if row.unit == "*" else row.unit})
         for name, row in RESULT_VARIABLES.items()
@@ -154,6 +156,34 @@ def sample_results(pretensions: tuple[float, ...], frequencies: np.ndarray, repe
     results = xr.Dataset(data).set_coords(["pretension_mm", "frequency_hz"])
     results.attrs = {"schema": RESULTS_SCHEMA, "source": "twin", "rig": "", "versions": "sinew 0.1.0", "seed": 7}
     return validate_results(results)
+
+
+def _power(values: dict[str, np.ndarray], p: int, r: int, f: np.ndarray) -> None:
+    """Fill in powers [W] that are simple, not those of a joint: 2 W of copper, 1 W of work, 1 W of gear."""
+    share = {"drive_power_w": 4.0, "drive_drawn_w": 4.1, "drive_copper_w": 2.0, "drive_mechanical_w": 1.0}
+    for name, watts in share.items():
+        values[name][p, :, r] = watts * (1 + 0.01 * r) + 0 * f
+    values["drive_power_std_w"][p, :, r] = 0.01
+    values["holding_power_w"][p, :, r] = 0.5 * p
+
+
+def _energy(values: dict[str, np.ndarray], p: int) -> None:
+    """Fill in the energy that goes with `_power`, with a reduction of 80 %."""
+    at = {
+        "drive_power_at_resonance_w": 4.0,
+        "copper_at_resonance_w": 2.0,
+        "gear_at_resonance_w": 1.0,
+        "mechanical_at_resonance_w": 1.0,
+        "holding_at_resonance_w": 0.5 * p,
+        "swing_cost_at_resonance_j_rad2": 2.0,
+        "trend_cost_at_resonance_j_rad2": 10.0,
+        "energy_reduction": 0.8,
+        "cheapest_hz": 3.5,
+        "swing_cost_at_cheapest_j_rad2": 1.5,
+    }
+    for name, value in at.items():
+        values[name][p] = value
+        values[companions(name)[0]][p] = 0.01
 
 
 def foreign_ring_down(decay_rate: float = 0.7, omega: float = 15.0) -> tuple[xr.Dataset, xr.Dataset]:

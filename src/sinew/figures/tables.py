@@ -40,10 +40,10 @@ def fixed(value: float | None, decimals: int) -> str:
 
 
 def measured_tables(results: xr.Dataset) -> list[Table]:
-    """Return what was measured at each pretension: of the sweep and of the ring-downs, each where there is one."""
+    """Return what was measured at each pretension: of sweep, ring-downs and energy, each where there is one."""
     tables = []
-    notes = (str(results.attrs.get("resonance_notes", "")), energy_note(results), _verdict(results))
-    parts = (("Resonance", _resonance(results)), ("Energy", energy_columns(results)), ("Ring-down", _decay(results)))
+    notes = (str(results.attrs.get("resonance_notes", "")), _verdict(results), energy_note(results))
+    parts = (("Resonance", _resonance(results)), ("Ring-down", _decay(results)), ("Energy", energy_columns(results)))
     for (title, columns), note in zip(parts, notes, strict=True):
         known = [column for column in columns if np.isfinite(column[1]).any()]
         if not known:
