@@ -38,8 +38,8 @@ class Row:
     """What one motion gave.
 
     what: in words. pretension_mm, start: where it began, start as share of the resonance. turns_to_lock: until the true
-    phase error stayed below 6°, in whole turns of the true lever; turns_to_claim: until the loop said so. losses: of the lock. error_deg: true phase error from 4 s on, root mean square;
-    largest_deg: the largest. frequency_hz: true, mean from 4 s on; predicted_hz: of the backbone at the same torsion.
+    phase error stayed below 6°, in whole turns of the true lever; turns_to_claim: until the loop said so. losses: of
+    the lock. error_deg: true phase error from 4 s on, root mean square; largest_deg: the largest. frequency_hz: true, mean from 4 s on; predicted_hz: of the backbone at the same torsion.
     off_hz: root mean square of the true frequency less the wanted one. is_safe: whether the motors ended so.
     """
 
@@ -159,8 +159,8 @@ def broken(rows: Sequence[Row]) -> list[str]:
 def table(rows: Sequence[Row]) -> str:
     """Return the rows as a Markdown table."""
     lines = [
-        "| motion | pretension/mm | start | turns to lock | to its claim | lost | phase error/° rms | largest/° | resonance/Hz "
-        "| predicted/Hz | torsion/° | off the wanted/Hz |",
+        "| motion | pretension/mm | start | turns to lock | to its claim | lost | phase error/° rms | largest/° "
+        "| resonance/Hz | predicted/Hz | torsion/° | off the wanted/Hz |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
