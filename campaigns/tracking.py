@@ -39,8 +39,9 @@ class Row:
 
     what: in words. pretension_mm, start: where it began, start as share of the resonance. turns_to_lock: until the true
     phase error stayed below 6°, in whole turns of the true lever; turns_to_claim: until the loop said so. losses: of
-    the lock. error_deg: true phase error from 4 s on, root mean square; largest_deg: the largest. frequency_hz: true, mean from 4 s on; predicted_hz: of the backbone at the same torsion.
-    off_hz: root mean square of the true frequency less the wanted one. is_safe: whether the motors ended so.
+    the lock. error_deg: true phase error from 4 s on, root mean square; largest_deg: the largest. frequency_hz: true,
+    mean from 4 s on; predicted_hz: of the backbone at the same torsion. off_hz: root mean square of the true frequency
+    less the wanted one. is_safe: whether the motors ended so.
     """
 
     what: str
