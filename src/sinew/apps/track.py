@@ -98,7 +98,11 @@ def track(
     refuse_unfit_folder(out, resume=False)
     plan, expected = track_plan(spec, pretension, amplitude, hold, duration, start, follow)
     where = ["--emulate", "--seed", str(seed)] if emulate else ["--port", str(port)]
-    words = ["sinew", "track", rig, *where, "--out", str(out)]
+    asked = {"--pretension-mm": pretension, "--amplitude-deg": amplitude, "--hold": hold, "--duration-s": duration}
+    asked |= {"--from-hz": start, "--follow-hz": follow}
+    options = [word for name, value in asked.items() if value is not None for word in (name, str(value))]
+    options += [word for text in fault or () for word in ("--fault", text)]
+    words = ["sinew", "track", rig, *where, *options, "--out", str(out)]
     with ExitStack() as stack:
         bench = _emulated(spec, seed, fault or []) if port is None else _real(port, spec, wait)
         document = _run(bench, plan, spec, expected, out, words, stack, virtual=port is None)
