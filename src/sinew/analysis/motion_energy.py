@@ -12,7 +12,7 @@ from sinew.analysis.repeats import combine_repeats
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 
-__all__ = ["MotionEnergy", "compare_with_fixed", "energy_per_cycle"]
+__all__ = ["MotionEnergy", "energy_per_cycle"]
 
 Floats = NDArray[np.float64]
 
@@ -65,17 +65,6 @@ def energy_per_cycle(
         drive.append(float(np.mean(np.exp(read) * swing**2)))
         holding.append(float(np.mean(held / frequency)))
     return MotionEnergy(*(_estimate(np.array(x)) for x in (drive, holding, np.add(drive, holding))))
-
-
-def compare_with_fixed(
-    results: xr.Dataset, frequency_hz: ArrayLike, pretension_mm: ArrayLike, torsion_rad: ArrayLike, fixed_mm: float
-) -> tuple[MotionEnergy, MotionEnergy]:
-    """Return the energy per cycle of a motion with its own pretensions, and of the same motion with one pretension.
-
-    As `energy_per_cycle`; fixed_mm: the one pretension [mm].
-    """
-    tuned = energy_per_cycle(results, frequency_hz, pretension_mm, torsion_rad)
-    return tuned, energy_per_cycle(results, frequency_hz, fixed_mm, torsion_rad)
 
 
 def _estimate(repeats: Floats) -> Estimate:

@@ -12,7 +12,15 @@ from sinew.measure.recording import iterate_segments
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
 
-__all__ = ["electrical_power", "idle_power", "power_columns", "rest_power", "supply_uncertainty", "winding_resistance"]
+__all__ = [
+    "electrical_power",
+    "holding_power",
+    "idle_power",
+    "power_columns",
+    "rest_power",
+    "supply_uncertainty",
+    "winding_resistance",
+]
 
 Floats = NDArray[np.float64]
 
@@ -55,6 +63,13 @@ def electrical_power(recording: xr.Dataset, rig: RigSpec) -> Floats | None:
         return None
     power = recording["drive_pwm"].values.astype(float) * recording["drive_current_a"].values
     return np.asarray(power * _supply(recording, rig, slice(None)))
+
+
+def holding_power(recording: xr.Dataset, rig: RigSpec) -> Floats | None:
+    """Return the electrical power of all tendon motors at every sample [W], (sample,); None without currents."""
+    samples = np.arange(recording.sizes["sample"])[None]
+    found = _holding(recording, rig, samples, _supply(recording, rig, samples))
+    return None if found is None else found[0]
 
 
 def rest_power(recording: xr.Dataset, rig: RigSpec) -> dict[tuple[float, int], tuple[float, float]]:
