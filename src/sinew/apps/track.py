@@ -100,9 +100,7 @@ def track(
     where = ["--emulate", "--seed", str(seed)] if emulate else ["--port", str(port)]
     asked = {"--pretension-mm": pretension, "--amplitude-deg": amplitude, "--hold": hold, "--duration-s": duration}
     asked |= {"--from-hz": start, "--follow-hz": follow}
-    options = [word for name, value in asked.items() if value is not None for word in (name, str(value))]
-    options += [word for text in fault or () for word in ("--fault", text)]
-    words = ["sinew", "track", rig, *where, *options, "--out", str(out)]
+    words = ["sinew", "track", rig, *where, *_options(asked, fault or ()), "--out", str(out)]
     with ExitStack() as stack:
         bench = _emulated(spec, seed, fault or []) if port is None else _real(port, spec, wait)
         document = _run(bench, plan, spec, expected, out, words, stack, virtual=port is None)
@@ -113,6 +111,12 @@ def track(
     else:
         print_found(document)
     return 0 if document["complete"] and document["is_safe"] else 1
+
+
+def _options(asked: dict[str, object], faults: Sequence[str]) -> list[str]:
+    """Return the words of a command line that says what was asked."""
+    options = [word for name, value in asked.items() if value is not None for word in (name, str(value))]
+    return options + [word for text in faults for word in ("--fault", text)]
 
 
 @contextmanager
