@@ -1,6 +1,6 @@
 """This is where `sinew track` keeps a joint in resonance, on a bench or on the emulated one."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -90,10 +90,7 @@ def track(
     from sinew.apps.track_plan import track_plan
     from sinew.plan.toml import load_rig
 
-    if (port is None) is not emulate:
-        raise SpecError("found both --port and --emulate, or neither; expected one of them: where is the bench?")
-    if fault and not emulate:
-        raise SpecError("found --fault with a real bench; faults are for --emulate")
+    _require_one_bench(port, emulate=emulate, has_faults=bool(fault))
     spec = load_rig(rig)
     refuse_unfit_folder(out, resume=False)
     plan, expected = track_plan(spec, pretension, amplitude, hold, duration, start, follow)
@@ -113,7 +110,14 @@ def track(
     return 0 if document["complete"] and document["is_safe"] else 1
 
 
-def _options(asked: dict[str, object], faults: Sequence[str]) -> list[str]:
+def _require_one_bench(port: str | None, *, emulate: bool, has_faults: bool) -> None:
+    if (port is None) is not emulate:
+        raise SpecError("found both --port and --emulate, or neither; expected one of them: where is the bench?")
+    if has_faults and not emulate:
+        raise SpecError("found --fault with a real bench; faults are for --emulate")
+
+
+def _options(asked: Mapping[str, object], faults: Sequence[str]) -> list[str]:
     """Return the words of a command line that says what was asked."""
     options = [word for name, value in asked.items() if value is not None for word in (name, str(value))]
     return options + [word for text in faults for word in ("--fault", text)]
