@@ -1,0 +1,1 @@
+"""This is where a joint is tuned to a gait: pretension, design, tracking, energy."""
