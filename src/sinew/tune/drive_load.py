@@ -8,22 +8,23 @@ and the motor's current that and the gear's friction. Duty and power follow from
 (`sinew.twin.drive`). What a servo at its limit does instead is not in it: a duty above the limit says that it is there.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
 from sinew.plan.rig import RigSpec
-from sinew.twin.drive import SLIDING_SPEED
-from sinew.twin.parameters import from_rig
+from sinew.twin.drive import gear_friction
+from sinew.twin.parameters import Parameters, from_rig
 
-__all__ = ["DriveLoad", "drive_load"]
+__all__ = ["DriveLoad", "drive_load", "load_of_swing"]
 
 _SAMPLES = 720
+_FEW = 64
 
 
-@dataclass(frozen=True)
-class DriveLoad:
+class DriveLoad(NamedTuple):
     """torque: largest at the horn [N m]. speed: largest of the lever [rad/s]. duty: largest, 1 is the whole supply.
     current: largest [A]. work: done by the horn in a cycle [J]. energy: electrical, in a cycle, from the supply, what
     the motor gives back taken off [J]."""
@@ -36,26 +37,39 @@ class DriveLoad:
     energy: float
 
 
+def load_of_swing(
+    p: Parameters,
+    supply: jax.Array,
+    omega: jax.Array,
+    lever: tuple[jax.Array, jax.Array],
+    torsion: jax.Array,
+    samples: int = _FEW,
+) -> tuple[jax.Array, ...]:
+    """Return the fields of a `DriveLoad`, differentiable.
+
+    supply: voltage [V]. lever: real and imaginary part of the phasor Θ of the lever against the head [rad]; torsion:
+    amplitude Φ [rad], which is the phase zero. samples: of the period.
+    """
+    phase = 2 * jnp.pi * jnp.arange(samples) / samples
+    c, s = jnp.cos(phase), jnp.sin(phase)
+    real, imaginary = lever
+    speed = -omega * (imaginary * c + real * s)
+    own, coupled = p.lever + p.armature, p.lever
+    horn = -(omega**2) * (own * (real * c - imaginary * s) + coupled * torsion * c)
+    electrical = horn + gear_friction(speed, p)
+    duty = (electrical + p.speed_slope * speed) / p.duty_torque
+    current = electrical / p.torque_constant
+    period = 2 * jnp.pi / omega
+    work, energy = period * jnp.mean(horn * speed), period * supply * jnp.mean(duty * current)
+    return (*(jnp.max(jnp.abs(value)) for value in (horn, speed, duty, current)), work, energy)
+
+
 def drive_load(rig: RigSpec, frequency_hz: float, lever: complex, torsion: float) -> DriveLoad:
     """Return what the drive does in a steady swing.
 
     lever: phasor Θ of the lever against the head [rad], torsion: amplitude Φ [rad], which is the phase zero.
     """
-    p = from_rig(rig)
-    omega = 2 * np.pi * frequency_hz
-    turn = np.exp(2j * np.pi * np.arange(_SAMPLES) / _SAMPLES)
-    speed: NDArray[np.float64] = (1j * omega * lever * turn).real
-    own, coupled = float(p.lever + p.armature), float(p.lever)
-    horn = (-(omega**2) * (own * lever + coupled * torsion) * turn).real
-    electrical = horn + float(p.drive_friction) * np.tanh(speed / SLIDING_SPEED)
-    duty = (electrical + float(p.speed_slope) * speed) / float(p.duty_torque)
-    current = electrical / float(p.torque_constant)
-    period = 1 / frequency_hz
-    return DriveLoad(
-        torque=float(np.max(np.abs(horn))),
-        speed=float(np.max(np.abs(speed))),
-        duty=float(np.max(np.abs(duty))),
-        current=float(np.max(np.abs(current))),
-        work=float(np.mean(horn * speed)) * period,
-        energy=float(np.mean(duty * current)) * rig.drive.supply_voltage.value * period,
-    )
+    supply, omega = (jnp.asarray(x) for x in (rig.drive.supply_voltage.value, 2 * np.pi * frequency_hz))
+    turned = jnp.asarray(lever.real), jnp.asarray(lever.imag)
+    found = load_of_swing(from_rig(rig), supply, omega, turned, jnp.asarray(torsion), _SAMPLES)
+    return DriveLoad(*(float(value) for value in found))
