@@ -33,6 +33,8 @@ GUIDE = 0.005
 
 _RESERVE = 0.9
 _SAFE_BUCKLING = 1.5
+_CONTACT = 1.3
+_BEAM = 0.95
 _COMPRESSION = 0.25
 _TRAVEL_LEFT = 2e-3
 _STEPS = 9
@@ -41,10 +43,13 @@ Triple = tuple[jax.Array, jax.Array, jax.Array]
 
 
 class Frame(NamedTuple):
-    """What is the same for all candidates of a search. base: parameters of the rig that is changed; shape: number among `SHAPES`; torsion amplitude
-    [rad], omegas of the band's ends [rad/s], inertia [kg m²], first-contact tension of all tendons [N], span beyond the
-    silicone [m], lowest and highest value of each size (n,), largest diameter [m], and limits of the rig in SI, that of
-    the tension for all tendons together. tendons: their number."""
+    """What is the same for all candidates of a search, in SI.
+
+    base: parameters of the rig that is changed. shape: number among `SHAPES`. amplitude: of the torsion; omega: of the
+    band's ends (2,). contact: tension of all tendons at first contact. beyond: span beyond the silicone. low, high: of
+    each size (n,). damping: least D. wander: least difference of the pretensions at the band's ends. tension: of all
+    tendons together, travel, command, current: what they may be. tendons: number.
+    """
 
     base: Parameters
     shape: jax.Array
@@ -57,6 +62,8 @@ class Frame(NamedTuple):
     low: jax.Array
     high: jax.Array
     diameter: jax.Array
+    damping: jax.Array
+    wander: jax.Array
     tension: jax.Array
     travel: jax.Array
     command: jax.Array
@@ -85,7 +92,7 @@ class Judged(NamedTuple):
 
 
 def frame_of(rig: RigSpec, target: DesignTarget, name: str) -> Frame:
-    """Return the frame of a search for one shape from a base rig, whose motors, guides, drive and loss factor are kept."""
+    """Return the frame of a search for one shape, from a base rig whose motors, guides and loss factor are kept."""
     tendons, limits, shape = rig.tendons, rig.limits, SHAPES[name]
     pull = limits.tendon_current_a * tendons.torque_constant.value / tendons.pulley_radius.value
     most_lever = target.lever_share * target.inertia
@@ -101,6 +108,8 @@ def frame_of(rig: RigSpec, target: DesignTarget, name: str) -> Frame:
         "low": low,
         "high": high,
         "diameter": target.diameter,
+        "damping": target.least_damping,
+        "wander": rig.repeatability.pretension.value * (target.band_hz[1] / target.band_hz[0] - 1) / target.wander,
         "tension": tendons.count * _RESERVE * min(limits.tension_n, pull),
         "tendons": tendons.count,
         "travel": 1e-3 * limits.tendon_travel_mm[1] - _TRAVEL_LEFT,
@@ -119,7 +128,7 @@ def unpacked(place: jax.Array, frame: Frame) -> Sizes:
 def _once(values: Any) -> Any:
     """Return the values as they are, and have the compiler compute them once: it takes them for cheap and repeats them
     in everything that uses them, which makes compiling ten times as long."""
-    return jax.lax.optimization_barrier(values)
+    return jax.lax.optimization_barrier(values)  # type: ignore[no-untyped-call]
 
 
 def _joint(sizes: Sizes, form: Form, modulus: jax.Array, frame: Frame) -> Parameters:
@@ -217,7 +226,9 @@ def judge(place: jax.Array, modulus: jax.Array, frame: Frame) -> Judged:
     excess = [
         100 * jnp.abs(off[0]),
         100 * jnp.abs(off[1]),
-        (frame.contact - tension[0]) / frame.contact,
+        _CONTACT * frame.contact / tension[0] - 1,
+        frame.damping / jnp.min(0.5 * p.lever * lever / ((p.head + p.lever) * frame.amplitude)) - 1,
+        frame.wander / jnp.maximum(pretension[1] - pretension[0], 1e-9) - 1,
         peak[1] / frame.tension - 1,
         pretension[1] / frame.travel - 1,
         jnp.max(command) / frame.command - 1,
@@ -244,9 +255,9 @@ def _material_excess(
     return [
         _principal_strain(shear, stretch) / (_RESERVE * STRAIN) - 1,
         (1 - stretch) / _COMPRESSION - 1,
-        SLENDER * form.diameter / sizes.length - 1,
-        2 * bulge**2 / CLOSE - 1,
-        jnp.where(form.warping_constant > 0, (1 / (1 - jnp.tanh(h) / h) - 1) / CLOSE - 1, -1.0),
+        SLENDER / _BEAM * form.diameter / sizes.length - 1,
+        2 * bulge**2 / (_BEAM * CLOSE) - 1,
+        jnp.where(form.warping_constant > 0, (1 / (1 - jnp.tanh(h) / h) - 1) / (_BEAM * CLOSE) - 1, -1.0),
         _SAFE_BUCKLING * load / haringx - 1,
         (1 - stretch) / (_RESERVE * twisting) - 1,
         (0.5 * form.diameter * stretch**-0.5 + 0.5 * GUIDE) / sizes.circle - 1,

@@ -15,7 +15,9 @@ class DesignTarget:
     band_hz: lowest and highest stride frequency [Hz], at which it has to resonate. yaw_deg: amplitude of the torsion
     there. inertia: of what sits on it, about its axis, without the lever that drives it [kg m²].
     diameter, length: of the largest envelope [m]; guides stand out by `GUIDE` beyond their circle.
-    lever_share: largest inertia of the lever as a share of `inertia`.
+    lever_share: largest inertia of the lever as a share of `inertia`. least_damping: smallest D [1] at both ends: a
+    stride that comes 2 D beside the last one still lies within the half-power width. wander: share of its frequency
+    that the rig's repeatability of pretension may move the resonance by.
     Raises SpecError where a number cannot be meant.
     """
 
@@ -25,6 +27,8 @@ class DesignTarget:
     diameter: float = 0.20
     length: float = 0.25
     lever_share: float = 0.15
+    least_damping: float = 0.01
+    wander: float = 0.01
 
     def __post_init__(self) -> None:
         low, high = self.band_hz

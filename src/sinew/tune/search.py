@@ -14,7 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
 from sinew.tune.candidate import OBJECTIVES, SIZES, Frame, frame_of, judge, unpacked
 from sinew.tune.design_target import DesignTarget
@@ -50,7 +49,7 @@ class Block(NamedTuple):
 
 class Found(NamedTuple):
     """Candidates of a block, n of them, whether feasible or not. sizes: (n, 5), see `SIZES`; objectives: (n, 3), see
-    `OBJECTIVES`; pretension: at both ends of the band [m], (n, 2). feasible: (n,). excess: the largest of each."""
+    `OBJECTIVES`; pretension [m] and lever's amplitude [rad] at both ends of the band, (n, 2). excess: the largest."""
 
     shape: str
     material: str
@@ -58,23 +57,18 @@ class Found(NamedTuple):
     sizes: Array
     objectives: Array
     pretension: Array
+    lever: Array
     feasible: NDArray[np.bool_]
     excess: Array
 
 
 def blocks_of(
-    rig: RigSpec,
-    rig_text: str,
-    target: DesignTarget,
-    silicones: dict[str, float],
-    shapes: list[str],
-    starts: int,
-    seed: int,
+    text: str, target: DesignTarget, silicones: dict[str, float], shapes: list[str], starts: int, seed: int
 ) -> list[Block]:
-    """Return the blocks of a search, one for each shape and silicone (name: G [Pa])."""
+    """Return the blocks of a search, one for each shape and silicone (name: G [Pa]). text: of the base rig."""
     pairs = [(shape, name) for shape in shapes for name in silicones]
     return [
-        Block(rig_text, target, shape, name, silicones[name], starts, seed, number)
+        Block(text, target, shape, name, silicones[name], starts, seed, number)
         for number, (shape, name) in enumerate(pairs)
     ]
 
@@ -114,7 +108,7 @@ def _judge() -> Any:
         places = jax.nn.sigmoid(logits)
         found = jax.vmap(judge, in_axes=(0, None, None))(places, modulus, frame)
         sizes = jnp.stack(jax.vmap(unpacked, in_axes=(0, None))(places, frame), axis=1)
-        return sizes, found.objectives, found.excess, found.pretension
+        return sizes, found.objectives, found.excess, found.pretension, found.lever
 
     return jax.jit(judged, compiler_options=_QUICK)
 
@@ -132,7 +126,7 @@ def search_block(block: Block) -> Found:
     for i in range(_STEPS):
         state = _step()(state, weights, float(i), block.modulus, frame)
     done = _judge()(state[0], block.modulus, frame)
-    sizes, objectives, excess, pretension = (np.asarray(leaf) for leaf in done)
+    sizes, objectives, excess, pretension, lever = (np.asarray(leaf) for leaf in done)
     worst = np.nan_to_num(excess.max(axis=1), nan=np.inf)
     feasible = (worst <= _CLOSE) & np.isfinite(objectives).all(axis=1)
-    return Found(block.shape, block.material, block.modulus, sizes, objectives, pretension, feasible, worst)
+    return Found(block.shape, block.material, block.modulus, sizes, objectives, pretension, lever, feasible, worst)
