@@ -122,7 +122,7 @@ def _sentences(found: "Designed", proposals: list[dict[str, Any]]) -> list[str]:
     told.append(f"{sure} of {len(proposals)} proposals resonate on the full twin within 3 % of what was predicted")
     held = max(one["holding_a"] for one in proposals)
     told.append(
-        f"holding the tendons takes up to {held:.2f} A of each tendon motor if its gear holds nothing; that is not in the "
-        "drive's energy"
+        f"holding the tendons takes up to {held:.2f} A of each tendon motor if its gear holds nothing; that is not in "
+        "the drive's energy"
     )
     return told

@@ -57,7 +57,10 @@ def _write_plan(plan: "Plan", path: Path) -> None:
     from sinew.measure.netcdf import write_atomically
     from sinew.plan.toml import dump_plan
 
-    write_atomically(path, lambda temporary: temporary.write_text(dump_plan(plan), encoding="utf-8") and None)
+    def write(temporary: Path) -> None:
+        temporary.write_text(dump_plan(plan), encoding="utf-8")
+
+    write_atomically(path, write)
 
 
 def _curves(one: "Proposal", plan: "Plan", row: dict[str, Any]) -> "EndCurves":

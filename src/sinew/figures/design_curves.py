@@ -1,4 +1,4 @@
-"""This is where proposals are drawn at both ends of their band: predicted torsion over frequency, the twin beside it."""
+"""This is where proposals are drawn at both ends of their band: predicted torsion, with the twin beside it."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -47,7 +47,7 @@ def _draw(axes: Axes, one: EndCurves, yaw_deg: float) -> None:
         axes.axvline(end["wanted_hz"], color=colour, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
         top = float(np.degrees(branch.amplitude).max())
         axes.annotate(
-            f"{end['pretension_mm']:.1f} mm", (end["wanted_hz"], top), (6, -3), textcoords="offset points", fontsize=8
+            f"{end['pretension_mm']:.1f} mm", (end["wanted_hz"], top), (8, 5), textcoords="offset points", fontsize=8
         )
     for i, found in enumerate(one.document["confirmed"]):
         measured = found["measured_hz"]["value"]

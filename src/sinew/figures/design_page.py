@@ -66,11 +66,12 @@ def write_design_page(
     """
     target, proposals = document["target"], document["proposals"]
     low, high = target["stride_band_hz"]
+    asked = f"±{target['yaw_deg']:g}° and {target['inertia_kg_m2']:g} kg m²"
     return write_page(
         path,
         "prediction.html",
         title="Joints for a gait",
-        about=f"Resonant from {low:g} to {high:g} Hz with ±{target['yaw_deg']:g}° and {target['inertia_kg_m2']:g} kg m².",
+        about=f"Resonant from {low:g} to {high:g} Hz with {asked}.",
         lead=" ".join(f"{sentence}." for sentence in document["sentences"]),
         tables=[
             Table(

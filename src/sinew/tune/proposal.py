@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
 from sinew.plan.plan import Plan, Pretension, Sweep
@@ -19,13 +20,14 @@ from sinew.tune.candidate import GUIDE
 from sinew.tune.design_target import DesignTarget
 from sinew.tune.drive_load import DriveLoad, drive_load
 from sinew.tune.reachable import stresses_of
-from sinew.tune.resonance import Resonance, Swing, find_resonances
+from sinew.tune.resonance import Resonance, Swing, resonances_at
 from sinew.tune.shapes import SHAPES
 from sinew.twin.cache import configure
 
 __all__ = ["Draft", "Proposal", "plan_of", "propose"]
 
-_STEPS, _CLOSE = 4, 2e-4
+_STEPS, _CLOSE, _YAW_CLOSE = 8, 2e-4, 3e-3
+_BAND, _SERVO_DEG = (0.75, 1.2), 0.5
 _AROUND = (-0.12, -0.08, -0.05, -0.03, -0.015, 0.0, 0.015, 0.03, 0.05, 0.08, 0.12)
 _SETTLED = 3.5
 _LONGEST_SETTLE = 90.0
@@ -149,26 +151,30 @@ def _with_window(rig: RigSpec, highest_mm: float) -> RigSpec:
 
 
 def _ends(rig: RigSpec, draft: Draft) -> tuple[Resonance, Resonance] | None:
-    """Return the resonances at both ends of the band, by secants in the pretension; None where one is lost."""
-    wanted = np.asarray(draft.target.band_hz)
+    """Return the resonances at both ends of the band, by secants in pretension and command together; None where one
+    is lost."""
+    wanted, yaw = np.asarray(draft.target.band_hz), math.radians(draft.target.yaw_deg)
     where = np.maximum(1e3 * np.asarray(draft.pretension), 0.0)
     slope = (wanted[1] - wanted[0]) / max(where[1] - where[0], 1e-3)
-    commands = np.degrees(np.asarray(draft.lever)) + 0.5
-    band = 0.75 * wanted[0], 1.25 * wanted[1]
-    swing = Swing(yaw_deg=draft.target.yaw_deg)
+    commands = np.degrees(np.asarray(draft.lever)) + _SERVO_DEG
+    before: tuple[NDArray[np.float64], NDArray[np.float64]] = (np.zeros(2), np.zeros(2))
+    band = _BAND[0] * wanted[0], _BAND[1] * wanted[1]
     ends = None
     for _ in range(_STEPS):
-        low, high = find_resonances(rig, where.tolist(), swing, band_hz=band, commands_deg=commands.tolist())
+        low, high = resonances_at(rig, where, commands, band)
         if low is None or high is None:
             return None
         ends = low, high
-        now = np.array([low.frequency_hz, high.frequency_hz])
-        if np.all(np.abs(now / wanted - 1) < _CLOSE):
+        now, torsion = (np.array([getattr(one, name) for one in ends]) for name in ("frequency_hz", "torsion"))
+        if np.all(np.abs(now / wanted - 1) < _CLOSE) and np.all(np.abs(torsion / yaw - 1) < _YAW_CLOSE):
             break
         if now[1] > now[0] and where[1] > where[0]:
             slope = (now[1] - now[0]) / (where[1] - where[0])
+        rise = np.divide(torsion - before[1], commands - before[0], out=np.zeros(2), where=commands != before[0])
+        rise = np.where(rise > 0.2 * torsion / commands, rise, torsion / commands)
+        before = commands, torsion
+        commands = np.clip(commands + (yaw - torsion) / rise, 0.25 * commands, 4 * commands)
         where = np.maximum(where + (wanted - now) / slope, 0.0)
-        commands = np.degrees([low.command, high.command])
     return ends
 
 

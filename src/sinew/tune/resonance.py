@@ -30,7 +30,7 @@ from sinew.twin.energy import total_tension
 from sinew.twin.simulate import lane_parameters
 from sinew.twin.statics import torsional_stiffness
 
-__all__ = ["Resonance", "Swing", "find_resonances", "linear_band"]
+__all__ = ["Resonance", "Swing", "find_resonances", "linear_band", "resonances_at"]
 
 Array = NDArray[np.float64]
 
@@ -98,9 +98,15 @@ def linear_band(rig: RigSpec, pretension_mm: Sequence[float], mode: TendonMode =
     return _BELOW * float(low.min()), _ABOVE * float(high.max())
 
 
-def _at_commands(
-    rig: RigSpec, pretension_mm: Array, command_deg: Array, band_hz: tuple[float, float], mode: TendonMode
+def resonances_at(
+    rig: RigSpec,
+    pretension_mm: Array,
+    command_deg: Array,
+    band_hz: tuple[float, float],
+    mode: TendonMode = "position",
 ) -> list[Resonance | None]:
+    """Return the resonance of each lane, (k,): pretension [mm] and amplitude of the command [deg]; None where the
+    torsion passes no 90° of lag in the band [Hz]."""
     problem = joint_problem(rig, pretension_mm, command_deg, band_hz, mode=mode)
     branches = predict(problem, band_hz, COARSE).branches
     torsion = np.array([0.0 if b.phase_90 is None else b.phase_90.amplitude for b in branches])
@@ -154,7 +160,7 @@ def find_resonances(
     where = np.asarray(pretension_mm, dtype=float)
     band = band_hz or linear_band(rig, list(where), mode)
     if swing.command_deg is not None:
-        return tuple(_at_commands(rig, where, np.full(where.shape, swing.command_deg), band, mode))
+        return tuple(resonances_at(rig, where, np.full(where.shape, swing.command_deg), band, mode))
     assert swing.yaw_deg is not None
     wanted = math.radians(swing.yaw_deg)
     commands = np.full(where.shape, _FIRST_COMMAND_DEG) if commands_deg is None else np.array(commands_deg, dtype=float)
@@ -162,7 +168,7 @@ def find_resonances(
     found: list[Resonance | None] = [None] * where.size
     left, before = np.arange(where.size), np.zeros((2, where.size))
     for _ in range(_ROUNDS):
-        for i, one in zip(left, _at_commands(rig, where[left], commands[left], band, mode), strict=True):
+        for i, one in zip(left, resonances_at(rig, where[left], commands[left], band, mode), strict=True):
             found[i] = one
         torsion = np.array([wanted if one is None else one.torsion for one in found])
         left = np.flatnonzero((np.abs(torsion / wanted - 1) > _CLOSE) & ~((commands >= most) & (torsion < wanted)))
