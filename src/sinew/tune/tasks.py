@@ -54,7 +54,7 @@ def _on_cluster(
     with client:
         _refuse_workers(client, address)
         futures = client.map(function, list(tasks), pure=False)
-        for done, _ in enumerate(as_completed(futures), start=1):
+        for done, _ in enumerate(as_completed(futures, loop=client.loop), start=1):
             if progress is not None:
                 progress(done, len(tasks))
         found: list[R] = client.gather(futures)
