@@ -140,4 +140,7 @@ def _allowed(pretension_mm: Array, table: Sequence[Sequence[Stress]]) -> tuple[f
 
 def _told(worst: Sequence[Stress], found: Sequence[Resonance], edge: float, way: int) -> str:
     beyond = [s for s, one in zip(worst, found, strict=True) if way * (one.pretension_mm - edge) > 0]
-    return f"{beyond[0 if way > 0 else -1].sentence}"
+    if not beyond:
+        side = "above" if way > 0 else "below"
+        return f"{side} {edge:.3g} mm the torsion does not settle to 90° of lag within the band that was searched"
+    return beyond[0 if way > 0 else -1].sentence

@@ -34,9 +34,9 @@ __all__ = ["Resonance", "Swing", "find_resonances", "linear_band", "resonances_a
 
 Array = NDArray[np.float64]
 
-_BELOW, _ABOVE = 0.8, 1.1
+_BELOW, _ABOVE = 0.8, 1.2
 _ROUNDS, _CLOSE = 6, 2e-3
-_FIRST_COMMAND_DEG = 10.0
+_FIRST_COMMAND_DEG, _WEAKER = 10.0, 0.4
 
 
 @dataclass(frozen=True)
@@ -170,12 +170,15 @@ def find_resonances(
     for _ in range(_ROUNDS):
         for i, one in zip(left, resonances_at(rig, where[left], commands[left], band, mode), strict=True):
             found[i] = one
+        lost = np.array([one is None for one in found])
         torsion = np.array([wanted if one is None else one.torsion for one in found])
-        left = np.flatnonzero((np.abs(torsion / wanted - 1) > _CLOSE) & ~((commands >= most) & (torsion < wanted)))
+        far = (np.abs(torsion / wanted - 1) > _CLOSE) & ~((commands >= most) & (torsion < wanted))
+        left = np.flatnonzero(far | lost)
         if not left.size:
             break
         guess = _secant(before, np.stack([commands, torsion]), wanted)
-        before = np.stack([commands, torsion])
+        before = np.where(lost, 0.0, np.stack([commands, torsion]))
+        guess = np.where(lost, _WEAKER * commands, guess)  # a strong drive may leave the band where a weak one does not
         commands[left] = np.clip(guess, 0.25 * commands, np.minimum(4 * commands, most))[left]
     return tuple(found)
 
