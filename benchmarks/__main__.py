@@ -3,7 +3,16 @@
 import sys
 from collections.abc import Callable, Sequence
 
-from benchmarks import broadband_speed, bus_loop, prediction, recording_speed, solid_cylinder, sweep_fit, twin_speed
+from benchmarks import (
+    broadband_speed,
+    bus_loop,
+    design,
+    prediction,
+    recording_speed,
+    solid_cylinder,
+    sweep_fit,
+    twin_speed,
+)
 
 PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "twin": lambda _: twin_speed.main(),
@@ -12,6 +21,7 @@ PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "recording": lambda _: recording_speed.main(),
     "sweep": sweep_fit.main,
     "prediction": lambda _: prediction.main(),
+    "design": design.main,
     "solid": lambda _: solid_cylinder.main(),
 }
 

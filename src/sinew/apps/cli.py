@@ -20,6 +20,7 @@ from sinew.apps import (
     check,
     compare,
     convert,
+    design,
     doctor,
     emulate,
     gait,
@@ -31,6 +32,7 @@ from sinew.apps import (
     simulate,
     track,
     transfer,
+    tune,
 )
 from sinew.measure.errors import SinewError
 
@@ -63,7 +65,11 @@ app.command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,
 )
 app.command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(joint.joint)
 app.command(epilog="Example: sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared")(compare.compare)
+app.command(epilog="Example: sinew tune rigs/paper.toml --resonance-hz 3.2,3.6,4 --yaw-deg 7 --json")(tune.tune)
 app.command(epilog="Example: sinew gait slow.npz fast.npz --speed-m-s 0.8,1.4 --out out/gait")(gait.gait)
+app.command(epilog="Example: sinew design --stride-hz 0.7:1.1 --yaw-deg 7 --inertia-kg-m2 0.25 --out out/torso")(
+    design.design
+)
 app.command(epilog="Example: sinew answer out/paper/recording.nc --out out/paper")(answer.answer)
 app.command("import", epilog="Example: sinew import decay.csv --time t_s --response angle:deg --out decay.nc")(
     convert.import_

@@ -14,7 +14,17 @@ if TYPE_CHECKING:
     from sinew.predict.joints.validity import Check
     from sinew.predict.prediction import Problem
 
-__all__ = ["Amplitude", "Mode", "Predicted", "Pretension", "RigAsked", "Without", "predict_rig", "rig_asked"]
+__all__ = [
+    "Amplitude",
+    "Mode",
+    "Predicted",
+    "Pretension",
+    "RigAsked",
+    "Without",
+    "check_mode",
+    "predict_rig",
+    "rig_asked",
+]
 
 _MODES = ("position", "position-with-current-limit", "current")
 _BAND_HZ = (1.0, 6.0)
@@ -78,12 +88,17 @@ class Predicted(NamedTuple):
         return rig_backbones(self.rig, asked.pretensions, asked.amplitude_deg, asked.band_hz, mode, effects)
 
 
+def check_mode(mode: str) -> None:
+    """Do nothing where a mode of the tendon motors is known; else raise SpecError."""
+    if mode not in _MODES:
+        raise SpecError(f"--mode is {mode!r}, expected one of {', '.join(_MODES)}")
+
+
 def rig_asked(
     pretension: str, amplitude: float, mode: str, without: list[str] | None, start: float | None, stop: float | None
 ) -> RigAsked:
     """Return what the options ask of a rig. Raises SpecError where one of them cannot be meant."""
-    if mode not in _MODES:
-        raise SpecError(f"--mode is {mode!r}, expected one of {', '.join(_MODES)}")
+    check_mode(mode)
     pretensions = []
     for part in pretension.split(","):
         try:

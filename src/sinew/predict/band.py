@@ -19,7 +19,7 @@ from sinew.measure.estimate import Estimate
 from sinew.predict.branch import Branch, Mark
 from sinew.predict.sweep import Direction, Swept, sweep
 
-__all__ = ["Band", "Marked", "Tube", "band_of", "crest"]
+__all__ = ["Band", "Marked", "Tube", "band_of", "crest", "estimate_of_deviations"]
 
 Array = NDArray[np.float64]
 
@@ -138,10 +138,16 @@ def _marked(nominal: Mark | None, coarse: Mark | None, drawn: Sequence[Mark | No
     centre = coarse or nominal
     frequency = np.array([one.frequency_hz - centre.frequency_hz for one in there])
     amplitude = np.array([one.amplitude - centre.amplitude for one in there])
-    return Marked(_estimate(nominal.frequency_hz, frequency), _estimate(nominal.amplitude, amplitude), len(there))
+    return Marked(
+        estimate_of_deviations(nominal.frequency_hz, frequency),
+        estimate_of_deviations(nominal.amplitude, amplitude),
+        len(there),
+    )
 
 
-def _estimate(value: float, off: Array) -> Estimate:
+def estimate_of_deviations(value: float, off: Array) -> Estimate:
+    """Return a value with the standard deviation and the 5 % and 95 % quantiles of what draws deviate from it, (d,);
+    NaN for fewer than two draws."""
     if off.size < 2:
         return Estimate(value, float("nan"), float("nan"), float("nan"))
     low, high = np.quantile(off, (_ENDS[0], _ENDS[2]), method=_METHOD)

@@ -1,1 +1,1 @@
-"""This is where Sinew tunes a joint and keeps it tuned: it holds a resonance, and moves it to where it is wanted."""
+"""This is where a joint is tuned to a gait: pretension, design, tracking."""

@@ -1,0 +1,264 @@
+"""This is where a candidate joint is judged, with slopes: resonance at both ends of the band, loads, energy, size.
+
+A candidate is a point of a unit cube for each of its sizes; `unpacked` says which sizes those are. Its pretensions are
+no variables of the search: the shortening at which it resonates at an end of the band is solved for, and moves with
+the sizes by the implicit function theorem. All forces are those of the twin.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from sinew.plan.rig import RigSpec
+from sinew.predict.joints.validity import CLOSE, SLENDER, STRAIN
+from sinew.tune.design_target import DesignTarget
+from sinew.tune.drive_load import load_of_swing
+from sinew.tune.shapes import SHAPES, Form
+from sinew.tune.swing_stiffness import as_one_tendon, held_at, peak_tension, swing_loss, swing_stiffness
+from sinew.twin.parameters import Parameters, from_rig
+
+__all__ = ["GUIDE", "OBJECTIVES", "SIZES", "Frame", "Judged", "Sizes", "frame_of", "judge", "unpacked"]
+
+SIZES = ("size", "ratio", "length", "circle", "lever")
+"""What is searched: larger size of the section [m], ratio of the smaller one, length [m], radius of the guides' circle
+[m], inertia of the lever [kg m²]."""
+
+OBJECTIVES = ("energy_j", "volume_m3", "tension_n")
+"""What is traded: the drive's electrical energy in a cycle, mean of both ends of the band; volume of the cylinder
+around joint and guides; tension of a tendon at the upper end."""
+
+GUIDE = 0.005
+"""How far guides stand out beyond their circle, and half of it how far a tendon keeps from the silicone [m]."""
+
+_RESERVE = 0.9
+_SAFE_BUCKLING = 1.5
+_CONTACT = 1.3
+_BEAM = 0.95
+_COMPRESSION = 0.25
+_TRAVEL_LEFT = 2e-3
+_STEPS = 9
+
+Triple = tuple[jax.Array, jax.Array, jax.Array]
+
+
+class Frame(NamedTuple):
+    """What is the same for all candidates of a search, in SI.
+
+    base: parameters of the rig that is changed. shape: number among `SHAPES`. amplitude: of the torsion; omega: of the
+    band's ends (2,). contact: tension of all tendons at first contact. beyond: span beyond the silicone. low, high: of
+    each size (n,). damping: least D. wander: least difference of the pretensions at the band's ends. tension: of all
+    tendons together, travel, command, current: what they may be. tendons: number.
+    """
+
+    base: Parameters
+    shape: jax.Array
+    amplitude: jax.Array
+    omega: jax.Array
+    inertia: jax.Array
+    contact: jax.Array
+    beyond: jax.Array
+    supply: jax.Array
+    low: jax.Array
+    high: jax.Array
+    diameter: jax.Array
+    damping: jax.Array
+    wander: jax.Array
+    tension: jax.Array
+    travel: jax.Array
+    command: jax.Array
+    current: jax.Array
+    tendons: jax.Array
+
+
+class Sizes(NamedTuple):
+    """The sizes of a candidate, see `SIZES`."""
+
+    size: jax.Array
+    ratio: jax.Array
+    length: jax.Array
+    circle: jax.Array
+    lever: jax.Array
+
+
+class Judged(NamedTuple):
+    """objectives: see `OBJECTIVES`. excess: by how much each limit is exceeded, as a share of it; at most 0 where it is
+    kept. pretension: at both ends of the band [m]. lever: amplitude at both ends [rad]."""
+
+    objectives: jax.Array
+    excess: jax.Array
+    pretension: jax.Array
+    lever: jax.Array
+
+
+def frame_of(rig: RigSpec, target: DesignTarget, name: str) -> Frame:
+    """Return the frame of a search for one shape, from a base rig whose motors, guides and loss factor are kept."""
+    tendons, limits, shape = rig.tendons, rig.limits, SHAPES[name]
+    pull = limits.tendon_current_a * tendons.torque_constant.value / tendons.pulley_radius.value
+    most_lever = target.lever_share * target.inertia
+    low = (0.015, shape.ratio[0], 0.03, 0.015, min(rig.inertia.lever.value, 0.5 * most_lever))
+    high = (target.diameter, shape.ratio[1], target.length, 0.5 * target.diameter - GUIDE, most_lever)
+    values = {
+        "amplitude": jnp.radians(target.yaw_deg),
+        "omega": 2 * jnp.pi * jnp.asarray(target.band_hz),
+        "inertia": target.inertia,
+        "contact": tendons.count * tendons.first_contact_tension.value,
+        "beyond": tendons.free_span.value - rig.silicone.length.value,
+        "supply": rig.drive.supply_voltage.value,
+        "low": low,
+        "high": high,
+        "diameter": target.diameter,
+        "damping": target.least_damping,
+        "wander": rig.repeatability.pretension.value * (target.band_hz[1] / target.band_hz[0] - 1) / target.wander,
+        "tension": tendons.count * _RESERVE * min(limits.tension_n, pull),
+        "tendons": tendons.count,
+        "travel": 1e-3 * limits.tendon_travel_mm[1] - _TRAVEL_LEFT,
+        "command": jnp.radians(_RESERVE * limits.drive_amplitude_deg),
+        "current": _RESERVE * limits.drive_current_a,
+    }
+    arrays = {name: jnp.asarray(value, dtype=float) for name, value in values.items()}
+    return Frame(from_rig(rig), jnp.asarray(list(SHAPES).index(name)), **arrays)
+
+
+def unpacked(place: jax.Array, frame: Frame) -> Sizes:
+    """Return the sizes of a place in the unit cube, (5,); they grow by factors."""
+    return Sizes(*(frame.low * (frame.high / frame.low) ** place))
+
+
+def _once(values: Any) -> Any:
+    """Return the values as they are, and have the compiler compute them once: it takes them for cheap and repeats them
+    in everything that uses them, which makes compiling ten times as long."""
+    return jax.lax.optimization_barrier(values)  # type: ignore[no-untyped-call]
+
+
+def _joint(sizes: Sizes, form: Form, modulus: jax.Array, frame: Frame) -> Parameters:
+    return as_one_tendon(frame.base)._replace(
+        length=sizes.length,
+        torsional_rigidity=modulus * form.torsion_constant,
+        axial_rigidity=modulus * form.area,
+        warping_rigidity=modulus * (form.polar - form.torsion_constant),
+        bending_rigidity=3 * modulus * form.least,
+        head=frame.inertia,
+        lever=sizes.lever,
+        base_radius=sizes.circle,
+        head_radius=sizes.circle,
+        free_span=sizes.length + frame.beyond,
+    )
+
+
+def _too_stiff(shortening: jax.Array, omega: jax.Array, p: Parameters, frame: Frame) -> jax.Array:
+    """Return by how much a joint at a shortening is too stiff to resonate, as a share of what it should be."""
+    held, _ = held_at(shortening, p)
+    spring = swing_stiffness(shortening, frame.amplitude, omega, held)
+    return spring / ((p.head + p.lever) * omega**2) - 1
+
+
+def _resonant(omega: jax.Array, p: Parameters, frame: Frame) -> tuple[jax.Array, jax.Array]:
+    """Return (shortening [m] at which a joint resonates, between nothing and 45 % of its length; what is left over of
+    the balance, as a share).
+
+    Secants, held inside; a last step of Newton's method alone carries slopes, which gives those of the root.
+    """
+    fixed = jax.lax.stop_gradient((omega, p, frame))
+    length = fixed[1].length
+    low, high = 1e-4 * length, 0.45 * length
+
+    def off(x: jax.Array) -> jax.Array:
+        return _too_stiff(x, *fixed)
+
+    def step(state: Triple, _: None) -> tuple[Triple, None]:
+        x, last, left_last = state
+        left = off(x)
+        run = jnp.where(jnp.abs(x - last) > 1e-12 * length, x - last, jnp.inf)
+        slope = jnp.maximum((left - left_last) / run, 1e-2 / length)
+        slope = jnp.where(jnp.isfinite(run), slope, jnp.inf)
+        return (jnp.clip(x - left / slope, low, high), x, left), None
+
+    first = 0.02 * length
+    state, _ = jax.lax.scan(step, (0.2 * length, first, off(first)), None, length=_STEPS)
+    root = jax.lax.stop_gradient(state[0])
+    nudge = 1e-4 * length
+    around = jax.lax.stop_gradient(jax.vmap(off)(jnp.stack([root - nudge, root + nudge])))
+    slope = (around[1] - around[0]) / (2 * nudge)
+    left = _too_stiff(root, omega, p, frame)
+    # At an end of the interval there is no root: the place stays, and what is left over counts as a fault.
+    inside = (root > 1.001 * low) & (root < 0.999 * high)
+    moved = root - left / slope
+    return jnp.where(inside, moved, root), jnp.where(inside, 0.0, left)
+
+
+def _first_contact(p: Parameters, frame: Frame) -> jax.Array:
+    """Return the shortening [m] under the first-contact tension: G A (1/λ² - λ) = ΣT, by Newton's method."""
+    load = frame.contact / p.axial_rigidity
+    stretch = 1 - load / 3
+    for _ in range(6):
+        stretch = stretch - (stretch**-2 - stretch - load) / (-2 * stretch**-3 - 1)
+    return p.length * (1 - stretch)
+
+
+def _principal_strain(shear: jax.Array, stretch: jax.Array) -> jax.Array:
+    """Return the largest principal strain as `sinew.predict.joints.validity.largest_strain` does, with slopes."""
+    across = stretch**-0.5
+    trace = across**2 * (1 + shear**2) + stretch**2
+    return jnp.sqrt(0.5 * (trace + jnp.sqrt(trace**2 - 4 * across**2 * stretch**2))) - 1
+
+
+def judge(place: jax.Array, modulus: jax.Array, frame: Frame) -> Judged:
+    """Return what a candidate is worth. place: in the unit cube, (5,). modulus: G of its silicone [Pa]."""
+    sizes = unpacked(place, frame)
+    forms = [shape.form for shape in SHAPES.values()]
+    form = _once(jax.lax.switch(frame.shape, forms, sizes.size, sizes.ratio))
+    p = _once(_joint(sizes, form, modulus, frame))
+    contact = _first_contact(p, frame)
+    first_end = p.free_span - contact - frame.contact / p.stiffness
+
+    def at(omega: jax.Array) -> tuple[jax.Array, ...]:
+        x, off = _once(_resonant(omega, p, frame))
+        held, tension = _once(held_at(x, p))
+        lever = swing_loss(x, frame.amplitude, omega, held) * frame.amplitude / (p.lever * omega**2)
+        load = load_of_swing(held, frame.supply, omega, (jnp.zeros(()), lever), frame.amplitude)
+        command = lever + load[2] / p.position_gain
+        peak = _once(peak_tension(frame.amplitude, x, held))
+        return x, first_end - held.cable_end, tension, peak, off, lever, command, load[2], load[3], load[5]
+
+    x, pretension, tension, peak, off, lever, command, duty, current, energy = jax.vmap(at)(frame.omega)
+    stretch = 1 - x[1] / p.length
+    excess = [
+        100 * jnp.abs(off[0]),
+        100 * jnp.abs(off[1]),
+        _CONTACT * frame.contact / tension[0] - 1,
+        frame.damping / jnp.min(0.5 * p.lever * lever / ((p.head + p.lever) * frame.amplitude)) - 1,
+        frame.wander / jnp.maximum(pretension[1] - pretension[0], 1e-9) - 1,
+        peak[1] / frame.tension - 1,
+        pretension[1] / frame.travel - 1,
+        jnp.max(command) / frame.command - 1,
+        jnp.max(duty) / _RESERVE - 1,
+        jnp.max(current) / frame.current - 1,
+        *_material_excess(sizes, form, stretch, modulus, peak[1], frame),
+    ]
+    diameter = jnp.maximum(form.diameter, 2 * (sizes.circle + GUIDE))
+    volume = jnp.pi / 4 * diameter**2 * p.free_span
+    return Judged(jnp.stack([jnp.mean(energy), volume, peak[1] / frame.tendons]), jnp.stack(excess), pretension, lever)
+
+
+def _material_excess(
+    sizes: Sizes, form: Form, stretch: jax.Array, modulus: jax.Array, load: jax.Array, frame: Frame
+) -> list[jax.Array]:
+    """Return the excess over strain, compression, beam theory, buckling and clearance at the upper end of the band."""
+    shear = form.shear_arm * frame.amplitude / sizes.length
+    euler, sliding = 4 * jnp.pi**2 * 3 * modulus * form.least / sizes.length**2, modulus * form.area
+    haringx = 0.5 * sliding * (jnp.sqrt(1 + 4 * euler / sliding) - 1)
+    bulge = form.area / (form.perimeter * sizes.length)
+    twisting = 1 - (1 - jnp.clip(form.torsion_constant / form.polar, 0.0, 1 - 1e-9)) ** (1 / 3)
+    turned = jnp.where(form.warping_constant > 0, form.warping_constant, 1e-20)
+    h = 0.5 * sizes.length * jnp.sqrt(form.torsion_constant / (3 * turned))
+    return [
+        _principal_strain(shear, stretch) / (_RESERVE * STRAIN) - 1,
+        (1 - stretch) / _COMPRESSION - 1,
+        SLENDER / _BEAM * form.diameter / sizes.length - 1,
+        2 * bulge**2 / (_BEAM * CLOSE) - 1,
+        jnp.where(form.warping_constant > 0, (1 / (1 - jnp.tanh(h) / h) - 1) / (_BEAM * CLOSE) - 1, -1.0),
+        _SAFE_BUCKLING * load / haringx - 1,
+        (1 - stretch) / (_RESERVE * twisting) - 1,
+        (0.5 * form.diameter * stretch**-0.5 + 0.5 * GUIDE) / sizes.circle - 1,
+    ]

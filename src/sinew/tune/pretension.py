@@ -1,0 +1,202 @@
+"""This is where the pretension is found at which a rig resonates at a wanted frequency, and how sure that is.
+
+Resonance is 90° of lag behind the lever (`sinew.tune.resonance`). The interval comes from rigs drawn from what the
+calibration knows: each draw's frequency at the pretension that is right for the rig, over the slope of frequency over
+pretension. It holds what is not known of the calibrated parameters and nothing else.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from sinew.measure.errors import SpecError
+from sinew.measure.estimate import Estimate
+from sinew.plan.plan import TendonMode
+from sinew.plan.rig import RigSpec
+from sinew.predict.band import estimate_of_deviations
+from sinew.predict.drawn import drawn_branches
+from sinew.predict.draws import Draws
+from sinew.predict.joint import joint_problem
+from sinew.predict.prediction import Problem
+from sinew.tune.reachable import Reachable, find_reachable, stresses_of
+from sinew.tune.resonance import Resonance, Swing, find_resonances
+
+__all__ = ["Setting", "Tuning", "tune_pretension"]
+
+Array = NDArray[np.float64]
+
+_STEPS, _CLOSE = 4, 2e-5
+_ROOM = 0.3
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The pretension for one wanted frequency.
+
+    feasible: whether there is one within the rig's limits; without one the rest is None. pretension_mm, frequency_hz:
+    what to set, and where the joint resonates then; their intervals are NaN where nothing is known of the rig's
+    uncertainty. slope_hz_mm: of frequency over pretension. draws: that had a resonance. sentence: in words.
+    """
+
+    wanted_hz: float
+    feasible: bool
+    sentence: str
+    pretension_mm: Estimate | None = None
+    frequency_hz: Estimate | None = None
+    slope_hz_mm: float = math.nan
+    resonance: Resonance | None = None
+    draws: int = 0
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """All settings of a rig, the range they can lie in, and what to know of their intervals."""
+
+    reachable: Reachable
+    settings: tuple[Setting, ...]
+    remarks: tuple[str, ...]
+
+
+def tune_pretension(
+    rig: RigSpec,
+    wanted_hz: Sequence[float],
+    swing: Swing,
+    *,
+    draws: Draws | None = None,
+    mode: TendonMode = "position",
+    progress: Callable[[float, float], None] | None = None,
+) -> Tuning:
+    """Return the pretension for each wanted frequency [Hz].
+
+    swing: how far the joint swings there. draws: of the rig, for intervals; with a yaw they are driven as the rig is.
+    progress: called with (done, total) draws. Raises SpecError where a frequency is not positive.
+    """
+    for hertz in wanted_hz:
+        if not 0 < hertz < math.inf:
+            raise SpecError(f"found a wanted resonance of {hertz:g} Hz, expected a positive frequency")
+    reachable = find_reachable(rig, swing, mode=mode)
+    guesses = [_guess(reachable, hertz) for hertz in wanted_hz]
+    inside = [i for i, guess in enumerate(guesses) if guess is not None]
+    found = _refined(rig, reachable, [(wanted_hz[i], guesses[i] or 0.0) for i in inside], swing, mode)
+    settings = [Setting(hertz, False, _why_not(reachable, hertz)) for hertz in wanted_hz]
+    slope = reachable.curve().derivative() if len(reachable.resonances) > 1 else None
+    for i, one in zip(inside, found, strict=True):
+        if one is None:
+            settings[i] = Setting(wanted_hz[i], False, "its resonance was lost on the way; give a smaller drive")
+            continue
+        assert slope is not None
+        settings[i] = _setting(rig, wanted_hz[i], one, float(slope(one.pretension_mm)), swing)
+    if draws is not None:
+        settings = _with_intervals(rig, settings, draws, mode, progress)
+    remarks = () if draws is None else draws.remarks
+    return Tuning(reachable, tuple(settings), remarks)
+
+
+def _guess(reachable: Reachable, hertz: float) -> float | None:
+    """Return the lowest pretension [mm] within the limits at which the interpolated curve passes a frequency."""
+    if reachable.pretension_mm is None:
+        return None
+    curve = reachable.curve()
+    at = np.linspace(*reachable.pretension_mm, 201)
+    off = curve(at) - hertz
+    passed = np.flatnonzero(off[:-1] * off[1:] <= 0)
+    if not passed.size:
+        return None
+    i = int(passed[0])
+    return float(brentq(lambda x: float(curve(x)) - hertz, at[i], at[i + 1]))
+
+
+def _refined(
+    rig: RigSpec, reachable: Reachable, asked: list[tuple[float, float]], swing: Swing, mode: TendonMode
+) -> list[Resonance | None]:
+    """Return the resonance of each (wanted frequency [Hz], guess [mm]), by Newton's method with the curve's slope."""
+    if not asked:
+        return []
+    slope = reachable.curve().derivative()
+    wanted, where = (np.array(row) for row in zip(*asked, strict=True))
+    found: list[Resonance | None] = []
+    known = [one.pretension_mm for one in reachable.resonances]
+    commands = np.interp(where, known, [math.degrees(one.command) for one in reachable.resonances])
+    for _ in range(_STEPS):
+        found = list(find_resonances(rig, where.tolist(), swing, mode=mode, commands_deg=commands.tolist()))
+        now = np.array([math.nan if one is None else one.frequency_hz for one in found])
+        off = now / wanted - 1
+        if not np.any(np.abs(off) > _CLOSE):
+            break
+        where = np.where(np.isfinite(off), np.clip(where - off * wanted / slope(where), 0.0, None), where)
+    return found
+
+
+def _setting(rig: RigSpec, hertz: float, one: Resonance, slope: float, swing: Swing) -> Setting:
+    unknown = math.nan, math.nan, math.nan
+    stresses = [stress for stress in stresses_of(rig, one, swing) if stress.name != "yaw_deg"]
+    worst = max(stresses, key=lambda stress: stress.share)
+    sentence = (
+        f"{one.pretension_mm:.2f} mm makes it resonate at {one.frequency_hz:.4g} Hz with ±"
+        f"{math.degrees(one.torsion):.1f}°; of the rig's limits {worst.name} is used most, {worst.share:.0%}"
+    )
+    return Setting(
+        hertz, True, sentence, Estimate(one.pretension_mm, *unknown), Estimate(one.frequency_hz, *unknown), slope, one
+    )
+
+
+def _why_not(reachable: Reachable, hertz: float) -> str:
+    if reachable.pretension_mm is None or reachable.frequency_hz is None:
+        return f"no pretension lies within the rig's limits: {reachable.why[0]}"
+    (low_mm, high_mm), (low, high) = reachable.pretension_mm, reachable.frequency_hz
+    if hertz < min(low, high):
+        return (
+            f"{hertz:g} Hz is below the {low:.4g} Hz at {low_mm:.3g} mm, and {reachable.why[0]}; a softer or longer "
+            "silicone, a smaller tendon circle or more inertia would go lower"
+        )
+    return (
+        f"{hertz:g} Hz is above the {high:.4g} Hz at {high_mm:.3g} mm, and {reachable.why[1]}; a stiffer or shorter "
+        "silicone, a larger tendon circle or less inertia would go higher"
+    )
+
+
+def _with_intervals(
+    rig: RigSpec,
+    settings: list[Setting],
+    draws: Draws,
+    mode: TendonMode,
+    progress: Callable[[float, float], None] | None,
+) -> list[Setting]:
+    """Return the settings with the intervals that the draws give."""
+    there = [i for i, one in enumerate(settings) if one.resonance is not None]
+    marks = [one for i in there if (one := settings[i].resonance) is not None]
+    if not marks:
+        return settings
+    hertz = [one.frequency_hz for one in marks]
+    band = ((1 - _ROOM) * min(hertz), (1 + _ROOM) * max(hertz))
+
+    def make(one: RigSpec) -> Problem:
+        commands = np.degrees([mark.command for mark in marks])
+        return joint_problem(one, [mark.pretension_mm for mark in marks], commands, band, mode=mode)
+
+    own, *drawn = drawn_branches([rig, *draws.rigs], make, band, progress=progress)
+    told = list(settings)
+    for column, i in enumerate(there):
+        centre = own[column].phase_90
+        if centre is None:
+            continue
+        there_too = [one[column].phase_90 for one in drawn]
+        off = np.array([one.frequency_hz - centre.frequency_hz for one in there_too if one is not None])
+        setting = settings[i]
+        assert setting.pretension_mm is not None
+        assert setting.frequency_hz is not None
+        told[i] = Setting(
+            setting.wanted_hz,
+            True,
+            setting.sentence,
+            estimate_of_deviations(setting.pretension_mm.value, -off / setting.slope_hz_mm),
+            estimate_of_deviations(setting.frequency_hz.value, off),
+            setting.slope_hz_mm,
+            setting.resonance,
+            off.size,
+        )
+    return told

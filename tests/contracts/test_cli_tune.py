@@ -1,0 +1,75 @@
+"""The commands `sinew tune` and `sinew design`: documents, files, and the lines for wrong input."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from sinew.apps.cli import main
+from sinew.plan.toml import load_plan, load_rig
+
+GAIT = ("--stride-hz", "0.7:1.1", "--yaw-deg", "7")
+
+
+def test_a_setting_is_told_as_json_and_the_rig_without_calibration_says_so(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["tune", "paper", "--resonance-hz", "3.5,9", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    near, far = document["settings"]
+    assert (document["command_deg"], document["yaw_deg"], document["draws"]) == (20.0, None, None)
+    assert near["feasible"]
+    assert near["frequency_hz"]["value"] == pytest.approx(3.5, rel=1e-4)
+    assert near["pretension_mm"]["interval90"] == [None, None]
+    assert (far["feasible"], set(far)) == (False, {"wanted_hz", "feasible", "sentence"})
+    assert document["range"]["frequency_hz"][0] < 3.5 < document["range"]["frequency_hz"][1]
+    assert "holds no intervals" in document["remarks"][0]
+
+
+FAULTS = {
+    "two amplitudes": (("tune", "paper", "--resonance-hz", "3", "--amplitude-deg", "9", "--yaw-deg", "7"), "one of"),
+    "words for a frequency": (("tune", "paper", "--resonance-hz", "fast"), "--resonance-hz is 'fast'"),
+    "a draw": (("tune", "paper", "--resonance-hz", "3", "--bands", "1"), "--bands is 1"),
+    "no intervals to draw from": (("tune", "paper", "--resonance-hz", "3", "--bands", "9"), "holds no intervals"),
+    "no gait": (("design", "--yaw-deg", "7"), "--stride-hz LOW:HIGH with --yaw-deg"),
+    "half a band": (("design", "--stride-hz", "0.7", "--yaw-deg", "7"), "--stride-hz is '0.7'"),
+    "an envelope": (("design", *GAIT, "--envelope-mm", "big"), "--envelope-mm is 'big'"),
+    "a shape": (("design", *GAIT, "--shape", "star"), "--shape holds 'star'"),
+    "a silicone": (("design", *GAIT, "--material", "dragon-skin-31"), "did you mean dragon-skin-30"),
+    "no gait file": (("design", "--gait", "nowhere.json"), "cannot read nowhere.json"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), FAULTS.values(), ids=FAULTS.keys())
+def test_a_wrong_command_line_is_one_line_and_status_2(
+    arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status = main(list(arguments))
+    out, err = capsys.readouterr()
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert sentence in err
+
+
+@pytest.mark.slow
+def test_a_design_leaves_a_rig_a_plan_and_a_page_that_go_on_from_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "torso"
+    words = ["--shape", "circle", "--material", "base", "--starts", "8", "--exact", "2", "--proposals", "1"]
+    assert main(["design", *GAIT, *words, "--seed", "1000", "--out", str(out), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    (one,) = document["proposals"]
+    assert one["is_confirmed"]
+    assert all(check["holds"] for check in one["validity"])
+    assert [end["frequency_hz"] for end in one["ends"]] == pytest.approx([0.7, 1.1], rel=1e-3)
+    assert [end["torsion_deg"] for end in one["ends"]] == pytest.approx([7.0, 7.0], rel=5e-3)
+    rig, plan = load_rig(one["rig"]), load_plan(one["plan"])
+    assert rig.inertia.head.value == 0.25
+    assert plan.pretension.pretension_mm == pytest.approx([end["pretension_mm"] for end in one["ends"]], abs=1e-3)
+    assert json.loads((out / "design.json").read_text(encoding="utf-8")) == document
+    assert "proposal" in (out / "design.html").read_text(encoding="utf-8")
+    assert (out / "figures" / "design_front.png").stat().st_size > 10_000
+    assert (out / "figures" / "design_curves.png").stat().st_size > 10_000
+    assert main(["check", one["plan"], "--rig", one["rig"], "--json"]) == 0
+    checked = json.loads(capsys.readouterr().out)
+    assert [row for row in checked["findings"] if row["severity"] == "refuse"] == []

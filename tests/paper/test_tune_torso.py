@@ -1,0 +1,55 @@
+"""A torso of 0.25 kg m² at 0.7 to 1.1 Hz, ±7°: distinct joints that the full twin confirms, here and on a cluster."""
+
+import numpy as np
+import pytest
+
+from sinew.plan.check import check_plan
+from sinew.plan.toml import load_rig
+from sinew.predict.joints.design import shear_modulus_of
+from sinew.predict.joints.material import load_material
+from sinew.tune.confirmation import ENOUGH
+from sinew.tune.design import Effort, design_joints
+from sinew.tune.design_target import DesignTarget
+from sinew.tune.proposal import plan_of
+
+RIG = load_rig("paper")
+TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)
+SILICONES = {"base": shear_modulus_of(RIG), "ecoflex-00-50": load_material("ecoflex-00-50").shear_modulus.value}
+SHAPES = ["circle", "annulus", "ellipse"]
+
+
+@pytest.mark.slow
+def test_three_distinct_joints_are_proposed_and_the_twin_confirms_each_at_both_ends() -> None:
+    found = design_joints(RIG, TARGET, SILICONES, SHAPES, Effort(starts=16, exact=6, proposals=3, seed=1000))
+    proposals = [found.evaluated[i] for i in found.chosen]
+    kinds = {(one.draft.shape, one.draft.material) for one in proposals}
+    assert len(kinds) == 3
+    for one, confirmed in zip(proposals, found.confirmed, strict=True):
+        assert one.faults == ()
+        assert [end.frequency_hz for end in one.ends] == pytest.approx([0.7, 1.1], rel=1e-3)
+        assert np.degrees([end.torsion for end in one.ends]) == pytest.approx([7.0, 7.0], rel=5e-3)
+        # Resonance at 90° of lag: the spring's torque balances the inertia's, k = I Ω², whatever the joint is made of.
+        assert one.rig.inertia.head.value == 0.25
+        assert check_plan(plan_of(one), one.rig, [end.rest_tension for end in one.ends]).refusals == ()
+        for end in confirmed:
+            assert abs(end.error) < ENOUGH
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::DeprecationWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+def test_two_workers_of_a_cluster_give_the_front_that_one_process_gives() -> None:
+    distributed = pytest.importorskip("distributed", reason='needs dask.distributed: pip install "sinew[cluster]"')
+    effort = Effort(starts=8, exact=4, proposals=2, seed=1000)
+    silicones = {"base": SILICONES["base"]}
+    alone = design_joints(RIG, TARGET, silicones, SHAPES[:2], effort)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
+    ) as cluster:
+        spread = design_joints(RIG, TARGET, silicones, SHAPES[:2], effort, scheduler=cluster.scheduler_address)
+    assert [one.rig for one in spread.evaluated] == [one.rig for one in alone.evaluated]
+    assert [one.objectives for one in spread.evaluated] == [one.objectives for one in alone.evaluated]
+    assert np.array_equal(spread.front, alone.front)
+    assert spread.chosen == alone.chosen
+    assert spread.confirmed == alone.confirmed

@@ -1,0 +1,163 @@
+"""The parts of a design search: closed sections, a candidate and its slopes, who is dominated, what is refused."""
+
+import math
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from sinew.apps.design import read_gait
+from sinew.measure.errors import SpecError
+from sinew.plan.toml import dump_rig, load_rig
+from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
+from sinew.predict.joints.validity import largest_strain
+from sinew.predict.sections.section import annulus_section
+from sinew.tune.candidate import SIZES, frame_of, judge, unpacked
+from sinew.tune.design_target import DesignTarget
+from sinew.tune.front import nondominated, spread_out
+from sinew.tune.resonance import Swing, find_resonances
+from sinew.tune.search import blocks_of, search_block
+from sinew.tune.shapes import SHAPES
+from sinew.tune.tasks import run_tasks
+from sinew.twin.cache import configure
+
+RIG = load_rig("paper")
+TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)
+ANNULUS = dict(zip(SIZES, (0.056, 0.4, 0.12, 0.045, 0.02), strict=True))
+
+
+def place(name: str, sizes: dict[str, float]) -> np.ndarray:
+    """Return where sizes lie in the unit cube of a shape."""
+    frame = frame_of(RIG, TARGET, name)
+    low, high = np.asarray(frame.low), np.asarray(frame.high)
+    return np.log(np.array(list(sizes.values())) / low) / np.log(np.where(high > low, high / low, np.e))
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("ratio", [0.4, 0.8])
+def test_a_closed_section_is_the_exact_one(name: str, ratio: float) -> None:
+    configure()
+    form, exact = SHAPES[name].form(jnp.asarray(0.06), jnp.asarray(ratio)), SHAPES[name].section(0.06, ratio)
+    if name == "circle":
+        form = SHAPES[name].form(jnp.asarray(0.06), jnp.asarray(1.0))
+    assert float(form.torsion_constant) == pytest.approx(exact.torsion_constant, rel=5e-4)
+    for mine, theirs in (
+        (form.diameter, exact.diameter),
+        (form.area, exact.area),
+        (form.polar, exact.polar_moment),
+        (form.least, exact.least),
+    ):
+        assert float(mine) == pytest.approx(theirs, rel=1e-9)
+    assert float(form.perimeter) == pytest.approx(exact.perimeter, rel=5e-5)
+    assert exact.shear_arm is not None
+    assert float(form.shear_arm) == pytest.approx(exact.shear_arm, rel=2e-3)
+    # What bonded ends add may be taken too large, not too small.
+    assert float(form.warping_constant) >= 0.999 * exact.warping_constant
+
+
+def test_the_slopes_of_a_candidate_are_those_of_its_differences() -> None:
+    configure()
+    frame, at, modulus = frame_of(RIG, TARGET, "annulus"), place("annulus", ANNULUS), shear_modulus_of(RIG)
+
+    def logarithms(x: jax.Array) -> jax.Array:
+        return jnp.log(judge(x, modulus, frame).objectives)
+
+    slopes, value = jax.jit(jax.jacfwd(logarithms))(at), jax.jit(logarithms)
+    for k in range(len(SIZES)):
+        nudge = 1e-5 * np.eye(len(SIZES))[k]
+        ahead, behind = (np.asarray(value(at + sign * nudge)) for sign in (1, -1))
+        assert np.asarray(slopes)[:, k] == pytest.approx((ahead - behind) / 2e-5, rel=2e-4, abs=2e-4)
+
+
+def test_a_candidate_resonates_by_harmonic_balance_where_the_search_says() -> None:
+    configure()
+    frame, at, modulus = frame_of(RIG, TARGET, "annulus"), place("annulus", ANNULUS), shear_modulus_of(RIG)
+    assert np.asarray(unpacked(jnp.asarray(at), frame)) == pytest.approx(list(ANNULUS.values()))
+    judged = jax.jit(judge)(jnp.asarray(at), modulus, frame)
+    section = annulus_section(ANNULUS["size"], ANNULUS["ratio"] * ANNULUS["size"])
+    rig = design_rig(
+        RIG,
+        Design(
+            section=section,
+            length=ANNULUS["length"],
+            tendon_circle=ANNULUS["circle"],
+            head_inertia=0.25,
+            lever_inertia=ANNULUS["lever"],
+        ),
+    )
+    found = find_resonances(rig, (1e3 * np.asarray(judged.pretension)).tolist(), Swing(yaw_deg=7.0))
+    # The search knows the fundamental only, and takes the head to sink at once.
+    for one, wanted, lever in zip(found, TARGET.band_hz, np.asarray(judged.lever), strict=True):
+        assert one is not None
+        assert one.frequency_hz == pytest.approx(wanted, rel=0.01)
+        assert abs(one.lever) == pytest.approx(lever, rel=0.03)
+    assert found[1] is not None
+    assert float(judged.objectives[2]) == pytest.approx(found[1].tension, rel=0.01)
+
+
+def test_the_strain_with_slopes_is_the_one_that_the_prediction_checks() -> None:
+    from sinew.tune.candidate import _principal_strain
+
+    configure()
+    for shear, stretch in ((0.0, 0.8), (0.3, 1.0), (0.5, 0.75)):
+        assert float(_principal_strain(jnp.asarray(shear), jnp.asarray(stretch))) == pytest.approx(
+            largest_strain(shear, stretch)
+        )
+
+
+def test_a_block_gives_the_same_candidates_again_and_they_keep_the_limits() -> None:
+    silicones = {"base": shear_modulus_of(RIG)}
+    first, other = (blocks_of(dump_rig(RIG), TARGET, silicones, ["circle"], 8, seed)[0] for seed in (1000, 1001))
+    found, again, elsewhere = search_block(first), search_block(first), search_block(other)
+    assert np.array_equal(found.sizes, again.sizes)
+    assert not np.array_equal(found.sizes, elsewhere.sizes)
+    assert found.feasible.any()
+    fit = found.sizes[found.feasible]
+    # Guides outside the silicone, the envelope, a joint at least as long as wide.
+    assert np.all(fit[:, 3] > 0.5 * fit[:, 0])
+    assert np.all(2 * fit[:, 3] < TARGET.diameter)
+    assert np.all(fit[:, 2] > fit[:, 0])
+    assert np.all(np.diff(found.pretension[found.feasible], axis=1) > 0)
+
+
+def test_of_these_points_those_without_a_better_one_are_left() -> None:
+    rows = np.array([[1.0, 5.0], [2.0, 2.0], [5.0, 1.0], [3.0, 3.0], [2.0, 2.0], [1.0, 6.0]])
+    assert nondominated(rows).tolist() == [True, True, True, False, False, False]
+
+
+def test_few_points_that_stand_for_many_lie_apart() -> None:
+    rows = np.exp(np.array([[0.0, 1.0], [0.01, 0.99], [1.0, 0.0], [0.4, 0.4], [0.41, 0.41]]))
+    assert spread_out(rows, 3) == [3, 0, 2]
+    assert spread_out(np.zeros((0, 2)), 3) == []
+
+
+def test_tasks_come_back_in_their_order() -> None:
+    told: list[tuple[float, float]] = []
+    assert run_tasks(math.sqrt, [4.0, 9.0], progress=lambda done, total: told.append((done, total))) == [2.0, 3.0]
+    assert told == [(1, 2), (2, 2)]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"band_hz": (1.1, 0.7)}, "stride band"),
+        ({"yaw_deg": 0.0}, "yaw"),
+        ({"inertia": 0.0}, "inertia"),
+        ({"diameter": 0.0}, "envelope"),
+        ({"lever_share": 2.0}, "lever"),
+    ],
+)
+def test_a_target_that_cannot_be_meant_is_refused(change: dict[str, object], sentence: str) -> None:
+    with pytest.raises(SpecError, match=sentence):
+        DesignTarget(**{"band_hz": (0.7, 1.1), "yaw_deg": 7.0, "inertia": 0.25, **change})  # type: ignore[arg-type]
+
+
+def test_a_gait_file_gives_band_and_yaw(tmp_path: Path) -> None:
+    file = tmp_path / "gait.json"
+    file.write_text('{"stride_band_hz": [0.8, 1.0], "yaw_amplitude_deg": {"value": 6.5}}', encoding="utf-8")
+    assert read_gait(file) == ((0.8, 1.0), 6.5)
+    file.write_text('{"bouts": []}', encoding="utf-8")
+    with pytest.raises(SpecError, match=r"gait\.json of sinew gait"):
+        read_gait(file)
