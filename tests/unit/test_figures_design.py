@@ -1,0 +1,47 @@
+"""Figures of designed joints: every computed joint is drawn, proposals are numbered, both ends have their curve."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sinew.figures.design_curves import EndCurves, draw_design_curves
+from sinew.figures.design_front import draw_design_front
+from sinew.predict.branch import Branch
+
+
+def joint(shape: str, energy: float, *, front: bool, feasible: bool = True) -> dict[str, Any]:
+    size = {"volume_cm3": 1e3 * energy, "tension_n": 40.0}
+    return {"name": shape, "shape": shape, "energy_j": energy, "on_front": front, "feasible": feasible, **size}
+
+
+def curve(peak_hz: float) -> Branch:
+    frequency = np.linspace(0.5, 1.3, 41)
+    amplitude = np.radians(7 / (1 + (20 * (frequency / peak_hz - 1)) ** 2))
+    one = np.ones_like(frequency)
+    waves = amplitude[:, None].astype(complex)
+    return Branch(
+        frequency, amplitude, one, np.array([1]), waves, one + 0j, 0.5 * one, (), None, None, 0 * one, True, ""
+    )
+
+
+def test_every_joint_is_a_mark_in_both_panels_and_proposals_have_their_number() -> None:
+    evaluated = [joint("circle", 0.2, front=True), joint("annulus", 0.3, front=False)]
+    evaluated.append(joint("ellipse", 0.25, front=False, feasible=False))
+    figure = draw_design_front(evaluated, evaluated[:1])
+    for axes in figure.axes:
+        assert [float(line.get_ydata()[0]) for line in axes.lines] == pytest.approx([200.0, 300.0, 250.0])  # type: ignore[index,arg-type]
+        assert [text.get_text() for text in axes.texts] == ["1"]
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["circle", "annulus", "ellipse", "dominated", "breaks a limit"]
+
+
+def test_a_proposal_has_both_curves_and_what_the_twin_found() -> None:
+    ends = [{"wanted_hz": hertz, "pretension_mm": mm} for hertz, mm in ((0.7, 2.0), (1.1, 8.0))]
+    confirmed = [{"measured_hz": {"value": 0.7}, "yaw_deg": 7.0}, {"measured_hz": {"value": None}, "yaw_deg": None}]
+    document = {"name": "annulus of 40 mm", "ends": ends, "confirmed": confirmed}
+    figure = draw_design_curves([EndCurves(document, (curve(0.7), curve(1.1)))], 7.0)
+    axes = figure.axes[0]
+    assert sum(len(np.atleast_1d(line.get_xdata())) == 41 for line in axes.lines) == 2
+    (ring,) = [line for line in axes.lines if line.get_marker() == "o"]
+    assert float(np.asarray(ring.get_xdata())[0]) == 0.7
