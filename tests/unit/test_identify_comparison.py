@@ -35,6 +35,7 @@ def test_dry_friction_is_found_in_nine_of_ten_decays() -> None:
     assert sum(laws(dry(seed)).best.model.name == "coulomb" for seed in range(10)) >= 9
 
 
+@pytest.mark.slow
 def test_viscous_damping_is_found_in_nine_of_ten_strongly_damped_decays() -> None:
     found = [laws(viscous_decay(0.17, seed)) for seed in range(10)]
     assert sum(one.best.model.name == "linear" and one.decided for one in found) >= 9

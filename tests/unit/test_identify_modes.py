@@ -45,6 +45,7 @@ def test_the_phase_is_that_at_the_start_of_the_window() -> None:
     assert fit(ONE, noise=1e-4).modes[0].phase_rad.value == pytest.approx(0.3, abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("modes", "least"), [(ONE, 19), (CLOSE, 19), (THREE, 17)], ids=["one", "close", "three"])
 def test_the_number_of_modes_is_found(modes: list[Row], least: int) -> None:
     counts = [len(fit(modes, seed).modes) for seed in range(20)]

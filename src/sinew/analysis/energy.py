@@ -116,7 +116,7 @@ def energy_of_repeat(
     """
     valid = np.isfinite([columns[name] for name in _NEEDED]).all(axis=0)
     f = frequency_hz[valid]
-    if f.size < FEWEST_POINTS:
+    if f.size < FEWEST_POINTS or not columns["drive_power_w"][valid].any():  # or a lever that no servo moved
         return {}
     sweep = _Sweep(f, {name: values[valid] for name, values in columns.items()}, second)
     trend = fit_swing_trend(f, sweep.columns["drive_current_rms_a"], sweep.columns["amplitude_rad"])
