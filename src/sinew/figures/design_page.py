@@ -72,7 +72,7 @@ def write_design_page(
         "prediction.html",
         title="Joints for a gait",
         about=f"Resonant from {low:g} to {high:g} Hz with {asked}.",
-        lead=" ".join(f"{sentence}." for sentence in document["sentences"]),
+        lead=" ".join(f"{sentence[:1].upper()}{sentence[1:]}." for sentence in document["sentences"]),
         tables=[
             Table(
                 "Sizes",

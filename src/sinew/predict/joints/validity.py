@@ -103,7 +103,7 @@ def _strain(rig: RigSpec, section: Section, pretension_mm: list[float], loads: L
     corner = "" if section.shear_arm else ", more at its re-entrant corners"
     told = "neo-Hookean within that" if holds else "silicone stiffens there, which the law does not know"
     sentence = (
-        f"at {pretension_mm[worst]:g} mm the surface is sheared by {shear:.2f} and shortened by {short:.0%}, a strain "
+        f"at {pretension_mm[worst]:.3g} mm the surface is sheared by {shear:.2f} and shortened by {short:.0%}, a strain "
         f"of {value:.0%}{corner}: {told}"
     )
     return Check("local_strain", value, STRAIN, holds, sentence)
@@ -120,7 +120,7 @@ def _bending(
     told = "the joint stays straight" if value < 1 else "it buckles sideways; lower the pretension"
     how = "tendons that hold their length" if tilt_held else "tendons that hold their force"
     sentence = (
-        f"at {pretension_mm[worst]:g} mm the tendons press with {load:.0f} N, {value:.2f} of the buckling load of "
+        f"at {pretension_mm[worst]:.3g} mm the tendons press with {load:.0f} N, {value:.2f} of the buckling load of "
         f"{critical:.0f} N with {how} (Euler's alone: {euler:.0f} N): {told}"
     )
     return Check("buckling_sideways", value, 1.0, value < 1, sentence)
@@ -137,7 +137,7 @@ def _twisting(rig: RigSpec, section: Section, modulus: float, pretension_mm: lis
     load = compressive_load(modulus * section.area, critical)
     told = "it does not twist by itself" if value < 1 else "only the tendons keep it from twisting by itself"
     sentence = (
-        f"at {pretension_mm[worst]:g} mm the silicone is shortened by {1 - stretch:.0%}, {value:.2f} of the "
+        f"at {pretension_mm[worst]:.3g} mm the silicone is shortened by {1 - stretch:.0%}, {value:.2f} of the "
         f"{1 - critical:.0%} ({load:.0f} N) at which its stiffness in torsion is lost: {told}"
     )
     return Check("buckling_by_twisting", value, 1.0, value < 1, sentence)
@@ -148,7 +148,7 @@ def _tension(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
     value, rest = float(loads.tension[worst]), float(loads.rest_tension[worst])
     told = "" if value <= limit else "; lower the pretension or the drive"
     sentence = (
-        f"at {pretension_mm[worst]:g} mm a tendon pulls {rest:.0f} N at rest and {value:.0f} N at "
+        f"at {pretension_mm[worst]:.3g} mm a tendon pulls {rest:.0f} N at rest and {value:.0f} N at "
         f"{math.degrees(float(loads.torsion[worst])):.0f}° of torsion, the rig allows {limit:g} N{told}"
     )
     return Check("tension_n", value, limit, value <= limit, sentence)
@@ -166,5 +166,5 @@ def _torsion(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
     worst, limit = int(np.argmax(loads.torsion)), rig.limits.torsion_deg
     value = math.degrees(float(loads.torsion[worst]))
     told = "" if value <= limit else "; lower the drive's amplitude"
-    sentence = f"at {pretension_mm[worst]:g} mm the head twists by {value:.0f}°, the rig allows {limit:g}°{told}"
+    sentence = f"at {pretension_mm[worst]:.3g} mm the head twists by {value:.0f}°, the rig allows {limit:g}°{told}"
     return Check("torsion_deg", value, limit, value <= limit, sentence)
