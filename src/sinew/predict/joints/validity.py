@@ -103,8 +103,8 @@ def _strain(rig: RigSpec, section: Section, pretension_mm: list[float], loads: L
     corner = "" if section.shear_arm else ", more at its re-entrant corners"
     told = "neo-Hookean within that" if holds else "silicone stiffens there, which the law does not know"
     sentence = (
-        f"at {pretension_mm[worst]:.3g} mm the surface is sheared by {shear:.2f} and shortened by {short:.0%}, a strain "
-        f"of {value:.0%}{corner}: {told}"
+        f"at {pretension_mm[worst]:.3g} mm the surface is sheared by {shear:.2f} and shortened by {short:.0%}, a "
+        f"strain of {value:.0%}{corner}: {told}"
     )
     return Check("local_strain", value, STRAIN, holds, sentence)
 
