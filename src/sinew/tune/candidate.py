@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from sinew.plan.rig import RigSpec
+from sinew.predict.joints.ends import LOST
 from sinew.predict.joints.validity import CLOSE, SLENDER, STRAIN
 from sinew.tune.design_target import DesignTarget
 from sinew.tune.drive_load import load_of_swing
@@ -256,7 +257,7 @@ def _material_excess(
         _principal_strain(shear, stretch) / (_RESERVE * STRAIN) - 1,
         (1 - stretch) / _COMPRESSION - 1,
         SLENDER / _BEAM * form.diameter / sizes.length - 1,
-        2 * bulge**2 / (_BEAM * CLOSE) - 1,
+        4 * LOST * bulge * (1 + _BEAM * CLOSE) / (_BEAM * CLOSE) - 1,  # 1/(1 - 4 LOST S) - 1, solved for S
         jnp.where(form.warping_constant > 0, (1 / (1 - jnp.tanh(h) / h) - 1) / (_BEAM * CLOSE) - 1, -1.0),
         _SAFE_BUCKLING * load / haringx - 1,
         (1 - stretch) / (_RESERVE * twisting) - 1,

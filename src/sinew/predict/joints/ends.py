@@ -2,10 +2,10 @@
 
 import numpy as np
 
-__all__ = ["bonded_axial_factor", "bonded_torsion_factor"]
+__all__ = ["LOST", "bonded_axial_factor", "bonded_torsion_factor"]
 
 
-_LOST = 0.163
+LOST = 0.163
 """Length that bonded ends take from a slender cylinder, in diameters: finite elements, `python -m benchmarks solid`."""
 
 
@@ -18,7 +18,7 @@ def bonded_axial_factor(area: float, perimeter: float, length: float) -> float:
     area [m²], perimeter of all edges [m], length [m].
     """
     shape = area / (perimeter * length)
-    left = 1 - _LOST * 4 * shape
+    left = 1 - LOST * 4 * shape
     return max(1 + 2 * shape**2, 1 / left if left > 0.5 else 0.0)
 
 
