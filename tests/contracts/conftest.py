@@ -1,9 +1,10 @@
-"""This is where the tests of `sinew run` in virtual time get their plan, and a folder that is not there yet."""
+"""This is where the tests of commands get what several need: a plan, a folder that is not there yet, a sweep."""
 
 from pathlib import Path
 
 import pytest
 from tests.contracts.emulated_bench import TINY
+from tests.contracts.identify_sweep import write_sweep
 
 
 @pytest.fixture
@@ -16,3 +17,9 @@ def plan(tmp_path: Path) -> str:
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
     return tmp_path / "deep" / "out"
+
+
+@pytest.fixture(scope="session")
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a CSV file of a linear joint under a force sweep."""
+    return write_sweep(tmp_path_factory.mktemp("sweep"))

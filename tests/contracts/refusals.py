@@ -1,0 +1,18 @@
+"""This is where a command line that is refused is run: status 2, nothing on stdout, one line that says why."""
+
+from pathlib import Path
+
+import pytest
+
+from sinew.apps.cli import main
+
+__all__ = ["refused"]
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
+    """Return the line that a refused command line leaves on stderr."""
+    status = main([*map(str, arguments)])
+    out, err = capsys.readouterr()
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("sinew: ")
+    return err
