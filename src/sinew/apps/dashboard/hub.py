@@ -162,7 +162,7 @@ class Hub:
             if event[1] == "health":
                 live.health = json.loads(event[2])
             else:
-                live.events.append(event)
+                live.events.append((event[0], event[1], _in_words(event[1], event[2])))
         live.groups_done = news.groups_done
         if news.segment is not None:
             asked = news.segment.asked
@@ -177,3 +177,11 @@ class Hub:
 
 def _known(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def _in_words(kind: str, sentence: str) -> str:
+    """Return what an event says to people."""
+    if kind != "pretension":
+        return sentence
+    said = json.loads(sentence)
+    return f"pretension {said['asked_mm']:g} mm is set, tilt {said['tilt_deg']:.2f}°"

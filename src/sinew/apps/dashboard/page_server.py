@@ -7,7 +7,7 @@ then it ends, too.
 import asyncio
 import json
 import os
-import re
+
 import sys
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -25,6 +25,7 @@ from nicegui import ui
 
 from sinew.apps.dashboard.access import Access, Gate
 from sinew.apps.dashboard.hub import Hub
+from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.pages.design import add_design_page
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
@@ -36,7 +37,7 @@ from sinew.apps.dashboard.stream import serve_stream
 from sinew.apps.dashboard.worker import Worker
 from sinew.measure.errors import SinewError
 
-__all__ = ["Config", "make_app", "main", "serve"]
+__all__ = ["Config", "main", "make_app", "serve"]
 
 MOST_SOCKET_MESSAGE = 256 * 1024
 """Largest message that a web socket takes [bytes]."""
@@ -49,7 +50,8 @@ _STATUS_WAIT_S = 2.0
 @dataclass(frozen=True)
 class Config:
     """What the steward says. token: of this start. http_host, http_port: of the pages. steering_port: of the commands.
-    runs: folder of the runs. rig: offered first. bench: "emulator", "port" or None. version: of Sinew."""
+    runs: folder of the runs. rig: offered first. bench: "emulator", "port" or None. version: of Sinew. hosts: further
+    names under which browsers come."""
 
     token: str
     http_host: str
@@ -65,7 +67,8 @@ class Config:
     def parse(cls, line: str) -> "Config":
         """Return what one line of JSON says."""
         said = json.loads(line)
-        return cls(**{**said, "runs": Path(said["runs"]), "hosts": tuple(said.get("hosts", ()))})
+        bench, hosts = (said.get("bench") or {}).get("kind"), tuple(said.get("hosts", ()))
+        return cls(**{**said, "runs": Path(said["runs"]), "bench": bench, "hosts": hosts})
 
 
 def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str, Any]]]) -> FastAPI:
@@ -106,7 +109,9 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
     add_plan_page(site)
     add_runs_pages(site)
     add_design_page(site)
-    ui.run_with(app, title="Sinew", language="en-US", show_welcome_message=False, dark=None, favicon=_STATIC / "icon.svg")
+    ui.run_with(
+        app, title="Sinew", language="en-US", show_welcome_message=False, dark=None, favicon=_STATIC / "icon.svg"
+    )
     app.add_middleware(
         Gate,
         access=access,
@@ -121,7 +126,7 @@ def _add_downloads(app: FastAPI, site: Site) -> None:
     @app.get("/download/{name}/{kind}")
     async def download(name: str, kind: str) -> Response:
         folder = site.runs / name
-        if kind not in _KINDS or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}", name) or not folder.is_dir():
+        if kind not in _KINDS or not is_run_name(name) or not folder.is_dir():
             return JSONResponse({"ok": False, "sentence": "There is no such file."}, 404)
         try:
             path = Path(await site.work.call("download", str(folder), kind)).resolve()

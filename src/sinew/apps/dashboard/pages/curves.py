@@ -10,7 +10,13 @@ __all__ = ["Curve", "Curves", "options_of"]
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#b8689a", "#b8860b", "#3f95c8")
 _SYMBOLS = ("circle", "rect", "triangle", "diamond", "roundRect", "pin")
-_AXES = {"gain": "gain", "phase": "phase lag / °", "damping": "Lehr's damping D", "amplitude": "torsion / °"}
+_AXES = {
+    "amplitude_drive": "lever amplitude / °",
+    "gain": "gain",
+    "phase": "phase lag / °",
+    "damping": "Lehr's damping D",
+    "amplitude": "torsion / °",
+}
 # A whisker from the lower to the upper end of an interval, with caps.
 _WHISKER = """(params, api) => {
   const x = api.value(0), low = api.coord([x, api.value(1)]), high = api.coord([x, api.value(2)]), w = 4;
@@ -107,7 +113,13 @@ def options_of(
         line["label"] = {"formatter": f"wanted {marked:g}", "color": "var(--ink)", "textBorderWidth": 0}
         series.append({"type": "line", "data": [], "markLine": {**line, "data": [{"xAxis": marked}]}})
     if marks:
-        label = {"show": True, "position": "top", "color": "var(--ink)", "textBorderWidth": 0, ":formatter": "p => p.data.name"}
+        label = {
+            "show": True,
+            "position": "top",
+            "color": "var(--ink)",
+            "textBorderWidth": 0,
+            ":formatter": "p => p.data.name",
+        }
         data = [{"value": [x, y], "name": name} for x, y, name in marks]
         series.append({"type": "scatter", "symbol": "diamond", "symbolSize": 10, "data": data, "label": label})
         series[-1]["itemStyle"] = {"color": "var(--ink)"}
@@ -145,13 +157,22 @@ def _series(curve: Curve, number: int) -> list[dict[str, Any]]:
     points = [[x, y] for x, y in zip(curve.x, curve.y, strict=True)]
     if not curve.is_line:
         whiskers = [
-            [x, low, high] for x, low, high in zip(curve.x, curve.low, curve.high, strict=True) if None not in (low, high)
+            [x, low, high]
+            for x, low, high in zip(curve.x, curve.low, curve.high, strict=True)
+            if None not in (low, high)
         ]
         style = {"color": colour}
         symbol = _SYMBOLS[number % len(_SYMBOLS)]
         bars = {"type": "custom", ":renderItem": _WHISKER, "data": whiskers, "encode": {"x": 0, "y": [1, 2]}, "z": 3}
         return [
-            {"type": "scatter", "name": curve.name, "data": points, "symbol": symbol, "symbolSize": 7, "itemStyle": style},
+            {
+                "type": "scatter",
+                "name": curve.name,
+                "data": points,
+                "symbol": symbol,
+                "symbolSize": 7,
+                "itemStyle": style,
+            },
             {**bars, "name": curve.name, "itemStyle": style, "silent": True, "clip": True},
         ]
     line = {"type": "line", "name": curve.name, "showSymbol": False, "itemStyle": {"color": colour}, "silent": True}
@@ -161,16 +182,16 @@ def _series(curve: Curve, number: int) -> list[dict[str, Any]]:
     stable = curve.is_stable or [True] * len(points)
     for wanted, dash in ((True, "solid"), (False, "dotted")):
         if wanted or not all(stable):
-            shown = [
-                [x, y if _belongs(stable, i, wanted) else None] for i, (x, y) in enumerate(points)
-            ]
+            shown = [[x, y if _belongs(stable, i, wanted) else None] for i, (x, y) in enumerate(points)]
             made.append({**line, "data": shown, "lineStyle": {"color": colour, "width": 2, "type": dash}, "z": 2})
     return made
 
 
 def _belongs(stable: Sequence[bool], i: int, wanted: bool) -> bool:
     """Return whether a point is drawn with those of its kind; neighbours join, so that a line has no gap."""
-    return stable[i] == wanted or (wanted is False and any(stable[j] == wanted for j in (i - 1, i + 1) if 0 <= j < len(stable)))
+    return stable[i] == wanted or (
+        wanted is False and any(stable[j] == wanted for j in (i - 1, i + 1) if 0 <= j < len(stable))
+    )
 
 
 def _band(curve: Curve, colour: str) -> list[dict[str, Any]]:
@@ -187,4 +208,6 @@ def _band(curve: Curve, colour: str) -> list[dict[str, Any]]:
     }"""
     outline = [[x, low] for x, low, _ in pairs] + [[x, high] for x, _, high in reversed(pairs)]
     render = render.replace("DATA", repr(outline)).replace("COLOUR", colour)
-    return [{"type": "custom", ":renderItem": render, "data": [[x, low] for x, low, _ in pairs], "silent": True, "z": 1}]
+    return [
+        {"type": "custom", ":renderItem": render, "data": [[x, low] for x, low, _ in pairs], "silent": True, "z": 1}
+    ]

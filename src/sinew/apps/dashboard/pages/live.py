@@ -1,4 +1,4 @@
-"""This is where the live page is laid out: joint, oscilloscope, Lissajous figure, curves that grow, state of the bench."""
+"""This is where the live page is laid out: joint, oscilloscope, Lissajous figure, growing curves, state of the bench."""
 
 from nicegui import ui
 
@@ -58,6 +58,7 @@ def _joint_card(rig: RigSpec) -> int:
     """Lay the joint out and return the number of its scene."""
     with card("Joint", 3):
         scene = ui.scene(width=320, height=300, grid=False, background_color="#000000", fps=25)
+        scene.move_camera(1.35, -1.55, 1.35, 0.0, 0.0, 0.5, duration=0)
         scene.classes("w-full").props('role=img aria-label="The joint as it moves, with its tendons"')
         ui.html(
             '<div class="sinew-soft">Tendons: <span style="color:var(--low)">●</span> 0 N to '
@@ -115,7 +116,9 @@ def _bench_card() -> None:
         )
         _numbers(rows)
     with card("What happened", 6):
-        ui.html('<ol id="sinew-log" class="sinew-log" tabindex="0" aria-label="Events of the run"></ol>', sanitize=False)
+        ui.html(
+            '<ol id="sinew-log" class="sinew-log" tabindex="0" aria-label="Events of the run"></ol>', sanitize=False
+        )
 
 
 def _curves(site: Site) -> None:

@@ -1,6 +1,7 @@
 // This is where the joint is drawn in space: silicone that twists, head, lever, and tendons coloured by their tension.
 
-const css = (name) => getComputedStyle(document.body).getPropertyValue(name).trim();
+import { css } from "./scope.js";
+
 const RINGS = 14, SIDES = 28;
 
 function mixed(THREE, share) {
@@ -47,10 +48,6 @@ export class Joint {
     this.root.add(base, this.silicone, this.head, this.lever);
     component.scene.add(this.root);
     component.renderer.setClearColor(0x000000, 0);
-    component.camera.position.set(1.9, -2.1, 1.75);
-    component.look_at.set(0, 0, 0.55);
-    component.controls.target.set(0, 0, 0.55);
-    component.controls.update(0);
     this.pose(0, 0, []);
   }
 

@@ -148,19 +148,14 @@ function describe() {
     const last = live.events.at(-1)?.[0] ?? 0;
     if (log.dataset.last !== `${live.name}${last}`) {
       log.dataset.last = `${live.name}${last}`;
-      log.replaceChildren(...live.events.map(([, kind, sentence]) => {
+      log.replaceChildren(...live.events.map(([, , sentence]) => {
         const line = document.createElement("li");
-        line.textContent = kind === "pretension" ? pretension(sentence) : sentence;
+        line.textContent = sentence;
         return line;
       }));
       log.scrollTop = log.scrollHeight;
     }
   }
-}
-
-function pretension(sentence) {
-  const set = JSON.parse(sentence);
-  return `pretension ${fixed(set.asked_mm, 1, " mm")} is set: ${fixed(set.reached_mm, 2, " mm")}, tilt ${fixed(set.tilt_deg, 2, "°")}`;
 }
 
 begin();

@@ -1,7 +1,13 @@
 // This is where the oscilloscope is drawn: three panels over one time axis, least and largest value of each column.
 
 const CAPACITY = 12000;
-const css = (name) => getComputedStyle(document.body).getPropertyValue(name).trim();
+const colours = new Map();
+setInterval(() => colours.clear(), 500); // the theme may change; asking the style sheet for every line is slow
+
+export function css(name) {
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.body).getPropertyValue(name).trim());
+  return colours.get(name);
+}
 
 // Bins of one run, in typed arrays that are made once.
 export class Traces {
@@ -147,7 +153,7 @@ export class Scope {
 }
 
 export class Lissajous {
-  constructor(canvas) { this.canvas = canvas; this.points = []; this.half = 5; }
+  constructor(canvas) { this.canvas = canvas; this.points = []; this.across = new Range(4); this.up = new Range(4); }
 
   reset() { this.points = []; }
 
@@ -157,21 +163,28 @@ export class Lissajous {
   }
 
   render() {
-    const { draw, width, height } = sized(this.canvas, innerWidth < 900 ? 220 : 240);
-    const most = Math.max(2, ...this.points.map(([a, b]) => Math.max(Math.abs(a), Math.abs(b))));
-    this.half = most * 1.12 > this.half ? most * 1.12 : this.half + 0.03 * (most * 1.12 - this.half);
-    const size = Math.min(width - 56, height - 40), x0 = 46 + (width - 56) / 2, y0 = 6 + size / 2;
-    const x = (v) => x0 + v / this.half * size / 2, y = (v) => y0 - v / this.half * size / 2;
-    draw.strokeStyle = css("--grid"); draw.fillStyle = css("--soft"); draw.lineWidth = 1;
-    const { found, digits } = ticks(-this.half, this.half, 4);
-    for (const v of found) {
-      draw.beginPath(); draw.moveTo(x(v), y(-this.half)); draw.lineTo(x(v), y(this.half)); draw.stroke();
-      draw.beginPath(); draw.moveTo(x(-this.half), y(v)); draw.lineTo(x(this.half), y(v)); draw.stroke();
-      draw.textAlign = "center"; draw.textBaseline = "top"; draw.fillText(v.toFixed(digits), x(v), y(-this.half) + 3);
-      draw.textAlign = "right"; draw.textBaseline = "middle"; draw.fillText(v.toFixed(digits), x(-this.half) - 4, y(v));
+    const { draw, width, height } = sized(this.canvas, 250);
+    for (const [range, at] of [[this.across, 0], [this.up, 1]]) {
+      const most = this.points.reduce((found, point) => Math.max(found, Math.abs(point[at])), 0);
+      range.follow(-most, most);
     }
-    draw.textAlign = "center"; draw.textBaseline = "top"; draw.fillText("lever θ / °", x0, y(-this.half) + 18);
-    draw.textAlign = "left"; draw.fillText("φ / °", x(-this.half) + 4, y(this.half) + 2);
+    const left = 44, top = 16, wide = width - left - 8, tall = height - top - 38;
+    const x = (v) => left + (v - this.across.low) / (this.across.high - this.across.low) * wide;
+    const y = (v) => top + (this.up.high - v) / (this.up.high - this.up.low) * tall;
+    draw.strokeStyle = css("--grid"); draw.fillStyle = css("--soft"); draw.lineWidth = 1;
+    const columns = ticks(this.across.low, this.across.high, 4), rows = ticks(this.up.low, this.up.high, 5);
+    draw.textAlign = "center"; draw.textBaseline = "top";
+    for (const v of columns.found) {
+      draw.beginPath(); draw.moveTo(x(v), top); draw.lineTo(x(v), top + tall); draw.stroke();
+      draw.fillText(v.toFixed(columns.digits), x(v), top + tall + 4);
+    }
+    draw.textAlign = "right"; draw.textBaseline = "middle";
+    for (const v of rows.found) {
+      draw.beginPath(); draw.moveTo(left, y(v)); draw.lineTo(left + wide, y(v)); draw.stroke();
+      draw.fillText(v.toFixed(rows.digits), left - 5, y(v));
+    }
+    draw.textAlign = "center"; draw.textBaseline = "top"; draw.fillText("lever θ / °", left + wide / 2, top + tall + 20);
+    draw.textAlign = "left"; draw.fillText("torsion φ / °", left, 0);
     draw.strokeStyle = css("--torsion"); draw.lineWidth = 1.6;
     const count = this.points.length;
     for (let part = 0; part < 4; part++) { // what is older is fainter
@@ -183,6 +196,9 @@ export class Lissajous {
       draw.stroke();
     }
     draw.globalAlpha = 1;
-    if (count) { draw.fillStyle = css("--torsion"); draw.beginPath(); draw.arc(x(this.points[count - 1][0]), y(this.points[count - 1][1]), 4, 0, 7); draw.fill(); }
+    if (count) {
+      draw.fillStyle = css("--torsion");
+      draw.beginPath(); draw.arc(x(this.points[count - 1][0]), y(this.points[count - 1][1]), 4, 0, 7); draw.fill();
+    }
   }
 }
