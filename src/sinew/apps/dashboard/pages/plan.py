@@ -10,7 +10,7 @@ from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.names import is_run_name
-from sinew.apps.dashboard.work.forms import fields_of, form_of, plan_from_form
+from sinew.apps.dashboard.work.form import fields_of, form_of, plan_from_form
 from sinew.apps.dashboard.work.shelf import read_shelf, shelf
 from sinew.measure.errors import SinewError
 from sinew.plan.plan import Plan

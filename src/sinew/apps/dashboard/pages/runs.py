@@ -8,7 +8,7 @@ from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.names import is_run_name
-from sinew.apps.dashboard.work.run_list import list_runs
+from sinew.apps.dashboard.work.runs import list_runs
 from sinew.measure.errors import SinewError
 
 __all__ = ["add_runs_pages"]
