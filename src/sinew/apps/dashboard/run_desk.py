@@ -142,7 +142,10 @@ class RunDesk:
                 self._ask(run)
 
     def _find(self) -> None:
-        found = next(find_runs(self._runs, self._control), None)
+        try:
+            found = next(find_runs(self._runs, self._control), None)
+        except OSError:
+            return  # a folder went away meanwhile; the next look sees what is left
         with self._lock:
             if found is not None and self._run is None and not self._is_starting:
                 self._run, self._spec, self._told = found, found.spec, {"state": "found"}

@@ -43,9 +43,12 @@ _LOOK_S = 0.05
 
 
 def run_control(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str, Any]:
-    """Ask the run in a folder for something, and return its answer. Raises a SinewError if nobody listens."""
-    send = importlib.import_module("sinew.apps.run_control").send_control
-    return dict(send(folder, command, timeout_s))
+    """Ask the run in a folder for something, and return its answer. Raises a SinewError if nobody answers."""
+    try:
+        send = importlib.import_module("sinew.apps.run_control").send_control
+        return dict(send(folder, command, timeout_s))
+    except (ImportError, OSError, ValueError) as trouble:
+        raise FileError(f"the run in {folder} does not answer ({trouble}); is it one of this version?") from trouble
 
 
 def page_command() -> list[str]:
