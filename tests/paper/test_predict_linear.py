@@ -21,7 +21,7 @@ from sinew.predict.balance import motion
 from sinew.predict.branch import Branch
 from sinew.predict.continuation import follow
 from sinew.predict.describing import describing_function, equivalent_of_rig
-from sinew.predict.examination import evaluate, rows_of
+from sinew.predict.examination import evaluate, maps_of, rows_of
 from sinew.predict.joint import FREE_LEVER, RESOLUTION, joint_problem
 from sinew.predict.linear import linear_joints
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
@@ -124,7 +124,7 @@ def motions(rig: RigSpec, command_deg: float, pick: str) -> tuple[Motion, object
     for _ in range(3):  # at their frequency
         seen = evaluate(x, lanes, FREE_LEVER, fine)
         x[:, :-1] -= np.linalg.solve(seen.slope[:, :, :-1], seen.left[:, :, None])[:, :, 0]
-    roots = np.linalg.eigvals(evaluate(x, lanes, FREE_LEVER, fine).maps) ** 2
+    roots = np.linalg.eigvals(maps_of(x, lanes, FREE_LEVER, fine)) ** 2
     if pick == "largest":
         index = int(np.argmax(np.abs(x[:, 0]) + np.abs(x[:, 1])))
     else:

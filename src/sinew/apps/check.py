@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-__all__ = ["LONGEST_PREVIEW_S", "check", "preview_plan"]
+__all__ = ["LONGEST_PREVIEW_S", "check", "preview_plan", "told_preview"]
 
 LONGEST_PREVIEW_S = 20_000.0
 """Length of a plan up to which its torsion is previewed [s]; the paper's is 5600 s."""
@@ -28,7 +28,7 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     plan_, rig_ = load_plan(plan), load_rig(rig)
     preview = preview_plan(plan_, rig_, swing=True)
     if json:
-        print_json(_document(plan_, rig_, preview))
+        print_json(told_preview(plan_, rig_, preview))
     else:
         _print_preview(plan_, rig_, preview)
     refuse_beyond_limits(preview)
@@ -53,7 +53,8 @@ def preview_plan(plan: "Plan", rig: "RigSpec", *, swing: bool = False) -> "Previ
     return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
 
 
-def _document(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, Any]:
+def told_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, Any]:
+    """Return the preview of a plan on a rig as JSON holds it."""
     drive = zip(preview.frequency_hz, preview.drive_amplitude_deg, preview.drive_current_a, strict=True)
     tension = zip(plan.pretension.pretension_mm, preview.tension_n, strict=True)
     torsion = zip(plan.pretension.pretension_mm, preview.torsion_deg, strict=False)  # empty where not previewed
@@ -80,7 +81,7 @@ def _print_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> None:
     if preview.frequency_hz and plan.sweep is not None:
         rows = [
             (f"{row['frequency_hz']:g}", f"{row['amplitude_deg']:.1f}", f"{row['current_a']:.2f}")
-            for row in _document(plan, rig, preview)["drive"]
+            for row in told_preview(plan, rig, preview)["drive"]
         ]
         title = f"drive, nominal {plan.sweep.amplitude_deg:g}°, against a held head (less where the joint resonates)"
         print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)

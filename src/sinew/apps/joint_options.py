@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sinew.predict.joints.design import Design
     from sinew.predict.sections.section import Section
 
-__all__ = ["BASE_RIG", "JointOptions", "designed_rig", "with_joint_options"]
+__all__ = ["BASE_RIG", "JointOptions", "design_of", "designed_rig", "with_joint_options"]
 
 BASE_RIG = "paper"
 """The rig that a joint is derived from where none is named."""
@@ -138,11 +138,12 @@ def designed_rig(base: str | None, joint: JointOptions) -> "tuple[RigSpec, Desig
     rig = load_rig(base or BASE_RIG)
     if not joint.given:
         return rig, None
-    design = _design(joint)
+    design = design_of(joint)
     return design_rig(rig, design), design
 
 
-def _design(joint: JointOptions) -> "Design":
+def design_of(joint: JointOptions) -> "Design":
+    """Return the design that options describe, in SI. Raises SpecError where they do not go together."""
     from sinew.predict.joints.design import Design
     from sinew.predict.joints.material import load_material
 

@@ -19,7 +19,7 @@ from sinew.predict.balance import Lane, balance
 from sinew.predict.floquet import half_map
 from sinew.predict.waves import Equations, Size, embedded, size_of
 
-__all__ = ["BLOCK", "Evaluation", "Examination", "evaluate", "examine", "pool", "rows_of"]
+__all__ = ["BLOCK", "Evaluation", "Examination", "evaluate", "examine", "maps_of", "pool", "rows_of"]
 
 Array = NDArray[np.float64]
 
@@ -31,11 +31,10 @@ _SETTLED, _NEAR = 0.03, 0.05
 
 
 class Evaluation(NamedTuple):
-    """Of each motion (k,): what is left over (k, m), its slope (k, m, m + 1), and the map of disturbances (k, s, s)."""
+    """Of each motion (k,): what is left over (k, m), and its slope (k, m, m + 1)."""
 
     left: Array
     slope: Array
-    maps: Array
 
 
 class Examination(NamedTuple):
@@ -67,26 +66,42 @@ def pool() -> ThreadPoolExecutor:
 
 
 @partial(jax.jit, static_argnames=("equations", "size"))
-def _block(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
-    def one(x: jax.Array, lane: Lane) -> tuple[jax.Array, ...]:
-        left, slope, local = balance(x, lane, equations, size)
-        return left, slope, half_map(local, x[-1] * lane.omega, equations)
+def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
+    return jax.vmap(lambda x, lane: balance(x, lane, equations, size)[:2])(x, lane)
 
-    return jax.vmap(one)(x, lane)
+
+@partial(jax.jit, static_argnames=("equations", "size"))
+def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
+    def one(x: jax.Array, lane: Lane) -> jax.Array:
+        return half_map(balance(x, lane, equations, size).local, x[-1] * lane.omega, equations)
+
+    return (jax.vmap(one)(x, lane),)
+
+
+def _in_blocks(compiled: Any, x: Array, lane: Lane, equations: Equations, size: Size) -> tuple[Array, ...]:
+    """Return what a compiled function says of k motions, which it takes in blocks."""
+    blocks = [np.minimum(np.arange(i, i + BLOCK), len(x) - 1) for i in range(0, len(x), BLOCK)]
+
+    def run(index: NDArray[np.intp]) -> list[Array]:
+        return [np.asarray(leaf) for leaf in compiled(x[index], rows_of(lane, index), equations=equations, size=size)]
+
+    parts = [run(blocks[0])] if len(blocks) == 1 else list(pool().map(run, blocks))
+    return tuple(np.concatenate(part)[: len(x)] for part in zip(*parts, strict=True))
 
 
 def evaluate(x: Array, lane: Lane, equations: Equations, size: Size) -> Evaluation:
     """Return the evaluation of k motions x (k, m + 1); lane: with a leading axis k."""
     if not len(x):
-        m, states = x.shape[1] - 1, size_of(equations)
-        return Evaluation(np.zeros((0, m)), np.zeros((0, m, m + 1)), np.zeros((0, states, states)))
-    blocks = [np.minimum(np.arange(i, i + BLOCK), len(x) - 1) for i in range(0, len(x), BLOCK)]
+        m = x.shape[1] - 1
+        return Evaluation(np.zeros((0, m)), np.zeros((0, m, m + 1)))
+    return Evaluation(*_in_blocks(_balances, x, lane, equations, size))
 
-    def run(index: NDArray[np.intp]) -> list[Array]:
-        return [np.asarray(leaf) for leaf in _block(x[index], rows_of(lane, index), equations=equations, size=size)]
 
-    parts = [run(blocks[0])] if len(blocks) == 1 else list(pool().map(run, blocks))
-    return Evaluation(*(np.concatenate(part)[: len(x)] for part in zip(*parts, strict=True)))
+def maps_of(x: Array, lane: Lane, equations: Equations, size: Size) -> Array:
+    """Return the map of disturbances (k, s, s) of k motions x (k, m + 1); lane: with a leading axis k."""
+    if not len(x):
+        return np.zeros((0, size_of(equations), size_of(equations)))
+    return _in_blocks(_maps, x, lane, equations, size)[0]
 
 
 def examine(points: Array, normals: Array, lane: Lane, equations: Equations, size: Size, fine: Size) -> Examination:
@@ -98,15 +113,15 @@ def examine(points: Array, normals: Array, lane: Lane, equations: Equations, siz
     place = embedded(equations, size.harmonics, fine.harmonics)
     wide, normal = np.zeros((2, len(points), place[-1] + 1))
     wide[:, place], normal[:, place] = points, normals
-    there, maps = wide.copy(), np.zeros((len(points), size_of(equations), size_of(equations)))
+    there, mapped = wide.copy(), wide.copy()
     left, last = np.arange(len(points)), np.zeros(len(points))
     for _ in range(_REFINEMENTS):
         seen = evaluate(there[left], rows_of(lane, left), equations, fine)
         matrix = np.concatenate([seen.slope, normal[left, None, :]], axis=1)
         right = np.concatenate([-seen.left, np.zeros((left.size, 1))], axis=1)
         change = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+        mapped[left] = there[left]
         there[left] += change
-        maps[left] = seen.maps
         last[left] = np.linalg.norm(change, axis=1)
         left = left[last[left] > _ENOUGH]
         if not left.size:
@@ -121,6 +136,6 @@ def examine(points: Array, normals: Array, lane: Lane, equations: Equations, siz
         lag_product(there, equations, fine.harmonics)[0],
         after - before,
         moved,
-        maps,
+        maps_of(mapped, lane, equations, fine),
         (last < _SETTLED) & (np.abs(moved) < _NEAR),
     )

@@ -17,7 +17,7 @@ from sinew.predict.floquet import largest_multiplier
 from sinew.predict.landmark import FOLD, PEAK, QUARTER, Located, Search, locate
 from sinew.predict.waves import Equations, Size, embedded, orders, slices, unknowns
 
-__all__ = ["LANES", "Problem", "Resolution", "predict"]
+__all__ = ["ENDS", "LANES", "Problem", "Resolution", "first_curves", "predict", "wrapped_lag"]
 
 Array = NDArray[np.float64]
 
@@ -26,12 +26,13 @@ LANES = 4
 
 _RAMP = (0.1, 0.25, 0.5, 0.75, 1.0)
 _NEAR = 0.02
-_ENDS = {
+ENDS = {
     OUTSIDE: "the curve was followed through the band",
     LIMIT: f"the curve was not finished after {POINTS} points; narrow the band",
     STUCK: "the curve was lost where even the smallest step found no steady motion",
     LOST: "no steady motion was found at the first frequency; begin at another one or with a smaller drive",
 }
+"""How a curve ended, in words, by its status."""
 
 
 class Resolution(NamedTuple):
@@ -96,7 +97,11 @@ def _ramped(start: Array, problem: Problem, window: Array, resolution: Resolutio
     return x
 
 
-def _curves(problem: Problem, window: Array, resolution: Resolution, size: Size) -> Curve:
+def first_curves(problem: Problem, window: Array, resolution: Resolution, size: Size) -> Curve:
+    """Return the curves of all lanes as they were followed, in scaled unknowns; the drive grows where it must.
+
+    window: scaled frequencies at which they begin and end, (2,). resolution: whose stride is taken.
+    """
     start = _at_rest(problem, size, float(window[0]))
     args = problem.equations, size, resolution.stride
     curve = _followed(start, problem.lane, window, POINTS, *args)
@@ -124,7 +129,8 @@ def _located(found: list[tuple[int, Guess]], problem: Problem, search: Search, s
     return [Located(*(row[i] for row in done)) for i in range(len(found))]
 
 
-def _lag(product: NDArray[np.complex128]) -> Array:
+def wrapped_lag(product: NDArray[np.complex128]) -> Array:
+    """Return the argument of drive times conjugate response [rad], from -π/2 to 3π/2."""
     return np.asarray(np.mod(np.angle(product) + np.pi / 2, 2 * np.pi) - np.pi / 2)
 
 
@@ -142,7 +148,7 @@ def _branch(
     response, drive = scale[equations.response], 1.0 if equations.drive is None else scale[equations.drive]
     count, status = seen.frequency.size, int(curve.status[lane])
     kept: dict[int, list[Mark]] = {FOLD: [], PEAK: [], QUARTER: []}
-    told = [_ENDS[status]]
+    told = [ENDS[status]]
     missing = int(curve.number[lane]) - count
     if missing:
         told.append(
@@ -151,10 +157,12 @@ def _branch(
         )
     for guess, at in marks:
         if float(at.error) < enough and abs(float(at.points[-1] - guess.point[-1])) < _NEAR:
-            mark = Mark(float(at.points[-1]) * hertz, float(at.half_range * response), float(_lag(np.asarray(at.lag))))
+            mark = Mark(
+                float(at.points[-1]) * hertz, float(at.half_range * response), float(wrapped_lag(np.asarray(at.lag)))
+            )
             kept[guess.kind].append(mark)
         elif guess.kind == PEAK and not missing:
-            where = interpolated_peak(seen.frequency * hertz, seen.half_range * response, _lag(seen.product))
+            where = interpolated_peak(seen.frequency * hertz, seen.half_range * response, wrapped_lag(seen.product))
             kept[PEAK].append(Mark(*where))
             told.append("its peak was interpolated")
         else:
@@ -164,7 +172,7 @@ def _branch(
     return Branch(
         frequency_hz=seen.frequency * hertz,
         amplitude=seen.half_range * response,
-        phase=_lag(seen.product),
+        phase=wrapped_lag(seen.product),
         orders=orders(equations.coordinates[equations.response], fine.harmonics),
         harmonics=seen.response * response,
         drive=seen.drive * drive,
@@ -180,7 +188,7 @@ def _branch(
 
 def _resolved(problem: Problem, window: Array, resolution: Resolution, size: Size, fine: Size) -> list[Branch]:
     equations = problem.equations
-    curve = _curves(problem, window, resolution, size)
+    curve = first_curves(problem, window, resolution, size)
     count = np.asarray(curve.number)
     lanes = np.repeat(np.arange(count.size), count)
     at = np.concatenate([np.arange(n) for n in count])

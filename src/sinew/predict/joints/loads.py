@@ -55,9 +55,13 @@ def _tension(torsion: Array, shortening: Array, p: Parameters) -> Array:
 
 def _sunk(torsion: Array, start: Array, p: Parameters) -> Array:
     """Return the shortening at which ∂V/∂x = 0 at a torsion, by Newton's method in each lane."""
+    return np.asarray(_relaxed(jnp.asarray(torsion), jnp.asarray(start), p), dtype=float)
 
+
+@jax.jit
+def _relaxed(torsion: jax.Array, start: jax.Array, p: Parameters) -> jax.Array:
     def total(x: jax.Array) -> jax.Array:
-        return jnp.sum(potential(jnp.asarray(torsion), x, p))
+        return jnp.sum(potential(torsion, x, p))
 
     def slope(x: jax.Array) -> jax.Array:
         return jnp.asarray(jax.grad(total)(x))
@@ -66,5 +70,4 @@ def _sunk(torsion: Array, start: Array, p: Parameters) -> Array:
         force, stiffness = jax.jvp(slope, (x,), (jnp.ones_like(x),))
         return x - force / stiffness, None
 
-    solve = jax.jit(lambda x: jax.lax.scan(step, x, None, length=_STEPS)[0])
-    return np.asarray(solve(jnp.asarray(start)), dtype=float)
+    return jax.lax.scan(step, start, None, length=_STEPS)[0]
