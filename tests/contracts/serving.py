@@ -63,13 +63,13 @@ def until(claim: Callable[[], Any]) -> Any:
 
 @dataclass
 class Bench:
-    """What was brought to rest: which port, which rig."""
+    """A bench that notes when it is brought to rest: which port, by which rig, to which state."""
 
-    stops: list[tuple[str, RigSpec]] = field(default_factory=list)
+    stops: list[tuple[str, str, str | None]] = field(default_factory=list)
     gate: threading.Event = field(default_factory=threading.Event)
 
-    def rest(self, port: str, spec: RigSpec) -> StopReport:
-        self.stops.append((port, spec))
+    def rest(self, port: str, spec: RigSpec, state: str | None, _on_frozen: Callable[[StopReport], None]) -> StopReport:
+        self.stops.append((port, spec.name, state))
         self.gate.wait(PATIENCE)
         return StopReport("release", ["drive"])
 
@@ -99,6 +99,7 @@ class Served:
     access: Access
     client: httpx.Client
     bench: Bench
+    pages: list[httpx.Client] = field(default_factory=list)
 
     @property
     def runs(self) -> Path:
@@ -115,6 +116,7 @@ class Served:
         """Return a page that was just loaded, in a browser of its own."""
         own = httpx.Client(base_url=self.client.base_url, headers=self.client.headers, timeout=PATIENCE)
         own.cookies.set(COOKIE, self.access.session_cookie(), domain="127.0.0.1")
+        self.pages.append(own)
         return Page(own, own.post("/ticket").json()["ticket"])
 
     def operator(self) -> Page:
@@ -148,8 +150,11 @@ def serving(runs: Path, **settings: Any) -> Iterator[Served]:
     origin = {"Origin": f"http://127.0.0.1:{port}"}
     with steward, httpx.Client(base_url=f"http://127.0.0.1:{port + 1}", headers=origin, timeout=PATIENCE) as client:
         try:
-            yield Served(steward, steward.settings.access, client, bench)
+            served = Served(steward, steward.settings.access, client, bench)
+            yield served
         finally:
+            for page in served.pages:
+                page.close()
             bench.gate.set()
             run = steward._desk.run
             if run is not None:

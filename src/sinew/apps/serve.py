@@ -121,7 +121,7 @@ def _look_after(steward: "Steward", access: "Access", *, as_json: bool) -> None:
 
 def _stop_bench(steward: "Steward") -> None:
     remark("emergency stop")
-    remark(steward.order_emergency().result().sentence)
+    remark(steward.order_emergency().end.result().sentence)
 
 
 def _await_page(steward: "Steward", over: threading.Event) -> None:

@@ -6,8 +6,11 @@ __all__ = ["RefusedError"]
 
 
 class RefusedError(SinewError):
-    """A command is not carried out. status: of HTTP, 4xx: 403 not allowed, 409 not now, 422 not valid."""
+    """A command is not carried out.
 
-    def __init__(self, status: int, sentence: str) -> None:
+    status: of HTTP, 4xx: 403 not allowed, 409 not now, 422 not valid. knows_ticket: False where a page needs another.
+    """
+
+    def __init__(self, status: int, sentence: str, *, knows_ticket: bool = True) -> None:
         super().__init__(sentence)
-        self.status = status
+        self.status, self.knows_ticket = status, knows_ticket

@@ -60,6 +60,11 @@ class RunDesk:
         return self._run
 
     @property
+    def is_idle(self) -> bool:
+        """Whether no run is under way or being begun."""
+        return self._run is None and not self._is_starting
+
+    @property
     def spec(self) -> RigSpec | None:
         """The rig of the run under way or of the last one: how the bench is wired, as far as we know."""
         return self._spec

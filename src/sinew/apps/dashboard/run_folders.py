@@ -1,12 +1,12 @@
 """This is where a run gets its folder, and where runs that are under way are found again."""
 
 import json
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.processes import Process, adopt, read_pid
 from sinew.apps.dashboard.refusal import RefusedError
 from sinew.measure.errors import SinewError
@@ -24,7 +24,6 @@ LOG = "run.log"
 Control = Callable[..., dict[str, Any]]
 """What asks a run for something: (folder, command, timeout_s) -> answer; raises a SinewError if nobody listens."""
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 _CONTROL = "control"
 
 
@@ -46,7 +45,7 @@ def make_folder(runs: Path, name: str, plan: str, rig: str) -> Path:
 
     Raises RefusedError where the name is none (422), is in use (409) or the disk takes no folder (409).
     """
-    if not _NAME.fullmatch(name):
+    if not is_run_name(name):
         raise RefusedError(
             422,
             f"found {name[:100]!r} for a run's name, expected up to 80 letters, digits, '.', '_' or '-', "

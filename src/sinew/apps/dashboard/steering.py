@@ -25,7 +25,7 @@ from sinew.apps.dashboard.refusal import RefusedError
 __all__ = ["TICKET_HEADER", "Helm", "SteeringCommand", "steering_app"]
 
 TICKET_HEADER = "X-Sinew-Ticket"
-"""Header in which a page says who it is when it asks for the status."""
+"""Header in which a page says who it is when it asks for the status; the query `ticket` does, too."""
 
 _Text = Annotated[str, Field(max_length=256 * 1024)]
 
@@ -68,7 +68,7 @@ def steering_app(access: Access, helm: Helm) -> ASGIApp:
 
     Answers are JSON, {"ok", "sentence", ...} and a status of 4xx where a command is not carried out.
     """
-    desk = _Desk(helm)
+    desk = _Desk(access, helm)
     routes = [
         Route("/ticket", _signed_in(access, desk.ticket), methods=["POST"]),
         Route("/command", _signed_in(access, desk.command), methods=["POST"]),
@@ -87,15 +87,17 @@ def steering_app(access: Access, helm: Helm) -> ASGIApp:
 class _Desk:
     """What is behind the routes."""
 
-    def __init__(self, helm: Helm) -> None:
-        self._helm = helm
+    def __init__(self, access: Access, helm: Helm) -> None:
+        self._access, self._helm = access, helm
 
     async def ticket(self, _request: Request) -> Response:
         ticket = self._helm.operators.give_ticket()
         return JSONResponse({"ok": True, "ticket": ticket.id, "number": 0, "name": ticket.name})
 
     async def status(self, request: Request) -> Response:
-        return JSONResponse(self._helm.status(request.headers.get(TICKET_HEADER)))
+        asking = request.headers.get(TICKET_HEADER) or request.query_params.get("ticket")
+        told = self._helm.status(asking)
+        return JSONResponse(told | {"signed_in": self._access.is_signed_in(request)})
 
     async def command(self, request: Request) -> Response:
         try:
@@ -115,7 +117,7 @@ class _Desk:
             where = ".".join(map(str, first["loc"])) or "the command"
             return _said(422, f"{where}: {first['msg']}")
         except RefusedError as refusal:
-            return _said(refusal.status, str(refusal))
+            return _said(refusal.status, str(refusal), **({} if refusal.knows_ticket else {"ticket": False}))
 
     async def _carry_out(self, command: SteeringCommand, ticket: Ticket) -> str:
         operators = self._helm.operators

@@ -11,7 +11,6 @@ import socket
 import threading
 import time
 from collections.abc import Awaitable, Callable
-from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ import uvicorn
 from sinew import __version__
 from sinew.apps.dashboard.access import Access
 from sinew.apps.dashboard.bench_emulator import BenchEmulator
-from sinew.apps.dashboard.emergency import Emergency, Outcome, Rest, bring_to_rest
+from sinew.apps.dashboard.emergency import Emergency, Order, Outcome, Rest, bring_to_rest
 from sinew.apps.dashboard.front import raise_file_limit, server_config
 from sinew.apps.dashboard.operators import Operators
 from sinew.apps.dashboard.page_process import PageProcess
@@ -152,17 +151,26 @@ class Steward:
         return self._desk.start(name, plan, rig, self.port)
 
     def tell(self, command: str) -> str:
-        """Tell the run under way something, and return what it answers. Raises RefusedError."""
-        return self._desk.tell(command)
+        """Tell the run under way something, or bring a bench without one to rest; return a sentence.
 
-    def order_emergency(self) -> "Future[Outcome]":
-        """Bring the bench to rest at once, from any thread, and return what will tell how that went."""
+        Raises RefusedError.
+        """
+        if command not in ("hold", "release", "stop") or not self._desk.is_idle or self.port is None:
+            return self._desk.tell(command)
+        state = None if command == "stop" else command
+        outcome = self._emergency.order(None, self.port, self._desk.spec or self._spec, state).end.result()
+        if not outcome.is_safe:
+            raise RefusedError(409, outcome.sentence)
+        return outcome.sentence
+
+    def order_emergency(self) -> Order:
+        """Bring the bench to rest at once, from any thread, and return what will tell how that goes."""
         run = self._desk.alarm()
         return self._emergency.order(run, self.port, self._desk.spec or self._spec)
 
     def emergency(self) -> Awaitable[Outcome]:
-        """Bring the bench to rest at once; to be awaited."""
-        return asyncio.wrap_future(self.order_emergency())
+        """Bring the bench to rest at once; to be awaited until the motors stand still."""
+        return asyncio.wrap_future(self.order_emergency().answer)
 
     def run_left(self) -> tuple[str, int] | None:
         """Return name and process of the run that goes on without us; None where there is none."""
