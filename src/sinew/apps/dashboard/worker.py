@@ -42,9 +42,6 @@ class Call(NamedTuple):
 
 
 CALLS = {
-    "fields_of": Call("form", "light", _SHORT_S),
-    "form_of": Call("form", "light", _SHORT_S),
-    "plan_from_form": Call("form", "light", _SHORT_S),
     "shelf": Call("shelf", "light", _SHORT_S),
     "read_shelf": Call("shelf", "light", _SHORT_S),
     "list_runs": Call("runs", "light", _SHORT_S),
@@ -127,10 +124,10 @@ class _Lane:
         pool.shutdown(wait=False, cancel_futures=True)
 
     async def serve(self, request: _Request, key: str | None) -> Any:
-        """Return what a request's function says, when it is its turn."""
+        """Return what a request's function says, when it is its turn; None where nobody wants it by then."""
         async with self.turn:
             if not request.is_wanted or (key is not None and self.newest.get(key) is not request):
-                raise asyncio.CancelledError
+                return None
             try:
                 return await self._tried(request, again=True)
             finally:
@@ -171,8 +168,8 @@ class Worker:
     async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
         """Return what a function of `sinew.apps.dashboard.work` returns for these arguments, plain data all.
 
-        key: of requests that replace each other, as those of a slider. Of those that wait only the newest is run; who
-        awaits an older one is cancelled (CancelledError).
+        key: of requests that replace each other, as those of a slider. Of those that wait only the newest is run, the
+        older ones return None.
         Raises SinewError: what the function raises; WorkerError where it took too long or its process ended twice.
         """
         lane = self._lanes[CALLS[name].lane]

@@ -10,10 +10,9 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from sinew.measure.errors import SpecError
 from sinew.plan.complaint import fault_sentence
 from sinew.plan.plan import Plan
-from sinew.plan.toml import dump_plan, parse_plan
+from sinew.plan.toml import dump_plan
 
 __all__ = ["fields_of", "form_of", "plan_from_form"]
 
@@ -41,30 +40,24 @@ _TITLES = {
 _MOST_VALUES = 10_000
 
 
-def fields_of(model: str = "plan") -> list[dict[str, Any]]:
+def fields_of(model: type[BaseModel] = Plan) -> list[dict[str, Any]]:
     """Return what a form for a plan shows, field by field in the order of the model.
 
-    Each has `path` ("sweep.amplitude_deg"), `part` ("sweep", "" for the plan itself), `title`, `unit`, `type` (number,
-    whole, text, choice, numbers), `required`, `default` as the form shows it (None where there is none), `choices`,
-    `gt`, `ge`, `lt`, `le`, `optional` (may be left empty) and `help`. Parts that may be left out come first as a field
-    of the type `part`, whose `default` says whether it is in a new plan.
-    model: always "plan". Raises SpecError for another one.
+    Each has `path` ("sweep.amplitude_deg"), `part` ("sweep", "" for the plan itself), `title` with the unit, `unit`,
+    `type` (number, whole, text, choice, numbers), `required`, `default` as the form shows it (None where there is
+    none), `choices`, `gt`, `ge`, `lt`, `le`, `optional` (may be left empty) and `help`. A part that may be left out is
+    a field of the type `part` before its own, whose `default` says whether a new plan has it.
     """
-    if model != "plan":
-        raise SpecError(f"found a form for {model!r}, expected plan")
-    return list(_fields(Plan, ""))
+    return list(_fields(model, ""))
 
 
-def form_of(plan_toml: str) -> dict[str, Any]:
-    """Return the values of a form that shows a plan, by path; lists as text, parts as true or false.
-
-    Raises SpecError where the text is no plan.
-    """
-    return dict(_values(parse_plan(plan_toml), ""))
+def form_of(plan: Plan) -> dict[str, Any]:
+    """Return the values of a form that shows a plan, by path; lists as text, parts as true or false."""
+    return dict(_values(plan, ""))
 
 
-def plan_from_form(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `{"toml", "errors"}` of a filled-in form: the plan's text, None where there are errors by path.
+def plan_from_form(values: Mapping[str, Any]) -> tuple[str | None, dict[str, str]]:
+    """Return (the text of the plan that a form says, None where there are errors; sentences by path).
 
     values: by path as in `fields_of`; what is empty or missing takes its default. A part counts where its own path is
     true, or is missing while one of its fields is given. Lists: "0, 4, 8", and ranges "1:5:0.25" (from:to:step).
@@ -98,8 +91,8 @@ def plan_from_form(values: Mapping[str, Any]) -> dict[str, Any]:
             where = ".".join(str(step) for step in fault["loc"] if not isinstance(step, int))
             sentence = fault_sentence(fault, Plan, "plan").removeprefix("plan: ").removeprefix(f"plan key {where}: ")
             errors.setdefault(_named_in(sentence, where, known), sentence)
-        return {"toml": None, "errors": errors}
-    return {"toml": None if errors else dump_plan(plan), "errors": errors}
+        return None, errors
+    return (None if errors else dump_plan(plan)), errors
 
 
 def _named_in(sentence: str, path: str, known: Mapping[str, Any]) -> str:
@@ -128,10 +121,11 @@ def _row(path: str, kind: str, info: FieldInfo, helps: Mapping[str, str], more: 
     words = name.split("_")
     unit = _UNITS.get(words[-1], "")
     plain = " ".join(words[:-1] if unit else words)
+    title = _TITLES.get(name, plain[:1].upper() + plain[1:])
     return {
         "path": path,
         "part": path.rpartition(".")[0],
-        "title": _TITLES.get(name, plain[:1].upper() + plain[1:]),
+        "title": f"{title} / {unit}" if unit else title,
         "unit": unit,
         "type": kind,
         "required": info.is_required(),

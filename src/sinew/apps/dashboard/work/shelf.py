@@ -16,16 +16,16 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}\.toml")
 _MOST_BYTES = 1_000_000
 
 
-def shelf(runs: str | None = None) -> dict[str, list[dict[str, Any]]]:
+def shelf(runs: Path | str | None = None) -> dict[str, list[dict[str, Any]]]:
     """Return `{"rigs", "plans"}`, each a list of `{"name", "shipped", "about", "ok"}`.
 
     runs: folder whose folders `rigs` and `plans` hold the lab's own files; their names end in .toml.
     about: one line, of a file that cannot be read why. ok: whether it can.
     """
-    return {kind: _listed(cast(Shelf, kind), runs) for kind in ("rigs", "plans")}
+    return {"rigs": _listed("rigs", runs), "plans": _listed("plans", runs)}
 
 
-def read_shelf(kind: str, name: str, runs: str | None = None) -> str:
+def read_shelf(kind: str, name: str, runs: Path | str | None = None) -> str:
     """Return the TOML text of a listed rig or plan. kind: rigs or plans. Raises SpecError where there is none."""
     if kind not in ("rigs", "plans"):
         raise SpecError(f"found a shelf {kind!r}, expected rigs or plans")
@@ -39,14 +39,14 @@ def read_shelf(kind: str, name: str, runs: str | None = None) -> str:
     return read_spec(cast(Shelf, kind), f"{kind}/{name}.toml")
 
 
-def _listed(kind: Shelf, runs: str | None) -> list[dict[str, Any]]:
+def _listed(kind: Shelf, runs: Path | str | None) -> list[dict[str, Any]]:
     folder = None if runs is None else Path(runs) / kind
     own = [] if folder is None or not folder.is_dir() else sorted(path.name for path in folder.glob("*.toml"))
     names = [*((name, True) for name in list_shipped(kind)), *((name, False) for name in own if _NAME.fullmatch(name))]
     return [_row(kind, name, runs, shipped) for name, shipped in names]
 
 
-def _row(kind: Shelf, name: str, runs: str | None, shipped: bool) -> dict[str, Any]:
+def _row(kind: Shelf, name: str, runs: Path | str | None, shipped: bool) -> dict[str, Any]:
     row = {"name": name, "shipped": shipped}
     try:
         text = read_shelf(kind, name, runs)
