@@ -116,6 +116,21 @@ class JournalReader:
         """Return (date, kind, sentence) of every event, in order."""
         return self._connection.execute("SELECT date, kind, sentence FROM events ORDER BY id").fetchall()
 
+    def events_after(self, number: int) -> list[tuple[int, str, str]]:
+        """Return (number, kind, sentence) of every event after one, in order; numbers count from 1."""
+        return self._connection.execute(
+            "SELECT id, kind, sentence FROM events WHERE id > ? ORDER BY id", (number,)
+        ).fetchall()
+
+    def newest_stretch(self) -> Stretch | None:
+        """Return the segment that was begun last, or None where there is none yet."""
+        found = self.stretches("id = (SELECT max(id) FROM segments)")
+        return found[0] if found else None
+
+    def count_finished(self) -> int:
+        """Return how many groups of the plan are recorded."""
+        return int(self._connection.execute("SELECT count(*) FROM finished").fetchone()[0])
+
     def counts(self) -> dict[str, float]:
         """Return the statistics of all runs, summed."""
         return dict(self._connection.execute("SELECT name, sum(number) FROM counts GROUP BY name ORDER BY name"))

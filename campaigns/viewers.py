@@ -1,0 +1,273 @@
+"""What viewers cost: `python -m campaigns.viewers --hours 2` streams a journal that is written faster than time to four
+viewers and follows the memory of the pages' server; `--cycles 60` runs an emulated bench in real time with four viewers
+and without, and lays the begins of its cycles side by side. JSON on stdout."""
+
+import argparse
+import asyncio
+import json
+import math
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import websockets
+
+from sinew.bench.journal import Journal
+from sinew.bench.journal_reader import JournalReader
+from sinew.bench.sample import Sample
+from sinew.measure.recording import Segment
+from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
+
+__all__ = ["compare_cycles", "stream_hours"]
+
+VIEWERS = 4
+RATE_HZ = 200.0
+WARM_SHARE = 0.2
+SINEW = Path(sys.executable).with_name("sinew")
+PLAN = """
+name = "viewers"
+[pretension]
+pretension_mm = [4]
+rest_s = 1
+[sweep]
+frequency_hz = [3]
+settle_s = 1
+periods = {periods}
+repeats = 1
+"""
+
+
+@contextmanager
+def saying(status: dict[str, Any]) -> Iterator[int]:
+    """Give the port of a steward that says the same to everybody."""
+
+    class Steward(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            body = json.dumps(status).encode()
+            self.send_response(200)
+            self.send_header("content-type", "application/json")
+            self.send_header("content-length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: Any) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Steward)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield server.server_address[1]
+    finally:
+        server.shutdown()
+
+
+def free_port() -> int:
+    import socket
+
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@contextmanager
+def pages(runs: Path, steering_port: int) -> Iterator[tuple[int, int]]:
+    """Give (port, process) of a server of pages that is up."""
+    port = free_port()
+    config = {"token": "t" * 20, "http_host": "127.0.0.1", "http_port": port, "steering_port": steering_port}
+    config |= {"runs": str(runs), "rig": "paper", "bench": {"kind": "emulator"}, "version": "campaign"}
+    command = [sys.executable, "-m", "sinew.apps.dashboard.page_server"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdin is not None
+            process.stdin.write(json.dumps(config) + "\n")
+            process.stdin.flush()
+            await_port(port)
+            yield port, process.pid
+        finally:
+            process.kill()
+
+
+def await_port(port: int, seconds: float = 60.0) -> None:
+    import socket
+
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        try:
+            socket.create_connection(("127.0.0.1", port), 1.0).close()
+            return
+        except OSError:
+            time.sleep(0.1)
+    raise TimeoutError(f"nothing listens at port {port}")
+
+
+def memory_mb(process: int) -> float:
+    """Return the memory of a process that is in use [MB]: its resident pages that are its own."""
+    for line in Path(f"/proc/{process}/smaps_rollup").read_text().splitlines():
+        if line.startswith("Pss_Anon:"):
+            return float(line.split()[1]) / 1024
+    raise OSError("no Pss_Anon in smaps_rollup")
+
+
+async def view(port: int, seconds: float, counts: list[int]) -> None:
+    """Watch for a time; count the frames with samples."""
+    uri = f"ws://127.0.0.1:{port}/stream"
+    end = time.monotonic() + seconds
+    async with websockets.connect(uri, origin=f"http://127.0.0.1:{port}", max_size=4_000_000) as socket:  # type: ignore[arg-type]
+        await socket.send(json.dumps({"base_s": 10, "pixels": 800}))
+        counts.append(0)
+        mine = len(counts) - 1
+        while (left := end - time.monotonic()) > 0:
+            try:
+                frame = await asyncio.wait_for(socket.recv(), left)
+            except TimeoutError:
+                return
+            counts[mine] += '"kind":"samples"' in str(frame)[:40]
+
+
+async def watch(port: int, process: int, seconds: float, viewers: int) -> tuple[list[float], list[int]]:
+    """Return (memory every second [MB], frames of each viewer)."""
+    counts: list[int] = []
+    tasks = [asyncio.create_task(view(port, seconds, counts)) for _ in range(viewers)]
+    memory: list[float] = []
+    for _ in range(int(seconds)):
+        await asyncio.sleep(1.0)
+        memory.append(memory_mb(process))
+    await asyncio.gather(*tasks)
+    return memory, counts
+
+
+def synthetic(index: int, count: int) -> Sample:
+    """Return a sample of a swing at 3 Hz."""
+    t = index / RATE_HZ
+    swing, tilt = math.sin(math.tau * 3 * t), 0.01
+    return Sample(
+        t, t - 0.005, 0.35 * swing, 0.3 * swing, 0.4 * swing, 0.2, (1.0,) * count, (1.0,) * count,
+        (0.1 + 0.05 * swing,) * count, (9 * math.cos(math.tau * 3 * t), 0.0, 0.0), (9.81, 0.0, 0.0), tilt, 1e-4, t,
+        (0.1,) * count, 12.0,
+    )  # fmt: skip
+
+
+def write_fast(path: Path, seconds: float, speed: float, ready: threading.Event) -> None:
+    """Write a journal of so much time [s], so many times as fast as time."""
+    plan, rig = load_plan("short"), load_rig("paper")
+    with Journal.create(path, dump_plan(plan), dump_rig(rig), {}) as journal:
+        journal.begin_segment(0, 0, Segment("steady", 4.0, 3.0, 20.0, 0))
+        ready.set()
+        begin, written, total = time.monotonic(), 0, int(seconds * RATE_HZ)
+        while written < total:
+            due = min(total, int((time.monotonic() - begin) * speed * RATE_HZ))
+            for index in range(written, due):
+                journal.append(synthetic(index, rig.tendons.count))
+                if index % int(RATE_HZ) == 0:
+                    journal.event("health", json.dumps({"cycles": index, "missed": 0, "incomplete": 0}))
+            written = max(written, due)
+            time.sleep(0.02)
+
+
+def stream_hours(hours: float, speed: float, viewers: int = VIEWERS) -> dict[str, Any]:
+    """Return memory and frame rates of streaming so many hours, so many times as fast as time, to some viewers."""
+    with tempfile.TemporaryDirectory() as folder:
+        runs = Path(folder)
+        (runs / "long").mkdir()
+        ready = threading.Event()
+        seconds = 3600 * hours
+        arguments = (runs / "long" / "journal.sqlite", seconds, speed, ready)
+        writer = threading.Thread(target=write_fast, args=arguments, daemon=True)
+        status = {"run": {"name": "long", "state": "running"}, "bench": {"kind": "emulator"}, "operator": None}
+        with saying(status) as steering, pages(runs, steering) as (port, process):
+            writer.start()
+            ready.wait(30.0)
+            memory, counts = asyncio.run(watch(port, process, seconds / speed, viewers))
+        with JournalReader(runs / "long" / "journal.sqlite") as journal:
+            samples = journal.last_sample()
+    kept = np.array(memory[int(WARM_SHARE * len(memory)) :])
+    fifth = max(1, kept.size // 5)
+    return {
+        "hours": hours,
+        "speed": speed,
+        "viewers": viewers,
+        "samples": samples,
+        "frames_per_s": [round(count / (seconds / speed), 2) for count in counts],
+        "memory_mb": {"first_fifth": float(kept[:fifth].mean()), "last_fifth": float(kept[-fifth:].mean())},
+        "memory_growth": float(kept[-fifth:].mean() / kept[:fifth].mean() - 1),
+        "memory_spread": float((kept.max() - kept.min()) / kept.mean()),
+    }
+
+
+def one_run(seconds: float, viewers: int) -> dict[str, Any]:
+    """Return the begins of the cycles of a run on an emulated bench in real time, with so many viewers."""
+    with tempfile.TemporaryDirectory() as folder:
+        runs = Path(folder)
+        plan, port = runs / "plan.toml", runs / "port"
+        plan.write_text(PLAN.format(periods=round(3 * seconds)))
+        emulate = [str(SINEW), "emulate", "--link", str(port)]
+        run = [str(SINEW), "run", str(plan), "--port", str(port), "--out", str(runs / "run")]
+        status = {"run": {"name": "run", "state": "running"}, "bench": {"kind": "emulator"}, "operator": None}
+        with subprocess.Popen(emulate, stdout=subprocess.PIPE, text=True) as emulator:
+            try:
+                assert emulator.stdout is not None
+                emulator.stdout.readline()
+                with saying(status) as steering, pages(runs, steering) as (http, _):
+                    counts: list[int] = []
+
+                    async def watched(process: "subprocess.Popen[bytes]") -> None:
+                        tasks = [asyncio.create_task(view(http, seconds + 30, counts)) for _ in range(viewers)]
+                        while process.poll() is None:
+                            await asyncio.sleep(0.2)
+                        for task in tasks:
+                            task.cancel()
+
+                    with subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+                        asyncio.run(watched(process))
+            finally:
+                emulator.kill()
+        with JournalReader(runs / "run" / "journal.sqlite") as journal:
+            rows = journal.samples(1, journal.last_sample() + 1)
+            numbers = journal.counts()
+            ended = journal.events()[-1][2]
+    late = 1e3 * rows["late_s"]
+    edges = [0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, math.inf]
+    return {
+        "viewers": viewers,
+        "cycles": int(numbers.get("cycles", late.size)),
+        "missed": int(numbers.get("cycles_missed", -1)),
+        "late_ms": {
+            f"below {b:g}": int(((late >= a) & (late < b)).sum()) for a, b in zip(edges, edges[1:], strict=False)
+        },
+        "late_median_ms": float(np.nanmedian(late)),
+        "late_p99_ms": float(np.nanpercentile(late, 99)),
+        "frames": counts,
+        "ended": ended,
+    }
+
+
+def compare_cycles(seconds: float, repeats: int) -> list[dict[str, Any]]:
+    """Return runs without and with viewers in turn."""
+    return [one_run(seconds, viewers) for _ in range(repeats) for viewers in (0, VIEWERS)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--hours", type=float, default=0.0, help="time that is streamed [h]")
+    parser.add_argument("--speed", type=float, default=60.0, help="how many times as fast as time")
+    parser.add_argument("--cycles", type=float, default=0.0, help="length of the runs in real time [s]")
+    parser.add_argument("--repeats", type=int, default=2)
+    asked = parser.parse_args()
+    found: dict[str, Any] = {}
+    if asked.hours:
+        found["stream"] = stream_hours(asked.hours, asked.speed)
+    if asked.cycles:
+        found["cycles"] = compare_cycles(asked.cycles, asked.repeats)
+    print(json.dumps(found, indent=2))
+
+
+if __name__ == "__main__":
+    main()

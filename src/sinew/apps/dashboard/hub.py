@@ -1,0 +1,187 @@
+"""This is where the pages' server keeps what happens on the bench: newest samples, state of the run, its results.
+
+It looks and never steers: samples come from the journal that the run writes, the state from the steward. What it keeps
+in memory does not grow with the run.
+"""
+
+import asyncio
+import json
+import math
+import sqlite3
+from collections import deque
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.apps.dashboard.channels import Channel, LiveChannels
+from sinew.apps.dashboard.ring import Ring
+from sinew.apps.dashboard.tail import JournalTail, News
+from sinew.measure.errors import FileError
+from sinew.plan.toml import parse_plan, parse_rig
+
+__all__ = ["FRAME_S", "JOURNAL", "Hub", "Live"]
+
+Floats = NDArray[np.float64]
+
+FRAME_S = 0.04
+"""Time between two frames [s]."""
+
+JOURNAL = "journal.sqlite"
+"""Name of the journal in a run's folder."""
+
+_STATUS_S = 0.5
+_KEPT = 24_000  # samples: a minute at 400 Hz
+_PLAY_S = 0.12  # a journal gets its rows ten times a second; they are played out evenly
+_MOST_EVENTS = 50
+
+Status = dict[str, Any]
+
+
+@dataclass
+class Live:
+    """A run that is followed.
+
+    name: of its folder. epoch: rises whenever another run is followed. ring: row 0 is the time since the first sample
+    that was seen [s], the others the channels. played: how many samples the viewers may see. latest: what there is to
+    say of the newest of them. health: what the run told of itself last. events: the newest, (id, kind, sentence).
+    """
+
+    name: str
+    epoch: int
+    channels: tuple[Channel, ...]
+    ring: Ring
+    plan_toml: str
+    rig_toml: str
+    groups: int
+    played: int = 0
+    latest: dict[str, Any] = field(default_factory=dict)
+    health: dict[str, Any] = field(default_factory=dict)
+    events: deque[tuple[int, str, str]] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
+    segment: dict[str, Any] | None = None
+    groups_done: int = 0
+
+
+class Hub:
+    """What all viewers share.
+
+    runs: folder of the runs. status: asks the steward, GET /status; raises OSError where it does not answer.
+    live: the run under way, or the last one; None before the first. steward: its last answer; None where it gives none.
+    """
+
+    def __init__(self, runs: Path, status: Callable[[], Awaitable[Status]]) -> None:
+        self._runs, self._ask = runs, status
+        self._tail: JournalTail | None = None
+        self._channels: LiveChannels | None = None
+        self._start = math.nan
+        # A connection of SQLite belongs to its thread.
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
+        self._epoch = 0
+        self.live: Live | None = None
+        self.steward: Status | None = None
+        self.trouble = ""
+
+    async def run(self) -> None:
+        """Keep up with the bench until cancelled."""
+        loop = asyncio.get_running_loop()
+        asking = asyncio.create_task(self._watch_steward())
+        try:
+            due = loop.time()
+            while True:
+                await self.tick(FRAME_S)
+                due = max(due + FRAME_S, loop.time())
+                await asyncio.sleep(due - loop.time())
+        finally:
+            asking.cancel()
+            self._thread.shutdown(wait=False)
+
+    async def tick(self, elapsed: float) -> None:
+        """Look once; elapsed: time since the last look [s]."""
+        loop = asyncio.get_running_loop()
+        await self._follow()
+        if self._tail is None or self.live is None:
+            return
+        try:
+            news = await loop.run_in_executor(self._thread, self._tail.look)
+        except sqlite3.Error as trouble:
+            self.trouble = f"the journal of {self.live.name} cannot be read: {trouble}"
+            return
+        self._take(self.live, news)
+        waiting = self.live.ring.count - self.live.played
+        self.live.played += min(waiting, math.ceil(waiting * (1 - math.exp(-elapsed / _PLAY_S))))
+
+    async def _watch_steward(self) -> None:
+        while True:
+            try:
+                self.steward = await self._ask()
+            except OSError:
+                self.steward = None
+            await asyncio.sleep(_STATUS_S)
+
+    async def _follow(self) -> None:
+        """Turn to the run that is under way, once it has a journal."""
+        run = (self.steward or {}).get("run")
+        if run is None or (self.live is not None and self.live.name == run["name"]):
+            return
+        path = self._runs / run["name"] / JOURNAL
+        if not path.is_file():
+            return
+        loop = asyncio.get_running_loop()
+        try:
+            tail = await loop.run_in_executor(self._thread, lambda: JournalTail(path, _KEPT))
+        except (FileError, sqlite3.Error) as trouble:
+            self.trouble = str(trouble)
+            return
+        if self._tail is not None:
+            with suppress(sqlite3.Error):
+                await loop.run_in_executor(self._thread, self._tail.close)
+        self._tail, self.trouble = tail, ""
+        self._channels = LiveChannels(parse_rig(tail.rig_toml))
+        self._start = math.nan
+        self._epoch += 1
+        channels = self._channels.channels
+        groups = len(parse_plan(tail.plan_toml).groups())
+        ring = Ring(1 + len(channels), _KEPT)
+        self.live = Live(run["name"], self._epoch, channels, ring, tail.plan_toml, tail.rig_toml, groups)
+
+    def _take(self, live: Live, news: News) -> None:
+        assert self._channels is not None
+        if news.rows:
+            traces = self._channels.take(news.rows)
+            time = news.rows["time_s"]
+            if math.isnan(self._start):
+                self._start = float(time[0])
+            live.ring.put(np.vstack([time - self._start, traces]))
+            live.latest["tension_n"] = self._channels.tensions(traces)
+        for event in news.events:
+            if event[1] == "health":
+                live.health = json.loads(event[2])
+            else:
+                live.events.append((event[0], event[1], _in_words(event[1], event[2])))
+        live.groups_done = news.groups_done
+        if news.segment is not None:
+            asked = news.segment.asked
+            live.segment = {
+                "kind": news.segment.kind,
+                "state": news.segment.state,
+                "pretension_mm": _known(asked.pretension_mm),
+                "frequency_hz": _known(asked.frequency_hz),
+                "amplitude_deg": _known(asked.amplitude_deg),
+            }
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _in_words(kind: str, sentence: str) -> str:
+    """Return what an event says to people."""
+    if kind != "pretension":
+        return sentence
+    said = json.loads(sentence)
+    return f"pretension {said['asked_mm']:g} mm is set, tilt {said['tilt_deg']:.2f}°"

@@ -1,0 +1,188 @@
+"""This is where the pages are served: a process of its own that looks at the bench and never steers it.
+
+The steward starts it and tells it on stdin, in one line of JSON, what it must know; stdin's end is the steward's, and
+then it ends, too.
+"""
+
+import asyncio
+import json
+import os
+
+import sys
+import threading
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import uvicorn
+from fastapi import FastAPI, WebSocket
+from fastapi.responses import FileResponse, JSONResponse, Response
+from fastapi.staticfiles import StaticFiles
+from nicegui import ui
+
+from sinew.apps.dashboard.access import Access, Gate
+from sinew.apps.dashboard.hub import Hub
+from sinew.apps.dashboard.names import is_run_name
+from sinew.apps.dashboard.pages.design import add_design_page
+from sinew.apps.dashboard.pages.live import add_live_page
+from sinew.apps.dashboard.pages.plan import add_plan_page
+from sinew.apps.dashboard.pages.runs import add_runs_pages
+from sinew.apps.dashboard.pages.site import Site, Work
+from sinew.apps.dashboard.results import Results
+from sinew.apps.dashboard.sign_in import SIGN_IN_PAGE, sign_in_routes
+from sinew.apps.dashboard.stream import serve_stream
+from sinew.apps.dashboard.worker import Worker
+from sinew.measure.errors import SinewError
+
+__all__ = ["Config", "main", "make_app", "serve"]
+
+MOST_SOCKET_MESSAGE = 256 * 1024
+"""Largest message that a web socket takes [bytes]."""
+
+_STATIC = Path(__file__).with_name("static")
+_KINDS = {"recording": "recording.nc", "csv": "csv.zip", "mat": "recording.mat", "report": "report.html"}
+_STATUS_WAIT_S = 2.0
+
+
+@dataclass(frozen=True)
+class Config:
+    """What the steward says. token: of this start. http_host, http_port: of the pages. steering_port: of the commands.
+    runs: folder of the runs. rig: offered first. bench: "emulator", "port" or None. version: of Sinew. hosts: further
+    names under which browsers come."""
+
+    token: str
+    http_host: str
+    http_port: int
+    steering_port: int
+    runs: Path
+    rig: str
+    bench: str | None
+    version: str
+    hosts: tuple[str, ...] = ()
+
+    @classmethod
+    def parse(cls, line: str) -> "Config":
+        """Return what one line of JSON says."""
+        said = json.loads(line)
+        bench, hosts = (said.get("bench") or {}).get("kind"), tuple(said.get("hosts", ()))
+        return cls(**{**said, "runs": Path(said["runs"]), "bench": bench, "hosts": hosts})
+
+
+def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str, Any]]]) -> FastAPI:
+    """Return the application. work: the worker. status: asks the steward."""
+    access = Access(config.token, config.http_host, config.http_port, config.hosts)
+    hub = Hub(config.runs, status)
+    site = Site(
+        runs=config.runs,
+        rig=config.rig,
+        bench=config.bench,
+        steering_port=config.steering_port,
+        is_locked=not access.is_loopback,
+        version=config.version,
+        hub=hub,
+        work=work,
+    )
+    site.results = Results(hub, work, config.runs)
+
+    @asynccontextmanager
+    async def living(_: FastAPI) -> AsyncIterator[None]:
+        tasks = [asyncio.create_task(hub.run()), asyncio.create_task(site.results.run())]
+        try:
+            yield
+        finally:
+            for task in tasks:
+                task.cancel()
+
+    app = FastAPI(lifespan=living, docs_url=None, redoc_url=None, openapi_url=None)
+    app.router.routes += sign_in_routes(access)
+    _add_downloads(app, site)
+
+    @app.websocket("/stream")
+    async def stream(socket: WebSocket) -> None:
+        await serve_stream(socket, hub)
+
+    app.mount("/sinew", StaticFiles(directory=_STATIC), name="sinew")
+    add_live_page(site)
+    add_plan_page(site)
+    add_runs_pages(site)
+    add_design_page(site)
+    ui.run_with(
+        app, title="Sinew", language="en-US", show_welcome_message=False, dark=None, favicon=_STATIC / "icon.svg"
+    )
+    app.add_middleware(
+        Gate,
+        access=access,
+        must_sign_in=site.is_locked,
+        free=("/login", "/sinew/"),
+        sign_in_page=SIGN_IN_PAGE,
+    )
+    return app
+
+
+def _add_downloads(app: FastAPI, site: Site) -> None:
+    @app.get("/download/{name}/{kind}")
+    async def download(name: str, kind: str) -> Response:
+        folder = site.runs / name
+        if kind not in _KINDS or not is_run_name(name) or not folder.is_dir():
+            return JSONResponse({"ok": False, "sentence": "There is no such file."}, 404)
+        try:
+            path = Path(await site.work.call("download", str(folder), kind)).resolve()
+        except SinewError as trouble:
+            return JSONResponse({"ok": False, "sentence": str(trouble)}, 409)
+        if not path.is_relative_to(site.runs.resolve()):
+            return JSONResponse({"ok": False, "sentence": "There is no such file."}, 404)
+        return FileResponse(path, filename=f"{name}-{_KINDS[kind]}", content_disposition_type="attachment")
+
+
+async def serve(config: Config) -> None:
+    """Serve until stdin ends."""
+    bracketed = f"[{config.http_host}]" if ":" in config.http_host else config.http_host
+    host = "127.0.0.1" if config.http_host in ("0.0.0.0", "::") else bracketed
+    headers = {"authorization": f"Bearer {config.token}", "host": f"127.0.0.1:{config.steering_port}"}
+    async with httpx.AsyncClient(headers=headers, timeout=_STATUS_WAIT_S, trust_env=False) as client:
+
+        async def status() -> dict[str, Any]:
+            try:
+                answer = await client.get(f"http://{host}:{config.steering_port}/status")
+                answer.raise_for_status()
+                return dict(answer.json())
+            except (httpx.HTTPError, ValueError) as trouble:
+                raise OSError(str(trouble)) from trouble
+
+        worker = Worker()
+        app = make_app(config, worker, status)
+        settings = uvicorn.Config(
+            app,
+            host=config.http_host,
+            port=config.http_port,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            ws_max_size=MOST_SOCKET_MESSAGE,
+            timeout_keep_alive=5,
+            timeout_graceful_shutdown=2,
+        )
+        server = uvicorn.Server(settings)
+        try:
+            await server.serve()
+        finally:
+            worker.close()
+
+
+def main() -> None:
+    """Serve as the steward says on stdin."""
+    config = Config.parse(sys.stdin.readline())
+
+    def end_with_the_steward() -> None:
+        sys.stdin.read()
+        os._exit(0)  # nothing here needs to be put away: it only looks
+
+    threading.Thread(target=end_with_the_steward, daemon=True).start()
+    asyncio.run(serve(config))
+
+
+if __name__ == "__main__":
+    main()

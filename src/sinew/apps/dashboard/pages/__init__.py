@@ -1,0 +1,1 @@
+"""This is where each page of the dashboard is laid out."""

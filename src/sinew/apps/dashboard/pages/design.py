@@ -1,0 +1,186 @@
+"""This is where a joint is designed by hand: sliders, and what the equations say of it at once."""
+
+import asyncio
+from typing import Any
+
+from nicegui import ui
+
+from sinew.apps.dashboard.pages.curves import Curve, Curves
+from sinew.apps.dashboard.pages.frame import card, empty, framed
+from sinew.apps.dashboard.pages.runs import quantity
+from sinew.apps.dashboard.pages.site import Site
+from sinew.apps.dashboard.work.shelf import read_shelf
+from sinew.measure.errors import SinewError
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_rig
+
+__all__ = ["add_design_page"]
+
+_THROTTLE_S = 0.05
+_SETTLED_S = 0.4
+_BAND_HZ = (1.0, 6.0)
+
+
+def add_design_page(site: Site) -> None:
+    """Serve the page for designing at /design."""
+
+    @ui.page("/design")
+    async def design() -> None:
+        with framed(site, "Design", "/design"):
+            ui.label("Design a joint").props("role=heading aria-level=1").classes("text-h6")
+            bench = Bench(site)
+            bench.lay_out()
+            await ui.context.client.connected()
+            await bench.change()
+
+
+class Bench:
+    """One viewer's joint while it is designed."""
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._rig_toml = read_shelf("rigs", site.rig, site.runs)
+        self._values = _sizes(parse_rig(self._rig_toml))
+        self._turn = 0
+
+    def lay_out(self) -> None:
+        """Lay out sliders, curves and what is to know of them."""
+        with ui.element("div").classes("sinew-grid"):
+            with card("Joint", 4):
+                for key, label, low, high, step in _SLIDERS:
+                    self._slider(key, label, low, high, step)
+                self._suggest = ui.button("Suggest a pretension", on_click=self._suggested).props(
+                    "id=sinew-suggest no-caps unelevated color=primary"
+                )
+                self._suggestion = ui.label().props("id=sinew-suggestion role=status").classes("sinew-soft")
+            with ui.element("div").classes("span-8").style("display: grid; gap: 0.75rem; align-content: start"):
+                with card("Gain: torsion over lever", 12):
+                    self._gain = Curves("gain")
+                    self._gain.element.props("id=sinew-design-gain")
+                with card("Phase: lag of the torsion", 12):
+                    self._phase = Curves("phase")
+                with card("What it is worth", 12):
+                    self._notes = ui.element("div").props("role=status").style("display: grid; gap: 0.2rem")
+                    with self._notes:
+                        empty("The equations are being compiled; that takes some seconds once.")
+
+    def _slider(self, key: str, label: str, low: float, high: float, step: float) -> None:
+        with ui.element("div").classes("w-full"):
+            said = ui.label().props(f"id=sinew-label-{key}")
+            slider = ui.slider(min=low, max=high, step=step, value=self._values[key])
+            slider.props(f'id=sinew-slider-{key} aria-label="{label}" dense')
+
+        def write() -> None:
+            said.set_text(f"{label.rpartition(' / ')[0]}: {self._values[key]:g} {label.rpartition(' / ')[2]}")
+
+        async def moved(event: Any) -> None:
+            self._values[key] = float(event.args)
+            write()
+            await self.change()
+
+        slider.on("update:model-value", moved, throttle=_THROTTLE_S, leading_events=True, trailing_events=True)
+        write()
+
+    async def change(self) -> None:
+        """Show the curves of the joint as it is now: a sketch at once, the fine ones when the sliders rest."""
+        self._turn += 1
+        turn = self._turn
+        await self._compute(turn, fine=False)
+        await asyncio.sleep(_SETTLED_S)
+        if turn == self._turn:
+            await self._compute(turn, fine=True)
+
+    async def _compute(self, turn: int, *, fine: bool) -> None:
+        changes = {key: self._values[key] for key, *_ in _SLIDERS if key not in _NOT_THE_RIG}
+        key = f"design {id(self)} {fine}"
+        try:
+            found = await self._site.work.call(
+                "design_curves",
+                self._rig_toml,
+                changes,
+                self._values["pretension_mm"],
+                self._values["amplitude_deg"],
+                _BAND_HZ,
+                fine,
+                key=key,
+            )
+        except SinewError as trouble:
+            found = {"trouble": str(trouble)}
+        if found is not None and (turn == self._turn or not fine):
+            self._show(found, fine)
+
+    def _show(self, found: dict[str, Any], fine: bool) -> None:
+        self._notes.clear()
+        with self._notes:
+            if "trouble" in found:
+                ui.label(found["trouble"]).classes("sinew-bad")
+                return
+            if found["peak"]:
+                ui.label(f"Largest gain {found['peak']['gain']:.3f} at {found['peak']['frequency_hz']:.3f} Hz").props(
+                    "id=sinew-peak"
+                )
+            if found["phase_90"]:
+                ui.label(f"Lag of 90° at {found['phase_90']['frequency_hz']:.3f} Hz")
+            count = len(found["folds"])
+            ui.label(
+                f"{count} folds: between them a sweep up and one down differ"
+                if count
+                else "No fold: one motion at each frequency"
+            )
+            how = (
+                f"error of the curve about {100 * found['error']:.2g} %" if fine else "a sketch while the sliders move"
+            )
+            ui.label(
+                f"The equations, {how}. The parameters' uncertainty is on the page Live and in sinew predict --bands."
+            ).classes("sinew-soft")
+            for check in found["checks"]:
+                if not check["holds"]:
+                    ui.label(f"Mind: {check['sentence']}").classes("sinew-warn")
+        marks = [(f["frequency_hz"], f["gain"], "fold") for f in found["folds"]]
+        for curves, what in ((self._gain, "gain"), (self._phase, "phase")):
+            curves.marked_hz = self._values["wanted_hz"]
+            curves.marks = marks if what == "gain" else []
+            stable = found["stable"]
+            curves.draw(
+                [Curve("this joint", found["frequency_hz"], found[what], is_line=True, is_stable=stable, number=0)]
+            )
+
+    async def _suggested(self) -> None:
+        self._suggestion.set_text("Looking for it; this takes some seconds.")
+        changes = {key: self._values[key] for key, *_ in _SLIDERS if key not in _NOT_THE_RIG}
+        try:
+            found = await self._site.work.call(
+                "suggest_pretension", self._rig_toml, changes, self._values["wanted_hz"], self._values["amplitude_deg"]
+            )
+        except SinewError as trouble:
+            self._suggestion.set_text(str(trouble))
+            return
+        if found["pretension_mm"] is None:
+            self._suggestion.set_text(found["sentence"])
+            return
+        self._suggestion.set_text(f"{quantity(found['pretension_mm'], 'mm')}: {found['sentence']}")
+
+
+_NOT_THE_RIG = ("pretension_mm", "amplitude_deg", "wanted_hz")
+_SLIDERS = (
+    ("length_mm", "Length of the silicone / mm", 60.0, 150.0, 1.0),
+    ("outer_mm", "Diameter of the silicone / mm", 40.0, 80.0, 0.5),
+    ("tendon_circle_mm", "Radius of the guides' circle / mm", 15.0, 60.0, 0.5),
+    ("lever_inertia_kg_m2", "Inertia of the lever / kg m²", 0.004, 0.02, 0.0002),
+    ("pretension_mm", "Pretension / mm", 0.0, 12.0, 0.25),
+    ("amplitude_deg", "Amplitude of the command / °", 2.0, 30.0, 0.5),
+    ("wanted_hz", "Wanted resonance / Hz", 1.0, 6.0, 0.05),
+)
+
+
+def _sizes(rig: RigSpec) -> dict[str, float]:
+    """Return where the sliders begin: at the rig that is offered first."""
+    return {
+        "length_mm": round(1e3 * rig.silicone.length.value, 1),
+        "outer_mm": round(1e3 * rig.silicone.diameter.value * 2) / 2,
+        "tendon_circle_mm": round(1e3 * rig.tendons.head_radius.value * 2) / 2,
+        "lever_inertia_kg_m2": round(rig.inertia.lever.value, 4),
+        "pretension_mm": 4.0,
+        "amplitude_deg": 20.0,
+        "wanted_hz": 3.6,
+    }

@@ -1,0 +1,140 @@
+"""This is where the live page is laid out: joint, oscilloscope, Lissajous figure, growing curves, state of the bench."""
+
+from nicegui import ui
+
+from sinew.apps.dashboard.channels import LiveChannels
+from sinew.apps.dashboard.pages.curves import Curves
+from sinew.apps.dashboard.pages.frame import card, empty, framed, script
+from sinew.apps.dashboard.pages.site import Site
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import load_rig
+
+__all__ = ["add_live_page"]
+
+_BASES_S = (0.5, 1, 2, 5, 10, 30, 60)
+_LOOK_S = 0.5
+
+
+def add_live_page(site: Site) -> None:
+    """Serve the live page at /."""
+    rig = load_rig(site.rig)
+
+    @ui.page("/")
+    def live() -> None:
+        with framed(site, "Live", "/"):
+            ui.label("Live").props("role=heading aria-level=1").classes("sinew-hidden")
+            nothing = "Nothing has run yet." if site.bench else "No bench: start sinew serve with --emulate."
+            with ui.element("div").props("id=sinew-nothing").classes("sinew-card"):
+                empty(f"{nothing} Choose a plan on the page Plan; what is measured appears here as it comes.")
+            ui.label().props("id=sinew-note role=alert hidden").classes("sinew-card sinew-bad")
+            with ui.element("div").classes("sinew-grid"):
+                scene = _joint_card(rig)
+                _scope_card()
+                _numbers_card()
+                _curves(site)
+                _bench_card()
+        script("sinew-live", _given(rig, scene))
+        ui.add_body_html(f'<script type="module" src="/sinew/live.js?{site.version}"></script>')
+
+
+def _given(rig: RigSpec, scene: int) -> dict[str, object]:
+    """Return what the page's script must know of the rig; lengths in those of the silicone."""
+    length = rig.silicone.length.value
+    circle = rig.tendons.head_radius.value / length
+    radius = 0.5 * rig.silicone.diameter.value / length
+    shape = {
+        "length": 1.0,
+        "radius": radius,
+        "circle": max(circle, radius + 0.04),
+        "plate": max(circle, radius) + 0.16,
+        "lever": 1.2 * max(circle, radius) + 0.3,
+        "tendons": rig.tendons.count,
+    }
+    labels = {channel.key: channel.label for channel in LiveChannels(rig).channels}
+    return {"scene": scene, "shape": shape, "labels": labels, "tension_limit_n": rig.limits.tension_n}
+
+
+def _joint_card(rig: RigSpec) -> int:
+    """Lay the joint out and return the number of its scene."""
+    with card("Joint", 3):
+        scene = ui.scene(width=320, height=300, grid=False, background_color="#000000", fps=25)
+        scene.move_camera(1.35, -1.55, 1.35, 0.0, 0.0, 0.5, duration=0)
+        scene.classes("w-full").props('role=img aria-label="The joint as it moves, with its tendons"')
+        ui.html(
+            '<div class="sinew-soft">Tendons: <span style="color:var(--low)">●</span> 0 N to '
+            f'<span style="color:var(--high)">●</span> {rig.limits.tension_n:g} N, the rig\'s limit</div>',
+            sanitize=False,
+        )
+    return scene.id
+
+
+def _scope_card() -> None:
+    with card("Oscilloscope", 6):
+        ui.html(
+            '<canvas id="sinew-scope" class="sinew-canvas" role="img" aria-label="Angles and currents over time">'
+            "</canvas>",
+            sanitize=False,
+        ).classes("w-full")
+        ui.html('<div id="sinew-legend" class="sinew-legend"></div>', sanitize=False)
+        options = "".join(f'<option value="{s:g}"{" selected" if s == 5 else ""}>{s:g} s</option>' for s in _BASES_S)
+        ui.html(
+            f'<div class="sinew-row"><label for="sinew-base">Time base</label><select id="sinew-base">{options}</select>'
+            '<button type="button" class="sinew-button" id="sinew-freeze" aria-pressed="false">Freeze</button></div>',
+            sanitize=False,
+        )
+
+
+def _numbers(rows: tuple[tuple[str, str], ...]) -> None:
+    text = "".join(f'<dt>{label}</dt><dd id="sinew-{key}">–</dd>' for label, key in rows)
+    ui.html(f'<dl class="sinew-numbers">{text}</dl>', sanitize=False)
+
+
+def _numbers_card() -> None:
+    with card("Run", 3):
+        _numbers((("Run", "run"), ("Doing", "doing"), ("At", "at")))
+        ui.html(
+            '<progress id="sinew-progress" max="1" value="0" aria-label="Progress of the plan"></progress>'
+            '<div id="sinew-progress-text" class="sinew-soft">–</div>',
+            sanitize=False,
+        )
+        ui.html(
+            '<canvas id="sinew-lissajous" class="sinew-canvas" role="img" aria-label="Torsion over lever angle"></canvas>',
+            sanitize=False,
+        ).classes("w-full")
+
+
+def _bench_card() -> None:
+    with card("Bench", 6):
+        rows = (
+            ("Tension of the tendons", "tension"),
+            ("Tilt of the head plate", "tilt"),
+            ("Temperatures", "temperature"),
+            ("Supply", "supply"),
+            ("Cycles", "cycles"),
+            ("Latest begin of a cycle", "late"),
+            ("Bus", "bus"),
+        )
+        _numbers(rows)
+    with card("What happened", 6):
+        ui.html(
+            '<ol id="sinew-log" class="sinew-log" tabindex="0" aria-label="Events of the run"></ol>', sanitize=False
+        )
+
+
+def _curves(site: Site) -> None:
+    """Lay out gain and phase, which grow with the run."""
+    with card("Gain: torsion over lever", 6):
+        gain = Curves("gain")
+    with card("Phase: lag of the torsion", 6):
+        phase = Curves("phase")
+    seen = -1
+
+    def look() -> None:
+        nonlocal seen
+        if site.results is not None and site.results.version != seen:
+            seen = site.results.version
+            for curves in (gain, phase):
+                curves.show(site.results.predicted, site.results.measured)
+
+    look()
+    ui.timer(_LOOK_S, look)

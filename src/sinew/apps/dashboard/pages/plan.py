@@ -1,0 +1,241 @@
+"""This is where a plan is chosen, edited, previewed and started."""
+
+import json
+from datetime import datetime
+from typing import Any
+
+from nicegui import events, ui
+
+from sinew.apps.dashboard.pages.curves import Curve, Curves
+from sinew.apps.dashboard.pages.frame import card, empty, framed
+from sinew.apps.dashboard.pages.site import Site
+from sinew.apps.dashboard.names import is_run_name
+from sinew.apps.dashboard.work.forms import fields_of, form_of, plan_from_form
+from sinew.apps.dashboard.work.shelf import read_shelf, shelf
+from sinew.measure.errors import SinewError
+from sinew.plan.plan import Plan
+from sinew.plan.toml import parse_plan
+
+__all__ = ["add_plan_page"]
+
+_TYPING_S = 0.4
+_FIRST_PLAN = "first"
+_PARTS = {"": "Plan", "pretension": "Pretension", "sweep": "Sweep", "ring_down": "Ring-downs", "track": "Tracking"}
+
+
+def add_plan_page(site: Site) -> None:
+    """Serve the page on which a run is prepared, at /plan."""
+
+    @ui.page("/plan")
+    async def plan() -> None:
+        with framed(site, "Plan", "/plan"):
+            ui.label("Plan a run").props("role=heading aria-level=1").classes("text-h6")
+            desk = Desk(site)
+            await desk.lay_out()
+
+
+class Desk:
+    """One viewer's plan while it is prepared."""
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._fields = fields_of(Plan)
+        self._inputs: dict[str, Any] = {}
+        self._values: dict[str, Any] = {}
+        self._shelves = shelf(site.runs)
+        self._rig = site.rig
+        self._toml: str | None = None
+        self._turn = 0
+
+    async def lay_out(self) -> None:
+        """Lay out the page and preview the first plan."""
+        with ui.element("div").classes("sinew-grid"):
+            with card("What to run", 6):
+                self._choose()
+                self._form = ui.element("div").classes("w-full").style("display: grid; gap: 0.5rem")
+            with ui.element("div").classes("span-6").style("display: grid; gap: 0.75rem; align-content: start"):
+                with card("Preview", 12):
+                    self._preview = ui.element("div").classes("w-full").style("display: grid; gap: 0.4rem")
+                    self._start = ui.button("Start", on_click=self._ask_to_start).props(
+                        "id=sinew-start no-caps unelevated color=primary"
+                    )
+                with card("Drive amplitude that can be reached against a held head", 12):
+                    self._reach = Curves("amplitude_drive")
+                with card("The plan as a file", 12):
+                    self._text = ui.code("", language="toml").classes("w-full").props("tabindex=0")
+        await self._take(_FIRST_PLAN)
+
+    def _choose(self) -> None:
+        rigs = {row["name"]: row["name"] for row in self._shelves["rigs"]} | {self._rig: self._rig}
+        plans = {
+            row["name"]: f"{row['name']} ({row['about']})" if row["about"] else row["name"]
+            for row in self._shelves["plans"]
+        }
+        ui.select(rigs, value=self._rig, label="Rig", on_change=self._change_rig).props("outlined dense").classes(
+            "w-full"
+        )
+        ui.select(plans, value=_FIRST_PLAN, label="Begin with the plan", on_change=lambda e: self._take(e.value)).props(
+            "outlined dense"
+        ).classes("w-full")
+        name = f"run-{datetime.now():%Y%m%d-%H%M%S}"
+        self._name = (
+            ui.input(
+                "Name of the run's folder",
+                value=name,
+                validation={"letters, digits, dot, dash and underscore; a letter or digit first": is_run_name},
+            )
+            .props("outlined dense")
+            .classes("w-full")
+        )
+
+    async def _take(self, name: str) -> None:
+        """Put a plan of the shelf into the form."""
+        try:
+            self._values = form_of(parse_plan(read_shelf("plans", name, self._site.runs)))
+        except SinewError as trouble:
+            ui.notify(str(trouble), type="negative")
+            return
+        self._form.clear()
+        self._inputs.clear()
+        with self._form:
+            for part, title in _PARTS.items():
+                self._part(part, title)
+        await self._check()
+
+    def _part(self, part: str, title: str) -> None:
+        fields = [
+            field for field in self._fields if field["path"].rpartition(".")[0] == part and field["type"] != "part"
+        ]
+        optional = any(
+            field["path"] == part and field["type"] == "part" and not field["required"] for field in self._fields
+        )
+        box = (
+            ui.element("fieldset")
+            .classes("w-full")
+            .style("border: 1px solid var(--line); border-radius: 0.5rem; padding: 0.5rem 0.7rem")
+        )
+        with box:
+            ui.element("legend").style("padding: 0 0.4rem").add_slot("default", f"<b>{title}</b>")
+            if optional:
+                is_on = self._values.get(part) is not None and self._values.get(part) is not False
+                switch = ui.switch("part of this plan", value=is_on)
+                rows = ui.element("div").classes("sinew-fields")
+                rows.bind_visibility_from(switch, "value")
+
+                async def turned(event: events.ValueChangeEventArguments, part: str = part) -> None:
+                    self._values[part] = event.value
+                    await self._check()
+
+                switch.on_value_change(turned)
+            else:
+                rows = ui.element("div").classes("sinew-fields")
+            with rows:
+                for field in fields:
+                    self._field(field)
+
+    def _field(self, field: dict[str, Any]) -> None:
+        path = field["path"]
+        value = self._values.get(path, field["default"])
+        label = field["title"]
+
+        async def changed(event: events.ValueChangeEventArguments, path: str = path) -> None:
+            self._values[path] = event.value
+            await self._check()
+
+        if field["type"] == "choice":
+            made: Any = ui.select(field["choices"], value=value, label=label, on_change=changed)
+        else:
+            made = ui.input(label, value="" if value is None else str(value), on_change=changed)
+            made.props(f"debounce={int(1000 * _TYPING_S)}")
+        made.props("outlined dense").classes("w-full")
+        if field["help"]:
+            made.tooltip(field["help"])
+        self._inputs[path] = made
+
+    async def _change_rig(self, event: events.ValueChangeEventArguments) -> None:
+        self._rig = event.value
+        await self._check()
+
+    async def _check(self) -> None:
+        """Validate what the form holds, show what is wrong at its place, and preview what is right."""
+        self._turn += 1
+        turn = self._turn
+        self._toml, errors = plan_from_form(self._values)
+        for path, made in self._inputs.items():
+            made.error = errors.get(path)
+        self._start.set_enabled(False)
+        self._preview.clear()
+        others = {path: sentence for path, sentence in errors.items() if path not in self._inputs}
+        with self._preview:
+            for sentence in others.values():
+                ui.label(sentence).classes("sinew-bad")
+            if self._toml is None:
+                empty("The preview comes as soon as every field is right.")
+                return
+            ui.spinner(size="2rem").props('aria-label="The preview is computed"')
+            ui.label("The twin swings through the plan once.").classes("sinew-soft")
+        self._text.set_content(self._toml)
+        try:
+            rig = read_shelf("rigs", self._rig, self._site.runs)
+            found = await self._site.work.call("preview_document", self._toml, rig, key=f"preview {id(self)}")
+        except SinewError as trouble:
+            found = {"trouble": str(trouble)}
+        if turn == self._turn and found is not None:
+            self._show(found)
+
+    def _show(self, found: dict[str, Any]) -> None:
+        self._preview.clear()
+        with self._preview:
+            if "trouble" in found:
+                ui.label(found["trouble"]).classes("sinew-bad")
+                return
+            minutes = f"{int(found['duration_s'] // 60)} min {round(found['duration_s'] % 60)} s"
+            longest = found["longest_s"]
+            more = f", at most {int(longest // 60)} min" if longest > found["duration_s"] + 1 else ""
+            ui.label(f"{minutes}{more} without the changes of pretension; {found['groups']} segments").props(
+                "id=sinew-duration"
+            )
+            for finding in found["findings"]:
+                style = "sinew-bad" if finding["severity"] == "refuse" else "sinew-warn"
+                ui.label(("Refused: " if finding["severity"] == "refuse" else "Mind: ") + finding["sentence"]).classes(
+                    style
+                )
+            if found["ok"]:
+                ui.label("No limit of the rig is broken.").classes("sinew-good")
+            rows = [
+                {
+                    "mm": f"{t['pretension_mm']:g}",
+                    "n": f"{t['tension_n']:.1f}",
+                    "deg": f"{w:.0f}" if w is not None else "–",
+                }
+                for t, w in zip(found["tension"], _twists(found), strict=True)
+            ]
+            columns = [
+                {"name": "mm", "label": "pretension / mm", "field": "mm", "align": "right"},
+                {"name": "n", "label": "tension of a tendon at rest / N", "field": "n", "align": "right"},
+                {"name": "deg", "label": "largest torsion / °", "field": "deg", "align": "right"},
+            ]
+            ui.table(rows=rows, columns=columns).props("flat dense").classes("w-full")
+        drive = found["drive"]
+        self._reach.draw(
+            [Curve("reachable", [d["frequency_hz"] for d in drive], [d["amplitude_deg"] for d in drive], is_line=True)]
+            if drive
+            else []
+        )
+        self._start.set_enabled(bool(found["ok"]) and self._site.bench is not None)
+        if self._site.bench is None:
+            with self._preview:
+                ui.label("There is no bench to start on: sinew serve --emulate plays one.").classes("sinew-warn")
+
+    def _ask_to_start(self) -> None:
+        """Have the operator's browser ask the steward: this process steers nothing."""
+        if self._toml is None or not is_run_name(self._name.value):
+            return
+        rig = read_shelf("rigs", self._rig, self._site.runs)
+        asked = ", ".join(json.dumps(text) for text in (self._toml, rig, self._name.value))
+        ui.run_javascript(f"Sinew.start({asked}).then(a => {{ if (a.ok) location.href = '/'; }})")
+
+
+def _twists(found: dict[str, Any]) -> list[float | None]:
+    known = {row["pretension_mm"]: row["torsion_deg"] for row in found["torsion"]}
+    return [known.get(row["pretension_mm"]) for row in found["tension"]]

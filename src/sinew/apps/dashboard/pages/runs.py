@@ -1,0 +1,197 @@
+"""This is where past runs are searched, opened, laid over one another and downloaded."""
+
+from typing import Any
+
+from nicegui import ui
+
+from sinew.apps.dashboard.pages.curves import Curve, Curves
+from sinew.apps.dashboard.pages.frame import card, empty, framed
+from sinew.apps.dashboard.pages.site import Site
+from sinew.apps.dashboard.names import is_run_name
+from sinew.apps.dashboard.work.run_list import list_runs
+from sinew.measure.errors import SinewError
+
+__all__ = ["add_runs_pages"]
+
+_COLUMNS = (
+    ("name", "run", "left"),
+    ("started", "started", "left"),
+    ("plan", "plan", "left"),
+    ("rig", "rig", "left"),
+    ("groups", "segments", "right"),
+    ("state", "state", "left"),
+)
+_DOWNLOADS = (("recording", "Recording (NetCDF)"), ("csv", "CSV"), ("mat", "MAT"), ("report", "Report"))
+_MOST_OVERLAID = 6
+
+
+def add_runs_pages(site: Site) -> None:
+    """Serve the list of runs at /runs, and some of them laid over one another at /runs/a,b."""
+
+    @ui.page("/runs")
+    def runs() -> None:
+        with framed(site, "Runs", "/runs"):
+            ui.label("Runs").props("role=heading aria-level=1").classes("text-h6")
+            _table(site)
+
+    @ui.page("/runs/{names}")
+    async def opened(names: str) -> None:
+        with framed(site, "Runs", "/runs"):
+            chosen = [name for name in dict.fromkeys(names.split(",")) if is_run_name(name)][:_MOST_OVERLAID]
+            ui.label(", ".join(chosen) or "No such run").props("role=heading aria-level=1").classes("text-h6")
+            ui.link("All runs", "/runs")
+            await _open(site, chosen)
+
+
+def _table(site: Site) -> None:
+    found = list_runs(site.runs)
+    if not found:
+        with ui.element("div").classes("sinew-card"):
+            empty("There is no run yet. Start one on the page Plan, or put the folder of one where sinew serve looks.")
+        return
+    rows = [_row(run) for run in found]
+    columns = [
+        {"name": key, "label": label, "field": key, "align": align, "sortable": True} for key, label, align in _COLUMNS
+    ]
+    with ui.element("section").classes("sinew-card"):
+        search = ui.input("Search").props("outlined dense clearable type=search").classes("w-full")
+        table = ui.table(
+            rows=rows,
+            columns=columns,
+            row_key="name",
+            selection="multiple",
+            pagination={"rowsPerPage": 20, "sortBy": "started", "descending": True},
+        )
+        table.props("flat dense").classes("w-full")
+        search.bind_value_to(table, "filter")
+
+        def open_chosen() -> None:
+            names = [row["name"] for row in table.selected if is_run_name(row["name"])]
+            if names:
+                ui.navigate.to(f"/runs/{','.join(names[:_MOST_OVERLAID])}")
+            else:
+                ui.notify("Choose one run, or several to lay over one another.")
+
+        table.on(
+            "rowClick",
+            lambda event: is_run_name(event.args[1]["name"]) and ui.navigate.to(f"/runs/{event.args[1]['name']}"),
+        )
+        ui.button("Open what is chosen", on_click=open_chosen).props("id=sinew-open no-caps unelevated color=primary")
+
+
+def _row(run: dict[str, Any]) -> dict[str, Any]:
+    done = "–" if run.get("groups") is None else f"{run['groups_done']} of {run['groups']}"
+    return {**{key: run.get(key) or "–" for key, _, _ in _COLUMNS}, "groups": done}
+
+
+async def _open(site: Site, names: list[str]) -> None:
+    if not names:
+        empty("No run has that name.")
+        return
+    place = ui.element("div").classes("w-full")
+    with place:
+        ui.spinner(size="2rem").props('aria-label="The runs are analysed"')
+        ui.label("The runs are analysed; the first time takes some seconds.").classes("sinew-soft")
+    await ui.context.client.connected()
+    found: list[tuple[str, dict[str, Any]]] = []
+    for name in names:
+        try:
+            found.append((name, await site.work.call("run_results", str(site.runs / name))))
+        except SinewError as trouble:
+            found.append((name, {"trouble": str(trouble)}))
+    place.clear()
+    with place, ui.element("div").classes("sinew-grid"):
+        _curves(found)
+        _numbers(found)
+        for name, _ in found:
+            _downloads(name)
+
+
+def _curves(found: list[tuple[str, dict[str, Any]]]) -> None:
+    several = len(found) > 1
+    lines: dict[str, list[Curve]] = {"gain": [], "phase": []}
+    damping: list[Curve] = []
+    for name, results in found:
+        if "trouble" in results:
+            with card(name, 12):
+                ui.label(results["trouble"]).classes("sinew-bad")
+            continue
+        before = f"{name}, " if several else ""
+        for curve in results["curves"]:
+            for what, made in lines.items():
+                made.append(
+                    _points(curve["frequency_hz"], curve[what], f"{before}{curve['pretension_mm']:g} mm", len(made))
+                )
+        rows = results["damping"]
+        if rows:
+            values = [row["damping_ratio"] for row in rows]
+            damping.append(
+                _points(
+                    [row["pretension_mm"] for row in rows], values, before.rstrip(", ") or "ring-downs", len(damping)
+                )
+            )
+    for what, title in (("gain", "Gain"), ("phase", "Phase")):
+        with card(title, 6):
+            if lines[what]:
+                Curves(what).draw(lines[what])
+            else:
+                empty("No frequency was recorded whole.")
+    if damping:
+        with card("Damping", 6):
+            Curves("damping", "pretension / mm").draw(damping)
+
+
+def _points(x: list[float], estimates: list[dict[str, Any]], name: str, number: int) -> Curve:
+    ends = [one["interval90"] for one in estimates]
+    return Curve(
+        name,
+        x,
+        [one["value"] for one in estimates],
+        [low for low, _ in ends],
+        [high for _, high in ends],
+        number=number,
+    )
+
+
+def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
+    rows = [{"run": name, **row} for name, results in found for row in results.get("parameters", [])]
+    if not rows:
+        return
+    with card("What was found", 6):
+        shown = [
+            {
+                "key": f"{row['run']} {row['pretension_mm']} {row['name']}",
+                "run": row["run"],
+                "mm": f"{row['pretension_mm']:g}",
+                "name": row["name"],
+                "value": quantity(row["estimate"], row["unit"]),
+            }
+            for row in rows
+        ]
+        names = (
+            ("run", "run", "left"),
+            ("mm", "pretension / mm", "right"),
+            ("name", "quantity", "left"),
+            ("value", "value, 90 % interval", "right"),
+        )
+        columns = [
+            {"name": key, "label": label, "field": key, "align": align, "sortable": True} for key, label, align in names
+        ]
+        ui.table(rows=shown, columns=columns, row_key="key", pagination=12).props("flat dense").classes("w-full")
+
+
+def quantity(estimate: dict[str, Any], unit: str) -> str:
+    """Return an estimate as a page says it: value with unit, and its 90 % interval."""
+    value, (low, high) = estimate["value"], estimate["interval90"]
+    if value is None:
+        return "–"
+    unit = f" {unit}" if unit else ""
+    if low is None or high is None:
+        return f"{value:.4g}{unit}"
+    return f"{value:.4g}{unit} ({low:.4g} to {high:.4g})"
+
+
+def _downloads(name: str) -> None:
+    with card(f"Files of {name}", 6), ui.element("div").classes("sinew-row"):
+        for kind, label in _DOWNLOADS:
+            ui.link(label, f"/download/{name}/{kind}").props(f"download data-kind={kind}").classes("sinew-button")

@@ -1,0 +1,41 @@
+"""This is where the pages find what they share: folders, hub, worker, access."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from sinew.apps.dashboard.hub import Hub
+
+__all__ = ["Site", "Work"]
+
+
+class Work(Protocol):
+    """Runs what takes long, or needs JAX, in another process."""
+
+    is_warm: bool
+
+    def call(self, name: str, *arguments: Any, key: str | None = None) -> Awaitable[Any]:
+        """Return what a function of `sinew.apps.dashboard.work` returns; with a key only the latest request runs."""
+        ...
+
+
+@dataclass
+class Site:
+    """What all pages share.
+
+    runs: folder of the runs. rig: name or file of the rig that is offered first. bench: "emulator", "port" or None.
+    steering_port: where the browser sends commands. is_locked: whether even watching needs the token.
+    results: analysed groups of the run under way, and its prediction, see `sinew.apps.dashboard.results`.
+    """
+
+    runs: Path
+    rig: str
+    bench: str | None
+    steering_port: int
+    is_locked: bool
+    version: str
+    hub: Hub
+    work: Work
+    results: Any = None
+    said: Callable[[str], None] = lambda _: None

@@ -1,0 +1,82 @@
+"""This is where the curve of a run grows: each recorded group is analysed, beside what was predicted for the plan."""
+
+import asyncio
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sinew.apps.dashboard.hub import JOURNAL, Hub, Live
+from sinew.apps.dashboard.pages.site import Work
+from sinew.measure.errors import SinewError
+from sinew.plan.toml import parse_plan
+
+__all__ = ["Results", "numbered"]
+
+_LOOK_S = 0.5
+_DRAWS = 40
+
+
+@dataclass
+class Results:
+    """What is known of the run that the hub follows.
+
+    predicted: for each pretension `pretension_mm`, `frequency_hz`, `gain`, `phase` [deg], and where the rig knows how
+    certain it is `gain_low`, `gain_high`, `phase_low`, `phase_high` of the 90 % band. measured: for each pretension
+    `pretension_mm`, `frequency_hz`, and `gain`, `phase` as {"value", "std", "interval90"}. damping: of ring-downs.
+    version: rises with every change. trouble: why something is missing.
+    """
+
+    hub: Hub
+    work: Work
+    runs: Path
+    predicted: list[dict[str, Any]] = field(default_factory=list)
+    measured: list[dict[str, Any]] = field(default_factory=list)
+    damping: list[dict[str, Any]] = field(default_factory=list)
+    version: int = 0
+    trouble: str = ""
+
+    async def run(self) -> None:
+        """Follow the hub until cancelled."""
+        epoch, done = 0, -1
+        predicting: asyncio.Task[None] | None = None
+        while True:
+            live = self.hub.live
+            if live is not None and live.epoch != epoch:
+                epoch, done = live.epoch, -1
+                self.predicted, self.measured, self.damping = [], [], []
+                self.version += 1
+                if predicting is not None:
+                    predicting.cancel()
+                predicting = asyncio.create_task(self._predict(live))
+            if live is not None and live.groups_done != done:
+                done = live.groups_done
+                await self._measure(live)
+            await asyncio.sleep(_LOOK_S)
+
+    async def _predict(self, live: Live) -> None:
+        """Predict the curves first, then their bands, which take longer."""
+        for draws in (0, _DRAWS):
+            try:
+                found = await self.work.call("prediction_for_plan", live.plan_toml, live.rig_toml, draws)
+            except SinewError as trouble:
+                self.trouble = str(trouble)
+                return
+            self.predicted = numbered(found["curves"], live)
+            self.version += 1
+            if not found.get("can_have_bands", True):
+                return
+
+    async def _measure(self, live: Live) -> None:
+        try:
+            found = await self.work.call("measured_so_far", str(self.runs / live.name / JOURNAL))
+        except SinewError as trouble:
+            self.trouble = str(trouble)
+            return
+        self.measured, self.damping = numbered(found["curves"], live), found["damping"]
+        self.version += 1
+
+
+def numbered(curves: list[dict[str, Any]], live: Live) -> list[dict[str, Any]]:
+    """Return curves with the number of their colour, the place of their pretension in the plan."""
+    order = list(parse_plan(live.plan_toml).pretension.pretension_mm)
+    return [{**curve, "number": order.index(curve["pretension_mm"])} for curve in curves]

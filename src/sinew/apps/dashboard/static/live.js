@@ -1,0 +1,161 @@
+// This is where the live page comes together: frames from the web socket, drawn 25 to 30 times a second.
+
+import { Scope, Lissajous, Traces } from "./scope.js";
+import { Joint } from "./joint.js";
+
+const FRAME_MS = 1000 / 30, RETRY_MS = 1500;
+const given = JSON.parse(document.getElementById("sinew-live").textContent);
+const $ = (id) => document.getElementById(id);
+const traces = new Traces();
+let scope, lissajous, joint, base = 5, paused = false, shownEnd = 0, now = [], tensions = [], state = null, socket = null;
+let drawn = 0, drawnSince = performance.now();
+
+const PANELS = (tendons) => [
+  { unit: "angle / °", least: 4, share: 3, lines: [
+    { key: "drive_command", colour: "--command", dash: [5, 4] }, { key: "drive", colour: "--drive" }, { key: "torsion", colour: "--torsion" }] },
+  { unit: "drive current / A", least: 0.2, share: 1.3, lines: [{ key: "drive_current", colour: "--current" }] },
+  { unit: "tendon currents / A", least: 0.1, share: 1.3, lines: Array.from({ length: tendons }, (_, i) =>
+    ({ key: `tendon_${i + 1}_current`, colour: ["--torsion", "--other", "--drive", "--current"][i % 4], dash: [null, [6, 3], [2, 3], [8, 3, 2, 3]][i % 4] })) },
+];
+
+function ready() { return ["sinew-scope", "sinew-lissajous", "sinew-legend"].every($); }
+
+async function begin() {
+  for (let i = 0; i < 200 && !ready(); i++) await new Promise((go) => setTimeout(go, 50));
+  scope = new Scope($("sinew-scope"), PANELS(given.shape.tendons));
+  lissajous = new Lissajous($("sinew-lissajous"));
+  $("sinew-base").addEventListener("change", (event) => { base = Number(event.target.value); tell(); });
+  $("sinew-freeze").addEventListener("click", (event) => {
+    paused = !paused; shownEnd = traces.newest;
+    event.target.textContent = paused ? "Go on" : "Freeze";
+    event.target.setAttribute("aria-pressed", String(paused));
+  });
+  legend();
+  connect();
+  draw(0);
+  for (let i = 0; i < 200 && !window.getElement?.(given.scene)?.renderer; i++) await new Promise((go) => setTimeout(go, 50));
+  const component = window.getElement?.(given.scene);
+  if (component?.renderer) joint = await Joint.build(component, given.shape);
+}
+
+function legend() {
+  for (const panel of scope.panels) for (const line of panel.lines) {
+    const box = document.createElement("input");
+    box.type = "checkbox"; box.checked = true;
+    box.addEventListener("change", () => { box.checked ? scope.hidden.delete(line.key) : scope.hidden.add(line.key); });
+    const swatch = document.createElement("span");
+    swatch.className = "sinew-swatch";
+    swatch.style.borderTopColor = `var(${line.colour})`;
+    if (line.dash) swatch.style.borderTopStyle = line.dash[0] < 4 ? "dotted" : "dashed";
+    const value = document.createElement("span");
+    value.id = `sinew-now-${line.key}`;
+    const label = document.createElement("label");
+    label.append(box, swatch, given.labels[line.key], value);
+    $("sinew-legend").append(label);
+  }
+}
+
+function tell() {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ base_s: base, pixels: scope.pixels }));
+}
+
+function connect() {
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/stream`);
+  socket.onopen = () => { document.body.dataset.stream = "open"; tell(); };
+  socket.onmessage = (event) => {
+    const frame = JSON.parse(event.data);
+    if (frame.kind === "samples") take(frame); else { state = frame; describe(); }
+  };
+  socket.onclose = () => {
+    document.body.dataset.stream = "closed";
+    note("The pages' server does not answer; the bench goes on as it was. Trying again.");
+    setTimeout(connect, RETRY_MS);
+  };
+}
+
+function take(frame) {
+  if (frame.reset) { traces.reset(frame.traces); lissajous.reset(); shownEnd = 0; }
+  traces.put(frame);
+  lissajous.put(frame.points);
+  if (frame.now.length) now = frame.now;
+  tensions = frame.tension_n;
+  document.body.dataset.samples = traces.count;
+}
+
+function draw(at) {
+  requestAnimationFrame(draw);
+  if (at - (draw.last ?? -FRAME_MS) < FRAME_MS - 2) return;
+  draw.last = at;
+  if (!paused) shownEnd = traces.newest;
+  scope.render(traces, base, Math.max(base, shownEnd));
+  lissajous.render();
+  const value = (key) => now[traces.traces.findIndex((t) => t.key === key)] ?? 0;
+  const most = Math.max(given.tension_limit_n, 1);
+  joint?.pose(value("torsion") * Math.PI / 180, value("drive") * Math.PI / 180, tensions.map((t) => (t ?? 0) / most));
+  drawn++;
+  if (at - drawnSince > 1000) {
+    document.body.dataset.fps = (1000 * drawn / (at - drawnSince)).toFixed(1);
+    drawn = 0; drawnSince = at;
+    numbers();
+  }
+}
+
+const fixed = (value, digits, unit) => value === null || value === undefined || Number.isNaN(value) ? "–" : `${value.toFixed(digits)}${unit}`;
+
+function numbers() {
+  traces.traces.forEach((trace, i) => {
+    const place = $(`sinew-now-${trace.key}`);
+    if (place) place.textContent = fixed(now[i], trace.unit === "A" ? 3 : 1, ` ${trace.unit}`);
+  });
+}
+
+function put(id, text) { const place = $(id); if (place && place.textContent !== text) place.textContent = text; }
+function note(text) { put("sinew-note", text); $("sinew-note")?.toggleAttribute("hidden", !text); }
+
+function clock(seconds) {
+  const s = Math.max(0, Math.round(seconds));
+  return s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${s % 60} s` : `${s} s`;
+}
+
+const DOING = { settle: "settling", steady: "recording", "ring-down": "free decay", idle: "at rest", pause: "pausing", tracking: "tracking" };
+
+function describe() {
+  const live = state.live, run = state.steward?.run, health = live?.health ?? {}, segment = live?.segment;
+  note(state.trouble || (state.steward === null ? "The steward does not answer; what is shown may be old." : ""));
+  $("sinew-nothing")?.toggleAttribute("hidden", Boolean(live));
+  put("sinew-run", live ? live.name : "–");
+  put("sinew-doing", !live ? "–" : !run ? "ended" : run.state === "paused" ? "paused" : health.state && health.state !== "running" ? health.state
+    : segment?.state === "running" ? DOING[segment.kind] ?? segment.kind : "between segments");
+  put("sinew-at", !segment ? "–" : [fixed(segment.pretension_mm, 1, " mm"), segment.frequency_hz === null ? null : fixed(segment.frequency_hz, 2, " Hz"),
+    segment.amplitude_deg === null ? null : fixed(segment.amplitude_deg, 1, "°")].filter(Boolean).join(", "));
+  const bar = $("sinew-progress");
+  if (bar && live) {
+    bar.max = Math.max(1, health.total_s ?? live.groups); bar.value = health.total_s ? health.done_s : live.groups_done;
+    put("sinew-progress-text", `${live.groups_done} of ${live.groups} segments`
+      + (run && health.total_s ? `, about ${clock(health.total_s - health.done_s)} left` : ""));
+  }
+  put("sinew-tilt", fixed(now[traces.traces.findIndex((t) => t.key === "tilt")], 2, "°"));
+  put("sinew-tension", tensions.length ? tensions.map((t) => fixed(t, 0, "")).join(" / ") + " N" : "–");
+  const temperatures = Object.entries(health.temperature_c ?? {});
+  put("sinew-temperature", temperatures.length ? temperatures.map(([name, t]) => `${name.replace("tendon ", "T")} ${fixed(t, 0, "")}`).join(", ") + " °C" : "–");
+  put("sinew-supply", fixed(health.supply_v, 1, " V"));
+  put("sinew-cycles", health.cycles === undefined ? "–" : `${health.cycles}, ${health.missed} missed, ${health.incomplete} incomplete`);
+  put("sinew-late", fixed(health.worst_late_ms, 1, " ms"));
+  const bus = health.bus ?? {};
+  put("sinew-bus", Object.keys(bus).length ? Object.entries(bus).map(([k, v]) => `${v} ${k.replaceAll("_", " ")}`).join(", ") : "–");
+  const log = $("sinew-log");
+  if (log && live) {
+    const last = live.events.at(-1)?.[0] ?? 0;
+    if (log.dataset.last !== `${live.name}${last}`) {
+      log.dataset.last = `${live.name}${last}`;
+      log.replaceChildren(...live.events.map(([, , sentence]) => {
+        const line = document.createElement("li");
+        line.textContent = sentence;
+        return line;
+      }));
+      log.scrollTop = log.scrollHeight;
+    }
+  }
+}
+
+begin();

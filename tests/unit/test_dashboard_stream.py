@@ -1,0 +1,256 @@
+"""What a viewer is sent: only what is new, thinned to its screen, and never more than it takes."""
+
+import asyncio
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sinew.apps.dashboard.channels import Channel, LiveChannels
+from sinew.apps.dashboard.hub import Hub, Live
+from sinew.apps.dashboard.ring import Ring
+from sinew.apps.dashboard.stream import MOST_MESSAGE, View, frame_of, state_of
+from sinew.bench.journal import Journal
+from sinew.bench.sample import MISSING, Sample
+from sinew.measure.recording import Segment
+from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
+
+RATE = 200.0
+CHANNELS = tuple(Channel(key, key, "°") for key in ("drive_command", "drive", "torsion"))
+
+
+def live(count: int, capacity: int = 5000) -> Live:
+    ring = Ring(1 + len(CHANNELS), capacity)
+    time = np.arange(count) / RATE
+    ring.put(np.vstack([time, *(np.sin(2 * np.pi * 3 * time + c) for c in range(len(CHANNELS)))]))
+    return Live("run", 1, CHANNELS, ring, "", "", 3, played=count)
+
+
+def told(frame: bytes | None) -> dict[str, Any]:
+    assert frame is not None
+    return dict(json.loads(frame))
+
+
+def test_the_first_frame_says_which_traces_there_are() -> None:
+    frame = told(frame_of(live(400), View()))
+    assert frame["reset"]
+    assert [trace["key"] for trace in frame["traces"]] == ["drive_command", "drive", "torsion"]
+
+
+def test_the_first_frame_holds_no_more_of_the_past_than_the_screen() -> None:
+    frame = told(frame_of(live(4000), View(base_s=2.0, pixels=4000)))
+    assert frame["time"][-1] - frame["time"][0] == pytest.approx(2.0, abs=2 / RATE)
+
+
+def test_a_second_frame_holds_only_what_is_new() -> None:
+    run, view = live(400), View()
+    frame_of(run, view)
+    run.ring.put(np.array([[2.0], [1.0], [2.0], [3.0]]))
+    run.played += 1
+    frame = told(frame_of(run, view))
+    assert (frame["reset"], frame["time"], frame["now"]) == (False, [2.0], [1.0, 2.0, 3.0])
+
+
+def test_without_news_there_is_no_frame() -> None:
+    run, view = live(400), View()
+    frame_of(run, view)
+    assert frame_of(run, view) is None
+
+
+def test_samples_that_are_not_played_yet_wait() -> None:
+    run = live(400)
+    run.played = 100
+    assert told(frame_of(run, View(pixels=4000)))["time"][-1] == pytest.approx(99 / RATE, abs=1e-3)
+
+
+def test_a_frame_has_no_more_columns_than_the_screen() -> None:
+    frame = told(frame_of(live(4000), View(base_s=20.0, pixels=100)))
+    assert len(frame["time"]) <= 101
+    assert len(frame["high"][0]) == len(frame["time"])
+
+
+def test_a_viewer_that_fell_behind_gets_one_frame_for_all_it_missed() -> None:
+    run, view = live(400), View(base_s=5.0, pixels=50)
+    frame_of(run, view)
+    time = 2.0 + np.arange(3000) / RATE
+    run.ring.put(np.vstack([time, np.ones((3, time.size))]))
+    run.played += time.size
+    frame = told(frame_of(run, view))
+    assert frame["time"][-1] == pytest.approx(time[-1], abs=0.11)
+    assert len(frame["time"]) <= time.size / (RATE * 5.0 / 50) + 2
+    assert frame_of(run, view) is None
+
+
+def test_another_run_begins_anew() -> None:
+    run, view = live(400), View()
+    frame_of(run, view)
+    run.epoch = 2
+    assert told(frame_of(run, view))["reset"]
+
+
+def test_a_longer_time_base_gets_the_past_again() -> None:
+    run, view = live(4000), View(base_s=1.0)
+    frame_of(run, view)
+    view.change('{"base_s": 15}')
+    frame = told(frame_of(run, view))
+    assert frame["time"][-1] - frame["time"][0] == pytest.approx(15.0, abs=0.1)
+
+
+@pytest.mark.parametrize("message", ["[]", "nonsense", '{"base_s": "x"}', '{"pixels": true}', " " * (MOST_MESSAGE + 1)])
+def test_what_no_viewer_says_is_refused(message: str) -> None:
+    with pytest.raises(ValueError):
+        View().change(message)
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), st.integers())
+def test_whatever_numbers_are_asked_for_the_view_stays_within_bounds(base: float, pixels: int) -> None:
+    view = View()
+    view.change(json.dumps({"base_s": base, "pixels": pixels})[:MOST_MESSAGE])
+    assert 0.5 <= view.base_s <= 60.0
+    assert 50 <= view.pixels <= 4000
+
+
+def sample(index: int, tendons: int = 4, rate: float | None = None) -> Sample:
+    t = index / RATE
+    torsion_rate = 2 * math.pi * 3 * math.cos(2 * math.pi * 3 * t) if rate is None else rate
+    four = (0.1,) * tendons
+    return Sample(
+        100 + t, 100 + t, 0.1, 0.2, 0.3, 0.2, four, four, four, (torsion_rate, 0.0, 0.0), (9.81, 0.0, 0.0), 0.01, 1e-4
+    )  # fmt: skip
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    (tmp_path / "one").mkdir()
+    return tmp_path
+
+
+def journal_of(runs: Path, name: str = "one") -> Journal:
+    return Journal.create(runs / name / "journal.sqlite", dump_plan(load_plan("short")), dump_rig(load_rig("paper")))
+
+
+def hub_at(runs: Path, name: str = "one") -> Hub:
+    async def status() -> dict[str, Any]:
+        return {"run": {"name": name, "state": "running"}}
+
+    hub = Hub(runs, status)
+    hub.steward = asyncio.run(status())
+    return hub
+
+
+def test_samples_of_a_run_reach_the_ring(runs: Path) -> None:
+    with journal_of(runs) as journal:
+        for i in range(100):
+            journal.append(sample(i))
+        journal.flush()
+        hub = hub_at(runs)
+        asyncio.run(hub.tick(0.04))
+        assert hub.live is not None
+        assert hub.live.ring.count == 100
+        for i in range(100, 150):
+            journal.append(sample(i))
+        journal.flush()
+        asyncio.run(hub.tick(0.04))
+        assert hub.live.ring.count == 150
+
+
+def test_what_came_in_one_go_is_played_little_by_little(runs: Path) -> None:
+    with journal_of(runs) as journal:
+        for i in range(200):
+            journal.append(sample(i))
+        journal.flush()
+        hub = hub_at(runs)
+        played = []
+        for _ in range(40):
+            asyncio.run(hub.tick(0.04))
+            assert hub.live is not None
+            played.append(hub.live.played)
+    assert 0 < played[0] < 100
+    assert played == sorted(played)
+    assert played[-1] == 200
+
+
+def test_events_segment_and_health_are_told(runs: Path) -> None:
+    with journal_of(runs) as journal:
+        journal.append(sample(0))
+        journal.event("contact", "first contact at 43 mA")
+        journal.event("health", '{"cycles": 7}')
+        journal.begin_segment(0, 0, Segment("steady", 4.0, 3.0, 20.0, 0))
+        journal.flush()
+        hub = hub_at(runs)
+        asyncio.run(hub.tick(0.04))
+        said = json.loads(state_of(hub))["live"]
+    assert said["health"] == {"cycles": 7}
+    assert [event[2] for event in said["events"]] == ["first contact at 43 mA"]
+    assert (said["segment"]["kind"], said["segment"]["frequency_hz"]) == ("steady", 3.0)
+
+
+def test_a_new_run_is_followed_instead(runs: Path) -> None:
+    hub = hub_at(runs)
+    (runs / "two").mkdir()
+    with journal_of(runs) as one, journal_of(runs, "two") as two:
+        for journal in (one, two):
+            journal.append(sample(0))
+            journal.flush()
+        asyncio.run(hub.tick(0.04))
+        hub.steward = {"run": {"name": "two"}}
+        asyncio.run(hub.tick(0.04))
+    assert hub.live is not None
+    assert (hub.live.name, hub.live.epoch, hub.live.ring.count) == ("two", 2, 1)
+
+
+def test_a_folder_without_a_journal_is_waited_for(runs: Path) -> None:
+    hub = hub_at(runs)
+    asyncio.run(hub.tick(0.04))
+    assert hub.live is None
+
+
+def test_a_file_that_is_no_journal_is_said(runs: Path) -> None:
+    (runs / "one" / "journal.sqlite").write_bytes(b"nothing of the kind" * 100)
+    hub = hub_at(runs)
+    asyncio.run(hub.tick(0.04))
+    assert "not a journal" in hub.trouble
+
+
+def rows_of(samples: list[Sample]) -> dict[str, np.ndarray]:
+    rows = {
+        name: [getattr(s, name) for s in samples]
+        for name in ("time_s", "drive_command_rad", "drive_rad", "drive_current_a", "tilt_rad")
+    }
+    rows["gyro_x_rad_s"] = [s.gyro_rad_s[0] for s in samples]
+    rows |= {f"tendon_{i + 1}_current_a": [s.tendon_current_a[i] for s in samples] for i in range(4)}
+    return {name: np.array(values, dtype=float) for name, values in rows.items()}
+
+
+def test_the_live_torsion_is_the_swing_within_two_percent() -> None:
+    channels = LiveChannels(load_rig("paper"))
+    traces = channels.take(rows_of([sample(i) for i in range(4000)]))
+    torsion = traces[2, 2000:]
+    assert 0.5 * (torsion.max() - torsion.min()) == pytest.approx(math.degrees(1.0), rel=0.02)
+    assert abs(torsion.mean()) < math.degrees(0.02)
+
+
+def test_a_drift_of_the_gyroscope_does_not_run_away() -> None:
+    channels = LiveChannels(load_rig("paper"))
+    traces = channels.take(rows_of([sample(i, rate=math.radians(0.1)) for i in range(20_000)]))
+    assert abs(traces[2, -1]) < 0.4
+
+
+def test_a_gap_leaves_the_torsion_where_it_was() -> None:
+    channels = LiveChannels(load_rig("paper"))
+    samples = [sample(i) for i in range(50)] + [sample(i, rate=MISSING) for i in range(50, 60)]
+    torsion = channels.take(rows_of(samples))[2]
+    assert np.all(torsion[50:] == torsion[49])
+
+
+def test_tensions_are_currents_in_newtons() -> None:
+    channels = LiveChannels(load_rig("paper"))
+    rig = load_rig("paper")
+    traces = channels.take(rows_of([sample(0)]))
+    expected = 0.1 * rig.tendons.torque_constant.value / rig.tendons.pulley_radius.value
+    assert channels.tensions(traces) == pytest.approx([expected] * 4)
