@@ -30,8 +30,8 @@ def design_curves(
 
     rig: name of a shipped one, or its TOML text. changes: see `changed_rig`; empty for the rig as it is.
     pretension_mm [mm], amplitude_deg: of the drive's command [deg]. band_hz: first and last frequency.
-    fine: refined until the error is below 0.5 %, in half a second; else a sketch within a tenth of it, whose peak is
-    right to 0.1 % in amplitude and 0.03 % in frequency (`sinew.predict.sketch`).
+    fine: refined until the error is below 0.5 %, in half a second; else a sketch in a tenth of that, whose amplitudes
+    are right to 0.4 % of the curve's height and whose peak to 0.3 % in frequency (`sinew.predict.sketch`).
 
     Lists over the curve's points, which goes through its folds: `frequency_hz`, `gain` (half of peak to peak of the
     torsion over the command's amplitude, as the analysis' `gain`), `gain_measured_drive` (fundamentals, over the
