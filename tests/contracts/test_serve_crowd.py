@@ -84,9 +84,9 @@ def test_who_asked_once_and_then_drips_is_hung_up_on(tmp_path: Path, monkeypatch
     monkeypatch.setattr(front, "HEAD_S", 0.2)
     with serving(tmp_path / "runs") as served, socket.create_connection(served.address, timeout=5) as line:
         line.sendall(b"GET /status HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
-        assert line.recv(65536).startswith(b"HTTP/1.1 200")
         line.sendall(b"GET /status HTTP/1.1\r\n")
-        assert line.recv(65536) == b""
+        answers = line.makefile("rb").read()  # until it is hung up
+        assert answers.count(b"HTTP/1.1") == 1
 
 
 def test_an_idle_connection_makes_room_for_a_newcomer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

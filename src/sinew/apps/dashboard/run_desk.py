@@ -87,9 +87,10 @@ class RunDesk:
         try:
             run = self._begin(name, plan, rig, port)
             with self._lock:
-                if self._alarms == alarms:
+                is_late = self._alarms != alarms
+                if not is_late:
                     self._run, self._spec, self._told = run, run.spec, {"state": "starting"}
-            if self._run is not run:
+            if is_late:
                 end_process(run.process, 0.0, signal.SIGKILL)
                 (run.folder / PID).unlink(missing_ok=True)
                 raise RefusedError(409, "an emergency stop came in between; the run was ended before it began")
