@@ -114,7 +114,7 @@ class Served:
 
     def page(self) -> Page:
         """Return a page that was just loaded, in a browser of its own."""
-        own = httpx.Client(base_url=self.client.base_url, headers=self.client.headers, timeout=PATIENCE)
+        own = httpx.Client(base_url=self.client.base_url, headers=self.client.headers, timeout=PATIENCE, verify=False)
         own.cookies.set(COOKIE, self.access.session_cookie(), domain="127.0.0.1")
         self.pages.append(own)
         return Page(own, own.post("/ticket").json()["ticket"])
@@ -148,7 +148,10 @@ def serving(runs: Path, **settings: Any) -> Iterator[Served]:
     }
     steward = Steward(Settings(**(chosen | settings)))
     origin = {"Origin": f"http://127.0.0.1:{port}"}
-    with steward, httpx.Client(base_url=f"http://127.0.0.1:{port + 1}", headers=origin, timeout=PATIENCE) as client:
+    with (
+        steward,
+        httpx.Client(base_url=f"http://127.0.0.1:{port + 1}", headers=origin, timeout=PATIENCE, verify=False) as client,
+    ):
         try:
             served = Served(steward, steward.settings.access, client, bench)
             yield served

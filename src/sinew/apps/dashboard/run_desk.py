@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sinew.apps.dashboard.processes import spawn, write_pid
+from sinew.apps.dashboard.processes import end_process, spawn, write_pid
 from sinew.apps.dashboard.refusal import RefusedError
 from sinew.apps.dashboard.run_folders import LOG, PID, Control, Run, find_runs, make_folder, run_words, told_at_end
 from sinew.measure.errors import SinewError, SpecError
@@ -87,10 +87,13 @@ class RunDesk:
         try:
             run = self._begin(name, plan, rig, port)
             with self._lock:
-                if self._alarms != alarms:
-                    run.process.send_signal(signal.SIGKILL)
-                    raise RefusedError(409, "an emergency stop came in between; nothing was begun")
-                self._run, self._spec, self._told = run, run.spec, {"state": "starting"}
+                is_late = self._alarms != alarms
+                if not is_late:
+                    self._run, self._spec, self._told = run, run.spec, {"state": "starting"}
+            if is_late:
+                end_process(run.process, 0.0, signal.SIGKILL)
+                (run.folder / PID).unlink(missing_ok=True)
+                raise RefusedError(409, "an emergency stop came in between; the run was ended before it began")
         finally:
             self._is_starting = False
         return f"the run {name} begins"

@@ -39,6 +39,7 @@ _BENCH, _LOCK, _PAGE_LOG = ".bench", "steward.lock", "page.log"
 _RUN_ENDS_S = 10.0
 _LOOP_S = 10.0
 _LOOK_S = 0.05
+_BACKLOG = 2048
 
 
 def run_control(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str, Any]:
@@ -246,10 +247,18 @@ class Steward:
 def _listener(host: str, port: int) -> socket.socket:
     """Return a socket that listens there. Raises SpecError where it cannot."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    # asyncio turns Nagle's delay of 40 ms off only where the protocol is named, which socket.create_server does not do.
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
-        return socket.create_server((host, port), family=family, backlog=2048)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        listener.bind((host, port))
+        listener.listen(_BACKLOG)
     except OSError as error:
+        listener.close()
         reason = error.strerror or str(error)
         raise SpecError(
             f"cannot listen on {host} port {port} ({reason}); choose another with --http or --steering-port"
         ) from error
+    return listener
