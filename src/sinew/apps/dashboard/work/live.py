@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from sinew.bench.journal_reader import Stretch
     from sinew.plan.rig import RigSpec
 
-__all__ = ["LiveResults", "measured_so_far"]
+__all__ = ["LiveResults", "mean_of", "measured_so_far"]
 
 MOST_AT_ONCE = 120
-"""Groups that one update analyses; the rest wait for the next."""
+"""Groups that one update analyses unless told otherwise; the rest wait for the next."""
 
 _STEADY = (
     "gain",
@@ -58,6 +58,7 @@ class LiveResults:
     steady: dict[Key, tuple[Place, int, dict[str, float]]] = field(default_factory=dict)
     decays: dict[Key, tuple[float, int, dict[str, float]]] = field(default_factory=dict)
     notes: dict[Key, str] = field(default_factory=dict)
+    most_at_once: int = MOST_AT_ONCE
 
     def update(self) -> dict[str, Any]:
         """Analyse the groups that were finished since, and return all that is known.
@@ -77,15 +78,15 @@ class LiveResults:
         keys = {(i, parts[-1].session, parts[-1].attempt): parts for i, parts in finished.items()}
         for known in (self.steady, self.decays, self.notes):
             for gone in known.keys() - keys.keys():
-                del known[gone]  # type: ignore[attr-defined]
+                del known[gone]
         fresh = [key for key in keys if key not in self.steady and key not in self.decays and key not in self.notes]
-        for batch in _batches({key: keys[key] for key in fresh[:MOST_AT_ONCE]}):
+        for batch in _batches({key: keys[key] for key in fresh[: self.most_at_once]}):
             self._take(batch, rig)
         return {
             "curves": _curves(list(self.steady.values())),
             "damping": _damping(list(self.decays.values())),
             "groups_done": len(keys),
-            "pending": max(0, len(fresh) - MOST_AT_ONCE),
+            "pending": max(0, len(fresh) - self.most_at_once),
             "notes": [note for note in self.notes.values() if note],
         }
 
@@ -184,9 +185,9 @@ def _curves(steady: list[tuple[Place, int, dict[str, float]]]) -> list[dict[str,
         table = _table(rows, _STEADY)
         delay = float(np.nan_to_num(np.nanmean(table["phase_delay_std_rad"]))) if rows else 0.0
         curve["frequency_hz"].append(frequency)
-        curve["gain"].append(_mean(table["gain"], table["gain_std"]))
-        curve["gain_measured_drive"].append(_mean(table["gain_measured_drive"], table["gain_measured_drive_std"]))
-        curve["phase"].append(_mean(table["phase_lag_rad"], table["phase_std_rad"], delay, 180 / np.pi))
+        curve["gain"].append(mean_of(table["gain"], table["gain_std"]))
+        curve["gain_measured_drive"].append(mean_of(table["gain_measured_drive"], table["gain_measured_drive_std"]))
+        curve["phase"].append(mean_of(table["phase_lag_rad"], table["phase_std_rad"], delay, 180 / np.pi))
         curve["repeats"].append(len(rows))
         curve["settled"].append(all(numbers["settled"] == 1.0 for _, numbers in rows))
         share = max(numbers["saturated_share"] for _, numbers in rows)
@@ -201,12 +202,12 @@ def _damping(decays: list[tuple[float, int, dict[str, float]]]) -> list[dict[str
     rows = []
     for pretension in sorted(places):
         table = _table(places[pretension], (*_DECAY, *_DECAY.values()))
-        row = {name: _mean(table[name], table[std]) for name, std in _DECAY.items()}
+        row = {name: mean_of(table[name], table[std]) for name, std in _DECAY.items()}
         rows.append({"pretension_mm": pretension, **row, "repeats": len(places[pretension])})
     return rows
 
 
-def _mean(values: "NDArray[Any]", stds: "NDArray[Any]", shared: float = 0.0, scale: float = 1.0) -> dict[str, Any]:
+def mean_of(values: "NDArray[Any]", stds: "NDArray[Any]", shared: float = 0.0, scale: float = 1.0) -> dict[str, Any]:
     """Return the mean over repeats (1, r) with its interval. shared: standard uncertainty that all repeats share."""
     from sinew.analysis.repeats import combine_repeats
     from sinew.measure.estimate import Estimate

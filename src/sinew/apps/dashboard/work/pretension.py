@@ -46,5 +46,5 @@ def suggest_pretension(
     remarks = list(document["remarks"])
     if not known:
         remarks.append(f"the rig {made.name} holds no intervals, so nothing is known of how far this can be off")
-    none = {"pretension_mm": None, "frequency_hz": None}
-    return none | document["settings"][0] | {"range": document["range"], "remarks": remarks}
+    none: dict[str, Any] = {"pretension_mm": None, "frequency_hz": None}
+    return {**none, **document["settings"][0], "range": document["range"], "remarks": remarks}
