@@ -6,10 +6,10 @@ from typing import Any
 
 from nicegui import events, ui
 
+from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.site import Site
-from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.work.form import fields_of, form_of, plan_from_form
 from sinew.apps.dashboard.work.shelf import read_shelf, shelf
 from sinew.measure.errors import SinewError
@@ -62,7 +62,9 @@ class Desk:
                 with card("Drive amplitude that can be reached against a held head", 12):
                     self._reach = Curves("amplitude_drive")
                 with card("The plan as a file", 12):
-                    self._text = ui.code("", language="toml").classes("w-full").props("tabindex=0")
+                    self._text = (
+                        ui.label().classes("sinew-code").props('tabindex=0 role=region aria-label="Plan as TOML"')
+                    )
         await self._take(_FIRST_PLAN)
 
     def _choose(self) -> None:
@@ -163,7 +165,7 @@ class Desk:
                 return
             ui.spinner(size="2rem").props('aria-label="The preview is computed"')
             ui.label("The twin swings through the plan once.").classes("sinew-soft")
-        self._text.set_content(self._toml)
+        self._text.set_text(self._toml)
         try:
             rig = read_shelf("rigs", self._rig, self._site.runs)
             found = await self._site.work.call("preview_document", self._toml, rig, key=f"preview {id(self)}")

@@ -1,13 +1,14 @@
 """This is where past runs are searched, opened, laid over one another and downloaded."""
 
+import math
 from typing import Any
 
 from nicegui import ui
 
+from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.site import Site
-from sinew.apps.dashboard.names import is_run_name
 from sinew.measure.errors import SinewError
 
 __all__ = ["add_runs_pages"]
@@ -61,6 +62,10 @@ def _table(found: list[dict[str, Any]]) -> None:
             pagination={"rowsPerPage": 20, "sortBy": "started", "descending": True},
         )
         table.props("flat dense").classes("w-full")
+        table.add_slot("header-selection", '<q-checkbox v-model="props.selected" dense aria-label="choose all" />')
+        table.add_slot(
+            "body-selection", '<q-checkbox v-model="props.selected" dense :aria-label="`choose ${props.row.name}`" />'
+        )
         search.bind_value_to(table, "filter")
 
         def open_chosen() -> None:
@@ -79,7 +84,8 @@ def _table(found: list[dict[str, Any]]) -> None:
 
 def _row(run: dict[str, Any]) -> dict[str, Any]:
     done = "–" if run.get("groups") is None else f"{run['groups_done']} of {run['groups']}"
-    return {**{key: run.get(key) or "–" for key, _, _ in _COLUMNS}, "groups": done}
+    started = (run.get("started") or "–").replace("T", " ")[:16]
+    return {**{key: run.get(key) or "–" for key, _, _ in _COLUMNS}, "groups": done, "started": started}
 
 
 async def _open(site: Site, names: list[str]) -> None:
@@ -175,18 +181,21 @@ def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
         columns = [
             {"name": key, "label": label, "field": key, "align": align, "sortable": True} for key, label, align in names
         ]
-        ui.table(rows=shown, columns=columns, row_key="key", pagination=12).props("flat dense").classes("w-full")
+        ui.table(rows=shown, columns=columns, row_key="key", pagination=12).props("flat dense wrap-cells").classes(
+            "w-full"
+        )
 
 
 def quantity(estimate: dict[str, Any], unit: str) -> str:
-    """Return an estimate as a page says it: value with unit, and its 90 % interval."""
+    """Return an estimate as a page says it: value and 90 % interval with unit, to two digits of its uncertainty."""
     value, (low, high) = estimate["value"], estimate["interval90"]
     if value is None:
         return "–"
     unit = f" {unit}" if unit else ""
-    if low is None or high is None:
+    if low is None or high is None or high <= low:
         return f"{value:.4g}{unit}"
-    return f"{value:.4g}{unit} ({low:.4g} to {high:.4g})"
+    places = max(0, 1 - math.floor(math.log10(high - low)))
+    return f"{value:.{places}f}{unit} ({low:.{places}f} to {high:.{places}f})"
 
 
 def _downloads(name: str) -> None:
