@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sinew.measure.estimate import Estimate
     from sinew.plan.rig import RigSpec
 
-__all__ = ["analyse", "analyse_with", "decay_rows", "recording_rig"]
+__all__ = ["analyse", "analyse_with", "decay_rows", "recording_rig", "results_document"]
 
 _HDF5, _CLASSIC = b"\x89HDF", b"CDF"
 
@@ -125,10 +125,15 @@ def _analyse_recording(
     if settle is not None:
         raise SpecError("--settle is for the sweep of a foreign file; this recording says itself where it settles")
     results = analyse_with(recording, recording_rig(recording, rig))
+    return results_document(results), {"recording.nc": recording, "results.nc": results}
+
+
+def results_document(results: "xr.Dataset") -> dict[str, Any]:
+    """Return the results of a recording as JSON holds them: response, resonance, energy, ring-downs, what there is."""
     document: dict[str, Any] = {"kind": "recording", **_sweep_part(results)}
     if "decay_rate_per_s" in results:
         document["ring_down"] = decay_rows(results)
-    return document, {"recording.nc": recording, "results.nc": results}
+    return document
 
 
 def _sweep_part(results: "xr.Dataset") -> dict[str, Any]:

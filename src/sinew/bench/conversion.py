@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -91,9 +91,10 @@ class _Rows:
     is_whole: bool
 
 
-def recording_from_journal(path: Path) -> xr.Dataset:
+def recording_from_journal(path: Path, groups: Collection[int] | None = None) -> xr.Dataset:
     """Return the recording of all whole groups of a journal, in the order of the plan, the latest attempt of each.
 
+    groups: their indices in the plan; None for all that are finished.
     Rows have the time of the drive's reading plus the rig's drive_delay, so that the rig's delay budget holds; the
     IMU's readings are brought from its own times to those, see `sinew.bench.imu_series`. Rows without a reading of
     drive, tendons or IMU are left out. Time counts from the first run; those that resumed it follow after as long as
@@ -104,7 +105,7 @@ def recording_from_journal(path: Path) -> xr.Dataset:
     """
     with JournalReader(path) as journal:
         plan, rig = parse_plan(journal.plan_toml), parse_rig(journal.rig_toml)
-        finished = journal.finished()
+        finished = {i: parts for i, parts in journal.finished().items() if groups is None or i in groups}
         rows = {index: _group_rows(journal, stretches, rig, plan.sample_hz) for index, stretches in finished.items()}
         whole = {index: part for index, part in rows.items() if part.is_whole}
         if not whole:

@@ -17,7 +17,7 @@ from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 from sinew.plan.toml import parse_rig
 
-__all__ = ["JournalReader", "Stretch"]
+__all__ = ["JournalReader", "Stretch", "connect_to_read"]
 
 Floats = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class JournalReader:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._connection = _connect(path)
+        self._connection = connect_to_read(path)
         try:
             version = self._check()
             meta = dict(self._connection.execute("SELECT key, value FROM meta"))
@@ -146,7 +146,8 @@ class JournalReader:
         self.close()
 
 
-def _connect(path: Path) -> sqlite3.Connection:
+def connect_to_read(path: Path) -> sqlite3.Connection:
+    """Return a connection to a journal that changes nothing. Raises FileError."""
     if not path.is_file():
         raise FileError(f"there is no journal {path}")
     # In a folder that may not be written, SQLite reads a WAL file only if told that nobody else is at work.

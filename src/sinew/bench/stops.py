@@ -1,9 +1,9 @@
 """This is where the rig is brought to its declared safe state, whatever has happened before.
 
 First all motors are frozen where they are, with limited output, within milliseconds. *hold* leaves it at that.
-*release*: the tension is ramped down, then all motors lose their torque. A motor that does not answer is asked again for
-a second: a line that is disturbed, or a motor that starts anew, may be back by then. Nothing here raises: what a motor
-does not do is said in the report, and the motors' own bus watchdog has the last word.
+*release*: the tension is ramped down, then all motors lose their torque. A motor that does not answer is asked again
+for a second: a line that is disturbed, or a motor that starts anew, may be back by then. Nothing here raises: what a
+motor does not do is said in the report, and the motors' own bus watchdog has the last word.
 """
 
 from collections.abc import Callable, Container

@@ -10,7 +10,7 @@ from pydantic_core import ErrorDetails
 
 from sinew.plan.parameter import Parameter
 
-__all__ = ["complaint"]
+__all__ = ["complaint", "fault_sentence"]
 
 _PARAMETER = "{ value, unit, origin, bounds }"
 _PLAIN = {"int": "a whole number", "float": "a number", "str": "a text", "tuple": "a list of numbers"}
@@ -32,6 +32,11 @@ def complaint(error: ValidationError, model: type[BaseModel], what: str) -> str:
     if more:
         sentence += f" (and {more} more fault{'s' if more > 1 else ''})"
     return " ".join(sentence.split())
+
+
+def fault_sentence(fault: ErrorDetails, model: type[BaseModel], what: str) -> str:
+    """Return the sentence on one fault of a rig or plan. what: "rig" or "plan"."""
+    return " ".join(_sentence(fault, model, what)[0].split())
 
 
 def _sentence(fault: ErrorDetails, model: type[BaseModel], what: str) -> tuple[str, str | None]:

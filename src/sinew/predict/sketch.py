@@ -1,10 +1,11 @@
 """This is where a curve is sketched for who moves a slider: the same equations, few harmonics, long steps, no refining.
 
-Against curves refined to 19 harmonics and more, of 30 designs drawn at random (silicone of 20 to 40 by 60 to 140 mm,
-tendon circles of 25 to 50 mm, levers of 0.5 to 5 g m², 0 to 12 mm of pretension, 8 to 25° of drive) the peak lay within
-0.1 % in amplitude and 0.03 % in frequency. A curve takes some 50 ms once its code is compiled, one with a hundred
-points twice that. Folds that come in pairs within a thousandth of the frequency, as of tendons that just go slack, may
-be seen or missed.
+Held against curves refined to 19 harmonics and more, of 30 joints drawn at random (silicone 40 to 80 by 60 to 150 mm,
+guides on circles of 15 to 60 mm, levers of 4 to 20 g m², 0 to 12 mm of pretension, 2 to 30° of drive): amplitudes lay
+within 0.4 % of the curve's height, the point of 90° within 0.05 % in frequency, the peak within 0.3 % in frequency and,
+where it did not lie at the end of the band, 0.2 % in amplitude. A curve takes 50 ms once its code is compiled, a long
+one twice that. Folds come and go in pairs where a curve is all but upright; pairs within 0.2 % of a frequency are left
+out.
 """
 
 import time
@@ -30,13 +31,15 @@ __all__ = ["SKETCH_ERROR", "sketch"]
 
 Array = NDArray[np.float64]
 
-SKETCH_ERROR = 2e-3
-"""Error of a sketched amplitude, in shares of the largest [1]: beyond the largest that was found."""
+SKETCH_ERROR = 5e-3
+"""Error of a sketched amplitude, in shares of the largest [1]: above the largest that was found."""
 
 _SIZE, _STABILITY = Size(7, 32), Size(7, 64)
 _STRIDE = Stride(first=0.05, most=0.2, correction=3e-2, tolerance=1e-3)
 _EVERY = 2
 """So many points share one map of disturbances; between them the multiplier is interpolated."""
+
+_APART = 2e-3
 
 
 def sketch(problem: Problem, band_hz: Sequence[float]) -> Prediction:
@@ -79,7 +82,7 @@ def _branch(points: Array, tangents: Array, lane: Lane, equations: Equations, st
         harmonics=phasors(points, equations, harmonics, equations.response) * response,
         drive=drive_phasor(points, equations, harmonics) * drive,
         multiplier=_multipliers(points, lane, equations),
-        folds=tuple(folds),
+        folds=tuple(_distinct(folds)),
         peak=None,
         phase_90=quarter,
         error=np.full(count, SKETCH_ERROR),
@@ -87,6 +90,17 @@ def _branch(points: Array, tangents: Array, lane: Lane, equations: Equations, st
         message=ENDS[status],
     )
     return Branch(**{**branch.__dict__, "peak": crest(branch)})
+
+
+def _distinct(folds: list[Mark]) -> list[Mark]:
+    """Return the folds without pairs that undo each other within a hair of a frequency."""
+    kept: list[Mark] = []
+    for fold in folds:
+        if kept and abs(fold.frequency_hz / kept[-1].frequency_hz - 1) < _APART:
+            kept.pop()
+        else:
+            kept.append(fold)
+    return kept
 
 
 def _multipliers(points: Array, lane: Lane, equations: Equations) -> Array:

@@ -1,4 +1,4 @@
-"""This is where the live page is laid out: joint, oscilloscope, Lissajous figure, growing curves, state of the bench."""
+"""This is where the live page is laid out: joint, oscilloscope, Lissajous figure, curves, bench."""
 
 from nicegui import ui
 
@@ -78,7 +78,8 @@ def _scope_card() -> None:
         ui.html('<div id="sinew-legend" class="sinew-legend"></div>', sanitize=False)
         options = "".join(f'<option value="{s:g}"{" selected" if s == 5 else ""}>{s:g} s</option>' for s in _BASES_S)
         ui.html(
-            f'<div class="sinew-row"><label for="sinew-base">Time base</label><select id="sinew-base">{options}</select>'
+            '<div class="sinew-row"><label for="sinew-base">Time base</label>'
+            f'<select id="sinew-base">{options}</select>'
             '<button type="button" class="sinew-button" id="sinew-freeze" aria-pressed="false">Freeze</button></div>',
             sanitize=False,
         )
@@ -98,7 +99,8 @@ def _numbers_card() -> None:
             sanitize=False,
         )
         ui.html(
-            '<canvas id="sinew-lissajous" class="sinew-canvas" role="img" aria-label="Torsion over lever angle"></canvas>',
+            '<canvas id="sinew-lissajous" class="sinew-canvas" role="img" aria-label="Torsion over lever angle">'
+            "</canvas>",
             sanitize=False,
         ).classes("w-full")
 

@@ -10,7 +10,7 @@ from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.names import is_run_name
-from sinew.apps.dashboard.work.forms import fields_of, form_of, plan_from_form
+from sinew.apps.dashboard.work.form import fields_of, form_of, plan_from_form
 from sinew.apps.dashboard.work.shelf import read_shelf, shelf
 from sinew.measure.errors import SinewError
 from sinew.plan.plan import Plan
@@ -103,35 +103,24 @@ class Desk:
         await self._check()
 
     def _part(self, part: str, title: str) -> None:
-        fields = [
-            field for field in self._fields if field["path"].rpartition(".")[0] == part and field["type"] != "part"
-        ]
-        optional = any(
-            field["path"] == part and field["type"] == "part" and not field["required"] for field in self._fields
-        )
-        box = (
-            ui.element("fieldset")
-            .classes("w-full")
-            .style("border: 1px solid var(--line); border-radius: 0.5rem; padding: 0.5rem 0.7rem")
-        )
-        with box:
-            ui.element("legend").style("padding: 0 0.4rem").add_slot("default", f"<b>{title}</b>")
-            if optional:
-                is_on = self._values.get(part) is not None and self._values.get(part) is not False
-                switch = ui.switch("part of this plan", value=is_on)
-                rows = ui.element("div").classes("sinew-fields")
-                rows.bind_visibility_from(switch, "value")
-
-                async def turned(event: events.ValueChangeEventArguments, part: str = part) -> None:
-                    self._values[part] = event.value
-                    await self._check()
-
-                switch.on_value_change(turned)
-            else:
-                rows = ui.element("div").classes("sinew-fields")
+        fields = [field for field in self._fields if field["part"] == part and field["type"] != "part"]
+        optional = any(field["path"] == part and not field["required"] for field in self._fields)
+        with ui.element("fieldset").classes("sinew-part"):
+            with ui.element("legend"):
+                ui.label(title).classes("text-bold")
+            switch = ui.switch("part of this plan", value=bool(self._values.get(part))) if optional else None
+            rows = ui.element("div").classes("sinew-fields")
             with rows:
                 for field in fields:
                     self._field(field)
+        if switch is not None:
+            rows.bind_visibility_from(switch, "value")
+
+            async def turned(event: events.ValueChangeEventArguments) -> None:
+                self._values[part] = event.value
+                await self._check()
+
+            switch.on_value_change(turned)
 
     def _field(self, field: dict[str, Any]) -> None:
         path = field["path"]

@@ -8,7 +8,6 @@ from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.names import is_run_name
-from sinew.apps.dashboard.work.run_list import list_runs
 from sinew.measure.errors import SinewError
 
 __all__ = ["add_runs_pages"]
@@ -29,10 +28,10 @@ def add_runs_pages(site: Site) -> None:
     """Serve the list of runs at /runs, and some of them laid over one another at /runs/a,b."""
 
     @ui.page("/runs")
-    def runs() -> None:
+    async def runs() -> None:
         with framed(site, "Runs", "/runs"):
             ui.label("Runs").props("role=heading aria-level=1").classes("text-h6")
-            _table(site)
+            _table(await site.work.call("list_runs", str(site.runs)))
 
     @ui.page("/runs/{names}")
     async def opened(names: str) -> None:
@@ -43,8 +42,7 @@ def add_runs_pages(site: Site) -> None:
             await _open(site, chosen)
 
 
-def _table(site: Site) -> None:
-    found = list_runs(site.runs)
+def _table(found: list[dict[str, Any]]) -> None:
     if not found:
         with ui.element("div").classes("sinew-card"):
             empty("There is no run yet. Start one on the page Plan, or put the folder of one where sinew serve looks.")

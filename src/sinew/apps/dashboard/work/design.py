@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from sinew.predict.branch import Branch, Mark, Prediction
     from sinew.predict.joints.validity import Check
 
-__all__ = ["changed_rig", "design_curves", "warm_up"]
+__all__ = ["base_rig", "changed_rig", "curve_document", "design_curves", "warm_up"]
 
 _ROUND, _FLAT = {"outer_mm", "inner_mm"}, {"width_mm", "height_mm"}
 _WARM = ((0.0, 20.0), (6.0, 20.0))
@@ -30,8 +30,8 @@ def design_curves(
 
     rig: name of a shipped one, or its TOML text. changes: see `changed_rig`; empty for the rig as it is.
     pretension_mm [mm], amplitude_deg: of the drive's command [deg]. band_hz: first and last frequency.
-    fine: refined until the error is below 0.5 %, in half a second; else a sketch within a tenth of it, whose peak is
-    right to 0.1 % in amplitude and 0.03 % in frequency (`sinew.predict.sketch`).
+    fine: refined until the error is below 0.5 %, in half a second; else a sketch in a tenth of that, whose amplitudes
+    are right to 0.4 % of the curve's height and whose peak to 0.3 % in frequency (`sinew.predict.sketch`).
 
     Lists over the curve's points, which goes through its folds: `frequency_hz`, `gain` (half of peak to peak of the
     torsion over the command's amplitude, as the analysis' `gain`), `gain_measured_drive` (fundamentals, over the
@@ -42,14 +42,14 @@ def design_curves(
     """
     from sinew.apps.predict_rig import rig_asked
 
-    base = _base(rig)
+    base = base_rig(rig)
     made = changed_rig(base, changes)
     low, high = (float(hertz) for hertz in band_hz)
     rig_asked(repr(float(pretension_mm)), amplitude_deg, "position", None, low, high)
     prediction, checks = _predicted(made, float(pretension_mm), amplitude_deg, (low, high), fine)
     branch = prediction.branches[0]
     return {
-        **_curve(branch, math.radians(amplitude_deg)),
+        **curve_document(branch, math.radians(amplitude_deg)),
         "base": base.name,
         "rig": made.name,
         "pretension_mm": pretension_mm,
@@ -111,7 +111,8 @@ def _shape(given: set[str]) -> str:
 
 
 @functools.lru_cache(maxsize=16)
-def _base(rig: str) -> "RigSpec":
+def base_rig(rig: str) -> "RigSpec":
+    """Return the rig of a shipped name or of a TOML text. Raises SpecError."""
     from sinew.plan.toml import load_rig, parse_rig
 
     return parse_rig(rig) if "\n" in rig else load_rig(rig)
@@ -137,8 +138,11 @@ def _predicted(
     return prediction, check_joint(rig, [pretension_mm], loads_of(problem, torsion), tilt_held=True)
 
 
-def _curve(branch: "Branch", nominal: float) -> dict[str, Any]:
-    """Return a branch as JSON holds it. nominal: amplitude of the command [rad]."""
+def curve_document(branch: "Branch", nominal: float) -> dict[str, Any]:
+    """Return a predicted branch as lists over its points, with its marks; see `design_curves`.
+
+    nominal: amplitude of the command [rad].
+    """
     import numpy as np
 
     def mark(one: "Mark | None") -> dict[str, float] | None:

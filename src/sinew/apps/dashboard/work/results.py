@@ -1,0 +1,186 @@
+"""This is where a run's results are made once and read from then on."""
+
+import json
+import math
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sinew.apps.dashboard.work.live import LiveResults
+from sinew.apps.dashboard.work.runs import CACHE, JOURNAL, RECORDING
+from sinew.bench.journal_summary import is_being_written
+from sinew.measure.errors import FileError, SinewError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = ["recording_of", "results_of", "run_results"]
+
+_RESULTS, _VERSION = "results.json", 1
+
+_QUANTITIES = {
+    "resonance_hz": ("frequency of the largest gain", "Hz"),
+    "gain_peak": ("largest gain", ""),
+    "phase_90_hz": ("frequency of 90° of lag", "Hz"),
+    "gain_peak_measured_drive": ("largest gain over the measured lever", ""),
+    "half_power_width_hz": ("half-power width", "Hz"),
+    "drive_amplitude_at_resonance_rad": ("lever amplitude at resonance", "°"),
+    "energy_reduction": ("energy saved by the resonance", ""),
+    "damping_ratio": ("Lehr's damping", ""),
+    "decay_frequency_hz": ("frequency of the decay", "Hz"),
+    "decay_rate_per_s": ("decay rate", "1/s"),
+    "paper_stiffness_n_m_rad": ("stiffness ω² I", "N m/rad"),
+    "paper_damping_n_m_s_rad": ("damping constant 2 λ I", "N m s/rad"),
+}
+"""Title and unit of what is found at each pretension."""
+
+
+def run_results(folder: Path | str) -> dict[str, Any]:
+    """Return what a run has found; the first time it is analysed, which writes results.nc and analysis.json beside it.
+
+    `curves` and `damping` as of `LiveResults.update`; `parameters`: rows of `pretension_mm`, `quantity` (as in the
+    results), `name` (in words), `estimate` (`{"value", "std", "interval90"}`) and `unit`; `document`: what `sinew
+    analyse --json` says; `notes`: sentences. A run that is under way gives what its finished groups say.
+    Raises SinewError where there is no recording, or it cannot be analysed.
+    """
+    folder = Path(folder)
+    journal, recording = folder / JOURNAL, folder / RECORDING
+    if is_being_written(journal):
+        found = LiveResults(journal, most_at_once=10**6).update()
+        return {**found, "parameters": list(_of_decays(found["damping"])), "document": None}
+    recording_of(folder)
+    about = recording.stat()
+    stamp = [_VERSION, about.st_size, about.st_mtime_ns]
+    kept = folder / CACHE / _RESULTS
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        stored = json.loads(kept.read_text(encoding="utf-8"))
+        if stored["stamp"] == stamp:
+            return dict(stored["results"])
+    results = _document(results_of(folder)[1])
+    with suppress(SinewError, OSError):
+        from sinew.apps.console import write_json
+
+        kept.parent.mkdir(exist_ok=True)
+        write_json({"stamp": stamp, "results": results}, kept)
+    return results
+
+
+def recording_of(folder: Path) -> Path:
+    """Return the recording of a run, made from its journal where there is none yet.
+
+    Raises FileError where there is neither, or the run is under way; RecordingError where no group is whole.
+    """
+    from sinew.bench.conversion import convert
+
+    recording, journal = folder / RECORDING, folder / JOURNAL
+    if recording.is_file():
+        return recording
+    if not journal.is_file():
+        raise FileError(f"{folder.name} holds no run; expected a {JOURNAL} or a {RECORDING} in it")
+    if is_being_written(journal):
+        raise FileError(f"{folder.name} is still being recorded; its files can be had when it has ended")
+    return convert(journal, recording)
+
+
+def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":
+    """Return (recording, results) of a run; results that belong to another recording are made anew."""
+    from sinew.apps.analyse import analyse_with, recording_rig, results_document
+    from sinew.apps.console import write_json
+    from sinew.apps.stored import stored_results
+    from sinew.measure.netcdf import load_recording, save_dataset
+
+    recording = load_recording(recording_of(folder))
+    rig = recording_rig(recording, None)
+    results = stored_results(folder / "results.nc", recording, rig)
+    if results is None:
+        results = analyse_with(recording, rig)
+        with suppress(FileError, OSError):  # in a folder that may not be written they are made anew each time
+            save_dataset(results, folder / "results.nc")
+            write_json(results_document(results), folder / "analysis.json")
+    return recording, results
+
+
+def _document(results: "xr.Dataset") -> dict[str, Any]:
+    from sinew.apps.analyse import results_document
+
+    document = results_document(results)
+    curves = list(_curves(results)) if "gain" in results else []
+    decays = [row for row in document.get("ring_down", []) if "damping_ratio" in row]
+    notes = [str(results.attrs.get(name, "")) for name in ("resonance_notes", "ring_down_notes")]
+    return {
+        "curves": curves,
+        "damping": decays,
+        "parameters": [*_of_resonances(document), *_of_decays(decays), *_of_constants(results)],
+        "document": document,
+        "notes": [note for note in notes if note],
+    }
+
+
+def _curves(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
+    """Yield the response at each pretension, as a run under way has it."""
+    import numpy as np
+
+    from sinew.apps.dashboard.work.live import mean_of
+
+    columns = {str(name): results[name].values for name in results.data_vars}
+    columns["gain_std"] = columns["gain"] * columns["amplitude_std_rad"] / columns["amplitude_rad"]
+    frequencies = results["frequency_hz"].values
+    names = ("frequency_hz", "gain", "gain_measured_drive", "phase", "repeats", "settled", "saturated_share")
+    for p, pretension in enumerate(results["pretension_mm"].values):
+        curve: dict[str, Any] = {"pretension_mm": float(pretension), **{name: [] for name in names}}
+        for f, frequency in enumerate(frequencies):
+            there = np.isfinite(columns["gain"][p, f])
+            if not there.any():
+                continue
+            table = {name: values[p, f][None] for name, values in columns.items() if values.ndim == 3}
+            delay = float(np.nan_to_num(np.nanmean(table["phase_delay_std_rad"][0, there])))
+            share = float(np.max(table["saturated_share"][0, there]))
+            curve["frequency_hz"].append(float(frequency))
+            curve["gain"].append(mean_of(table["gain"], table["gain_std"]))
+            curve["gain_measured_drive"].append(mean_of(table["gain_measured_drive"], table["gain_measured_drive_std"]))
+            curve["phase"].append(mean_of(table["phase_lag_rad"], table["phase_std_rad"], delay, 180 / np.pi))
+            curve["repeats"].append(int(there.sum()))
+            curve["settled"].append(bool(np.all(table["settled"][0, there] == 1.0)))
+            curve["saturated_share"].append(share if math.isfinite(share) else None)
+        if curve["frequency_hz"]:
+            yield curve
+
+
+def _row(pretension_mm: float, quantity: str, estimate: dict[str, Any]) -> dict[str, Any]:
+    name, unit = _QUANTITIES[quantity]
+    if unit == "°":
+        turned = [None if x is None else math.degrees(x) for x in (estimate["std"], *estimate["interval90"])]
+        value = None if estimate["value"] is None else math.degrees(estimate["value"])
+        estimate = {"value": value, "std": turned[0], "interval90": turned[1:]}
+    return {"pretension_mm": pretension_mm, "quantity": quantity, "name": name, "estimate": estimate, "unit": unit}
+
+
+def _of_resonances(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    for rows in (document.get("resonance", []), document.get("energy", {}).get("pretensions", [])):
+        for row in rows:
+            for quantity in _QUANTITIES.keys() & row.keys():
+                if row[quantity]["value"] is not None:
+                    yield _row(row["pretension_mm"], quantity, row[quantity])
+
+
+def _of_decays(decays: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    for row in decays:
+        for quantity in ("damping_ratio", "decay_frequency_hz", "decay_rate_per_s"):
+            if quantity in row:
+                yield _row(row["pretension_mm"], quantity, row[quantity])
+
+
+def _of_constants(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
+    """Yield the paper's stiffness and damping constant, whose repeats alone tell how certain they are."""
+    import numpy as np
+
+    from sinew.apps.dashboard.work.live import mean_of
+
+    for quantity in ("paper_stiffness_n_m_rad", "paper_damping_n_m_s_rad"):
+        if quantity not in results:
+            continue
+        for p, pretension in enumerate(results["pretension_mm"].values):
+            values = results[quantity].values[p][None]
+            if np.isfinite(values).any():
+                yield _row(float(pretension), quantity, mean_of(values, np.full(values.shape, np.nan)))

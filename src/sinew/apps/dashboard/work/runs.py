@@ -1,0 +1,143 @@
+"""This is where the runs in a folder are listed: what each was, how far it came, what state it is in."""
+
+import json
+import os
+import tomllib
+from collections.abc import Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from sinew.apps.console import write_json
+from sinew.bench.journal_summary import is_being_written, summarise_journal
+from sinew.measure.errors import FileError, SinewError
+from sinew.plan.plan import Plan
+from sinew.plan.toml import parse_plan
+
+__all__ = ["CACHE", "JOURNAL", "RECORDING", "list_runs", "run_summary"]
+
+JOURNAL, RECORDING = "journal.sqlite", "recording.nc"
+CACHE = ".dashboard"
+"""Folder in a run's own for what can be made anew."""
+
+_SUMMARY, _VERSION = "summary.json", 1
+_KEPT = (JOURNAL, f"{JOURNAL}-wal", RECORDING)
+
+
+def list_runs(runs: Path | str) -> list[dict[str, Any]]:
+    """Return the summary of every run in a folder, the newest first; a thousand take less than a second.
+
+    Folders without a journal or a recording are left out. A run that cannot be read has the state damaged.
+    """
+    folder = Path(runs)
+    if not folder.is_dir():
+        return []
+    with os.scandir(folder) as entries:
+        places = [Path(entry.path) for entry in entries if entry.is_dir() and not entry.name.startswith(".")]
+    found = [_summary(place) for place in places]
+    return sorted((row for row in found if row is not None), key=lambda row: str(row["started"]), reverse=True)
+
+
+def run_summary(folder: Path | str) -> dict[str, Any]:
+    """Return what a run's folder holds.
+
+    `name` of the folder; `started` (ISO 8601), `duration_s`, `rig` and `plan` (names), `pretensions_mm`, `groups_done`,
+    `groups` (of the plan): None where not known; `state`: running, complete, stopped, damaged, or recording where there
+    is no journal; `sentence` on the state; `bytes` on the disk. Raises FileError where there is no run.
+    """
+    summary = _summary(Path(folder))
+    if summary is None:
+        raise FileError(f"{Path(folder).name} holds no run; expected a {JOURNAL} or a {RECORDING} in it")
+    return summary
+
+
+def _summary(folder: Path) -> dict[str, Any] | None:
+    journal = folder / JOURNAL
+    stamp = _stamp(folder)
+    if JOURNAL not in stamp and RECORDING not in stamp:
+        return None
+    if JOURNAL in stamp and is_being_written(journal):
+        return _read(folder, stamp) | {"state": "running", "sentence": "The run is under way."}
+    stored = _stored(folder, stamp)
+    if stored is not None:
+        return stored | {"name": folder.name}
+    summary = _read(folder, stamp)
+    if summary["state"] != "damaged":
+        with suppress(SinewError, OSError):  # a folder that may not be written is listed all the same
+            (folder / CACHE).mkdir(exist_ok=True)
+            write_json({"version": _VERSION, "stamp": stamp, "summary": summary}, folder / CACHE / _SUMMARY)
+    return summary
+
+
+def _stamp(folder: Path) -> dict[str, list[int]]:
+    """Return size and time of change of the files that a summary is made from."""
+    stamp = {}
+    for name in _KEPT:
+        with suppress(OSError):
+            about = (folder / name).stat()
+            stamp[name] = [about.st_size, about.st_mtime_ns]
+    return stamp
+
+
+def _stored(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any] | None:
+    try:
+        stored = json.loads((folder / CACHE / _SUMMARY).read_text(encoding="utf-8"))
+        if stored["version"] == _VERSION and stored["stamp"] == stamp:
+            return dict(stored["summary"])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    return None
+
+
+def _read(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any]:
+    changed = max(stamp.values(), key=lambda one: one[1])[1]
+    row: dict[str, Any] = {
+        "name": folder.name,
+        "started": datetime.fromtimestamp(changed / 1e9, UTC).isoformat(timespec="seconds"),
+        "duration_s": None,
+        "rig": None,
+        "plan": None,
+        "pretensions_mm": [],
+        "groups_done": None,
+        "groups": None,
+        "state": "recording",
+        "sentence": "A recording without a journal.",
+        "bytes": sum(size for size, _ in stamp.values()),
+    }
+    if JOURNAL not in stamp:
+        return row
+    try:
+        journal = summarise_journal(folder / JOURNAL)
+        plan = parse_plan(journal.plan_toml, source="the journal's plan")
+    except SinewError as trouble:
+        return row | {"state": "damaged", "sentence": str(trouble)}
+    groups, last = len(plan.groups()), journal.last[1]
+    is_complete = journal.finished >= groups
+    return row | {
+        "started": journal.dates[0] if journal.dates else row["started"],
+        "duration_s": journal.duration_s,
+        "rig": _name_in(journal.rig_toml),
+        "plan": plan.name,
+        "pretensions_mm": list(plan.pretension.pretension_mm),
+        "groups_done": journal.finished,
+        "groups": groups,
+        "state": "complete" if is_complete else "stopped",
+        "sentence": "Every group of the plan is recorded." if is_complete else _why(last, plan),
+    }
+
+
+def _why(last: str, plan: Plan) -> str:
+    """Return why a run ended early. last: the journal's last event."""
+    if last and not last.startswith("{"):
+        return f"The run ended early: {last}"
+    return f"The run of the plan {plan.name} ended early; sinew run --resume goes on with it."
+
+
+def _name_in(rig_toml: str) -> str | None:
+    """Return the name in a rig's text, without reading all of it: a dumped rig begins with its name."""
+    line = next((one for one in rig_toml.splitlines() if one.startswith("name")), "")
+    try:
+        return str(tomllib.loads(line)["name"])
+    except (tomllib.TOMLDecodeError, KeyError):
+        return None

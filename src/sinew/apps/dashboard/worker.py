@@ -1,0 +1,195 @@
+"""This is where a page server hands over what takes long, or needs JAX, to processes of their own.
+
+Three of them, each with one call at a time, all with less right to a core than a control loop: `light` needs no JAX and
+answers at once, `curves` follows the sliders, `long` takes what may take its time. `curves` begins to warm up when the
+worker is made; the others begin with their first call. They end with the process that made them.
+"""
+
+import asyncio
+import importlib
+import os
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass, field
+from multiprocessing import get_context, parent_process
+from typing import Any, NamedTuple
+
+from sinew.measure.errors import SinewError
+
+__all__ = ["CALLS", "Call", "Worker", "WorkerError"]
+
+_WORK = "sinew.apps.dashboard.work"
+_NICE = 5
+_SHORT_S, _LONG_S, _WARM_UP_S = 60.0, 900.0, 600.0
+
+
+class WorkerError(SinewError):
+    """What was asked could not be computed: it took too long, or its process ended."""
+
+
+class Call(NamedTuple):
+    """A function that can be called. module: in the package `work`. lane: light, curves or long. most_s: longest time
+    that it may take, after which its process is ended."""
+
+    module: str
+    lane: str
+    most_s: float
+
+
+CALLS = {
+    "shelf": Call("shelf", "light", _SHORT_S),
+    "read_shelf": Call("shelf", "light", _SHORT_S),
+    "list_runs": Call("runs", "light", _SHORT_S),
+    "run_summary": Call("runs", "light", _SHORT_S),
+    "measured_so_far": Call("live", "light", _SHORT_S),
+    "preview_document": Call("preview", "curves", 2 * _SHORT_S),
+    "design_curves": Call("design", "curves", 2 * _SHORT_S),
+    "warm_up": Call("design", "curves", _WARM_UP_S),
+    "suggest_pretension": Call("pretension", "long", _LONG_S),
+    "prediction_for_plan": Call("prediction", "long", _LONG_S),
+    "run_results": Call("results", "long", _LONG_S),
+    "download": Call("download", "long", _LONG_S),
+}
+"""What can be called, by name."""
+
+
+def _begin(needs_jax: bool) -> None:
+    """Prepare a process: low priority, JAX as everywhere, an end with whoever made it."""
+    os.nice(_NICE)
+    threading.Thread(target=_end_with_the_maker, daemon=True).start()
+    if needs_jax:
+        from sinew.twin.cache import compute_inline, configure
+
+        configure()
+        compute_inline()
+
+
+def _end_with_the_maker() -> None:
+    above = parent_process()
+    if above is not None:
+        above.join()
+        os._exit(0)
+
+
+def _run(module: str, name: str, arguments: tuple[Any, ...]) -> Any:
+    """Return what a function says; whatever goes wrong in it comes back as a SinewError."""
+    try:
+        function: Callable[..., Any] = getattr(importlib.import_module(f"{_WORK}.{module}"), name)
+        return function(*arguments)
+    except SinewError:
+        raise
+    except Exception as error:  # a page shows a sentence, the log the rest
+        traceback.print_exc(file=sys.stderr)
+        raise WorkerError(
+            f"{name} failed ({type(error).__name__}: {error}); this is a fault of Sinew, see the log"
+        ) from None
+
+
+@dataclass(eq=False)
+class _Request:
+    name: str
+    arguments: tuple[Any, ...]
+    is_wanted: bool = True
+
+
+@dataclass
+class _Lane:
+    """A process, and whose turn it is."""
+
+    needs_jax: bool
+    newest: dict[str, _Request] = field(default_factory=dict)
+    turn: asyncio.Lock = field(default_factory=asyncio.Lock)
+    pool: ProcessPoolExecutor | None = None
+
+    def submit(self, name: str, arguments: tuple[Any, ...]) -> "Future[Any]":
+        """Have the process begin, starting it where there is none."""
+        if self.pool is None:
+            context = get_context("spawn")
+            self.pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=(self.needs_jax,))
+        return self.pool.submit(_run, CALLS[name].module, name, arguments)
+
+    def end(self) -> None:
+        """End the process at once, whatever it does."""
+        pool, self.pool = self.pool, None
+        if pool is None:
+            return
+        # The executor knows no way to end a call that is under way.
+        for process in list((getattr(pool, "_processes", None) or {}).values()):
+            process.kill()
+        pool.shutdown(wait=False, cancel_futures=True)
+
+    async def serve(self, request: _Request, key: str | None) -> Any:
+        """Return what a request's function says, when it is its turn; None where nobody wants it by then."""
+        async with self.turn:
+            if not request.is_wanted or (key is not None and self.newest.get(key) is not request):
+                return None
+            try:
+                return await self._tried(request, again=True)
+            finally:
+                if key is not None and self.newest.get(key) is request:
+                    del self.newest[key]
+
+    async def _tried(self, request: _Request, *, again: bool) -> Any:
+        most_s = CALLS[request.name].most_s
+        try:
+            return await asyncio.wait_for(asyncio.wrap_future(self.submit(request.name, request.arguments)), most_s)
+        except TimeoutError:
+            self.end()
+            raise WorkerError(
+                f"{request.name} took more than {most_s:g} s and was ended; ask for less at once"
+            ) from None
+        except BrokenProcessPool:
+            self.end()
+            if again:
+                return await self._tried(request, again=False)
+            raise WorkerError(f"the process of {request.name} ended twice, perhaps for want of memory") from None
+
+
+class Worker:
+    """Runs the functions of `CALLS` in other processes; for one event loop.
+
+    is_warm: whether sliders are answered without compiling.
+    """
+
+    def __init__(self) -> None:
+        self.is_warm = False
+        self._lanes = {name: _Lane(name != "light") for name in ("light", "curves", "long")}
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._lanes["curves"].submit("warm_up", ()).add_done_callback(self._warmed)
+
+    def _warmed(self, done: "Future[Any]") -> None:
+        self.is_warm = not done.cancelled() and done.exception() is None
+
+    async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
+        """Return what a function of `sinew.apps.dashboard.work` returns for these arguments, plain data all.
+
+        key: of requests that replace each other, as those of a slider. Of those that wait only the newest is run, the
+        older ones return None.
+        Raises SinewError: what the function raises; WorkerError where it took too long or its process ended twice.
+        """
+        lane = self._lanes[CALLS[name].lane]
+        request = _Request(name, arguments)
+        if key is not None:
+            lane.newest[key] = request
+        task = asyncio.create_task(lane.serve(request, key))
+        self._tasks.add(task)
+        task.add_done_callback(self._heard)
+        try:
+            return await asyncio.shield(task)
+        finally:
+            request.is_wanted = False
+
+    def _heard(self, task: "asyncio.Task[Any]") -> None:
+        self._tasks.discard(task)
+        with suppress(asyncio.CancelledError):
+            task.exception()
+
+    def close(self) -> None:
+        """End all processes at once."""
+        for lane in self._lanes.values():
+            lane.end()
