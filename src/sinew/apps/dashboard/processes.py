@@ -11,7 +11,21 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-__all__ = ["Adopted", "Process", "adopt", "await_end", "end_process", "read_pid", "sinew_command", "spawn", "write_pid"]
+__all__ = [
+    "UNKNOWN",
+    "Adopted",
+    "Process",
+    "adopt",
+    "await_end",
+    "end_process",
+    "read_pid",
+    "sinew_command",
+    "spawn",
+    "write_pid",
+]
+
+UNKNOWN = 1 << 16
+"""Stands for an exit status that nobody can tell."""
 
 _LOOK_S = 0.005
 
@@ -31,7 +45,7 @@ class Process(Protocol):
 
 
 class Adopted:
-    """A process that is not our child, so that its exit status stays unknown; we say -1.
+    """A process that is not our child, so that its exit status stays unknown.
 
     A number may be given to another process once its owner is gone. Where the system has descriptors of processes
     (Linux), one keeps us from ending the wrong one.
@@ -47,15 +61,15 @@ class Adopted:
         return self._pid
 
     def poll(self) -> int | None:
-        """Return -1 once it has ended, else None."""
+        """Return `UNKNOWN` once it has ended, else None."""
         if self._file is not None:
             ready = select.poll()
             ready.register(self._file, select.POLLIN)
-            return -1 if ready.poll(0) else None
+            return UNKNOWN if ready.poll(0) else None
         try:
             os.kill(self._pid, 0)
         except ProcessLookupError:
-            return -1
+            return UNKNOWN
         return None
 
     def send_signal(self, sig: int) -> None:

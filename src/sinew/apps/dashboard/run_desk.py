@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sinew.apps.dashboard.processes import end_process, spawn, write_pid
+from sinew.apps.dashboard.processes import UNKNOWN, end_process, spawn, write_pid
 from sinew.apps.dashboard.refusal import RefusedError
 from sinew.apps.dashboard.run_folders import LOG, PID, Control, Run, find_runs, make_folder, run_words, told_at_end
 from sinew.measure.errors import SinewError, SpecError
@@ -172,8 +172,9 @@ class RunDesk:
 
     def _end(self, run: Run, status: int) -> None:
         (run.folder / PID).unlink(missing_ok=True)
-        told = {"state": "ended", "sentence": told_at_end(run.folder) or "the run has ended"}
-        known = None if status == -1 else status
+        how = f"the run was ended by {signal.Signals(-status).name}" if status < 0 else told_at_end(run.folder)
+        told = {"state": "ended", "sentence": how or "the run has ended"}
+        known = None if status == UNKNOWN else status
         self.last = _document(run, told) | {"exit": known, "ended": time.time()}
         self._run = None
 
