@@ -30,11 +30,11 @@ def add_plan_page(site: Site) -> None:
     async def plan() -> None:
         with framed(site, "Plan", "/plan"):
             ui.label("Plan a run").props("role=heading aria-level=1").classes("text-h6")
-            desk = Desk(site)
+            desk = _Desk(site)
             await desk.lay_out()
 
 
-class Desk:
+class _Desk:
     """One viewer's plan while it is prepared."""
 
     def __init__(self, site: Site) -> None:
@@ -118,7 +118,7 @@ class Desk:
         if switch is not None:
             rows.bind_visibility_from(switch, "value")
 
-            async def turned(event: events.ValueChangeEventArguments) -> None:
+            async def turned(event: events.ValueChangeEventArguments[Any]) -> None:
                 self._values[part] = event.value
                 await self._check()
 
@@ -129,7 +129,7 @@ class Desk:
         value = self._values.get(path, field["default"])
         label = field["title"]
 
-        async def changed(event: events.ValueChangeEventArguments, path: str = path) -> None:
+        async def changed(event: events.ValueChangeEventArguments[Any], path: str = path) -> None:
             self._values[path] = event.value
             await self._check()
 
@@ -143,7 +143,7 @@ class Desk:
             made.tooltip(field["help"])
         self._inputs[path] = made
 
-    async def _change_rig(self, event: events.ValueChangeEventArguments) -> None:
+    async def _change_rig(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._rig = event.value
         await self._check()
 

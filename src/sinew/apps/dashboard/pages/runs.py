@@ -1,13 +1,13 @@
 """This is where past runs are searched, opened, laid over one another and downloaded."""
 
-import math
 from typing import Any
 
-from nicegui import ui
+from nicegui import events, ui
 
 from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
+from sinew.apps.dashboard.pages.quantity import quantity
 from sinew.apps.dashboard.pages.site import Site
 from sinew.measure.errors import SinewError
 
@@ -75,10 +75,12 @@ def _table(found: list[dict[str, Any]]) -> None:
             else:
                 ui.notify("Choose one run, or several to lay over one another.")
 
-        table.on(
-            "rowClick",
-            lambda event: is_run_name(event.args[1]["name"]) and ui.navigate.to(f"/runs/{event.args[1]['name']}"),
-        )
+        def open_row(event: events.GenericEventArguments) -> None:
+            name = event.args[1]["name"]
+            if is_run_name(name):
+                ui.navigate.to(f"/runs/{name}")
+
+        table.on("rowClick", open_row)
         ui.button("Open what is chosen", on_click=open_chosen).props("id=sinew-open no-caps unelevated color=primary")
 
 
@@ -184,18 +186,6 @@ def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
         ui.table(rows=shown, columns=columns, row_key="key", pagination=12).props("flat dense wrap-cells").classes(
             "w-full"
         )
-
-
-def quantity(estimate: dict[str, Any], unit: str) -> str:
-    """Return an estimate as a page says it: value and 90 % interval with unit, to two digits of its uncertainty."""
-    value, (low, high) = estimate["value"], estimate["interval90"]
-    if value is None:
-        return "–"
-    unit = f" {unit}" if unit else ""
-    if low is None or high is None or high <= low:
-        return f"{value:.4g}{unit}"
-    places = max(0, 1 - math.floor(math.log10(high - low)))
-    return f"{value:.{places}f}{unit} ({low:.{places}f} to {high:.{places}f})"
 
 
 def _downloads(name: str) -> None:
