@@ -31,7 +31,9 @@ def add_plan_page(site: Site) -> None:
         with framed(site, "Plan", "/plan"):
             ui.label("Plan a run").props("role=heading aria-level=1").classes("text-h6")
             desk = _Desk(site)
-            await desk.lay_out()
+            desk.lay_out()
+            await ui.context.client.connected()
+            await desk.begin()
 
 
 class _Desk:
@@ -47,8 +49,8 @@ class _Desk:
         self._toml: str | None = None
         self._turn = 0
 
-    async def lay_out(self) -> None:
-        """Lay out the page and preview the first plan."""
+    def lay_out(self) -> None:
+        """Lay out the page, without a plan yet."""
         with ui.element("div").classes("sinew-grid"):
             with card("What to run", 6):
                 self._choose()
@@ -65,6 +67,9 @@ class _Desk:
                     self._text = (
                         ui.label().classes("sinew-code").props('tabindex=0 role=region aria-label="Plan as TOML"')
                     )
+
+    async def begin(self) -> None:
+        """Put the first plan into the form and preview it."""
         await self._take(_FIRST_PLAN)
 
     def _choose(self) -> None:

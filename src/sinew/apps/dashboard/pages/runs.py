@@ -32,7 +32,14 @@ def add_runs_pages(site: Site) -> None:
     async def runs() -> None:
         with framed(site, "Runs", "/runs"):
             ui.label("Runs").props("role=heading aria-level=1").classes("text-h6")
-            _table(await site.work.call("list_runs", str(site.runs)))
+            place = ui.element("div").classes("sinew-content")
+            with place:
+                empty("The runs are listed.")
+            await ui.context.client.connected()
+            found = await site.work.call("list_runs", str(site.runs))
+            place.clear()
+            with place:
+                _table(found)
 
     @ui.page("/runs/{names}")
     async def opened(names: str) -> None:
