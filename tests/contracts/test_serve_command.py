@@ -5,10 +5,11 @@ import json
 import os
 import select
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -128,6 +129,20 @@ def test_an_address_for_all_comes_with_a_word_on_tunnels(tmp_path: Path, token_f
         process.send_signal(signal.SIGTERM)
         _, err = process.communicate(timeout=PATIENCE)
     assert "ssh -L" in err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_a_crowd_leaves_a_number_below_1024_for_the_serial_port(tmp_path: Path, token_file: Path) -> None:
+    with served(tmp_path / "runs", token_file) as (process, ready), ExitStack() as stack:
+        address = ("127.0.0.1", int(ready["steering"].split(":")[2]))
+        highest = 0
+        for number in range(3000):
+            line = socket.create_connection(address, timeout=PATIENCE)
+            stack.callback(line.close)
+            if number % 100 == 0:
+                highest = max(highest, *(int(name.name) for name in Path(f"/proc/{process.pid}/fd").iterdir()))
+        assert told(ready, "/command", {"command": "emergency"})["sentence"].startswith("no bench is connected")
+    assert 700 < highest < 1000
 
 
 REFUSED = {

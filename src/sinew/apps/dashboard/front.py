@@ -14,16 +14,23 @@ import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-__all__ = ["HEAD_S", "MOST_OPEN", "PatientProtocol", "raise_file_limit", "server_config"]
+__all__ = ["AT_ONCE", "HEAD_S", "MOST_OPEN", "PatientProtocol", "raise_file_limit", "server_config"]
 
 HEAD_S = 10.0
 """Within so long a whole head must be here [s]."""
 
-MOST_OPEN = 2000
-"""Open connections, those of the idle included."""
+MOST_OPEN = 700
+"""Open connections, those of the idle included.
+
+With what else is open that stays well below 1024, where select() ends, by which a serial port is read: a port that is
+opened while a crowd is here must get a lower number.
+"""
+
+AT_ONCE = 64
+"""So many newcomers are taken before those that make room have left."""
 
 _MOST_HEAD = 16 * 1024  # bytes
-_MOST_FILES = 65536
+_FILES = 1024
 _KEEP_ALIVE_S = 5
 
 
@@ -36,10 +43,10 @@ class PatientProtocol(H11Protocol):
         self.made = time.monotonic()
         self._head_timer: asyncio.TimerHandle | None = None
         self._await_head()
-        if len(self.connections) > MOST_OPEN:
-            idle = [other for other in self.connections if isinstance(other, PatientProtocol) and other.is_idle()]
-            if len(idle) > 1:
-                min(idle, key=lambda other: other.made).transport.abort()
+        staying = [each for each in self.connections if isinstance(each, PatientProtocol) and not each.is_leaving()]
+        if len(staying) > MOST_OPEN:
+            idle = [each for each in staying if each.is_idle() and each is not self]
+            min(idle, key=lambda each: each.made, default=self).transport.abort()
 
     def data_received(self, data: bytes) -> None:
         """Take what has come; the patience with a head begins with its first byte, and drops do not renew it."""
@@ -53,6 +60,10 @@ class PatientProtocol(H11Protocol):
         """Let go of a connection that is over."""
         self._forget_head()
         super().connection_lost(exc)
+
+    def is_leaving(self) -> bool:
+        """Return whether it is being closed."""
+        return self.transport.is_closing()
 
     def is_idle(self) -> bool:
         """Return whether no request is under way."""
@@ -85,14 +96,15 @@ def server_config(app: Any, **settings: Any) -> uvicorn.Config:
         "timeout_graceful_shutdown": 2,
         "h11_max_incomplete_event_size": _MOST_HEAD,
         "ws_max_size": 256 * 1024,
+        "backlog": AT_ONCE,
         "lifespan": "off",
     }
     return uvicorn.Config(app, **(chosen | settings))
 
 
 def raise_file_limit() -> None:
-    """Let this process open as many files as the system lets it without asking: a connection is a file."""
+    """Let this process open the files that `MOST_OPEN` connections are, where the system begins with fewer."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    most = _MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, _MOST_FILES)
-    if soft < most:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    enough = _FILES if hard == resource.RLIM_INFINITY else min(hard, _FILES)
+    if soft < enough:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (enough, hard))

@@ -209,6 +209,7 @@ class Steward:
         ends.callback(end)
         while not server.started and thread.is_alive():
             thread.join(0.01)
+        steering.listen(_BACKLOG)  # the system's queue is longer than what is taken out of it at once
 
     def _page_process(self) -> PageProcess:
         access, settings = self.settings.access, self.settings
