@@ -38,7 +38,7 @@ GROUPS = len(PLAN.groups())
 def swing(index: int) -> list[Sample]:
     """The cycles of a group of the plan; those of a ring-down decay from the end of its settle on."""
     group, begin = PLAN.groups()[index], 1000.0 + 20.0 * index
-    samples = cycles(group, begin, Node(drift=0.0), index)
+    samples = cycles(group, begin, Node(has_counter=True), index)
     return samples if group.kind != "ring-down" else [_decaying(one, group, begin) for one in samples]
 
 
