@@ -29,6 +29,7 @@ from sinew.apps import (
     predict,
     reproduce,
     run,
+    serve,
     simulate,
     track,
     transfer,
@@ -79,6 +80,7 @@ app.command(epilog="Example: sinew emulate --rig paper --link /tmp/bench --fault
 app.command(epilog="Example: sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix")(doctor.doctor)
 app.command(epilog="Example: sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench")(run.run)
 app.command(epilog="Example: sinew track paper --emulate --pretension-mm 0,4,8,12 --out out/backbone")(track.track)
+app.command(epilog="Example: sinew serve --emulate --runs runs")(serve.serve)
 app.command(epilog="Example: sinew stop --port /dev/ttyUSB0 --state release")(run.stop)
 app.command(epilog="Example: sinew report out/paper")(reproduce.report)
 app.command(epilog="Example: sinew reproduce --out out/paper --seed 1")(reproduce.reproduce)

@@ -67,7 +67,7 @@ class _Writer:
         elif kind == "pretension":
             result = json.loads(sentence)
             remark(f"pretension {result['asked_mm']:g} mm is set, tilt {result['tilt_deg']:.2f}°")
-        elif kind not in ("end", "track"):  # the summary says it
+        elif kind not in ("end", "track", "health"):  # the summary says it, or a dashboard shows it
             remark(sentence)
 
     def end(self) -> None:

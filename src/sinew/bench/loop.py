@@ -48,6 +48,7 @@ class Loop:
     """Runs cycles at a fixed rate.
 
     rig, clock: the seams. guard: raises where a limit is passed. record: takes every sample. period: of a cycle [s].
+    check: raises StoppedError, before a cycle, where the run is to end.
     The goal sent for a cycle is the drive's command at its middle, since the motor keeps it for a whole cycle: the
     staircase then has the command's phase.
     """
@@ -60,10 +61,11 @@ class Loop:
         tilt: TiltEstimator,
         period: float,
         record: Callable[[Sample], None],
+        check: Callable[[], None] = lambda: None,
     ) -> None:
         self._rig, self._clock, self._guard, self._tilt = rig, clock, guard, tilt
         self.period = period
-        self._record = record
+        self._record, self._check = record, check
         self._stamp_delay = rig.spec.bus.drive_delay.value
         self._average = rig.spec.imu.average_samples
         self._counter: int | None = None
@@ -76,7 +78,6 @@ class Loop:
         self._late: deque[bool] = deque(maxlen=_MISSED_WINDOW)
         self._after_hole = False
         self._waited: deque[bool] = deque(maxlen=_MISSED_WINDOW)
-        self._stop: str | None = None
         self.statistics = LoopStatistics()
         self.watch = Watch((0.0,) * len(rig.tendons), (0.0,) * len(rig.tendons))
         self.last: Reading | None = None
@@ -93,10 +94,6 @@ class Loop:
             self.restart()
         return self._due
 
-    def request_stop(self, reason: str) -> None:
-        """Have the next cycle raise StoppedError with a reason; may be called by a signal handler."""
-        self._stop = self._stop or reason
-
     def restart(self) -> None:
         """Begin to count deadlines anew, after a stretch without cycles."""
         self._due = self._clock.now()
@@ -111,8 +108,7 @@ class Loop:
 
         Raises StoppedError, LimitError or LostError, and PortError where the port is gone.
         """
-        if self._stop is not None:
-            raise StoppedError(self._stop)
+        self._check()
         began = self._wait()
         self._rig.write_goals(drive(began + self._lead), self.watch.goals)
         reading = self._rig.read()

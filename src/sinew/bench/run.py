@@ -7,9 +7,10 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 
 from sinew.bench.conversion import group_is_whole
-from sinew.bench.errors import BenchError, LostError, StoppedError
+from sinew.bench.errors import BenchError, LostError, StartError, StoppedError
 from sinew.bench.group import pause, run_group
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
+from sinew.bench.health import Health, Progress
 from sinew.bench.journal import Journal
 from sinew.bench.listeners import Listener
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
@@ -17,6 +18,7 @@ from sinew.bench.preflight import refuse_unready
 from sinew.bench.pretension import Contact, MotorMap, Pretensioned, pull_to_contact, set_pretension
 from sinew.bench.sample import Sample
 from sinew.bench.settle import SettleRule
+from sinew.bench.steering import SafeState, Steering
 from sinew.bench.stops import StopReport, stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.bench.tracking import DriveLaw, Levelled, Mover, run_tracking
@@ -25,6 +27,7 @@ from sinew.hardware.motor import Motor
 from sinew.hardware.rig import Rig
 from sinew.hardware.transport import Clock
 from sinew.measure.errors import FileError
+from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 from sinew.plan.plan import Group, Plan
 
@@ -45,6 +48,7 @@ class RunReport:
     is_complete: every group of the plan is recorded. sentence: what ended it. stop: how the rig was left.
     groups_done, groups: of the plan, those of earlier attempts included. loop: of the cycles. pretensions: as they came
     out, in order. tracks: the last state of the law of each tracking group of this run, by its index in the plan.
+    halted_s: from the request that ended the run until all motors were frozen [s]; None where there was none.
     """
 
     groups: int
@@ -55,6 +59,7 @@ class RunReport:
     loop: LoopStatistics = field(default_factory=LoopStatistics)
     pretensions: list[Pretensioned] = field(default_factory=list)
     tracks: dict[int, dict[str, float | bool | None]] = field(default_factory=dict)
+    halted_s: float | None = None
 
 
 class Runner:
@@ -63,6 +68,7 @@ class Runner:
     journal: takes every sample, and says which groups are done. tension_n: of each tendon at rest, by pretension [mm],
     as the twin has it. listener: live samples and events. progress: takes (done, total) seconds of the plan.
     law: makes what moves the lever in a tracking group, from the group and the time of its begin [s].
+    steering: takes what is asked of the run from outside; one of its own, if not given.
     """
 
     def __init__(
@@ -76,6 +82,7 @@ class Runner:
         listener: Listener | None = None,
         progress: Callable[[float, float], None] | None = None,
         law: Callable[[Group, float], DriveLaw] | None = None,
+        steering: Steering | None = None,
     ) -> None:
         self._rig, self._clock, self._plan, self._journal = rig, clock, plan, journal
         self._tension = dict(tension_n)
@@ -88,24 +95,43 @@ class Runner:
         self._attempt = 0
         self._kept: list[Sample] = []
         self._guard = Guard(rig.spec)
-        self._loop = Loop(
-            rig, clock, self._guard, TiltEstimator(rig.spec, plan.sample_hz), 1 / plan.sample_hz, self._take
-        )
+        self.steering = steering or Steering(clock.now)
+        tilt = TiltEstimator(rig.spec, plan.sample_hz)
+        self._loop = Loop(rig, clock, self._guard, tilt, 1 / plan.sample_hz, self._take, self.steering.check)
         self._groups = plan.groups()
+        self._total_s = sum(group.duration_s for group in self._groups)
+        self.at = Progress(len(self._groups), self._total_s)
+        self._health = Health(self._loop, rig.bus, self.at)
         self.report = RunReport(len(self._groups))
 
-    def request_stop(self, reason: str) -> None:
-        """End the run in the safe state at the next cycle; may be called by a signal handler."""
-        self._loop.request_stop(reason)
+    def request_pause(self) -> None:
+        """Rest after the group under way, lever at zero and tension held; from any thread, as the others."""
+        self.steering.request_pause()
+
+    def request_resume(self) -> None:
+        """Go on with the next group."""
+        self.steering.request_resume()
+
+    def request_stop(self, reason: str, state: SafeState | None = None) -> None:
+        """End the run at the next cycle. state: hold or release to leave the rig in; None: as it declares."""
+        self.steering.request_stop(reason, state)
+
+    def request_emergency(self, reason: str) -> None:
+        """Freeze all motors at once, then bring the rig to its declared state."""
+        self.steering.request_emergency(reason)
 
     def run(self, *, resume: bool = False) -> RunReport:
         """Run what is left of the plan and return how it ended; the rig is in its safe state then.
 
         resume: the motors may be found as an interrupted run left them; they are released first.
-        Raises StartError, with nothing moved, if the bench is not ready. What happens later is in the report.
+        Raises StartError, with nothing moved, if the bench is not ready, or the run was to end before it began. What
+        happens later is in the report.
         """
         report = self.report
         refuse_unready(self._rig, self._clock, self._plan, torque_may_be_on=resume)
+        self.steering.has_begun = True  # before it is looked at: whoever asks later finds motors that may move
+        if (halt := self.steering.halt) is not None:
+            raise StartError(f"{halt.reason}; nothing has moved")
         done = self._journal.finished_groups()
         report.groups_done = len(done)
         try:
@@ -123,31 +149,64 @@ class Runner:
             raise
         finally:
             report.is_complete = report.groups_done == report.groups
-            report.stop = stop(self._rig, self._clock, self._rig.spec.limits.safe_state)
+            report.stop = self._stop()
             report.loop = self._loop.statistics
             self._count(report.loop)
             self._say("end", f"{report.sentence}; {report.stop.sentence()}")
         return report
 
+    def _stop(self) -> StopReport:
+        """Bring the rig to the state that was asked for, or to its declared one."""
+        self.at.state = "stopping"
+        halt, began = self.steering.halt, self._clock.now()
+        declared = self._rig.spec.limits.safe_state
+
+        def note(first: StopReport) -> None:
+            self.steering.note_frozen(first)
+            if halt is not None and len(first.frozen) == len(self._rig.motors):
+                self.report.halted_s = began + first.frozen_s - halt.asked_s
+                if halt.is_emergency:
+                    self._say("frozen", f"all motors stand, {1e3 * self.report.halted_s:.0f} ms after the request")
+
+        return stop(self._rig, self._clock, (halt.state if halt is not None else None) or declared, note)
+
     def _run_all(self, done: frozenset[int] | set[int]) -> None:
         contact = self._power_up()
         motors = MotorMap(self._rig.spec, self._plan.pretension.mode, contact, self._tension)
-        total = sum(group.duration_s for group in self._groups)
         offsets, before = (0.0, 0.0), 0.0
         current: float | None = None
         for index, group in enumerate(self._groups):
             if index in done:
                 continue
+            self._rest_if_asked(group)
             if group.pretension_mm != current:
+                self.at.state = "setting pretension"
                 self._prepare(group.pretension_mm)
                 offsets, before = self._set_range(motors, group.pretension_mm, before, offsets)
                 current = group.pretension_mm
+            before_s = sum(earlier.duration_s for earlier in self._groups[:index])
+            self.at.state = "running"
+            self.at.begin(index, before_s, group.duration_s, self._loop.due)
             self._run_group(index, group)
+            self.at.end()
             if group.kind == "tracking" and self._mover is not None and self._mover.pretension_mm != before:
                 before, current = self._mover.pretension_mm, None
             self.report.groups_done += 1
-            self._progress(sum(g.duration_s for g in self._groups[: index + 1]), total)
+            self._progress(before_s + group.duration_s, self._total_s)
         pause(self._loop)  # a lever that loses its torque in mid-swing would go on swinging
+
+    def _rest_if_asked(self, group: Group) -> None:
+        """Cycle with the lever at zero and the tension held for as long as a pause is asked for; `group` comes next."""
+        if not self.steering.pause_asked:
+            return
+        self.at.state = "paused"
+        self._say("paused", f"the run rests before {_named(group)}")
+        self._journal.begin_segment(None, 0, Segment("idle", group.pretension_mm, math.nan, math.nan, 0), "pause")
+        while self.steering.pause_asked:
+            self._loop.cycle()
+            self._kept.clear()
+        self._journal.end_segment("complete")
+        self._say("resumed", f"the run goes on with {_named(group)}")
 
     def _power_up(self) -> Contact:
         """Configure the motors, put them under power where they are, bring the lever to zero, pull to contact."""
@@ -155,12 +214,14 @@ class Runner:
         rig.configure()
         rig.set_tendon_mode("position-with-current-limit")
         for motor in rig.motors:
+            self.steering.check()
             _under_torque(motor)
         angles = tuple(motor.angle() for motor in rig.tendons)
         loop.watch = Watch(origin=angles, goals=angles)
         loop.restart()
         lever, begin = rig.drive.angle(), loop.due
         loop.run(_LEVER_HOME_S, lambda time: lever * max(0.0, 1 - (time - begin) / _LEVER_HOME_S))
+        self.at.state = "pulling the tendons"
         self._say("pull", "the tendons are pulled to first contact")
         contact = pull_to_contact(loop, rig)
         self._guard.gyro_bias = _mean([sample.gyro_rad_s[0] for sample in loop.run(_BIAS_S)])
@@ -173,6 +234,7 @@ class Runner:
         angles = list(contact.angles)
         if mode != "position-with-current-limit":
             for index, motor in enumerate(self._rig.tendons):
+                self.steering.check()
                 before = motor.angle()
                 motor.torque_off()
                 motor.set_tendon_mode(mode)
@@ -283,6 +345,8 @@ class Runner:
     def _take(self, sample: Sample) -> None:
         self._journal.append(sample)
         self._kept.append(sample)
+        if (health := self._health.take(sample.time_s, sample.supply_v)) is not None:
+            self._say("health", health)
         if self._listener is not None:
             self._listener.on_sample(sample)
 

@@ -1,20 +1,21 @@
 """This is where the rig is brought to its declared safe state, whatever has happened before.
 
-*hold*: every motor is frozen where it is, with its output limited. *release*: the drive loses its torque, the tension
-is ramped down, then the tendon motors lose theirs. A motor that does not answer is asked again for a second: a line
-that is disturbed, or a motor that starts anew, may be back by then. Nothing here raises: what a motor does not do is
-said in the report, and the motors' own bus watchdog has the last word.
+First all motors are frozen where they are, with limited output, within milliseconds. *hold* leaves it at that.
+*release*: the tension is ramped down, then all motors lose their torque. A motor that does not answer is asked again
+for a second: a line that is disturbed, or a motor that starts anew, may be back by then. Nothing here raises: what a
+motor does not do is said in the report, and the motors' own bus watchdog has the last word.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 from functools import partial
 
+from sinew.bench.freeze import Frozen, freeze, freeze_alone
 from sinew.hardware.errors import DeviceError, HardwareError, PortError
 from sinew.hardware.motor import Motor
 from sinew.hardware.motor_registers import CURRENT_MODE
 from sinew.hardware.rig import Rig
-from sinew.hardware.servos import DriveServo, TendonServo
+from sinew.hardware.servos import TendonServo
 from sinew.hardware.transport import Clock
 
 __all__ = ["CURRENT_RAMP_S", "PERSIST_S", "RAMP_MOST_S", "RAMP_SPEED", "StopReport", "hold", "release", "stop"]
@@ -34,9 +35,6 @@ PERSIST_S = 1.0
 _AGAIN_S = 0.1
 _RAMP_STEP_S = 0.02
 _SLACK_COUNTS = 3
-_TENDON_HOLD_SHARE = 0.8  # of the rig's limit: what held the tendon must go on holding it
-_DRIVE_HOLD_SHARE = 0.2  # of the drive's full output
-
 
 Acts = dict[str, Callable[[], None]]
 """What is done to each motor, by name."""
@@ -48,12 +46,17 @@ class StopReport:
 
     declared: hold or release. reached: names of the motors that confirmed it. failed: (name, sentence) of the others.
     port_lost: the port is gone, so nobody could be asked; the bus watchdog has stopped the motors.
+    frozen: names of the motors that stood frozen, or had no torque, after the first stage; frozen_s: how long that
+    took [s]. took_s: until all was done [s].
     """
 
     declared: str
     reached: list[str] = field(default_factory=list)
     failed: list[tuple[str, str]] = field(default_factory=list)
     port_lost: bool = False
+    frozen: frozenset[str] = frozenset()
+    frozen_s: float = 0.0
+    took_s: float = 0.0
 
     @property
     def is_safe(self) -> bool:
@@ -73,34 +76,44 @@ class StopReport:
         return "release: tension let down, torque off on all motors"
 
 
-def stop(rig: Rig, clock: Clock, state: str) -> StopReport:
+def stop(rig: Rig, clock: Clock, state: str, on_frozen: Callable[[StopReport], None] | None = None) -> StopReport:
     """Bring the rig to a safe state, hold or release, and report how it was left.
 
-    Works from any state: how each motor runs is read from its registers.
+    Works from any state: how each motor runs is read from its registers. on_frozen: called with what is known so far
+    when the first stage is over.
     """
-    return hold(rig, clock) if state == "hold" else release(rig, clock)
+    start = clock.now()
+    report = StopReport(state)
+    try:
+        frozen = freeze(rig, clock)
+    except PortError:
+        frozen, report.port_lost = Frozen(), True
+    report.frozen, report.frozen_s = frozenset(frozen.names), frozen.took_s
+    if on_frozen is not None:
+        on_frozen(report)
+    (_hold if state == "hold" else _release)(report, rig, clock)
+    report.took_s = clock.now() - start
+    return report
 
 
 def hold(rig: Rig, clock: Clock) -> StopReport:
     """Freeze all motors where they are, with limited output and without the bus watchdog, and report."""
-    report = StopReport("hold")
-    limit = _TENDON_HOLD_SHARE * rig.spec.limits.tendon_current_a
-    acts: Acts = {tendon.name: partial(_freeze_tendon, tendon, limit) for tendon in rig.tendons}
-    _carry_out(report, clock, acts | {rig.drive.name: partial(_freeze_drive, rig.drive)})
-    return report
+    return stop(rig, clock, "hold")
 
 
 def release(rig: Rig, clock: Clock) -> StopReport:
-    """Take the torque from the drive, ramp the tension down, take the torque from the tendon motors; report."""
-    report = StopReport("release")
-    let_go: Acts = {motor.name: partial(_torque_off, motor) for motor in rig.motors}
-    drive = let_go.pop(rig.drive.name)
-    if not _try(report, rig.drive.name, drive):
-        let_go[rig.drive.name] = drive
+    """Freeze all motors, ramp the tension down, take the torque from all motors; report."""
+    return stop(rig, clock, "release")
+
+
+def _hold(report: StopReport, rig: Rig, clock: Clock) -> None:
+    _carry_out(report, clock, {motor.name: partial(_stay, rig, motor, report.frozen) for motor in rig.motors})
+
+
+def _release(report: StopReport, rig: Rig, clock: Clock) -> None:
     if not report.port_lost:
         _ramp_down(report, rig, clock)
-    _carry_out(report, clock, let_go)
-    return report
+    _carry_out(report, clock, {motor.name: partial(_torque_off, motor) for motor in rig.motors})
 
 
 def _carry_out(report: StopReport, clock: Clock, acts: Acts) -> None:
@@ -166,30 +179,12 @@ def _holds_current(motor: TendonServo) -> bool:
     return motor.get_count("operating_mode") == CURRENT_MODE
 
 
-def _freeze_tendon(motor: TendonServo, limit: float) -> None:
+def _stay(rig: Rig, motor: Motor, frozen: Container[str]) -> None:
+    """Have a motor stay frozen when nobody speaks any more; freeze it, if it is not."""
     if motor.watchdog_tripped():
         return  # it stands still already; clearing the watchdog would let it run to its old goal
-    if _holds_current(motor):
-        motor.set_goal_current(min(max(motor.current(), 0.0), limit))
-        motor.limit_output(limit)
-    else:
-        motor.limit_output(limit)
-        motor.set_goal_angle(motor.angle())
-    _stay(motor)
-
-
-def _freeze_drive(motor: DriveServo) -> None:
-    if motor.watchdog_tripped():
-        return
-    motor.limit_output(_DRIVE_HOLD_SHARE)
-    # Where it has swung beyond its window, its end is the nearest goal that it takes.
-    count = motor.get_count("present_position")
-    motor.set_count("goal_position", max(motor.goal_angle.low, min(count, motor.goal_angle.high)))
-    _stay(motor)
-
-
-def _stay(motor: Motor) -> None:
-    """Have a motor that was frozen stay so when nobody speaks any more."""
+    if motor.name not in frozen:
+        freeze_alone(rig, motor)
     motor.disarm_watchdog()
     if not motor.torque_is_on():
         raise DeviceError(f"{motor.name} has no torque, expected it to hold; has it shut down, or did its supply fail?")

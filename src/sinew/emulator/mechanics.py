@@ -45,13 +45,15 @@ class Horn:
     """One motor's end of the mechanics, in the counts of its encoder.
 
     index: of the motor in the plant; one beyond the tendons is the drive. sign: of the counts that the plant's
-    positive sense makes. zero_counts: what the encoder reads at the plant's angle zero.
+    positive sense makes. zero_counts: what the encoder reads at the plant's angle zero. law, law_since: what controls
+    the horn, and since when [s].
     """
 
     def __init__(self, mechanics: Mechanics, index: int, sign: int, zero_counts: float) -> None:
         self.index, self.sign, self.zero_counts = index, sign, zero_counts
         self._mechanics = mechanics
         self.law = Law()
+        self.law_since = 0.0
         mechanics.plant.set_law(index, self.law)
 
     def motion(self) -> HornMotion:
@@ -71,4 +73,4 @@ class Horn:
         """Control the horn by another law from now on."""
         if law != self.law:
             self._mechanics.catch_up().set_law(self.index, law)
-            self.law = law
+            self.law, self.law_since = law, self._mechanics.time

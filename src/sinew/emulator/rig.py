@@ -23,14 +23,15 @@ from sinew.plan.rig import RigSpec
 __all__ = ["EmulatedRig", "MotorState"]
 
 _RESTING = 0.05  # rad/s; below it a motor counts as standing still
+_STANDS_S = 0.02  # four cycles of a bench; a goal that has been the same for so long is not on its way
 
 
 @dataclass(frozen=True, slots=True)
 class MotorState:
     """The truth about a motor, whatever its registers say to a master.
 
-    torque: whether it is on. is_tripped: stopped by its bus watchdog. law: what its controller does.
-    angle [rad], speed [rad/s] and current [A]: in the plant's sense.
+    torque: whether it is on. is_tripped: stopped by its bus watchdog. law: what its controller does, and for how long
+    it has done just that [s]. angle [rad], speed [rad/s] and current [A]: in the plant's sense.
     """
 
     torque: bool
@@ -39,6 +40,7 @@ class MotorState:
     angle: float
     speed: float
     current: float
+    law_s: float = math.inf
 
     @property
     def is_moving(self) -> bool:
@@ -51,6 +53,14 @@ class MotorState:
         kept = self.law.kind in ("position", "current")
         held = kept and (self.law.duty_limit < 1 or self.law.current_limit < math.inf)
         return not self.torque or self.law.kind == "off" or held
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether it has no torque, or was told to stay and does: with limited output, or stopped by its watchdog.
+
+        What a joint that swings does to its horn is not its doing.
+        """
+        return not self.torque or (self.law_s >= _STANDS_S and (self.is_limited or self.is_tripped))
 
 
 class EmulatedRig:
@@ -201,13 +211,23 @@ class EmulatedRig:
         for device, motor in self.motors.items():
             horn = motor.horn.motion()
             states[device] = MotorState(
-                motor.torque, motor.is_tripped, motor.horn.law, horn.angle, horn.speed, horn.current
+                motor.torque,
+                motor.is_tripped,
+                motor.horn.law,
+                horn.angle,
+                horn.speed,
+                horn.current,
+                self.time - motor.horn.law_since,
             )
         return states
 
     def stopped(self) -> bool:
         """Return whether no motor moves of its own: each is without torque, or stands still."""
         return all(not state.torque or not state.is_moving for state in self.states().values())
+
+    def frozen(self) -> bool:
+        """Return whether no motor drives any more: each is without torque, or holds a goal that stands, limited."""
+        return all(state.is_frozen for state in self.states().values())
 
     def in_safe_state(self) -> bool:
         """Return whether each motor is without torque, or stands still and is limited or stopped by its watchdog."""

@@ -111,6 +111,10 @@ class TendonServo(Motor):
         """Set the operating mode that a plan calls so; errors as for `set_mode`."""
         self.set_mode(TENDON_MODES[mode])
 
+    def standstill_duty(self, current: float) -> float:
+        """Return the share of the supply, 0 to 1 and more, that drives a current [A] through the motor at rest."""
+        return current / self._stall_current
+
     def limit_output(self, current: float) -> None:
         """Have the motor, torque on or off, drive at most so much current through itself at rest [A].
 
@@ -123,7 +127,7 @@ class TendonServo(Motor):
             raise RegisterError(f"{self.name} cannot be limited to {current} A; expected a number that is not negative")
         mode = self.get_count("operating_mode")
         if mode != CURRENT_POSITION_MODE:
-            _limit_duty(self, current / self._stall_current)
+            _limit_duty(self, self.standstill_duty(current))
             if mode != CURRENT_MODE:
                 return
         count = int(min(current / self.table["goal_current"].scale + 1e-6, self.get_count("current_limit")))

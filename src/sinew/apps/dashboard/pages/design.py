@@ -7,7 +7,7 @@ from nicegui import ui
 
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
-from sinew.apps.dashboard.pages.runs import quantity
+from sinew.apps.dashboard.pages.quantity import quantity
 from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.work.shelf import read_shelf
 from sinew.measure.errors import SinewError
@@ -28,13 +28,13 @@ def add_design_page(site: Site) -> None:
     async def design() -> None:
         with framed(site, "Design", "/design"):
             ui.label("Design a joint").props("role=heading aria-level=1").classes("text-h6")
-            bench = Bench(site)
-            bench.lay_out()
+            sliders = _Sliders(site)
+            sliders.lay_out()
             await ui.context.client.connected()
-            await bench.change()
+            await sliders.change()
 
 
-class Bench:
+class _Sliders:
     """One viewer's joint while it is designed."""
 
     def __init__(self, site: Site) -> None:
@@ -54,7 +54,7 @@ class Bench:
                 )
                 self._suggestion = ui.label().props("id=sinew-suggestion role=status").classes("sinew-soft")
             with ui.element("div").classes("span-8").style("display: grid; gap: 0.75rem; align-content: start"):
-                with card("Gain: torsion over lever", 12):
+                with card("Gain: torsion over commanded amplitude", 12):
                     self._gain = Curves("gain")
                     self._gain.element.props("id=sinew-design-gain")
                 with card("Phase: lag of the torsion", 12):
@@ -115,35 +115,15 @@ class Bench:
             if "trouble" in found:
                 ui.label(found["trouble"]).classes("sinew-bad")
                 return
-            if found["peak"]:
-                ui.label(f"Largest gain {found['peak']['gain']:.3f} at {found['peak']['frequency_hz']:.3f} Hz").props(
-                    "id=sinew-peak"
-                )
-            if found["phase_90"]:
-                ui.label(f"Lag of 90° at {found['phase_90']['frequency_hz']:.3f} Hz")
-            count = len(found["folds"])
-            ui.label(
-                f"{count} folds: between them a sweep up and one down differ"
-                if count
-                else "No fold: one motion at each frequency"
-            )
-            how = (
-                f"error of the curve about {100 * found['error']:.2g} %" if fine else "a sketch while the sliders move"
-            )
-            ui.label(
-                f"The equations, {how}. The parameters' uncertainty is on the page Live and in sinew predict --bands."
-            ).classes("sinew-soft")
-            for check in found["checks"]:
+            for sentence in _sentences(found, fine):
+                ui.label(sentence).props("id=sinew-peak" if sentence.startswith("Largest") else "")
+            for check in found["validity"]:
                 if not check["holds"]:
                     ui.label(f"Mind: {check['sentence']}").classes("sinew-warn")
         marks = [(f["frequency_hz"], f["gain"], "fold") for f in found["folds"]]
-        for curves, what in ((self._gain, "gain"), (self._phase, "phase")):
-            curves.marked_hz = self._values["wanted_hz"]
-            curves.marks = marks if what == "gain" else []
-            stable = found["stable"]
-            curves.draw(
-                [Curve("this joint", found["frequency_hz"], found[what], is_line=True, is_stable=stable, number=0)]
-            )
+        for curves, values, marked in ((self._gain, "gain", marks), (self._phase, "phase_deg", [])):
+            curves.marked_hz, curves.marks = self._values["wanted_hz"], marked
+            curves.draw([Curve("this joint", found["frequency_hz"], found[values], (), (), True, found["stable"], 0)])
 
     async def _suggested(self) -> None:
         self._suggestion.set_text("Looking for it; this takes some seconds.")
@@ -184,3 +164,18 @@ def _sizes(rig: RigSpec) -> dict[str, float]:
         "amplitude_deg": 20.0,
         "wanted_hz": 3.6,
     }
+
+
+def _sentences(found: dict[str, Any], fine: bool) -> list[str]:
+    """Return what is to be said of a predicted curve."""
+    peak, lag, folds = found["peak"], found["phase_90"], len(found["folds"])
+    said = []
+    if peak:
+        said.append(f"Largest gain {peak['gain']:.3f} at {peak['frequency_hz']:.3f} Hz")
+    if lag:
+        said.append(f"Lag of 90° behind the lever at {lag['frequency_hz']:.3f} Hz")
+    many = f"{folds} folds: between them a sweep up and one down differ"
+    said.append(many if folds else "No fold: one motion at each frequency")
+    worth = f"{100 * found['error_estimate']:.2g} % of the curve's height"
+    how = f"Refined, to {worth}" if fine else f"A sketch while sliders move, right to {worth}"
+    return [*said, f"{how}; sinew predict --bands tells what the parameters leave open"]

@@ -18,6 +18,7 @@ _PAGES = (("Live", "/"), ("Plan", "/plan"), ("Runs", "/runs"), ("Design", "/desi
 def framed(site: Site, title: str, here: str) -> Iterator[None]:
     """Give the content of a page; the head stands already."""
     ui.page_title(f"{title} · Sinew")
+    ui.colors(primary="#0b5fa5", negative="#b3261e", positive="#0a6b4a", warning="#8a5300")
     ui.add_head_html(f'<link rel="stylesheet" href="/sinew/style.css?{site.version}">')
     script("sinew-config", {"steering_port": site.steering_port, "locked": site.is_locked})
     for name in ("theme", "steering"):
@@ -31,7 +32,7 @@ def framed(site: Site, title: str, here: str) -> Iterator[None]:
                     link.props('aria-current="page"')
         ui.element("div").props("id=sinew-controls")
         theme_choice()
-    with ui.element("main").classes("w-full").style("display: grid; gap: 0.75rem"):
+    with ui.element("div").classes("sinew-content"):
         yield
 
 

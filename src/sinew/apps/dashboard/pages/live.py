@@ -1,4 +1,4 @@
-"""This is where the live page is laid out: joint, oscilloscope, Lissajous figure, growing curves, state of the bench."""
+"""This is where the live page is laid out: joint, oscilloscope, Lissajous figure, curves, bench."""
 
 from nicegui import ui
 
@@ -25,7 +25,8 @@ def add_live_page(site: Site) -> None:
             ui.label("Live").props("role=heading aria-level=1").classes("sinew-hidden")
             nothing = "Nothing has run yet." if site.bench else "No bench: start sinew serve with --emulate."
             with ui.element("div").props("id=sinew-nothing").classes("sinew-card"):
-                empty(f"{nothing} Choose a plan on the page Plan; what is measured appears here as it comes.")
+                said = empty(f"{nothing} Choose a plan on the page Plan; what is measured appears here as it comes.")
+                said.props("id=sinew-nothing-yet role=status")
             ui.label().props("id=sinew-note role=alert hidden").classes("sinew-card sinew-bad")
             with ui.element("div").classes("sinew-grid"):
                 scene = _joint_card(rig)
@@ -78,7 +79,8 @@ def _scope_card() -> None:
         ui.html('<div id="sinew-legend" class="sinew-legend"></div>', sanitize=False)
         options = "".join(f'<option value="{s:g}"{" selected" if s == 5 else ""}>{s:g} s</option>' for s in _BASES_S)
         ui.html(
-            f'<div class="sinew-row"><label for="sinew-base">Time base</label><select id="sinew-base">{options}</select>'
+            '<div class="sinew-row"><label for="sinew-base">Time base</label>'
+            f'<select id="sinew-base">{options}</select>'
             '<button type="button" class="sinew-button" id="sinew-freeze" aria-pressed="false">Freeze</button></div>',
             sanitize=False,
         )
@@ -98,7 +100,8 @@ def _numbers_card() -> None:
             sanitize=False,
         )
         ui.html(
-            '<canvas id="sinew-lissajous" class="sinew-canvas" role="img" aria-label="Torsion over lever angle"></canvas>',
+            '<canvas id="sinew-lissajous" class="sinew-canvas" role="img" aria-label="Torsion over lever angle">'
+            "</canvas>",
             sanitize=False,
         ).classes("w-full")
 
@@ -123,9 +126,9 @@ def _bench_card() -> None:
 
 def _curves(site: Site) -> None:
     """Lay out gain and phase, which grow with the run."""
-    with card("Gain: torsion over lever", 6):
+    with card("Gain: torsion over commanded amplitude", 6):
         gain = Curves("gain")
-    with card("Phase: lag of the torsion", 6):
+    with card("Phase: lag of the torsion behind the lever", 6):
         phase = Curves("phase")
     seen = -1
 

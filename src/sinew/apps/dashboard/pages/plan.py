@@ -6,11 +6,11 @@ from typing import Any
 
 from nicegui import events, ui
 
+from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.site import Site
-from sinew.apps.dashboard.names import is_run_name
-from sinew.apps.dashboard.work.forms import fields_of, form_of, plan_from_form
+from sinew.apps.dashboard.work.form import fields_of, form_of, plan_from_form
 from sinew.apps.dashboard.work.shelf import read_shelf, shelf
 from sinew.measure.errors import SinewError
 from sinew.plan.plan import Plan
@@ -30,11 +30,11 @@ def add_plan_page(site: Site) -> None:
     async def plan() -> None:
         with framed(site, "Plan", "/plan"):
             ui.label("Plan a run").props("role=heading aria-level=1").classes("text-h6")
-            desk = Desk(site)
+            desk = _Desk(site)
             await desk.lay_out()
 
 
-class Desk:
+class _Desk:
     """One viewer's plan while it is prepared."""
 
     def __init__(self, site: Site) -> None:
@@ -62,7 +62,9 @@ class Desk:
                 with card("Drive amplitude that can be reached against a held head", 12):
                     self._reach = Curves("amplitude_drive")
                 with card("The plan as a file", 12):
-                    self._text = ui.code("", language="toml").classes("w-full").props("tabindex=0")
+                    self._text = (
+                        ui.label().classes("sinew-code").props('tabindex=0 role=region aria-label="Plan as TOML"')
+                    )
         await self._take(_FIRST_PLAN)
 
     def _choose(self) -> None:
@@ -103,42 +105,31 @@ class Desk:
         await self._check()
 
     def _part(self, part: str, title: str) -> None:
-        fields = [
-            field for field in self._fields if field["path"].rpartition(".")[0] == part and field["type"] != "part"
-        ]
-        optional = any(
-            field["path"] == part and field["type"] == "part" and not field["required"] for field in self._fields
-        )
-        box = (
-            ui.element("fieldset")
-            .classes("w-full")
-            .style("border: 1px solid var(--line); border-radius: 0.5rem; padding: 0.5rem 0.7rem")
-        )
-        with box:
-            ui.element("legend").style("padding: 0 0.4rem").add_slot("default", f"<b>{title}</b>")
-            if optional:
-                is_on = self._values.get(part) is not None and self._values.get(part) is not False
-                switch = ui.switch("part of this plan", value=is_on)
-                rows = ui.element("div").classes("sinew-fields")
-                rows.bind_visibility_from(switch, "value")
-
-                async def turned(event: events.ValueChangeEventArguments, part: str = part) -> None:
-                    self._values[part] = event.value
-                    await self._check()
-
-                switch.on_value_change(turned)
-            else:
-                rows = ui.element("div").classes("sinew-fields")
+        fields = [field for field in self._fields if field["part"] == part and field["type"] != "part"]
+        optional = any(field["path"] == part and not field["required"] for field in self._fields)
+        with ui.element("fieldset").classes("sinew-part"):
+            with ui.element("legend"):
+                ui.label(title).classes("text-bold")
+            switch = ui.switch("part of this plan", value=bool(self._values.get(part))) if optional else None
+            rows = ui.element("div").classes("sinew-fields")
             with rows:
                 for field in fields:
                     self._field(field)
+        if switch is not None:
+            rows.bind_visibility_from(switch, "value")
+
+            async def turned(event: events.ValueChangeEventArguments[Any]) -> None:
+                self._values[part] = event.value
+                await self._check()
+
+            switch.on_value_change(turned)
 
     def _field(self, field: dict[str, Any]) -> None:
         path = field["path"]
         value = self._values.get(path, field["default"])
         label = field["title"]
 
-        async def changed(event: events.ValueChangeEventArguments, path: str = path) -> None:
+        async def changed(event: events.ValueChangeEventArguments[Any], path: str = path) -> None:
             self._values[path] = event.value
             await self._check()
 
@@ -152,7 +143,7 @@ class Desk:
             made.tooltip(field["help"])
         self._inputs[path] = made
 
-    async def _change_rig(self, event: events.ValueChangeEventArguments) -> None:
+    async def _change_rig(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._rig = event.value
         await self._check()
 
@@ -174,7 +165,7 @@ class Desk:
                 return
             ui.spinner(size="2rem").props('aria-label="The preview is computed"')
             ui.label("The twin swings through the plan once.").classes("sinew-soft")
-        self._text.set_content(self._toml)
+        self._text.set_text(self._toml)
         try:
             rig = read_shelf("rigs", self._rig, self._site.runs)
             found = await self._site.work.call("preview_document", self._toml, rig, key=f"preview {id(self)}")

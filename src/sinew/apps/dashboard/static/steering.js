@@ -31,20 +31,31 @@ async function ask(path, body, more = {}) {
   return { code: answer.status, said };
 }
 
+// A tab keeps its ticket from page to page, so that who is in control stays so.
+function keep() { try { sessionStorage.setItem("sinew-ticket", JSON.stringify([ticket, number])); } catch { /* storage is off */ } }
+try { [ticket, number] = JSON.parse(sessionStorage.getItem("sinew-ticket")) ?? [null, 0]; } catch { /* nothing was kept */ }
+
 async function takeTicket() {
   const { code, said } = await ask("/ticket", {});
   if (code !== 200) { ticket = null; return code; }
   ticket = said.ticket; number = said.number ?? 0;
+  keep();
   return code;
+}
+
+function numbered(command, more) {
+  number += 1;
+  keep();
+  return { ticket, number, command, ...more };
 }
 
 async function send(command, more = {}) {
   if (ticket === null && (await takeTicket()) !== 200) { signIn(`Sign in to ${words(command)}.`); return { ok: false }; }
-  let answer = await ask("/command", { ticket, number: ++number, command, ...more }, { keepalive: command === "emergency" });
-  if (answer.code === 401 || (answer.code === 403 && answer.said.ticket === false)) {
+  let answer = await ask("/command", numbered(command, more), { keepalive: command === "emergency" });
+  if (answer.code === 401 || answer.said.ticket === false) {
     ticket = null;
     if ((await takeTicket()) !== 200) { signIn(`Sign in to ${words(command)}.`); return { ok: false }; }
-    answer = await ask("/command", { ticket, number: ++number, command, ...more });
+    answer = await ask("/command", numbered(command, more));
   }
   return { ok: answer.code < 300, code: answer.code, ...answer.said };
 }
@@ -85,8 +96,8 @@ async function login(token) {
   const answer = await fetch("/login", {
     method: "POST", credentials: "same-origin", headers: { "content-type": "application/json" }, body: JSON.stringify({ token }),
   });
-  if (answer.ok) { await takeTicket(); poll(); return ""; }
   const said = await answer.json().catch(() => ({}));
+  if (answer.ok) { await takeTicket(); poll(); return ""; }
   return said.sentence ?? `The token was not accepted (${answer.status}).`;
 }
 
@@ -188,6 +199,6 @@ if (given) {
   history.replaceState(null, "", location.pathname + location.search);
   const trouble = await login(given);
   if (trouble) signIn(trouble); else if (config.locked) location.reload();
-} else await takeTicket().catch(() => null);
+} else if (ticket === null) await takeTicket().catch(() => null);
 await poll();
 setInterval(poll, POLL_MS);

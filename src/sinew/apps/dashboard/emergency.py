@@ -1,0 +1,165 @@
+"""This is where a bench is brought to rest at once, whatever else is going on.
+
+A thread is kept for it, so that nothing can queue before it, and everything it needs is loaded beforehand. A run that
+is under way is asked first, for it holds the port; where it does not confirm in time its process is ended, whereupon
+the motors' own watchdogs act within 0.1 s, and the bench is brought to its declared safe state from here.
+"""
+
+import signal
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+from sinew.apps.bench_run import open_rig
+from sinew.apps.dashboard.processes import await_end
+from sinew.apps.dashboard.run_folders import Control, Run
+from sinew.bench.stops import StopReport, stop
+from sinew.hardware import serial_port as _serial_port  # noqa: F401 - open_rig imports it late
+from sinew.hardware.errors import PortError
+from sinew.measure.errors import SinewError
+from sinew.plan.rig import RigSpec
+
+__all__ = ["CONFIRM_S", "Emergency", "Order", "Outcome", "bring_to_rest"]
+
+CONFIRM_S = 0.15
+"""Within so long a run must confirm that it has stopped [s]."""
+
+_DIES_S = 1.0
+_PORT_S = 0.5
+_LOOK_S = 0.01
+
+Rest = Callable[[str, RigSpec, str | None, Callable[[StopReport], None]], StopReport]
+"""What brings the bench behind a port to a state, None for the rig's own: (port, rig, state, on_frozen) -> report."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a stop went. at: [s since 1970]. took: until the motors stood still, else until we gave up [s]."""
+
+    is_safe: bool
+    sentence: str
+    at: float
+    took: float
+
+
+class Order:
+    """A stop that was ordered. answer: what can be told once the motors stand still. end: once all is done."""
+
+    def __init__(self) -> None:
+        self.answer: Future[Outcome] = Future()
+        self.end: Future[Outcome] = Future()
+        self._at, self._start = time.time(), time.monotonic()
+
+    def tell(self, is_safe: bool, sentence: str) -> None:
+        """Answer, where that was not done before."""
+        if not self.answer.done():
+            self.answer.set_result(Outcome(is_safe, sentence, self._at, time.monotonic() - self._start))
+
+    def close(self, is_safe: bool, sentence: str) -> Outcome:
+        """Tell the end, and return it."""
+        self.tell(is_safe, sentence)
+        outcome = Outcome(is_safe, sentence, self._at, self.answer.result().took)
+        self.end.set_result(outcome)
+        return outcome
+
+
+class Emergency:
+    """The thread that brings a bench to rest. control: asks a run. rest: stops a bench that no run holds."""
+
+    def __init__(self, control: Control, rest: Rest) -> None:
+        self._control, self._rest = control, rest
+        self._thread = ThreadPoolExecutor(1, "emergency")
+        self._thread.submit(int).result()
+        self._lock = threading.Lock()
+        self._order: Order | None = None
+        self.last: Outcome | None = None
+
+    @property
+    def is_under_way(self) -> bool:
+        """Whether the bench is being brought to rest right now."""
+        order = self._order
+        return order is not None and not order.end.done()
+
+    def order(self, run: Run | None, port: str | None, spec: RigSpec, state: str | None = None) -> Order:
+        """Bring the bench to rest, and return what will tell how that goes; a second order joins the first.
+
+        run: that holds the port, if any. state: hold or release; None: the rig's own.
+        """
+        with self._lock:
+            if self._order is None or self._order.end.done():
+                self._order = Order()
+                self._thread.submit(self._act, self._order, run, port, spec, state)
+            return self._order
+
+    def close(self) -> None:
+        """Let go of the thread once it has done its work."""
+        self._thread.shutdown()
+
+    def _act(self, order: Order, run: Run | None, port: str | None, spec: RigSpec, state: str | None) -> None:
+        is_safe, sentence = False, "the stop broke off; switch the supply off"
+        try:
+            is_safe, sentence = self._stop(order, run, port, spec, state)
+        finally:
+            self.last = order.close(is_safe, sentence)
+
+    def _stop(
+        self, order: Order, run: Run | None, port: str | None, spec: RigSpec, state: str | None
+    ) -> tuple[bool, str]:
+        before = ""
+        if run is not None and run.process.poll() is None:
+            confirmed = self._ask(run)
+            if confirmed is not None:
+                return True, confirmed
+            run.process.send_signal(signal.SIGKILL)
+            if not await_end(run.process, _DIES_S):
+                return False, f"the run {run.name} does not end (process {run.process.pid}); switch the supply off"
+            before = f"the run {run.name} did not confirm and was ended; "
+        if port is None:
+            return bool(before), f"{before}no bench is connected here, so no motor was told anything"
+        rig = spec if run is None else run.spec
+
+        def tell_frozen(report: StopReport) -> None:
+            if len(report.frozen) == 1 + rig.tendons.count:
+                order.tell(True, f"{before}all motors stand still; {state or rig.limits.safe_state} follows")
+
+        try:
+            report = self._rest(port, rig, state, tell_frozen)
+        except SinewError as trouble:
+            return False, f"{before}{trouble}; switch the supply off"
+        return report.is_safe, f"{before}{report.sentence()}"
+
+    def _ask(self, run: Run) -> str | None:
+        """Return what a run says that confirms within the time it has, else None; nothing it does can hold us up."""
+        answers: Future[str | None] = Future()
+
+        def ask() -> None:
+            try:
+                answer = self._control(run.folder, "emergency", timeout_s=CONFIRM_S)
+                answers.set_result(str(answer.get("sentence", "")) if answer.get("ok") is True else None)
+            except Exception:  # whatever is wrong with the run, what comes next is its end
+                answers.set_result(None)
+
+        threading.Thread(target=ask, daemon=True).start()
+        try:
+            return answers.result(CONFIRM_S)
+        except TimeoutError:
+            return None
+
+
+def bring_to_rest(port: str, spec: RigSpec, state: str | None, on_frozen: Callable[[StopReport], None]) -> StopReport:
+    """Bring the bench behind a port to a state, hold or release; None: the rig's declared one.
+
+    on_frozen: called once the motors were told to stand still. The port of a run that was ended may be taken for a
+    moment yet. Raises PortError if it stays so.
+    """
+    end = time.monotonic() + _PORT_S
+    while True:
+        try:
+            with open_rig(port, spec) as (bench, clock):
+                return stop(bench, clock, state or spec.limits.safe_state, on_frozen)
+        except PortError:
+            if time.monotonic() >= end:
+                raise
+        time.sleep(_LOOK_S)

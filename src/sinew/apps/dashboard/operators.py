@@ -1,0 +1,98 @@
+"""This is where it is known who looks on, who operates, and which commands were heard before.
+
+Each page that is loaded takes a ticket and numbers its commands. A number that is not greater than the last one is a
+command that was heard already, sent again by whoever recorded it. One ticket at most operates; it does so until it
+gives that up or another takes over, which is a command of its own and never happens by the way.
+"""
+
+import secrets
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from sinew.apps.dashboard.refusal import RefusedError
+
+__all__ = ["Operators", "Ticket"]
+
+_MOST_TICKETS = 1000
+_PRESENT_S = 30.0
+
+
+@dataclass
+class Ticket:
+    """A page that was loaded. id: known to that page only. name: known to all. number: of its last command."""
+
+    id: str
+    name: str
+    number: int = 0
+    seen: float = field(default=0.0, repr=False)
+
+
+class Operators:
+    """Tickets and the operator among them. clock: monotonic [s]; wall: what the time is for people [s since 1970]."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic, wall: Callable[[], float] = time.time) -> None:
+        self._clock, self._wall = clock, wall
+        self._tickets: dict[str, Ticket] = {}
+        self._given = 0
+        self._operator: Ticket | None = None
+        self._since = 0.0
+
+    def give_ticket(self) -> Ticket:
+        """Return a new ticket. The one that was silent longest makes room, though never the operator's."""
+        if len(self._tickets) >= _MOST_TICKETS:
+            others = [ticket for ticket in self._tickets.values() if ticket is not self._operator]
+            del self._tickets[min(others, key=lambda ticket: ticket.seen).id]
+        self._given += 1
+        ticket = Ticket(secrets.token_urlsafe(16), f"page {self._given}", seen=self._clock())
+        self._tickets[ticket.id] = ticket
+        return ticket
+
+    def admit(self, ticket_id: str, number: int) -> Ticket:
+        """Return the ticket of a command, which is heard now. Raises RefusedError for one unknown or heard before."""
+        ticket = self._tickets.get(ticket_id)
+        if ticket is None:
+            raise RefusedError(403, "found a ticket that was not given here; load the page again", knows_ticket=False)
+        if number <= ticket.number:
+            raise RefusedError(
+                409, f"found command {number} again, expected one after {ticket.number}; nothing was done"
+            )
+        ticket.number, ticket.seen = number, self._clock()
+        return ticket
+
+    def see(self, ticket_id: str | None) -> None:
+        """Note that a page is still there."""
+        if ticket_id is not None and (ticket := self._tickets.get(ticket_id)) is not None:
+            ticket.seen = self._clock()
+
+    def take(self, ticket: Ticket) -> str:
+        """Make a ticket the operator's, and return a sentence that says from whom."""
+        before, self._operator = self._operator, ticket
+        if before is ticket:
+            return "this page operates the bench already"
+        self._since = self._wall()
+        return "this page operates the bench now" + (f"; {before.name} did before" if before else "")
+
+    def give(self, ticket: Ticket) -> str:
+        """Leave the bench without an operator. Raises RefusedError where somebody else operates."""
+        self.require_operator(ticket)
+        self._operator = None
+        return "nobody operates the bench now"
+
+    def require_operator(self, ticket: Ticket) -> None:
+        """Raise RefusedError, naming the operator, where a ticket is not the operator's."""
+        if self._operator is None:
+            raise RefusedError(403, "nobody operates the bench; take it over first")
+        if self._operator is not ticket:
+            raise RefusedError(403, f"{self._operator.name} operates the bench; take it over first")
+
+    def viewers(self) -> int:
+        """Return how many pages were heard of within the last half minute."""
+        return sum(self._clock() - ticket.seen < _PRESENT_S for ticket in self._tickets.values())
+
+    def operator(self, asking: str | None) -> dict[str, object] | None:
+        """Return who operates since when [s since 1970], and whether that is the ticket `asking`; None for nobody."""
+        if self._operator is None:
+            return None
+        mine = asking is not None and secrets.compare_digest(self._operator.id.encode(), asking.encode())
+        return {"name": self._operator.name, "since": self._since, "mine": mine}

@@ -1,0 +1,148 @@
+"""This is where commands to the bench arrive: an application of a few lines, on a port of its own, beside the page.
+
+The page's server draws, streams and computes, and may be busy. Nothing of that happens here: what may block runs in
+threads, and the emergency stop in one that is kept for it.
+"""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any, Literal, Protocol
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.applications import Starlette
+from starlette.middleware.cors import CORSMiddleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
+from sinew.apps.dashboard.access import Access, Gate
+from sinew.apps.dashboard.emergency import Outcome
+from sinew.apps.dashboard.operators import Operators, Ticket
+from sinew.apps.dashboard.refusal import RefusedError
+
+__all__ = ["TICKET_HEADER", "Helm", "SteeringCommand", "steering_app"]
+
+TICKET_HEADER = "X-Sinew-Ticket"
+"""Header in which a page says who it is when it asks for the status; the query `ticket` does, too."""
+
+_Text = Annotated[str, Field(max_length=256 * 1024)]
+
+
+class SteeringCommand(BaseModel):
+    """What a page says, and in which order. number: greater than that of its last command."""
+
+    model_config = ConfigDict(frozen=True, strict=True)
+
+    ticket: Annotated[str, Field(max_length=64)]
+    number: Annotated[int, Field(ge=1, le=2**53)]
+    command: Literal["take", "give", "start", "pause", "resume", "hold", "release", "stop"]
+    plan: _Text | None = None
+    rig: _Text | None = None
+    name: _Text | None = None
+
+
+class Helm(Protocol):
+    """What steers: the steward. Everything but `emergency` may block."""
+
+    @property
+    def operators(self) -> Operators:
+        """Return who looks on and who operates."""
+
+    def status(self, asking: str | None) -> dict[str, Any]:
+        """Return what is going on, as seen by a ticket; never blocks."""
+
+    def start(self, name: str, plan: str, rig: str) -> str:
+        """Begin a run. Raises RefusedError."""
+
+    def tell(self, command: str) -> str:
+        """Tell the run something. Raises RefusedError."""
+
+    def emergency(self) -> Awaitable[Outcome]:
+        """Bring the bench to rest at once."""
+
+
+def steering_app(access: Access, helm: Helm) -> ASGIApp:
+    """Return the application of the steering port: POST /ticket, POST /command, GET /status.
+
+    Answers are JSON, {"ok", "sentence", ...} and a status of 4xx where a command is not carried out.
+    """
+    desk = _Desk(access, helm)
+    routes = [
+        Route("/ticket", _signed_in(access, desk.ticket), methods=["POST"]),
+        Route("/command", _signed_in(access, desk.command), methods=["POST"]),
+        Route("/status", desk.status, methods=["GET"]),
+    ]
+    gate = Gate(Starlette(routes=routes), access, must_sign_in=not access.is_loopback, free=())
+    return CORSMiddleware(
+        gate,
+        allow_origins=access.origins(),
+        allow_credentials=True,
+        allow_methods=["GET", "POST"],
+        allow_headers=["Content-Type", "Authorization", TICKET_HEADER],
+    )
+
+
+class _Desk:
+    """What is behind the routes."""
+
+    def __init__(self, access: Access, helm: Helm) -> None:
+        self._access, self._helm = access, helm
+
+    async def ticket(self, _request: Request) -> Response:
+        ticket = self._helm.operators.give_ticket()
+        return JSONResponse({"ok": True, "ticket": ticket.id, "number": 0, "name": ticket.name})
+
+    async def status(self, request: Request) -> Response:
+        asking = request.headers.get(TICKET_HEADER) or request.query_params.get("ticket")
+        told = self._helm.status(asking)
+        return JSONResponse(told | {"signed_in": self._access.is_signed_in(request)})
+
+    async def command(self, request: Request) -> Response:
+        try:
+            told = json.loads(await request.body())
+        except (ValueError, RecursionError):
+            return _said(400, "found no JSON, expected a command")
+        if isinstance(told, dict) and told.get("command") == "emergency":
+            # Whoever is signed in may stop the bench, however old the page: to stop it twice harms nobody.
+            outcome = await asyncio.shield(self._helm.emergency())
+            return _said(200 if outcome.is_safe else 409, outcome.sentence, took_ms=1e3 * outcome.took)
+        try:
+            command = SteeringCommand.model_validate(told)
+            ticket = self._helm.operators.admit(command.ticket, command.number)
+            return _said(200, await self._carry_out(command, ticket))
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False)[0]
+            where = ".".join(map(str, first["loc"])) or "the command"
+            return _said(422, f"{where}: {first['msg']}")
+        except RefusedError as refusal:
+            return _said(refusal.status, str(refusal), **({} if refusal.knows_ticket else {"ticket": False}))
+
+    async def _carry_out(self, command: SteeringCommand, ticket: Ticket) -> str:
+        operators = self._helm.operators
+        if command.command == "take":
+            return operators.take(ticket)
+        if command.command == "give":
+            return operators.give(ticket)
+        operators.require_operator(ticket)
+        if command.command != "start":
+            return await asyncio.to_thread(self._helm.tell, command.command)
+        if command.plan is None or command.rig is None or command.name is None:
+            raise RefusedError(422, "found a start without plan, rig or name; expected all three")
+        return await asyncio.to_thread(self._helm.start, command.name, command.plan, command.rig)
+
+
+def _signed_in(access: Access, answer: Callable[[Request], Awaitable[Response]]) -> Callable[..., Awaitable[Response]]:
+    """Return an endpoint that only those get to who are signed in, also where looking takes no token."""
+
+    async def endpoint(request: Request) -> Response:
+        if not access.is_signed_in(request):
+            return _said(401, "nobody is signed in; sign in with the token that `sinew serve` printed")
+        return await answer(request)
+
+    return endpoint
+
+
+def _said(status: int, sentence: str, **more: object) -> Response:
+    return JSONResponse({"ok": status < 400, "sentence": sentence, **more}, status)

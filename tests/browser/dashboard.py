@@ -1,0 +1,121 @@
+"""`sinew serve` for tests in a real browser: a process of its own, its address, its end."""
+
+import json
+import os
+import select
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+__all__ = ["ARGUMENTS", "CHROMIUM", "Served", "served", "token_of"]
+
+SINEW = Path(sys.executable).with_name("sinew")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+PATIENCE = 120.0
+
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+]
+
+
+@dataclass
+class Served:
+    """A dashboard at work. link: its address with the token. runs: its folder of runs."""
+
+    link: str
+    runs: Path
+    process: subprocess.Popen[str]
+
+    @property
+    def base(self) -> str:
+        """The address without the token."""
+        return self.link.split("/#")[0]
+
+    def truth(self) -> dict[str, Any]:
+        """End it, the emulator with it, and return what truly happened on the bench."""
+        self.process.send_signal(signal.SIGTERM)
+        self.process.wait(PATIENCE)
+        return dict(json.loads((self.runs / ".bench" / "truth.json").read_text()))
+
+    def page_process(self) -> int:
+        """Return the number of the process that serves the pages."""
+        for path in Path("/proc").glob("[0-9]*/cmdline"):
+            try:
+                words = path.read_bytes().split(b"\0")
+                parent = int((path.parent / "stat").read_text().rpartition(")")[2].split()[1])
+            except (OSError, ValueError):
+                continue
+            if b"sinew.apps.dashboard.page_server" in words and parent == self.process.pid:
+                return int(path.parent.name)
+        raise AssertionError("no process serves pages")
+
+    def await_run(self, seconds: float = PATIENCE) -> Path:
+        """Return the folder of the first run that has a journal."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            found = sorted(self.runs.glob("*/journal.sqlite"))
+            if found:
+                return found[0].parent
+            time.sleep(0.1)
+        raise AssertionError("no run begins")
+
+
+def token_of(served: Served) -> str:
+    return served.link.partition("token=")[2]
+
+
+def two_ports() -> int:
+    """Return a port that is free, as is the next one."""
+    for _ in range(100):
+        with socket.socket() as one, socket.socket() as other:
+            one.bind(("127.0.0.1", 0))
+            port = int(one.getsockname()[1])
+            try:
+                other.bind(("127.0.0.1", port + 1))
+            except OSError:
+                continue
+            return port
+    raise AssertionError("no two ports in a row are free")
+
+
+@contextmanager
+def served(runs: Path, *options: str) -> Iterator[Served]:
+    """Give a dashboard whose pages are up; it is over at the end, whatever happens."""
+    runs.mkdir(parents=True, exist_ok=True)
+    command = [str(SINEW), "serve", "--runs", str(runs), "--http", f"127.0.0.1:{two_ports()}", *options]
+    with (runs / "serve.err").open("w") as err:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=err, text=True, start_new_session=True)
+    try:
+        assert process.stdout is not None
+        if not select.select([process.stdout], [], [], PATIENCE)[0]:
+            pytest.fail(f"the dashboard does not get ready: {(runs / 'serve.err').read_text()}")
+        link = process.stdout.readline().strip()
+        assert "#token=" in link, (runs / "serve.err").read_text()
+        yield Served(link, runs, process)
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+            try:
+                process.wait(30.0)
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        if process.stdout is not None:
+            process.stdout.close()

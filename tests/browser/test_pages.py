@@ -1,0 +1,188 @@
+"""The pages in a real browser, without a bench: what a designer and a reader of past runs see and do."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.browser.dashboard import Served
+
+from sinew.measure.netcdf import load_recording
+
+axe_api = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: make setup-dev installs it")
+
+pytestmark = pytest.mark.slow
+
+Open = Callable[..., Any]
+
+PAGES = {
+    "/": "#sinew-scope",
+    "/plan": "#sinew-duration",
+    "/runs": "#sinew-open",
+    "/runs/soft,stiff": "a[data-kind=csv]",
+    "/design": "#sinew-peak",
+}
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("path", PAGES)
+def test_axe_finds_nothing_serious(opened: Open, shown: Served, path: str, theme: str) -> None:
+    page = opened(shown, path, theme=theme)
+    page.wait_for_selector(PAGES[path])
+    page.wait_for_timeout(500)
+    found = axe_api.Axe().run(page).response["violations"]
+    serious = [
+        (rule["id"], node["html"][:160], node["failureSummary"][:200])
+        for rule in found
+        if rule["impact"] in ("serious", "critical")
+        for node in rule["nodes"]
+    ]
+    assert serious == []
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_a_phone_shows_the_page_without_scrolling_sideways_and_the_stop(opened: Open, shown: Served, path: str) -> None:
+    page = opened(shown, path, size=(390, 780))
+    page.wait_for_selector(PAGES[path], state="attached")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 391
+    box = page.locator("#sinew-emergency").bounding_box()
+    assert box is not None
+    assert box["y"] + box["height"] <= 781
+    assert box["width"] > 300
+
+
+def test_a_slider_changes_the_curve_within_200_ms(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/design")
+    page.wait_for_selector("#sinew-peak")
+    page.wait_for_timeout(3000)
+    page.evaluate("""() => {
+      const chart = document.querySelector('#sinew-design-gain');
+      const drawing = () => [...chart.querySelectorAll('path')].map(p => p.getAttribute('d')).join('');
+      window.times = [];
+      document.addEventListener('keydown', () => {
+        const before = drawing(), began = performance.now();
+        const look = () => {
+          if (drawing() === before) requestAnimationFrame(look);
+          else window.times.push(performance.now() - began);
+        };
+        look();
+      }, true);
+    }""")
+    page.locator("#sinew-slider-length_mm [role=slider], #sinew-slider-length_mm .q-slider__thumb").first.focus()
+    for _ in range(9):
+        page.keyboard.press("ArrowRight")
+        page.wait_for_timeout(1200)
+    times = sorted(page.evaluate("window.times"))
+    assert len(times) == 9
+    assert times[4] < 200.0
+
+
+def test_two_runs_are_laid_over_one_another(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/runs")
+    for name in ("soft", "stiff"):
+        page.locator("tr", has_text=name).locator("[role=checkbox]").first.click()
+    page.click("#sinew-open")
+    page.wait_for_url("**/runs/*,*")
+    page.wait_for_selector("a[data-kind=csv]")
+    legend = page.locator(".nicegui-echart").first.inner_text()
+    assert "soft, 2 mm" in legend
+    assert "stiff, 8 mm" in legend
+
+
+def test_a_row_opens_its_run_and_its_numbers_have_units_and_intervals(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/runs")
+    page.locator("td", has_text="soft").first.click()
+    page.wait_for_url("**/runs/soft")
+    row = page.locator("tr", has_text="resonance frequency").first
+    assert " Hz (" in row.inner_text()
+
+
+def test_a_search_leaves_what_fits(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/runs")
+    page.fill("input[type=search]", "stiff")
+    page.wait_for_function("document.querySelectorAll('tbody tr').length === 1")
+    assert "stiff" in page.locator("tbody tr").inner_text()
+
+
+def test_a_recording_is_downloaded_whole(opened: Open, shown: Served, tmp_path: Path) -> None:
+    page = opened(shown, "/runs/soft")
+    page.wait_for_selector("a[data-kind=recording]")
+    with page.expect_download() as download:
+        page.click("a[data-kind=recording]")
+    download.value.save_as(tmp_path / "got.nc")
+    got, kept = load_recording(tmp_path / "got.nc"), load_recording(shown.runs / "soft" / "recording.nc")
+    assert got.identical(kept)
+
+
+@pytest.mark.parametrize("kind", ["csv", "mat", "report"])
+def test_the_other_files_are_downloaded_too(opened: Open, shown: Served, tmp_path: Path, kind: str) -> None:
+    page = opened(shown, "/runs/soft")
+    page.wait_for_selector(f"a[data-kind={kind}]")
+    with page.expect_download(timeout=120_000) as download:
+        page.click(f"a[data-kind={kind}]")
+    assert Path(download.value.path()).stat().st_size > 1000
+
+
+def test_a_damaged_run_is_said_to_be_and_the_others_are_shown(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/runs/damaged,soft")
+    page.wait_for_selector("a[data-kind=csv]")
+    assert page.locator(".sinew-bad", has_text="not").count() >= 1
+
+
+@pytest.mark.parametrize("path", ["/runs", "/runs/odd", "/runs/odd,soft"])
+def test_a_script_in_a_name_is_text(opened: Open, shown: Served, path: str) -> None:
+    page = opened(shown, path)
+    page.wait_for_selector("#sinew-open, a[data-kind=csv]")
+    page.wait_for_timeout(500)
+    assert page.evaluate("window.pwned") is None
+    assert page.locator("img[src=x]").count() == 0
+
+
+def test_a_wrong_field_is_told_at_its_place_and_nothing_can_start(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/plan")
+    page.wait_for_selector("#sinew-duration")
+    page.get_by_label("Repeats").first.fill("many")
+    page.wait_for_selector("text=found 'many', expected")
+    assert page.locator("#sinew-start").is_disabled()
+
+
+def test_a_plan_beyond_the_rig_is_refused_in_words(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/plan")
+    page.wait_for_selector("#sinew-duration")
+    page.get_by_label("Pretensions / mm").fill("2, 60")
+    page.wait_for_selector("text=Refused:")
+    assert page.locator("#sinew-start").is_disabled()
+
+
+def test_who_is_not_signed_in_may_watch_and_is_asked_for_the_token(opened: Open, shown: Served) -> None:
+    page = opened(shown, "/", signed_in=False)
+    page.click("#sinew-take")
+    page.fill("#sinew-token", "wrong")
+    page.keyboard.press("Enter")
+    page.wait_for_function("document.querySelector('dialog [role=alert]').textContent.length > 10")
+    assert page.evaluate("Sinew.status().signed_in") is False
+
+
+def test_the_token_leaves_the_address_at_once(opened: Open, shown: Served) -> None:
+    page = opened(shown)
+    assert "token" not in page.url
+
+
+def test_the_theme_that_was_chosen_is_remembered(opened: Open, shown: Served) -> None:
+    page = opened(shown)
+    page.select_option("#sinew-theme", "dark")
+    page.goto(shown.base + "/runs")
+    page.wait_for_function("document.body.classList.contains('body--dark')")
+    assert page.input_value("#sinew-theme") == "dark"
+
+
+def test_control_stays_with_the_tab_from_page_to_page_and_is_taken_over_on_purpose(opened: Open, shown: Served) -> None:
+    first, second = opened(shown), opened(shown)
+    first.click("#sinew-take")
+    first.wait_for_function("Sinew.status().operator && Sinew.status().operator.mine")
+    first.goto(shown.base + "/runs")
+    first.wait_for_function("window.Sinew && Sinew.status() && Sinew.status().operator?.mine")
+    second.wait_for_function("document.querySelector('#sinew-take').textContent === 'Take over'")
+    second.click("#sinew-take")
+    first.wait_for_function("Sinew.status().operator && !Sinew.status().operator.mine")
+    assert first.inner_text("#sinew-who") == "Somebody else is in control"

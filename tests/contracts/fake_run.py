@@ -1,0 +1,60 @@
+"""A run that is none: it listens where `sinew run` does and moves nothing. Its plan's name says how it behaves.
+
+Run as a script with the run's folder; imported for `ask`, which speaks to it.
+"""
+
+import json
+import os
+import signal
+import socket
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+OBEDIENT, DEAF, LOUT = "obedient", "deaf", "lout"
+"""Does what it is told; listens and never answers; never listens and takes no signal but the last."""
+
+
+def ask(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str, Any]:
+    """Tell a run something, and return its answer. Raises SinewError."""
+    from sinew.measure.errors import SinewError
+
+    with socket.socket(socket.AF_UNIX) as line:
+        line.settimeout(timeout_s)
+        try:
+            line.connect((folder / "control").read_text())
+            line.sendall(json.dumps({"command": command}).encode() + b"\n")
+            return dict(json.loads(line.makefile("rb").readline()))
+        except (OSError, ValueError) as trouble:
+            raise SinewError(f"the run does not answer: {trouble}") from trouble
+
+
+def main(folder: Path) -> None:
+    name = (folder / "plan.toml").read_text()
+    if LOUT in name:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
+        (folder / "began").touch()
+        time.sleep(600)
+    with tempfile.TemporaryDirectory() as place, socket.socket(socket.AF_UNIX) as door:
+        door.bind(f"{place}/s")
+        door.listen()
+        (folder / "control").write_text(f"{place}/s")
+        state = "running"
+        while state in ("running", "paused"):
+            line, _ = door.accept()
+            with line:
+                command = json.loads(line.makefile("rb").readline())["command"]
+                if DEAF in name:
+                    time.sleep(600)
+                state = {"pause": "paused", "resume": "running", "status": state}.get(command, "ended")
+                told = {"ok": True, "sentence": f"{command} is done", "state": {"state": state, "pid": os.getpid()}}
+                line.sendall(json.dumps(told).encode() + b"\n")
+        (folder / "control").unlink()
+    print(json.dumps({"ended": f"{command} was asked for", "left": "nothing moves"}, indent=2))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,165 @@
+"""The dashboard's steward for tests: real sockets on loopback, runs and pages that are cheap, a bench that notes."""
+
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+from tests.contracts import fake_run
+
+from sinew.apps.dashboard.access import COOKIE, Access
+from sinew.apps.dashboard.steward import Settings, Steward
+from sinew.bench.stops import StopReport
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_rig, load_rig
+
+TOKEN = "a-token-for-tests-and-nothing-else"
+RIG = dump_rig(load_rig("paper"))
+PATIENCE = 30.0  # s
+PAGE = """
+import json, socket, sys
+told = json.loads(sys.stdin.readline())
+with socket.create_server((told["http_host"], told["http_port"])):
+    sys.stdin.read()
+"""
+
+
+def plan(behaviour: str = fake_run.OBEDIENT) -> str:
+    """Return a plan whose run behaves like that."""
+    return f'name = "{behaviour}"\n[pretension]\npretension_mm = [2]\n[sweep]\nfrequency_hz = [3]\n'
+
+
+def fake_command(*words: str) -> list[str]:
+    return [sys.executable, "-S", str(fake_run.__file__), words[words.index("--out") + 1]]
+
+
+def free_port() -> int:
+    """Return a port that is free, like the one after it."""
+    while True:
+        with socket.socket() as one, socket.socket() as two:
+            one.bind(("127.0.0.1", 0))
+            port = int(one.getsockname()[1])
+            try:
+                two.bind(("127.0.0.1", port + 1))
+            except (OSError, OverflowError):
+                continue
+            return port
+
+
+def until(claim: Callable[[], Any]) -> Any:
+    """Return the first true answer, which must come in time."""
+    end = time.monotonic() + PATIENCE
+    while not (answer := claim()):
+        assert time.monotonic() < end, "it does not come to pass"
+        time.sleep(0.01)
+    return answer
+
+
+@dataclass
+class Bench:
+    """A bench that notes when it is brought to rest: which port, by which rig, to which state."""
+
+    stops: list[tuple[str, str, str | None]] = field(default_factory=list)
+    gate: threading.Event = field(default_factory=threading.Event)
+
+    def rest(self, port: str, spec: RigSpec, state: str | None, _on_frozen: Callable[[StopReport], None]) -> StopReport:
+        self.stops.append((port, spec.name, state))
+        self.gate.wait(PATIENCE)
+        return StopReport("release", ["drive"])
+
+
+@dataclass
+class Page:
+    """A page that was loaded: it is signed in, and numbers what it says."""
+
+    client: httpx.Client
+    ticket: str
+    number: int = 0
+
+    def says(self, command: str, **more: object) -> httpx.Response:
+        self.number += 1
+        told = {"ticket": self.ticket, "number": self.number, "command": command, **more}
+        return self.client.post("/command", json=told)
+
+    def starts(self, name: str = "one", behaviour: str = fake_run.OBEDIENT) -> httpx.Response:
+        return self.says("start", name=name, plan=plan(behaviour), rig=RIG)
+
+
+@dataclass
+class Served:
+    """A steward at work. client: not signed in, from our own page. bench: what it brings to rest."""
+
+    steward: Steward
+    access: Access
+    client: httpx.Client
+    bench: Bench
+    pages: list[httpx.Client] = field(default_factory=list)
+
+    @property
+    def runs(self) -> Path:
+        return self.steward.settings.runs
+
+    @property
+    def address(self) -> tuple[str, int]:
+        return "127.0.0.1", self.steward.settings.steering_port
+
+    def status(self) -> dict[str, Any]:
+        return dict(self.client.get("/status").json())
+
+    def page(self) -> Page:
+        """Return a page that was just loaded, in a browser of its own."""
+        own = httpx.Client(base_url=self.client.base_url, headers=self.client.headers, timeout=PATIENCE, verify=False)
+        own.cookies.set(COOKIE, self.access.session_cookie(), domain="127.0.0.1")
+        self.pages.append(own)
+        return Page(own, own.post("/ticket").json()["ticket"])
+
+    def operator(self) -> Page:
+        page = self.page()
+        assert page.says("take").status_code == 200
+        return page
+
+    def runs_as(self, state: str) -> bool:
+        run = self.status()["run"]
+        return run is not None and run["state"] == state
+
+
+@contextmanager
+def serving(runs: Path, **settings: Any) -> Iterator[Served]:
+    """Give a steward with a bench that is none; what it began is over at the end."""
+    port, bench = free_port(), Bench()
+    bench.gate.set()
+    access = Access(TOKEN, "127.0.0.1", port)
+    chosen = {
+        "access": access,
+        "steering_port": port + 1,
+        "runs": runs,
+        "bench": "port",
+        "port": "/dev/bench",
+        "command": fake_command,
+        "page": (sys.executable, "-S", "-c", PAGE),
+        "control": fake_run.ask,
+        "rest": bench.rest,
+    }
+    steward = Steward(Settings(**(chosen | settings)))
+    origin = {"Origin": f"http://127.0.0.1:{port}"}
+    with (
+        steward,
+        httpx.Client(base_url=f"http://127.0.0.1:{port + 1}", headers=origin, timeout=PATIENCE, verify=False) as client,
+    ):
+        try:
+            served = Served(steward, steward.settings.access, client, bench)
+            yield served
+        finally:
+            for page in served.pages:
+                page.close()
+            bench.gate.set()
+            run = steward._desk.run
+            if run is not None:
+                run.process.send_signal(9)
+                until(lambda: steward._desk.run is None)

@@ -1,0 +1,192 @@
+"""`sinew serve` as a command: what it prints, what it refuses, and how it ends."""
+
+import importlib.util
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from tests.contracts.serving import PATIENCE, RIG, TOKEN, free_port, plan, serving, until
+
+from sinew.apps.cli import main
+from sinew.apps.dashboard.processes import Adopted
+
+
+@pytest.fixture
+def token_file(tmp_path: Path) -> Path:
+    path = tmp_path / "token"
+    path.write_text(f"{TOKEN}\n")
+    path.chmod(0o600)
+    return path
+
+
+@contextmanager
+def served(runs: Path, token: Path, *options: str) -> Iterator[tuple["subprocess.Popen[str]", dict[str, Any]]]:
+    """Give `sinew serve` in a process of its own, and what it said when it was ready; it is over at the end."""
+    words = ("--runs", str(runs), "--http", f"127.0.0.1:{free_port()}", "--token-file", str(token), *options)
+    command = [sys.executable, "-m", "tests.contracts.serving_child", *words, "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert select.select([process.stdout], [], [], PATIENCE)[0], "it does not get ready"
+            yield process, json.loads(process.stdout.readline())
+        finally:
+            process.kill()
+
+
+def told(ready: dict[str, Any], path: str, body: dict[str, Any]) -> Any:
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    return httpx.post(ready["steering"] + path, json=body, headers=headers, verify=False, timeout=PATIENCE).json()
+
+
+def status(ready: dict[str, Any]) -> Any:
+    return httpx.get(f"{ready['steering']}/status", verify=False, timeout=PATIENCE).json()
+
+
+def begin_run(ready: dict[str, Any]) -> int:
+    """Begin a run, and return the number of its process once it listens."""
+    ticket = told(ready, "/ticket", {})["ticket"]
+    told(ready, "/command", {"ticket": ticket, "number": 1, "command": "take"})
+    start = {"ticket": ticket, "number": 2, "command": "start", "name": "monday", "plan": plan(), "rig": RIG}
+    assert told(ready, "/command", start)["ok"] is True
+    until(lambda: status(ready)["run"]["state"] == "running")
+    return int(status(ready)["run"]["pid"])
+
+
+def test_the_address_holds_the_token_where_no_server_sees_it(tmp_path: Path, token_file: Path) -> None:
+    with served(tmp_path / "runs", token_file) as (_, ready):
+        assert ready["url"].endswith(f"/#token={TOKEN}")
+
+
+def test_a_killed_steward_leaves_its_run_going_and_the_next_one_finds_it(tmp_path: Path, token_file: Path) -> None:
+    runs = tmp_path / "runs"
+    with served(runs, token_file, "--port-bench", "/dev/bench") as (process, ready):
+        pid = begin_run(ready)
+        process.kill()
+        process.wait(PATIENCE)
+    with serving(runs) as again:
+        assert again.status()["run"]["pid"] == pid
+        again.operator().says("stop")
+        assert until(lambda: again.status()["last"])["sentence"] == "stop was asked for; nothing moves"
+
+
+def test_ctrl_c_leaves_a_run_on_a_bench_going_and_says_how_to_stop_it(tmp_path: Path, token_file: Path) -> None:
+    with served(tmp_path / "runs", token_file, "--port-bench", "/dev/bench") as (process, ready):
+        run = Adopted(begin_run(ready))
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=PATIENCE)
+    goes_on = run.poll() is None
+    run.send_signal(signal.SIGKILL)
+    run.close()
+    assert (process.returncode, goes_on) == (0, True)
+    assert f"the run monday goes on; `sinew serve` finds it again, `kill -INT {run.pid}` stops it" in err
+
+
+def test_the_page_ends_with_a_killed_steward(tmp_path: Path, token_file: Path) -> None:
+    with served(tmp_path / "runs", token_file) as (process, ready):
+        process.kill()
+        process.wait(PATIENCE)
+    port = int(ready["url"].split(":")[2].split("/")[0])
+    until(lambda: not _listens(port))
+
+
+def test_sigquit_is_an_emergency_stop(tmp_path: Path, token_file: Path) -> None:
+    with served(tmp_path / "runs", token_file, "--port-bench", "/dev/bench") as (process, ready):
+        run = begin_run(ready)
+        process.send_signal(signal.SIGQUIT)
+        last = until(lambda: status(ready)["last"])
+    assert (last["pid"], last["sentence"]) == (run, "emergency was asked for; nothing moves")
+
+
+def _listens(port: int) -> bool:
+    try:
+        httpx.get(f"http://127.0.0.1:{port}/", verify=False, timeout=0.2)
+    except httpx.ConnectError:
+        return False
+    except httpx.HTTPError:
+        pass
+    return True
+
+
+def test_an_address_for_all_needs_a_token_to_look(tmp_path: Path, token_file: Path) -> None:
+    port = free_port()
+    with served(tmp_path / "runs", token_file, "--http", f"0.0.0.0:{port}") as (_, _ready):
+        answer = httpx.get(f"http://127.0.0.1:{port + 1}/status", verify=False, timeout=PATIENCE)
+    assert answer.status_code == 401
+
+
+def test_an_address_for_all_comes_with_a_word_on_tunnels(tmp_path: Path, token_file: Path) -> None:
+    with served(tmp_path / "runs", token_file, "--http", f"0.0.0.0:{free_port()}") as (process, _):
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=PATIENCE)
+    assert "ssh -L" in err
+
+
+REFUSED = {
+    "two benches": (("--emulate", "--port-bench", "/dev/x"), "expected one of them at most"),
+    "no port": (("--http", "127.0.0.1"), "expected HOST:PORT"),
+    "a port beyond all": (("--http", "127.0.0.1:65536"), "expected HOST:PORT"),
+    "no room for commands": (("--http", "127.0.0.1:65535"), "found 65536 for the port of commands"),
+    "one port for two": (("--steering-port", "8080"), "expected another port"),
+    "a name with a scheme": (("--host", "http://x"), "found --host http://x"),
+    "a rig unknown": (("--rig", "papre"), "did you mean paper?"),
+    "no token file": (("--token-file", "nowhere"), "cannot read a token from nowhere"),
+    "an address of others": (("--http", "192.0.2.1:8080"), "cannot listen on 192.0.2.1"),
+}
+
+
+@pytest.mark.parametrize(("options", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_cannot_be_served_is_refused_in_one_line_and_nothing_is_begun(
+    options: tuple[str, ...],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = signal.getsignal(signal.SIGTERM)
+    status = main(["serve", *options])
+    signal.signal(signal.SIGTERM, before)
+    err = capsys.readouterr().err.splitlines()
+    assert (status, sentence in err[-1], list(tmp_path.iterdir())) == (2, True, [])
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o604, 0o620])
+def test_a_token_that_others_can_reach_is_refused(
+    token_file: Path, mode: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    token_file.chmod(mode)
+    assert main(["serve", "--token-file", str(token_file)]) == 2
+    assert f"chmod 600 {token_file}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("token", ["", "short", "with a space in the middle of it", "ä" * 30, "x" * 201])
+def test_a_token_that_is_none_is_refused(token_file: Path, token: str, capsys: pytest.CaptureFixture[str]) -> None:
+    token_file.write_text(token)
+    assert main(["serve", "--token-file", str(token_file)]) == 2
+    assert "found no token in" in capsys.readouterr().err
+
+
+def test_without_its_packages_the_command_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    assert main(["serve"]) == 2
+    assert "install sinew[dashboard], or `make serve`" in capsys.readouterr().err
+
+
+def test_the_steward_loads_neither_jax_nor_nicegui() -> None:
+    code = (
+        "import sys; import sinew.apps.dashboard.steward;"
+        "print([name for name in ('jax', 'nicegui', 'fastapi', 'matplotlib') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,251 @@
+"""Runs as the dashboard begins, steers, ends and finds them: by real processes that move nothing."""
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.contracts import fake_run
+from tests.contracts.serving import RIG, Served, fake_command, plan, serving, until
+
+from sinew.apps.dashboard.processes import Adopted
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[Served]:
+    with serving(tmp_path / "runs") as served:
+        yield served
+
+
+def test_a_run_that_is_begun_is_under_way(served: Served) -> None:
+    served.operator().starts("monday")
+    until(lambda: served.runs_as("running"))
+    assert served.status()["run"]["name"] == "monday"
+
+
+def test_the_folder_of_a_run_holds_what_was_asked_for(served: Served) -> None:
+    served.operator().starts("monday")
+    folder = served.runs / "monday"
+    assert [(folder / name).read_text() for name in ("plan.toml", "rig.toml")] == [plan(), RIG]
+
+
+def test_a_run_rests_and_goes_on(served: Served) -> None:
+    page = served.operator()
+    page.starts()
+    until(lambda: served.runs_as("running"))
+    page.says("pause")
+    paused = served.status()["run"]["state"]
+    page.says("resume")
+    assert (paused, served.status()["run"]["state"]) == ("paused", "running")
+
+
+@pytest.mark.parametrize("command", ["stop", "hold", "release"])
+def test_a_run_ends_when_it_is_told_so_and_its_last_words_are_kept(served: Served, command: str) -> None:
+    page = served.operator()
+    page.starts()
+    until(lambda: served.runs_as("running"))
+    page.says(command)
+    last = until(lambda: served.status()["last"])
+    assert (last["sentence"], last["exit"]) == (f"{command} was asked for; nothing moves", 0)
+
+
+def test_a_run_that_does_not_listen_yet_is_ended_by_a_signal(served: Served) -> None:
+    page = served.operator()
+    page.starts()
+    assert page.says("stop").status_code == 200
+    assert until(lambda: served.status()["last"])["name"] == "one"
+
+
+@pytest.mark.parametrize("command", ["start", "pause", "resume", "hold", "release", "stop", "give"])
+def test_who_does_not_operate_steers_nothing(served: Served, command: str) -> None:
+    served.operator()
+    viewer = served.page()
+    answer = viewer.says(command, name="one", plan=plan(), rig=RIG)
+    assert (answer.status_code, answer.json()["sentence"]) == (403, "page 1 operates the bench; take it over first")
+
+
+def test_nobody_operates_until_somebody_takes_the_bench(served: Served) -> None:
+    assert served.page().starts().status_code == 403
+
+
+def test_taking_over_is_a_command_and_puts_the_former_operator_among_the_viewers(served: Served) -> None:
+    first, second = served.operator(), served.page()
+    assert second.says("take").json()["sentence"] == "this page operates the bench now; page 1 did before"
+    assert first.says("give").status_code == 403
+
+
+def test_a_page_sees_that_it_operates(served: Served) -> None:
+    page, other = served.operator(), served.page()
+    mine = [each.client.get("/status", headers={"X-Sinew-Ticket": each.ticket}).json() for each in (page, other)]
+    assert [told["operator"]["mine"] for told in mine] == [True, False]
+
+
+def test_of_starts_at_the_same_time_one_wins(served: Served) -> None:
+    page = served.operator()
+    others = [served.page() for _ in range(4)]
+    codes = []
+
+    def start(number: int) -> None:
+        told = {"ticket": page.ticket, "number": 100 + number, "command": "start"}
+        body = told | {"name": f"run-{number}", "plan": plan(), "rig": RIG}
+        codes.append(others[number].client.post("/command", json=body).status_code)
+
+    threads = [threading.Thread(target=start, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert codes.count(200) == 1
+    assert len(list(served.runs.glob("run-*"))) == 1
+
+
+def test_a_name_that_is_taken_is_not_used_again(served: Served) -> None:
+    page = served.operator()
+    (served.runs / "one").mkdir()
+    assert page.starts("one").status_code == 409
+
+
+def test_an_emergency_ends_a_run_that_obeys(served: Served) -> None:
+    served.operator().starts()
+    until(lambda: served.runs_as("running"))
+    served.page().says("emergency")
+    assert until(lambda: served.status()["last"])["exit"] == 0
+    assert served.bench.stops == []
+
+
+def test_an_emergency_from_somebody_who_only_looks_is_obeyed(served: Served) -> None:
+    served.operator()
+    assert served.page().says("emergency").status_code == 200
+    assert served.bench.stops == [("/dev/bench", "paper", None)]
+
+
+def test_an_emergency_of_a_page_from_before_a_restart_is_obeyed(served: Served) -> None:
+    page = served.page()
+    page.ticket = "from another life"
+    assert page.says("emergency").status_code == 200
+
+
+@pytest.mark.parametrize("behaviour", [fake_run.DEAF, fake_run.LOUT])
+def test_an_emergency_ends_a_run_that_does_not_answer_and_stops_the_bench(served: Served, behaviour: str) -> None:
+    served.operator().starts(behaviour=behaviour)
+    sign = "control" if behaviour == fake_run.DEAF else "began"
+    until((served.runs / "one" / sign).exists)
+    served.page().says("emergency")
+    assert until(lambda: served.status()["last"])["exit"] == -signal.SIGKILL
+    assert served.bench.stops == [("/dev/bench", "paper", None)]
+
+
+def test_a_second_emergency_joins_the_first(served: Served) -> None:
+    served.bench.gate.clear()
+    orders = [served.steward.order_emergency() for _ in range(3)]
+    served.bench.gate.set()
+    assert {order.end.result(10).at for order in orders} == {orders[0].end.result(10).at}
+    assert len(served.bench.stops) == 1
+
+
+def test_no_run_begins_while_the_bench_is_brought_to_rest(served: Served) -> None:
+    page = served.operator()
+    served.bench.gate.clear()
+    served.steward.order_emergency()
+    assert page.starts().status_code == 409
+
+
+def test_an_emergency_takes_back_a_run_that_is_just_being_begun(tmp_path: Path) -> None:
+    began, go_on = threading.Event(), threading.Event()
+
+    def slowly(*words: str) -> list[str]:
+        began.set()
+        go_on.wait(10)
+        return fake_command(*words)
+
+    with serving(tmp_path / "runs", command=slowly) as served:
+        page, codes = served.operator(), []
+        thread = threading.Thread(target=lambda: codes.append(page.starts().status_code))
+        thread.start()
+        began.wait(10)
+        served.page().says("emergency")
+        go_on.set()
+        thread.join()
+        assert (codes, served.status()["run"]) == ([409], None)
+
+
+@pytest.mark.parametrize(("command", "state"), [("hold", "hold"), ("release", "release"), ("stop", None)])
+def test_a_bench_without_a_run_is_brought_to_rest_by_its_operator(
+    served: Served, command: str, state: str | None
+) -> None:
+    assert served.operator().says(command).status_code == 200
+    assert served.bench.stops == [("/dev/bench", "paper", state)]
+
+
+def test_without_a_bench_no_run_begins(tmp_path: Path) -> None:
+    with serving(tmp_path / "runs", bench=None, port=None) as served:
+        answer = served.operator().starts()
+    assert (answer.status_code, "--port-bench PORT or --emulate" in answer.json()["sentence"]) == (409, True)
+
+
+def test_a_run_on_a_bench_goes_on_without_a_steward_and_the_next_one_finds_it(tmp_path: Path) -> None:
+    with serving(tmp_path / "runs") as served:
+        served.operator().starts("monday")
+        until(lambda: served.runs_as("running"))
+        run = served.steward._desk.run
+        served.steward._desk._run = None  # what the test would end
+        served.steward._desk._over.set()
+    assert run is not None
+    assert run.process.poll() is None
+    with serving(tmp_path / "runs") as again:
+        found = again.status()["run"]
+        assert (found["name"], found["pid"]) == ("monday", run.process.pid)
+        again.operator().says("stop")
+        assert until(lambda: again.status()["last"])["sentence"] == "stop was asked for; nothing moves"
+    run.process.poll()
+
+
+def test_a_run_on_the_emulated_bench_ends_with_the_steward(tmp_path: Path) -> None:
+    def command(*words: str) -> list[str]:
+        if words[0] == "run":
+            return fake_command(*words)
+        ready = f"import pathlib, time; pathlib.Path({words[2]!r}).touch(); print('{{}}', flush=True); time.sleep(600)"
+        return [sys.executable, "-c", ready, *words]
+
+    with serving(tmp_path / "runs", bench="emulator", port=None, command=command) as served:
+        served.operator().starts()
+        until(lambda: served.runs_as("running"))
+        run, emulator = served.steward._desk.run, served.steward._emulator
+        served.steward.__exit__()
+    assert run is not None
+    assert emulator is not None
+    assert (run.process.poll(), emulator.is_there) == (0, False)
+
+
+def test_a_page_server_that_dies_is_begun_again_and_the_run_does_not_notice(served: Served) -> None:
+    served.operator().starts()
+    until(lambda: served.runs_as("running") and served.status()["page"] == "up")
+    before, run = served.steward._page.pid, served.status()["run"]["pid"]
+    assert before is not None
+    Adopted(before).send_signal(signal.SIGKILL)
+    until(lambda: served.steward._page.pid not in (None, before) and served.status()["page"] == "up")
+    assert served.status()["run"]["pid"] == run
+
+
+def test_a_page_server_that_dies_at_once_is_not_begun_for_ever(tmp_path: Path) -> None:
+    tries = tmp_path / "tries"
+    code = f"open({str(tries)!r}, 'a').write('x')"
+    with serving(tmp_path / "runs", page=(sys.executable, "-S", "-c", code)) as served:
+        until(lambda: served.status()["page"] == "down")
+        time.sleep(0.5)
+        assert len(tries.read_text()) == 6
+
+
+def test_two_stewards_do_not_look_after_the_same_runs(served: Served) -> None:
+    with pytest.raises(Exception, match="another `sinew serve` looks after"), serving(served.runs):
+        pass
+
+
+def test_a_port_that_is_taken_is_said_before_anything_is_begun(served: Served, tmp_path: Path) -> None:
+    taken = served.steward.settings.steering_port
+    with pytest.raises(Exception, match="cannot listen on"), serving(tmp_path / "other", steering_port=taken):
+        pass
+    assert not (tmp_path / "other").exists()

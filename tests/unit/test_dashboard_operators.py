@@ -1,0 +1,72 @@
+"""Tickets, their numbers, and the one operator."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sinew.apps.dashboard.operators import Operators
+from sinew.apps.dashboard.refusal import RefusedError
+
+
+@given(st.lists(st.integers(-5, 30)))
+def test_a_number_is_heard_if_it_is_greater_than_all_before(numbers: list[int]) -> None:
+    operators, heard = Operators(), [0]
+    ticket = operators.give_ticket()
+    for number in numbers:
+        try:
+            operators.admit(ticket.id, number)
+        except RefusedError:
+            assert number <= max(heard)
+        else:
+            assert number > max(heard)
+            heard.append(number)
+
+
+def test_numbers_of_one_page_do_not_count_for_another() -> None:
+    operators = Operators()
+    first, second = operators.give_ticket(), operators.give_ticket()
+    operators.admit(first.id, 9)
+    assert operators.admit(second.id, 1) is second
+
+
+def test_an_unknown_ticket_tells_the_page_to_take_another() -> None:
+    with pytest.raises(RefusedError) as refused:
+        Operators().admit("made up", 1)
+    assert (refused.value.status, refused.value.knows_ticket) == (403, False)
+
+
+def test_a_flood_of_tickets_neither_grows_nor_puts_the_operator_out() -> None:
+    time = iter(range(10**6))
+    operators = Operators(clock=lambda: next(time))
+    operator = operators.give_ticket()
+    operators.take(operator)
+    others = [operators.give_ticket() for _ in range(3000)]
+    assert operators.admit(operator.id, 1) is operator
+    with pytest.raises(RefusedError):
+        operators.admit(others[0].id, 1)
+
+
+def test_pages_that_were_not_heard_of_lately_are_no_viewers() -> None:
+    time = [0.0]
+    operators = Operators(clock=lambda: time[0])
+    _, second = operators.give_ticket(), operators.give_ticket()
+    time[0] = 25.0
+    operators.see(second.id)
+    time[0] = 50.0
+    assert operators.viewers() == 1
+
+
+def test_who_gives_the_bench_up_operates_no_more() -> None:
+    operators = Operators()
+    ticket = operators.give_ticket()
+    operators.take(ticket)
+    operators.give(ticket)
+    assert operators.operator(ticket.id) is None
+
+
+def test_a_ticket_with_odd_characters_operates_nothing() -> None:
+    operators = Operators()
+    operators.take(operators.give_ticket())
+    told = operators.operator("ä\u2028")
+    assert told is not None
+    assert told["mine"] is False
