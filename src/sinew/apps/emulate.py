@@ -227,6 +227,7 @@ def _truth(rig: "RigSpec", bench: "FaultyRig", server: "PtyServer", unloaded: bo
         "motors": motors,
         "stopped": bench.rig.stopped(),
         "in_safe_state": bench.rig.in_safe_state(),
+        "frozen_since_s": bench.rig.frozen_since(),
         "torsion_deg": math.degrees(motion.torsion),
         "tilt_deg": [math.degrees(angle) for angle in motion.tilt],
         "tension_n": list(motion.tension),

@@ -229,6 +229,15 @@ class EmulatedRig:
         """Return whether no motor drives any more: each is without torque, or holds a goal that stands, limited."""
         return all(state.is_frozen for state in self.states().values())
 
+    def frozen_since(self) -> float | None:
+        """Return since when no motor drives any more [s], None where one does.
+
+        Since when each is controlled as it is now; a motor that has lost its torque since may have stood before.
+        """
+        if not self.frozen():
+            return None
+        return max(motor.horn.law_since for motor in self._motors)
+
     def in_safe_state(self) -> bool:
         """Return whether each motor is without torque, or stands still and is limited or stopped by its watchdog."""
         return all(

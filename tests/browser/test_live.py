@@ -1,0 +1,133 @@
+"""A run in a real browser, on an emulated bench in real time: seen, paused, stopped at once, and kept whole."""
+
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.browser.dashboard import Served, served
+from tests.contracts.emulated_bench import alone, rig_file
+
+from sinew.bench.journal_reader import JournalReader
+from sinew.measure.netcdf import load_recording
+
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
+
+Open = Callable[..., Any]
+
+PLAN = """
+name = "watched"
+[pretension]
+pretension_mm = [2]
+rest_s = 0.5
+[sweep]
+frequency_hz = [2.5, 3, 3.5, 4]
+settle_s = 1
+periods = 3
+repeats = {repeats}
+"""
+SAFE_WITHIN_S = 0.2
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Served]:
+    """Give a dashboard with an emulated bench whose rig is left under hold, and a plan on its shelf."""
+    runs = tmp_path / "runs"
+    (runs / "plans").mkdir(parents=True)
+    (runs / "plans" / "long.toml").write_text(PLAN.format(repeats=10))
+    (runs / "plans" / "brief.toml").write_text(PLAN.format(repeats=1))
+    rig = rig_file(tmp_path, limits={"safe_state": "hold"})
+    with alone(), served(runs, "--emulate", "--rig", rig) as dashboard:
+        yield dashboard
+
+
+def start(page: Any, dashboard: Served, plan: str) -> Path:
+    """Start a plan of the shelf from the page, as a user does, and return the run's folder when samples come."""
+    page.goto(f"{dashboard.base}/plan")
+    page.wait_for_selector("#sinew-duration")
+    if page.inner_text("#sinew-take") != "Hand over":
+        page.click("#sinew-take")
+        page.wait_for_function("Sinew.status().operator?.mine")
+    page.get_by_label("Begin with the plan").click()
+    page.get_by_role("option", name=plan).click()
+    page.wait_for_function("document.querySelector('.sinew-code').textContent.includes('watched')")
+    page.wait_for_selector("#sinew-start:not([disabled])")
+    page.click("#sinew-start")
+    page.wait_for_url(f"{dashboard.base}/")
+    page.wait_for_function("Number(document.body.dataset.samples) > 50", timeout=120_000)
+    return dashboard.await_run()
+
+
+def measured_points(page: Any) -> int:
+    return int(page.evaluate("[...document.querySelectorAll('.nicegui-echart')][0].querySelectorAll('path').length"))
+
+
+def test_a_run_is_watched_paused_resumed_and_stopped_at_once(opened: Open, bench: Served) -> None:
+    page = opened(bench)
+    folder = start(page, bench, "long")
+    before = int(page.evaluate("Number(document.body.dataset.samples)"))
+    page.wait_for_function(f"Number(document.body.dataset.samples) > {before + 100}")
+    page.wait_for_function("/^[1-9]/.test(document.querySelector('#sinew-progress-text').textContent)", timeout=120_000)
+    page.wait_for_function("document.querySelector('.nicegui-echart svg text') !== null")
+    page.wait_for_function(
+        "[...document.querySelectorAll('.nicegui-echart')][0].textContent.includes('measured')", timeout=120_000
+    )
+
+    page.click("#sinew-pause")
+    page.wait_for_function("Sinew.status().run?.state === 'paused'", timeout=60_000)
+    with JournalReader(folder / "journal.sqlite") as journal:
+        paused_at = journal.count_finished()
+    page.wait_for_timeout(2000)
+    with JournalReader(folder / "journal.sqlite") as journal:
+        assert journal.count_finished() == paused_at
+    page.click("#sinew-resume")
+    page.wait_for_function("Sinew.status().run?.state === 'running'", timeout=60_000)
+    page.wait_for_timeout(1500)
+
+    pressed = time.monotonic()
+    page.keyboard.press("F9")
+    page.wait_for_function("document.body.dataset.emergencyMs !== undefined")
+    page.wait_for_function("Sinew.status().run === null", timeout=30_000)
+    truth = bench.truth()
+    frozen = truth["clock_s_at_zero"] + truth["frozen_since_s"]
+    assert truth["in_safe_state"]
+    assert 0.0 < frozen - pressed < SAFE_WITHIN_S
+
+
+def test_a_finished_run_is_opened_and_its_recording_downloaded(opened: Open, bench: Served, tmp_path: Path) -> None:
+    page = opened(bench)
+    folder = start(page, bench, "brief")
+    page.wait_for_function("Sinew.status().run === null && Sinew.status().last !== null", timeout=120_000)
+    page.goto(f"{bench.base}/runs/{folder.name}")
+    page.wait_for_selector("a[data-kind=recording]")
+    with page.expect_download() as download:
+        page.click("a[data-kind=recording]")
+    download.value.save_as(tmp_path / "got.nc")
+    assert set(map(str, load_recording(tmp_path / "got.nc")["kind"].values)) == {"idle", "settle", "steady"}
+
+
+def test_killing_the_pages_server_loses_no_sample(opened: Open, bench: Served) -> None:
+    page = opened(bench, complain=False)
+    folder = start(page, bench, "brief")
+    killed = bench.page_process()
+    os.kill(killed, signal.SIGKILL)
+    end = time.monotonic() + 120
+    while time.monotonic() < end:
+        with JournalReader(folder / "journal.sqlite") as journal:
+            told = [kind for _, kind, _ in journal.events()]
+        if "end" in told:
+            break
+        time.sleep(0.2)
+    with JournalReader(folder / "journal.sqlite") as journal:
+        rows = journal.samples(1, journal.last_sample() + 1)
+        cycles = journal.counts()["cycles"]
+        sentence = journal.events()[-1][2]
+    assert "all 5 groups are recorded" in sentence
+    assert rows["id"].tolist() == list(range(1, int(cycles) + 1))
+    assert np.all(np.diff(rows["time_s"]) > 0)
+    assert bench.page_process() != killed
+    page.wait_for_function("document.body.dataset.stream === 'open'", timeout=60_000)
