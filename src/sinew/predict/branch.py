@@ -26,7 +26,7 @@ class Branch:
     amplitude: half of peak to peak over the period, (n,). harmonics: complex amplitudes c_h, (n, h), of the orders
     (h,): response = Re Σ c_h exp(jhΩt). drive: fundamental of what drives, (n,); its unit is the drive's.
     phase: lag of the response's fundamental behind the drive's [rad], from -π/2 to 3π/2, (n,).
-    multiplier: modulus of the largest Floquet multiplier, (n,); stable below one.
+    multiplier: modulus of the largest Floquet multiplier, (n,); stable below one, NaN where nobody asked for it.
     folds: in the order of the curve. peak: the largest amplitude, None where it lies at an end of the curve.
     phase_90: where the response lags by 90°; of several the one with the largest amplitude.
     error: what the last refinement of the waves changed at each point (n,): of the amplitude, in shares of the largest

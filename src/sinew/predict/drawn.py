@@ -21,6 +21,7 @@ __all__ = ["COARSE", "bands_of", "drawn_branches", "joined"]
 COARSE = RESOLUTION._replace(sizes=((Size(7, 64), Size(7, 64)),))
 """Waves of the draws: those that a curve is followed with, not refined."""
 
+_DRAWN = COARSE._replace(stability=False)
 _RIGS = 16
 
 Make = Callable[[RigSpec], Problem]
@@ -41,10 +42,10 @@ def drawn_branches(
     rigs: Sequence[RigSpec],
     make: Make,
     band_hz: tuple[float, float],
-    resolution: Resolution = COARSE,
+    resolution: Resolution = _DRAWN,
     progress: Callable[[float, float], None] | None = None,
 ) -> list[tuple[Branch, ...]]:
-    """Return the curves of every rig, one tuple each.
+    """Return the curves of every rig, one tuple each, without their multipliers.
 
     make: returns a rig's problem; the same lanes for each. progress: called with (done, total) rigs.
     """

@@ -104,11 +104,14 @@ def maps_of(x: Array, lane: Lane, equations: Equations, size: Size) -> Array:
     return _in_blocks(_maps, x, lane, equations, size)[0]
 
 
-def examine(points: Array, normals: Array, lane: Lane, equations: Equations, size: Size, fine: Size) -> Examination:
+def examine(
+    points: Array, normals: Array, lane: Lane, equations: Equations, size: Size, fine: Size, *, stability: bool = True
+) -> Examination:
     """Return the examination of k points.
 
     points: scaled unknowns (k, m + 1). normals: across which they are refined, (k, m + 1), the curve's tangents.
-    lane: with a leading axis k. size, fine: of the waves as they are, and as they are to be.
+    lane: with a leading axis k. size, fine: of the waves as they are, and as they are to be. stability: whether the
+    maps are wanted, which take a third of the time; else they have no rows and columns.
     """
     place = embedded(equations, size.harmonics, fine.harmonics)
     wide, normal = np.zeros((2, len(points), place[-1] + 1))
@@ -136,6 +139,6 @@ def examine(points: Array, normals: Array, lane: Lane, equations: Equations, siz
         lag_product(there, equations, fine.harmonics)[0],
         after - before,
         moved,
-        maps_of(mapped, lane, equations, fine),
+        maps_of(mapped, lane, equations, fine) if stability else np.zeros((len(points), 0, 0)),
         (last < _SETTLED) & (np.abs(moved) < _NEAR),
     )

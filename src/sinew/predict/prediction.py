@@ -38,12 +38,13 @@ ENDS = {
 class Resolution(NamedTuple):
     """sizes: pairs of waves, those that the curve is followed with and the finer ones that its points are refined to;
     tried one after the other until the error estimate is below the tolerance [1]. stride: along the curve. search: of
-    the marked points."""
+    the marked points. stability: whether multipliers are wanted; else they are NaN."""
 
     sizes: tuple[tuple[Size, Size], ...]
     tolerance: float
     stride: Stride = Stride()
     search: Search = Search()
+    stability: bool = True
 
 
 class Problem(NamedTuple):
@@ -176,7 +177,7 @@ def _branch(
         orders=orders(equations.coordinates[equations.response], fine.harmonics),
         harmonics=seen.response * response,
         drive=seen.drive * drive,
-        multiplier=largest_multiplier(seen.maps, equations) if count else np.zeros(0),
+        multiplier=largest_multiplier(seen.maps, equations) if seen.maps.size else np.full(count, np.nan),
         folds=tuple(kept[FOLD]),
         peak=kept[PEAK][0] if kept[PEAK] else None,
         phase_90=kept[QUARTER][0] if kept[QUARTER] else None,
@@ -196,7 +197,8 @@ def _resolved(problem: Problem, window: Array, resolution: Resolution, size: Siz
     across = tangents.copy()
     fixed = (at == 0) | ((at == count[lanes] - 1) & (np.asarray(curve.status)[lanes] == OUTSIDE))
     across[fixed] = np.eye(points.shape[1])[-1]  # the ends stay at their frequency
-    seen = examine(points, across, rows_of(problem.lane, lanes), equations, size, fine)
+    own = rows_of(problem.lane, lanes)
+    seen = examine(points, across, own, equations, size, fine, stability=resolution.stability)
     parts = [np.flatnonzero(seen.settled & (lanes == i)) for i in range(count.size)]
     each = [Examination(*(leaf[part] for leaf in seen)) for part in parts]  # type: ignore[arg-type]
     found: list[tuple[int, Guess]] = []

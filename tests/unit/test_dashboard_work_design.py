@@ -1,0 +1,85 @@
+"""Sliders: a sketch that is right, that never compiles anew, and sentences where a number cannot be meant."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from sinew.apps.dashboard.work.design import design_curves
+from sinew.measure.errors import SpecError
+
+BAND_HZ = (1.0, 6.0)
+
+
+def joint(seed: int) -> tuple[dict[str, float | str | None], float, float]:
+    """Changes, pretension [mm] and amplitude [deg] drawn at random from where the sliders go."""
+    random = np.random.default_rng(seed)
+    changes: dict[str, float | str | None] = {
+        "length_mm": random.uniform(60, 150),
+        "outer_mm": random.uniform(40, 80),
+        "tendon_circle_mm": random.uniform(15, 60),
+        "lever_inertia_kg_m2": random.uniform(0.004, 0.02),
+    }
+    return changes, random.uniform(0, 12), random.uniform(5, 30)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sketch_is_what_the_refined_curve_is(seed: int) -> None:
+    changes, pretension, amplitude = joint(seed)
+    rough, fine = (design_curves("paper", changes, pretension, amplitude, BAND_HZ, fine=fine) for fine in (False, True))
+    assert max(rough["gain"]) == pytest.approx(max(fine["gain"]), rel=rough["error_estimate"])
+
+
+def test_a_sketch_of_the_papers_rig_has_its_peak_where_the_refined_curve_has_it() -> None:
+    rough, fine = (design_curves("paper", {}, 6.0, 20.0, BAND_HZ, fine=fine) for fine in (False, True))
+    assert rough["peak"]["frequency_hz"] == pytest.approx(fine["peak"]["frequency_hz"], rel=3e-3)
+    assert rough["phase_90"]["frequency_hz"] == pytest.approx(fine["phase_90"]["frequency_hz"], rel=5e-4)
+
+
+def test_a_folded_curve_is_unstable_between_its_folds() -> None:
+    slender = {"outer_mm": 40.2, "length_mm": 127.8, "tendon_circle_mm": 51.5, "lever_inertia_kg_m2": 0.0062}
+    found = design_curves("paper", slender, 5.0, 24.8, BAND_HZ)
+    assert len(found["folds"]) == 2
+    low, high = sorted(fold["frequency_hz"] for fold in found["folds"])
+    unstable = [f for f, stable in zip(found["frequency_hz"], found["stable"], strict=True) if not stable]
+    assert unstable
+    assert low * 0.99 < min(unstable) <= max(unstable) < high * 1.01
+
+
+def test_no_slider_compiles_anything_anew(caplog: pytest.LogCaptureFixture) -> None:
+    design_curves("paper", {"length_mm": 90.0}, 4.0, 20.0, BAND_HZ)
+    with jax.log_compiles(), caplog.at_level("WARNING"):
+        for seed in range(3):
+            changes, pretension, amplitude = joint(seed)
+            design_curves("paper", changes, pretension, amplitude, (1.2, 5.5))
+    assert [record.message for record in caplog.records if "ompil" in record.message] == []
+
+
+def test_a_curve_is_plain_json() -> None:
+    found = design_curves("paper", {"outer_mm": 50.0}, 4.0, 20.0, BAND_HZ)
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+
+
+def test_a_joint_without_changes_is_the_rig() -> None:
+    assert design_curves("paper", {"length_mm": None}, 4.0, 20.0, BAND_HZ)["rig"] == "paper"
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"colour": 1.0}, "found a change of colour, expected one of"),
+        ({"length_mm": -1.0}, "length_mm is -1, expected a positive number"),
+        ({"outer_mm": 30.0, "inner_mm": 40.0}, "expected 0 < inner < outer"),
+        ({"length_mm": float("nan")}, "length_mm is nan"),
+    ],
+)
+def test_a_change_that_cannot_be_meant_is_refused(changes: dict[str, float | str | None], sentence: str) -> None:
+    with pytest.raises(SpecError, match=sentence):
+        design_curves("paper", changes, 4.0, 20.0, BAND_HZ)
+
+
+@pytest.mark.parametrize(("pretension", "amplitude"), [(-1.0, 20.0), (4.0, 0.0)])
+def test_a_drive_that_cannot_be_meant_is_refused(pretension: float, amplitude: float) -> None:
+    with pytest.raises(SpecError):
+        design_curves("paper", {}, pretension, amplitude, BAND_HZ)

@@ -1,0 +1,114 @@
+"""What is said of a plan before it runs: its preview, its predicted curves, and a pretension for a wanted resonance."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from sinew.apps.cli import app
+from sinew.apps.dashboard.work.prediction import prediction_for_plan
+from sinew.apps.dashboard.work.pretension import suggest_pretension
+from sinew.apps.dashboard.work.preview import preview_document
+from sinew.measure.errors import SpecError
+from sinew.plan.library import read_spec
+from sinew.plan.toml import dump_rig, load_rig, parse_plan
+
+RIG = read_spec("rigs", "paper")
+PLAN = """
+name = "two"
+[pretension]
+pretension_mm = [2, 8]
+[sweep]
+frequency_hz = [3, 3.4]
+amplitude_deg = 15
+"""
+
+
+def certain_to(share: float) -> str:
+    """The paper's rig, as if its rigidity were known within a share."""
+    rig = load_rig("paper")
+    row = rig.silicone.torsional_rigidity
+    known = row.model_copy(update={"interval90": (row.value * (1 - share), row.value * (1 + share))})
+    return dump_rig(rig.model_copy(update={"silicone": rig.silicone.model_copy(update={"torsional_rigidity": known})}))
+
+
+def test_a_preview_is_what_sinew_check_says(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(PLAN, encoding="utf-8")
+    told = json.loads(CliRunner().invoke(app, ["check", str(path), "--json"]).stdout)
+    found = preview_document(PLAN, RIG)
+    assert {key: found[key] for key in told} == told
+
+
+def test_a_plan_that_breaks_a_limit_is_an_answer() -> None:
+    found = preview_document(PLAN.replace("[2, 8]", "[2, 99]"), RIG)
+    assert not found["ok"]
+    assert "the rig allows" in found["refusals"][0]
+
+
+def test_what_is_no_plan_is_refused() -> None:
+    with pytest.raises(SpecError):
+        preview_document("name = 1", RIG)
+
+
+def test_a_prediction_has_a_curve_for_each_pretension_in_the_plans_order() -> None:
+    found = prediction_for_plan(PLAN.replace("[2, 8]", "[8, 2]"), RIG)
+    assert [curve["pretension_mm"] for curve in found["curves"]] == [8, 2]
+
+
+def test_a_prediction_reaches_over_the_frequencies_of_the_plan() -> None:
+    (curve, _) = prediction_for_plan(PLAN, RIG)["curves"]
+    assert curve["frequency_hz"][0] <= 3.0
+    assert curve["frequency_hz"][-1] >= 3.4
+
+
+def test_a_predicted_gain_is_the_torsion_over_the_commanded_amplitude() -> None:
+    (curve, _) = prediction_for_plan(PLAN, RIG)["curves"]
+    assert curve["gain"] == pytest.approx([torsion / 15 for torsion in curve["torsion_deg"]])
+
+
+def test_a_rig_that_does_not_know_how_certain_it_is_has_no_bands() -> None:
+    found = prediction_for_plan(PLAN, RIG, 10)
+    assert not found["can_have_bands"]
+    assert "gain_low" not in found["curves"][0]
+
+
+def test_a_band_widens_with_what_is_not_known() -> None:
+    def width(share: float) -> float:
+        (curve,) = prediction_for_plan(PLAN.replace("[2, 8]", "[4]"), certain_to(share), 8)["curves"]
+        return max(high - low for low, high in zip(curve["gain_low"], curve["gain_high"], strict=True))
+
+    assert width(0.02) > 2 * width(0.005)
+
+
+@pytest.mark.parametrize("name", ["first", "short"])
+def test_shipped_plans_are_predicted_as_plain_json(name: str) -> None:
+    found = prediction_for_plan(read_spec("plans", name), RIG)
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    assert len(found["curves"]) == len(parse_plan(read_spec("plans", name)).pretension.pretension_mm)
+
+
+def test_a_suggested_pretension_resonates_where_it_is_wanted() -> None:
+    found = suggest_pretension("paper", {}, 3.4, 20.0)
+    assert found["frequency_hz"]["value"] == pytest.approx(3.4, rel=1e-3)
+    assert found["pretension_mm"]["interval90"] == [None, None]
+
+
+def test_a_suggestion_has_an_interval_where_the_rig_knows_how_certain_it_is() -> None:
+    found = suggest_pretension(certain_to(0.02), {}, 3.4, 20.0, draws=10)
+    low, high = found["pretension_mm"]["interval90"]
+    assert low < found["pretension_mm"]["value"] < high
+    assert math.isfinite(high - low)
+
+
+def test_a_frequency_out_of_reach_is_a_sentence() -> None:
+    found = suggest_pretension("paper", {}, 9.0, 20.0)
+    assert found["pretension_mm"] is None
+    assert found["sentence"].startswith("9 Hz is above")
+
+
+def test_two_amplitudes_at_once_are_refused() -> None:
+    with pytest.raises(SpecError, match="expected one of them"):
+        suggest_pretension("paper", {}, 3.4, 20.0, 30.0)
