@@ -19,7 +19,7 @@ _HERE = "tests.unit.dashboard_calls"
 def worker(monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
     calls = {name: Call(_HERE, "light", 30.0) for name in ("process", "priority", "die_once", "die", "fail", "note")}
     monkeypatch.setattr(worker_module, "CALLS", {**CALLS, **calls, "hang": Call(_HERE, "light", 0.5)})
-    made = Worker(warm=False)
+    made = Worker()
     yield made
     made.close()
 

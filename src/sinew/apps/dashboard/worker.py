@@ -1,8 +1,9 @@
 """This is where a page server hands over what takes long, or needs JAX, to processes of their own.
 
 Three of them, each with one call at a time, all with less right to a core than a control loop: `light` needs no JAX and
-answers at once, `curves` follows the sliders, `long` takes what may take its time. `curves` begins to warm up when the
-worker is made; the others begin with their first call. They end with the process that made them.
+answers at once, `curves` previews plans and follows the sliders, `long` takes what may take its time. Each begins with
+its first call, so that a bench that keeps time beside them is not held up by what nobody has asked for. They end with
+the process that made them.
 """
 
 import asyncio
@@ -153,14 +154,19 @@ class _Lane:
 class Worker:
     """Runs the functions of `CALLS` in other processes; for one event loop.
 
-    warm: begin at once to compile what sliders need. is_warm: whether that is done.
+    is_warm: whether what sliders need is compiled.
     """
 
-    def __init__(self, warm: bool = True) -> None:
+    def __init__(self) -> None:
         self.is_warm = False
+        self._is_warming = False
         self._lanes = {name: _Lane(name != "light") for name in ("light", "curves", "long")}
         self._tasks: set[asyncio.Task[Any]] = set()
-        if warm:
+
+    def warm_up(self) -> None:
+        """Begin to compile what sliders need, the first time; returns at once."""
+        if not self._is_warming:
+            self._is_warming = True
             self._lanes["curves"].submit("warm_up", ()).add_done_callback(self._warmed)
 
     def _warmed(self, done: "Future[Any]") -> None:

@@ -32,6 +32,7 @@ def add_design_page(site: Site) -> None:
             sliders.lay_out()
             await ui.context.client.connected()
             await sliders.change()
+            site.work.warm_up()
 
 
 class _Sliders:

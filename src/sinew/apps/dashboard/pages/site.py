@@ -15,6 +15,10 @@ class Work(Protocol):
 
     is_warm: bool
 
+    def warm_up(self) -> None:
+        """Begin to compile what sliders need; returns at once."""
+        ...
+
     def call(self, name: str, *arguments: Any, key: str | None = None) -> Awaitable[Any]:
         """Return what a function of `sinew.apps.dashboard.work` returns; with a key only the latest request runs."""
         ...
