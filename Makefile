@@ -3,12 +3,13 @@
 VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/reproduce
+RUNS ?= runs
 PYTHON ?=
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup setup-dev reproduce answers pictures test test-slow test-realtime check bench peers campaign docs reference lock clean
+.PHONY: help setup setup-dev reproduce serve screenshots answers pictures test test-slow test-realtime check bench peers campaign docs reference lock clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -18,9 +19,15 @@ setup: $(VENV)/.runtime ## make .venv with what Sinew needs (PYTHON=... picks th
 reproduce: $(VENV)/.runtime ## the paper's campaign on the twin: table, figures and report in out/reproduce (OUT=...)
 	$(BIN)/sinew reproduce --out $(OUT)
 
+serve: $(VENV)/.serve ## the dashboard with an emulated bench, in the browser (RUNS=... the folder of its runs)
+	$(BIN)/sinew serve --emulate --runs $(RUNS)
+
 answers: reproduce ## the paper's open questions asked of that campaign: out/reproduce/answers.html
 	$(BIN)/sinew answer $(OUT)/recording.nc --out $(OUT)
 	$(BIN)/sinew report $(OUT)
+
+screenshots: $(VENV)/.dev ## the pictures of the dashboard in README and docs, from Chromium (a minute or two)
+	$(BIN)/python tools/take_screenshots.py docs/pictures
 
 test: $(VENV)/.dev ## the fast tests
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile -m "not slow and not hardware"
@@ -70,6 +77,9 @@ setup-dev: $(VENV)/.dev
 
 $(VENV)/.runtime: requirements.txt pyproject.toml tools/setup.sh
 	@PYTHON="$(PYTHON)" sh tools/setup.sh runtime
+
+$(VENV)/.serve: $(VENV)/.runtime requirements-serve.txt
+	@sh tools/setup.sh serve
 
 $(VENV)/.dev: $(VENV)/.runtime requirements-dev.txt
 	@sh tools/setup.sh dev

@@ -33,6 +33,7 @@ pins() {
 
 compile requirements.txt --python-version 3.11 ${UPGRADE:+--upgrade}
 compile requirements-dev.txt --python-version 3.11 --extra dev --constraint requirements.txt ${UPGRADE:+--upgrade}
+compile requirements-serve.txt --python-version 3.11 --extra dashboard --constraint requirements-dev.txt
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT

@@ -1,6 +1,7 @@
 #!/bin/sh
 # Makes .venv from the hash-locked requirements, with nothing but a Python and its venv module.
 #   setup.sh runtime   the interpreter, what Sinew needs, and Sinew itself, editable
+#   setup.sh serve     what the dashboard needs, into the same .venv
 #   setup.sh dev       what testing, checking and the documentation need, into the same .venv
 # PYTHON in the environment picks the interpreter; else the first of the list below that fits.
 set -eu
@@ -42,13 +43,18 @@ runtime)
     install --no-deps --no-build-isolation --editable .
     touch .venv/.runtime
     ;;
+serve)
+    echo "setup: installing what the dashboard needs"
+    install --require-hashes --only-binary :all: -r requirements-serve.txt
+    touch .venv/.serve
+    ;;
 dev)
     echo "setup: installing what tests, checks and documentation need"
     install --require-hashes --only-binary :all: -r requirements-dev.txt
     touch .venv/.dev
     ;;
 *)
-    echo "usage: setup.sh runtime|dev" >&2
+    echo "usage: setup.sh runtime|serve|dev" >&2
     exit 2
     ;;
 esac

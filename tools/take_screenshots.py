@@ -1,0 +1,117 @@
+"""This is where the pictures of the dashboard in README and docs are taken, from a real browser.
+
+`python tools/take_screenshots.py docs/pictures` serves an emulated bench, runs a plan on it, and takes the live page in
+light and the page for designs in dark; with `--all` every page in both. Needs Chromium and what `make setup-dev` brings.
+"""
+
+import argparse
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Page, sync_playwright
+
+__all__ = ["main"]
+
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--no-first-run",
+]
+SIZE = {"width": 1360, "height": 860}
+PLAN = """
+name = "demonstration"
+[pretension]
+pretension_mm = [2, 6]
+rest_s = 0.5
+[sweep]
+frequency_hz = [2.5, 2.8, 3, 3.2, 3.4, 3.6, 4]
+settle_s = 1
+periods = 4
+repeats = 1
+"""
+PAGES = {"plan": "#sinew-duration", "runs": "#sinew-open", "design": "#sinew-peak"}
+PATIENCE_MS = 120_000
+
+
+def start_run(page: Page, base: str) -> None:
+    """Start the demonstration and return when it has measured half of its segments."""
+    page.goto(f"{base}/plan")
+    page.wait_for_selector("#sinew-duration")
+    page.click("#sinew-take")
+    page.wait_for_function("Sinew.status().operator?.mine")
+    page.get_by_label("Begin with the plan").click()
+    page.get_by_role("option", name="demonstration").click()
+    page.wait_for_function("document.querySelector('.sinew-code').textContent.includes('demonstration')")
+    page.wait_for_selector("#sinew-start:not([disabled])")
+    page.click("#sinew-start")
+    page.wait_for_url(f"{base}/")
+    page.wait_for_function("parseInt(document.querySelector('#sinew-progress-text').textContent) >= 10")
+
+
+def take(page: Page, folder: Path, everything: bool) -> None:
+    """Take the pictures of a dashboard that was just opened."""
+    base = page.url.rstrip("/")
+    start_run(page, base)
+    for theme in ("light", "dark") if everything else ("light",):
+        page.emulate_media(color_scheme=theme)
+        page.wait_for_timeout(1000)
+        page.screenshot(path=folder / f"dashboard-live-{theme}.png", full_page=everything)
+    page.wait_for_function("Sinew.status().run === null")
+    wanted: dict[str, str] = dict(PAGES) if everything else {"design": PAGES["design"]}
+    if everything:
+        name = str(page.evaluate("Sinew.status().last.name"))
+        wanted[f"runs/{name}"] = "a[data-kind=csv]"
+    for path, ready in wanted.items():
+        for theme in ("light", "dark") if everything else ("dark",):
+            page.emulate_media(color_scheme=theme)
+            page.goto(f"{base}/{path}")
+            page.wait_for_selector(ready)
+            page.wait_for_timeout(3000)
+            picture = f"dashboard-{'run' if '/' in path else path}-{theme}.png"
+            page.screenshot(path=folder / picture, full_page=everything)
+
+
+def main(arguments: list[str]) -> int:
+    """Take the pictures; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--all", action="store_true", help="every page, light and dark, whole")
+    asked = parser.parse_args(arguments)
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        print("found no chromium; apt-get install chromium", file=sys.stderr)
+        return 2
+    asked.folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        runs = Path(scratch) / "runs"
+        (runs / "plans").mkdir(parents=True)
+        (runs / "plans" / "demonstration.toml").write_text(PLAN)
+        command = [str(Path(sys.executable).with_name("sinew")), "serve", "--emulate", "--runs", str(runs)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            try:
+                assert process.stdout is not None
+                link = process.stdout.readline().strip()
+                with sync_playwright() as playwright:
+                    browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
+                    options: dict[str, Any] = {"viewport": SIZE}
+                    page = browser.new_context(**options).new_page()
+                    page.set_default_timeout(PATIENCE_MS)
+                    page.goto(link)
+                    page.wait_for_function("window.Sinew && Sinew.status()?.signed_in")
+                    take(page, asked.folder, asked.all)
+                    browser.close()
+            finally:
+                process.send_signal(signal.SIGTERM)
+                process.wait(60)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
