@@ -4,6 +4,7 @@ and without, and lays the begins of its cycles side by side. JSON on stdout."""
 
 import argparse
 import asyncio
+import itertools
 import json
 import math
 import subprocess
@@ -239,9 +240,7 @@ def one_run(seconds: float, viewers: int) -> dict[str, Any]:
         "viewers": viewers,
         "cycles": int(numbers.get("cycles", late.size)),
         "missed": int(numbers.get("cycles_missed", -1)),
-        "late_ms": {
-            f"below {b:g}": int(((late >= a) & (late < b)).sum()) for a, b in zip(edges, edges[1:], strict=False)
-        },
+        "late_ms": {f"below {b:g}": int(((late >= a) & (late < b)).sum()) for a, b in itertools.pairwise(edges)},
         "late_median_ms": float(np.nanmedian(late)),
         "late_p99_ms": float(np.nanpercentile(late, 99)),
         "frames": counts,

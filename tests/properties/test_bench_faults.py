@@ -100,7 +100,7 @@ def test_a_bench_that_takes_late_answers_for_fresh_ones_is_found_out(
 def test_a_bench_that_only_says_that_it_stopped_is_found_out(
     tension_n: Mapping[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sinew.bench.run.stop", lambda _rig, _clock, state, _: StopReport(state))
+    monkeypatch.setattr("sinew.bench.run.stop", lambda _rig, _clock, state, _, **__: StopReport(state))
     verdict = judge(scenario(), tension_n)
     assert any("the report says release" in violation for violation in verdict.violations)
 

@@ -178,12 +178,17 @@ def convert_journal(folder: Path, report: "RunReport") -> Path | None:
 
 
 @contextmanager
-def on_signals(act: Callable[[str], None]) -> Iterator[None]:
-    """Have Ctrl-C, SIGTERM and a closed terminal do something, each time, instead of ending the program."""
+def on_signals(act: Callable[[str], None], emergency: Callable[[str], None] | None = None) -> Iterator[None]:
+    """Have Ctrl-C, SIGTERM and a closed terminal do something, each time, instead of ending the program.
+
+    emergency: what Ctrl-\\ (SIGQUIT) does; None: the same.
+    """
     names = {signal.SIGINT: "interrupted by Ctrl-C", signal.SIGTERM: "terminated", signal.SIGHUP: "the terminal closed"}
+    names[signal.SIGQUIT] = "emergency stop by Ctrl-\\"
 
     def handler(number: int, _frame: Any) -> None:
-        act(names[signal.Signals(number)])
+        which = signal.Signals(number)
+        (emergency if emergency is not None and which == signal.SIGQUIT else act)(names[which])
 
     before = {number: signal.signal(number, handler) for number in names}
     try:
@@ -208,6 +213,7 @@ def run_document(
         "safe_state": report.stop.declared,
         "is_safe": report.stop.is_safe,
         "left": report.stop.sentence(),
+        "frozen_ms": _ms(report.halted_s),
         "groups": report.groups,
         "groups_done": report.groups_done,
         "pretensions": pretensions,
@@ -220,6 +226,10 @@ def run_document(
         "journal": str(journal),
         "recording": str(recording) if recording is not None else None,
     }
+
+
+def _ms(seconds: float | None) -> float | None:
+    return None if seconds is None else round(1e3 * seconds, 1)
 
 
 def _known(value: float) -> float | None:

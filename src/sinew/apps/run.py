@@ -25,6 +25,7 @@ from sinew.apps.bench_run import (
 from sinew.apps.console import print_json, remark
 from sinew.apps.options import Json, PlanArgument, Rig
 from sinew.apps.realtime import keeping_time
+from sinew.apps.run_control import listening
 from sinew.apps.screen import showing
 
 if TYPE_CHECKING:
@@ -48,10 +49,16 @@ def run(
     Every sample goes into DIR/journal.sqlite as it comes; at the end the whole groups become DIR/recording.nc, which
     `sinew analyse` reads. Whatever happens, and after Ctrl-C, the motors end in the rig's declared safe state; where
     the port is lost, their own bus watchdog stops them. A run that was cut off goes on at its first unfinished group
-    with --resume. Exit status: 0 complete, 1 stopped early, 2 refused before anything moved.
+    with --resume.
+
+    Ctrl-\\ is the emergency stop: all motors are frozen at once, within 0.2 s, then brought to the declared state. The
+    run takes commands (pause, resume, hold, release, stop, emergency) at the socket that DIR/control names.
+
+    Exit status: 0 complete, 1 stopped early, 2 refused before anything moved.
     """
     from sinew.bench.preflight import refuse_unready
     from sinew.bench.run import Runner
+    from sinew.bench.steering import Steering
     from sinew.plan.toml import load_plan, load_rig
 
     plan_, spec = load_plan(plan), load_rig(rig)
@@ -59,14 +66,17 @@ def run(
     refuse_unfit_folder(out, resume)
     await_port(port, wait)
     with ExitStack() as signals:
-        with open_rig(port, spec) as (bench, clock):
+        with open_rig(port, spec) as (bench, clock), listening(out, steering := Steering(clock.now)) as control:
             # What the bench lacks is said at once; the runner looks again, for the preview takes a while.
             refuse_unready(bench, clock, plan_, torque_may_be_on=resume)
             tension = _refuse_unfit_plan(plan_, spec, out)
             with keeping_time(), run_journal(out, plan_, spec, words, resume) as journal, showing() as screen:
                 screen.progress(0.0, sum(group.duration_s for group in plan_.groups()))
-                runner = Runner(bench, clock, plan_, journal, tension, listener=screen, progress=screen.progress)
-                signals.enter_context(on_signals(runner.request_stop))
+                runner = control.runner = Runner(
+                    bench, clock, plan_, journal, tension,
+                    listener=screen, progress=screen.progress, steering=steering,
+                )  # fmt: skip
+                signals.enter_context(on_signals(runner.request_stop, runner.request_emergency))
                 report = runner.run(resume=resume)
                 close_journal(journal, report)
             statistics = bench.bus.statistics

@@ -24,6 +24,7 @@ from sinew.apps.bench_run import (
 from sinew.apps.console import print_json
 from sinew.apps.options import Json, Seed
 from sinew.apps.realtime import keeping_time
+from sinew.apps.run_control import listening
 from sinew.apps.screen import showing
 from sinew.measure.errors import SpecError
 
@@ -154,25 +155,27 @@ def _run(
     from sinew.apps.track_plan import tensions
     from sinew.bench.preflight import refuse_unready
     from sinew.bench.run import Runner
+    from sinew.bench.steering import Steering
     from sinew.tune.planned import planned_tracker
 
     held = tensions(plan, spec)
     refuse_full_disk(out, plan, sum(group.duration_s for group in plan.groups()))
     source = {"source": "emulator"} if virtual else {}
-    with bench as (rig, clock):
+    with bench as (rig, clock), listening(out, steering := Steering(clock.now, can_pause=False)) as control:
         refuse_unready(rig, clock, plan)
         pace = nullcontext() if virtual else keeping_time()
         with pace, run_journal(out, plan, spec, words, False, **source) as journal, showing(tracking=True) as screen:
-            runner = Runner(
+            runner = control.runner = Runner(
                 rig,
                 clock,
                 plan,
                 journal,
                 held,
                 listener=screen,
+                steering=steering,
                 law=lambda group, time: planned_tracker(group, plan, spec, expected, time),
             )
-            signals.enter_context(on_signals(runner.request_stop))
+            signals.enter_context(on_signals(runner.request_stop, runner.request_emergency))
             report = runner.run()
             close_journal(journal, report)
     recording = convert_journal(out, report)

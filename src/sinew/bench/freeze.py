@@ -31,7 +31,8 @@ DRIVE_HOLD_SHARE = 0.2
 
 _GOALS = ("goal_pwm", "goal_current", "goal_velocity", "profile_acceleration", "profile_velocity", "goal_position")
 _ASKED = (
-    "operating_mode", "pwm_limit", "current_limit", "torque_enable", "bus_watchdog", *_GOALS, "present_position"
+    "operating_mode", "pwm_limit", "current_limit", "velocity_limit", "torque_enable", "bus_watchdog",
+    *_GOALS, "present_position",
 )  # fmt: skip
 
 Counts = dict[str, int]
@@ -61,7 +62,9 @@ def freeze(rig: Rig, clock: Clock) -> Frozen:
             frozen.names |= there
             frozen.took_s = clock.now() - start
         pending = [motor for motor in pending if motor.name not in there]
-        told |= {m.name: found[m.name] | _standing(rig, m, found[m.name]) for m in pending if m.name in found}
+        told |= {
+            m.name: _acceptable(found[m.name] | _standing(rig, m, found[m.name])) for m in pending if m.name in found
+        }
         _tell(rig, [motor for motor in pending if motor.name in told], told)
     return frozen
 
@@ -96,6 +99,12 @@ def _tell(rig: Rig, motors: Sequence[Motor], told: Mapping[str, Counts]) -> None
         rig.bus.sync_write(motors[0].table["goal_pwm"].address, data)
 
 
+def _acceptable(counts: Counts) -> Counts:
+    """Return registers with goals that a motor takes: a start leaves some beyond limits that were set later."""
+    limits = {"goal_pwm": "pwm_limit", "goal_current": "current_limit", "goal_velocity": "velocity_limit"}
+    return counts | {goal: max(-counts[most], min(counts[goal], counts[most])) for goal, most in limits.items()}
+
+
 def _standing(rig: Rig, motor: Motor, counts: Counts) -> Counts:
     """Return the goals with which a motor that runs with some registers stays where it is, by register."""
     present = counts["present_position"]
@@ -113,11 +122,14 @@ def _standing(rig: Rig, motor: Motor, counts: Counts) -> Counts:
     if mode == CURRENT_MODE:
         pull = max(0, min(motor.sign * asked, limits["goal_current"]))
         return limits | {"goal_current": motor.sign * pull}
-    strongest = asked * motor.table["goal_current"].scale if mode == CURRENT_POSITION_MODE else hold
-    ahead = motor.sign * (counts["goal_position"] - present)
-    goal = present + motor.sign * max(0, min(ahead, _give(rig, motor, min(strongest, hold))))
-    which = "goal_current" if mode == CURRENT_POSITION_MODE else "goal_pwm"
-    return {which: limits[which], "goal_position": goal}
+    by_current = mode == CURRENT_POSITION_MODE
+    in_force = min(asked * motor.table["goal_current"].scale, hold) if by_current else hold
+    ahead, give = motor.sign * (counts["goal_position"] - present), _give(rig, motor, in_force)
+    goals = {"goal_position": present + motor.sign * max(0, min(ahead, give))}
+    if not by_current:
+        return goals | {"goal_pwm": limits["goal_pwm"]}
+    # One that pulls at its limit, on its way to a goal far ahead, would jerk if the limit were wider for a moment.
+    return goals | {"goal_current": limits["goal_current"] if ahead <= give else asked}
 
 
 def _most(motor: Motor, register: str, quantity: float, limit: int) -> int:

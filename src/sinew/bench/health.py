@@ -17,12 +17,13 @@ HEALTH_S = 1.0
 class Progress:
     """How far a run is. state: what it is at, in words. done_s, total_s: of the plan [s]; group, groups: of the plan.
 
-    group counts from 0 and is None before the first.
+    group counts from 0 and is None before the first. newest_s: time of the newest cycle, by the run's clock [s].
     """
 
     def __init__(self, groups: int, total_s: float) -> None:
         self.state = "starting"
         self.group: int | None = None
+        self.newest_s = 0.0
         self.groups, self.total_s = groups, total_s
         self._before = self._length = 0.0
         self._began: float | None = None
@@ -55,7 +56,7 @@ class Health:
         reading = self._loop.last
         if reading is not None and reading.climate is not None:
             self._celsius[reading.climate.name] = reading.climate.temperature
-        self._volts = supply_v
+        self._volts, self._progress.newest_s = supply_v, now
         if not now - self._told >= HEALTH_S:
             return None
         self._told = now

@@ -16,13 +16,14 @@ _DURATION = (
     "SELECT coalesce(sum(length), 0) FROM "
     "(SELECT max(ended_s) - min(started_s) AS length FROM segments GROUP BY session)"
 )
+_LAST = "SELECT kind, sentence FROM events WHERE kind != 'health' ORDER BY id DESC LIMIT 1"
 
 
 @dataclass(frozen=True)
 class JournalSummary:
     """plan_toml, rig_toml: as given. dates: of every run that wrote here (ISO 8601, UTC). finished: how many groups of
     the plan are recorded. duration_s: from first to last segment, of all runs together. last: kind and sentence of the
-    newest event, empty where there is none."""
+    newest event that is no report on the health, empty where there is none."""
 
     plan_toml: str
     rig_toml: str
@@ -40,7 +41,7 @@ def summarise_journal(path: Path) -> JournalSummary:
             if kind != APPLICATION_ID:
                 raise FileError(f"{path} is an SQLite file, but no journal of Sinew")
             meta = dict(journal.execute("SELECT key, value FROM meta"))
-            last = journal.execute("SELECT kind, sentence FROM events ORDER BY id DESC LIMIT 1").fetchone()
+            last = journal.execute(_LAST).fetchone()
             return JournalSummary(
                 str(meta["plan"]),
                 str(meta["rig"]),

@@ -104,6 +104,16 @@ class Runner:
         self._health = Health(self._loop, rig.bus, self.at)
         self.report = RunReport(len(self._groups))
 
+    @property
+    def motors(self) -> int:
+        """How many motors the rig has."""
+        return len(self._rig.motors)
+
+    @property
+    def group_kind(self) -> str:
+        """Kind of the group under way; empty before the first."""
+        return self._group.kind if self._group is not None else ""
+
     def request_pause(self) -> None:
         """Rest after the group under way, lever at zero and tension held; from any thread, as the others."""
         self.steering.request_pause()
@@ -168,7 +178,9 @@ class Runner:
                 if halt.is_emergency:
                     self._say("frozen", f"all motors stand, {1e3 * self.report.halted_s:.0f} ms after the request")
 
-        return stop(self._rig, self._clock, (halt.state if halt is not None else None) or declared, note)
+        state = (halt.state if halt is not None else None) or declared
+        at_once = halt is not None and halt.is_emergency
+        return stop(self._rig, self._clock, state, note, is_emergency=at_once)
 
     def _run_all(self, done: frozenset[int] | set[int]) -> None:
         contact = self._power_up()
@@ -231,6 +243,7 @@ class Runner:
     def _change_mode(self, contact: Contact) -> Contact:
         """Put the tendon motors into the plan's mode, one by one; return the contact in the turns they count then."""
         mode = self._plan.pretension.mode
+        self.at.state = "changing the mode"
         angles = list(contact.angles)
         if mode != "position-with-current-limit":
             for index, motor in enumerate(self._rig.tendons):

@@ -18,7 +18,17 @@ from sinew.hardware.rig import Rig
 from sinew.hardware.servos import TendonServo
 from sinew.hardware.transport import Clock
 
-__all__ = ["CURRENT_RAMP_S", "PERSIST_S", "RAMP_MOST_S", "RAMP_SPEED", "StopReport", "hold", "release", "stop"]
+__all__ = [
+    "CURRENT_RAMP_S",
+    "PERSIST_S",
+    "RAMP_MOST_S",
+    "RAMP_SPEED",
+    "STAND_S",
+    "StopReport",
+    "hold",
+    "release",
+    "stop",
+]
 
 RAMP_SPEED = 0.02
 """Speed at which cable is given back while the tension is ramped down [m/s]."""
@@ -31,6 +41,9 @@ RAMP_MOST_S = 2.0
 
 PERSIST_S = 1.0
 """A motor that does not answer is asked again for so long [s]."""
+
+STAND_S = 0.5
+"""After an emergency all motors stand for so long before the tension is let down: the joint's swing dies away [s]."""
 
 _AGAIN_S = 0.1
 _RAMP_STEP_S = 0.02
@@ -76,11 +89,18 @@ class StopReport:
         return "release: tension let down, torque off on all motors"
 
 
-def stop(rig: Rig, clock: Clock, state: str, on_frozen: Callable[[StopReport], None] | None = None) -> StopReport:
+def stop(
+    rig: Rig,
+    clock: Clock,
+    state: str,
+    on_frozen: Callable[[StopReport], None] | None = None,
+    *,
+    is_emergency: bool = False,
+) -> StopReport:
     """Bring the rig to a safe state, hold or release, and report how it was left.
 
     Works from any state: how each motor runs is read from its registers. on_frozen: called with what is known so far
-    when the first stage is over.
+    when the first stage is over. is_emergency: the motors stand for a while before a release lets the tension down.
     """
     start = clock.now()
     report = StopReport(state)
@@ -91,7 +111,13 @@ def stop(rig: Rig, clock: Clock, state: str, on_frozen: Callable[[StopReport], N
     report.frozen, report.frozen_s = frozenset(frozen.names), frozen.took_s
     if on_frozen is not None:
         on_frozen(report)
-    (_hold if state == "hold" else _release)(report, rig, clock)
+    if state == "hold" or is_emergency:
+        _hold(report, rig, clock)
+    if state != "hold":
+        if is_emergency and not report.port_lost:
+            clock.wait_until(clock.now() + STAND_S)
+            report.reached.clear()
+        _release(report, rig, clock)
     report.took_s = clock.now() - start
     return report
 

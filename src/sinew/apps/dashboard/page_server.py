@@ -7,7 +7,6 @@ then it ends, too.
 import asyncio
 import json
 import os
-
 import sys
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable

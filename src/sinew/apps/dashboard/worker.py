@@ -33,8 +33,8 @@ class WorkerError(SinewError):
 
 
 class Call(NamedTuple):
-    """A function that can be called. module: in the package `work`. lane: light, curves or long. most_s: longest time
-    that it may take, after which its process is ended."""
+    """A function that can be called. module: where it is. lane: light, curves or long. most_s: longest time that it may
+    take, after which its process is ended."""
 
     module: str
     lane: str
@@ -42,18 +42,18 @@ class Call(NamedTuple):
 
 
 CALLS = {
-    "shelf": Call("shelf", "light", _SHORT_S),
-    "read_shelf": Call("shelf", "light", _SHORT_S),
-    "list_runs": Call("runs", "light", _SHORT_S),
-    "run_summary": Call("runs", "light", _SHORT_S),
-    "measured_so_far": Call("live", "light", _SHORT_S),
-    "preview_document": Call("preview", "curves", 2 * _SHORT_S),
-    "design_curves": Call("design", "curves", 2 * _SHORT_S),
-    "warm_up": Call("design", "curves", _WARM_UP_S),
-    "suggest_pretension": Call("pretension", "long", _LONG_S),
-    "prediction_for_plan": Call("prediction", "long", _LONG_S),
-    "run_results": Call("results", "long", _LONG_S),
-    "download": Call("download", "long", _LONG_S),
+    "shelf": Call(f"{_WORK}.shelf", "light", _SHORT_S),
+    "read_shelf": Call(f"{_WORK}.shelf", "light", _SHORT_S),
+    "list_runs": Call(f"{_WORK}.runs", "light", _SHORT_S),
+    "run_summary": Call(f"{_WORK}.runs", "light", _SHORT_S),
+    "measured_so_far": Call(f"{_WORK}.live", "light", _SHORT_S),
+    "preview_document": Call(f"{_WORK}.preview", "curves", 2 * _SHORT_S),
+    "design_curves": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),
+    "warm_up": Call(f"{_WORK}.design", "curves", _WARM_UP_S),
+    "suggest_pretension": Call(f"{_WORK}.pretension", "long", _LONG_S),
+    "prediction_for_plan": Call(f"{_WORK}.prediction", "long", _LONG_S),
+    "run_results": Call(f"{_WORK}.results", "long", _LONG_S),
+    "download": Call(f"{_WORK}.download", "long", _LONG_S),
 }
 """What can be called, by name."""
 
@@ -79,7 +79,7 @@ def _end_with_the_maker() -> None:
 def _run(module: str, name: str, arguments: tuple[Any, ...]) -> Any:
     """Return what a function says; whatever goes wrong in it comes back as a SinewError."""
     try:
-        function: Callable[..., Any] = getattr(importlib.import_module(f"{_WORK}.{module}"), name)
+        function: Callable[..., Any] = getattr(importlib.import_module(module), name)
         return function(*arguments)
     except SinewError:
         raise
@@ -153,14 +153,15 @@ class _Lane:
 class Worker:
     """Runs the functions of `CALLS` in other processes; for one event loop.
 
-    is_warm: whether sliders are answered without compiling.
+    warm: begin at once to compile what sliders need. is_warm: whether that is done.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, warm: bool = True) -> None:
         self.is_warm = False
         self._lanes = {name: _Lane(name != "light") for name in ("light", "curves", "long")}
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._lanes["curves"].submit("warm_up", ()).add_done_callback(self._warmed)
+        if warm:
+            self._lanes["curves"].submit("warm_up", ()).add_done_callback(self._warmed)
 
     def _warmed(self, done: "Future[Any]") -> None:
         self.is_warm = not done.cancelled() and done.exception() is None

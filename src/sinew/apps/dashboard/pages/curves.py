@@ -132,7 +132,14 @@ def options_of(
         "nameTextStyle": {"color": "var(--soft)"},
         "nameLocation": "middle",
     }
+    nothing = {
+        "type": "text",
+        "left": "center",
+        "top": "35%",
+        "style": {"text": "nothing to show yet", "fill": "var(--soft)"},
+    }
     return {
+        "graphic": [] if curves else [nothing],
         "animation": False,
         "aria": {"enabled": True},
         "color": list(_COLOURS),
@@ -146,7 +153,7 @@ def options_of(
             "data": [curve.name for curve in curves],
         },
         "tooltip": {"trigger": "item", "confine": True},
-        "xAxis": {**axis, "name": x_name, "nameGap": 26},
+        "xAxis": {**axis, "boundaryGap": ["3%", "3%"], "name": x_name, "nameGap": 26},
         "yAxis": {**axis, "name": _AXES[what], "nameGap": 42},
         "series": series,
     }

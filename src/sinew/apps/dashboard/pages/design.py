@@ -7,7 +7,7 @@ from nicegui import ui
 
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
-from sinew.apps.dashboard.pages.runs import quantity
+from sinew.apps.dashboard.pages.quantity import quantity
 from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.work.shelf import read_shelf
 from sinew.measure.errors import SinewError
@@ -28,13 +28,13 @@ def add_design_page(site: Site) -> None:
     async def design() -> None:
         with framed(site, "Design", "/design"):
             ui.label("Design a joint").props("role=heading aria-level=1").classes("text-h6")
-            bench = Bench(site)
-            bench.lay_out()
+            sliders = _Sliders(site)
+            sliders.lay_out()
             await ui.context.client.connected()
-            await bench.change()
+            await sliders.change()
 
 
-class Bench:
+class _Sliders:
     """One viewer's joint while it is designed."""
 
     def __init__(self, site: Site) -> None:

@@ -32,7 +32,7 @@ def framed(site: Site, title: str, here: str) -> Iterator[None]:
                     link.props('aria-current="page"')
         ui.element("div").props("id=sinew-controls")
         theme_choice()
-    with ui.element("main").classes("w-full").style("display: grid; gap: 0.75rem"):
+    with ui.element("div").classes("sinew-content"):
         yield
 
 

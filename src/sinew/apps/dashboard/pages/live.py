@@ -25,7 +25,8 @@ def add_live_page(site: Site) -> None:
             ui.label("Live").props("role=heading aria-level=1").classes("sinew-hidden")
             nothing = "Nothing has run yet." if site.bench else "No bench: start sinew serve with --emulate."
             with ui.element("div").props("id=sinew-nothing").classes("sinew-card"):
-                empty(f"{nothing} Choose a plan on the page Plan; what is measured appears here as it comes.")
+                said = empty(f"{nothing} Choose a plan on the page Plan; what is measured appears here as it comes.")
+                said.props("id=sinew-nothing-yet role=status")
             ui.label().props("id=sinew-note role=alert hidden").classes("sinew-card sinew-bad")
             with ui.element("div").classes("sinew-grid"):
                 scene = _joint_card(rig)
@@ -125,9 +126,9 @@ def _bench_card() -> None:
 
 def _curves(site: Site) -> None:
     """Lay out gain and phase, which grow with the run."""
-    with card("Gain: torsion over lever", 6):
+    with card("Gain: torsion over commanded amplitude", 6):
         gain = Curves("gain")
-    with card("Phase: lag of the torsion", 6):
+    with card("Phase: lag of the torsion behind the lever", 6):
         phase = Curves("phase")
     seen = -1
 

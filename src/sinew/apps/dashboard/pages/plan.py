@@ -6,10 +6,10 @@ from typing import Any
 
 from nicegui import events, ui
 
+from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.site import Site
-from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.work.form import fields_of, form_of, plan_from_form
 from sinew.apps.dashboard.work.shelf import read_shelf, shelf
 from sinew.measure.errors import SinewError
@@ -30,11 +30,13 @@ def add_plan_page(site: Site) -> None:
     async def plan() -> None:
         with framed(site, "Plan", "/plan"):
             ui.label("Plan a run").props("role=heading aria-level=1").classes("text-h6")
-            desk = Desk(site)
-            await desk.lay_out()
+            desk = _Desk(site)
+            desk.lay_out()
+            await ui.context.client.connected()
+            await desk.begin()
 
 
-class Desk:
+class _Desk:
     """One viewer's plan while it is prepared."""
 
     def __init__(self, site: Site) -> None:
@@ -47,8 +49,8 @@ class Desk:
         self._toml: str | None = None
         self._turn = 0
 
-    async def lay_out(self) -> None:
-        """Lay out the page and preview the first plan."""
+    def lay_out(self) -> None:
+        """Lay out the page, without a plan yet."""
         with ui.element("div").classes("sinew-grid"):
             with card("What to run", 6):
                 self._choose()
@@ -62,7 +64,12 @@ class Desk:
                 with card("Drive amplitude that can be reached against a held head", 12):
                     self._reach = Curves("amplitude_drive")
                 with card("The plan as a file", 12):
-                    self._text = ui.code("", language="toml").classes("w-full").props("tabindex=0")
+                    self._text = (
+                        ui.label().classes("sinew-code").props('tabindex=0 role=region aria-label="Plan as TOML"')
+                    )
+
+    async def begin(self) -> None:
+        """Put the first plan into the form and preview it."""
         await self._take(_FIRST_PLAN)
 
     def _choose(self) -> None:
@@ -116,7 +123,7 @@ class Desk:
         if switch is not None:
             rows.bind_visibility_from(switch, "value")
 
-            async def turned(event: events.ValueChangeEventArguments) -> None:
+            async def turned(event: events.ValueChangeEventArguments[Any]) -> None:
                 self._values[part] = event.value
                 await self._check()
 
@@ -127,7 +134,7 @@ class Desk:
         value = self._values.get(path, field["default"])
         label = field["title"]
 
-        async def changed(event: events.ValueChangeEventArguments, path: str = path) -> None:
+        async def changed(event: events.ValueChangeEventArguments[Any], path: str = path) -> None:
             self._values[path] = event.value
             await self._check()
 
@@ -141,7 +148,7 @@ class Desk:
             made.tooltip(field["help"])
         self._inputs[path] = made
 
-    async def _change_rig(self, event: events.ValueChangeEventArguments) -> None:
+    async def _change_rig(self, event: events.ValueChangeEventArguments[Any]) -> None:
         self._rig = event.value
         await self._check()
 
@@ -163,7 +170,7 @@ class Desk:
                 return
             ui.spinner(size="2rem").props('aria-label="The preview is computed"')
             ui.label("The twin swings through the plan once.").classes("sinew-soft")
-        self._text.set_content(self._toml)
+        self._text.set_text(self._toml)
         try:
             rig = read_shelf("rigs", self._rig, self._site.runs)
             found = await self._site.work.call("preview_document", self._toml, rig, key=f"preview {id(self)}")

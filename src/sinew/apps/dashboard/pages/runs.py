@@ -2,12 +2,13 @@
 
 from typing import Any
 
-from nicegui import ui
+from nicegui import events, ui
 
+from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
+from sinew.apps.dashboard.pages.quantity import quantity
 from sinew.apps.dashboard.pages.site import Site
-from sinew.apps.dashboard.names import is_run_name
 from sinew.measure.errors import SinewError
 
 __all__ = ["add_runs_pages"]
@@ -31,7 +32,14 @@ def add_runs_pages(site: Site) -> None:
     async def runs() -> None:
         with framed(site, "Runs", "/runs"):
             ui.label("Runs").props("role=heading aria-level=1").classes("text-h6")
-            _table(await site.work.call("list_runs", str(site.runs)))
+            place = ui.element("div").classes("sinew-content")
+            with place:
+                empty("The runs are listed.")
+            await ui.context.client.connected()
+            found = await site.work.call("list_runs", str(site.runs))
+            place.clear()
+            with place:
+                _table(found)
 
     @ui.page("/runs/{names}")
     async def opened(names: str) -> None:
@@ -61,6 +69,10 @@ def _table(found: list[dict[str, Any]]) -> None:
             pagination={"rowsPerPage": 20, "sortBy": "started", "descending": True},
         )
         table.props("flat dense").classes("w-full")
+        table.add_slot("header-selection", '<q-checkbox v-model="props.selected" dense aria-label="choose all" />')
+        table.add_slot(
+            "body-selection", '<q-checkbox v-model="props.selected" dense :aria-label="`choose ${props.row.name}`" />'
+        )
         search.bind_value_to(table, "filter")
 
         def open_chosen() -> None:
@@ -70,16 +82,19 @@ def _table(found: list[dict[str, Any]]) -> None:
             else:
                 ui.notify("Choose one run, or several to lay over one another.")
 
-        table.on(
-            "rowClick",
-            lambda event: is_run_name(event.args[1]["name"]) and ui.navigate.to(f"/runs/{event.args[1]['name']}"),
-        )
+        def open_row(event: events.GenericEventArguments) -> None:
+            name = event.args[1]["name"]
+            if is_run_name(name):
+                ui.navigate.to(f"/runs/{name}")
+
+        table.on("rowClick", open_row)
         ui.button("Open what is chosen", on_click=open_chosen).props("id=sinew-open no-caps unelevated color=primary")
 
 
 def _row(run: dict[str, Any]) -> dict[str, Any]:
     done = "–" if run.get("groups") is None else f"{run['groups_done']} of {run['groups']}"
-    return {**{key: run.get(key) or "–" for key, _, _ in _COLUMNS}, "groups": done}
+    started = (run.get("started") or "–").replace("T", " ")[:16]
+    return {**{key: run.get(key) or "–" for key, _, _ in _COLUMNS}, "groups": done, "started": started}
 
 
 async def _open(site: Site, names: list[str]) -> None:
@@ -175,18 +190,9 @@ def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
         columns = [
             {"name": key, "label": label, "field": key, "align": align, "sortable": True} for key, label, align in names
         ]
-        ui.table(rows=shown, columns=columns, row_key="key", pagination=12).props("flat dense").classes("w-full")
-
-
-def quantity(estimate: dict[str, Any], unit: str) -> str:
-    """Return an estimate as a page says it: value with unit, and its 90 % interval."""
-    value, (low, high) = estimate["value"], estimate["interval90"]
-    if value is None:
-        return "–"
-    unit = f" {unit}" if unit else ""
-    if low is None or high is None:
-        return f"{value:.4g}{unit}"
-    return f"{value:.4g}{unit} ({low:.4g} to {high:.4g})"
+        ui.table(rows=shown, columns=columns, row_key="key", pagination=12).props("flat dense wrap-cells").classes(
+            "w-full"
+        )
 
 
 def _downloads(name: str) -> None:

@@ -122,7 +122,9 @@ const DOING = { settle: "settling", steady: "recording", "ring-down": "free deca
 function describe() {
   const live = state.live, run = state.steward?.run, health = live?.health ?? {}, segment = live?.segment;
   note(state.trouble || (state.steward === null ? "The steward does not answer; what is shown may be old." : ""));
-  $("sinew-nothing")?.toggleAttribute("hidden", Boolean(live));
+  const begins = run && run.name !== live?.name;
+  $("sinew-nothing")?.toggleAttribute("hidden", Boolean(live) && !begins);
+  if (begins) put("sinew-nothing-yet", `${run.name} begins: its plan is tried on the twin before anything moves.`);
   put("sinew-run", live ? live.name : "–");
   put("sinew-doing", !live ? "–" : !run ? "ended" : run.state === "paused" ? "paused" : health.state && health.state !== "running" ? health.state
     : segment?.state === "running" ? DOING[segment.kind] ?? segment.kind : "between segments");

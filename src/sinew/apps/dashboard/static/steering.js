@@ -96,8 +96,8 @@ async function login(token) {
   const answer = await fetch("/login", {
     method: "POST", credentials: "same-origin", headers: { "content-type": "application/json" }, body: JSON.stringify({ token }),
   });
-  if (answer.ok) { await takeTicket(); poll(); return ""; }
   const said = await answer.json().catch(() => ({}));
+  if (answer.ok) { await takeTicket(); poll(); return ""; }
   return said.sentence ?? `The token was not accepted (${answer.status}).`;
 }
 

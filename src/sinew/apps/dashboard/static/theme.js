@@ -11,6 +11,8 @@ function apply() {
 }
 
 function wire() {
+  // What scrolls must be reachable by keyboard.
+  for (const table of document.querySelectorAll(".q-table__middle:not([tabindex])")) table.tabIndex = 0;
   const choice = document.getElementById("sinew-theme");
   if (!choice || choice.dataset.wired) return;
   choice.dataset.wired = "yes";

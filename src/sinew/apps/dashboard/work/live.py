@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from sinew.bench.journal_reader import Stretch
     from sinew.plan.rig import RigSpec
 
-__all__ = ["LiveResults", "mean_of", "measured_so_far"]
+__all__ = ["LiveResults", "mean_of", "measured_so_far", "shared_delay"]
 
 MOST_AT_ONCE = 120
 """Groups that one update analyses unless told otherwise; the rest wait for the next."""
@@ -183,7 +183,7 @@ def _curves(steady: list[tuple[Place, int, dict[str, float]]]) -> list[dict[str,
         rows = places[pretension, frequency]
         curve = curves.setdefault(pretension, {"pretension_mm": pretension, **{name: [] for name in names}})
         table = _table(rows, _STEADY)
-        delay = float(np.nan_to_num(np.nanmean(table["phase_delay_std_rad"]))) if rows else 0.0
+        delay = shared_delay(table["phase_delay_std_rad"])
         curve["frequency_hz"].append(frequency)
         curve["gain"].append(mean_of(table["gain"], table["gain_std"]))
         curve["gain_measured_drive"].append(mean_of(table["gain_measured_drive"], table["gain_measured_drive_std"]))
@@ -205,6 +205,14 @@ def _damping(decays: list[tuple[float, int, dict[str, float]]]) -> list[dict[str
         row = {name: mean_of(table[name], table[std]) for name, std in _DECAY.items()}
         rows.append({"pretension_mm": pretension, **row, "repeats": len(places[pretension])})
     return rows
+
+
+def shared_delay(delays: "NDArray[Any]") -> float:
+    """Return what repeats share of the uncertainty of their lag: the mean of what is known, (1, r) [rad]."""
+    import numpy as np
+
+    known = delays[np.isfinite(delays)]
+    return float(known.mean()) if known.size else 0.0
 
 
 def mean_of(values: "NDArray[Any]", stds: "NDArray[Any]", shared: float = 0.0, scale: float = 1.0) -> dict[str, Any]:

@@ -121,10 +121,11 @@ def _curves(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
     """Yield the response at each pretension, as a run under way has it."""
     import numpy as np
 
-    from sinew.apps.dashboard.work.live import mean_of
+    from sinew.apps.dashboard.work.live import mean_of, shared_delay
 
     columns = {str(name): results[name].values for name in results.data_vars}
-    columns["gain_std"] = columns["gain"] * columns["amplitude_std_rad"] / columns["amplitude_rad"]
+    relative = columns["amplitude_std_rad"] / np.where(columns["amplitude_rad"] > 0, columns["amplitude_rad"], np.nan)
+    columns["gain_std"] = columns["gain"] * relative
     frequencies = results["frequency_hz"].values
     names = ("frequency_hz", "gain", "gain_measured_drive", "phase", "repeats", "settled", "saturated_share")
     for p, pretension in enumerate(results["pretension_mm"].values):
@@ -134,7 +135,7 @@ def _curves(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
             if not there.any():
                 continue
             table = {name: values[p, f][None] for name, values in columns.items() if values.ndim == 3}
-            delay = float(np.nan_to_num(np.nanmean(table["phase_delay_std_rad"][0, there])))
+            delay = shared_delay(table["phase_delay_std_rad"])
             share = float(np.max(table["saturated_share"][0, there]))
             curve["frequency_hz"].append(float(frequency))
             curve["gain"].append(mean_of(table["gain"], table["gain_std"]))
@@ -159,8 +160,8 @@ def _row(pretension_mm: float, quantity: str, estimate: dict[str, Any]) -> dict[
 def _of_resonances(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
     for rows in (document.get("resonance", []), document.get("energy", {}).get("pretensions", [])):
         for row in rows:
-            for quantity in _QUANTITIES.keys() & row.keys():
-                if row[quantity]["value"] is not None:
+            for quantity in _QUANTITIES:
+                if quantity in row and row[quantity]["value"] is not None:
                     yield _row(row["pretension_mm"], quantity, row[quantity])
 
 

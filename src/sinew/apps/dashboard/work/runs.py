@@ -76,7 +76,8 @@ def _stamp(folder: Path) -> dict[str, list[int]]:
     for name in _KEPT:
         with suppress(OSError):
             about = (folder / name).stat()
-            stamp[name] = [about.st_size, about.st_mtime_ns]
+            if about.st_size:  # who reads a journal may leave an empty log beside it
+                stamp[name] = [about.st_size, about.st_mtime_ns]
     return stamp
 
 

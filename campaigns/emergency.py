@@ -1,0 +1,295 @@
+"""This is where runs are stopped in an emergency at random moments: `python -m campaigns.emergency --runs 90`.
+
+Each run is a short plan on the emulated bench in virtual time; the request comes at a drawn moment of a drawn phase, at
+a drawn pretension, motor mode and safe state, with packets lost in a third of the runs. What the motors do is read from
+the mechanics: frozen means without torque, or told to stay with limited output (`EmulatedRig.frozen`); at rest means
+that nothing turns any more either (`EmulatedRig.in_safe_state`). Exit status 1 if something happened that may not.
+"""
+
+import argparse
+import json
+import math
+import multiprocessing
+import os
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from sinew.bench.journal import Journal
+from sinew.bench.run import Runner
+from sinew.emulator.fault_spec import parse_fault
+from sinew.emulator.faults import Faults
+from sinew.emulator.joint_plant import JointPlant
+from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.virtual import VirtualPort
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.rig import Rig
+from sinew.plan.plan import Plan, TendonMode
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
+from sinew.twin.simulate import rest_tension
+
+__all__ = ["FROZEN_MOST_MS", "PHASES", "PRETENSIONS_MM", "Case", "Outcome", "draw_case", "main", "play", "tensions"]
+
+FROZEN_MOST_MS = 200.0
+"""From the request until every motor is frozen."""
+
+PHASES = {
+    "set-up": 0.5, "pull": 3.0, "mode change": 0.1, "pretension": 3.0, "steady": 2.0, "ring-down": 1.4, "pause": 0.4
+}  # fmt: skip
+"""Phases at which a request is aimed, and for how long of each it may come [s]."""
+
+PRETENSIONS_MM = (0.0, 4.0, 12.0)
+DROPPED = "drop:p=0.05"
+
+_TENSION_RISE_N = 8.0
+_AFTER_S = 4.0
+_LOOK_S = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One run: the phase and how long after its begin the request comes [s], and on what bench."""
+
+    number: int
+    phase: str
+    after_s: float
+    mode: TendonMode
+    safe_state: str
+    pretension_mm: float
+    amplitude_deg: float
+    faults: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a case, by the truth of the mechanics.
+
+    frozen_ms: from the request until the last motor was frozen; NaN if one was not after 200 ms. said_ms: by the run.
+    rest_ms: until nothing turned any more, of rigs that hold. lever_deg: how far the lever went on.
+    rise_n: of the largest tension over that of the last half second before. wrong: what happened that may not.
+    """
+
+    case: Case
+    torsion_deg: float
+    frozen_ms: float
+    said_ms: float
+    rest_ms: float
+    done_ms: float
+    lever_deg: float
+    rise_n: float
+    wrong: tuple[str, ...]
+
+
+def draw_case(seed: int, number: int) -> Case:
+    """Return case `number` of a campaign: phases, modes and safe states in turn, the rest by chance."""
+    rng = np.random.default_rng([seed, number])
+    modes: tuple[TendonMode, ...] = get_args(TendonMode)
+    names = list(PHASES)
+    phase = names[number % len(names)]
+    mode = modes[number // len(names) % len(modes)]
+    if phase == "mode change" and mode == "position-with-current-limit":
+        mode = "current"  # a run by the other has none
+    return Case(
+        number=number,
+        phase=phase,
+        after_s=float(rng.uniform(0, PHASES[phase])),
+        mode=mode,
+        safe_state=("hold", "release")[int(rng.integers(2))],
+        pretension_mm=float(rng.choice(PRETENSIONS_MM[1:] if mode == "current" else PRETENSIONS_MM)),
+        amplitude_deg=float(rng.uniform(10, 40)),
+        faults=(DROPPED,) if rng.random() < 1 / 3 else (),
+    )
+
+
+def tensions() -> dict[float, float]:
+    """Return the tension of each tendon at rest [N] at every pretension of the campaign [mm]."""
+    return dict(zip(PRETENSIONS_MM, rest_tension(PRETENSIONS_MM, load_rig("paper")).tolist(), strict=True))
+
+
+class _Port(VirtualPort):
+    """A port that makes the request when it is due, and looks at the truth afterwards."""
+
+    def __init__(self, emulated: EmulatedRig, faults: Faults, case: Case) -> None:
+        super().__init__(faults.attach(emulated))
+        self.emulated, self.case = emulated, case
+        self.runner: Runner | None = None
+        self.due = math.inf if case.phase != "set-up" else case.after_s
+        self.asked = self.looked = self.frozen = self.unrest = math.nan
+        self.before = self.after = self.lever = self.torsion = 0.0
+        self._start_lever = 0.0
+        self._recent: list[tuple[float, float]] = []
+
+    def write(self, data: bytes) -> None:
+        self._look()
+        super().write(data)
+
+    def wait_until(self, time: float) -> None:
+        # Nobody speaks while the motors stand; the truth is looked at all the same.
+        while math.isfinite(self.asked) and time - self.now() > _LOOK_S:
+            super().wait_until(self.now() + _LOOK_S)
+            self._look()
+        super().wait_until(time)
+
+    def _look(self) -> None:
+        now, runner = self.now(), self.runner
+        if runner is None or now - self.looked < _LOOK_S:
+            return
+        if self.case.phase == "pause" and runner.at.group is not None:
+            runner.request_pause()
+        if math.isinf(self.due) and _phase(runner) == self.case.phase:
+            self.due = now + self.case.after_s
+        motion = self.emulated.motion()
+        if math.isnan(self.asked):
+            self._recent = [*(pair for pair in self._recent if pair[0] > now - 0.5), (now, max(motion.tension))]
+            if now >= self.due:
+                self.asked, self.torsion, self._start_lever = now, motion.torsion, motion.drive.angle
+                self.before = max(tension for _, tension in self._recent)
+                runner.request_emergency("emergency stop of the campaign")
+            return
+        self.looked = now
+        self.lever = max(self.lever, abs(motion.drive.angle - self._start_lever))
+        self.after = max(self.after, *motion.tension)
+        if not self.emulated.in_safe_state():
+            self.unrest = now
+        if math.isnan(self.frozen) and now - self.asked >= 1e-3 * FROZEN_MOST_MS:
+            states = self.emulated.states().values()
+            since = max(now - state.law_s if state.torque else self.asked for state in states)
+            self.frozen = max(0.0, since - self.asked) if self.emulated.frozen() else math.inf
+
+
+def _phase(runner: Runner) -> str:
+    state = runner.at.state
+    if state == "running" and runner.at.group is not None:
+        return runner.group_kind
+    return {
+        "starting": "set-up",
+        "pulling the tendons": "pull",
+        "changing the mode": "mode change",
+        "setting pretension": "pretension",
+        "paused": "pause",
+    }.get(state, state)
+
+
+def plan_of(case: Case) -> Plan:
+    """Return the plan of a case."""
+    return parse_plan(f"""
+        name = "emergency"
+        sample_hz = 200
+        [pretension]
+        pretension_mm = [{case.pretension_mm}]
+        mode = "{case.mode}"
+        rest_s = 0.3
+        [sweep]
+        frequency_hz = [{3.2 + 0.1 * case.pretension_mm}]
+        amplitude_deg = {case.amplitude_deg}
+        settle_s = 1.2
+        periods = 4
+        repeats = 1
+        [ring_down]
+        frequency_hz = [{3.2 + 0.1 * case.pretension_mm}, {3.2 + 0.1 * case.pretension_mm}]
+        amplitude_deg = {case.amplitude_deg}
+        drive_s = 1.0
+        record_s = 0.6
+        repeats = 1
+    """)
+
+
+def _rig_of(case: Case) -> RigSpec:
+    spec = load_rig("paper")
+    return spec.model_copy(update={"limits": spec.limits.model_copy(update={"safe_state": case.safe_state})})
+
+
+def play(case: Case, tension_n: Mapping[float, float]) -> Outcome:
+    """Run a case and return what became of it. tension_n: of each tendon at rest [N], by pretension [mm]."""
+    spec, plan = _rig_of(case), plan_of(case)
+    rng = np.random.default_rng(case.number)
+    plant = JointPlant(spec, slack_m=rng.uniform(2e-4, 3e-3, spec.tendons.count).tolist(), rest_tilt=(0.01, -0.01))
+    emulated = EmulatedRig(spec, plant, seed=case.number)
+    port = _Port(emulated, Faults([parse_fault(text) for text in case.faults], seed=case.number), case)
+    timing = BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms)
+    rig = Rig(Bus(port, port, timing, retries=2), port, spec)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "journal.sqlite"
+        with Journal.create(path, dump_plan(plan), dump_rig(spec)) as journal:
+            port.runner = runner = Runner(rig, port, plan, journal, tension_n)
+            report = runner.run()
+    done = port.now()
+    port.wait_until(done + _AFTER_S)
+    wrong = []
+    if math.isnan(port.asked):
+        wrong.append(f"the request never came: {report.sentence}")
+    if not port.frozen * 1e3 <= FROZEN_MOST_MS:
+        wrong.append("not frozen after 200 ms")
+    if report.stop is None or not report.stop.is_safe:
+        wrong.append(f"left with: {report.stop.sentence() if report.stop else 'nothing'}")
+    if port.after > port.before + _TENSION_RISE_N:
+        wrong.append(f"the tension rose from {port.before:.0f} to {port.after:.0f} N")
+    if not emulated.in_safe_state():
+        wrong.append("not at rest in the end")
+    return Outcome(
+        case=case,
+        torsion_deg=math.degrees(port.torsion),
+        frozen_ms=1e3 * port.frozen,
+        said_ms=math.nan if report.halted_s is None else 1e3 * report.halted_s,
+        rest_ms=0.0 if math.isnan(port.unrest) else 1e3 * (port.unrest - port.asked),
+        done_ms=1e3 * (done - port.asked),
+        lever_deg=math.degrees(port.lever),
+        rise_n=port.after - port.before,
+        wrong=tuple(wrong),
+    )
+
+
+def table(outcomes: Sequence[Outcome]) -> str:
+    """Return the outcomes by phase, by mode, and with or without lost packets, as a Markdown table."""
+    head = "| what | runs | frozen/ms, median | largest | the run says, largest | at rest (hold)/ms, largest |"
+    lines = [f"{head} released/ms, largest | lever went on/°, largest |", "|---|---|---|---|---|---|---|---|"]
+    rows = {f"phase: {name}": [o for o in outcomes if o.case.phase == name] for name in PHASES}
+    rows |= {f"mode: {name}": [o for o in outcomes if o.case.mode == name] for name in get_args(TendonMode)}
+    rows |= {f"{mm:g} mm": [o for o in outcomes if o.case.pretension_mm == mm] for mm in PRETENSIONS_MM}
+    rows |= {state: [o for o in outcomes if o.case.safe_state == state] for state in ("hold", "release")}
+    rows |= {"packets lost": [o for o in outcomes if o.case.faults], "all": list(outcomes)}
+    for name, mine in rows.items():
+        if mine:
+            rest = [o.rest_ms for o in mine if o.case.safe_state == "hold"]
+            done = [o.done_ms for o in mine if o.case.safe_state == "release"]
+            frozen = [o.frozen_ms for o in mine]
+            cells = [
+                name, str(len(mine)), f"{np.median(frozen):.0f}", f"{max(frozen):.0f}",
+                f"{max(o.said_ms for o in mine):.0f}", f"{max(rest):.0f}" if rest else "", f"{max(done):.0f}" if done
+                else "", f"{max(o.lever_deg for o in mine):.0f}",
+            ]  # fmt: skip
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the campaign, print its table, and return the exit status."""
+    parser = argparse.ArgumentParser(prog="python -m campaigns.emergency", description=__doc__)
+    parser.add_argument("--runs", type=int, default=90, help="how many [90]")
+    parser.add_argument("--seed", type=int, default=0, help="of the whole campaign [0]")
+    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1), help="processes")
+    parser.add_argument("--out", type=Path, help="file for everything, as JSON")
+    given = parser.parse_args(arguments)
+    cases = [draw_case(given.seed, number) for number in range(given.runs)]
+    # Spawned, not forked: JAX has threads.
+    with ProcessPoolExecutor(given.workers, multiprocessing.get_context("spawn")) as pool:
+        outcomes = list(pool.map(partial(play, tension_n=tensions()), cases))
+    if given.out is not None:
+        given.out.write_text(json.dumps([asdict(one) for one in outcomes], indent=1) + "\n", encoding="utf-8")
+    print(table(outcomes))
+    for one in outcomes:
+        for sentence in one.wrong:
+            print(f"!! {one.case}: {sentence}")
+    return 1 if any(one.wrong for one in outcomes) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,258 @@
+"""This is where a run listens to whoever steers it, and where it is spoken to: a Unix socket beside its journal.
+
+DIR/control holds the socket's path; the socket lies in a folder that only its owner may enter. One line of JSON each
+way: {"command": ...} and {"ok": ..., "sentence": ..., "state": {...}}.
+"""
+
+import json
+import os
+import shutil
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sinew.measure.errors import FileError, SinewError
+
+if TYPE_CHECKING:
+    from sinew.bench.run import Runner
+    from sinew.bench.steering import Steering
+
+__all__ = ["COMMANDS", "CONTROL", "ControlError", "RunControl", "listening", "send_control"]
+
+COMMANDS = ("pause", "resume", "hold", "release", "stop", "emergency", "status")
+"""What a run can be told."""
+
+CONTROL = "control"
+"""Name of the file in a run's folder that says where it listens."""
+
+_MOST_BYTES = 4096
+_PATIENCE_S = 0.2  # for a client that says nothing, or reads nothing
+_FROZEN_S = 0.12  # whoever asks for an emergency stop acts himself after 0.15 s
+_MOST_CLIENTS = 16
+_LONGEST_PATH = 100  # a Unix socket's has at most 107 bytes
+_REASONS = {"stop": "stopped", "hold": "stopped, to hold,", "release": "stopped, to release,"}
+
+
+class ControlError(SinewError):
+    """Nobody listens there, or no proper answer came."""
+
+
+def send_control(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str, Any]:
+    """Return what the run in a folder answers to a command: ok, sentence, state.
+
+    command: one of `COMMANDS`. timeout_s: for connecting, asking and the answer together [s].
+    Raises ControlError where nobody listens, or no answer comes in time.
+    """
+    end = time.monotonic() + timeout_s
+    try:
+        where = (folder / CONTROL).read_text(encoding="utf-8")
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+            line.settimeout(timeout_s)
+            line.connect(where)
+            line.sendall(json.dumps({"command": command}).encode() + b"\n")
+            answer = json.loads(_read_line(line, end))
+    except (OSError, ValueError) as error:
+        raise ControlError(
+            f"no run in {folder} answers to {command} ({error}); see whether it goes on, else `sinew stop`"
+        ) from error
+    if not isinstance(answer, dict):
+        raise ControlError(f"the run in {folder} answered {answer!r} to {command}, expected an object")
+    return answer
+
+
+class RunControl:
+    """Carries out commands. steering: of the run. runner: of which the state is told, once there is one."""
+
+    def __init__(self, steering: "Steering") -> None:
+        self._steering = steering
+        self.runner: Runner | None = None
+
+    def state(self) -> dict[str, Any]:
+        """Return what the run is at."""
+        steering, at = self._steering, self.runner.at if self.runner is not None else None
+        document: dict[str, Any] = {"state": "preparing", "done_s": 0.0, "total_s": None, "group": None, "groups": None}
+        if at is not None:
+            newest = at.newest_s
+            document = {
+                "state": at.state,
+                "done_s": round(at.done_s(newest), 2),
+                "total_s": round(at.total_s, 2),
+                "group": at.group,
+                "groups": at.groups,
+            }
+        halt, stopped = steering.halt, steering.stopped
+        document |= {
+            "begun": steering.has_begun,
+            "pause_asked": steering.pause_asked,
+            "ending": halt.reason if halt is not None else None,
+            "frozen": sorted(stopped.frozen) if stopped is not None else None,
+            "frozen_ms": round(1e3 * stopped.frozen_s, 1) if stopped is not None else None,
+        }
+        return document
+
+    def carry_out(self, command: str) -> dict[str, Any]:
+        """Carry out a command and return the answer to it."""
+        act = {"pause": self._pause, "resume": self._resume, "emergency": self._emergency, "status": self._status}
+        if command in _REASONS:
+            ok, sentence = self._stop(command)
+        elif command in act:
+            ok, sentence = act[command]()
+        else:
+            ok, sentence = False, f"found command {command!r}, expected one of {', '.join(COMMANDS)}"
+        return {"ok": ok, "sentence": sentence, "state": self.state()}
+
+    def _status(self) -> tuple[bool, str]:
+        return True, f"the run is {self.state()['state']}"
+
+    def _pause(self) -> tuple[bool, str]:
+        if not self._steering.can_pause:
+            return False, "a run that tracks a resonance does not pause; stop it, or let it end"
+        if self._is_ending():
+            return False, "the run is ending, so it cannot pause"
+        self._steering.request_pause()
+        return True, "the run pauses after the segment under way"
+
+    def _resume(self) -> tuple[bool, str]:
+        was_asked = self._steering.pause_asked
+        self._steering.request_resume()
+        return was_asked, "the run goes on" if was_asked else "the run has no pause to end"
+
+    def _stop(self, command: str) -> tuple[bool, str]:
+        if self._is_ending():
+            return False, "the run is ending already"
+        state: Mapping[str, Any] = {"hold": "hold", "release": "release"}
+        self._steering.request_stop(f"{_REASONS[command]} by the operator", state.get(command))
+        return (
+            True,
+            "the run ends at its next cycle" if self._steering.has_begun else "nothing moves; it will not start",
+        )
+
+    def _emergency(self) -> tuple[bool, str]:
+        began = time.monotonic()
+        self._steering.request_emergency("emergency stop by the operator")
+        if not self._steering.has_begun:
+            return True, "nothing has moved, and the run will not start"
+        stopped = self._steering.await_frozen(_FROZEN_S)
+        took = f"{1e3 * (time.monotonic() - began):.0f} ms after the request"
+        if stopped is None:
+            return False, f"no motor has confirmed that it stands, {took}; switch the supply off"
+        if stopped.port_lost:
+            return False, stopped.sentence()
+        if self.runner is not None and len(stopped.frozen) < self.runner.motors:
+            return False, f"only {', '.join(sorted(stopped.frozen)) or 'no motor'} stand, {took}"
+        return True, f"all motors stand, {took}"
+
+    def _is_ending(self) -> bool:
+        return self._steering.halt is not None or self._steering.stopped is not None
+
+
+@contextmanager
+def listening(folder: Path, steering: "Steering") -> Iterator[RunControl]:
+    """Have the run in a folder take commands, and give what carries them out; afterwards nothing of it is left.
+
+    Raises FileError where another run listens there, or the folder cannot be written.
+    """
+    control, made = RunControl(steering), [place for place in (folder, *folder.parents) if not place.exists()]
+    if (folder / CONTROL).exists():
+        _refuse_other(folder)
+    private = _private_folder()
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as server:
+            server.bind(str(private / CONTROL))
+            server.listen(_MOST_CLIENTS)
+            _announce(folder, private / CONTROL)
+            threading.Thread(target=_serve, args=(server, control.carry_out), name="control", daemon=True).start()
+            try:
+                yield control
+            finally:
+                with suppress(OSError):  # what wakes the thread that accepts
+                    server.shutdown(socket.SHUT_RDWR)
+    finally:
+        with suppress(OSError):
+            (folder / CONTROL).unlink()
+        shutil.rmtree(private, ignore_errors=True)
+        with suppress(OSError):  # of a run that was refused nothing is left
+            for place in made:
+                place.rmdir()
+
+
+def _refuse_other(folder: Path) -> None:
+    try:
+        send_control(folder, "status")
+    except ControlError:
+        return
+    raise FileError(f"another run is under way in {folder}; wait until it has ended, or choose another --out")
+
+
+def _private_folder() -> Path:
+    private = Path(tempfile.mkdtemp(prefix="sinew-"))
+    if len(os.fsencode(private / CONTROL)) > _LONGEST_PATH:
+        private.rmdir()
+        private = Path(tempfile.mkdtemp(prefix="sinew-", dir="/tmp"))
+    return private
+
+
+def _announce(folder: Path, path: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / CONTROL).write_text(str(path), encoding="utf-8")
+    except OSError as error:
+        raise FileError(
+            f"cannot write {folder / CONTROL}: {error.strerror}; see that the folder may be written"
+        ) from error
+
+
+def _serve(server: socket.socket, answer: Callable[[str], dict[str, Any]]) -> None:
+    """Take clients, each in a thread of its own, so that none that is silent holds up another."""
+    places = threading.BoundedSemaphore(_MOST_CLIENTS)
+    while True:
+        try:
+            client, _ = server.accept()
+        except OSError:
+            return
+        if not places.acquire(blocking=False):
+            client.close()
+            continue
+        threading.Thread(target=_attend, args=(client, answer, places), name="control client", daemon=True).start()
+
+
+def _attend(client: socket.socket, answer: Callable[[str], dict[str, Any]], places: threading.BoundedSemaphore) -> None:
+    with client:
+        try:
+            client.settimeout(_PATIENCE_S)
+            client.sendall(json.dumps(answer(_command(client))).encode() + b"\n")
+        except OSError:
+            pass  # it has left, or says nothing
+        finally:
+            places.release()
+
+
+def _command(client: socket.socket) -> str:
+    """Return the command that a client sends; what is none is returned as text, to be refused by name."""
+    line = _read_line(client, time.monotonic() + _PATIENCE_S)
+    try:
+        asked = json.loads(line)
+    except ValueError:
+        return "(not JSON)"
+    command = asked.get("command") if isinstance(asked, dict) else None
+    return command if isinstance(command, str) else "(none)"
+
+
+def _read_line(line: socket.socket, end: float) -> bytes:
+    """Return what comes before the first line end, 4 KB at most. Raises OSError after a time (monotonic) [s]."""
+    got = b""
+    while b"\n" not in got and len(got) < _MOST_BYTES:
+        left = end - time.monotonic()
+        if left <= 0:
+            raise TimeoutError("no whole line in time")
+        line.settimeout(left)
+        data = line.recv(_MOST_BYTES - len(got))
+        if not data:
+            break
+        got += data
+    return got.partition(b"\n")[0]

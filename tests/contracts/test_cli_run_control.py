@@ -1,0 +1,183 @@
+"""`sinew run`: what it does with commands at its socket, and with Ctrl-\\.
+
+The bench is the emulator's in virtual time, and the whole command runs in this process.
+"""
+
+import json
+import signal
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.contracts.emulated_bench import TINY, WatchedPort, joint, rig_file, virtual_port
+from tests.contracts.virtual_run import interrupt, run, torques
+
+from sinew.apps.run_control import ControlError, send_control
+from sinew.bench.journal_reader import JournalReader
+from sinew.plan.toml import load_rig
+
+PULLED_S = 3.0
+Ask = Callable[..., list[dict[str, Any]]]
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> WatchedPort:
+    spec = load_rig("paper")
+    return virtual_port(monkeypatch, spec, joint(spec))
+
+
+@pytest.fixture
+def ask(bench: WatchedPort, out: Path) -> Ask:
+    """Have commands be sent at times of the run [s]; return the list in which the answers will be."""
+
+    def plan(*commands: tuple[float, str]) -> list[dict[str, Any]]:
+        answers: list[dict[str, Any]] = []
+        bench.agenda = [
+            (bench.now() + at, lambda command=command: answers.append(send_control(out, command)))
+            for at, command in commands
+        ]
+        return answers
+
+    return plan
+
+
+def events(out: Path) -> list[tuple[str, str]]:
+    with JournalReader(out / "journal.sqlite") as journal:
+        return [(kind, sentence) for _, kind, sentence in journal.events()]
+
+
+def test_a_paused_run_goes_on_and_is_complete(
+    ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ask((PULLED_S, "pause"), (14.0, "resume"))
+    told = run(capsys, plan, out)
+    kinds = [kind for kind, _ in events(out) if kind in ("paused", "resumed", "end")]
+    assert (told.status, kinds) == (0, ["paused", "resumed", "end"])
+
+
+def test_samples_of_a_pause_belong_to_no_group(
+    ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ask((PULLED_S, "pause"), (14.0, "resume"))
+    run(capsys, plan, out)
+    with JournalReader(out / "journal.sqlite") as journal:
+        (rest,) = [stretch for stretch in journal.stretches() if stretch.kind == "pause"]
+    assert rest.group is None
+    assert rest.end is not None
+    assert rest.end - rest.first > 200
+
+
+@pytest.mark.parametrize("state", ["hold", "release"])
+def test_a_run_ends_in_the_state_that_was_asked_for_and_not_in_the_declared_one(
+    state: str, ask: Ask, bench: WatchedPort, plan: str, out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    declared = rig_file(tmp_path, limits={"safe_state": "release" if state == "hold" else "hold"})
+    ask((PULLED_S, state))
+    document = json.loads(run(capsys, plan, out, "--rig", declared, "--json").out)
+    assert (document["safe_state"], document["is_safe"]) == (state, True)
+    assert set(torques(bench.rig)) == {state == "hold"}
+
+
+def test_a_run_that_pauses_is_stopped(ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ask((PULLED_S, "pause"), (14.0, "stop"))
+    told = run(capsys, plan, out)
+    assert (told.status, events(out)[-1][1]) == (
+        1,
+        "stopped by the operator; release: tension let down, torque off on all motors",
+    )
+
+
+def test_ctrl_backslash_freezes_all_motors_within_200_ms(
+    bench: WatchedPort, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    interrupt(bench, PULLED_S, number=signal.SIGQUIT)
+    document = json.loads(run(capsys, plan, out, "--json").out)
+    assert (document["ended"], document["is_safe"]) == ("emergency stop by Ctrl-\\", True)
+    assert document["frozen_ms"] < 200
+
+
+def test_a_command_before_anything_moves_keeps_the_run_from_starting(
+    bench: WatchedPort, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answers: list[dict[str, Any]] = []
+    bench.agenda = [(bench.now(), lambda: answers.append(send_control(out, "emergency")))]
+    told = run(capsys, plan, out)
+    assert (answers[0]["ok"], answers[0]["sentence"]) == (True, "nothing has moved, and the run will not start")
+    assert (told.status, told.err) == (2, "sinew: emergency stop by the operator; nothing has moved\n")
+    assert (out.exists(), any(torques(bench.rig))) == (False, False)
+
+
+def test_while_it_goes_on_a_run_tells_its_state(
+    ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answers = ask((0.0, "status"), (PULLED_S, "status"), (PULLED_S, "stop"))
+    run(capsys, plan, out)
+    assert [answer["state"]["state"] for answer in answers[:2]] == ["preparing", "pulling the tendons"]
+
+
+def test_after_a_run_nobody_listens(ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ask((PULLED_S, "stop"))
+    run(capsys, plan, out)
+    with pytest.raises(ControlError, match="no run in"):
+        send_control(out, "status")
+
+
+@pytest.mark.parametrize("line", [b"\n", b"[]\n", b'{"command": 3}\n', b"\xff\n", b"x" * 5000, b'{"command": "fly"}\n'])
+def test_what_is_no_command_is_refused_and_the_run_goes_on(
+    line: bytes, ask: Ask, bench: WatchedPort, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    got: list[bytes] = []
+
+    def speak() -> None:
+        with socket.socket(socket.AF_UNIX) as client:
+            client.settimeout(5.0)
+            client.connect((out / "control").read_text())
+            client.sendall(line)
+            got.append(client.recv(4096))
+
+    ask((PULLED_S + 0.1, "stop"))
+    bench.agenda.insert(0, (bench.now() + PULLED_S, speak))
+    run(capsys, plan, out)
+    assert (json.loads(got[0])["ok"], events(out)[-1][1][:7]) == (False, "stopped")
+
+
+def test_clients_that_say_nothing_hold_up_nobody(
+    ask: Ask, bench: WatchedPort, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    silent: list[socket.socket] = []
+
+    def connect() -> None:
+        for _ in range(3):
+            client = socket.socket(socket.AF_UNIX)
+            client.connect((out / "control").read_text())
+            silent.append(client)
+
+    answers = ask((PULLED_S, "stop"))
+    bench.agenda.insert(0, (bench.now() + PULLED_S, connect))
+    run(capsys, plan, out)
+    for client in silent:
+        client.close()
+    assert answers[0]["ok"]
+
+
+def test_health_is_told_once_a_second(ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ask((5.5, "stop"))
+    told = run(capsys, plan, out)
+    health = [json.loads(sentence) for kind, sentence in events(out) if kind == "health"]
+    assert 4 <= len(health) <= 6
+    assert set(health[-1]["temperature_c"]) == {"drive", *(f"tendon {i}" for i in range(1, 5))}
+    assert "temperature" not in told.err
+
+
+def test_a_run_that_tracks_refuses_a_pause_with_a_sentence() -> None:
+    from sinew.apps.run_control import RunControl
+    from sinew.bench.steering import Steering
+
+    answer = RunControl(Steering(lambda: 0.0, can_pause=False)).carry_out("pause")
+    assert (answer["ok"], "tracks a resonance" in answer["sentence"]) == (False, True)
+
+
+def test_the_plan_of_these_tests_is_long_enough_to_be_paused() -> None:
+    assert "settle_s = 1" in TINY

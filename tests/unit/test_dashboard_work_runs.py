@@ -1,0 +1,162 @@
+"""The list of runs, their results and their files: made once, kept, and never an exception for a damaged folder."""
+
+import json
+import zipfile
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from scipy import io
+from tests.unit.bench_journal import RIG_TEXT
+from tests.unit.dashboard_journal import DECAY_PER_S, GROUPS, PLAN_TEXT, run_folder
+
+from sinew.apps.dashboard.work import runs as runs_module
+from sinew.apps.dashboard.work.download import download
+from sinew.apps.dashboard.work.results import run_results
+from sinew.apps.dashboard.work.runs import list_runs, run_summary
+from sinew.bench.journal import Journal
+from sinew.measure.errors import FileError, SpecError
+from sinew.measure.netcdf import load_recording
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run_folder(tmp_path_factory.mktemp("runs") / "whole")
+
+
+def test_a_whole_run_is_complete(tmp_path: Path) -> None:
+    summary = run_summary(run_folder(tmp_path / "run"))
+    assert (summary["state"], summary["groups_done"], summary["groups"]) == ("complete", GROUPS, GROUPS)
+
+
+def test_a_run_that_was_cut_off_is_stopped_and_says_how_far_it_came(tmp_path: Path) -> None:
+    summary = run_summary(run_folder(tmp_path / "run", [0, 1]))
+    assert (summary["state"], summary["groups_done"]) == ("stopped", 2)
+
+
+def test_a_run_whose_journal_is_locked_is_running(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    with Journal.create(tmp_path / "run" / "journal.sqlite", PLAN_TEXT, RIG_TEXT):
+        state = run_summary(tmp_path / "run")["state"]
+    assert (state, run_summary(tmp_path / "run")["state"]) == ("running", "stopped")
+
+
+def test_looking_at_a_run_keeps_nobody_from_going_on_with_it(tmp_path: Path) -> None:
+    path = run_folder(tmp_path / "run", [0]) / "journal.sqlite"
+    run_summary(tmp_path / "run")
+    with Journal.open(path, PLAN_TEXT, RIG_TEXT) as journal:
+        assert journal.finished_groups() == {0}
+
+
+def test_a_damaged_journal_is_a_row_with_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad" / "journal.sqlite").write_bytes(b"SQLite format 3\0" + bytes(200))
+    (row,) = list_runs(tmp_path)
+    assert row["state"] == "damaged"
+    assert "damaged" in row["sentence"]
+
+
+def test_folders_without_a_run_are_left_out(tmp_path: Path) -> None:
+    for name in ("rigs", "plans", "empty"):
+        (tmp_path / name).mkdir()
+    run_folder(tmp_path / "run", [0])
+    assert [row["name"] for row in list_runs(tmp_path)] == ["run"]
+
+
+def test_a_missing_folder_of_runs_holds_none(tmp_path: Path) -> None:
+    assert list_runs(tmp_path / "nowhere") == []
+
+
+def test_a_second_look_opens_no_journal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_folder(tmp_path / "run", [0, 1])
+    first = list_runs(tmp_path)
+
+    def refuse(path: Path) -> None:
+        raise AssertionError(f"{path} was opened again")
+
+    monkeypatch.setattr(runs_module, "summarise_journal", refuse)
+    assert list_runs(tmp_path) == first
+
+
+def test_a_run_that_went_on_is_summed_up_anew(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "run", [0])
+    list_runs(tmp_path)
+    (folder / "journal.sqlite").unlink()
+    run_folder(folder, [0, 1, 2])
+    assert list_runs(tmp_path)[0]["groups_done"] == 3
+
+
+def test_results_of_a_journal_hold_curves_and_damping(whole: Path) -> None:
+    found = run_results(whole)
+    assert [curve["frequency_hz"] for curve in found["curves"]] == [[2.9, 4.3], [2.9, 4.3]]
+    assert [row["decay_rate_per_s"]["value"] for row in found["damping"]] == pytest.approx([DECAY_PER_S] * 2, rel=0.02)
+
+
+def test_results_are_plain_json(whole: Path) -> None:
+    found = run_results(whole)
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+
+
+def test_results_are_kept_beside_the_recording_as_sinew_analyse_writes_them(whole: Path) -> None:
+    run_results(whole)
+    document = json.loads((whole / "analysis.json").read_text(encoding="utf-8"))
+    assert document == run_results(whole)["document"]
+
+
+def test_results_of_a_run_under_way_are_those_of_its_groups(tmp_path: Path) -> None:
+    path = run_folder(tmp_path / "run", [0, 1]) / "journal.sqlite"
+    with Journal.open(path, PLAN_TEXT, RIG_TEXT):
+        found = run_results(tmp_path / "run")
+    assert [curve["frequency_hz"] for curve in found["curves"]] == [[2.9]]
+    assert not (tmp_path / "run" / "recording.nc").exists()
+
+
+def test_a_damaged_recording_is_said_in_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "recording.nc").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
+    with pytest.raises(FileError, match="damaged"):
+        run_results(tmp_path / "run")
+
+
+def test_a_downloaded_recording_reads_back(whole: Path) -> None:
+    recording = load_recording(download(whole, "recording"))
+    assert "steady" in set(map(str, recording["kind"].values))
+
+
+def test_a_downloaded_table_has_a_row_for_each_sample(whole: Path) -> None:
+    with zipfile.ZipFile(download(whole, "csv")) as packed, packed.open("whole.csv") as table:
+        rows = len(pd.read_csv(table))
+    assert rows == load_recording(download(whole, "recording")).sizes["sample"]
+
+
+def test_a_downloaded_matlab_file_reads_back(whole: Path) -> None:
+    samples = load_recording(download(whole, "recording")).sizes["sample"]
+    assert io.loadmat(download(whole, "mat"))["time_s"].size == samples
+
+
+def test_a_downloaded_report_needs_nothing_beside_itself(whole: Path) -> None:
+    page = download(whole, "report").read_text(encoding="utf-8")
+    assert "data:image/png;base64" in page
+
+
+def test_a_made_file_is_made_once_for_a_recording(whole: Path) -> None:
+    first = download(whole, "mat").stat().st_mtime_ns
+    assert download(whole, "mat").stat().st_mtime_ns == first
+
+
+def test_every_made_file_lies_in_the_runs_folder(whole: Path) -> None:
+    assert all(download(whole, kind).is_relative_to(whole) for kind in ("recording", "mat"))
+
+
+def test_a_run_under_way_gives_no_files(tmp_path: Path) -> None:
+    path = run_folder(tmp_path / "run", [0, 1]) / "journal.sqlite"
+    with (
+        Journal.open(path, PLAN_TEXT, RIG_TEXT),
+        pytest.raises(FileError, match="still being recorded"),
+    ):
+        download(tmp_path / "run", "recording")
+
+
+def test_a_file_of_no_known_kind_is_refused(whole: Path) -> None:
+    with pytest.raises(SpecError, match="expected one of recording, csv, mat, report"):
+        download(whole, "../../etc/passwd")

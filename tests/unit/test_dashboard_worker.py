@@ -1,0 +1,111 @@
+"""The worker of a page server: other processes, one call at a time, only the newest of a slider's requests."""
+
+import asyncio
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from sinew.apps.dashboard import worker as worker_module
+from sinew.apps.dashboard.work.shelf import shelf
+from sinew.apps.dashboard.worker import CALLS, Call, Worker, WorkerError
+from sinew.measure.errors import SpecError
+
+_HERE = "tests.unit.dashboard_calls"
+
+
+@pytest.fixture
+def worker(monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
+    calls = {name: Call(_HERE, "light", 30.0) for name in ("process", "priority", "die_once", "die", "fail", "note")}
+    monkeypatch.setattr(worker_module, "CALLS", {**CALLS, **calls, "hang": Call(_HERE, "light", 0.5)})
+    made = Worker(warm=False)
+    yield made
+    made.close()
+
+
+def test_what_is_called_runs_in_another_process(worker: Worker) -> None:
+    assert asyncio.run(worker.call("process")) != os.getpid()
+
+
+def test_that_process_gives_way_to_a_control_loop(worker: Worker) -> None:
+    assert asyncio.run(worker.call("priority")) > os.getpriority(os.PRIO_PROCESS, 0)
+
+
+def test_a_function_of_the_pages_answers_as_if_called_here(worker: Worker, tmp_path: Path) -> None:
+    assert asyncio.run(worker.call("shelf", str(tmp_path))) == shelf(tmp_path)
+
+
+def test_an_error_that_a_user_can_put_right_comes_back_as_it_is(worker: Worker) -> None:
+    with pytest.raises(SpecError, match="there is no plan 'none'"):
+        asyncio.run(worker.call("read_shelf", "plans", "none"))
+
+
+def test_any_other_error_comes_back_as_a_sentence(worker: Worker) -> None:
+    with pytest.raises(WorkerError, match="fail failed .*no such thing"):
+        asyncio.run(worker.call("fail"))
+
+
+def test_of_the_requests_of_a_slider_that_wait_only_the_newest_is_run(worker: Worker, tmp_path: Path) -> None:
+    notes = tmp_path / "notes"
+
+    async def slide() -> list[str | None]:
+        await worker.call("process")
+        first = asyncio.create_task(worker.call("note", str(notes), "0", key="slider"))
+        while not notes.exists():
+            await asyncio.sleep(0.005)
+        later = [worker.call("note", str(notes), str(i), key="slider") for i in range(1, 6)]
+        return await asyncio.gather(first, *later)
+
+    assert asyncio.run(slide()) == ["0", None, None, None, None, "5"]
+    assert notes.read_text(encoding="utf-8").split() == ["0", "5"]
+
+
+def test_other_keys_do_not_replace_each_other(worker: Worker, tmp_path: Path) -> None:
+    async def slide() -> list[str | None]:
+        both = (worker.call("note", str(tmp_path / "notes"), one, key=one) for one in ("a", "b"))
+        return await asyncio.gather(*both)
+
+    assert asyncio.run(slide()) == ["a", "b"]
+
+
+def test_a_process_that_ends_is_started_again_once(worker: Worker, tmp_path: Path) -> None:
+    assert asyncio.run(worker.call("die_once", str(tmp_path / "mark"))) == "answered"
+
+
+def test_a_process_that_ends_twice_is_said_and_does_not_stand_in_the_way(worker: Worker) -> None:
+    async def twice() -> int:
+        with pytest.raises(WorkerError, match="ended twice"):
+            await worker.call("die")
+        return int(await worker.call("process"))
+
+    assert asyncio.run(twice()) != os.getpid()
+
+
+def test_what_takes_too_long_is_ended_and_does_not_stand_in_the_way(worker: Worker) -> None:
+    async def patient() -> int:
+        before = int(await worker.call("process"))
+        with pytest.raises(WorkerError, match=r"more than 0\.5 s"):
+            await worker.call("hang")
+        return before - int(await worker.call("process"))
+
+    assert asyncio.run(patient()) != 0
+
+
+def test_closing_ends_the_processes(worker: Worker) -> None:
+    process = asyncio.run(worker.call("process"))
+    worker.close()
+    for _ in range(1000):
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return
+        asyncio.run(asyncio.sleep(0.01))
+    pytest.fail("the process still runs")
+
+
+@pytest.mark.parametrize("name", sorted(CALLS))
+def test_every_call_is_a_function_with_a_docstring(name: str) -> None:
+    import importlib
+
+    assert getattr(importlib.import_module(CALLS[name].module), name).__doc__
