@@ -11,6 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -112,10 +113,8 @@ class PageProcess:
                 start_new_session=True,
             )
         assert process.stdin is not None
-        try:
+        with suppress(BrokenPipeError):  # it has died already, which is seen at the next look
             process.stdin.write(json.dumps(self._config).encode() + b"\n")
-        except BrokenPipeError:
-            pass  # it has died already, which is seen at the next look
         return process
 
     def _answers(self) -> bool:
