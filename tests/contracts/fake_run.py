@@ -1,6 +1,6 @@
 """A run that is none: it listens where `sinew run` does and moves nothing. Its plan's name says how it behaves.
 
-Run as a script with the run's folder; imported for `ask`, which speaks to it.
+Run as a script with the run's folder.
 """
 
 import json
@@ -11,24 +11,9 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 OBEDIENT, DEAF, LOUT = "obedient", "deaf", "lout"
 """Does what it is told; listens and never answers; never listens and takes no signal but the last."""
-
-
-def ask(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str, Any]:
-    """Tell a run something, and return its answer. Raises SinewError."""
-    from sinew.measure.errors import SinewError
-
-    with socket.socket(socket.AF_UNIX) as line:
-        line.settimeout(timeout_s)
-        try:
-            line.connect((folder / "control").read_text())
-            line.sendall(json.dumps({"command": command}).encode() + b"\n")
-            return dict(json.loads(line.makefile("rb").readline()))
-        except (OSError, ValueError) as trouble:
-            raise SinewError(f"the run does not answer: {trouble}") from trouble
 
 
 def main(folder: Path) -> None:

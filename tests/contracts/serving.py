@@ -143,7 +143,6 @@ def serving(runs: Path, **settings: Any) -> Iterator[Served]:
         "port": "/dev/bench",
         "command": fake_command,
         "page": (sys.executable, "-S", "-c", PAGE),
-        "control": fake_run.ask,
         "rest": bench.rest,
     }
     steward = Steward(Settings(**(chosen | settings)))

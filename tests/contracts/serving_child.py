@@ -3,7 +3,6 @@
 import functools
 import sys
 
-from tests.contracts import fake_run
 from tests.contracts.serving import PAGE, fake_command
 
 from sinew.apps.cli import main
@@ -11,6 +10,6 @@ from sinew.apps.dashboard import steward
 
 if __name__ == "__main__":
     page = (sys.executable, "-S", "-c", PAGE)
-    settings = functools.partial(steward.Settings, command=fake_command, page=page, control=fake_run.ask)
+    settings = functools.partial(steward.Settings, command=fake_command, page=page)
     steward.Settings = settings  # type: ignore[assignment,misc]
     sys.exit(main(["serve", *sys.argv[1:]]))

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -102,15 +103,18 @@ class PageProcess:
 
     def _begin(self) -> "subprocess.Popen[bytes]":
         with self._log.open("ab") as log:
+            # Unbuffered: what a process that has died did not take is not tried again when its stdin is closed.
             process = subprocess.Popen(
-                self._command, stdin=subprocess.PIPE, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+                self._command,
+                bufsize=0,
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
             )
         assert process.stdin is not None
-        try:
+        with suppress(BrokenPipeError):  # it has died already, which is seen at the next look
             process.stdin.write(json.dumps(self._config).encode() + b"\n")
-            process.stdin.flush()
-        except BrokenPipeError:
-            pass  # it has died already, which is seen at the next look
         return process
 
     def _answers(self) -> bool:

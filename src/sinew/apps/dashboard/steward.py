@@ -6,7 +6,6 @@ goes on, an emulator too, and the next steward finds both.
 
 import asyncio
 import fcntl
-import importlib
 import socket
 import threading
 import time
@@ -30,25 +29,17 @@ from sinew.apps.dashboard.refusal import RefusedError
 from sinew.apps.dashboard.run_desk import RunDesk
 from sinew.apps.dashboard.run_folders import Control
 from sinew.apps.dashboard.steering import steering_app
+from sinew.apps.run_control import send_control
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.toml import load_rig
 
-__all__ = ["Settings", "Steward", "page_command", "run_control"]
+__all__ = ["Settings", "Steward", "page_command"]
 
 _BENCH, _LOCK, _PAGE_LOG = ".bench", "steward.lock", "page.log"
 _RUN_ENDS_S = 10.0
 _LOOP_S = 10.0
 _LOOK_S = 0.05
 _BACKLOG = 2048
-
-
-def run_control(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str, Any]:
-    """Ask the run in a folder for something, and return its answer. Raises a SinewError if nobody answers."""
-    try:
-        send = importlib.import_module("sinew.apps.run_control").send_control
-        return dict(send(folder, command, timeout_s))
-    except (ImportError, OSError, ValueError) as trouble:
-        raise FileError(f"the run in {folder} does not answer ({trouble}); is it one of this version?") from trouble
 
 
 def page_command() -> list[str]:
@@ -74,7 +65,7 @@ class Settings:
     seed: int = 0
     command: Callable[..., list[str]] = sinew_command
     page: tuple[str, ...] = ()
-    control: Control = run_control
+    control: Control = send_control
     rest: Rest = bring_to_rest
 
 
