@@ -1,7 +1,7 @@
 """This is where the pictures of the dashboard in README and docs are taken, from a real browser.
 
 `python tools/take_screenshots.py docs/pictures` serves an emulated bench, runs a plan on it, and takes the live page in
-light and the page for designs in dark; with `--all` every page in both. Needs Chromium and what `make setup-dev` brings.
+light and the page for designs in dark; with `--all` every page in both. Needs Chromium and `make setup-dev`.
 """
 
 import argparse

@@ -23,6 +23,7 @@ from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
 from sinew.apps.dashboard.access import Access, Gate
+from sinew.apps.dashboard.front import server_config
 from sinew.apps.dashboard.hub import Hub
 from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.pages.design import add_design_page
@@ -153,15 +154,12 @@ async def serve(config: Config) -> None:
 
         worker = Worker()
         app = make_app(config, worker, status)
-        settings = uvicorn.Config(
+        settings = server_config(
             app,
             host=config.http_host,
             port=config.http_port,
-            log_level="warning",
-            access_log=False,
-            server_header=False,
             ws_max_size=MOST_SOCKET_MESSAGE,
-            timeout_keep_alive=5,
+            lifespan="auto",
             timeout_graceful_shutdown=2,
         )
         server = uvicorn.Server(settings)
