@@ -84,7 +84,7 @@ def pages(runs: Path, steering_port: int) -> Iterator[tuple[int, int]]:
     port = free_port()
     config = {"token": "t" * 20, "http_host": "127.0.0.1", "http_port": port, "steering_port": steering_port}
     config |= {"runs": str(runs), "rig": "paper", "bench": {"kind": "emulator"}, "version": "campaign"}
-    command = [sys.executable, "-m", "sinew.apps.dashboard.page_server"]
+    command = [sys.executable, "-m", "sinew.apps.dashboard"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdin is not None

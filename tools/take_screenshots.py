@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from playwright.sync_api import Page, sync_playwright
 
@@ -38,6 +38,7 @@ repeats = 1
 """
 PAGES = {"plan": "#sinew-duration", "runs": "#sinew-open", "design": "#sinew-peak"}
 PATIENCE_MS = 120_000
+THEMES: tuple[Literal["light"], Literal["dark"]] = ("light", "dark")
 
 
 def start_run(page: Page, base: str) -> None:
@@ -59,7 +60,7 @@ def take(page: Page, folder: Path, everything: bool) -> None:
     """Take the pictures of a dashboard that was just opened."""
     base = page.url.rstrip("/")
     start_run(page, base)
-    for theme in ("light", "dark") if everything else ("light",):
+    for theme in THEMES if everything else THEMES[:1]:
         page.emulate_media(color_scheme=theme)
         page.wait_for_timeout(1000)
         page.screenshot(path=folder / f"dashboard-live-{theme}.png", full_page=everything)
@@ -69,7 +70,7 @@ def take(page: Page, folder: Path, everything: bool) -> None:
         name = str(page.evaluate("Sinew.status().last.name"))
         wanted[f"runs/{name}"] = "a[data-kind=csv]"
     for path, ready in wanted.items():
-        for theme in ("light", "dark") if everything else ("dark",):
+        for theme in THEMES if everything else THEMES[1:]:
             page.emulate_media(color_scheme=theme)
             page.goto(f"{base}/{path}")
             page.wait_for_selector(ready)

@@ -62,7 +62,7 @@ class Served:
                 parent = int((path.parent / "stat").read_text().rpartition(")")[2].split()[1])
             except (OSError, ValueError):
                 continue
-            if b"sinew.apps.dashboard.page_server" in words and parent == self.process.pid:
+            if b"sinew.apps.dashboard" in words and parent == self.process.pid:
                 return int(path.parent.name)
         raise AssertionError("no process serves pages")
 

@@ -179,7 +179,3 @@ def main() -> None:
 
     threading.Thread(target=end_with_the_steward, daemon=True).start()
     asyncio.run(serve(config))
-
-
-if __name__ == "__main__":
-    main()

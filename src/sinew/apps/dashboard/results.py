@@ -67,11 +67,17 @@ class Results:
                 return
 
     async def _measure(self, live: Live) -> None:
-        try:
-            found = await self.work.call("measured_so_far", str(self.runs / live.name / JOURNAL))
-        except SinewError as trouble:
-            self.trouble = str(trouble)
-            return
+        pending = 1
+        while pending:
+            try:
+                found = await self.work.call("measured_so_far", str(self.runs / live.name / JOURNAL))
+            except SinewError as trouble:
+                self.trouble = str(trouble)
+                return
+            self._show(found, live)
+            pending = found["pending"]
+
+    def _show(self, found: dict[str, Any], live: Live) -> None:
         self.measured, self.damping = numbered(found["curves"], live), found["damping"]
         self.version += 1
 

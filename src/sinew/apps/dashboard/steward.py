@@ -44,7 +44,7 @@ _BACKLOG = 2048
 
 def page_command() -> list[str]:
     """Return the command line of the page server."""
-    return [*sinew_command()[:2], "-m", "sinew.apps.dashboard.page_server"]
+    return [*sinew_command()[:2], "-m", "sinew.apps.dashboard"]
 
 
 @dataclass(frozen=True)

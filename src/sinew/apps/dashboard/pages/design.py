@@ -9,7 +9,6 @@ from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.quantity import quantity
 from sinew.apps.dashboard.pages.site import Site
-from sinew.apps.dashboard.work.shelf import read_shelf
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
@@ -40,7 +39,7 @@ class _Sliders:
 
     def __init__(self, site: Site) -> None:
         self._site = site
-        self._rig_toml = read_shelf("rigs", site.rig, site.runs)
+        self._rig_toml = site.rig_text(site.rig)
         self._values = _sizes(parse_rig(self._rig_toml))
         self._turn = 0
 

@@ -172,7 +172,7 @@ class _Desk:
             ui.label("The twin swings through the plan once.").classes("sinew-soft")
         self._text.set_text(self._toml)
         try:
-            rig = read_shelf("rigs", self._rig, self._site.runs)
+            rig = self._site.rig_text(self._rig)
             found = await self._site.work.call("preview_document", self._toml, rig, key=f"preview {id(self)}")
         except SinewError as trouble:
             found = {"trouble": str(trouble)}
@@ -227,7 +227,7 @@ class _Desk:
         """Have the operator's browser ask the steward: this process steers nothing."""
         if self._toml is None or not is_run_name(self._name.value):
             return
-        rig = read_shelf("rigs", self._rig, self._site.runs)
+        rig = self._site.rig_text(self._rig)
         asked = ", ".join(json.dumps(text) for text in (self._toml, rig, self._name.value))
         ui.run_javascript(f"Sinew.start({asked}).then(a => {{ if (a.ok) location.href = '/'; }})")
 

@@ -1,11 +1,13 @@
 """This is where the pages find what they share: folders, hub, worker, access."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 from sinew.apps.dashboard.hub import Hub
+from sinew.apps.dashboard.work.shelf import read_shelf
+from sinew.plan.library import read_spec
 
 __all__ = ["Site", "Work"]
 
@@ -42,4 +44,7 @@ class Site:
     hub: Hub
     work: Work
     results: Any = None
-    said: Callable[[str], None] = lambda _: None
+
+    def rig_text(self, name: str) -> str:
+        """Return the TOML text of the rig that is offered first, or of one on the shelf. Raises SpecError."""
+        return read_spec("rigs", name) if name == self.rig else read_shelf("rigs", name, self.runs)
