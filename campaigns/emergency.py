@@ -1,9 +1,10 @@
 """This is where runs are stopped in an emergency at random moments: `python -m campaigns.emergency --runs 90`.
 
 Each run is a short plan on the emulated bench in virtual time; the request comes at a drawn moment of a drawn phase, at
-a drawn pretension, motor mode and safe state, with packets lost in a third of the runs. What the motors do is read from
-the mechanics: frozen means without torque, or told to stay with limited output (`EmulatedRig.frozen`); at rest means
-that nothing turns any more either (`EmulatedRig.in_safe_state`). Exit status 1 if something happened that may not.
+a drawn pretension, motor mode and safe state. In half of the runs packets are lost from then on, or a motor falls
+silent for good, whose bus watchdog has to stop it. What the motors do is read from the mechanics: frozen means without
+torque, or told to stay with limited output (`EmulatedRig.frozen`); at rest means that nothing turns any more either
+(`EmulatedRig.in_safe_state`). Exit status 1 if something happened that may not.
 """
 
 import argparse
@@ -15,6 +16,7 @@ import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +24,7 @@ from typing import get_args
 
 import numpy as np
 
+from sinew.bench.errors import StartError
 from sinew.bench.journal import Journal
 from sinew.bench.run import Runner
 from sinew.emulator.fault_spec import parse_fault
@@ -47,7 +50,7 @@ PHASES = {
 """Phases at which a request is aimed, and for how long of each it may come [s]."""
 
 PRETENSIONS_MM = (0.0, 4.0, 12.0)
-DROPPED = "drop:p=0.05"
+DROPPED, SILENT = "drop:p=0.05", "a motor falls silent"
 
 _TENSION_RISE_N = 8.0
 _AFTER_S = 4.0
@@ -56,7 +59,7 @@ _LOOK_S = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run: the phase and how long after its begin the request comes [s], and on what bench."""
+    """One run: the phase, how long after its begin the request comes [s], on what bench, and what goes wrong then."""
 
     number: int
     phase: str
@@ -65,7 +68,7 @@ class Case:
     safe_state: str
     pretension_mm: float
     amplitude_deg: float
-    faults: tuple[str, ...]
+    fault: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +108,7 @@ def draw_case(seed: int, number: int) -> Case:
         safe_state=("hold", "release")[int(rng.integers(2))],
         pretension_mm=float(rng.choice(PRETENSIONS_MM[1:] if mode == "current" else PRETENSIONS_MM)),
         amplitude_deg=float(rng.uniform(10, 40)),
-        faults=(DROPPED,) if rng.random() < 1 / 3 else (),
+        fault=str(rng.choice(["", DROPPED, SILENT], p=[0.5, 0.3, 0.2])),
     )
 
 
@@ -117,8 +120,8 @@ def tensions() -> dict[float, float]:
 class _Port(VirtualPort):
     """A port that makes the request when it is due, and looks at the truth afterwards."""
 
-    def __init__(self, emulated: EmulatedRig, faults: Faults, case: Case) -> None:
-        super().__init__(faults.attach(emulated))
+    def __init__(self, emulated: EmulatedRig, case: Case) -> None:
+        super().__init__(emulated)
         self.emulated, self.case = emulated, case
         self.runner: Runner | None = None
         self.due = math.inf if case.phase != "set-up" else case.after_s
@@ -152,6 +155,7 @@ class _Port(VirtualPort):
             if now >= self.due:
                 self.asked, self.torsion, self._start_lever = now, motion.torsion, motion.drive.angle
                 self.before = max(tension for _, tension in self._recent)
+                self._go_wrong()
                 runner.request_emergency("emergency stop of the campaign")
             return
         self.looked = now
@@ -163,6 +167,14 @@ class _Port(VirtualPort):
             states = self.emulated.states().values()
             since = max(now - state.law_s if state.torque else self.asked for state in states)
             self.frozen = max(0.0, since - self.asked) if self.emulated.frozen() else math.inf
+
+    def _go_wrong(self) -> None:
+        case, emulated = self.case, self.emulated
+        if case.fault == DROPPED:
+            self.rig = Faults([parse_fault(DROPPED)], seed=case.number).attach(emulated)
+        elif case.fault == SILENT:
+            silent = list(emulated.motors)[case.number % len(emulated.motors)]
+            emulated.line.devices = [device for device in emulated.line.devices if device.id != silent]
 
 
 def _phase(runner: Runner) -> str:
@@ -213,14 +225,16 @@ def play(case: Case, tension_n: Mapping[float, float]) -> Outcome:
     rng = np.random.default_rng(case.number)
     plant = JointPlant(spec, slack_m=rng.uniform(2e-4, 3e-3, spec.tendons.count).tolist(), rest_tilt=(0.01, -0.01))
     emulated = EmulatedRig(spec, plant, seed=case.number)
-    port = _Port(emulated, Faults([parse_fault(text) for text in case.faults], seed=case.number), case)
+    port = _Port(emulated, case)
     timing = BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms)
     rig = Rig(Bus(port, port, timing, retries=2), port, spec)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "journal.sqlite"
         with Journal.create(path, dump_plan(plan), dump_rig(spec)) as journal:
             port.runner = runner = Runner(rig, port, plan, journal, tension_n)
-            report = runner.run()
+            report = runner.report
+            with suppress(StartError):  # asked before anything moved
+                runner.run()
     done = port.now()
     port.wait_until(done + _AFTER_S)
     wrong = []
@@ -228,9 +242,12 @@ def play(case: Case, tension_n: Mapping[float, float]) -> Outcome:
         wrong.append(f"the request never came: {report.sentence}")
     if not port.frozen * 1e3 <= FROZEN_MOST_MS:
         wrong.append("not frozen after 200 ms")
-    if report.stop is None or not report.stop.is_safe:
-        wrong.append(f"left with: {report.stop.sentence() if report.stop else 'nothing'}")
-    if port.after > port.before + _TENSION_RISE_N:
+    if report.stop is not None and report.stop.is_safe is (case.fault == SILENT):
+        wrong.append(f"left with: {report.stop.sentence()}")
+    if report.stop is None and any(state.torque for state in emulated.states().values()):
+        wrong.append("refused, and a torque is on")
+    # The others' release loads a tendon whose motor hears nothing, and is held by its watchdog.
+    if port.after > port.before + _TENSION_RISE_N and (case.fault != SILENT or case.safe_state == "hold"):
         wrong.append(f"the tension rose from {port.before:.0f} to {port.after:.0f} N")
     if not emulated.in_safe_state():
         wrong.append("not at rest in the end")
@@ -255,17 +272,23 @@ def table(outcomes: Sequence[Outcome]) -> str:
     rows |= {f"mode: {name}": [o for o in outcomes if o.case.mode == name] for name in get_args(TendonMode)}
     rows |= {f"{mm:g} mm": [o for o in outcomes if o.case.pretension_mm == mm] for mm in PRETENSIONS_MM}
     rows |= {state: [o for o in outcomes if o.case.safe_state == state] for state in ("hold", "release")}
-    rows |= {"packets lost": [o for o in outcomes if o.case.faults], "all": list(outcomes)}
+    faults = {"": "nothing goes wrong", DROPPED: "1 packet in 20 is lost", SILENT: SILENT}
+    rows |= {name: [o for o in outcomes if o.case.fault == fault] for fault, name in faults.items()}
+    rows["all"] = list(outcomes)
     for name, mine in rows.items():
         if mine:
             rest = [o.rest_ms for o in mine if o.case.safe_state == "hold"]
             done = [o.done_ms for o in mine if o.case.safe_state == "release"]
+            said = [o.said_ms for o in mine if not math.isnan(o.said_ms)]
             frozen = [o.frozen_ms for o in mine]
+            largest = [f"{max(numbers):.0f}" if numbers else "" for numbers in (frozen, said, rest, done)]
             cells = [
-                name, str(len(mine)), f"{np.median(frozen):.0f}", f"{max(frozen):.0f}",
-                f"{max(o.said_ms for o in mine):.0f}", f"{max(rest):.0f}" if rest else "", f"{max(done):.0f}" if done
-                else "", f"{max(o.lever_deg for o in mine):.0f}",
-            ]  # fmt: skip
+                name,
+                str(len(mine)),
+                f"{np.median(frozen):.0f}",
+                *largest,
+                f"{max(o.lever_deg for o in mine):.0f}",
+            ]
             lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

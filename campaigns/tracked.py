@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from sinew.bench.conversion import recording_from_journal
 from sinew.bench.journal import Journal
-from sinew.bench.run import Runner, RunReport
+from sinew.bench.report import RunReport
+from sinew.bench.run import Runner
 from sinew.emulator.fault_spec import FaultSpec
 from sinew.emulator.faults import Faults
 from sinew.emulator.joint_plant import JointPlant

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.contracts.emulated_bench import TINY, WatchedPort, joint, rig_file, virtual_port
+from tests.contracts.emulated_bench import WatchedPort, joint, rig_file, virtual_port
 from tests.contracts.virtual_run import interrupt, run, torques
 
-from sinew.apps.run_control import ControlError, send_control
+from sinew.apps.run_control import ControlError, RunControl, send_control
 from sinew.bench.journal_reader import JournalReader
+from sinew.bench.steering import Steering
 from sinew.plan.toml import load_rig
 
 PULLED_S = 3.0
@@ -172,12 +173,5 @@ def test_health_is_told_once_a_second(ask: Ask, plan: str, out: Path, capsys: py
 
 
 def test_a_run_that_tracks_refuses_a_pause_with_a_sentence() -> None:
-    from sinew.apps.run_control import RunControl
-    from sinew.bench.steering import Steering
-
     answer = RunControl(Steering(lambda: 0.0, can_pause=False)).carry_out("pause")
     assert (answer["ok"], "tracks a resonance" in answer["sentence"]) == (False, True)
-
-
-def test_the_plan_of_these_tests_is_long_enough_to_be_paused() -> None:
-    assert "settle_s = 1" in TINY

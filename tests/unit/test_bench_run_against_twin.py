@@ -10,7 +10,7 @@ from tests.unit.bench_virtual import virtual_bench
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.harmonics import fit_harmonics
 from sinew.bench.conversion import recording_from_journal
-from sinew.bench.run import RunReport
+from sinew.bench.report import RunReport
 from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan
 from sinew.plan.toml import load_rig, parse_plan

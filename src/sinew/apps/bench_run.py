@@ -16,7 +16,7 @@ from sinew.apps.console import require_folder
 
 if TYPE_CHECKING:
     from sinew.bench.journal import Journal
-    from sinew.bench.run import RunReport
+    from sinew.bench.report import RunReport
     from sinew.hardware.rig import Rig as HardwareRig
     from sinew.hardware.transport import Clock, Transport
     from sinew.plan.plan import Plan

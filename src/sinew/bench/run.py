@@ -4,7 +4,7 @@ import json
 import math
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 
 from sinew.bench.conversion import group_is_whole
 from sinew.bench.errors import BenchError, LostError, StartError, StoppedError
@@ -16,6 +16,7 @@ from sinew.bench.listeners import Listener
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.preflight import refuse_unready
 from sinew.bench.pretension import Contact, MotorMap, Pretensioned, pull_to_contact, set_pretension
+from sinew.bench.report import RunReport
 from sinew.bench.sample import Sample
 from sinew.bench.settle import SettleRule
 from sinew.bench.steering import SafeState, Steering
@@ -31,7 +32,7 @@ from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 from sinew.plan.plan import Group, Plan
 
-__all__ = ["LIMIT_RESERVE_N", "RunReport", "Runner"]
+__all__ = ["LIMIT_RESERVE_N", "Runner"]
 
 LIMIT_RESERVE_N = 5.0
 """Tension above that at rest at which a current-limited position loop yields [N]; as in the twin."""
@@ -39,27 +40,6 @@ LIMIT_RESERVE_N = 5.0
 _ATTEMPTS = 3
 _LEVER_HOME_S = 1.5
 _BIAS_S = 0.5
-
-
-@dataclass(slots=True)
-class RunReport:
-    """How a run ended.
-
-    is_complete: every group of the plan is recorded. sentence: what ended it. stop: how the rig was left.
-    groups_done, groups: of the plan, those of earlier attempts included. loop: of the cycles. pretensions: as they came
-    out, in order. tracks: the last state of the law of each tracking group of this run, by its index in the plan.
-    halted_s: from the request that ended the run until all motors were frozen [s]; None where there was none.
-    """
-
-    groups: int
-    groups_done: int = 0
-    is_complete: bool = False
-    sentence: str = ""
-    stop: StopReport | None = None
-    loop: LoopStatistics = field(default_factory=LoopStatistics)
-    pretensions: list[Pretensioned] = field(default_factory=list)
-    tracks: dict[int, dict[str, float | bool | None]] = field(default_factory=dict)
-    halted_s: float | None = None
 
 
 class Runner:
@@ -94,6 +74,7 @@ class Runner:
         self._index = -1
         self._attempt = 0
         self._kept: list[Sample] = []
+        self._may_hold = False  # motors that were never under torque are left without
         self._guard = Guard(rig.spec)
         self.steering = steering or Steering(clock.now)
         tilt = TiltEstimator(rig.spec, plan.sample_hz)
@@ -139,6 +120,7 @@ class Runner:
         """
         report = self.report
         refuse_unready(self._rig, self._clock, self._plan, torque_may_be_on=resume)
+        self._may_hold = resume
         self.steering.has_begun = True  # before it is looked at: whoever asks later finds motors that may move
         if (halt := self.steering.halt) is not None:
             raise StartError(f"{halt.reason}; nothing has moved")
@@ -179,6 +161,7 @@ class Runner:
                     self._say("frozen", f"all motors stand, {1e3 * self.report.halted_s:.0f} ms after the request")
 
         state = (halt.state if halt is not None else None) or declared
+        state = state if self._may_hold else "release"
         at_once = halt is not None and halt.is_emergency
         return stop(self._rig, self._clock, state, note, is_emergency=at_once)
 
@@ -227,6 +210,7 @@ class Runner:
         rig.set_tendon_mode("position-with-current-limit")
         for motor in rig.motors:
             self.steering.check()
+            self._may_hold = True
             _under_torque(motor)
         angles = tuple(motor.angle() for motor in rig.tendons)
         loop.watch = Watch(origin=angles, goals=angles)
