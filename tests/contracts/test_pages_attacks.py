@@ -1,0 +1,222 @@
+"""What must not get through to the server of the pages: each attack is a test against a real one."""
+
+import json
+import select
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import httpx
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+pytest.importorskip("nicegui", reason="the dashboard needs the extra")
+
+TOKEN = "a-token-for-the-tests-of-pages"
+PATIENCE = 60.0
+
+
+def free_port() -> int:
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return int(one.getsockname()[1])
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pages")
+    (folder / "secret.nc").write_text("not for everybody")
+    (folder / "runs" / "link").mkdir(parents=True)
+    (folder / "runs" / "link" / "recording.nc").symlink_to(folder / "secret.nc")
+    return folder / "runs"
+
+
+@pytest.fixture(scope="module")
+def port(runs: Path) -> Iterator[int]:
+    """Give the port of a server of pages; its steward is away, which is none of its business here."""
+    port = free_port()
+    config = {"token": TOKEN, "http_host": "127.0.0.1", "http_port": port, "steering_port": free_port()}
+    config |= {"runs": str(runs), "rig": "paper", "bench": None, "version": "test"}
+    command = [sys.executable, "-m", "sinew.apps.dashboard"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdin is not None
+            assert process.stderr is not None
+            process.stdin.write(json.dumps(config) + "\n")
+            process.stdin.flush()
+            end = time.monotonic() + PATIENCE
+            while time.monotonic() < end:
+                assert process.poll() is None, process.stderr.read()
+                try:
+                    httpx.get(f"http://127.0.0.1:{port}/login", timeout=5.0)
+                    break
+                except httpx.TransportError:
+                    select.select([], [], [], 0.1)
+            yield port
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def client(port: int) -> Iterator[httpx.Client]:
+    base = f"http://127.0.0.1:{port}"
+    with httpx.Client(base_url=base, headers={"origin": base}, timeout=20.0, trust_env=False) as made:
+        yield made
+
+
+def stream(port: int, origin: str | None = None) -> ClientConnection:
+    return connect(f"ws://127.0.0.1:{port}/stream", origin=origin or f"http://127.0.0.1:{port}", open_timeout=20.0)  # type: ignore[arg-type]
+
+
+def is_closed(one: ClientConnection) -> bool:
+    """Return whether the other end closes a connection, whatever it says before."""
+    try:
+        for _ in range(200):
+            one.recv(timeout=5.0)
+    except ConnectionClosed:
+        return True
+    return False
+
+
+def fill(viewers: ExitStack, port: int) -> int:
+    """Open streams until one is refused, a hundred at most; return how many got in."""
+    for count in range(100):
+        try:
+            viewers.enter_context(stream(port)).recv(timeout=10.0)
+        except (InvalidStatus, ConnectionClosed, OSError):
+            return count
+    return 100
+
+
+def test_our_own_page_gets_the_stream(port: int) -> None:
+    with stream(port) as socket_:
+        assert json.loads(socket_.recv(timeout=10.0))["kind"] == "state"
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "http://127.0.0.1:1", "https://127.0.0.1.evil.example"]
+)
+def test_a_foreign_page_gets_no_stream(port: int, origin: str) -> None:
+    with pytest.raises(InvalidStatus):
+        stream(port, origin)
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null"])
+def test_a_foreign_page_gets_no_socket_of_the_pages(port: int, origin: str) -> None:
+    uri = f"ws://127.0.0.1:{port}/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+    with pytest.raises(InvalidStatus):
+        connect(uri, origin=origin, open_timeout=20.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", ""])
+def test_a_foreign_page_cannot_sign_in(client: httpx.Client, origin: str) -> None:
+    answer = client.post("/login", json={"token": TOKEN}, headers={"origin": origin})
+    assert answer.status_code == 403
+    assert "set-cookie" not in answer.headers
+
+
+def test_a_name_that_was_rebound_to_our_address_gets_nothing(client: httpx.Client) -> None:
+    assert client.get("/", headers={"host": "evil.example"}).status_code == 421
+
+
+@pytest.mark.parametrize("token", ["", "wrong", TOKEN[:-1], TOKEN + "x", None, 7, ["a"]])
+def test_a_wrong_token_gets_no_session(client: httpx.Client, token: object) -> None:
+    answer = client.post("/login", json={"token": token})
+    assert answer.status_code in (400, 401, 429)
+    assert "set-cookie" not in answer.headers
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/download/../secret.nc/recording",
+        "/download/..%2Fsecret.nc/recording",
+        "/download/%2e%2e/recording",
+        "/download/..%2f..%2fetc/recording",
+        "/download/%2Fetc/recording",
+        "/download/.hidden/recording",
+        "/download/link/..%2f..%2fsecret.nc",
+        "/download/link/passwd",
+        "/download/nothing/recording",
+        "/download/" + "a" * 300 + "/recording",
+        "/sinew/../page_server.py",
+        "/sinew/..%2fpage_server.py",
+    ],
+)
+def test_a_path_leads_nowhere_else(client: httpx.Client, path: str) -> None:
+    answer = client.request("GET", httpx.URL(f"{client.base_url}".rstrip("/") + path))
+    assert answer.status_code in (400, 404)
+    assert "everybody" not in answer.text
+
+
+def test_a_link_out_of_the_folder_of_runs_is_not_followed(client: httpx.Client) -> None:
+    answer = client.get("/download/link/recording")
+    assert answer.status_code in (404, 409)
+    assert "everybody" not in answer.text
+
+
+def test_a_message_that_is_too_large_ends_its_connection_alone(port: int, client: httpx.Client) -> None:
+    with stream(port) as one, stream(port) as other:
+        one.send("x" * 2_000_000)
+        assert is_closed(one)
+        assert json.loads(other.recv(timeout=10.0))["kind"] == "state"
+
+
+@pytest.mark.parametrize("message", ["[]", "nonsense", '{"base_s": "x"}', "\x00" * 100, "[" * 400])
+def test_a_message_that_no_page_sends_ends_its_connection(port: int, message: str) -> None:
+    with stream(port) as one:
+        one.send(message)
+        assert is_closed(one)
+
+
+def test_too_large_a_post_is_refused(client: httpx.Client) -> None:
+    assert client.post("/login", content=b"x" * 1_000_000).status_code == 413
+
+
+def test_a_thousand_connections_keep_no_viewer_out(port: int, client: httpx.Client) -> None:
+    crowd: list[socket.socket] = []
+    try:
+        for _ in range(1000):
+            one = socket.create_connection(("127.0.0.1", port), 5.0)
+            one.sendall(b"GET / HTTP/1.1\r\nHost:")
+            crowd.append(one)
+        answer = client.get("/login")
+        with stream(port) as socket_:
+            said = json.loads(socket_.recv(timeout=10.0))
+    finally:
+        for one in crowd:
+            one.close()
+    assert answer.status_code == 200
+    assert said["kind"] == "state"
+
+
+def test_more_viewers_than_there_may_be_are_turned_away_and_leave_room_again(port: int) -> None:
+    with ExitStack() as viewers:
+        count = fill(viewers, port)
+    assert 20 <= count < 100
+    with stream(port) as again:
+        assert json.loads(again.recv(timeout=10.0))["kind"] == "state"
+
+
+def test_a_page_without_a_steward_says_so(port: int) -> None:
+    with stream(port) as socket_:
+        for _ in range(40):
+            said = json.loads(socket_.recv(timeout=10.0))
+            if said["kind"] == "state":
+                break
+    assert said["steward"] is None
+
+
+def test_looking_changes_nothing(client: httpx.Client, runs: Path) -> None:
+    def tree() -> list[str]:
+        return sorted(str(path) for path in runs.rglob("*"))
+
+    before = tree()
+    for path in ("/", "/plan", "/runs", "/runs/link", "/design", "/runs/%3Cscript%3E"):
+        client.get(path)
+    assert tree() == before
