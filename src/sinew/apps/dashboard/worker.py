@@ -25,7 +25,7 @@ from sinew.measure.errors import SinewError
 __all__ = ["CALLS", "Call", "Worker", "WorkerError"]
 
 _WORK = "sinew.apps.dashboard.work"
-_NICE = 5
+_NICE = 19
 _SHORT_S, _LONG_S, _WARM_UP_S = 60.0, 900.0, 600.0
 
 
@@ -61,13 +61,25 @@ CALLS = {
 
 def _begin(needs_jax: bool) -> None:
     """Prepare a process: low priority, JAX as everywhere, an end with whoever made it."""
-    os.nice(_NICE)
+    _step_back()
     threading.Thread(target=_end_with_the_maker, daemon=True).start()
     if needs_jax:
         from sinew.twin.cache import compute_inline, configure
 
         configure()
         compute_inline()
+
+
+def _step_back() -> None:
+    """Run only when nobody else wants the core.
+
+    A low nice value is not enough: what a pseudo-terminal carries is passed on by a worker of the kernel, which has no
+    priority over a process that computes, and an emulated bench that is heard 50 ms late counts as lost.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    except (AttributeError, OSError):  # another system than Linux
+        os.nice(_NICE)
 
 
 def _end_with_the_maker() -> None:
