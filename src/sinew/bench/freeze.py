@@ -32,8 +32,10 @@ DRIVE_HOLD_SHARE = 0.2
 _GOALS = ("goal_pwm", "goal_current", "goal_velocity", "profile_acceleration", "profile_velocity", "goal_position")
 _ASKED = (
     "operating_mode", "pwm_limit", "current_limit", "velocity_limit", "torque_enable", "bus_watchdog",
-    *_GOALS, "present_position",
+    *_GOALS, "present_current", "present_position",
 )  # fmt: skip
+
+_MARGIN, _UNSURE = 1.3, 3  # of a pull that is read from the current: as a factor, and in counts
 
 Counts = dict[str, int]
 
@@ -119,12 +121,14 @@ def _standing(rig: Rig, motor: Motor, counts: Counts) -> Counts:
         "goal_current": _most(motor, "goal_current", hold, counts["current_limit"]),
     }
     mode, asked = counts["operating_mode"], counts["goal_current"]
-    if mode == CURRENT_MODE:
-        pull = max(0, min(motor.sign * asked, limits["goal_current"]))
-        return limits | {"goal_current": motor.sign * pull}
+    pull = max(0, motor.sign * counts["present_current"])
+    if mode == CURRENT_MODE:  # one whose cable is off draws next to nothing, and would run on
+        return limits | {"goal_current": motor.sign * min(max(0, motor.sign * asked), pull, limits["goal_current"])}
     by_current = mode == CURRENT_POSITION_MODE
-    in_force = min(asked * motor.table["goal_current"].scale, hold) if by_current else hold
-    ahead, give = motor.sign * (counts["goal_position"] - present), _give(rig, motor, in_force)
+    unit = motor.table["present_current"].scale
+    in_force = min(asked * unit, hold) if by_current else hold
+    ahead = motor.sign * (counts["goal_position"] - present)
+    give = _give(rig, motor, min(in_force, (_MARGIN * pull + _UNSURE) * unit))
     goals = {"goal_position": present + motor.sign * max(0, min(ahead, give))}
     if not by_current:
         return goals | {"goal_pwm": limits["goal_pwm"]}

@@ -47,6 +47,7 @@ STAND_S = 0.5
 
 _AGAIN_S = 0.1
 _RAMP_STEP_S = 0.02
+_SETTLE_S = 0.1  # until a motor that was told to stay does so
 _SLACK_COUNTS = 3
 
 Acts = dict[str, Callable[[], None]]
@@ -115,7 +116,7 @@ def stop(
         _hold(report, rig, clock)
     if state != "hold":
         if is_emergency and not report.port_lost:
-            clock.wait_until(clock.now() + STAND_S)
+            clock.wait_until(clock.now() + STAND_S - _SETTLE_S)
             report.reached.clear()
         _release(report, rig, clock)
     report.took_s = clock.now() - start
@@ -134,6 +135,8 @@ def release(rig: Rig, clock: Clock) -> StopReport:
 
 def _hold(report: StopReport, rig: Rig, clock: Clock) -> None:
     _carry_out(report, clock, {motor.name: partial(_stay, rig, motor, report.frozen) for motor in rig.motors})
+    if not report.port_lost:
+        clock.wait_until(clock.now() + _SETTLE_S)
 
 
 def _release(report: StopReport, rig: Rig, clock: Clock) -> None:
