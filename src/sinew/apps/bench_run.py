@@ -63,12 +63,17 @@ def await_port(port: str, seconds: float) -> None:
 
 @contextmanager
 def open_rig(port: str, spec: "RigSpec") -> "Iterator[tuple[HardwareRig, Clock]]":
-    """Open a serial port and give (rig, clock); the port is closed in the end. Raises PortError."""
+    """Open a port and give (rig, clock); the port is closed in the end. Raises PortError.
+
+    port: a serial port, or the socket of an emulated bench.
+    """
+    from sinew.hardware.local_port import LocalPort
     from sinew.hardware.serial_port import SerialPort
     from sinew.hardware.transport import MonotonicClock
 
     clock = MonotonicClock()
-    rig = rig_on(SerialPort(port, spec.wiring.baud, clock), clock, spec)
+    local = Path(port).is_socket()
+    rig = rig_on(LocalPort(port, clock) if local else SerialPort(port, spec.wiring.baud, clock), clock, spec)
     try:
         yield rig, clock
     finally:

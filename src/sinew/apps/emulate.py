@@ -19,7 +19,7 @@ from sinew.apps.realtime import keeping_time
 if TYPE_CHECKING:
     from sinew.emulator.faults import FaultyRig
     from sinew.emulator.plant import Plant
-    from sinew.emulator.pty_server import PtyServer
+    from sinew.emulator.pty_server import Port, PtyServer
     from sinew.emulator.trips import Trip
     from sinew.plan.rig import RigSpec
 
@@ -56,6 +56,10 @@ def emulate(
     for_s: Annotated[
         float | None, typer.Option("--for", metavar="S", min=0.0, help="End after so much emulated time.")
     ] = None,
+    socket: Annotated[
+        bool,
+        typer.Option("--socket", help="A socket, not a terminal: for Sinew alone; keeps time on a busy computer."),
+    ] = False,
     truth: Annotated[
         Path | None, typer.Option("--truth", metavar="FILE", help="Write at the end what truly happened, as JSON.")
     ] = None,
@@ -82,7 +86,7 @@ def emulate(
     if truth is not None:
         require_file(truth)
     bench = _warm_bench(rig_, start, unloaded, seed, baud, faults)
-    server = PtyServer(bench, link, clock=MonotonicClock(), speed=speed)
+    server = PtyServer(bench, link, clock=MonotonicClock(), speed=speed, make_port=_kind_of_port(rig_, socket))
     try:
         with _stopping_on_signals(server.stop), keeping_time(collecting=True):
             _say_ready(_description(rig_, bench, server, start, unloaded, seed, speed), as_json=json)
@@ -99,6 +103,14 @@ def found_bench(rig: "RigSpec", seed: int, faults: list[str]) -> "FaultyRig":
 
     start = _start(rig, seed, None, None)
     return _warm_bench(rig, start, False, seed, None, [parse_fault(text) for text in faults])
+
+
+def _kind_of_port(rig: "RigSpec", socket: bool) -> "Callable[[Path], Port]":
+    """Return what makes the port of a name. socket: whether it is a socket, else a pseudo-terminal."""
+    from sinew.emulator.pty_port import PtyPort
+    from sinew.emulator.socket_port import SocketPort
+
+    return (lambda link: SocketPort(link, rig.wiring.baud)) if socket else PtyPort
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from pathlib import Path
 from sinew.hardware.errors import PortError
 from sinew.measure.errors import FileError
 
-__all__ = ["PtyPort", "refuse_taken"]
+__all__ = ["PtyPort", "make_link", "refuse_taken"]
 
 _AT_ONCE = 65536  # bytes
 # Linux: struct termios2 { c_iflag, c_oflag, c_cflag, c_lflag; c_line; c_cc[19]; c_ispeed, c_ospeed }, read by TCGETS2.
@@ -42,7 +42,7 @@ class PtyPort:
         os.set_blocking(self._ours, False)
         self.terminal = os.ttyname(self._theirs)
         try:
-            _link(link, self.terminal)
+            make_link(link, self.terminal)
         except OSError as trouble:
             self._close_ends()
             raise FileError(f"cannot link {link}: {trouble.strerror}; choose a folder that you may write") from trouble
@@ -102,8 +102,8 @@ def refuse_taken(link: Path) -> None:
         raise FileError(f"{link} is there already and is no link; choose another name, nothing is replaced")
 
 
-def _link(link: Path, terminal: str) -> None:
-    """Make a link, or turn a stale one over, in one stroke."""
+def make_link(link: Path, terminal: str) -> None:
+    """Make a link, or turn a stale one over, in one stroke. Raises OSError."""
     if link.is_symlink():
         fresh = link.with_name(f".{link.name}.{os.getpid()}")
         fresh.symlink_to(terminal)

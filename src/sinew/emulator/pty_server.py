@@ -1,14 +1,15 @@
-"""This is where an emulated bench is served on a pseudo-terminal in real time."""
+"""This is where an emulated bench is served on a pseudo-terminal, or a socket, in real time."""
 
 import math
 import select
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
 from sinew.emulator.pty_port import PtyPort
 from sinew.hardware.transport import Clock
 
-__all__ = ["HostEnd", "PtyServer", "Served"]
+__all__ = ["HostEnd", "Port", "PtyServer", "Served"]
 
 _TICK = 1e-3
 """How long it sleeps at most [s]; in between the plant moves on, so that no answer has to wait for much of it."""
@@ -69,19 +70,57 @@ class Served(Protocol):
         ...
 
 
-class PtyServer:
-    """Serves a bench on a pseudo-terminal until it is stopped.
+class Port(Protocol):
+    """What a master opens. terminal: what its link leads to."""
 
-    link: name of the port. speed: emulated seconds in a second of `clock`.
+    terminal: str
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when a master has sent something."""
+        ...
+
+    def baud(self) -> int:
+        """Return the rate that the master has set [1/s]; 0 where there is none."""
+        ...
+
+    def read(self) -> bytes:
+        """Return what masters have sent and nobody has read; b"" where there is nothing."""
+        ...
+
+    def write(self, data: bytes) -> int:
+        """Send bytes to the master; return how many the system took."""
+        ...
+
+    def release(self) -> None:
+        """Let others open the port after a master that has left."""
+        ...
+
+    def close(self) -> None:
+        """Hang up and remove the link."""
+        ...
+
+
+class PtyServer:
+    """Serves a bench on a pseudo-terminal, or another kind of port, until it is stopped.
+
+    link: name of the port. speed: emulated seconds in a second of `clock`. make_port: makes the port of that name.
     slipped: by how much the emulated time was held up [s], because the
     computer did not keep pace. lost: bytes that no master read in time.
     Raises FileError, PortError like `PtyPort`.
     """
 
-    def __init__(self, rig: Served, link: Path, *, clock: Clock, speed: float = 1.0) -> None:
+    def __init__(
+        self,
+        rig: Served,
+        link: Path,
+        *,
+        clock: Clock,
+        speed: float = 1.0,
+        make_port: Callable[[Path], Port] = PtyPort,
+    ) -> None:
         self._rig, self._clock, self._speed = rig, clock, speed
-        self.link = link
-        self._port: PtyPort | None = PtyPort(link)
+        self.link, self._make_port = link, make_port
+        self._port: Port | None = make_port(link)
         self._reached = rig.time
         self.restart_time()
         self._heard = -math.inf
@@ -161,11 +200,11 @@ class PtyServer:
     def _change_plug(self) -> None:
         self._outbox.clear()
         if self._port is None:
-            self._port = PtyPort(self.link)
+            self._port = self._make_port(self.link)
         else:
             self.close()
 
-    def _send(self, port: PtyPort, now: float) -> None:
+    def _send(self, port: Port, now: float) -> None:
         """Send what has reached the master, except that bytes wait a little for others that come soon."""
         fresh = self._rig.transmit(now)
         if fresh:
@@ -177,10 +216,10 @@ class PtyServer:
             del self._outbox[: port.write(bytes(self._outbox))]
             self._held_until = now + _TICK * self._speed if self._outbox else math.inf
 
-    def _wait(self, port: PtyPort, seconds: float) -> bool:
+    def _wait(self, port: Port, seconds: float) -> bool:
         return bool(select.select([port], [], [], max(0.0, seconds))[0])
 
-    def _take(self, port: PtyPort) -> None:
+    def _take(self, port: Port) -> None:
         data = port.read()
         self._heard = self._go_on()
         baud = port.baud()

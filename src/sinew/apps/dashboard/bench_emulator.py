@@ -71,7 +71,19 @@ class BenchEmulator:
 
     def _begin(self, rig: str, seed: int) -> None:
         truth = str(self._folder / "truth.json")
-        words = ("emulate", "--link", self.port, "--rig", rig, "--seed", str(seed), "--truth", truth, "--json")
+        words = (
+            "emulate",
+            "--link",
+            self.port,
+            "--socket",
+            "--rig",
+            rig,
+            "--seed",
+            str(seed),
+            "--truth",
+            truth,
+            "--json",
+        )
         log = self._folder / "emulator.log"
         with log.open("wb") as file:
             process = subprocess.Popen(

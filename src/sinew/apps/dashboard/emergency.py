@@ -16,7 +16,8 @@ from sinew.apps.bench_run import open_rig
 from sinew.apps.dashboard.processes import await_end
 from sinew.apps.dashboard.run_folders import Control, Run
 from sinew.bench.stops import StopReport, stop
-from sinew.hardware import serial_port as _serial_port  # noqa: F401 - open_rig imports it late
+from sinew.hardware import local_port as _local_port  # noqa: F401 - open_rig imports it late
+from sinew.hardware import serial_port as _serial_port  # noqa: F401
 from sinew.hardware.errors import PortError
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
