@@ -51,6 +51,7 @@ def test_a_phone_shows_the_page_without_scrolling_sideways_and_the_stop(opened: 
     assert box["width"] > 300
 
 
+@pytest.mark.realtime
 def test_a_slider_changes_the_curve_within_200_ms(opened: Open, shown: Served) -> None:
     page = opened(shown, "/design")
     page.wait_for_selector("#sinew-peak")

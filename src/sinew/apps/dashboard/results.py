@@ -14,6 +14,12 @@ __all__ = ["Results", "numbered"]
 
 _LOOK_S = 0.5
 _DRAWS = 40
+_BAND = "Points: mean and 90 % interval over repeats. Band: 90 %, from what the rig's calibration leaves open."
+_COMING = "Points: mean and 90 % interval over repeats. The band of the prediction is being computed."
+_NO_BAND = (
+    "Points: mean and 90 % interval over repeats. The prediction has no band: nothing is known of how certain this "
+    "rig's parameters are; sinew calibrate finds out."
+)
 
 
 @dataclass
@@ -23,7 +29,8 @@ class Results:
     predicted: for each pretension `pretension_mm`, `frequency_hz`, `gain`, `phase` [deg], and where the rig knows how
     certain it is `gain_low`, `gain_high`, `phase_low`, `phase_high` of the 90 % band. measured: for each pretension
     `pretension_mm`, `frequency_hz`, and `gain`, `phase` as {"value", "std", "interval90"}. damping: of ring-downs.
-    version: rises with every change. trouble: why something is missing.
+    remark: what is to be said of the prediction and its band. version: rises with every change. trouble: why something
+    is missing.
     """
 
     hub: Hub
@@ -32,6 +39,7 @@ class Results:
     predicted: list[dict[str, Any]] = field(default_factory=list)
     measured: list[dict[str, Any]] = field(default_factory=list)
     damping: list[dict[str, Any]] = field(default_factory=list)
+    remark: str = ""
     version: int = 0
     trouble: str = ""
 
@@ -43,7 +51,7 @@ class Results:
             live = self.hub.live
             if live is not None and live.epoch != epoch:
                 epoch, done = live.epoch, -1
-                self.predicted, self.measured, self.damping = [], [], []
+                self.predicted, self.measured, self.damping, self.remark = [], [], [], ""
                 self.version += 1
                 if predicting is not None:
                     predicting.cancel()
@@ -62,8 +70,10 @@ class Results:
                 self.trouble = str(trouble)
                 return
             self.predicted = numbered(found["curves"], live)
+            has_bands, can_have = "gain_low" in found["curves"][0], found["can_have_bands"]
+            self.remark = _BAND if has_bands else _COMING if can_have else _NO_BAND
             self.version += 1
-            if not found.get("can_have_bands", True):
+            if not can_have:
                 return
 
     async def _measure(self, live: Live) -> None:

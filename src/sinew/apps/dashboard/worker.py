@@ -1,9 +1,9 @@
 """This is where a page server hands over what takes long, or needs JAX, to processes of their own.
 
-Three of them, each with one call at a time, all with less right to a core than a control loop: `light` needs no JAX and
-answers at once, `curves` previews plans and follows the sliders, `long` takes what may take its time. Each begins with
-its first call, so that a bench that keeps time beside them is not held up by what nobody has asked for. They end with
-the process that made them.
+Four of them, each with one call at a time, all with less right to a core than a control loop: `light` needs no JAX,
+`sliders` sketches, `curves` refines and previews, `long` takes what may take its time. Each begins with its first call,
+so that a bench that keeps time beside them is not held up by what nobody has asked for. They end with the process that
+made them.
 """
 
 import asyncio
@@ -25,7 +25,7 @@ from sinew.measure.errors import SinewError
 __all__ = ["CALLS", "Call", "Worker", "WorkerError"]
 
 _WORK = "sinew.apps.dashboard.work"
-_NICE = 19
+_NICE = 10
 _SHORT_S, _LONG_S, _WARM_UP_S = 60.0, 900.0, 600.0
 
 
@@ -34,8 +34,11 @@ class WorkerError(SinewError):
 
 
 class Call(NamedTuple):
-    """A function that can be called. module: where it is. lane: light, curves or long. most_s: longest time that it may
-    take, after which its process is ended."""
+    """A function that can be called.
+
+    module: of the package `work`. lane: light, sliders, curves or long. most_s: longest time that it may take, after
+    which its process is ended.
+    """
 
     module: str
     lane: str
@@ -50,7 +53,8 @@ CALLS = {
     "measured_so_far": Call(f"{_WORK}.live", "light", _SHORT_S),
     "preview_document": Call(f"{_WORK}.preview", "curves", 2 * _SHORT_S),
     "design_curves": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),
-    "warm_up": Call(f"{_WORK}.design", "curves", _WARM_UP_S),
+    "sketch_curves": Call(f"{_WORK}.design", "sliders", _SHORT_S),
+    "warm_up": Call(f"{_WORK}.design", "sliders", _WARM_UP_S),
     "suggest_pretension": Call(f"{_WORK}.pretension", "long", _LONG_S),
     "prediction_for_plan": Call(f"{_WORK}.prediction", "long", _LONG_S),
     "run_results": Call(f"{_WORK}.results", "long", _LONG_S),
@@ -59,23 +63,26 @@ CALLS = {
 """What can be called, by name."""
 
 
-def _begin(needs_jax: bool) -> None:
+def _begin(lane: str) -> None:
     """Prepare a process: low priority, JAX as everywhere, an end with whoever made it."""
-    _step_back()
+    _step_back(lane)
     threading.Thread(target=_end_with_the_maker, daemon=True).start()
-    if needs_jax:
+    if lane != "light":
         from sinew.twin.cache import compute_inline, configure
 
         configure()
         compute_inline()
 
 
-def _step_back() -> None:
-    """Run only when nobody else wants the core.
+def _step_back(lane: str) -> None:
+    """Run only when nobody else wants the core; a sketch, which somebody waits for, when few do.
 
-    A low nice value is not enough: what a pseudo-terminal carries is passed on by a worker of the kernel, which has no
-    priority over a process that computes, and an emulated bench that is heard 50 ms late counts as lost.
+    What a serial port or a pseudo-terminal carries is passed on by a worker of the kernel without any priority, and a
+    bench that is heard 50 ms late counts as lost.
     """
+    if lane == "sliders":
+        os.nice(_NICE)
+        return
     try:
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     except (AttributeError, OSError):  # another system than Linux
@@ -114,7 +121,7 @@ class _Request:
 class _Lane:
     """A process, and whose turn it is."""
 
-    needs_jax: bool
+    name: str
     newest: dict[str, _Request] = field(default_factory=dict)
     turn: asyncio.Lock = field(default_factory=asyncio.Lock)
     pool: ProcessPoolExecutor | None = None
@@ -123,7 +130,7 @@ class _Lane:
         """Have the process begin, starting it where there is none."""
         if self.pool is None:
             context = get_context("spawn")
-            self.pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=(self.needs_jax,))
+            self.pool = ProcessPoolExecutor(1, context, initializer=_begin, initargs=(self.name,))
         return self.pool.submit(_run, CALLS[name].module, name, arguments)
 
     def end(self) -> None:
@@ -172,14 +179,14 @@ class Worker:
     def __init__(self) -> None:
         self.is_warm = False
         self._is_warming = False
-        self._lanes = {name: _Lane(name != "light") for name in ("light", "curves", "long")}
+        self._lanes = {name: _Lane(name) for name in ("light", "sliders", "curves", "long")}
         self._tasks: set[asyncio.Task[Any]] = set()
 
     def warm_up(self) -> None:
         """Begin to compile what sliders need, the first time; returns at once."""
         if not self._is_warming:
             self._is_warming = True
-            self._lanes["curves"].submit("warm_up", ()).add_done_callback(self._warmed)
+            self._lanes["sliders"].submit("warm_up", ()).add_done_callback(self._warmed)
 
     def _warmed(self, done: "Future[Any]") -> None:
         self.is_warm = not done.cancelled() and done.exception() is None

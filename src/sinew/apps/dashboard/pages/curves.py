@@ -8,7 +8,7 @@ from nicegui import ui
 
 __all__ = ["Curve", "Curves", "options_of"]
 
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#b8689a", "#b8860b", "#3f95c8")
+_COLOURS = tuple(f"var(--series-{i + 1})" for i in range(6))
 _SYMBOLS = ("circle", "rect", "triangle", "diamond", "roundRect", "pin")
 _AXES = {
     "amplitude_drive": "lever amplitude / °",
@@ -153,10 +153,20 @@ def options_of(
             "data": [curve.name for curve in curves],
         },
         "tooltip": {"trigger": "item", "confine": True},
-        "xAxis": {**axis, "boundaryGap": ["3%", "3%"], "name": x_name, "nameGap": 26},
+        "xAxis": {**axis, **_ends(curves), "name": x_name, "nameGap": 26},
         "yAxis": {**axis, "name": _AXES[what], "nameGap": 42},
         "series": series,
     }
+
+
+def _ends(curves: Sequence[Curve]) -> dict[str, Any]:
+    """Return where an x axis ends: at the ends of lines, a little beyond points, so that none lies on the frame."""
+    if all(curve.is_line for curve in curves):
+        return {"min": "dataMin", "max": "dataMax"} if curves else {}
+    # A single place on the axis has no width to take a share of.
+    margin = "(0.04 * (v.max - v.min) || 0.5)"
+    hidden = {"color": "var(--soft)", "showMinLabel": False, "showMaxLabel": False}
+    return {":min": f"v => v.min - {margin}", ":max": f"v => v.max + {margin}", "axisLabel": hidden}
 
 
 def _series(curve: Curve, number: int) -> list[dict[str, Any]]:

@@ -53,14 +53,14 @@ class _Sliders:
                     "id=sinew-suggest no-caps unelevated color=primary"
                 )
                 self._suggestion = ui.label().props("id=sinew-suggestion role=status").classes("sinew-soft")
-            with ui.element("div").classes("span-8").style("display: grid; gap: 0.75rem; align-content: start"):
+            with ui.element("div").classes("span-8 sinew-stack"):
                 with card("Gain: torsion over commanded amplitude", 12):
                     self._gain = Curves("gain")
                     self._gain.element.props("id=sinew-design-gain")
                 with card("Phase: lag of the torsion", 12):
                     self._phase = Curves("phase")
                 with card("What it is worth", 12):
-                    self._notes = ui.element("div").props("role=status").style("display: grid; gap: 0.2rem")
+                    self._notes = ui.element("div").props("role=status").classes("sinew-stack")
                     with self._notes:
                         empty("The equations are being compiled; that takes some seconds once.")
 
@@ -74,7 +74,10 @@ class _Sliders:
             said.set_text(f"{label.rpartition(' / ')[0]}: {self._values[key]:g} {label.rpartition(' / ')[2]}")
 
         async def moved(event: Any) -> None:
-            self._values[key] = float(event.args)
+            value = float(event.args)
+            if value == self._values[key]:
+                return  # the last of a burst comes twice
+            self._values[key] = value
             write()
             await self.change()
 
@@ -92,18 +95,11 @@ class _Sliders:
 
     async def _compute(self, turn: int, *, fine: bool) -> None:
         changes = {key: self._values[key] for key, *_ in _SLIDERS if key not in _NOT_THE_RIG}
-        key = f"design {id(self)} {fine}"
+        values = self._values
+        asked: list[Any] = [self._rig_toml, changes, values["pretension_mm"], values["amplitude_deg"], _BAND_HZ]
+        name = "design_curves" if fine else "sketch_curves"
         try:
-            found = await self._site.work.call(
-                "design_curves",
-                self._rig_toml,
-                changes,
-                self._values["pretension_mm"],
-                self._values["amplitude_deg"],
-                _BAND_HZ,
-                fine,
-                key=key,
-            )
+            found = await self._site.work.call(name, *asked, *([True] if fine else []), key=f"{name} {id(self)}")
         except SinewError as trouble:
             found = {"trouble": str(trouble)}
         if found is not None and (turn == self._turn or not fine):

@@ -58,7 +58,7 @@ def _given(rig: RigSpec, scene: int) -> dict[str, object]:
 def _joint_card(rig: RigSpec) -> int:
     """Lay the joint out and return the number of its scene."""
     with card("Joint", 3):
-        scene = ui.scene(width=320, height=300, grid=False, background_color="#000000", fps=25)
+        scene = ui.scene(width=320, height=360, grid=False, background_color="#000000", fps=25)
         scene.move_camera(1.35, -1.55, 1.35, 0.0, 0.0, 0.5, duration=0)
         scene.classes("w-full").props('role=img aria-label="The joint as it moves, with its tendons"')
         ui.html(
@@ -127,9 +127,10 @@ def _bench_card() -> None:
 def _curves(site: Site) -> None:
     """Lay out gain and phase, which grow with the run."""
     with card("Gain: torsion over commanded amplitude", 6):
-        gain = Curves("gain")
+        gain, notes = Curves("gain"), [ui.label().classes("sinew-soft")]
     with card("Phase: lag of the torsion behind the lever", 6):
         phase = Curves("phase")
+        notes.append(ui.label().classes("sinew-soft"))
     seen = -1
 
     def look() -> None:
@@ -138,6 +139,8 @@ def _curves(site: Site) -> None:
             seen = site.results.version
             for curves in (gain, phase):
                 curves.show(site.results.predicted, site.results.measured)
+            for note in notes:
+                note.set_text(site.results.remark)
 
     look()
     ui.timer(_LOOK_S, look)

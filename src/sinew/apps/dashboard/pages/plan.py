@@ -54,10 +54,10 @@ class _Desk:
         with ui.element("div").classes("sinew-grid"):
             with card("What to run", 6):
                 self._choose()
-                self._form = ui.element("div").classes("w-full").style("display: grid; gap: 0.5rem")
-            with ui.element("div").classes("span-6").style("display: grid; gap: 0.75rem; align-content: start"):
+                self._form = ui.element("div").classes("sinew-stack")
+            with ui.element("div").classes("span-6 sinew-stack"):
                 with card("Preview", 12):
-                    self._preview = ui.element("div").classes("w-full").style("display: grid; gap: 0.4rem")
+                    self._preview = ui.element("div").classes("sinew-stack")
                     self._start = ui.button("Start", on_click=self._ask_to_start).props(
                         "id=sinew-start no-caps unelevated color=primary"
                     )

@@ -170,7 +170,7 @@ def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
     rows = [{"run": name, **row} for name, results in found for row in results.get("parameters", [])]
     if not rows:
         return
-    with card("What was found", 6):
+    with card("What was found", 12):
         shown = [
             {
                 "key": f"{row['run']} {row['pretension_mm']} {row['name']}",

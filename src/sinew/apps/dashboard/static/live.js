@@ -144,7 +144,8 @@ function describe() {
   put("sinew-cycles", health.cycles === undefined ? "–" : `${health.cycles}, ${health.missed} missed, ${health.incomplete} incomplete`);
   put("sinew-late", fixed(health.worst_late_ms, 1, " ms"));
   const bus = health.bus ?? {};
-  put("sinew-bus", Object.keys(bus).length ? Object.entries(bus).map(([k, v]) => `${v} ${k.replaceAll("_", " ")}`).join(", ") : "–");
+  const told = ["transactions", "retries", "silent", "damaged", "crc_errors", "alerts"].filter((name) => name in bus);
+  put("sinew-bus", told.map((name) => `${bus[name]} ${name.replaceAll("_", " ")}`).join(", ") || "–");
   const log = $("sinew-log");
   if (log && live) {
     const last = live.events.at(-1)?.[0] ?? 0;

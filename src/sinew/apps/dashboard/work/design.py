@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from sinew.predict.branch import Branch, Mark, Prediction
     from sinew.predict.joints.validity import Check
 
-__all__ = ["base_rig", "changed_rig", "curve_document", "design_curves", "warm_up"]
+__all__ = ["base_rig", "changed_rig", "curve_document", "design_curves", "sketch_curves", "warm_up"]
 
 _ROUND, _FLAT = {"outer_mm", "inner_mm"}, {"width_mm", "height_mm"}
 _WARM = ((0.0, 20.0), (6.0, 20.0))
@@ -65,6 +65,17 @@ def design_curves(
     }
 
 
+def sketch_curves(
+    rig: str,
+    changes: Mapping[str, float | str | None],
+    pretension_mm: float,
+    amplitude_deg: float,
+    band_hz: Sequence[float] = (1.0, 6.0),
+) -> dict[str, Any]:
+    """Return the sketch of `design_curves`: in a process of its own it need not wait for a refined curve."""
+    return design_curves(rig, changes, pretension_mm, amplitude_deg, band_hz, fine=False)
+
+
 def changed_rig(base: "RigSpec", changes: Mapping[str, float | str | None]) -> "RigSpec":
     """Return the rig that a base becomes with some changes, by the names of the options of `sinew predict`.
 
@@ -94,13 +105,12 @@ def changed_rig(base: "RigSpec", changes: Mapping[str, float | str | None]) -> "
 
 
 def warm_up() -> dict[str, Any]:
-    """Compile all that sliders need, and return how long it took [s]; after it no change of a number compiles anew."""
+    """Compile all that sketches need, and return how long it took [s]; after it no change of a number compiles anew."""
     import time
 
     begin = time.perf_counter()
     for pretension, amplitude in _WARM:
-        for fine in (False, True):
-            design_curves("paper", {"length_mm": 90.0}, pretension, amplitude, fine=fine)
+        sketch_curves("paper", {"length_mm": 90.0}, pretension, amplitude)
     return {"wall_s": time.perf_counter() - begin}
 
 
