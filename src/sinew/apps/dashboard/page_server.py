@@ -30,10 +30,11 @@ from sinew.apps.dashboard.pages.design import add_design_page
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
 from sinew.apps.dashboard.pages.runs import add_runs_pages
-from sinew.apps.dashboard.pages.site import Site, Work
+from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.results import Results
 from sinew.apps.dashboard.sign_in import SIGN_IN_PAGE, sign_in_routes
 from sinew.apps.dashboard.stream import serve_stream
+from sinew.apps.dashboard.work_desk import Work
 from sinew.apps.dashboard.worker import Worker
 from sinew.measure.errors import SinewError
 
@@ -84,8 +85,8 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
         version=config.version,
         hub=hub,
         work=work,
+        results=Results(hub, work, config.runs),
     )
-    site.results = Results(hub, work, config.runs)
 
     @asynccontextmanager
     async def living(_: FastAPI) -> AsyncIterator[None]:

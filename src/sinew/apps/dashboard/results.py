@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from sinew.apps.dashboard.hub import JOURNAL, Hub, Live
-from sinew.apps.dashboard.pages.site import Work
+from sinew.apps.dashboard.work_desk import Work
 from sinew.measure.errors import SinewError
 from sinew.plan.toml import parse_plan
 

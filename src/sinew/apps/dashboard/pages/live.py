@@ -135,7 +135,7 @@ def _curves(site: Site) -> None:
 
     def look() -> None:
         nonlocal seen
-        if site.results is not None and site.results.version != seen:
+        if site.results.version != seen:
             seen = site.results.version
             for curves in (gain, phase):
                 curves.show(site.results.predicted, site.results.measured)

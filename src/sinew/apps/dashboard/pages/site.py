@@ -1,29 +1,15 @@
 """This is where the pages find what they share: folders, hub, worker, access."""
 
-from collections.abc import Awaitable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
 
 from sinew.apps.dashboard.hub import Hub
+from sinew.apps.dashboard.results import Results
 from sinew.apps.dashboard.work.shelf import read_shelf
+from sinew.apps.dashboard.work_desk import Work
 from sinew.plan.library import read_spec
 
-__all__ = ["Site", "Work"]
-
-
-class Work(Protocol):
-    """Runs what takes long, or needs JAX, in another process."""
-
-    is_warm: bool
-
-    def warm_up(self) -> None:
-        """Begin to compile what sliders need; returns at once."""
-        ...
-
-    def call(self, name: str, *arguments: Any, key: str | None = None) -> Awaitable[Any]:
-        """Return what a function of `sinew.apps.dashboard.work` returns; with a key only the latest request runs."""
-        ...
+__all__ = ["Site"]
 
 
 @dataclass
@@ -43,7 +29,7 @@ class Site:
     version: str
     hub: Hub
     work: Work
-    results: Any = None
+    results: Results
 
     def rig_text(self, name: str) -> str:
         """Return the TOML text of the rig that is offered first, or of one on the shelf. Raises SpecError."""

@@ -1,0 +1,17 @@
+"""What viewers cost, on a smaller scale than `python -m campaigns.viewers --hours 2 --cycles 60`."""
+
+import pytest
+
+pytest.importorskip("nicegui", reason="the dashboard needs the extra")
+
+from campaigns.viewers import stream_hours
+
+pytestmark = pytest.mark.slow
+
+
+def test_four_viewers_get_their_frames_and_the_server_does_not_grow() -> None:
+    found = stream_hours(hours=0.5, speed=60.0)
+    assert found["samples"] == 0.5 * 3600 * 200
+    assert all(20 <= rate <= 30 for rate in found["frames_per_s"])
+    assert abs(found["memory_growth"]) < 0.05
+    assert found["memory_spread"] < 0.05
