@@ -141,6 +141,7 @@ def test_the_truth_has_the_keys_of_the_reference(link: Path, tmp_path: Path) -> 
         "lost_bytes",
         "motors",
         "stopped",
+        "frozen_since_s",
         "in_safe_state",
         "torsion_deg",
         "tilt_deg",
