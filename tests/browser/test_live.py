@@ -62,10 +62,6 @@ def start(page: Any, dashboard: Served, plan: str) -> Path:
     return dashboard.await_run()
 
 
-def measured_points(page: Any) -> int:
-    return int(page.evaluate("[...document.querySelectorAll('.nicegui-echart')][0].querySelectorAll('path').length"))
-
-
 def test_a_run_is_watched_paused_resumed_and_stopped_at_once(opened: Open, bench: Served) -> None:
     page = opened(bench)
     folder = start(page, bench, "long")

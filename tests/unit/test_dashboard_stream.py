@@ -28,7 +28,7 @@ def live(count: int, capacity: int = 5000) -> Live:
     ring = Ring(1 + len(CHANNELS), capacity)
     time = np.arange(count) / RATE
     ring.put(np.vstack([time, *(np.sin(2 * np.pi * 3 * time + c) for c in range(len(CHANNELS)))]))
-    return Live("run", 1, CHANNELS, ring, "", "", 3, played=count)
+    return Live("run", 0.0, 1, {}, CHANNELS, ring, "", "", 3, played=count)
 
 
 def told(frame: bytes | None) -> dict[str, Any]:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.apps.dashboard.channels import Channel, LiveChannels
+from sinew.apps.dashboard.drawn_rig import drawn_rig
 from sinew.apps.dashboard.ring import Ring
 from sinew.apps.dashboard.tail import JournalTail, News
 from sinew.measure.errors import FileError
@@ -47,13 +48,16 @@ Status = dict[str, Any]
 class Live:
     """A run that is followed.
 
-    name: of its folder. epoch: rises whenever another run is followed. ring: row 0 is the time since the first sample
-    that was seen [s], the others the channels. played: how many samples the viewers may see. latest: what there is to
-    say of the newest of them. health: what the run told of itself last. events: the newest, (id, kind, sentence).
+    name: of its folder; started: when, as the steward has it. rig: what a page draws of it. epoch: rises whenever
+    another run is followed. ring: row 0 is the time since the first sample that was seen [s], the others the channels.
+    played: how many samples the viewers may see. latest: what there is to say of the newest of them. health: what the
+    run told of itself last. events: the newest, (id, kind, sentence).
     """
 
     name: str
+    started: float
     epoch: int
+    rig: dict[str, Any]
     channels: tuple[Channel, ...]
     ring: Ring
     plan_toml: str
@@ -111,6 +115,7 @@ class Hub:
         except sqlite3.Error as trouble:
             self.trouble = f"the journal of {self.live.name} cannot be read: {trouble}"
             return
+        self.trouble = ""
         self._take(self.live, news)
         waiting = self.live.ring.count - self.live.played
         self.live.played += min(waiting, math.ceil(waiting * (1 - math.exp(-elapsed / _PLAY_S))))
@@ -126,7 +131,10 @@ class Hub:
     async def _follow(self) -> None:
         """Turn to the run that is under way, once it has a journal."""
         run = (self.steward or {}).get("run")
-        if run is None or (self.live is not None and self.live.name == run["name"]):
+        if run is None:
+            return
+        started = float(run.get("started") or 0.0)
+        if self.live is not None and (self.live.name, self.live.started) == (run["name"], started):
             return
         path = self._runs / run["name"] / JOURNAL
         if not path.is_file():
@@ -141,13 +149,15 @@ class Hub:
             with suppress(sqlite3.Error):
                 await loop.run_in_executor(self._thread, self._tail.close)
         self._tail, self.trouble = tail, ""
-        self._channels = LiveChannels(parse_rig(tail.rig_toml))
+        rig = parse_rig(tail.rig_toml)
+        self._channels = LiveChannels(rig)
         self._start = math.nan
         self._epoch += 1
         channels = self._channels.channels
         groups = len(parse_plan(tail.plan_toml).groups())
         ring = Ring(1 + len(channels), _KEPT)
-        self.live = Live(run["name"], self._epoch, channels, ring, tail.plan_toml, tail.rig_toml, groups)
+        texts = tail.plan_toml, tail.rig_toml
+        self.live = Live(run["name"], started, self._epoch, drawn_rig(rig), channels, ring, *texts, groups)
 
     def _take(self, live: Live, news: News) -> None:
         assert self._channels is not None

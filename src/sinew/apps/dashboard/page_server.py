@@ -9,6 +9,7 @@ import json
 import os
 import sys
 import threading
+import traceback
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -40,12 +41,10 @@ from sinew.measure.errors import SinewError
 
 __all__ = ["Config", "main", "make_app", "serve"]
 
-MOST_SOCKET_MESSAGE = 256 * 1024
-"""Largest message that a web socket takes [bytes]."""
-
 _STATIC = Path(__file__).with_name("static")
 _KINDS = {"recording": "recording.nc", "csv": "csv.zip", "mat": "recording.mat", "report": "report.html"}
 _STATUS_WAIT_S = 2.0
+_AGAIN_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -90,7 +89,7 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
 
     @asynccontextmanager
     async def living(_: FastAPI) -> AsyncIterator[None]:
-        tasks = [asyncio.create_task(hub.run()), asyncio.create_task(site.results.run())]
+        tasks = [asyncio.create_task(_kept_going(each)) for each in (hub.run, site.results.run)]
         try:
             yield
         finally:
@@ -121,6 +120,16 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
         sign_in_page=SIGN_IN_PAGE,
     )
     return app
+
+
+async def _kept_going(task: Callable[[], Awaitable[None]]) -> None:
+    """Run a task that has no end, and begin it again where a fault of our own ends it; the log has the fault."""
+    while True:
+        try:
+            await task()
+        except Exception:
+            traceback.print_exc()
+            await asyncio.sleep(_AGAIN_S)
 
 
 def _add_downloads(app: FastAPI, site: Site) -> None:
@@ -159,7 +168,6 @@ async def serve(config: Config) -> None:
             app,
             host=config.http_host,
             port=config.http_port,
-            ws_max_size=MOST_SOCKET_MESSAGE,
             lifespan="auto",
             timeout_graceful_shutdown=2,
         )

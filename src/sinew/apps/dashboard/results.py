@@ -29,8 +29,8 @@ class Results:
     predicted: for each pretension `pretension_mm`, `frequency_hz`, `gain`, `phase` [deg], and where the rig knows how
     certain it is `gain_low`, `gain_high`, `phase_low`, `phase_high` of the 90 % band. measured: for each pretension
     `pretension_mm`, `frequency_hz`, and `gain`, `phase` as {"value", "std", "interval90"}. damping: of ring-downs.
-    remark: what is to be said of the prediction and its band. version: rises with every change. trouble: why something
-    is missing.
+    remark: what is to be said of the prediction and its band. notes: on groups that could not be analysed. trouble: why
+    something is missing. version: rises with every change.
     """
 
     hub: Hub
@@ -40,6 +40,7 @@ class Results:
     measured: list[dict[str, Any]] = field(default_factory=list)
     damping: list[dict[str, Any]] = field(default_factory=list)
     remark: str = ""
+    notes: list[str] = field(default_factory=list)
     version: int = 0
     trouble: str = ""
 
@@ -52,13 +53,13 @@ class Results:
             if live is not None and live.epoch != epoch:
                 epoch, done = live.epoch, -1
                 self.predicted, self.measured, self.damping, self.remark = [], [], [], ""
+                self.notes, self.trouble = [], ""
                 self.version += 1
                 if predicting is not None:
                     predicting.cancel()
                 predicting = asyncio.create_task(self._predict(live))
             if live is not None and live.groups_done != done:
-                done = live.groups_done
-                await self._measure(live)
+                done = live.groups_done if await self._measure(live) else -1
             await asyncio.sleep(_LOOK_S)
 
     async def _predict(self, live: Live) -> None:
@@ -67,7 +68,7 @@ class Results:
             try:
                 found = await self.work.call("prediction_for_plan", live.plan_toml, live.rig_toml, draws)
             except SinewError as trouble:
-                self.trouble = str(trouble)
+                self._complain(f"There is no prediction: {trouble}")
                 return
             self.predicted = numbered(found["curves"], live)
             has_bands, can_have = "gain_low" in found["curves"][0], found["can_have_bands"]
@@ -76,19 +77,27 @@ class Results:
             if not can_have:
                 return
 
-    async def _measure(self, live: Live) -> None:
+    async def _measure(self, live: Live) -> bool:
+        """Analyse what is new; return whether that went well."""
         pending = 1
         while pending:
             try:
                 found = await self.work.call("measured_so_far", str(self.runs / live.name / JOURNAL))
             except SinewError as trouble:
-                self.trouble = str(trouble)
-                return
+                self._complain(f"What was measured cannot be analysed: {trouble}")
+                return False
             self._show(found, live)
             pending = found["pending"]
+        return True
+
+    def _complain(self, sentence: str) -> None:
+        if sentence != self.trouble:
+            self.trouble = sentence
+            self.version += 1
 
     def _show(self, found: dict[str, Any], live: Live) -> None:
         self.measured, self.damping = numbered(found["curves"], live), found["damping"]
+        self.notes = found["notes"]
         self.version += 1
 
 

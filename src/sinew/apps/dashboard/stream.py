@@ -58,7 +58,8 @@ class View:
 def frame_of(live: Live, view: View) -> bytes | None:
     """Return the next frame for a viewer as JSON, or None where there is nothing new; the viewer has seen it then.
 
-    {"kind": "samples", "reset": whether what the viewer has is of another run, "time": [s], "low": [[...] for each
+    {"kind": "samples", "reset": whether what the viewer has is of another run; then also
+    "rig" (see `drawn_rig`) and "traces", "time": [s], "low": [[...] for each
     channel], "high": the same, or null where nothing was thinned, "points": [[θ...], [φ...]] in degrees, "now": the
     newest value of each channel, "tension_n": of each tendon}.
     """
@@ -73,8 +74,9 @@ def frame_of(live: Live, view: View) -> bytes | None:
     view.sent = live.played
     if not new.shape[1] and not reset:
         return None
-    frame: dict[str, Any] = {"kind": "samples", "reset": reset, "channels": len(live.channels)}
+    frame: dict[str, Any] = {"kind": "samples", "reset": reset}
     if reset:
+        frame["rig"] = live.rig
         frame["traces"] = [{"key": c.key, "label": c.label, "unit": c.unit} for c in live.channels]
     thinned = thin(new[0], new[1:], view.base_s / view.pixels)
     frame["time"] = np.round(thinned.time, 4)

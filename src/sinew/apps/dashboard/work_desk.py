@@ -9,8 +9,6 @@ __all__ = ["Work"]
 class Work(Protocol):
     """Runs what takes long, or needs JAX, in another process."""
 
-    is_warm: bool
-
     def warm_up(self) -> None:
         """Begin to compile what sliders need; returns at once."""
         ...

@@ -1,9 +1,9 @@
 """This is where a page server hands over what takes long, or needs JAX, to processes of their own.
 
-Four of them, each with one call at a time, all with less right to a core than a control loop: `light` needs no JAX,
-`sliders` sketches, `curves` refines and previews, `long` takes what may take its time. Each begins with its first call,
-so that a bench that keeps time beside them is not held up by what nobody has asked for. They end with the process that
-made them.
+Five of them, each with one call at a time, all with less right to a core than a control loop: `light` needs no JAX,
+`sliders` sketches, `curves` refines and previews, `bands` predicts plans, `long` opens past runs and makes files. Each
+begins with its first call, so that a bench that keeps time beside them is not held up by what nobody has asked for.
+They end with the process that made them.
 """
 
 import asyncio
@@ -36,8 +36,8 @@ class WorkerError(SinewError):
 class Call(NamedTuple):
     """A function that can be called.
 
-    module: of the package `work`. lane: light, sliders, curves or long. most_s: longest time that it may take, after
-    which its process is ended.
+    module: of the package `work`. lane: light, sliders, curves, bands or long. most_s: longest time that it may take,
+    after which its process is ended.
     """
 
     module: str
@@ -49,14 +49,13 @@ CALLS = {
     "shelf": Call(f"{_WORK}.shelf", "light", _SHORT_S),
     "read_shelf": Call(f"{_WORK}.shelf", "light", _SHORT_S),
     "list_runs": Call(f"{_WORK}.runs", "light", _SHORT_S),
-    "run_summary": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "measured_so_far": Call(f"{_WORK}.live", "light", _SHORT_S),
     "preview_document": Call(f"{_WORK}.preview", "curves", 2 * _SHORT_S),
     "design_curves": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),
     "sketch_curves": Call(f"{_WORK}.design", "sliders", _SHORT_S),
     "warm_up": Call(f"{_WORK}.design", "sliders", _WARM_UP_S),
     "suggest_pretension": Call(f"{_WORK}.pretension", "long", _LONG_S),
-    "prediction_for_plan": Call(f"{_WORK}.prediction", "long", _LONG_S),
+    "prediction_for_plan": Call(f"{_WORK}.prediction", "bands", _LONG_S),
     "run_results": Call(f"{_WORK}.results", "long", _LONG_S),
     "download": Call(f"{_WORK}.download", "long", _LONG_S),
 }
@@ -171,25 +170,18 @@ class _Lane:
 
 
 class Worker:
-    """Runs the functions of `CALLS` in other processes; for one event loop.
-
-    is_warm: whether what sliders need is compiled.
-    """
+    """Runs the functions of `CALLS` in other processes; for one event loop."""
 
     def __init__(self) -> None:
-        self.is_warm = False
         self._is_warming = False
-        self._lanes = {name: _Lane(name) for name in ("light", "sliders", "curves", "long")}
+        self._lanes = {name: _Lane(name) for name in ("light", "sliders", "curves", "bands", "long")}
         self._tasks: set[asyncio.Task[Any]] = set()
 
     def warm_up(self) -> None:
         """Begin to compile what sliders need, the first time; returns at once."""
         if not self._is_warming:
             self._is_warming = True
-            self._lanes["sliders"].submit("warm_up", ()).add_done_callback(self._warmed)
-
-    def _warmed(self, done: "Future[Any]") -> None:
-        self.is_warm = not done.cancelled() and done.exception() is None
+            self._begin(self._lanes["sliders"], _Request("warm_up", ()), None)
 
     async def call(self, name: str, *arguments: Any, key: str | None = None) -> Any:
         """Return what a function of `sinew.apps.dashboard.work` returns for these arguments, plain data all.
@@ -202,13 +194,17 @@ class Worker:
         request = _Request(name, arguments)
         if key is not None:
             lane.newest[key] = request
-        task = asyncio.create_task(lane.serve(request, key))
-        self._tasks.add(task)
-        task.add_done_callback(self._heard)
+        task = self._begin(lane, request, key)
         try:
             return await asyncio.shield(task)
         finally:
             request.is_wanted = False
+
+    def _begin(self, lane: _Lane, request: _Request, key: str | None) -> "asyncio.Task[Any]":
+        task = asyncio.create_task(lane.serve(request, key))
+        self._tasks.add(task)
+        task.add_done_callback(self._heard)
+        return task
 
     def _heard(self, task: "asyncio.Task[Any]") -> None:
         self._tasks.discard(task)

@@ -1,10 +1,13 @@
 """This is where the live page is laid out: joint, oscilloscope, Lissajous figure, curves, bench."""
 
+from typing import Any
+
 from nicegui import ui
 
-from sinew.apps.dashboard.channels import LiveChannels
+from sinew.apps.dashboard.drawn_rig import drawn_rig
 from sinew.apps.dashboard.pages.curves import Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed, script
+from sinew.apps.dashboard.pages.quantity import quantity
 from sinew.apps.dashboard.pages.site import Site
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
@@ -34,25 +37,8 @@ def add_live_page(site: Site) -> None:
                 _numbers_card()
                 _curves(site)
                 _bench_card()
-        script("sinew-live", _given(rig, scene))
+        script("sinew-live", {"scene": scene, "rig": drawn_rig(rig)})
         ui.add_body_html(f'<script type="module" src="/sinew/live.js?{site.version}"></script>')
-
-
-def _given(rig: RigSpec, scene: int) -> dict[str, object]:
-    """Return what the page's script must know of the rig; lengths in those of the silicone."""
-    length = rig.silicone.length.value
-    circle = rig.tendons.head_radius.value / length
-    radius = 0.5 * rig.silicone.diameter.value / length
-    shape = {
-        "length": 1.0,
-        "radius": radius,
-        "circle": max(circle, radius + 0.04),
-        "plate": max(circle, radius) + 0.16,
-        "lever": 1.2 * max(circle, radius) + 0.3,
-        "tendons": rig.tendons.count,
-    }
-    labels = {channel.key: channel.label for channel in LiveChannels(rig).channels}
-    return {"scene": scene, "shape": shape, "labels": labels, "tension_limit_n": rig.limits.tension_n}
 
 
 def _joint_card(rig: RigSpec) -> int:
@@ -63,7 +49,7 @@ def _joint_card(rig: RigSpec) -> int:
         scene.classes("w-full").props('role=img aria-label="The joint as it moves, with its tendons"')
         ui.html(
             '<div class="sinew-soft">Tendons: <span style="color:var(--low)">●</span> 0 N to '
-            f'<span style="color:var(--high)">●</span> {rig.limits.tension_n:g} N, the rig\'s limit</div>',
+            '<span style="color:var(--high)">●</span> <span id="sinew-tension-limit">–</span> N, the rig\'s limit</div>',
             sanitize=False,
         )
     return scene.id
@@ -131,6 +117,7 @@ def _curves(site: Site) -> None:
     with card("Phase: lag of the torsion behind the lever", 6):
         phase = Curves("phase")
         notes.append(ui.label().classes("sinew-soft"))
+        damping, wrong = ui.label(), ui.label().classes("sinew-bad").props("role=status")
     seen = -1
 
     def look() -> None:
@@ -141,6 +128,17 @@ def _curves(site: Site) -> None:
                 curves.show(site.results.predicted, site.results.measured)
             for note in notes:
                 note.set_text(site.results.remark)
+            rows = [
+                f"{row['pretension_mm']:g} mm: {quantity(row['damping_ratio'], '')}" for row in site.results.damping
+            ]
+            damping.set_text(f"Lehr's damping D of the ring-downs: {'; '.join(rows)}" if rows else "")
+            wrong.set_text(" ".join(filter(None, (site.results.trouble, *site.results.notes[-3:]))))
 
     look()
     ui.timer(_LOOK_S, look)
+
+
+def _in_words(damping: list[dict[str, Any]]) -> str:
+    """Return what ring-downs say of the damping at each pretension."""
+    rows = [f"{row['pretension_mm']:g} mm: {quantity(row['damping_ratio'], '')}" for row in damping]
+    return f"Lehr's damping D of the ring-downs: {'; '.join(rows)}" if rows else ""

@@ -11,7 +11,6 @@ from sinew.apps.dashboard.pages.curves import Curve, Curves
 from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.work.form import fields_of, form_of, plan_from_form
-from sinew.apps.dashboard.work.shelf import read_shelf, shelf
 from sinew.measure.errors import SinewError
 from sinew.plan.plan import Plan
 from sinew.plan.toml import parse_plan
@@ -44,7 +43,6 @@ class _Desk:
         self._fields = fields_of(Plan)
         self._inputs: dict[str, Any] = {}
         self._values: dict[str, Any] = {}
-        self._shelves = shelf(site.runs)
         self._rig = site.rig
         self._toml: str | None = None
         self._turn = 0
@@ -53,7 +51,7 @@ class _Desk:
         """Lay out the page, without a plan yet."""
         with ui.element("div").classes("sinew-grid"):
             with card("What to run", 6):
-                self._choose()
+                self._choice = ui.element("div").classes("sinew-stack")
                 self._form = ui.element("div").classes("sinew-stack")
             with ui.element("div").classes("span-6 sinew-stack"):
                 with card("Preview", 12):
@@ -69,14 +67,16 @@ class _Desk:
                     )
 
     async def begin(self) -> None:
-        """Put the first plan into the form and preview it."""
+        """Offer what is on the shelves, put the first plan into the form and preview it."""
+        shelves = await self._site.work.call("shelf", str(self._site.runs))
+        with self._choice:
+            self._choose(shelves)
         await self._take(_FIRST_PLAN)
 
-    def _choose(self) -> None:
-        rigs = {row["name"]: row["name"] for row in self._shelves["rigs"]} | {self._rig: self._rig}
+    def _choose(self, shelves: dict[str, list[dict[str, Any]]]) -> None:
+        rigs = {row["name"]: row["name"] for row in shelves["rigs"]} | {self._rig: self._rig}
         plans = {
-            row["name"]: f"{row['name']} ({row['about']})" if row["about"] else row["name"]
-            for row in self._shelves["plans"]
+            row["name"]: f"{row['name']} ({row['about']})" if row["about"] else row["name"] for row in shelves["plans"]
         }
         ui.select(rigs, value=self._rig, label="Rig", on_change=self._change_rig).props("outlined dense").classes(
             "w-full"
@@ -98,7 +98,8 @@ class _Desk:
     async def _take(self, name: str) -> None:
         """Put a plan of the shelf into the form."""
         try:
-            self._values = form_of(parse_plan(read_shelf("plans", name, self._site.runs)))
+            text = await self._site.work.call("read_shelf", "plans", name, str(self._site.runs))
+            self._values = form_of(parse_plan(text))
         except SinewError as trouble:
             ui.notify(str(trouble), type="negative")
             return
@@ -225,9 +226,16 @@ class _Desk:
 
     def _ask_to_start(self) -> None:
         """Have the operator's browser ask the steward: this process steers nothing."""
-        if self._toml is None or not is_run_name(self._name.value):
+        if self._toml is None:
             return
-        rig = self._site.rig_text(self._rig)
+        if not is_run_name(self._name.value):
+            ui.notify("The run's folder needs a name.", type="negative")
+            return
+        try:
+            rig = self._site.rig_text(self._rig)
+        except SinewError as trouble:
+            ui.notify(str(trouble), type="negative")
+            return
         asked = ", ".join(json.dumps(text) for text in (self._toml, rig, self._name.value))
         ui.run_javascript(f"Sinew.start({asked}).then(a => {{ if (a.ok) location.href = '/'; }})")
 

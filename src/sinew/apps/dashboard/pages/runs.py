@@ -36,10 +36,16 @@ def add_runs_pages(site: Site) -> None:
             with place:
                 empty("The runs are listed.")
             await ui.context.client.connected()
-            found = await site.work.call("list_runs", str(site.runs))
+            try:
+                found, trouble = await site.work.call("list_runs", str(site.runs)), ""
+            except SinewError as error:
+                found, trouble = [], str(error)
             place.clear()
             with place:
-                _table(found)
+                if trouble:
+                    ui.label(trouble).classes("sinew-bad")
+                else:
+                    _table(found)
 
     @ui.page("/runs/{names}")
     async def opened(names: str) -> None:

@@ -51,6 +51,8 @@ export class Joint {
     this.pose(0, 0, []);
   }
 
+  remove() { this.component.scene.remove(this.root); }
+
   twisting() {
     const { THREE, shape } = this;
     const geometry = new THREE.CylinderGeometry(shape.radius, shape.radius, shape.length, SIDES, RINGS, true).rotateX(Math.PI / 2);

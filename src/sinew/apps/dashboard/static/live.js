@@ -7,7 +7,7 @@ const FRAME_MS = 1000 / 30, RETRY_MS = 1500;
 const given = JSON.parse(document.getElementById("sinew-live").textContent);
 const $ = (id) => document.getElementById(id);
 const traces = new Traces();
-let scope, lissajous, joint, base = 5, paused = false, shownEnd = 0, now = [], tensions = [], state = null, socket = null;
+let scope, lissajous, joint, scene, rig, base = 5, paused = false, shownEnd = 0, now = [], tensions = [], state = null, socket = null;
 let drawn = 0, drawnSince = performance.now();
 
 const PANELS = (tendons) => [
@@ -22,7 +22,6 @@ function ready() { return ["sinew-scope", "sinew-lissajous", "sinew-legend"].eve
 
 async function begin() {
   for (let i = 0; i < 200 && !ready(); i++) await new Promise((go) => setTimeout(go, 50));
-  scope = new Scope($("sinew-scope"), PANELS(given.shape.tendons));
   lissajous = new Lissajous($("sinew-lissajous"));
   $("sinew-base").addEventListener("change", (event) => { base = Number(event.target.value); tell(); });
   $("sinew-freeze").addEventListener("click", (event) => {
@@ -30,12 +29,28 @@ async function begin() {
     event.target.textContent = paused ? "Go on" : "Freeze";
     event.target.setAttribute("aria-pressed", String(paused));
   });
-  legend();
+  await show(given.rig);
   connect();
   draw(0);
   for (let i = 0; i < 200 && !window.getElement?.(given.scene)?.renderer; i++) await new Promise((go) => setTimeout(go, 50));
-  const component = window.getElement?.(given.scene);
-  if (component?.renderer) joint = await Joint.build(component, given.shape);
+  scene = window.getElement?.(given.scene);
+  await build();
+}
+
+// A run may be of another rig than the one that is offered first.
+async function show(drawn) {
+  rig = drawn;
+  scope = new Scope($("sinew-scope"), PANELS(rig.shape.tendons));
+  put("sinew-tension-limit", String(rig.tension_limit_n));
+  $("sinew-legend").replaceChildren();
+  legend();
+  await build();
+}
+
+async function build() {
+  if (!scene?.renderer) return;
+  joint?.remove();
+  joint = await Joint.build(scene, rig.shape);
 }
 
 function legend() {
@@ -50,7 +65,7 @@ function legend() {
     const value = document.createElement("span");
     value.id = `sinew-now-${line.key}`;
     const label = document.createElement("label");
-    label.append(box, swatch, given.labels[line.key], value);
+    label.append(box, swatch, rig.labels[line.key], value);
     $("sinew-legend").append(label);
   }
 }
@@ -74,7 +89,7 @@ function connect() {
 }
 
 function take(frame) {
-  if (frame.reset) { traces.reset(frame.traces); lissajous.reset(); shownEnd = 0; }
+  if (frame.reset) { traces.reset(frame.traces); lissajous.reset(); shownEnd = 0; if (JSON.stringify(frame.rig) !== JSON.stringify(rig)) show(frame.rig); }
   traces.put(frame);
   lissajous.put(frame.points);
   if (frame.now.length) now = frame.now;
@@ -90,7 +105,7 @@ function draw(at) {
   scope.render(traces, base, Math.max(base, shownEnd));
   lissajous.render();
   const value = (key) => now[traces.traces.findIndex((t) => t.key === key)] ?? 0;
-  const most = Math.max(given.tension_limit_n, 1);
+  const most = Math.max(rig.tension_limit_n, 1);
   joint?.pose(value("torsion") * Math.PI / 180, value("drive") * Math.PI / 180, tensions.map((t) => (t ?? 0) / most));
   drawn++;
   if (at - drawnSince > 1000) {

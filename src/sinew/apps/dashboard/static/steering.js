@@ -5,8 +5,7 @@ const config = JSON.parse(document.getElementById("sinew-config").textContent);
 const steering = `${location.protocol}//${location.hostname}:${config.steering_port}`;
 const DOUBLE_MS = 500, POLL_MS = 1000, ANSWER_MS = 5000;
 
-let ticket = null, number = 0, status = null, reachable = null, lastEscape = 0;
-const watchers = [];
+let ticket = null, number = 0, status = null, reachable = null, lastEscape = -Infinity;
 
 function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
@@ -40,6 +39,7 @@ async function takeTicket() {
   if (code !== 200) { ticket = null; return code; }
   ticket = said.ticket; number = said.number ?? 0;
   keep();
+  claim();
   return code;
 }
 
@@ -52,7 +52,8 @@ function numbered(command, more) {
 async function send(command, more = {}) {
   if (ticket === null && (await takeTicket()) !== 200) { signIn(`Sign in to ${words(command)}.`); return { ok: false }; }
   let answer = await ask("/command", numbered(command, more), { keepalive: command === "emergency" });
-  if (answer.code === 401 || answer.said.ticket === false) {
+  const isRepeated = answer.code === 409 && answer.said.number !== undefined; // another tab counts with this ticket
+  if (answer.code === 401 || answer.said.ticket === false || isRepeated) {
     ticket = null;
     if ((await takeTicket()) !== 200) { signIn(`Sign in to ${words(command)}.`); return { ok: false }; }
     answer = await ask("/command", numbered(command, more));
@@ -148,7 +149,7 @@ function show() {
   let text, how;
   if (reachable === false) { text = "Steering is not reachable: use the power switch"; how = "bad"; }
   else if (status === null) { text = "Connecting"; how = ""; }
-  else if (run) { text = `${run.name}: ${state || "running"}`; how = state === "paused" ? "warn" : "good"; }
+  else if (run) { text = `${run.name}: ${state || "running"}`; how = state === "silent" ? "bad" : ["paused", "pausing"].includes(state) ? "warn" : "good"; }
   else if (!bench) { text = "No bench"; how = ""; }
   else { text = bench === "emulator" ? "Emulated bench, at rest" : "Bench, at rest"; how = ""; }
   chip.textContent = text; chip.className = `sinew-chip ${how}`;
@@ -160,13 +161,14 @@ function show() {
   buttons.resume.disabled = !may || !(state === "paused" || state === "pausing");
   for (const name of ["stop"]) buttons[name].disabled = !may;
   for (const name of ["hold", "release"]) buttons[name].disabled = !mine || !bench;
-  stopButton.classList.toggle("unreachable", reachable === false);
-  for (const watcher of watchers) watcher(status, reachable);
+  const isOut = status !== null && !status.signed_in;
+  stopButton.classList.toggle("unreachable", reachable === false || isOut);
+  stopButton.lastChild.textContent = isOut ? "sign in first" : "F9 · Esc Esc";
 }
 
 async function poll() {
   try {
-    const { code, said } = await ask(ticket ? `/status?ticket=${encodeURIComponent(ticket)}` : "/status");
+    const { code, said } = await ask("/status", undefined, ticket ? { headers: { "x-sinew-ticket": ticket } } : {});
     reachable = code < 500; status = code === 200 ? said : null;
     if (code === 401) signIn("This page is for those who have its token.");
   } catch { reachable = false; }
@@ -177,6 +179,7 @@ addEventListener("keydown", (event) => {
   if (event.repeat) return;
   if (event.key === "F9") { event.preventDefault(); emergency(); }
   if (event.key === "Escape") {
+    if (document.querySelector("dialog[open], .q-menu, .q-dialog")) return; // it closes what is open
     if (event.timeStamp - lastEscape < DOUBLE_MS) emergency();
     lastEscape = event.timeStamp;
   }
@@ -186,13 +189,24 @@ window.Sinew = {
   config, command, emergency, signIn, say,
   start: (plan, rig, name) => command("start", { plan, rig, name }),
   status: () => status,
-  watch: (watcher) => { watchers.push(watcher); watcher(status, reachable); },
 };
 
 document.body.append(stopButton, voice, dialog);
 const place = () => { const host = document.getElementById("sinew-controls"); if (host && !host.contains(bar)) host.append(bar); };
 new MutationObserver(place).observe(document.body, { childList: true, subtree: true });
 place();
+
+// A tab that was duplicated has the ticket of the other: only one of them may keep it.
+async function claim() {
+  if (ticket === null || !navigator.locks) return;
+  const held = ticket;
+  await new Promise((go) => navigator.locks.request(`sinew ${held}`, { ifAvailable: true }, (lock) => {
+    if (!lock) { ticket = null; number = 0; go(); return undefined; }
+    go();
+    return new Promise(() => {});
+  }).catch(go));
+}
+await claim();
 
 const given = new URLSearchParams(location.hash.slice(1)).get("token");
 if (given) {
