@@ -1,5 +1,6 @@
 """This is where the tests in a browser get one: Debian's Chromium, driven by Playwright."""
 
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import pytest
 from tests.browser.dashboard import ARGUMENTS, CHROMIUM, Served, served
 
 from sinew.apps.cli import main
+from sinew.bench.journal import Journal
+from sinew.plan.toml import dump_rig, load_rig
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="no Playwright: make setup-dev installs it")
 
@@ -79,17 +82,24 @@ PWNED = "<img src=x onerror=window.pwned=1>"
 
 @pytest.fixture(scope="session")
 def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder of runs: two from the twin, one whose plan has a script for a name, one that is damaged."""
+    """Return a folder of runs: two from the twin, one that was cut off and whose plan has a script for a name and says
+    so in an event, one that is damaged; and a plan of that name on the shelf."""
     runs = tmp_path_factory.mktemp("archive")
-    for number, (name, mm, title) in enumerate((("soft", "2", "soft"), ("stiff", "8", "stiff"), ("odd", "4", PWNED))):
+    for number, (name, mm) in enumerate((("soft", "2"), ("stiff", "8"))):
         folder = runs / name
         folder.mkdir()
-        (folder / "plan.toml").write_text(SHORT.format(name=title, mm=mm))
+        (folder / "plan.toml").write_text(SHORT.format(name=name, mm=mm))
         words = ["simulate", str(folder / "plan.toml"), "--out", str(folder / "recording.nc"), "--seed", str(number)]
         assert main(words) == 0
+    odd = SHORT.format(name=PWNED, mm="4")
+    (runs / "odd").mkdir()
+    with Journal.create(runs / "odd" / "journal.sqlite", odd, dump_rig(load_rig("paper"))) as journal:
+        journal.event("pull", PWNED)
+    (runs / "plans").mkdir()
+    (runs / "plans" / "odd.toml").write_text(odd)
     (runs / "damaged").mkdir()
     (runs / "damaged" / "recording.nc").write_bytes(b"this is no recording")
-    (runs / PWNED.replace("/", "")).mkdir()
+    shutil.copytree(runs / "odd", runs / PWNED)
     return runs
 
 

@@ -130,10 +130,16 @@ def test_a_damaged_run_is_said_to_be_and_the_others_are_shown(opened: Open, show
     assert page.locator(".sinew-bad", has_text="not").count() >= 1
 
 
-@pytest.mark.parametrize("path", ["/runs", "/runs/odd", "/runs/odd,soft"])
+@pytest.mark.parametrize("path", ["/runs", "/runs/odd,soft", "/plan"])
 def test_a_script_in_a_name_is_text(opened: Open, shown: Served, path: str) -> None:
     page = opened(shown, path)
-    page.wait_for_selector("#sinew-open, a[data-kind=csv]")
+    page.wait_for_selector("#sinew-open, a[data-kind=csv], #sinew-duration")
+    if path == "/plan":
+        page.get_by_label("Begin with the plan").click()
+        page.get_by_role("option", name="odd").click()
+        page.wait_for_function("document.querySelector('.sinew-code').textContent.includes('onerror')")
+    if path == "/runs":
+        assert page.locator("td", has_text="onerror").count() >= 2
     page.wait_for_timeout(500)
     assert page.evaluate("window.pwned") is None
     assert page.locator("img[src=x]").count() == 0

@@ -49,7 +49,8 @@ def _joint_card(rig: RigSpec) -> int:
         scene.classes("w-full").props('role=img aria-label="The joint as it moves, with its tendons"')
         ui.html(
             '<div class="sinew-soft">Tendons: <span style="color:var(--low)">●</span> 0 N to '
-            '<span style="color:var(--high)">●</span> <span id="sinew-tension-limit">–</span> N, the rig\'s limit</div>',
+            '<span style="color:var(--high)">●</span> '
+            '<span id="sinew-tension-limit">–</span> N, the rig\'s limit</div>',
             sanitize=False,
         )
     return scene.id
