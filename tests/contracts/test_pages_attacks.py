@@ -212,7 +212,7 @@ def test_a_page_without_a_steward_says_so(port: int) -> None:
     assert said["steward"] is None
 
 
-def test_looking_changes_nothing(client: httpx.Client, runs: Path) -> None:
+def test_getting_a_page_writes_nothing(client: httpx.Client, runs: Path) -> None:
     def tree() -> list[str]:
         return sorted(str(path) for path in runs.rglob("*"))
 
