@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from tests.contracts.refusals import refused
 
 from sinew import __version__
 from sinew.apps.cli import app, main
@@ -90,11 +91,7 @@ def test_a_wrong_command_line_is_one_line_and_status_2(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    status = main(list(arguments))
-    out, err = capsys.readouterr()
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert err.startswith("sinew: ")
-    assert sentence in err
+    assert sentence in refused(capsys, *arguments)
     assert list(tmp_path.iterdir()) == []
 
 
