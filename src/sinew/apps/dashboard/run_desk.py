@@ -23,6 +23,7 @@ __all__ = ["RunDesk"]
 _LOOK_S = 0.1
 _ASK_EVERY = 10  # looks
 _ANSWER_S = 1.0
+_ENDS_S = 5.0
 
 
 class RunDesk:
@@ -131,7 +132,11 @@ class RunDesk:
         folder = make_folder(self._runs, name, plan, rig)
         try:
             process = spawn(self._command(*run_words(folder, port)), folder / LOG)
-            write_pid(folder / PID, process.pid)
+            try:
+                write_pid(folder / PID, process.pid)
+            except OSError:
+                end_process(process, _ENDS_S)  # no steward after us would find it
+                raise
         except OSError as trouble:
             raise RefusedError(409, f"cannot begin a process in {folder}: {trouble.strerror}") from trouble
         return Run(name, folder, process, time.time(), plan_.name, spec.name, spec)
