@@ -50,6 +50,14 @@ def test_a_run_rests_and_goes_on(served: Served) -> None:
     assert (paused, served.status()["run"]["state"]) == ("paused", "running")
 
 
+def test_a_run_that_will_rest_after_its_segment_is_pausing(served: Served) -> None:
+    page = served.operator()
+    page.starts(behaviour=fake_run.SLOW)
+    until(lambda: served.runs_as("running"))
+    page.says("pause")
+    assert served.runs_as("pausing")
+
+
 @pytest.mark.parametrize("command", ["stop", "hold", "release"])
 def test_a_run_ends_when_it_is_told_so_and_its_last_words_are_kept(served: Served, command: str) -> None:
     page = served.operator()

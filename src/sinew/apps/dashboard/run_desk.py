@@ -172,8 +172,11 @@ class RunDesk:
 
     def _note(self, answer: dict[str, Any]) -> None:
         state = answer.get("state")
-        told = state.get("state") if isinstance(state, dict) else None
-        self._told = {"state": str(told or "running"), "sentence": str(answer.get("sentence", ""))}
+        at = state if isinstance(state, dict) else {}
+        told = str(at.get("state") or "running")
+        if told == "running" and at.get("pause_asked") is True:
+            told = "pausing"
+        self._told = {"state": told, "sentence": str(answer.get("sentence", ""))}
 
     def _end(self, run: Run, status: int) -> None:
         (run.folder / PID).unlink(missing_ok=True)
