@@ -12,8 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
-OBEDIENT, DEAF, LOUT = "obedient", "deaf", "lout"
-"""Does what it is told; listens and never answers; never listens and takes no signal but the last."""
+OBEDIENT, DEAF, LOUT, SLOW = "obedient", "deaf", "lout", "slow"
+"""Does what it is told; listens and never answers; never listens and takes no signal but the last; rests only later."""
 
 
 def main(folder: Path) -> None:
@@ -34,8 +34,11 @@ def main(folder: Path) -> None:
                 command = json.loads(line.makefile("rb").readline())["command"]
                 if DEAF in name:
                     time.sleep(600)
-                state = {"pause": "paused", "resume": "running", "status": state}.get(command, "ended")
-                told = {"ok": True, "sentence": f"{command} is done", "state": {"state": state, "pid": os.getpid()}}
+                state = {"pause": "running" if SLOW in name else "paused", "resume": "running", "status": state}.get(
+                    command, "ended"
+                )
+                at = {"state": state, "pid": os.getpid(), "pause_asked": command == "pause"}
+                told = {"ok": True, "sentence": f"{command} is done", "state": at}
                 line.sendall(json.dumps(told).encode() + b"\n")
         (folder / "control").unlink()
     print(json.dumps({"ended": f"{command} was asked for", "left": "nothing moves"}, indent=2))

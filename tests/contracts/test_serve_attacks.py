@@ -10,7 +10,7 @@ import httpx
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.contracts.serving import RIG, TOKEN, Page, Served, plan, serving
+from tests.contracts.serving import RIG, TOKEN, Page, Served, free_port, plan, serving
 
 from sinew.apps.dashboard.access import COOKIE, Access
 
@@ -159,6 +159,24 @@ def test_a_command_that_was_recorded_is_not_done_again(served: Served, operator:
     operator.says("take")
     assert operator.client.post("/command", json=told).status_code == 409
     assert served.status()["operator"] is not None
+
+
+def test_a_page_that_lost_count_is_told_the_last_number(operator: Page) -> None:
+    operator.number = 7
+    operator.says("take")
+    operator.number = 2
+    assert operator.says("take").json()["number"] == 8
+
+
+def test_a_page_may_say_in_a_header_who_it_is(served: Served) -> None:
+    asked = {"Access-Control-Request-Method": "GET", "Access-Control-Request-Headers": "X-Sinew-Ticket"}
+    assert served.client.options("/status", headers=asked).status_code == 200
+
+
+def test_behind_a_proxy_on_this_computer_nobody_looks_without_the_token(tmp_path: Path) -> None:
+    access = Access(TOKEN, "127.0.0.1", free_port(), ("bench.lab",))
+    with serving(tmp_path / "runs", access=access) as served:
+        assert served.client.get("/status").status_code == 401
 
 
 @pytest.mark.parametrize("number", [0, -1, 1, True, 1.5, "2", None, 2**64])

@@ -1,5 +1,7 @@
 """Runs as the dashboard begins, steers, ends and finds them: by real processes that move nothing."""
 
+import errno
+import os
 import signal
 import sys
 import threading
@@ -10,8 +12,14 @@ from pathlib import Path
 import pytest
 from tests.contracts import fake_run
 from tests.contracts.serving import RIG, Served, fake_command, plan, serving, until
+from tests.unit.bench_journal import RIG_TEXT
+from tests.unit.dashboard_journal import PLAN, run_folder
 
-from sinew.apps.dashboard.processes import Adopted
+from sinew.apps.dashboard.processes import Adopted, adopt
+from sinew.apps.dashboard.run_folders import find_runs
+from sinew.apps.run_control import listening, send_control
+from sinew.bench.steering import Steering
+from sinew.plan.toml import parse_rig
 
 
 @pytest.fixture
@@ -40,6 +48,14 @@ def test_a_run_rests_and_goes_on(served: Served) -> None:
     paused = served.status()["run"]["state"]
     page.says("resume")
     assert (paused, served.status()["run"]["state"]) == ("paused", "running")
+
+
+def test_a_run_that_will_rest_after_its_segment_is_pausing(served: Served) -> None:
+    page = served.operator()
+    page.starts(behaviour=fake_run.SLOW)
+    until(lambda: served.runs_as("running"))
+    page.says("pause")
+    assert served.runs_as("pausing")
 
 
 @pytest.mark.parametrize("command", ["stop", "hold", "release"])
@@ -201,6 +217,34 @@ def test_a_run_on_a_bench_goes_on_without_a_steward_and_the_next_one_finds_it(tm
         again.operator().says("stop")
         assert until(lambda: again.status()["last"])["sentence"] == "stop was asked for; nothing moves"
     run.process.poll()
+
+
+def test_a_run_that_was_begun_in_a_terminal_is_found(tmp_path: Path) -> None:
+    folder, steering = run_folder(tmp_path / "runs" / "by-hand", ()), Steering(lambda: 0.0)
+    with listening(folder, steering), serving(tmp_path / "runs", control=send_control) as served:
+        found = until(lambda: served.status()["run"])
+        served.steward._desk._over.set()
+        served.steward._desk._run = None  # it is this very process, which nobody shall end
+    assert (found["name"], found["plan"], found["rig"]) == ("by-hand", PLAN.name, parse_rig(RIG_TEXT).name)
+    assert found["pid"] == os.getpid()
+
+
+def test_a_folder_whose_run_does_not_answer_is_no_run(tmp_path: Path) -> None:
+    folder = run_folder(tmp_path / "runs" / "by-hand", ())
+    (folder / "control").write_text(str(tmp_path / "nobody"))
+    assert list(find_runs(tmp_path / "runs", send_control)) == []
+
+
+def test_a_run_whose_number_cannot_be_written_down_is_ended(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
+    pids: list[int] = []
+
+    def full(_file: Path, pid: int) -> None:
+        pids.append(pid)
+        raise OSError(errno.ENOSPC, "no space left")
+
+    monkeypatch.setattr("sinew.apps.dashboard.run_desk.write_pid", full)
+    assert served.operator().starts().status_code == 409
+    assert adopt(pids[0], []) is None
 
 
 def test_a_run_on_the_emulated_bench_ends_with_the_steward(tmp_path: Path) -> None:

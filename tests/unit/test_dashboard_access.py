@@ -101,6 +101,26 @@ def test_our_page_behind_a_proxy_with_tls_is_ours() -> None:
     assert ACCESS.origin_is_ours("https://bench.lab:8080")
 
 
+def test_a_proxy_with_tls_on_its_usual_port_is_ours_under_the_name_that_was_given() -> None:
+    assert ACCESS.origin_is_ours("https://bench.lab")
+    assert not ACCESS.origin_is_ours("https://localhost")
+
+
+@pytest.mark.parametrize(("port", "origin"), [(80, "http://127.0.0.1"), (443, "https://127.0.0.1")])
+def test_an_origin_leaves_the_usual_port_out(port: int, origin: str) -> None:
+    assert Access("t", "127.0.0.1", port).origin_is_ours(origin)
+
+
+@pytest.mark.parametrize(
+    ("host", "names", "must"),
+    [("127.0.0.1", (), False), ("127.0.0.1", ("bench.lab",), True), ("0.0.0.0", (), True)],
+)
+def test_looking_takes_no_sign_in_only_where_no_proxy_and_no_network_is(
+    host: str, names: tuple[str, ...], must: bool
+) -> None:
+    assert Access("t", host, 8080, names).must_sign_in is must
+
+
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
 def test_loopback_is_what_only_this_computer_reaches(host: str) -> None:
     assert Access("t", host, 1).is_loopback

@@ -32,7 +32,7 @@ def test_numbers_of_one_page_do_not_count_for_another() -> None:
 def test_an_unknown_ticket_tells_the_page_to_take_another() -> None:
     with pytest.raises(RefusedError) as refused:
         Operators().admit("made up", 1)
-    assert (refused.value.status, refused.value.knows_ticket) == (403, False)
+    assert (refused.value.status, refused.value.more) == (403, {"ticket": False})
 
 
 def test_a_flood_of_tickets_neither_grows_nor_puts_the_operator_out() -> None:

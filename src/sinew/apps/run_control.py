@@ -73,7 +73,7 @@ class RunControl:
         self.runner: Runner | None = None
 
     def state(self) -> dict[str, Any]:
-        """Return what the run is at."""
+        """Return what the run is at; pid: of its process."""
         steering, at = self._steering, self.runner.at if self.runner is not None else None
         document: dict[str, Any] = {"state": "preparing", "done_s": 0.0, "total_s": None, "group": None, "groups": None}
         if at is not None:
@@ -87,6 +87,7 @@ class RunControl:
             }
         halt, stopped = steering.halt, steering.stopped
         document |= {
+            "pid": os.getpid(),
             "begun": steering.has_begun,
             "pause_asked": steering.pause_asked,
             "ending": halt.reason if halt is not None else None,

@@ -55,14 +55,31 @@ class Access:
         except ValueError:
             return self.host.lower() == "localhost"
 
+    @property
+    def must_sign_in(self) -> bool:
+        """Whether even looking takes a session or the token: others than this computer's users may reach the page.
+
+        Further names are those of a proxy, which brings strangers to an address that only this computer has.
+        """
+        return not self.is_loopback or bool(self.hosts)
+
     def names(self) -> frozenset[str]:
         """Return the host names that we serve, in lower case, IPv6 addresses in brackets."""
         own = {_bracketed(name.lower()) for name in (self.host, *self.hosts)}
         return frozenset(own | _LOCAL_NAMES)
 
     def origins(self) -> list[str]:
-        """Return the origins of our own page; https is that of a proxy on the same port."""
-        return sorted(f"{scheme}://{name}:{self.port}" for name in self.names() for scheme in ("http", "https"))
+        """Return the origins of our own page; https is that of a proxy, on the same port or, under its name, on 443.
+
+        Browsers leave a port out that is the usual one of the scheme.
+        """
+        names = self.names()
+        found = {f"{scheme}://{name}:{self.port}" for name in names for scheme in ("http", "https")}
+        if self.port == 80:
+            found |= {f"http://{name}" for name in names}
+        if self.port == 443:
+            found |= {f"https://{name}" for name in names}
+        return sorted(found | {f"https://{_bracketed(name.lower())}" for name in self.hosts})
 
     def host_is_ours(self, host: str | None) -> bool:
         """Return whether a Host header names us, whatever the port: two of them are served, and tunnels have more."""

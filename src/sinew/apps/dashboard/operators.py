@@ -52,10 +52,12 @@ class Operators:
         """Return the ticket of a command, which is heard now. Raises RefusedError for one unknown or heard before."""
         ticket = self._tickets.get(ticket_id)
         if ticket is None:
-            raise RefusedError(403, "found a ticket that was not given here; load the page again", knows_ticket=False)
+            raise RefusedError(403, "found a ticket that was not given here; load the page again", ticket=False)
         if number <= ticket.number:
             raise RefusedError(
-                409, f"found command {number} again, expected one after {ticket.number}; nothing was done"
+                409,
+                f"found command {number} again, expected one after {ticket.number}; nothing was done",
+                number=ticket.number,
             )
         ticket.number, ticket.seen = number, self._clock()
         return ticket

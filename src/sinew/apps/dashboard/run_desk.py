@@ -23,6 +23,7 @@ __all__ = ["RunDesk"]
 _LOOK_S = 0.1
 _ASK_EVERY = 10  # looks
 _ANSWER_S = 1.0
+_ENDS_S = 5.0
 
 
 class RunDesk:
@@ -131,7 +132,11 @@ class RunDesk:
         folder = make_folder(self._runs, name, plan, rig)
         try:
             process = spawn(self._command(*run_words(folder, port)), folder / LOG)
-            write_pid(folder / PID, process.pid)
+            try:
+                write_pid(folder / PID, process.pid)
+            except OSError:
+                end_process(process, _ENDS_S)  # no steward after us would find it
+                raise
         except OSError as trouble:
             raise RefusedError(409, f"cannot begin a process in {folder}: {trouble.strerror}") from trouble
         return Run(name, folder, process, time.time(), plan_.name, spec.name, spec)
@@ -167,8 +172,11 @@ class RunDesk:
 
     def _note(self, answer: dict[str, Any]) -> None:
         state = answer.get("state")
-        told = state.get("state") if isinstance(state, dict) else None
-        self._told = {"state": str(told or "running"), "sentence": str(answer.get("sentence", ""))}
+        at = state if isinstance(state, dict) else {}
+        told = str(at.get("state") or "running")
+        if told == "running" and at.get("pause_asked") is True:
+            told = "pausing"
+        self._told = {"state": told, "sentence": str(answer.get("sentence", ""))}
 
     def _end(self, run: Run, status: int) -> None:
         (run.folder / PID).unlink(missing_ok=True)

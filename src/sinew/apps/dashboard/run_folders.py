@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sinew.apps.bench_run import JOURNAL
 from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.processes import Process, adopt, read_pid
 from sinew.apps.dashboard.refusal import RefusedError
+from sinew.bench.journal_reader import JournalReader
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
-from sinew.plan.toml import load_plan, load_rig
+from sinew.plan.toml import parse_plan, parse_rig
 
 __all__ = ["LOG", "PID", "Control", "Run", "find_runs", "make_folder", "run_words", "told_at_end"]
 
@@ -78,11 +80,13 @@ def find_runs(runs: Path, control: Control) -> Iterator[Run]:
         if process is None:
             continue
         try:
-            plan, spec = load_plan(folder / "plan.toml"), load_rig(folder / "rig.toml")
+            plan, rig = _texts(folder)
+            plan_, spec = parse_plan(plan, "the plan"), parse_rig(rig, "the rig")
         except SinewError:
             continue
-        started = (folder / "plan.toml").stat().st_mtime
-        yield Run(folder.name, folder, process, started, plan.name, spec.name, spec)
+        began = folder / "plan.toml" if (folder / "plan.toml").exists() else folder / _CONTROL
+        started = began.stat().st_mtime
+        yield Run(folder.name, folder, process, started, plan_.name, spec.name, spec)
 
 
 def told_at_end(folder: Path) -> str | None:
@@ -100,6 +104,19 @@ def told_at_end(folder: Path) -> str | None:
             pass
     said = [line.strip() for line in lines if line.strip()]
     return said[-1].removeprefix("sinew: ") if said else None
+
+
+def _texts(folder: Path) -> tuple[str, str]:
+    """Return plan and rig of a run: their files, or what its journal holds where it was begun in a terminal.
+
+    Raises FileError where there are neither.
+    """
+    try:
+        plan, rig = (folder / name for name in ("plan.toml", "rig.toml"))
+        return plan.read_text(encoding="utf-8"), rig.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        with JournalReader(folder / JOURNAL) as journal:
+            return journal.plan_toml, journal.rig_toml
 
 
 def _answering(folder: Path, control: Control) -> Process | None:

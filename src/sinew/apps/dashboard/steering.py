@@ -74,7 +74,7 @@ def steering_app(access: Access, helm: Helm) -> ASGIApp:
         Route("/command", _signed_in(access, desk.command), methods=["POST"]),
         Route("/status", desk.status, methods=["GET"]),
     ]
-    gate = Gate(Starlette(routes=routes), access, must_sign_in=not access.is_loopback, free=())
+    gate = Gate(Starlette(routes=routes), access, must_sign_in=access.must_sign_in, free=())
     return CORSMiddleware(
         gate,
         allow_origins=access.origins(),
@@ -117,7 +117,7 @@ class _Desk:
             where = ".".join(map(str, first["loc"])) or "the command"
             return _said(422, f"{where}: {first['msg']}")
         except RefusedError as refusal:
-            return _said(refusal.status, str(refusal), **({} if refusal.knows_ticket else {"ticket": False}))
+            return _said(refusal.status, str(refusal), **refusal.more)
 
     async def _carry_out(self, command: SteeringCommand, ticket: Ticket) -> str:
         operators = self._helm.operators
