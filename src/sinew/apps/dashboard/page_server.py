@@ -80,7 +80,7 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
         rig=config.rig,
         bench=config.bench,
         steering_port=config.steering_port,
-        is_locked=not access.is_loopback,
+        is_locked=access.must_sign_in,
         version=config.version,
         hub=hub,
         work=work,
