@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page, TimeoutError, sync_playwright
 
 __all__ = ["main"]
 
@@ -41,14 +41,26 @@ PATIENCE_MS = 120_000
 THEMES: tuple[Literal["light"], Literal["dark"]] = ("light", "dark")
 
 
+def choose_plan(page: Page, name: str) -> None:
+    """Choose a plan of the shelf; the list of a select may close again while the page is still busy."""
+    option = page.get_by_role("option", name=name)
+    for _ in range(10):
+        page.get_by_label("Begin with the plan").click()
+        try:
+            option.click(timeout=3000)
+            return
+        except TimeoutError:
+            page.keyboard.press("Tab")
+    raise TimeoutError(f"found no plan {name} to choose")
+
+
 def start_run(page: Page, base: str) -> None:
     """Start the demonstration and return when it has measured half of its segments."""
     page.goto(f"{base}/plan")
     page.wait_for_selector("#sinew-duration")
     page.click("#sinew-take")
     page.wait_for_function("Sinew.status().operator?.mine")
-    page.get_by_label("Begin with the plan").click()
-    page.get_by_role("option", name="demonstration").click()
+    choose_plan(page, "demonstration")
     page.wait_for_function("document.querySelector('.sinew-code').textContent.includes('demonstration')")
     page.wait_for_selector("#sinew-start:not([disabled])")
     page.click("#sinew-start")

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-__all__ = ["ARGUMENTS", "CHROMIUM", "Served", "served", "token_of"]
+__all__ = ["ARGUMENTS", "CHROMIUM", "Served", "choose_plan", "served"]
 
 SINEW = Path(sys.executable).with_name("sinew")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -77,8 +77,17 @@ class Served:
         raise AssertionError("no run begins")
 
 
-def token_of(served: Served) -> str:
-    return served.link.partition("token=")[2]
+def choose_plan(page: Any, name: str) -> None:
+    """Choose a plan of the shelf; the list of a select may close again while the page is still busy."""
+    option = page.get_by_role("option", name=name)
+    for _ in range(10):
+        page.get_by_label("Begin with the plan").click()
+        page.wait_for_timeout(1000)
+        if option.count():
+            option.first.click()
+            return
+        page.keyboard.press("Tab")
+    raise AssertionError(f"no plan {name} can be chosen")
 
 
 def two_ports() -> int:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.browser.dashboard import Served, served
+from tests.browser.dashboard import Served, choose_plan, served
 from tests.contracts.emulated_bench import alone, rig_file
 
 from sinew.bench.journal_reader import JournalReader
@@ -52,8 +52,7 @@ def start(page: Any, dashboard: Served, plan: str) -> Path:
     if page.inner_text("#sinew-take") != "Hand over":
         page.click("#sinew-take")
         page.wait_for_function("Sinew.status().operator?.mine")
-    page.get_by_label("Begin with the plan").click()
-    page.get_by_role("option", name=plan).click()
+    choose_plan(page, plan)
     page.wait_for_function("document.querySelector('.sinew-code').textContent.includes('watched')")
     page.wait_for_selector("#sinew-start:not([disabled])")
     page.click("#sinew-start")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.browser.dashboard import Served
+from tests.browser.dashboard import Served, choose_plan
 
 from sinew.measure.netcdf import load_recording
 
@@ -135,8 +135,7 @@ def test_a_script_in_a_name_is_text(opened: Open, shown: Served, path: str) -> N
     page = opened(shown, path)
     page.wait_for_selector("#sinew-open, a[data-kind=csv], #sinew-duration")
     if path == "/plan":
-        page.get_by_label("Begin with the plan").click()
-        page.get_by_role("option", name="odd").click()
+        choose_plan(page, "odd")
         page.wait_for_function("document.querySelector('.sinew-code').textContent.includes('onerror')")
     if path == "/runs":
         assert page.locator("td", has_text="onerror").count() >= 2
