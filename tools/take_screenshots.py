@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 from typing import Any, Literal
 
-from playwright.sync_api import Page, TimeoutError, sync_playwright
+from playwright.sync_api import Error, Page, sync_playwright
 
 __all__ = ["main"]
 
@@ -49,7 +49,7 @@ def choose_plan(page: Page, name: str) -> None:
         try:
             option.click(timeout=3000)
             return
-        except TimeoutError:
+        except Error:
             page.keyboard.press("Tab")
     raise TimeoutError(f"found no plan {name} to choose")
 
