@@ -15,6 +15,9 @@ from pathlib import Path
 OBEDIENT, DEAF, LOUT, SLOW = "obedient", "deaf", "lout", "slow"
 """Does what it is told; listens and never answers; never listens and takes no signal but the last; rests only later."""
 
+RELUCTANT, FORLORN = "reluctant", "forlorn"
+"""Has its motors stand at the third emergency that it hears; never."""
+
 
 def main(folder: Path) -> None:
     name = (folder / "plan.toml").read_text()
@@ -27,8 +30,8 @@ def main(folder: Path) -> None:
         door.bind(f"{place}/s")
         door.listen()
         (folder / "control").write_text(f"{place}/s")
-        state = "running"
-        while state in ("running", "paused"):
+        state, emergencies = "running", 0
+        while state in ("running", "paused", "stopping"):
             line, _ = door.accept()
             with line:
                 command = json.loads(line.makefile("rb").readline())["command"]
@@ -38,7 +41,11 @@ def main(folder: Path) -> None:
                     command, "ended"
                 )
                 at = {"state": state, "pid": os.getpid(), "pause_asked": command == "pause"}
-                told = {"ok": True, "sentence": f"{command} is done", "state": at}
+                emergencies += command == "emergency"
+                is_late = command == "emergency" and (FORLORN in name or (RELUCTANT in name and emergencies < 3))
+                if is_late:
+                    at["state"] = state = "stopping"
+                told = {"ok": not is_late, "sentence": f"{command} is done", "state": at}
                 line.sendall(json.dumps(told).encode() + b"\n")
         (folder / "control").unlink()
     print(json.dumps({"ended": f"{command} was asked for", "left": "nothing moves"}, indent=2))

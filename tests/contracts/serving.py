@@ -63,14 +63,28 @@ def until(claim: Callable[[], Any]) -> Any:
 
 @dataclass
 class Bench:
-    """A bench that notes when it is brought to rest: which port, by which rig, to which state."""
+    """A bench that notes when it is brought to rest: which port, by which rig, to which state.
+
+    urgent: whether that was an emergency, as it began and before it let go.
+    """
 
     stops: list[tuple[str, str, str | None]] = field(default_factory=list)
+    urgent: list[bool] = field(default_factory=list)
     gate: threading.Event = field(default_factory=threading.Event)
 
-    def rest(self, port: str, spec: RigSpec, state: str | None, _on_frozen: Callable[[StopReport], None]) -> StopReport:
+    def rest(
+        self,
+        port: str,
+        spec: RigSpec,
+        state: str | None,
+        on_frozen: Callable[[StopReport], None],
+        is_emergency: Callable[[], bool],
+    ) -> StopReport:
         self.stops.append((port, spec.name, state))
+        self.urgent.append(is_emergency())
+        on_frozen(StopReport("release", frozen=frozenset(range(5))))
         self.gate.wait(PATIENCE)
+        self.urgent.append(is_emergency())
         return StopReport("release", ["drive"])
 
 

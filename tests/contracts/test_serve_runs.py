@@ -154,6 +154,44 @@ def test_an_emergency_ends_a_run_that_does_not_answer_and_stops_the_bench(served
     assert served.bench.stops == [("/dev/bench", "paper", None)]
 
 
+def test_an_emergency_is_one_for_the_bench_and_an_ordinary_stop_is_none(served: Served) -> None:
+    page = served.operator()
+    page.says("stop")
+    page.says("emergency")
+    assert served.bench.urgent == [False, False, True, True]
+
+
+def test_an_emergency_makes_one_of_an_ordinary_stop_and_is_answered_anew(served: Served) -> None:
+    served.bench.gate.clear()
+    page = served.operator()
+    thread = threading.Thread(target=page.says, args=("release",))
+    thread.start()
+    until(lambda: served.bench.urgent)
+    order = served.steward.order_emergency()
+    early = order.answer.done()
+    served.bench.gate.set()
+    order.end.result(10)
+    thread.join()
+    assert (early, served.bench.urgent) == (False, [False, True])
+
+
+def test_a_run_that_has_yet_to_reach_a_motor_is_given_the_time(served: Served) -> None:
+    served.operator().starts(behaviour=fake_run.RELUCTANT)
+    until(lambda: served.runs_as("running"))
+    said = served.page().says("emergency").json()
+    assert (said["ok"], said["sentence"]) == (True, "emergency is done")
+    assert until(lambda: served.status()["last"])["exit"] == 0
+    assert served.bench.stops == []
+
+
+def test_a_run_that_never_reaches_its_motors_is_ended_in_the_end(served: Served) -> None:
+    served.operator().starts(behaviour=fake_run.FORLORN)
+    until(lambda: served.runs_as("running"))
+    served.page().says("emergency")
+    assert until(lambda: served.status()["last"])["exit"] == -signal.SIGKILL
+    assert served.bench.urgent == [True, True]
+
+
 def test_a_second_emergency_joins_the_first(served: Served) -> None:
     served.bench.gate.clear()
     orders = [served.steward.order_emergency() for _ in range(3)]

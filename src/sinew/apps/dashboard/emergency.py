@@ -31,8 +31,14 @@ _DIES_S = 1.0
 _PORT_S = 0.5
 _LOOK_S = 0.01
 
-Rest = Callable[[str, RigSpec, str | None, Callable[[StopReport], None]], StopReport]
-"""What brings the bench behind a port to a state, None for the rig's own: (port, rig, state, on_frozen) -> report."""
+_SETTLES_S = 1.5  # for a run that answered, and asks a motor again that did not
+_AGAIN_S = 0.05
+
+Rest = Callable[[str, RigSpec, str | None, Callable[[StopReport], None], Callable[[], bool]], StopReport]
+"""What brings the bench behind a port to a state, None for the rig's own.
+
+(port, rig, state, on_frozen, is_emergency) -> report; the last is asked again while the tension is let down.
+"""
 
 
 @dataclass(frozen=True)
@@ -46,24 +52,45 @@ class Outcome:
 
 
 class Order:
-    """A stop that was ordered. answer: what can be told once the motors stand still. end: once all is done."""
+    """A stop that was ordered. answer: what can be told once the motors stand still. end: once all is done.
 
-    def __init__(self) -> None:
+    is_emergency: whether the motors are to stand for a while before the tension is let down.
+    """
+
+    def __init__(self, is_emergency: bool) -> None:
         self.answer: Future[Outcome] = Future()
         self.end: Future[Outcome] = Future()
+        self.is_emergency = is_emergency
+        self._lock = threading.RLock()
         self._at, self._start = time.time(), time.monotonic()
+
+    def join(self, is_emergency: bool) -> bool:
+        """Return whether this order stands for another one, too: not if it has ended.
+
+        An emergency makes an emergency of it. An answer from before says nothing then, for the motors move again.
+        """
+        with self._lock:
+            if self.end.done():
+                return False
+            if is_emergency and not self.is_emergency:
+                if self.answer.done():
+                    self.answer, self._start = Future(), time.monotonic()
+                self.is_emergency = True
+            return True
 
     def tell(self, is_safe: bool, sentence: str) -> None:
         """Answer, where that was not done before."""
-        if not self.answer.done():
-            self.answer.set_result(Outcome(is_safe, sentence, self._at, time.monotonic() - self._start))
+        with self._lock:
+            if not self.answer.done():
+                self.answer.set_result(Outcome(is_safe, sentence, self._at, time.monotonic() - self._start))
 
     def close(self, is_safe: bool, sentence: str) -> Outcome:
         """Tell the end, and return it."""
-        self.tell(is_safe, sentence)
-        outcome = Outcome(is_safe, sentence, self._at, self.answer.result().took)
-        self.end.set_result(outcome)
-        return outcome
+        with self._lock:
+            self.tell(is_safe, sentence)
+            outcome = Outcome(is_safe, sentence, self._at, self.answer.result().took)
+            self.end.set_result(outcome)
+            return outcome
 
 
 class Emergency:
@@ -83,14 +110,23 @@ class Emergency:
         order = self._order
         return order is not None and not order.end.done()
 
-    def order(self, run: Run | None, port: str | None, spec: RigSpec, state: str | None = None) -> Order:
+    def order(
+        self,
+        run: Run | None,
+        port: str | None,
+        spec: RigSpec,
+        state: str | None = None,
+        *,
+        is_emergency: bool = True,
+    ) -> Order:
         """Bring the bench to rest, and return what will tell how that goes; a second order joins the first.
 
-        run: that holds the port, if any. state: hold or release; None: the rig's own.
+        run: that holds the port, if any. state: hold or release; None: the rig's own. is_emergency: the motors stand
+        for a while before the tension is let down.
         """
         with self._lock:
-            if self._order is None or self._order.end.done():
-                self._order = Order()
+            if self._order is None or not self._order.join(is_emergency):
+                self._order = Order(is_emergency)
                 self._thread.submit(self._act, self._order, run, port, spec, state)
             return self._order
 
@@ -110,7 +146,7 @@ class Emergency:
     ) -> tuple[bool, str]:
         before = ""
         if run is not None and run.process.poll() is None:
-            confirmed = self._ask(run)
+            confirmed = self._confirmed(run)
             if confirmed is not None:
                 return True, confirmed
             run.process.send_signal(signal.SIGKILL)
@@ -126,19 +162,37 @@ class Emergency:
                 order.tell(True, f"{before}all motors stand still; {state or rig.limits.safe_state} follows")
 
         try:
-            report = self._rest(port, rig, state, tell_frozen)
+            report = self._rest(port, rig, state, tell_frozen, lambda: order.is_emergency)
         except SinewError as trouble:
             return False, f"{before}{trouble}; switch the supply off"
         return report.is_safe, f"{before}{report.sentence()}"
 
-    def _ask(self, run: Run) -> str | None:
-        """Return what a run says that confirms within the time it has, else None; nothing it does can hold us up."""
-        answers: Future[str | None] = Future()
+    def _confirmed(self, run: Run) -> str | None:
+        """Return what a run says that confirms, else None.
+
+        One that does not answer in time has no more; one that does, though a motor has not confirmed to it, goes on
+        asking that motor, which is better than to end it.
+        """
+        end = time.monotonic() + _SETTLES_S
+        while (answer := self._ask(run)) is not None:
+            is_safe, sentence = answer
+            if is_safe:
+                return sentence
+            if time.monotonic() >= end or await_end(run.process, _AGAIN_S):
+                break
+        return None
+
+    def _ask(self, run: Run) -> tuple[bool, str] | None:
+        """Return what a run answers within the time it has: whether the motors stand, and a sentence; else None.
+
+        Nothing it does can hold us up.
+        """
+        answers: Future[tuple[bool, str] | None] = Future()
 
         def ask() -> None:
             try:
                 answer = self._control(run.folder, "emergency", timeout_s=CONFIRM_S)
-                answers.set_result(str(answer.get("sentence", "")) if answer.get("ok") is True else None)
+                answers.set_result((answer.get("ok") is True, str(answer.get("sentence", ""))))
             except Exception:  # whatever is wrong with the run, what comes next is its end
                 answers.set_result(None)
 
@@ -149,17 +203,27 @@ class Emergency:
             return None
 
 
-def bring_to_rest(port: str, spec: RigSpec, state: str | None, on_frozen: Callable[[StopReport], None]) -> StopReport:
+def bring_to_rest(
+    port: str,
+    spec: RigSpec,
+    state: str | None,
+    on_frozen: Callable[[StopReport], None],
+    is_emergency: Callable[[], bool] = lambda: True,
+) -> StopReport:
     """Bring the bench behind a port to a state, hold or release; None: the rig's declared one.
 
-    on_frozen: called once the motors were told to stand still. The port of a run that was ended may be taken for a
-    moment yet. Raises PortError if it stays so.
+    on_frozen: called once the motors were told to stand still. is_emergency: whether they are to stand for a while
+    before the tension is let down; it is asked again while that goes on. The port of a run that was ended may be taken
+    for a moment yet. Raises PortError if it stays so.
     """
     end = time.monotonic() + _PORT_S
     while True:
         try:
             with open_rig(port, spec) as (bench, clock):
-                return stop(bench, clock, state or spec.limits.safe_state, on_frozen)
+                declared = state or spec.limits.safe_state
+                return stop(
+                    bench, clock, declared, on_frozen, is_emergency=is_emergency(), emergency_asked=is_emergency
+                )
         except PortError:
             if time.monotonic() >= end:
                 raise

@@ -150,7 +150,8 @@ class Steward:
         if command not in ("hold", "release", "stop") or not self._desk.is_idle or self.port is None:
             return self._desk.tell(command)
         state = None if command == "stop" else command
-        outcome = self._emergency.order(None, self.port, self._desk.spec or self._spec, state).end.result()
+        spec = self._desk.spec or self._spec
+        outcome = self._emergency.order(None, self.port, spec, state, is_emergency=False).end.result()
         if not outcome.is_safe:
             raise RefusedError(409, outcome.sentence)
         return outcome.sentence
