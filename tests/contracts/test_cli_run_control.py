@@ -17,6 +17,7 @@ from tests.contracts.virtual_run import interrupt, run, torques
 from sinew.apps.run_control import ControlError, RunControl, send_control
 from sinew.bench.journal_reader import JournalReader
 from sinew.bench.steering import Steering
+from sinew.bench.stops import StopReport
 from sinew.plan.toml import load_rig
 
 PULLED_S = 3.0
@@ -97,6 +98,31 @@ def test_ctrl_backslash_freezes_all_motors_within_200_ms(
     document = json.loads(run(capsys, plan, out, "--json").out)
     assert (document["ended"], document["is_safe"]) == ("emergency stop by Ctrl-\\", True)
     assert document["frozen_ms"] < 200
+
+
+def test_an_emergency_while_a_run_lets_its_tension_down_freezes_all_motors(
+    ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ask((8.0, "release"), (8.06, "emergency"))
+    run(capsys, plan, out)
+    (sentence,) = [sentence for kind, sentence in events(out) if kind == "frozen"]
+    assert float(sentence.removeprefix("all motors stand, ").split()[0]) < 200
+
+
+def test_that_motors_stood_before_they_moved_again_confirms_no_emergency() -> None:
+    steering = Steering(lambda: 0.0)
+    steering.has_begun = True
+    steering.note_frozen(StopReport("release", frozen=frozenset({"drive"})))
+    answer = RunControl(steering).carry_out("emergency")
+    assert (answer["ok"], answer["sentence"].startswith("no motor has confirmed that it stands")) == (False, True)
+
+
+def test_a_run_that_has_let_go_answers_an_emergency_with_how_the_rig_was_left() -> None:
+    steering = Steering(lambda: 0.0)
+    steering.has_begun = True
+    steering.note_over(StopReport("release"))
+    answer = RunControl(steering).carry_out("emergency")
+    assert (answer["ok"], answer["sentence"]) == (True, "release: tension let down, torque off on all motors")
 
 
 def test_a_command_before_anything_moves_keeps_the_run_from_starting(

@@ -5,7 +5,7 @@ import math
 import pytest
 from tests.unit.bench_virtual import VirtualBench, virtual_bench
 
-from sinew.bench.stops import stop
+from sinew.bench.stops import STAND_S, stop
 from sinew.emulator.unloaded import Unloaded
 from sinew.plan.plan import TendonMode
 from sinew.plan.toml import load_rig
@@ -60,6 +60,23 @@ def test_under_hold_nothing_moves_any_more_and_no_watchdog_trips(mode: TendonMod
     bench.port.wait_until(bench.port.now() + 2.0)
     after = bench.emulated.states().values()
     assert [(state.is_moving, state.is_tripped) for state in after] == [(False, False)] * 5
+
+
+def test_an_emergency_while_the_tension_is_let_down_freezes_all_motors_and_then_goes_on() -> None:
+    bench = powered("current")
+    asked = bench.port.now() + 0.3
+    frozen: list[tuple[float, bool]] = []
+    report = stop(
+        bench.rig,
+        bench.port,
+        "release",
+        lambda _: frozen.append((bench.port.now() - asked, bench.emulated.frozen())),
+        emergency_asked=lambda: bench.port.now() >= asked,
+    )
+    after, is_frozen = frozen[-1]
+    assert (len(frozen), is_frozen, 0 < after < 0.2) == (2, True, True)
+    assert bench.port.now() - asked > STAND_S
+    assert (report.is_safe, any(states(bench))) == (True, False)
 
 
 @pytest.mark.parametrize("state", ["hold", "release"])

@@ -142,8 +142,8 @@ class RunControl:
         took = f"{1e3 * (time.monotonic() - began):.0f} ms after the request"
         if stopped is None:
             return False, f"no motor has confirmed that it stands, {took}; switch the supply off"
-        if stopped.port_lost:
-            return False, stopped.sentence()
+        if stopped.port_lost or self._steering.is_over:
+            return stopped.is_safe, stopped.sentence()
         if self.runner is not None and len(stopped.frozen) < self.runner.motors:
             return False, f"only {', '.join(sorted(stopped.frozen)) or 'no motor'} stand, {took}"
         return True, f"all motors stand, {took}"

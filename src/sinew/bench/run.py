@@ -128,7 +128,11 @@ class Runner:
         report.groups_done = len(done)
         try:
             if resume:
-                stop(self._rig, self._clock, "release")
+                asked = self.steering.emergency_asked
+                stop(
+                    self._rig, self._clock, "release",
+                    lambda first: self._note_frozen(first) if asked() else None, emergency_asked=asked,
+                )  # fmt: skip
             if len(done) < report.groups:
                 self._run_all(done)
             report.sentence = f"all {report.groups} groups are recorded"
@@ -150,20 +154,23 @@ class Runner:
     def _stop(self) -> StopReport:
         """Bring the rig to the state that was asked for, or to its declared one."""
         self.at.state = "stopping"
-        halt, began = self.steering.halt, self._clock.now()
+        halt = self.steering.halt
         declared = self._rig.spec.limits.safe_state
-
-        def note(first: StopReport) -> None:
-            self.steering.note_frozen(first)
-            if halt is not None and len(first.frozen) == len(self._rig.motors):
-                self.report.halted_s = began + first.frozen_s - halt.asked_s
-                if halt.is_emergency:
-                    self._say("frozen", f"all motors stand, {1e3 * self.report.halted_s:.0f} ms after the request")
-
         state = (halt.state if halt is not None else None) or declared
         state = state if self._may_hold else "release"
-        at_once = halt is not None and halt.is_emergency
-        return stop(self._rig, self._clock, state, note, is_emergency=at_once)
+        asked = self.steering.emergency_asked
+        report = stop(self._rig, self._clock, state, self._note_frozen, emergency_asked=asked)
+        self.steering.note_over(report)
+        return report
+
+    def _note_frozen(self, first: StopReport) -> None:
+        now = self._clock.now()
+        self.steering.note_frozen(first)
+        halt = self.steering.halt
+        if halt is not None and len(first.frozen) == len(self._rig.motors):
+            self.report.halted_s = now - halt.asked_s
+            if halt.is_emergency:
+                self._say("frozen", f"all motors stand, {1e3 * self.report.halted_s:.0f} ms after the request")
 
     def _run_all(self, done: frozenset[int] | set[int]) -> None:
         contact = self._power_up()

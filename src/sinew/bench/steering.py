@@ -36,7 +36,7 @@ class Steering:
     now: the run's clock [s]. can_pause: whether it takes a pause; one that tracks a resonance does not.
     halt: why the run is to end, or None. pause_asked: whether it is to rest after the group under way.
     has_begun: whether motors may be under power by this run. stopped: what is known of the stop since its first stage
-    was over; None before.
+    was over; None before. is_over: whether the stop is done.
     """
 
     def __init__(self, now: Callable[[], float], *, can_pause: bool = True) -> None:
@@ -46,6 +46,7 @@ class Steering:
         self.pause_asked = False
         self.has_begun = False
         self.stopped: StopReport | None = None
+        self.is_over = False
         self._frozen = threading.Event()
 
     def request_pause(self) -> None:
@@ -62,9 +63,15 @@ class Steering:
             self.halt = Halt(reason, state, False, self._now())
 
     def request_emergency(self, reason: str) -> None:
-        """End the run at once: before the next step of whatever it is at."""
-        if self.halt is None or not self.halt.is_emergency:
+        """End the run at once: before the next step of whatever it is at, letting the tension down among it."""
+        if not self.emergency_asked():
+            if self.stopped is not None and self.stopped.declared == "release" and not self.is_over:
+                self._frozen = threading.Event()  # the motors stood, and move again; before the request, or it is lost
             self.halt = Halt(reason, None, True, self._now())
+
+    def emergency_asked(self) -> bool:
+        """Return whether the run is to end at once."""
+        return self.halt is not None and self.halt.is_emergency
 
     def check(self) -> None:
         """Raise StoppedError if the run is to end."""
@@ -72,11 +79,15 @@ class Steering:
             raise StoppedError(self.halt.reason)
 
     def note_frozen(self, report: StopReport) -> None:
-        """Take that the first stage of the stop is over."""
+        """Take that the first stage of the stop is over, or that of an emergency that came in between."""
         self.stopped = report
         self._frozen.set()
 
+    def note_over(self, report: StopReport) -> None:
+        """Take that the stop is done."""
+        self.is_over = True
+        self.note_frozen(report)
+
     def await_frozen(self, timeout_s: float) -> StopReport | None:
         """Return what is known of the stop when its first stage is over; None where that takes longer [s]."""
-        self._frozen.wait(timeout_s)
-        return self.stopped
+        return self.stopped if self._frozen.wait(timeout_s) else None

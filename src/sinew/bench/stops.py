@@ -97,28 +97,32 @@ def stop(
     on_frozen: Callable[[StopReport], None] | None = None,
     *,
     is_emergency: bool = False,
+    emergency_asked: Callable[[], bool] = lambda: False,
 ) -> StopReport:
     """Bring the rig to a safe state, hold or release, and report how it was left.
 
     Works from any state: how each motor runs is read from its registers. on_frozen: called with what is known so far
     when the first stage is over. is_emergency: the motors stand for a while before a release lets the tension down.
+    emergency_asked: looked at while the tension is let down; once it is so, all motors are frozen anew, `on_frozen` is
+    called again, and the motors stand for a while before the tension goes on being let down.
     """
     start = clock.now()
     report = StopReport(state)
-    try:
-        frozen = freeze(rig, clock)
-    except PortError:
-        frozen, report.port_lost = Frozen(), True
-    report.frozen, report.frozen_s = frozenset(frozen.names), frozen.took_s
-    if on_frozen is not None:
-        on_frozen(report)
-    if state == "hold" or is_emergency:
+    on_frozen = on_frozen or (lambda _report: None)
+    _freeze(report, rig, clock)
+    on_frozen(report)
+    if state == "hold":
         _hold(report, rig, clock)
-    if state != "hold":
-        if is_emergency and not report.port_lost:
-            clock.wait_until(clock.now() + STAND_S - _SETTLE_S)
-            report.reached.clear()
-        _release(report, rig, clock)
+    else:
+        stands = is_emergency or emergency_asked()
+        if stands:
+            _stand(report, rig, clock)
+        if not _ramp_down(report, rig, clock, (lambda: False) if stands else emergency_asked):
+            _freeze(report, rig, clock)
+            on_frozen(report)
+            _stand(report, rig, clock)
+            _ramp_down(report, rig, clock, lambda: False)
+        _carry_out(report, clock, {motor.name: partial(_torque_off, motor) for motor in rig.motors})
     report.took_s = clock.now() - start
     return report
 
@@ -133,16 +137,27 @@ def release(rig: Rig, clock: Clock) -> StopReport:
     return stop(rig, clock, "release")
 
 
+def _freeze(report: StopReport, rig: Rig, clock: Clock) -> None:
+    try:
+        frozen = freeze(rig, clock)
+    except PortError:
+        frozen, report.port_lost = Frozen(), True
+    report.frozen, report.frozen_s = frozenset(frozen.names), frozen.took_s
+
+
 def _hold(report: StopReport, rig: Rig, clock: Clock) -> None:
     _carry_out(report, clock, {motor.name: partial(_stay, rig, motor, report.frozen) for motor in rig.motors})
     if not report.port_lost:
         clock.wait_until(clock.now() + _SETTLE_S)
 
 
-def _release(report: StopReport, rig: Rig, clock: Clock) -> None:
+def _stand(report: StopReport, rig: Rig, clock: Clock) -> None:
+    """Have all motors stand until the joint's swing has died away; those that were frozen late count as frozen."""
+    _hold(report, rig, clock)
+    report.frozen |= frozenset(report.reached)
     if not report.port_lost:
-        _ramp_down(report, rig, clock)
-    _carry_out(report, clock, {motor.name: partial(_torque_off, motor) for motor in rig.motors})
+        clock.wait_until(clock.now() + STAND_S - _SETTLE_S)
+    report.reached.clear()
 
 
 def _carry_out(report: StopReport, clock: Clock, acts: Acts) -> None:
@@ -156,8 +171,13 @@ def _carry_out(report: StopReport, clock: Clock, acts: Acts) -> None:
         clock.wait_until(clock.now() + _AGAIN_S)
 
 
-def _ramp_down(report: StopReport, rig: Rig, clock: Clock) -> None:
-    """Let the tension of every tendon that answers down in small steps; the others are left to their torque-off."""
+def _ramp_down(report: StopReport, rig: Rig, clock: Clock, must_freeze: Callable[[], bool]) -> bool:
+    """Let the tension of every tendon that answers down in small steps; the others are left to their torque-off.
+
+    Return whether that is done: False as soon as the motors must be frozen instead.
+    """
+    if report.port_lost:
+        return True
     ramps = []
     for motor in rig.tendons:
         try:
@@ -166,7 +186,7 @@ def _ramp_down(report: StopReport, rig: Rig, clock: Clock) -> None:
                 ramps.append(_Ramp(motor, motor.current() if by_current else motor.angle(), by_current))
         except PortError:
             report.port_lost = True
-            return
+            return True
         except HardwareError:
             continue
     speed = RAMP_SPEED / rig.spec.tendons.pulley_radius.value
@@ -174,11 +194,14 @@ def _ramp_down(report: StopReport, rig: Rig, clock: Clock) -> None:
     start = clock.now()
     while ramps and (elapsed := clock.now() - start) < RAMP_MOST_S:
         clock.wait_until(clock.now() + _RAMP_STEP_S)
+        if must_freeze():
+            return False
         try:
             ramps = [ramp for ramp in ramps if not ramp.step(elapsed, speed, slack)]
         except PortError:
             report.port_lost = True
-            return
+            return True
+    return True
 
 
 @dataclass(slots=True)
