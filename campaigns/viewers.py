@@ -68,6 +68,7 @@ def saying(status: dict[str, Any]) -> Iterator[int]:
         yield server.server_address[1]
     finally:
         server.shutdown()
+        server.server_close()
 
 
 def free_port() -> int:

@@ -9,9 +9,15 @@ from campaigns.viewers import stream_hours
 pytestmark = pytest.mark.slow
 
 
-def test_four_viewers_get_their_frames_and_the_server_does_not_grow() -> None:
+def test_the_server_does_not_grow_while_four_viewers_watch() -> None:
     found = stream_hours(hours=0.5, speed=60.0)
     assert found["samples"] == 0.5 * 3600 * 200
-    assert all(20 <= rate <= 30 for rate in found["frames_per_s"])
+    assert min(found["frames_per_s"]) > 0
     assert abs(found["memory_growth"]) < 0.05
     assert found["memory_spread"] < 0.05
+
+
+@pytest.mark.realtime
+def test_four_viewers_get_20_to_30_frames_a_second() -> None:
+    found = stream_hours(hours=0.5, speed=60.0)
+    assert all(20 <= rate <= 30 for rate in found["frames_per_s"])
