@@ -65,7 +65,7 @@ def port(runs: Path) -> Iterator[int]:
 @pytest.fixture
 def client(port: int) -> Iterator[httpx.Client]:
     base = f"http://127.0.0.1:{port}"
-    with httpx.Client(base_url=base, headers={"origin": base}, timeout=20.0, trust_env=False) as made:
+    with httpx.Client(base_url=base, headers={"origin": base}, timeout=120.0, trust_env=False) as made:
         yield made
 
 
