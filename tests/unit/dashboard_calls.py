@@ -10,9 +10,9 @@ def process() -> int:
     return os.getpid()
 
 
-def priority() -> tuple[int, int]:
-    """The scheduling policy and the niceness of that process."""
-    return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
+def priority() -> int:
+    """The niceness of that process."""
+    return os.getpriority(os.PRIO_PROCESS, 0)
 
 
 def die_once(mark: str) -> str:

@@ -64,28 +64,13 @@ CALLS = {
 
 def _begin(lane: str) -> None:
     """Prepare a process: low priority, JAX as everywhere, an end with whoever made it."""
-    _step_back(lane)
+    os.nice(_NICE)
     threading.Thread(target=_end_with_the_maker, daemon=True).start()
     if lane != "light":
         from sinew.twin.cache import compute_inline, configure
 
         configure()
         compute_inline()
-
-
-def _step_back(lane: str) -> None:
-    """Run only when nobody else wants the core; a sketch, which somebody waits for, when few do.
-
-    What a serial port or a pseudo-terminal carries is passed on by a worker of the kernel without any priority, and a
-    bench that is heard 50 ms late counts as lost.
-    """
-    if lane == "sliders":
-        os.nice(_NICE)
-        return
-    try:
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
-    except (AttributeError, OSError):  # another system than Linux
-        os.nice(_NICE)
 
 
 def _end_with_the_maker() -> None:
