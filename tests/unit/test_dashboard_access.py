@@ -254,3 +254,10 @@ def test_a_web_socket_too_many_is_closed(behind: Answering) -> None:
 def test_a_crowd_keeps_strangers_out_and_not_who_is_signed_in(behind: Answering) -> None:
     gate = Gate(behind, ACCESS, must_sign_in=False, most_connections=0)
     assert (status(gate, HOST), status(gate, HOST, session())) == (503, 200)
+
+
+@pytest.mark.parametrize(
+    ("bound", "near"), [("0.0.0.0", "127.0.0.1"), ("::", "::1"), ("127.0.0.1", "127.0.0.1"), ("192.0.2.7", "192.0.2.7")]
+)
+def test_this_computer_reaches_what_is_bound_to_every_address_by_its_own(bound: str, near: str) -> None:
+    assert Access("t" * 20, bound, 8080).near == near

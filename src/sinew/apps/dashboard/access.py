@@ -63,6 +63,11 @@ class Access:
         """
         return not self.is_loopback or bool(self.hosts)
 
+    @property
+    def near(self) -> str:
+        """The address under which this computer reaches us; one of IPv6 without brackets."""
+        return {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)
+
     def names(self) -> frozenset[str]:
         """Return the host names that we serve, in lower case, IPv6 addresses in brackets."""
         own = {_bracketed(name.lower()) for name in (self.host, *self.hosts)}

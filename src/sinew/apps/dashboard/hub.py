@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.apps.bench_run import JOURNAL
 from sinew.apps.dashboard.channels import Channel, LiveChannels
 from sinew.apps.dashboard.drawn_rig import drawn_rig
 from sinew.apps.dashboard.ring import Ring
@@ -26,15 +27,12 @@ from sinew.apps.dashboard.tail import JournalTail, News
 from sinew.measure.errors import FileError
 from sinew.plan.toml import parse_plan, parse_rig
 
-__all__ = ["FRAME_S", "JOURNAL", "Hub", "Live"]
+__all__ = ["FRAME_S", "Hub", "Live"]
 
 Floats = NDArray[np.float64]
 
 FRAME_S = 0.04
 """Time between two frames [s]."""
-
-JOURNAL = "journal.sqlite"
-"""Name of the journal in a run's folder."""
 
 _STATUS_S = 0.5
 _KEPT = 24_000  # samples: a minute at 400 Hz

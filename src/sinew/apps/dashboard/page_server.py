@@ -35,6 +35,7 @@ from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.results import Results
 from sinew.apps.dashboard.sign_in import SIGN_IN_PAGE, sign_in_routes
 from sinew.apps.dashboard.stream import serve_stream
+from sinew.apps.dashboard.work.download import FILES
 from sinew.apps.dashboard.work_desk import Work
 from sinew.apps.dashboard.worker import Worker
 from sinew.measure.errors import SinewError
@@ -42,7 +43,6 @@ from sinew.measure.errors import SinewError
 __all__ = ["Config", "main", "make_app", "serve"]
 
 _STATIC = Path(__file__).with_name("static")
-_KINDS = {"recording": "recording.nc", "csv": "csv.zip", "mat": "recording.mat", "report": "report.html"}
 _STATUS_WAIT_S = 2.0
 _AGAIN_S = 1.0
 
@@ -136,7 +136,7 @@ def _add_downloads(app: FastAPI, site: Site) -> None:
     @app.get("/download/{name}/{kind}")
     async def download(name: str, kind: str) -> Response:
         folder = site.runs / name
-        if kind not in _KINDS or not is_run_name(name) or not folder.is_dir():
+        if kind not in FILES or not is_run_name(name) or not folder.is_dir():
             return JSONResponse({"ok": False, "sentence": "There is no such file."}, 404)
         try:
             path = Path(await site.work.call("download", str(folder), kind)).resolve()
@@ -144,19 +144,19 @@ def _add_downloads(app: FastAPI, site: Site) -> None:
             return JSONResponse({"ok": False, "sentence": str(trouble)}, 409)
         if not path.is_relative_to(site.runs.resolve()):
             return JSONResponse({"ok": False, "sentence": "There is no such file."}, 404)
-        return FileResponse(path, filename=f"{name}-{_KINDS[kind]}", content_disposition_type="attachment")
+        return FileResponse(path, filename=f"{name}-{FILES[kind]}", content_disposition_type="attachment")
 
 
 async def serve(config: Config) -> None:
     """Serve until stdin ends."""
-    bracketed = f"[{config.http_host}]" if ":" in config.http_host else config.http_host
-    host = "127.0.0.1" if config.http_host in ("0.0.0.0", "::") else bracketed
+    near = Access(config.token, config.http_host, config.http_port, config.hosts).near
+    where = httpx.URL(scheme="http", host=near, port=config.steering_port, path="/status")
     headers = {"authorization": f"Bearer {config.token}", "host": f"127.0.0.1:{config.steering_port}"}
     async with httpx.AsyncClient(headers=headers, timeout=_STATUS_WAIT_S, trust_env=False) as client:
 
         async def status() -> dict[str, Any]:
             try:
-                answer = await client.get(f"http://{host}:{config.steering_port}/status")
+                answer = await client.get(where)
                 answer.raise_for_status()
                 return dict(answer.json())
             except (httpx.HTTPError, ValueError) as trouble:

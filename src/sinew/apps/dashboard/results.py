@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sinew.apps.dashboard.hub import JOURNAL, Hub, Live
+from sinew.apps.bench_run import JOURNAL
+from sinew.apps.dashboard.hub import Hub, Live
 from sinew.apps.dashboard.work_desk import Work
 from sinew.measure.errors import SinewError
 from sinew.plan.toml import parse_plan

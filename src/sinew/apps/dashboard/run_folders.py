@@ -10,6 +10,7 @@ from sinew.apps.bench_run import JOURNAL
 from sinew.apps.dashboard.names import is_run_name
 from sinew.apps.dashboard.processes import Process, adopt, read_pid
 from sinew.apps.dashboard.refusal import RefusedError
+from sinew.apps.run_control import CONTROL
 from sinew.bench.journal_reader import JournalReader
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
@@ -25,8 +26,6 @@ LOG = "run.log"
 
 Control = Callable[..., dict[str, Any]]
 """What asks a run for something: (folder, command, timeout_s) -> answer; raises a SinewError if nobody listens."""
-
-_CONTROL = "control"
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,7 @@ def run_words(folder: Path, port: str) -> list[str]:
 
 def find_runs(runs: Path, control: Control) -> Iterator[Run]:
     """Give the runs below a folder that are under way: those that answer, and those whose process is there."""
-    for folder in sorted({file.parent for name in (_CONTROL, PID) for file in runs.glob(f"[!.]*/{name}")}):
+    for folder in sorted({file.parent for name in (CONTROL, PID) for file in runs.glob(f"[!.]*/{name}")}):
         process = adopt(read_pid(folder / PID), [str(folder)]) or _answering(folder, control)
         if process is None:
             continue
@@ -84,7 +83,7 @@ def find_runs(runs: Path, control: Control) -> Iterator[Run]:
             plan_, spec = parse_plan(plan, "the plan"), parse_rig(rig, "the rig")
         except SinewError:
             continue
-        began = folder / "plan.toml" if (folder / "plan.toml").exists() else folder / _CONTROL
+        began = folder / "plan.toml" if (folder / "plan.toml").exists() else folder / CONTROL
         started = began.stat().st_mtime
         yield Run(folder.name, folder, process, started, plan_.name, spec.name, spec)
 
@@ -120,7 +119,7 @@ def _texts(folder: Path) -> tuple[str, str]:
 
 
 def _answering(folder: Path, control: Control) -> Process | None:
-    if not (folder / _CONTROL).exists():
+    if not (folder / CONTROL).exists():
         return None
     try:
         pid = control(folder, "status", timeout_s=0.5).get("state", {}).get("pid")

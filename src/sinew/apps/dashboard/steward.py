@@ -216,9 +216,8 @@ class Steward:
             "rig": settings.rig,
             "version": __version__,
         }
-        near = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(access.host, access.host)
         log = self._runs / _BENCH / _PAGE_LOG
-        return PageProcess(settings.page or page_command(), config, (near, access.port), log)
+        return PageProcess(settings.page or page_command(), config, (access.near, access.port), log)
 
     def _leave_run(self) -> None:
         """End the run on an emulated bench, which ends with us; one on a real bench goes on."""

@@ -15,7 +15,6 @@ _AXES = {
     "gain": "gain",
     "phase": "phase lag / °",
     "damping": "Lehr's damping D",
-    "amplitude": "torsion / °",
 }
 # A whisker from the lower to the upper end of an interval, with caps.
 _WHISKER = """(params, api) => {

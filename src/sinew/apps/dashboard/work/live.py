@@ -42,12 +42,14 @@ Key = tuple[int, int, int]
 
 def measured_so_far(journal_path: str) -> dict[str, Any]:
     """Return what `LiveResults.update` says of a journal; its state stays in this process."""
-    return _live(journal_path).update()
+    path = Path(journal_path)
+    return _live(path, path.stat().st_ino if path.exists() else 0).update()
 
 
 @lru_cache(maxsize=4)
-def _live(journal_path: str) -> "LiveResults":
-    return LiveResults(Path(journal_path))
+def _live(path: Path, inode: int) -> "LiveResults":
+    """Return what is known of a journal. inode: of the file, for a run may be deleted and another take its name."""
+    return LiveResults(path)
 
 
 @dataclass

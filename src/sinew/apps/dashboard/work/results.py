@@ -7,8 +7,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sinew.apps.bench_run import JOURNAL
 from sinew.apps.dashboard.work.live import LiveResults
-from sinew.apps.dashboard.work.runs import CACHE, JOURNAL, RECORDING
+from sinew.apps.dashboard.work.runs import CACHE, RECORDING
 from sinew.bench.journal_summary import is_being_written
 from sinew.measure.errors import FileError, SinewError
 

@@ -9,15 +9,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from sinew.apps.bench_run import JOURNAL
 from sinew.apps.console import write_json
 from sinew.bench.journal_summary import is_being_written, summarise_journal
 from sinew.measure.errors import FileError, SinewError
 from sinew.plan.plan import Plan
 from sinew.plan.toml import parse_plan
 
-__all__ = ["CACHE", "JOURNAL", "RECORDING", "list_runs", "run_summary"]
+__all__ = ["CACHE", "RECORDING", "list_runs", "run_summary"]
 
-JOURNAL, RECORDING = "journal.sqlite", "recording.nc"
+RECORDING = "recording.nc"
 CACHE = ".dashboard"
 """Folder in a run's own for what can be made anew."""
 
