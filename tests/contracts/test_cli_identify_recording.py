@@ -63,6 +63,7 @@ def rig_recording(folder: Path, repeats: int) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_segments_of_one_pretension_of_a_rig_are_fitted_together(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

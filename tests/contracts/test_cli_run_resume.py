@@ -31,6 +31,7 @@ def test_a_bench_left_in_hold_is_refused_to_a_new_run(
     assert (told.status, "torque is on at all motors" in told.err) == (2, True)
 
 
+@pytest.mark.slow
 def test_a_bench_left_in_hold_is_taken_over_by_resuming(
     held: tuple[WatchedPort, str], plan: str, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

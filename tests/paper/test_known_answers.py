@@ -95,7 +95,10 @@ def _recordings(joint: Joint, plan: Plan, seeds: range, effects: Effects = LINEA
     ]
 
 
-@pytest.mark.parametrize("damping_ratio", [0.03, 0.05, 0.1, 0.17, 0.25])
+SLOWLY = [pytest.param(ratio, marks=pytest.mark.slow) for ratio in (0.03, 0.25)]
+
+
+@pytest.mark.parametrize("damping_ratio", [0.1, *SLOWLY])
 def test_gain_and_phase_of_a_linear_joint_come_back_through_the_sensors(damping_ratio: float) -> None:
     joint = Joint(damping_ratio)
     results = analyse_recording(_recordings(joint, _plan(joint, repeats=1), range(1))[0], joint.rig)

@@ -51,6 +51,7 @@ def test_repeats_under_own_weight_have_one_damping_within_six_percent_at_every_a
     assert np.abs(damping_differences("gravity", [3.6, 2.4, 1.6, 1.0, 0.7, 0.5])[0]).max() < 0.06
 
 
+@pytest.mark.slow
 def test_repeats_with_52_g_differ_in_damping_by_more_than_seven_percent_at_one_and_the_same_amplitude() -> None:
     assert damping_differences("load52", [5.0, 3.4, 2.2, 1.5])[0].min() > 0.07
 
@@ -83,6 +84,7 @@ def test_the_damping_with_a_load_rises_as_the_swing_dies() -> None:
         assert small > 1.2 * large
 
 
+@pytest.mark.slow
 def test_the_rest_position_creeps_after_the_release_in_a_fifth_of_a_second_to_one_second() -> None:
     found = [single(name).creep_time_s for name in SILICONE]
     times_s = [creep.value for creep in found if creep is not None]

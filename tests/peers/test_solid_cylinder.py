@@ -54,6 +54,7 @@ def test_between_sliding_ends_the_solid_is_the_beam_in_force_and_both_stiffnesse
     assert stiffness(plane(), stretch, bonded=False) == pytest.approx(beam(1.0, LENGTH, stretch), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_beam_of_the_comparison_is_the_twins_silicone() -> None:
     p, stretch = silicone(0.9, 2.7), 0.92
     x = jnp.asarray((1 - stretch) * 2.7)
@@ -67,6 +68,7 @@ def test_a_bonded_cylinder_that_is_not_compressed_twists_as_saint_venant_says() 
     assert stiffness(plane(), 1.0).torsional == pytest.approx(np.pi / 2 / LENGTH, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_three_dimensions_come_to_the_same_as_closed_form_and_axisymmetry() -> None:
     # 5e-4 is what the rim of so few elements, made of parabolas, is from a circle, and the edge of a bonded end.
     exact = beam(1.0, LENGTH, 0.9)
@@ -111,6 +113,7 @@ def test_the_factor_that_a_prediction_is_checked_with_is_that_of_the_solid(slend
     assert bonded_axial_factor(np.pi, 2 * np.pi, length) - 1 == pytest.approx(found, rel=0.02)
 
 
+@pytest.mark.slow
 def test_finer_meshes_come_nearer_to_each_other() -> None:
     axial = [stiffness(axisymmetric_cylinder(1.0, LENGTH, n, 2 * n), 1.0).axial for n in (4, 8, 16)]
     assert 0 < axial[1] - axial[2] < 0.6 * (axial[0] - axial[1])

@@ -17,7 +17,11 @@ def tension_n() -> Mapping[float, float]:
     return tensions()
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.phase}, {case.mode}, {case.safe_state}")
+@pytest.mark.parametrize(
+    "case",
+    [*CASES[:3], *(pytest.param(case, marks=pytest.mark.slow) for case in CASES[3:])],
+    ids=lambda case: f"{case.phase}, {case.mode}, {case.safe_state}",
+)
 def test_all_motors_are_frozen_within_200_ms_and_no_tension_jumps(case: Case, tension_n: Mapping[float, float]) -> None:
     assert play(case, tension_n).wrong == ()
 

@@ -70,10 +70,10 @@ def kill_often(path: Path, times: int, seed: int) -> list[tuple[str, bool, bool]
     return found
 
 
-def test_a_run_that_is_killed_four_times_loses_half_a_second_at_most(tmp_path: Path) -> None:
-    assert kill_often(tmp_path / "journal.sqlite", 4, 1) == [("ok", True, True)] * 4
+def test_a_run_that_is_killed_twice_loses_half_a_second_at_most(tmp_path: Path) -> None:
+    assert kill_often(tmp_path / "journal.sqlite", 2, 1) == [("ok", True, True)] * 2
 
 
 @pytest.mark.slow
-def test_a_run_that_is_killed_fifty_times_loses_half_a_second_at_most(tmp_path: Path) -> None:
-    assert kill_often(tmp_path / "journal.sqlite", 50, 2) == [("ok", True, True)] * 50
+def test_a_run_that_is_killed_twenty_times_loses_half_a_second_at_most(tmp_path: Path) -> None:
+    assert kill_often(tmp_path / "journal.sqlite", 20, 2) == [("ok", True, True)] * 20

@@ -79,6 +79,7 @@ def stepped_trials():
     return trials
 
 
+@pytest.mark.slow
 def test_the_90_percent_intervals_of_stepped_sines_cover_the_poles(stepped_trials) -> None:
     inside = [
         e.low <= truth <= e.high
@@ -113,6 +114,7 @@ def broadband_trials():
     return [broadband(seed, 0.08) for seed in range(200)]
 
 
+@pytest.mark.slow
 def test_the_90_percent_intervals_of_broadband_records_cover_the_pole(broadband_trials) -> None:
     inside = [
         e.low <= truth <= e.high

@@ -41,6 +41,7 @@ def one_repeat():
     return trials(0.12, 1)
 
 
+@pytest.mark.slow
 def test_the_resonance_of_three_repeats_lies_in_its_interval_85_to_95_times_in_100(three_repeats) -> None:
     assert 0.85 <= covered(three_repeats, "resonance", "_hz", Joint(damping=0.08).resonance_hz) <= 0.95
 

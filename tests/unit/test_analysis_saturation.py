@@ -34,6 +34,7 @@ def test_a_straight_line_is_not_given_a_kink() -> None:
     assert "do not prefer" in fit.sentence
 
 
+@pytest.mark.slow
 def test_the_interval_of_the_kink_covers_it_85_to_95_times_in_100() -> None:
     fits = [fit_saturation(PRETENSION_MM, kinked(10.4, 0.04, seed)).threshold_mm for seed in range(200)]
     assert 0.85 <= np.mean([fit.low <= 10.4 <= fit.high for fit in fits]) <= 0.95

@@ -18,11 +18,13 @@ def trial(mode: TendonMode, seed: int = 0) -> list[Row]:
     return run_trial(mode, seed, sweep=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", POSITION_MODES)
 def test_by_position_the_true_pretension_is_within_a_tenth_of_a_millimetre(mode: TendonMode) -> None:
     assert max(abs(row.reached_mm - row.pretension_mm) for row in trial(mode)) < 0.1
 
 
+@pytest.mark.slow
 def test_by_current_the_true_mean_current_is_within_five_percent() -> None:
     assert max(abs(row.current_a / row.asked_current_a - 1) for row in trial("current")) < 0.05
 

@@ -17,24 +17,10 @@ from sinew.plan.toml import load_rig, parse_plan
 from sinew.twin.effects import Effects
 from sinew.twin.simulate import rest_tension, simulate
 
+pytestmark = pytest.mark.slow
+
 RIG = load_rig("paper")
-SHORT = """
-name = "beside the twin"
-[pretension]
-pretension_mm = [6]
-rest_s = 0.5
-[sweep]
-frequency_hz = [3.0, 3.7]
-settle_s = 2.5
-periods = 4
-repeats = 1
-[ring_down]
-frequency_hz = [3.7, 3.7]
-drive_s = 2
-record_s = 2.5
-repeats = 1
-"""
-LONGER = """
+PLAN = """
 name = "beside the twin"
 [pretension]
 pretension_mm = [2, 8]
@@ -58,11 +44,9 @@ class Pair(NamedTuple):
         return np.abs(self.bench[name].values / self.twin[name].values - 1)
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param(SHORT, id="short"), pytest.param(LONGER, id="longer", marks=pytest.mark.slow)]
-)
-def pair(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Pair:
-    plan, folder = parse_plan(request.param), tmp_path_factory.mktemp("run")
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Pair:
+    plan, folder = parse_plan(PLAN), tmp_path_factory.mktemp("run")
     pretensions = plan.pretension.pretension_mm
     tension = dict(zip(pretensions, rest_tension(pretensions, RIG).tolist(), strict=True))
     report = virtual_bench(RIG, rest_tilt=(0.012, -0.012)).run(plan, folder, tension)

@@ -24,6 +24,7 @@ def joint(seed: int) -> tuple[dict[str, float | str | None], float, float]:
     return changes, random.uniform(0, 12), random.uniform(5, 30)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_sketch_is_what_the_refined_curve_is(seed: int) -> None:
     changes, pretension, amplitude = joint(seed)

@@ -47,6 +47,7 @@ def resting() -> xr.Dataset:
     return simulate(Plan(name="rest", pretension=Pretension(pretension_mm=(0.0,)), ring_down=ring_down), RIG)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("viscous", [0.0, 0.05])
 @pytest.mark.parametrize("delay_s", [0.0, 0.002, -0.003])
 def test_an_extra_delay_is_found_whatever_the_law_of_the_damping(

@@ -36,6 +36,7 @@ def losses() -> Answer:
     return answer_losses(analyse_recording(recording, RIG), recording, known_joint(RIG))
 
 
+@pytest.mark.slow
 def test_the_fitted_joints_damping_is_the_measured_one(losses: Answer) -> None:
     measured, model = (losses.column(name)[0] for name in ("lehr_damping", "lehr_damping_model"))
     assert model == pytest.approx(measured, rel=0.05)

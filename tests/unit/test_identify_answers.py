@@ -1,5 +1,6 @@
 """The paper's open questions, asked of recordings that lack what some of them need."""
 
+import pytest
 from tests.unit.identify_campaigns import DECAYS, RIG
 
 from sinew.analysis.analysis import analyse_recording
@@ -13,6 +14,7 @@ from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.twin.simulate import simulate
 
 
+@pytest.mark.slow
 def test_ring_downs_alone_tell_neither_saturation_nor_delay() -> None:
     recording = simulate(DECAYS, RIG, seed=34)
     results = analyse_recording(recording, RIG)

@@ -91,6 +91,7 @@ def test_a_decay_of_four_half_cycles_is_refused() -> None:
         fit_backbone(times(duration_s=0.7), Decay(0.1).angle(times(duration_s=0.7)), free_from_s=0.0)
 
 
+@pytest.mark.slow
 @real
 @pytest.mark.parametrize("name", ["60", "80P", "100"])
 def test_the_damping_of_a_pendulum_with_dry_friction_rises_as_it_comes_to_rest(name: str) -> None:

@@ -31,6 +31,7 @@ def laws(record: Record) -> Comparison:
     return compare(split_record(record, None, None), [MODELS[name] for name in ("linear", "loss-factor", "coulomb")])
 
 
+@pytest.mark.slow
 def test_dry_friction_is_found_in_nine_of_ten_decays() -> None:
     assert sum(laws(dry(seed)).best.model.name == "coulomb" for seed in range(10)) >= 9
 
@@ -141,6 +142,7 @@ def test_a_range_of_a_few_samples_is_refused() -> None:
         split_record(viscous_decay(0.1, 0), (0, 10), None)
 
 
+@pytest.mark.slow
 def test_residuals_of_the_right_model_are_white_in_nine_of_ten_records() -> None:
     asked = [
         ask_residuals(r, fit(r, "linear").residuals()[0], OMEGA) for r in (viscous_decay(0.1, s) for s in range(10))

@@ -71,6 +71,7 @@ def test_the_fitted_rig_moves_what_is_tied_along() -> None:
     assert rig.inertia.head.value + rig.inertia.lever.value == pytest.approx(12.74e-3, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_rig_whose_silicone_loses_nothing_leaves_a_residual() -> None:
     data = load_rig("paper").model_dump()
     data["silicone"]["loss_factor"] |= {"value": 0.0, "bounds": (0.0, 0.3)}
@@ -97,6 +98,7 @@ def test_frequency_and_damping_of_the_balance_are_those_of_a_free_decay_that_los
     assert float(found.natural_frequency_hz) == pytest.approx(frequency, rel=0.005)
 
 
+@pytest.mark.slow
 def test_one_pretension_without_currents_leaves_the_diameter_open_and_says_so() -> None:
     # The diameter acts through the axial stiffness alone: how fast tension grows with pretension. Neither is seen here.
     recording = simulate(small_plan(4), hidden_rig(), seed=1001).drop_vars("tendon_current_a")

@@ -42,6 +42,7 @@ def told(found: Fit):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stiffness_per_s2", "damping_per_s", "natural_frequency_hz", "damping_ratio"])
 def test_of_a_well_determined_decay_the_posterior_is_the_normal_one_of_the_covariance(name: str) -> None:
     found, known = sampled().estimates[name], told(decay())[name]
@@ -49,6 +50,7 @@ def test_of_a_well_determined_decay_the_posterior_is_the_normal_one_of_the_covar
     assert [*off, found.std / known.std - 1] == pytest.approx([0, 0, 0], abs=0.15)
 
 
+@pytest.mark.slow
 def test_correlated_noise_widens_the_posterior_as_it_widens_the_robust_covariance() -> None:
     found, known = sampled(0.8).estimates["damping_ratio"], decay(0.8).damping_ratio
     classical = covariance(decay(0.8).solution.jacobian, decay(0.8).solution.residual).std

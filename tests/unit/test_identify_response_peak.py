@@ -139,6 +139,7 @@ def test_the_backbone_starts_at_the_natural_frequency() -> None:
     assert backbone.frequency_hz[0] == pytest.approx(fit.natural_frequency_hz.value, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_interval_of_a_peak_holds_it_in_nine_of_ten_draws() -> None:
     damping, truth, inside = 0.1, 3.0 * np.sqrt(1 - 0.02), []
     frequency = np.linspace(2.0, 4.5, 16)

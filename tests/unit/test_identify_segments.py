@@ -46,6 +46,7 @@ def compared() -> Comparison:
     return compare_segments(segments()[:4], ("linear", "loss-factor", "coulomb"))
 
 
+@pytest.mark.slow
 def test_the_damping_law_of_the_segments_is_found_and_decided() -> None:
     assert (compared().best.model.name, compared().decided) == ("linear", True)
 

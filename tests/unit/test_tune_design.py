@@ -71,6 +71,7 @@ def test_the_slopes_of_a_candidate_are_those_of_its_differences() -> None:
         assert np.asarray(slopes)[:, k] == pytest.approx((ahead - behind) / 2e-5, rel=2e-4, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_a_candidate_resonates_by_harmonic_balance_where_the_search_says() -> None:
     configure()
     frame, at, modulus = frame_of(RIG, TARGET, "annulus"), place("annulus", ANNULUS), shear_modulus_of(RIG)
@@ -107,6 +108,7 @@ def test_the_strain_with_slopes_is_the_one_that_the_prediction_checks() -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_block_gives_the_same_candidates_again_and_they_keep_the_limits() -> None:
     silicones = {"base": shear_modulus_of(RIG)}
     first, other = (blocks_of(dump_rig(RIG), TARGET, silicones, ["circle"], 8, seed)[0] for seed in (1000, 1001))

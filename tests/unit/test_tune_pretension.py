@@ -35,6 +35,7 @@ def nearly_linear() -> RigSpec:
     return RIG.with_values({"silicone.loss_factor": 0.02, "tendons.guide_friction": 0.0})
 
 
+@pytest.mark.slow
 def test_the_pretension_of_a_nearly_linear_joint_brings_the_stiffness_that_inertia_and_frequency_ask_for() -> None:
     rig = nearly_linear()
     (found,) = tune_pretension(rig, [3.4], Swing(command_deg=2.0)).settings

@@ -87,11 +87,11 @@ def test_first_contact_carries_the_set_tension_and_balances_the_silicone(rig: Ri
 
 def _secant_stiffness(p: Parameters, angle: float) -> float:
     """Return torque over angle with the head free to sink."""
-    slope = jax.grad(potential, argnums=(0, 1))
-    curvature = jax.grad(lambda y: slope(jnp.asarray(angle), y, p)[1])
+    slope = jax.jit(jax.grad(potential, argnums=(0, 1)))
+    curvature = jax.jit(jax.grad(lambda y, p: slope(jnp.asarray(angle), y, p)[1]))
     x = float(rest_shortening(p))
     for _ in range(30):
-        x -= float(slope(jnp.asarray(angle), jnp.asarray(x), p)[1] / curvature(jnp.asarray(x)))
+        x -= float(slope(jnp.asarray(angle), jnp.asarray(x), p)[1] / curvature(jnp.asarray(x), p))
     return float(slope(jnp.asarray(angle), jnp.asarray(x), p)[0]) / angle
 
 
