@@ -10,9 +10,18 @@ import xarray as xr
 
 from sinew.measure.errors import FileError, SchemaError
 from sinew.measure.provenance import content_hash
+from sinew.measure.results import upgrade_results, validate_results
 from sinew.measure.schema import validate_recording
 
-__all__ = ["is_netcdf", "load_dataset", "load_recording", "save_dataset", "save_recording", "write_atomically"]
+__all__ = [
+    "is_netcdf",
+    "load_dataset",
+    "load_recording",
+    "load_results",
+    "save_dataset",
+    "save_recording",
+    "write_atomically",
+]
 
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
@@ -59,7 +68,7 @@ def save_dataset(dataset: xr.Dataset, path: Path) -> None:
     for name in stored.variables:
         if stored[name].dtype.kind in "fi" and stored[name].size > 4096:
             encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
-    for name in stored.data_vars:
+    for name in stored.variables:
         if stored[name].dtype.kind == "f":
             encoding.setdefault(str(name), {})["_FillValue"] = None
     write_atomically(path, lambda temporary: stored.to_netcdf(temporary, engine="netcdf4", encoding=encoding) and None)
@@ -78,7 +87,7 @@ def is_netcdf(path: Path) -> bool:
 
 
 def load_dataset(path: Path) -> xr.Dataset:
-    """Return the dataset of a NetCDF file, read whole into memory.
+    """Return the dataset of a NetCDF file, read whole into memory, results of an older schema brought to today's.
 
     Raises FileError where the file is absent, is not NetCDF, is cut short, or no longer matches its content hash.
     """
@@ -98,7 +107,7 @@ def load_dataset(path: Path) -> xr.Dataset:
     claimed = dataset.attrs.get("content_hash")
     if claimed is not None and claimed != content_hash(dataset):
         raise FileError(f"{path} does not match its own content hash: it was changed after Sinew wrote it")
-    return dataset
+    return upgrade_results(dataset)
 
 
 def save_recording(recording: xr.Dataset, path: Path) -> None:
@@ -113,5 +122,16 @@ def load_recording(path: Path) -> xr.Dataset:
         dataset["kind"] = dataset["kind"].astype(object)
     try:
         return validate_recording(dataset)
+    except SchemaError as error:
+        raise SchemaError(f"{path}: {error}") from error
+
+
+def load_results(path: Path) -> xr.Dataset:
+    """Return checked results from a NetCDF file, with coordinates whatever the schema they were written by.
+
+    Raises FileError or SchemaError.
+    """
+    try:
+        return validate_results(load_dataset(path))
     except SchemaError as error:
         raise SchemaError(f"{path}: {error}") from error
