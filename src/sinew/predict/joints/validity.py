@@ -1,7 +1,7 @@
 """This is where a prediction says what it is worth: each assumption with a number, a limit and a sentence."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from sinew.predict.joints.ends import bonded_axial_factor, bonded_torsion_factor
 from sinew.predict.joints.loads import Loads
 from sinew.predict.sections.section import Section
 
-__all__ = ["Check", "check_joint", "largest_strain"]
+__all__ = ["Check", "check_drive", "check_joint", "doubt_broken_curves", "largest_strain"]
 
 SLENDER = 1.0
 """Length over the diameter of the circle around the section, below which a joint is no beam at all."""
@@ -27,13 +27,19 @@ STRAIN = 0.5
 @dataclass(frozen=True)
 class Check:
     """One assumption. value and limit: in the unit of the name, else shares; None where there is no number.
-    holds: the verdict. sentence: with the number and what it means."""
+    holds: the verdict, never beside a value that exceeds its limit. sentence: with the number and what it means."""
 
     name: str
     value: float | None
     limit: float
     holds: bool
     sentence: str
+
+    def __post_init__(self) -> None:
+        inside = self.value is None or (
+            self.value >= self.limit if self.name == "slenderness" else self.value <= self.limit
+        )
+        assert inside or not self.holds, f"{self.name} is said to hold at {self.value}, its limit is {self.limit}"
 
 
 def check_joint(rig: RigSpec, pretension_mm: list[float], loads: Loads, *, tilt_held: bool) -> list[Check]:
@@ -52,6 +58,38 @@ def check_joint(rig: RigSpec, pretension_mm: list[float], loads: Loads, *, tilt_
         _tension(rig, pretension_mm, loads),
         _current(rig, pretension_mm, loads),
         _torsion(rig, pretension_mm, loads),
+    ]
+
+
+def check_drive(rig: RigSpec, amplitude_deg: float, highest_hz: float) -> list[Check]:
+    """Return whether a rig allows the command [deg] and the highest frequency [Hz] that are asked of its drive."""
+    found = []
+    for name, value, limit, unit, advice in (
+        ("drive_amplitude_deg", amplitude_deg, rig.limits.drive_amplitude_deg, "°", "lower the amplitude"),
+        ("drive_hz", highest_hz, rig.limits.drive_hz, " Hz", "lower the highest frequency"),
+    ):
+        told = "" if value <= limit else f"; no bench of this rig will do it, {advice}"
+        sentence = f"the drive is asked for {value:g}{unit}, the rig allows {limit:g}{unit}{told}"
+        found.append(Check(name, value, limit, value <= limit, sentence))
+    return found
+
+
+_OF_THE_SWING = ("local_strain", "buckling_sideways", "tension_n", "tendon_current_a", "torsion_deg")
+
+
+def doubt_broken_curves(checks: list[Check], broken_mm: list[float]) -> list[Check]:
+    """Return checks of which those that depend on the largest swing do not hold where a curve was not found whole.
+
+    broken_mm: the pretensions of such curves [mm]; none: the checks as they are.
+    """
+    if not broken_mm:
+        return checks
+    but = f"; but the curve at {broken_mm[0]:g} mm broke off, so the swing may be larger, which nothing here rules out"
+    return [
+        replace(one, value=None, holds=False, sentence=one.sentence + but)
+        if one.holds and one.name in _OF_THE_SWING
+        else one
+        for one in checks
     ]
 
 
@@ -77,9 +115,9 @@ def _axial_ends(rig: RigSpec, section: Section) -> Check:
     holds = value <= CLOSE or fitted
     told = "which hardly matters" if holds else "its shortening under the tendons comes out too large by that share"
     if fitted:
-        told = "the diameter is calibrated and has taken it in"
+        told = "the diameter is calibrated and has taken it in, so that it is no error"
     sentence = f"bonded ends make it about {value:.0%} stiffer along its axis than 3 G A/L: {told}"
-    return Check("bonded_ends_axial", value, CLOSE, holds, sentence)
+    return Check("bonded_ends_axial", None if fitted else value, CLOSE, holds, sentence)
 
 
 def _torsion_ends(rig: RigSpec, section: Section) -> Check:
