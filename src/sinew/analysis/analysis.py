@@ -12,6 +12,7 @@ from sinew.analysis.resonance import FEWEST_FREQUENCIES, estimate_resonance, rea
 from sinew.analysis.response import estimate_response, response_dataset
 from sinew.analysis.ring_down import analyse_ring_downs
 from sinew.analysis.torsion import drive_channel, response_channel
+from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 from sinew.measure.provenance import content_hash, provenance
@@ -32,6 +33,7 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     those of `provenance`.
     Raises RecordingError where the recording holds neither a steady segment nor a ring-down, or cannot be analysed.
     """
+    as_dataset(recording, "recording")
     kinds = set(map(str, recording["kind"].values))
     if not kinds & {"steady", "ring-down"}:
         found = ", ".join(sorted(kinds))

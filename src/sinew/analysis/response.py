@@ -13,6 +13,7 @@ from sinew.analysis.lissajous import lissajous_phase
 from sinew.analysis.power import power_columns
 from sinew.analysis.sensor import DelayBudget, delay_budget, drive_chain, hidden_quantisation, torsion_chain
 from sinew.analysis.torsion import drive_channel, response_channel, steady_torsion
+from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
 from sinew.measure.results import POWER_COLUMNS, RESULT_VARIABLES, result_axis
 from sinew.plan.rig import RigSpec
@@ -83,6 +84,7 @@ def estimate_response(recording: xr.Dataset, rig: RigSpec | None = None) -> Resp
     pretension, frequency and repeat the later counts.
     Raises RecordingError where no steady segment can be analysed.
     """
+    as_dataset(recording, "recording")
     steady = (recording["kind"].values == "steady") & np.isfinite(recording["frequency_hz"].values)
     if not steady.any():
         raise RecordingError("recording has no steady segment with a drive frequency; a sweep needs at least one")

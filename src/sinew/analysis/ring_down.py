@@ -22,6 +22,7 @@ from sinew.analysis.decay_shape import (
 from sinew.analysis.envelope import Envelope, fit_envelope, large_peaks
 from sinew.analysis.free_decay import checked_record, evenly, free_decay
 from sinew.analysis.peaks import Peaks, find_peaks
+from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import Segment, iterate_segments
@@ -211,6 +212,7 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
     `ring_down_notes` says why.
     Raises RecordingError where there is no ring-down, or none can be analysed.
     """
+    as_dataset(recording, "recording")
     found: list[tuple[Segment, RingDown, float]] = []
     notes: list[str] = []
     segments = list(iterate_segments(recording))

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from sinew.measure.doors import as_dataset
 from sinew.measure.errors import SchemaError
 from sinew.measure.schema import Variable
 
@@ -185,7 +186,7 @@ def upgrade_results(results: xr.Dataset) -> xr.Dataset:
 
 def validate_results(results: xr.Dataset) -> xr.Dataset:
     """Return the results unchanged if they keep the schema. Raises SchemaError with one sentence."""
-    schema = results.attrs.get("schema")
+    schema = as_dataset(results, "results").attrs.get("schema")
     if schema != RESULTS_SCHEMA:
         raise SchemaError(f"these are not results of schema {RESULTS_SCHEMA!r} (found {schema!r})")
     for name in map(str, results.dims):
