@@ -6,6 +6,7 @@ The workers run on the same machine. All are warmed up first, so that no compili
 import time
 from collections.abc import Sequence
 
+from sinew.measure.extras import how_to_install
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import shear_modulus_of
 from sinew.predict.joints.material import list_materials, load_material
@@ -42,7 +43,7 @@ def main(_: Sequence[str] = ()) -> None:
     try:
         from distributed import LocalCluster
     except ImportError:
-        print('  two workers: skipped, dask.distributed is not installed (pip install "sinew[cluster]")')
+        print(f"  two workers: skipped, dask.distributed is not installed; install it: {how_to_install('cluster')}")
         return
     with LocalCluster(  # type: ignore[no-untyped-call]
         n_workers=WORKERS, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50

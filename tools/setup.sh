@@ -40,6 +40,12 @@ runtime)
     fi
     echo "setup: installing the locked requirements (a minute or two, 0.9 GB on disk)"
     install --require-hashes --only-binary :all: -r requirements.txt
+    # A .venv may still hold Sinew under the name that its distribution had before, or what another project publishes
+    # under it. Either would keep `sinew` from being this one, and removing it later would take the command along.
+    if .venv/bin/python -m pip show --quiet sinew >/dev/null 2>&1; then
+        .venv/bin/python -m pip uninstall --quiet --disable-pip-version-check --yes sinew
+    fi
+    rm -rf src/sinew.egg-info
     install --no-deps --no-build-isolation --editable .
     touch .venv/.runtime
     ;;

@@ -83,14 +83,14 @@ def results_page() -> str:
     """Return the page on results, from `sinew.measure.results`."""
     groups: dict[str, dict[str, schema.Variable]] = {}
     titles = {
-        ("pretension", "frequency", "repeat"): "Response, of every group of every repeat",
-        ("pretension", "repeat"): "Ring-down, of every decay",
-        ("pretension",): "Resonance, over the repeats",
-        ("frequency",): "Axes",
+        ("pretension_mm", "frequency_hz", "repeat"): "Response, of every group of every repeat",
+        ("pretension_mm", "repeat"): "Ring-down, of every decay",
+        ("pretension_mm",): "Resonance, over the repeats",
+        ("frequency_hz",): "Axes",
     }
     energy = {end for name in results.ENERGY_QUANTITIES for end in (name, *results.companions(name))}
     for name, row in results.RESULT_VARIABLES.items():
-        dims = ("frequency",) if name == "pretension_mm" else row.dims
+        dims = ("frequency_hz",) if name in row.dims else row.dims
         title = titles[dims]
         if name in results.POWER_COLUMNS:
             title = "Power, of every group of every repeat"
@@ -102,10 +102,16 @@ def results_page() -> str:
 # Results
 
 Results are an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{results.RESULTS_SCHEMA}"`, over the
-axes `pretension`, `frequency` and `repeat`. A part that the recording cannot give (no sweep, no ring-down) is absent as
-a whole; a single missing measurement is NaN. A quantity with an interval has companions whose suffix stands before the
-unit: `resonance_hz` has `resonance_std_hz`, `resonance_low_hz` and `resonance_high_hz`, the standard deviation over the
-repeats and the ends of the 90 % interval.
+axes `pretension_mm`, `frequency_hz` and `repeat`, which are index coordinates: `results.sel(pretension_mm=1)` is what
+was measured at 1 mm, wherever that stands, and a pretension that was not measured is refused;
+`results.sel(frequency_hz=3.2, method="nearest")` takes the nearest. Each mark stands once and is finite. A part
+that the recording cannot give (no sweep, no ring-down) is absent as a whole; a single missing measurement is NaN. A
+quantity with an interval has companions whose suffix stands before the unit: `resonance_hz` has `resonance_std_hz`,
+`resonance_low_hz` and `resonance_high_hz`, the standard deviation over the repeats and the ends of the 90 % interval.
+
+Files of the schema `sinew-results-1`, whose axes `pretension`, `frequency` and `repeat` had no coordinates, are brought
+to this shape by `sinew.measure.netcdf.load_results`; no number moves. Other readers of such files find places by
+position alone.
 
 {tables}
 How each number is made: [analysis](../explanation/analysis.md), [energy](../explanation/energy.md). Beside the energy

@@ -11,6 +11,9 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from tools import check_hosts, check_links, write_reference
 
+from sinew import __version__
+from sinew.measure.extras import DISTRIBUTION
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -96,3 +99,34 @@ def test_the_development_lock_moves_no_version_of_the_runtime_lock() -> None:
 def test_every_locked_package_has_a_hash(name: str) -> None:
     text = (ROOT / name).read_text(encoding="utf-8")
     assert re.findall(r"^(\S+==\S+)(?!\S)(?! \\\n    --hash=sha256:[0-9a-f]{64})", text, re.MULTILINE) == []
+
+
+def test_the_distribution_has_a_name_of_its_own_and_one_version() -> None:
+    built = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert built["project"]["name"] == DISTRIBUTION != "sinew"
+    assert built["project"]["scripts"]["sinew"] == "sinew.apps.cli:main"
+    assert built["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "sinew.__version__"}
+
+
+def test_nobody_is_told_to_fetch_another_projects_sinew() -> None:
+    texts = [
+        *ROOT.glob("*.md"),
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "src").rglob("*.py"),
+        *(ROOT / "src").rglob("*.html"),
+    ]
+    told = re.compile(r"(?:pip|uv|pipx) (?:install|add) [^\n]*\bsinew(?:\[|\"|'|\b(?![-_/]))|`sinew\[")
+    allowed = {ROOT / "docs/how-to/install.md", ROOT / "src/sinew/measure/extras.py"}  # which warn of it
+    found = [str(path) for path in texts if path not in allowed and told.search(path.read_text(encoding="utf-8"))]
+    assert found == []
+
+
+@pytest.mark.parametrize("extra", ["posterior", "cluster", "dashboard", "dev"])
+def test_the_page_on_installing_names_every_extra_and_the_wheel(extra: str) -> None:
+    page = (ROOT / "docs/how-to/install.md").read_text(encoding="utf-8")
+    assert f"| `{extra}` |" in page
+    assert f"sinew_lab-{__version__}-py3-none-any.whl[" in page
+    assert (
+        extra
+        in tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    )

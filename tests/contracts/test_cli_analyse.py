@@ -196,12 +196,12 @@ def test_a_stretch_of_an_imported_recording_is_analysed_as_that_of_the_table(
 
 
 def test_the_rate_of_a_single_decay_keeps_the_fits_own_uncertainty() -> None:
-    part = {"pretension": [0.0], "repeat": [0]}
+    part = {"pretension_mm": [0.0], "repeat": [1]}
     names = ("decay_frequency_hz", "decay_rate_per_s", "damping_ratio", "paper_decay_rate_per_s")
     own = ("decay_frequency_std_hz", "decay_rate_std_per_s", "damping_ratio_std")
-    columns = {name: (("pretension", "repeat"), [[3.0]]) for name in names}
-    columns |= {name: (("pretension", "repeat"), [[0.1]]) for name in own}
-    results = xr.Dataset({**columns, "pretension_mm": ("pretension", [0.0])}, coords=part)
+    columns = {name: (("pretension_mm", "repeat"), [[3.0]]) for name in names}
+    columns |= {name: (("pretension_mm", "repeat"), [[0.1]]) for name in own}
+    results = xr.Dataset(columns, coords=part)
     row = decay_rows(results)[0]["decay_rate_per_s"]
     assert row["std"] == pytest.approx(0.1)
     assert row["interval90"] == pytest.approx([3.0 - 1.645 * 0.1, 3.0 + 1.645 * 0.1], abs=1e-4)

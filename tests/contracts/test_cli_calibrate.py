@@ -14,6 +14,7 @@ import xarray as xr
 from sinew.apps.cli import main
 from sinew.measure.csv import import_csv
 from sinew.measure.estimate import Estimate
+from sinew.measure.extras import how_to_install
 from sinew.measure.netcdf import load_recording, save_recording
 from sinew.plan.library import list_shipped
 from sinew.plan.toml import dump_rig, load_plan, load_rig
@@ -162,7 +163,7 @@ def test_without_numpyro_a_posterior_is_refused_before_anything_is_computed(
     find = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "numpyro" else find(name))
     assert main(["calibrate", "paper", "--paper", "--posterior", "--out", "b.toml"]) == 2
-    assert "pip install 'sinew[posterior]'" in capsys.readouterr().err
+    assert how_to_install("posterior") in capsys.readouterr().err
 
 
 # Against the real fit

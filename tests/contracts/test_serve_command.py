@@ -19,6 +19,7 @@ from tests.contracts.serving import PATIENCE, RIG, TOKEN, free_port, plan, servi
 
 from sinew.apps.cli import main
 from sinew.apps.dashboard.processes import Adopted
+from sinew.measure.extras import how_to_install
 
 
 @pytest.fixture
@@ -195,7 +196,7 @@ def test_without_its_packages_the_command_says_what_to_install(
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     assert main(["serve"]) == 2
-    assert "install sinew[dashboard], or `make serve`" in capsys.readouterr().err
+    assert f"`make serve` installs it, or: {how_to_install('dashboard')}" in capsys.readouterr().err
 
 
 def test_the_steward_loads_neither_jax_nor_nicegui() -> None:

@@ -40,7 +40,7 @@ def test_three_distinct_joints_are_proposed_and_the_twin_confirms_each_at_both_e
     "ignore::ResourceWarning", "ignore::DeprecationWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
 )
 def test_two_workers_of_a_cluster_give_the_front_that_one_process_gives() -> None:
-    distributed = pytest.importorskip("distributed", reason='needs dask.distributed: pip install "sinew[cluster]"')
+    distributed = pytest.importorskip("distributed", reason="needs dask.distributed, the extra `cluster`")
     effort = Effort(starts=8, exact=4, proposals=2, seed=1000)
     silicones = {"base": SILICONES["base"]}
     alone = design_joints(RIG, TARGET, silicones, SHAPES[:2], effort)

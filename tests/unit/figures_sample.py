@@ -126,6 +126,7 @@ def sample_results(pretensions: tuple[float, ...], frequencies: np.ndarray, repe
     nominal = np.deg2rad(AMPLITUDE_DEG)
     values = {name: np.full(_shape(row.dims, shape), np.nan) for name, row in RESULT_VARIABLES.items()}
     values["pretension_mm"], values["frequency_hz"] = np.asarray(pretensions, dtype=float), f
+    values["repeat"] = np.arange(1, repeats + 1)
     for p, pretension in enumerate(pretensions):
         joint = Joint.at(pretension)
         for r in range(repeats):
@@ -153,7 +154,7 @@ def sample_results(pretensions: tuple[float, ...], frequencies: np.ndarray, repe
         name: (row.dims, values[name], {"units": "rad" if row.unit == "*" else row.unit})
         for name, row in RESULT_VARIABLES.items()
     }
-    results = xr.Dataset(data).set_coords(["pretension_mm", "frequency_hz"])
+    results = xr.Dataset(data)
     results.attrs = {"schema": RESULTS_SCHEMA, "source": "twin", "rig": "", "versions": "sinew 0.1.0", "seed": 7}
     return validate_results(results)
 
@@ -194,10 +195,7 @@ def foreign_ring_down(decay_rate: float = 0.7, omega: float = 15.0) -> tuple[xr.
     samples = {"time_s": t, "response": response}
     recording = build_recording(samples, [segment], [t.size], {"source": "import"}, {"response": "mm"})
     results = sample_results((0.0,), SMALL[1], repeats=1)
-    results = results[[name for name in results.variables if results[name].dims == ("pretension", "repeat")]]
-    results = results.assign(pretension_mm=("pretension", np.zeros(1), {"units": "mm"})).drop_vars(
-        "frequency_hz", errors="ignore"
-    )
+    results = results[[name for name in results.variables if results[name].dims == ("pretension_mm", "repeat")]]
     unknown = {"paper_damping_n_m_s_rad": np.nan, "paper_stiffness_n_m_rad": np.nan}
     for name, value in {"paper_decay_rate_per_s": decay_rate, "paper_omega_rad_s": omega, **unknown}.items():
         results[name].values[:] = value
@@ -205,7 +203,7 @@ def foreign_ring_down(decay_rate: float = 0.7, omega: float = 15.0) -> tuple[xr.
 
 
 def _shape(dims: tuple[str, ...], shape: tuple[int, int, int]) -> tuple[int, ...]:
-    sizes = dict(zip(("pretension", "frequency", "repeat"), shape, strict=True))
+    sizes = dict(zip(("pretension_mm", "frequency_hz", "repeat"), shape, strict=True))
     return tuple(sizes[dim] for dim in dims)
 
 

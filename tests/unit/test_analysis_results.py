@@ -8,13 +8,21 @@ import numpy as np
 import pytest
 import xarray as xr
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
+from tests.unit.figures_sample import foreign_ring_down
 
 from sinew.analysis.analysis import analyse_recording, join_parts, response_table_json
 from sinew.analysis.ridge import gain_map
-from sinew.measure.errors import RecordingError
-from sinew.measure.netcdf import load_dataset, save_dataset
+from sinew.measure.errors import RecordingError, SchemaError
+from sinew.measure.netcdf import load_dataset, load_results, save_dataset
 from sinew.measure.provenance import content_hash
-from sinew.measure.results import ENERGY_QUANTITIES, POWER_COLUMNS, RESULT_VARIABLES, companions, validate_results
+from sinew.measure.results import (
+    ENERGY_QUANTITIES,
+    POWER_COLUMNS,
+    RESULT_VARIABLES,
+    RESULTS_SCHEMA,
+    companions,
+    validate_results,
+)
 
 FREQUENCY_HZ = np.linspace(1.53, 5.97, 24)
 JOINTS = [Joint(natural_hz=3.0), Joint(natural_hz=3.6, damping=0.09), Joint(natural_hz=4.1, damping=0.1)]
@@ -35,7 +43,7 @@ def test_results_keep_their_schema(results) -> None:
 
 
 def test_results_of_a_sweep_have_every_variable_of_response_and_resonance(results) -> None:
-    axes = {("pretension", "frequency", "repeat"), ("pretension",), ("frequency",)}
+    axes = {("pretension_mm", "frequency_hz", "repeat"), ("pretension_mm",), ("frequency_hz",)}
     expected = {name for name, row in RESULT_VARIABLES.items() if row.dims in axes}
     without_currents = POWER_COLUMNS | {end for name in ENERGY_QUANTITIES for end in (name, *companions(name))}
     assert expected - without_currents <= set(map(str, results.variables))
@@ -125,11 +133,74 @@ def test_analysis_imports_neither_jax_nor_the_twin() -> None:
 def ring_down_part(pretension_mm, repeats: int) -> xr.Dataset:
     values = np.add.outer(np.asarray(pretension_mm), np.arange(repeats) / 10)
     return xr.Dataset(
-        {
-            "pretension_mm": ("pretension", np.asarray(pretension_mm), {"units": "mm"}),
-            "damping_ratio": (("pretension", "repeat"), values, {"units": "1"}),
-        }
+        {"damping_ratio": (("pretension_mm", "repeat"), values, {"units": "1"})},
+        {"pretension_mm": np.asarray(pretension_mm), "repeat": np.arange(1, repeats + 1)},
     )
+
+
+def test_a_pretension_is_found_by_its_millimetres_and_not_by_its_place(recording) -> None:
+    at = analyse_recording(recording.assign(pretension_mm=recording["pretension_mm"] + 14.0))
+    with pytest.raises(KeyError):
+        at.sel(pretension_mm=1)
+    np.testing.assert_array_equal(at.sel(pretension_mm=15)["gain"], at.isel(pretension_mm=1)["gain"])
+
+
+def test_frequency_and_repeat_are_found_by_their_coordinates(results) -> None:
+    there = {"frequency_hz": FREQUENCY_HZ[3], "repeat": 2}
+    np.testing.assert_array_equal(results["gain"].sel(there), results["gain"].values[:, 3, 1])
+
+
+def test_the_second_repeat_keeps_its_number_where_the_first_is_missing(recording) -> None:
+    later = analyse_recording(recording.assign(repeat=recording["repeat"] + 1))
+    assert later["repeat"].values.tolist() == [2, 3, 4]
+
+
+def of_the_older_schema(results: xr.Dataset) -> xr.Dataset:
+    """Return results as they were written before their axes had coordinates: `sinew-results-1`."""
+    plain = results.drop_indexes(["pretension_mm", "frequency_hz", "repeat"]).drop_vars("repeat").reset_coords()
+    plain = plain.rename_dims(pretension_mm="pretension", frequency_hz="frequency")
+    return plain.assign_attrs(schema="sinew-results-1")
+
+
+def test_results_without_coordinates_are_brought_to_todays_shape_by_the_reader(results, tmp_path) -> None:
+    older = of_the_older_schema(results)
+    assert not older.indexes
+    save_dataset(older, tmp_path / "results.nc")
+    read = load_results(tmp_path / "results.nc")
+    xr.testing.assert_identical(read.drop_attrs(), results.drop_attrs())
+    assert read.attrs["schema"] == RESULTS_SCHEMA
+
+
+def test_results_of_ring_downs_alone_are_brought_to_todays_shape_too(tmp_path) -> None:
+    part = validate_results(foreign_ring_down()[1])
+    older = part.drop_indexes(["pretension_mm", "repeat"]).drop_vars("repeat").reset_coords()
+    save_dataset(
+        older.rename_dims(pretension_mm="pretension").assign_attrs(schema="sinew-results-1"), tmp_path / "r.nc"
+    )
+    assert load_results(tmp_path / "r.nc").sel(pretension_mm=0, repeat=1)["damping_ratio"].size == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (lambda r: r.drop_vars("repeat"), "the axis 'repeat' of these results has no coordinate"),
+        (
+            lambda r: r.assign_coords(pretension_mm=[0.0, 0.0, 1.0]),
+            "'pretension_mm' of these results holds a mark twice",
+        ),
+        (lambda r: r.assign_coords(pretension_mm=[0.0, 1.0, np.nan]), "holds a mark twice, NaN or infinity"),
+    ],
+)
+def test_results_whose_places_have_no_name_of_their_own_are_refused(results, wrong, told) -> None:
+    with pytest.raises(SchemaError, match=told):
+        validate_results(wrong(results))
+
+
+def test_repeats_join_by_their_number() -> None:
+    joined = join_parts(
+        [ring_down_part([0.0], 3).rename(damping_ratio="gain").isel(repeat=[0, 2]), ring_down_part([0.0], 3)]
+    )
+    np.testing.assert_array_equal(joined["gain"].values[0], [0.0, np.nan, 0.2])
 
 
 def test_a_ring_down_part_joins_a_sweep_at_its_own_pretensions(results) -> None:

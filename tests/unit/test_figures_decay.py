@@ -63,4 +63,4 @@ def test_each_decay_lies_under_its_linear_model(pretension: float) -> None:
 
 
 def test_ring_downs_at_one_pretension_give_no_damping_over_pretension() -> None:
-    assert draw_damping(recording(), results().isel(pretension=[0])) is None
+    assert draw_damping(recording(), results().isel(pretension_mm=[0])) is None

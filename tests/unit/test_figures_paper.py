@@ -79,7 +79,7 @@ def test_the_drive_amplitude_is_in_degrees() -> None:
 def test_ring_down_columns_leave_out_pretensions_without_ring_downs() -> None:
     results = campaign()
     for name in results.data_vars:
-        if results[name].dims == ("pretension", "repeat"):
+        if results[name].dims == ("pretension_mm", "repeat"):
             results[name].values[5] = np.nan
     found = summarise(results, wall_s=1, simulated_s=1)["ring_down"]
     assert found["pretension_mm"] == [float(p) for p in range(13) if p != 5]
@@ -166,7 +166,7 @@ def test_the_number_of_steps_against_the_trend_is_counted() -> None:
 
 
 def test_the_order_of_the_pretensions_in_the_results_does_not_matter() -> None:
-    results = campaign().isel(pretension=slice(None, None, -1))
+    results = campaign().isel(pretension_mm=slice(None, None, -1))
     assert all(r["ok"] for r in table(results))
 
 
@@ -205,7 +205,7 @@ def test_another_silicone_fails_equation_5() -> None:
 
 
 def test_pretensions_that_were_not_visited_have_no_rows() -> None:
-    rows = table(campaign().isel(pretension=slice(0, 9)))
+    rows = table(campaign().isel(pretension_mm=slice(0, 9)))
     assert not [r for r in rows if "12 mm" in r["quantity"]]
     assert row(rows, "resonance frequency at 0 mm")["ok"]
 

@@ -44,7 +44,7 @@ def test_a_folder_that_is_a_file_is_refused_by_name(tmp_path: Path) -> None:
 
 def test_results_without_ring_downs_skip_the_figures_of_damping() -> None:
     swept = results().drop_vars(
-        [name for name in results().data_vars if results()[name].dims == ("pretension", "repeat")]
+        [name for name in results().data_vars if results()[name].dims == ("pretension_mm", "repeat")]
     )
     left_out = set(FIGURES) - {name for name, _ in build_figures(recording(), swept)}
     assert left_out == {"figure09_decay", "figure10_damping"}
@@ -52,7 +52,9 @@ def test_results_without_ring_downs_skip_the_figures_of_damping() -> None:
 
 def test_a_sweep_too_short_for_a_resonance_still_shows_its_response() -> None:
     plain = [
-        name for name in results().data_vars if results()[name].dims in (("pretension",), ("pretension", "repeat"))
+        name
+        for name in results().data_vars
+        if results()[name].dims in (("pretension_mm",), ("pretension_mm", "repeat"))
     ]
     swept = results().drop_vars([name for name in plain if name != "pretension_mm"])
     left = [name for name, _ in build_figures(recording(), swept)]

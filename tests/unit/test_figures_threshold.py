@@ -52,7 +52,7 @@ def test_data_that_are_not_the_papers_are_not_held_against_its_threshold() -> No
 
 def test_a_sweep_beyond_the_campaign_moves_the_kink_that_is_found() -> None:
     whole = campaign(level(11.3), level(11.3), RISING)
-    parts = whole.isel(pretension=slice(0, 12)), whole.isel(pretension=slice(12, None))
+    parts = whole.isel(pretension_mm=slice(0, 12)), whole.isel(pretension_mm=slice(12, None))
     assert described(*parts) == described(whole) != described(parts[0])
 
 

@@ -14,10 +14,10 @@ def decays(law: float, noise: float, seed: int, repeats: int = 3) -> xr.Dataset:
     rng = np.random.default_rng(seed)
     true = (0.08 * (3.0 / frequency) ** law)[:, None]
     damping = true * (1 + noise * rng.standard_normal((PRETENSIONS.size, repeats)))
-    dims = ("pretension", "repeat")
+    dims = ("pretension_mm", "repeat")
     return xr.Dataset(
         {
-            "pretension_mm": ("pretension", PRETENSIONS),
+            "pretension_mm": ("pretension_mm", PRETENSIONS),
             "damping_ratio": (dims, damping),
             "damping_ratio_std": (dims, np.full_like(damping, 0.08 * noise)),
             "decay_frequency_hz": (dims, np.broadcast_to(frequency[:, None], damping.shape).copy()),
@@ -53,6 +53,6 @@ def test_the_trend_of_a_constant_d_is_called_beyond_chance_in_at_most_a_tenth_of
 
 
 def test_one_pretension_cannot_tell_a_trend_of_d() -> None:
-    answer = answer_constancy(decays(0.0, 0.03, seed=4).isel(pretension=[0]))
+    answer = answer_constancy(decays(0.0, 0.03, seed=4).isel(pretension_mm=[0]))
     assert answer.verdict == CANNOT_TELL
     assert "at 1 pretension" in answer.sentences[0]

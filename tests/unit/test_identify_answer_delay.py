@@ -33,10 +33,10 @@ def response(delay_s: float, viscous: float = 0.0, softening: float = 0.15, seed
             noisy = late * (1 + 0.002 * (rng.standard_normal(omega.size) + 1j * rng.standard_normal(omega.size)))
             gain[p, :, r], lag[p, :, r] = np.abs(noisy), np.mod(-np.angle(noisy) + 0.5 * np.pi, 2 * np.pi) - 0.5 * np.pi
             amplitude[p, :, r] = np.abs(noisy) * drive
-    dims = ("pretension", "frequency", "repeat")
+    dims = ("pretension_mm", "frequency_hz", "repeat")
     return xr.Dataset(
         {"gain_measured_drive": (dims, gain), "phase_lag_rad": (dims, lag), "amplitude_rad": (dims, amplitude)},
-        {"pretension_mm": ("pretension", [0.0, 6.0, 12.0]), "frequency_hz": ("frequency", frequency)},
+        {"pretension_mm": ("pretension_mm", [0.0, 6.0, 12.0]), "frequency_hz": ("frequency_hz", frequency)},
     )
 
 

@@ -31,10 +31,12 @@ def peaks(joint: float, drive: float, seed: int = 1) -> xr.Dataset:
         "drive_amplitude_at_resonance_rad": "drive_amplitude_at_resonance_std_rad",
         "resonance_hz": "resonance_std_hz",
     }
-    data: dict[str, tuple[Any, np.ndarray]] = {name: ("pretension", values) for name, values in columns.items()}
-    data |= {names[name]: ("pretension", 0.004 * np.abs(values)) for name, values in columns.items()}
-    data["saturated_share"] = (("pretension", "frequency", "repeat"), np.full((PRETENSIONS.size, 2, 1), 0.4))
-    return xr.Dataset(data, {"pretension_mm": ("pretension", PRETENSIONS), "frequency_hz": ("frequency", [3.0, 4.0])})
+    data: dict[str, tuple[Any, np.ndarray]] = {name: ("pretension_mm", values) for name, values in columns.items()}
+    data |= {names[name]: ("pretension_mm", 0.004 * np.abs(values)) for name, values in columns.items()}
+    data["saturated_share"] = (("pretension_mm", "frequency_hz", "repeat"), np.full((PRETENSIONS.size, 2, 1), 0.4))
+    return xr.Dataset(
+        data, {"pretension_mm": ("pretension_mm", PRETENSIONS), "frequency_hz": ("frequency_hz", [3.0, 4.0])}
+    )
 
 
 @pytest.mark.parametrize(

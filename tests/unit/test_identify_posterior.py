@@ -120,7 +120,7 @@ def test_too_few_draws_are_refused() -> None:
 def test_without_numpyro_the_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "numpyro", None)
     monkeypatch.setitem(sys.modules, "numpyro.infer.hmc", None)
-    with pytest.raises(SpecError, match=r'pip install "sinew\[posterior\]"'):
+    with pytest.raises(SpecError, match=r'install it: .* pip install -e "\.\[posterior\]"'):
         sample_posterior(decay())
 
 

@@ -12,6 +12,7 @@ from sinew.analysis.resonance import FEWEST_FREQUENCIES, estimate_resonance, rea
 from sinew.analysis.response import estimate_response, response_dataset
 from sinew.analysis.ring_down import analyse_ring_downs
 from sinew.analysis.torsion import drive_channel, response_channel
+from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 from sinew.measure.provenance import content_hash, provenance
@@ -32,6 +33,7 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     those of `provenance`.
     Raises RecordingError where the recording holds neither a steady segment nor a ring-down, or cannot be analysed.
     """
+    as_dataset(recording, "recording")
     kinds = set(map(str, recording["kind"].values))
     if not kinds & {"steady", "ring-down"}:
         found = ", ".join(sorted(kinds))
@@ -88,29 +90,13 @@ def _attributes(recording: xr.Dataset) -> dict[str, Any]:
 
 
 def join_parts(parts: list[xr.Dataset]) -> xr.Dataset:
-    """Return the parts on one pretension axis and one repeat axis, NaN where a part has nothing there."""
+    """Return the parts on one pretension axis and one repeat axis, NaN where a part has nothing there.
+
+    A number stays at its pretension and at its repeat, by their coordinates.
+    """
     if len(parts) == 1:
         return parts[0]
-    pretension = np.unique(np.concatenate([part["pretension_mm"].values for part in parts]))
-    repeats = max(part.sizes["repeat"] for part in parts)
-    out = xr.Dataset({"pretension_mm": ("pretension", pretension, parts[0]["pretension_mm"].attrs)})
-    for part in parts:
-        rows = np.searchsorted(pretension, part["pretension_mm"].values)
-        for name, variable in part.variables.items():
-            if name == "pretension_mm" or name in part.dims:
-                continue
-            values = variable.values
-            for axis, dim in enumerate(variable.dims):
-                if dim in ("pretension", "repeat"):
-                    shape = list(values.shape)
-                    shape[axis] = pretension.size if dim == "pretension" else repeats
-                    place: list[Any] = [slice(None)] * len(shape)
-                    place[axis] = rows if dim == "pretension" else slice(0, values.shape[axis])
-                    wider = np.full(shape, np.nan)
-                    wider[tuple(place)] = values
-                    values = wider
-            out[name] = (variable.dims, values, variable.attrs)
-    return out
+    return xr.merge(parts, join="outer", compat="no_conflicts", combine_attrs="override")
 
 
 def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:

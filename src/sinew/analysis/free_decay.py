@@ -7,6 +7,7 @@ from scipy import interpolate
 from sinew.analysis.decay_fit import DecayFit, fit_decay, fit_decay_and_rest
 from sinew.analysis.decay_start import drive_stop, first_free_peak
 from sinew.analysis.peaks import Peaks, find_peaks
+from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, TimeError
 
 __all__ = ["block_means", "checked_record", "evenly", "free_decay"]
@@ -28,8 +29,8 @@ def checked_record(
     time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
 ) -> tuple[Array, Array, Array | None]:
     """Return time, response and drive as arrays of shape (n,), or raise RecordingError with what is wrong."""
-    t, x = np.asarray(time_s, dtype=float), np.asarray(response, dtype=float)
-    lever = None if drive is None else np.asarray(drive, dtype=float)
+    t, x = as_seconds(time_s), as_numbers(response, "response")
+    lever = None if drive is None else as_numbers(drive, "drive")
     for name, values in (("response", x), ("drive", lever)):
         if values is not None and (values.ndim != 1 or values.shape != t.shape):
             raise RecordingError(

@@ -40,7 +40,7 @@ def energy_per_cycle(
     cycle's time, as it was while the campaign's head swung.
     Raises RecordingError where the results hold no powers, or the motion leaves the map.
     """
-    if "drive_power_w" not in results or results.sizes["pretension"] < 2:
+    if "drive_power_w" not in results or results.sizes["pretension_mm"] < 2:
         raise RecordingError(
             "these results hold no powers at two pretensions or more; analyse a campaign that recorded the drive's "
             "duty and current, with its rig"

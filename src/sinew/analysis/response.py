@@ -13,8 +13,9 @@ from sinew.analysis.lissajous import lissajous_phase
 from sinew.analysis.power import power_columns
 from sinew.analysis.sensor import DelayBudget, delay_budget, drive_chain, hidden_quantisation, torsion_chain
 from sinew.analysis.torsion import drive_channel, response_channel, steady_torsion
+from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
-from sinew.measure.results import POWER_COLUMNS, RESULT_VARIABLES
+from sinew.measure.results import POWER_COLUMNS, RESULT_VARIABLES, result_axis
 from sinew.plan.rig import RigSpec
 
 __all__ = ["DRIFT_THRESHOLD", "Response", "estimate_response", "response_dataset", "wrapped_lag"]
@@ -29,15 +30,17 @@ _DRIFT_SIGNIFICANCE = 3.0
 _DUTY_SHARE = 0.99
 _CREST = 0.5
 
-_COLUMNS = tuple(name for name, row in RESULT_VARIABLES.items() if row.dims == ("pretension", "frequency", "repeat"))
+_COLUMNS = tuple(
+    name for name, row in RESULT_VARIABLES.items() if row.dims == ("pretension_mm", "frequency_hz", "repeat")
+)
 
 
 @dataclass(frozen=True)
 class Response:
     """The frequency response of a recording on its grid.
 
-    pretension_mm, frequency_hz: axes of length p and f. columns: the response variables of the result schema by name,
-    shape (p, f, r), NaN where nothing was measured.
+    pretension_mm, frequency_hz, repeat: axes of length p, f and r; repeats count from 1.
+    columns: the response variables of the result schema by name, shape (p, f, r), NaN where nothing was measured.
     transfer: torsion over measured drive, complex, chain corrected, shape (p, f, r); the standard deviations of its
     size and angle are columns. nominal_transfer: torsion over nominal amplitude at the command's phase, or at the
     drive's where no command was recorded; nominal_gain_std: of its size, relative; nominal_phase_std: of its angle.
@@ -47,6 +50,7 @@ class Response:
 
     pretension_mm: Floats
     frequency_hz: Floats
+    repeat: NDArray[np.int64]
     columns: dict[str, Floats]
     transfer: Complexes
     nominal_transfer: Complexes
@@ -80,6 +84,7 @@ def estimate_response(recording: xr.Dataset, rig: RigSpec | None = None) -> Resp
     pretension, frequency and repeat the later counts.
     Raises RecordingError where no steady segment can be analysed.
     """
+    as_dataset(recording, "recording")
     steady = (recording["kind"].values == "steady") & np.isfinite(recording["frequency_hz"].values)
     if not steady.any():
         raise RecordingError("recording has no steady segment with a drive frequency; a sweep needs at least one")
@@ -256,14 +261,14 @@ def _on_grid(recording: xr.Dataset, steady: NDArray[np.int64], flat: dict[str, N
     """Return the columns of the steady segments laid out over pretension, frequency and repeat."""
     pretension, row = np.unique(recording["pretension_mm"].values[steady], return_inverse=True)
     frequency, column = np.unique(recording["frequency_hz"].values[steady], return_inverse=True)
-    _, layer = np.unique(recording["repeat"].values[steady], return_inverse=True)
-    shape = (pretension.size, frequency.size, int(layer.max()) + 1)
+    repeat, layer = np.unique(recording["repeat"].values[steady], return_inverse=True)
+    shape = (pretension.size, frequency.size, repeat.size)
     grid: dict[str, NDArray[Any]] = {}
     for name, values in flat.items():
         grid[name] = np.full(shape, np.nan, dtype=values.dtype)
         grid[name][row, column, layer] = values[steady]
     fields = {name: grid.pop(name) for name in list(grid) if name not in _COLUMNS}
-    return Response(pretension, frequency, grid, **fields)
+    return Response(pretension, frequency, repeat.astype(np.int64) + 1, grid, **fields)
 
 
 def response_dataset(response: Response) -> xr.Dataset:
@@ -271,11 +276,11 @@ def response_dataset(response: Response) -> xr.Dataset:
 
     The powers are in it where there is any.
     """
-    axes = {"pretension_mm": response.pretension_mm, "frequency_hz": response.frequency_hz}
+    axes = {name: getattr(response, name) for name in ("pretension_mm", "frequency_hz", "repeat")}
     variables = {}
     has_power = bool(np.isfinite(response.columns["drive_power_w"]).any())
     columns = {name: values for name, values in response.columns.items() if has_power or name not in POWER_COLUMNS}
-    for name, values in (axes | columns).items():
+    for name, values in columns.items():
         row = RESULT_VARIABLES[name]
         variables[name] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})
-    return xr.Dataset(variables)
+    return xr.Dataset(variables, {name: result_axis(name, values) for name, values in axes.items()})

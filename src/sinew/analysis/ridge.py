@@ -13,15 +13,15 @@ def gain_map(results: xr.Dataset, by: str = "gain") -> xr.Dataset:
 
     results: with a sweep part. by: gain (nominal drive, mean of peaks), gain_harmonic or gain_measured_drive.
     Variables: `gain` and `gain_std` (±1 standard deviation over repeats, NaN for one repeat), `phase_lag` and
-    `phase_lag_std` [rad], all over (pretension, frequency); `ridge_hz` and `ridge_gain` over pretension, from the
-    resonance part, NaN where no peak was found. Coordinates pretension_mm and frequency_hz.
+    `phase_lag_std` [rad], all over (pretension_mm, frequency_hz); `ridge_hz` and `ridge_gain` over pretension_mm,
+    from the resonance part, NaN where no peak was found. Both axes are index coordinates.
     Raises RecordingError where the results hold no sweep.
     """
     if by not in ("gain", "gain_harmonic", "gain_measured_drive"):
         raise ValueError(f"no such gain {by!r}; choose gain, gain_harmonic or gain_measured_drive")
     if "gain" not in results:
         raise RecordingError("these results hold no sweep, so there is no gain to map; analyse a recording with one")
-    out = xr.Dataset(coords={"pretension_mm": results["pretension_mm"], "frequency_hz": results["frequency_hz"]})
+    out = xr.Dataset(coords={name: results[name].variable for name in ("pretension_mm", "frequency_hz")})
     for name, source, unit in (("gain", by, "1"), ("phase_lag", "phase_lag_rad", "rad")):
         values = results[source].values
         valid = np.isfinite(values)
@@ -29,13 +29,13 @@ def gain_map(results: xr.Dataset, by: str = "gain") -> xr.Dataset:
         mean = np.where(count > 0, np.where(valid, values, 0.0).sum(axis=2) / np.maximum(count, 1), np.nan)
         spread = np.where(valid, values - mean[:, :, None], 0.0)
         std = np.where(count > 1, np.sqrt((spread**2).sum(axis=2) / np.maximum(count - 1, 1)), np.nan)
-        out[name] = (("pretension", "frequency"), mean, {"units": unit})
-        out[f"{name}_std"] = (("pretension", "frequency"), std, {"units": unit})
+        out[name] = (("pretension_mm", "frequency_hz"), mean, {"units": unit})
+        out[f"{name}_std"] = (("pretension_mm", "frequency_hz"), std, {"units": unit})
     measured = by == "gain_measured_drive"
     for name, source in (
         ("ridge_hz", "resonance_measured_drive_hz" if measured else "resonance_hz"),
         ("ridge_gain", "gain_peak_measured_drive" if measured else "gain_peak"),
     ):
-        missing = np.full(results.sizes["pretension"], np.nan)
-        out[name] = ("pretension", results[source].values if source in results else missing)
+        missing = np.full(results.sizes["pretension_mm"], np.nan)
+        out[name] = ("pretension_mm", results[source].values if source in results else missing)
     return out

@@ -22,10 +22,11 @@ from sinew.analysis.decay_shape import (
 from sinew.analysis.envelope import Envelope, fit_envelope, large_peaks
 from sinew.analysis.free_decay import checked_record, evenly, free_decay
 from sinew.analysis.peaks import Peaks, find_peaks
+from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import Segment, iterate_segments
-from sinew.measure.results import RESULT_VARIABLES
+from sinew.measure.results import RESULT_VARIABLES, result_axis
 
 __all__ = ["RingDown", "analyse_ring_down", "analyse_ring_downs", "ring_down_json"]
 
@@ -211,6 +212,7 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
     `ring_down_notes` says why.
     Raises RecordingError where there is no ring-down, or none can be analysed.
     """
+    as_dataset(recording, "recording")
     found: list[tuple[Segment, RingDown, float]] = []
     notes: list[str] = []
     segments = list(iterate_segments(recording))
@@ -234,19 +236,19 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
         place = int(np.searchsorted(pretension, segment.pretension_mm)), segment.repeat
         for name, value in _numbers(result, begins_s).items():
             columns[name][place] = value
-    rows = {name: RESULT_VARIABLES[name] for name in ("pretension_mm", *columns)}
+    rows = {name: RESULT_VARIABLES[name] for name in columns}
     units = {name: found[0][1].unit if row.unit == "*" else row.unit for name, row in rows.items()}
     return xr.Dataset(
         {
-            name: (
-                row.dims,
-                pretension if name == "pretension_mm" else columns[name],
-                {"units": units[name], "long_name": row.meaning},
-            )
+            name: (row.dims, columns[name], {"units": units[name], "long_name": row.meaning})
             for name, row in rows.items()
         },
+        {
+            "pretension_mm": result_axis("pretension_mm", pretension),
+            "repeat": result_axis("repeat", np.arange(1, shape[1] + 1)),
+        },
         attrs={"ring_down_notes": "; ".join(notes)},
-    ).set_coords("pretension_mm")
+    )
 
 
 def _analyse_segment(

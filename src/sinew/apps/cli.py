@@ -8,6 +8,7 @@ of Sinew's own and keeps its traceback.
 import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 from typing import Annotated
 
 import typer
@@ -35,6 +36,7 @@ from sinew.apps import (
     transfer,
     tune,
 )
+from sinew.apps.options import NumbersCommand
 from sinew.measure.errors import SinewError
 
 __all__ = ["app", "main"]
@@ -47,43 +49,44 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-app.command(epilog="Example: sinew check plans/paper.toml --rig rigs/paper.toml")(check.check)
-app.command(epilog="Example: sinew simulate short --rig paper --out run/recording.nc --without guide_friction")(
+_command = partial(app.command, cls=NumbersCommand)
+_command(epilog="Example: sinew check plans/paper.toml --rig rigs/paper.toml")(check.check)
+_command(epilog="Example: sinew simulate short --rig paper --out run/recording.nc --without guide_friction")(
     simulate.simulate
 )
-app.command(epilog="Example: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json")(
+_command(epilog="Example: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json")(
     analyse.analyse
 )
 app.command(
     epilog="Example: sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json"
 )(identify.identify)
-app.command(epilog="Example: sinew calibrate rigs/paper.toml monday.nc tuesday.nc --out rigs/mine.toml")(
+_command(epilog="Example: sinew calibrate rigs/paper.toml monday.nc tuesday.nc --out rigs/mine.toml")(
     calibrate.calibrate
 )
-app.command(epilog="Example: sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json")(predict.predict)
-app.command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat")(
+_command(epilog="Example: sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json")(predict.predict)
+_command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat")(
     transfer.transfer
 )
-app.command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(joint.joint)
-app.command(epilog="Example: sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared")(compare.compare)
-app.command(epilog="Example: sinew tune rigs/paper.toml --resonance-hz 3.2,3.6,4 --yaw-deg 7 --json")(tune.tune)
-app.command(epilog="Example: sinew gait slow.npz fast.npz --speed-m-s 0.8,1.4 --out out/gait")(gait.gait)
-app.command(epilog="Example: sinew design --stride-hz 0.7:1.1 --yaw-deg 7 --inertia-kg-m2 0.25 --out out/torso")(
+_command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(joint.joint)
+_command(epilog="Example: sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared")(compare.compare)
+_command(epilog="Example: sinew tune rigs/paper.toml --resonance-hz 3.2,3.6,4 --yaw-deg 7 --json")(tune.tune)
+_command(epilog="Example: sinew gait slow.npz fast.npz --speed-m-s 0.8,1.4 --out out/gait")(gait.gait)
+_command(epilog="Example: sinew design --stride-hz 0.7:1.1 --yaw-deg 7 --inertia-kg-m2 0.25 --out out/torso")(
     design.design
 )
-app.command(epilog="Example: sinew answer out/paper/recording.nc --out out/paper")(answer.answer)
-app.command("import", epilog="Example: sinew import decay.csv --time t_s --response angle:deg --out decay.nc")(
+_command(epilog="Example: sinew answer out/paper/recording.nc --out out/paper")(answer.answer)
+_command("import", epilog="Example: sinew import decay.csv --time t_s --response angle:deg --out decay.nc")(
     convert.import_
 )
-app.command(epilog="Example: sinew export run/recording.nc --to mat --out run/recording.mat")(convert.export)
-app.command(epilog="Example: sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1")(emulate.emulate)
-app.command(epilog="Example: sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix")(doctor.doctor)
-app.command(epilog="Example: sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench")(run.run)
-app.command(epilog="Example: sinew track paper --emulate --pretension-mm 0,4,8,12 --out out/backbone")(track.track)
-app.command(epilog="Example: sinew serve --emulate --runs runs")(serve.serve)
-app.command(epilog="Example: sinew stop --port /dev/ttyUSB0 --state release")(run.stop)
-app.command(epilog="Example: sinew report out/paper")(reproduce.report)
-app.command(epilog="Example: sinew reproduce --out out/paper --seed 1")(reproduce.reproduce)
+_command(epilog="Example: sinew export run/recording.nc --to mat --out run/recording.mat")(convert.export)
+_command(epilog="Example: sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1")(emulate.emulate)
+_command(epilog="Example: sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix")(doctor.doctor)
+_command(epilog="Example: sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench")(run.run)
+_command(epilog="Example: sinew track paper --emulate --pretension-mm 0,4,8,12 --out out/backbone")(track.track)
+_command(epilog="Example: sinew serve --emulate --runs runs")(serve.serve)
+_command(epilog="Example: sinew stop --port /dev/ttyUSB0 --state release")(run.stop)
+_command(epilog="Example: sinew report out/paper")(reproduce.report)
+_command(epilog="Example: sinew reproduce --out out/paper --seed 1")(reproduce.reproduce)
 
 
 @app.callback(invoke_without_command=True)

@@ -14,6 +14,7 @@ from sinew.measure.errors import FileError, SpecError
 
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
+    from sinew.predict.joints.loads import Torso
     from sinew.tune.design_target import DesignTarget
 
 __all__ = ["design", "read_gait"]
@@ -31,6 +32,14 @@ def design(
     inertia: Annotated[
         float, typer.Option("--inertia-kg-m2", metavar="I", help="Of what sits on the joint, about its axis.")
     ] = 0.25,
+    torso: Annotated[
+        float | None,
+        typer.Option("--torso-kg", metavar="KG", help="Mass of what sits on the joint; else its weight is left out."),
+    ] = None,
+    centre: Annotated[
+        float | None,
+        typer.Option("--torso-centre-mm", metavar="MM", help="Height of its centre above the head plate; else 250."),
+    ] = None,
     envelope: Annotated[
         str, typer.Option("--envelope-mm", metavar="DxL", help="Largest diameter and length, guides included.")
     ] = "200x250",
@@ -56,7 +65,7 @@ def design(
     from sinew.plan.toml import load_rig
     from sinew.tune.design import Effort, design_joints
 
-    target = _target(stride, yaw, gait, inertia, envelope)
+    target = _target(stride, yaw, gait, inertia, envelope, _torso(torso, centre))
     base = load_rig(rig)
     silicones, shapes = _silicones(base, material), _shapes(shape)
     if out is not None:
@@ -78,6 +87,8 @@ def design(
 
         words = ["sinew", "design", rig, "--stride-hz", f"{target.band_hz[0]:g}:{target.band_hz[1]:g}"]
         words += ["--yaw-deg", f"{target.yaw_deg:g}", "--inertia-kg-m2", f"{inertia:g}", "--envelope-mm", envelope]
+        if target.torso is not None:
+            words += ["--torso-kg", f"{target.torso.mass:g}", "--torso-centre-mm", f"{1e3 * target.torso.centre:g}"]
         words += [w for flag, value in (("--shape", shape), ("--material", material)) if value for w in (flag, value)]
         words += ["--starts", str(starts), "--exact", str(exact), "--proposals", str(proposals), "--seed", str(seed)]
         write_design(found, document, out, shlex.join([*words, "--out", str(out)]))
@@ -106,7 +117,19 @@ def read_gait(path: Path) -> tuple[tuple[float, float], float]:
         ) from error
 
 
-def _target(stride: str | None, yaw: float | None, gait: Path | None, inertia: float, envelope: str) -> "DesignTarget":
+def _torso(mass: float | None, centre_mm: float | None) -> "Torso | None":
+    from sinew.predict.joints.loads import Torso
+
+    if mass is None:
+        if centre_mm is not None:
+            raise SpecError("--torso-centre-mm belongs to --torso-kg, which is missing")
+        return None
+    return Torso(mass) if centre_mm is None else Torso(mass, 1e-3 * centre_mm)
+
+
+def _target(
+    stride: str | None, yaw: float | None, gait: Path | None, inertia: float, envelope: str, torso: "Torso | None"
+) -> "DesignTarget":
     from sinew.tune.design_target import DesignTarget
 
     if (gait is None) == (stride is None and yaw is None) or (gait is None and (stride is None or yaw is None)):
@@ -118,7 +141,7 @@ def _target(stride: str | None, yaw: float | None, gait: Path | None, inertia: f
         assert yaw is not None
         band, degrees = _pair(stride, ":", "--stride-hz", "LOW:HIGH in hertz, as 0.7:1.1"), yaw
     diameter, length = _pair(envelope.lower(), "x", "--envelope-mm", "DxL in millimetres, as 200x250")
-    return DesignTarget(band, degrees, inertia, 1e-3 * diameter, 1e-3 * length)
+    return DesignTarget(band, degrees, inertia, 1e-3 * diameter, 1e-3 * length, torso=torso)
 
 
 def _pair(text: str, mark: str, option: str, expected: str) -> tuple[float, float]:

@@ -25,13 +25,16 @@ def design_document(found: "Designed", target: "DesignTarget", base: str, effort
             "yaw_deg": target.yaw_deg,
             "inertia_kg_m2": target.inertia,
             "envelope_mm": [1e3 * target.diameter, 1e3 * target.length],
+            "torso_kg": None if target.torso is None else target.torso.mass,
+            "torso_centre_mm": None if target.torso is None else 1e3 * target.torso.centre,
         },
+        "assumptions": _assumptions(target),
         "effort": {**effort.__dict__},
         "candidates": found.candidates,
         "feasible": found.feasible,
         "evaluated": [_joint(one, bool(on)) for one, on in zip(found.evaluated, found.front, strict=True)],
         "proposals": proposals,
-        "sentences": _sentences(found, proposals),
+        "sentences": [*_sentences(found, proposals), *_assumptions(target)],
         "wall_s": {"search": found.search_s, "exact": found.exact_s, "confirm": found.confirm_s},
     }
 
@@ -109,6 +112,22 @@ def _confirmed(found: "Confirmed") -> dict[str, Any]:
         "yaw_deg": number(found.yaw_deg),
         "error": number(found.error),
     }
+
+
+def _assumptions(target: "DesignTarget") -> list[str]:
+    """Return what is taken for granted of the torso, a sentence each."""
+    if target.torso is None:
+        return [
+            "assumed: nothing presses on the joint but its tendons; the weight of what sits on it is left out, for no "
+            "mass was given. Give it with --torso-kg, and buckling, strain, tension and tipping are checked under it"
+        ]
+    torso = target.torso
+    return [
+        f"assumed: {torso.mass:g} kg stand upright on the joint with their centre {1e3 * torso.centre:g} mm above the "
+        f"head plate and press with {torso.weight:.0f} N; pretension counts from the first contact under that weight; "
+        f"the head tilts no further than the rig allows. Candidates that fail under it are refused after the search, "
+        "which does not know of it; the swing's resonance is that without weight"
+    ]
 
 
 def _sentences(found: "Designed", proposals: list[dict[str, Any]]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.console import print_json, print_table, remark, require_folder, write_json
-from sinew.apps.options import Json, Start, Stop
+from sinew.apps.options import Json, Start, Stop, number_list
 from sinew.measure.errors import RecordingError, SpecError
 
 if TYPE_CHECKING:
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from sinew.measure.estimate import Estimate
 
 __all__ = ["gait", "gait_document"]
+
+_FASTEST_HZ = 20.0  # of a stride; nobody walks or runs at a fifth of it
 
 
 def gait(
@@ -161,22 +163,18 @@ def _of_numbers(stride: str | None, yaw_deg: float | None) -> "GaitTarget":
 
     if stride is None or yaw_deg is None:
         raise SpecError("--stride-hz and --yaw-deg belong together, as --stride-hz 0.7:1.1 --yaw-deg 7")
-    low, colon, high = stride.partition(":")
-    try:
-        band = float(low), float(high if colon else low)
-    except ValueError as error:
-        raise SpecError(f"--stride-hz is {stride!r}, expected LOW:HIGH in hertz, as 0.7:1.1") from error
-    return target_of_numbers(band, yaw_deg)
+    expected = f"LOW:HIGH in hertz, above 0 and up to {_FASTEST_HZ:g}, as 0.7:1.1"
+    found = number_list("--stride-hz", stride, expected, between=":", low=0, high=_FASTEST_HZ, above=True)
+    if len(found) > 2:
+        raise SpecError(f"--stride-hz is {stride!r}, expected {expected}")
+    return target_of_numbers((found[0], found[-1]), yaw_deg)
 
 
 def _speeds(text: str | None, count: int) -> list[float] | None:
     if text is None:
         return None
-    try:
-        found = [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise SpecError(f"--speed-m-s is {text!r}, expected numbers with commas between them") from error
-    if len(found) != count or not all(0 < v < math.inf for v in found):
+    found = number_list("--speed-m-s", text, f"one positive speed for each of the {count} files")
+    if len(found) != count or not all(v > 0 for v in found):
         raise SpecError(f"--speed-m-s is {text!r}, expected one positive speed for each of the {count} files")
     return found
 

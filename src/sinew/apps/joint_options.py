@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from sinew.apps.options import checked_number
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -98,6 +99,23 @@ class JointOptions(NamedTuple):
         ]
 
 
+_REACH = {
+    "outer_mm": (1, 2000),
+    "inner_mm": (0.1, 2000),
+    "width_mm": (1, 2000),
+    "height_mm": (1, 2000),
+    "length_mm": (1, 5000),
+    "shear_modulus_kpa": (1, 100_000),
+    "loss_factor": (0, 2),
+    "tendon_circle_mm": (1, 2000),
+    "first_contact_n": (0.01, 10_000),
+    "head_inertia_kg_m2": (1e-7, 100),
+    "lever_inertia_kg_m2": (1e-7, 100),
+    "head_mass_kg": (1e-4, 1000),
+}
+"""What a size of a joint may be, in the unit of its option; beyond it, it was meant in another unit."""
+
+
 def _flag(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
@@ -147,6 +165,10 @@ def design_of(joint: JointOptions) -> "Design":
     from sinew.predict.joints.design import Design
     from sinew.predict.joints.material import load_material
 
+    for name, (low, high) in _REACH.items():
+        value = getattr(joint, name)
+        if value is not None:
+            checked_number(_flag(name), value, f"{low:g} to {high:g}; look at its unit", low=low, high=high)
     section = _section(joint)
     what = [section.shape] if section else []
     material = None if joint.material is None else load_material(joint.material)

@@ -8,7 +8,7 @@ import typer
 
 from sinew.apps.console import print_json, remark
 from sinew.apps.joint_options import JointOptions, with_joint_options
-from sinew.apps.options import Json
+from sinew.apps.options import Json, checked_band, number_list
 from sinew.apps.predict_against import Against, FittedMm
 from sinew.apps.predict_backbone import print_backbones
 from sinew.apps.predict_bands import Bands, BandSeed
@@ -119,16 +119,7 @@ def predict(
 
 
 def _number(what: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError as error:
-        raise SpecError(f"{what} holds {text.strip()!r}, expected a number") from error
-
-
-def _band(band_hz: tuple[float, float]) -> tuple[float, float]:
-    if not 0 < band_hz[0] < band_hz[1]:
-        raise SpecError(f"found a band from {band_hz[0]:g} to {band_hz[1]:g} Hz, expected 0 < --from-hz < --to-hz")
-    return band_hz
+    return number_list(what, text, "a finite number", between="\n")[0]
 
 
 def _oscillator(
@@ -155,7 +146,9 @@ def _oscillator(
         raise SpecError("say what drives the oscillator: either --torque-n-m or --base-deg")
     configure()
     one = Oscillator(**values, torque=torque or 0.0, base=math.radians(base or 0.0)).checked()
-    band_hz = _band((start or one.frequency_hz / 3, stop or 2 * one.frequency_hz))
+    band_hz = checked_band(
+        (one.frequency_hz / 3 if start is None else start, 2 * one.frequency_hz if stop is None else stop)
+    )
     if sentence := one.friction_remark():
         remark(sentence)
     prediction = run(oscillator_problem([one], band_hz), band_hz, resolution_of([one]))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.console import print_table
+from sinew.apps.options import number_list
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -116,10 +117,7 @@ def hold_against(held: Held, found: "Predicted", fitted_mm: str | None) -> "tupl
 
 def millimetres(text: str) -> list[float]:
     """Return the numbers of --fitted-mm. Raises SpecError where one is none."""
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise SpecError(f"--fitted-mm is {text!r}, expected numbers as 0,4,8") from error
+    return number_list("--fitted-mm", text, "pretensions of zero or more, as 0,4,8", low=0)
 
 
 def _document(held: Held, comparison: "Comparison", fitted: tuple[float, ...], with_lever: bool) -> dict[str, Any]:

@@ -4,10 +4,13 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, cast
 
 import typer
 
+from sinew.apps.options import LARGEST_DEG, checked_band, checked_number, number_list
 from sinew.apps.predict_document import prediction_document
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sinew.plan.plan import TendonMode
     from sinew.plan.rig import RigSpec
     from sinew.predict.branch import Prediction
@@ -23,6 +26,7 @@ __all__ = [
     "Without",
     "check_mode",
     "predict_rig",
+    "refuse_pretensions",
     "rig_asked",
 ]
 
@@ -99,33 +103,39 @@ def rig_asked(
 ) -> RigAsked:
     """Return what the options ask of a rig. Raises SpecError where one of them cannot be meant."""
     check_mode(mode)
-    pretensions = []
-    for part in pretension.split(","):
-        try:
-            pretensions.append(float(part))
-        except ValueError as error:
-            raise SpecError(f"--pretension-mm holds {part.strip()!r}, expected a number") from error
-    if amplitude <= 0:
-        raise SpecError(f"--amplitude-deg is {amplitude:g}, expected a positive angle")
-    if min(pretensions) < 0:
-        raise SpecError(f"--pretension-mm holds {min(pretensions):g}, expected zero or more: cables cannot push")
-    band_hz = (start or _BAND_HZ[0], stop or _BAND_HZ[1])
-    if not 0 < band_hz[0] < band_hz[1]:
-        raise SpecError(f"found a band from {band_hz[0]:g} to {band_hz[1]:g} Hz, expected 0 < --from-hz < --to-hz")
+    pretensions = number_list("--pretension-mm", pretension, "zero or more: cables cannot push", low=0)
+    expected = f"a positive angle up to {LARGEST_DEG:g}°"
+    checked_number("--amplitude-deg", amplitude, expected, low=0, high=LARGEST_DEG, above=True)
+    band_hz = checked_band((_BAND_HZ[0] if start is None else start, _BAND_HZ[1] if stop is None else stop))
     return RigAsked(pretensions, amplitude, mode, tuple(without or ()), band_hz)
 
 
+def refuse_pretensions(rig: "RigSpec", pretension_mm: "Sequence[float]") -> None:
+    """Do nothing where a rig allows the pretensions [mm]; else raise SpecError."""
+    low, high = rig.limits.pretension_mm
+    for mm in pretension_mm:
+        if not low <= mm <= high:
+            raise SpecError(
+                f"--pretension-mm holds {mm:g}, the rig {rig.name} allows {low:g} to {high:g} mm; stay between them, "
+                "or widen limits.pretension_mm in the rig's file if its motors and tendons bear that"
+            )
+
+
 def predict_rig(rig: "RigSpec", asked: RigAsked) -> Predicted:
-    """Return the prediction of a rig, with what it is worth."""
+    """Return the prediction of a rig, with what it is worth.
+
+    Raises SpecError where it is asked at a pretension that the rig does not allow.
+    """
     import numpy as np
 
     from sinew.predict.joint import RESOLUTION, joint_problem
     from sinew.predict.joints.loads import loads_of
-    from sinew.predict.joints.validity import check_joint
+    from sinew.predict.joints.validity import check_drive, check_joint, doubt_broken_curves
     from sinew.predict.prediction import predict
     from sinew.twin.cache import configure
     from sinew.twin.effects import Effects
 
+    refuse_pretensions(rig, asked.pretensions)
     configure()
     mode, effects = cast("TendonMode", asked.mode), Effects().without(*asked.without)
     problem = joint_problem(rig, asked.pretensions, asked.amplitude_deg, asked.band_hz, mode=mode, effects=effects)
@@ -133,4 +143,6 @@ def predict_rig(rig: "RigSpec", asked: RigAsked) -> Predicted:
     torsion = np.array([float(np.max(branch.amplitude, initial=0.0)) for branch in prediction.branches])
     held = asked.mode != "current"
     checks = check_joint(rig, asked.pretensions, loads_of(problem, torsion), tilt_held=held)
+    broken = [mm for mm, one in zip(asked.pretensions, prediction.branches, strict=True) if not one.complete]
+    checks = [*doubt_broken_curves(checks, broken), *check_drive(rig, asked.amplitude_deg, asked.band_hz[1])]
     return Predicted(rig, asked, problem, prediction, checks)

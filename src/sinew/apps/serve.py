@@ -147,10 +147,14 @@ def _say_ready(steward: "Steward", access: "Access", *, as_json: bool) -> None:
 
 def _refuse_without_packages() -> None:
     from sinew.measure.errors import SinewError
+    from sinew.measure.extras import how_to_install
 
     lacking = [name for name in ("nicegui", "starlette", "uvicorn") if importlib.util.find_spec(name) is None]
     if lacking:
-        raise SinewError(f"found no {lacking[0]}, which the dashboard needs; install sinew[dashboard], or `make serve`")
+        raise SinewError(
+            f"found no {lacking[0]}, which the dashboard needs; `make serve` installs it, or: "
+            f"{how_to_install('dashboard')}"
+        )
 
 
 def _access(http: str, names: list[str], token_file: Path | None) -> "Access":

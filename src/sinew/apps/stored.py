@@ -29,14 +29,13 @@ def stored_results(path: Path, recording: "xr.Dataset", rig: "RigSpec | None") -
 
     None without a remark where there is no such file.
     """
-    from sinew.measure.netcdf import load_dataset
+    from sinew.measure.netcdf import load_results
     from sinew.measure.provenance import content_hash
-    from sinew.measure.results import validate_results
 
     if not path.is_file():
         return None
     try:
-        results = validate_results(load_dataset(path))
+        results = load_results(path)
     except (FileError, SchemaError) as error:
         remark(f"{path.name} cannot be used ({error}); analysed anew")
         return None
@@ -51,12 +50,11 @@ def stored_results(path: Path, recording: "xr.Dataset", rig: "RigSpec | None") -
 
 def stored_beyond(path: Path, rig: "RigSpec | None") -> "xr.Dataset | None":
     """Return the results of the sweep above the paper's range if they are of this rig, else None and a remark."""
-    from sinew.measure.netcdf import load_dataset
-    from sinew.measure.results import validate_results
+    from sinew.measure.netcdf import load_results
 
     if not path.is_file():
         return None
-    beyond = validate_results(load_dataset(path))
+    beyond = load_results(path)
     if _is_of_rig(beyond, rig):
         return beyond
     remark(f"{path.name} belongs to another rig and is left out; sinew reproduce writes it anew")

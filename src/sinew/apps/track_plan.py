@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, cast
 
+from sinew.apps.options import HIGHEST_HZ, LARGEST_DEG, number_list
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -40,8 +41,10 @@ def track_plan(
     if hold not in _HELD:
         raise SpecError(f"--hold is {hold!r}, expected one of {', '.join(_HELD)}")
     amplitudes = _numbers(amplitude, ",", "--amplitude-deg")
-    if min(amplitudes) <= 0:
-        raise SpecError(f"--amplitude-deg holds {min(amplitudes):g}, expected positive angles")
+    if not 0 < min(amplitudes) <= max(amplitudes) <= LARGEST_DEG:
+        raise SpecError(f"--amplitude-deg is {amplitude}, expected positive angles up to {LARGEST_DEG:g}°")
+    if start is not None and not 0 < start <= HIGHEST_HZ:
+        raise SpecError(f"--start-hz is {start:g}, expected a positive frequency up to {HIGHEST_HZ:g} Hz")
     stops, moves = _stops(rig, pretension, follow)
     wanted = _wanted(follow)
     largest = max(amplitudes) if hold == "command" else _LARGEST_DEG
@@ -75,13 +78,7 @@ def tensions(plan: "Plan", rig: "RigSpec") -> dict[float, float]:
 
 
 def _numbers(text: str, between: str, option: str) -> list[float]:
-    try:
-        found = [float(part) for part in text.split(between)]
-    except ValueError:
-        found = [math.nan]
-    if not all(map(math.isfinite, found)):
-        raise SpecError(f"{option} is {text!r}, expected numbers with {between!r} between them")
-    return found
+    return number_list(option, text, f"numbers with {between!r} between them", between=between)
 
 
 def _stops(rig: "RigSpec", pretension: str | None, follow: str | None) -> tuple[list[float], bool]:
@@ -113,8 +110,10 @@ def _wanted(follow: str | None) -> tuple[float, float] | None:
     if follow is None:
         return None
     found = _numbers(follow, ":", "--follow-hz")
-    if len(found) != 2 or min(found) <= 0:
-        raise SpecError(f"--follow-hz is {follow!r}, expected FROM:TO with two positive frequencies")
+    if len(found) != 2 or min(found) <= 0 or max(found) > HIGHEST_HZ:
+        raise SpecError(
+            f"--follow-hz is {follow!r}, expected FROM:TO, two positive frequencies up to {HIGHEST_HZ:g} Hz"
+        )
     return found[0], found[1]
 
 

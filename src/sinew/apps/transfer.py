@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from sinew.apps.console import print_json, print_table, require_file, require_folder
-from sinew.apps.options import Json
+from sinew.apps.options import LARGEST_DEG, Json, checked_band, number_list
+from sinew.apps.predict_rig import refuse_pretensions
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -54,9 +55,13 @@ def transfer(
     python-control and MATLAB. Where linear is not enough, --amplitude-deg gives gain and lag of the fundamental, and
     the joint's equivalent stiffness and damping, at each amplitude of the command.
     """
-    pretensions = _numbers("--pretension-mm", pretension)
-    amplitudes = _numbers("--amplitude-deg", amplitude) if amplitude else []
-    _refuse(pretensions, amplitudes, mode, gear, (start, stop))
+    pretensions = number_list("--pretension-mm", pretension, "zero or more: cables cannot push", low=0)
+    expected = f"positive angles up to {LARGEST_DEG:g}°"
+    amplitudes = []
+    if amplitude is not None:
+        amplitudes = number_list("--amplitude-deg", amplitude, expected, low=0, high=LARGEST_DEG, above=True)
+    checked_band((start, stop))
+    _refuse(mode, gear)
     if out is not None:
         if out.suffix not in ("", ".json", ".mat"):
             raise SpecError(f"--out is {out}, expected a name that ends with .json or .mat, or a folder")
@@ -67,7 +72,9 @@ def transfer(
     from sinew.predict.transfer_file import joint_document, write_transfer
     from sinew.twin.effects import Effects
 
-    spec, effects = load_rig(rig), Effects().without(*(without or []))
+    spec = load_rig(rig)
+    refuse_pretensions(spec, pretensions)
+    effects = Effects().without(*(without or []))
     held = cast("TendonMode", mode)
     joints = linear_joints(spec, pretensions, gear=cast("Gear", gear), mode=held, effects=effects)
     document: dict[str, Any] = {
@@ -88,29 +95,10 @@ def transfer(
         _print(document)
 
 
-def _numbers(what: str, text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise SpecError(f"{what} is {text!r}, expected numbers with commas between them") from error
-
-
-def _refuse(
-    pretensions: list[float], amplitudes: list[float], mode: str, gear: str, band_hz: tuple[float, float]
-) -> None:
-    from math import isfinite
-
+def _refuse(mode: str, gear: str) -> None:
     for what, allowed, found in (("--mode", _MODES, mode), ("--gear", _GEARS, gear)):
         if found not in allowed:
             raise SpecError(f"{what} is {found!r}, expected one of {', '.join(allowed)}")
-    for mm in pretensions:
-        if not (isfinite(mm) and mm >= 0):
-            raise SpecError(f"--pretension-mm holds {mm:g}, expected zero or more: cables cannot push")
-    for degrees in amplitudes:
-        if not (isfinite(degrees) and degrees > 0):
-            raise SpecError(f"--amplitude-deg holds {degrees:g}, expected a positive angle")
-    if not 0 < band_hz[0] < band_hz[1] < float("inf"):
-        raise SpecError(f"found a band from {band_hz[0]:g} to {band_hz[1]:g} Hz, expected 0 < --from-hz < --to-hz")
 
 
 def _ratio(ratio: Any) -> dict[str, list[float]]:

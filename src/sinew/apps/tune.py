@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from sinew.apps.console import print_json, print_table, progress_bar
-from sinew.apps.options import Json
+from sinew.apps.options import HIGHEST_HZ, LARGEST_DEG, Json, checked_number, number_list
 from sinew.apps.predict_rig import Mode, check_mode
 from sinew.measure.errors import SpecError
 
@@ -55,6 +55,10 @@ def tune(
     if amplitude is not None and yaw is not None:
         raise SpecError("found --amplitude-deg and --yaw-deg; expected one of them")
     check_mode(mode)
+    for option, asked in (("--amplitude-deg", amplitude), ("--yaw-deg", yaw)):
+        if asked is not None:
+            expected = f"a positive angle up to {LARGEST_DEG:g}°"
+            checked_number(option, asked, expected, low=0, high=LARGEST_DEG, above=True)
     wanted = _frequencies(resonance)
     swing = Swing(yaw_deg=yaw) if yaw is not None else Swing(command_deg=20.0 if amplitude is None else amplitude)
     loaded = load_rig(rig)
@@ -130,10 +134,8 @@ def _range(reachable: "Reachable") -> dict[str, Any]:
 
 
 def _frequencies(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise SpecError(f"--resonance-hz is {text!r}, expected frequencies in hertz, as 3.2,3.6") from error
+    expected = f"frequencies above 0 and up to {HIGHEST_HZ:g} Hz, as 3.2,3.6"
+    return number_list("--resonance-hz", text, expected, low=0, high=HIGHEST_HZ, above=True)
 
 
 def _draws(rig: "RigSpec", bands: int | None, seed: int) -> "tuple[Draws | None, str]":

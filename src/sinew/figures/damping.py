@@ -30,11 +30,11 @@ def draw_damping(recording: xr.Dataset, results: xr.Dataset, at_most: int = 7) -
     groups = groups_of(recording, "ring-down")
     if known.size < 2 or not groups:
         return None
-    here = results.isel(pretension=known)
+    here = results.isel(pretension_mm=known)
     figure = new_figure(5.4)
     above, below = np.ravel(figure.subfigures(2, 1, squeeze=False, height_ratios=(1.0, 1.35), hspace=0.03))
     _draw_quantities(above.subplots(1, 3), here)
-    _draw_decays(below, recording, groups, here.isel(pretension=few(known.size, at_most)))
+    _draw_decays(below, recording, groups, here.isel(pretension_mm=few(known.size, at_most)))
     return figure
 
 
@@ -71,13 +71,13 @@ def _draw_bars(axes: Axes, pretension: Floats, values: Floats, **look: object) -
 
 
 def _draw_decays(figure: SubFigure, recording: xr.Dataset, groups: list[Group], results: xr.Dataset) -> None:
-    count = results.sizes["pretension"]
+    count = results.sizes["pretension_mm"]
     columns = min(4, count + 1)
     rows = -(-(count + 1) // columns)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     grid[0].yaxis.set_major_locator(MaxNLocator(4))
     for p, axes in enumerate(grid[:count]):
-        label = _draw_one(axes, recording, groups, results.isel(pretension=p))
+        label = _draw_one(axes, recording, groups, results.isel(pretension_mm=p))
         axes.tick_params(labelbottom=p + columns >= count)
         if p % columns == 0:
             axes.set_ylabel(label)

@@ -74,7 +74,7 @@ def draw_decay(recording: xr.Dataset, results: xr.Dataset, pretension_mm: float 
     if group is None:
         return None
     p = int(np.argmin(np.abs(results["pretension_mm"].values - group.segment.pretension_mm)))
-    here = results.isel(pretension=p, repeat=min(group.segment.repeat, results.sizes["repeat"] - 1))
+    here = results.isel(pretension_mm=p, repeat=min(group.segment.repeat, results.sizes["repeat"] - 1))
     numbers = tuple(float(here[name]) for name in ("paper_decay_rate_per_s", "paper_omega_rad_s", "decay_start_s"))
     if not np.isfinite(numbers).all():
         return None

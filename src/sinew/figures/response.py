@@ -29,7 +29,7 @@ def draw_response(results: xr.Dataset) -> Figure | None:
     Left: gain by nominal drive (Eq. 6), with its peaks; right: lag of the torsion behind the drive. Lines are means
     over repeats, tubes ±1 standard deviation.
     """
-    if "gain" not in results or results.sizes["frequency"] < 2:
+    if "gain" not in results or results.sizes["frequency_hz"] < 2:
         return None
     frequency, pretension = results["frequency_hz"].values, results["pretension_mm"].values
     figure = new_figure(3.5)

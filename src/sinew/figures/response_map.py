@@ -27,10 +27,10 @@ def draw_response_map(results: xr.Dataset) -> Figure | None:
     """
     if (
         not {"gain", "resonance_hz"} <= set(results.data_vars)
-        or min(results.sizes["pretension"], results.sizes["frequency"]) < 3
+        or min(results.sizes["pretension_mm"], results.sizes["frequency_hz"]) < 3
     ):
         return None
-    drawn = gain_map(results).isel(pretension=np.argsort(results["pretension_mm"].values))
+    drawn = gain_map(results).isel(pretension_mm=np.argsort(results["pretension_mm"].values))
     pretension = drawn["pretension_mm"].values
     ridge = (drawn["ridge_hz"].values, pretension, drawn["ridge_gain"].values)
     x, gain = along_ridge(drawn["frequency_hz"].values, drawn["gain"].values, ridge[0])

@@ -58,7 +58,7 @@ _RING_DOWN = ("pretension_mm", "decay_rate_per_s", "omega_rad_s", "lehr_damping"
 
 def _ring_down(results: xr.Dataset) -> dict[str, list[float | None]]:
     """Return the ring-down columns over the pretensions at which at least one decay was measured."""
-    here = results.isel(pretension=np.flatnonzero(np.isfinite(results["paper_lehr_damping"].values).any(axis=1)))
+    here = results.isel(pretension_mm=np.flatnonzero(np.isfinite(results["paper_lehr_damping"].values).any(axis=1)))
     damping, spread = mean_and_spread(here["paper_lehr_damping"].values)
     columns = (
         here["pretension_mm"].values,

@@ -215,7 +215,7 @@ def _overall(means: Array, noise: float) -> Estimate:
 def _delay_for_90(results: xr.Dataset) -> Array:
     """Return what delay would bring the lag to 90° at the largest gain by measured drive [s], by pretension."""
     if "resonance_measured_drive_hz" not in results:
-        return np.full(results.sizes["pretension"], np.nan)
+        return np.full(results.sizes["pretension_mm"], np.nan)
     lag = np.asarray(results["phase_lag_rad"].values, dtype=float)
     frequency = np.asarray(results["frequency_hz"].values, dtype=float)
     found = np.full(lag.shape[0], np.nan)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
+from sinew.measure.extras import how_to_install
 
 __all__ = ["Draws", "Effort", "require_sampler", "sample_posterior"]
 
@@ -74,10 +75,7 @@ class Draws:
 def require_sampler() -> None:
     """Raise SpecError where NumPyro is not installed."""
     if importlib.util.find_spec("numpyro") is None:
-        raise SpecError(
-            "a posterior needs NumPyro, which is not installed; install Sinew with its extra "
-            "`posterior`: pip install 'sinew[posterior]'"
-        )
+        raise SpecError(f"a posterior needs NumPyro, which is not installed; install it: {how_to_install('posterior')}")
 
 
 def sample_posterior(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sinew.identify.fit import fit
 from sinew.identify.fitted import Fit
 from sinew.identify.model import MODELS
-from sinew.identify.record import Excitation, Record
+from sinew.identify.record import FEWEST, Excitation, Record
 from sinew.identify.residual_tests import ask_fit
 from sinew.identify.start import dominant_omega, is_step
 from sinew.measure.errors import RecordingError, SpecError
@@ -90,6 +90,8 @@ def _in_hand(found: Fit) -> list[str]:
     first = _second_extreme(record.output - np.median(record.output[-record.size // 4 :]))
     later = record.cut(first, record.size)
     if (later.time_s[-1] - later.time_s[0]) * found.natural_frequency_hz.value < _FEWEST_PERIODS:
+        return []
+    if np.count_nonzero(found.kept[0][first:]) < FEWEST:  # the largest swing lies behind what was fitted
         return []
     try:
         free = fit(later, found.model, kept=[found.kept[0][first:]])

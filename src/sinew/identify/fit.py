@@ -24,9 +24,9 @@ from sinew.identify.mechanics import (
     unidentifiable_directions,
 )
 from sinew.identify.model import Model, get_model
-from sinew.identify.record import Record
+from sinew.identify.record import FEWEST, Record
 from sinew.identify.search import begin, first_values, search
-from sinew.measure.errors import SpecError
+from sinew.measure.errors import RecordingError, SpecError
 from sinew.twin.cache import configure
 
 __all__ = ["fit"]
@@ -63,6 +63,11 @@ def fit(
     _check(records, model)
     masks = tuple(np.ones(r.size, dtype=bool) for r in records) if kept is None else tuple(kept)
     frames = (guess.frame,) if guess is not None else frames_of(records[0])
+    for number, mask in enumerate(masks):
+        if np.count_nonzero(mask) < FEWEST:
+            raise RecordingError(
+                f"record {number} has {np.count_nonzero(mask)} samples to fit, expected at least {FEWEST}; keep more"
+            )
     found = [_fit_in_frame(records, model, frame, varying, masks, guess, smaller) for frame in frames]
     return min(found, key=lambda one: one.rmse)
 

@@ -29,6 +29,7 @@ from sinew.identify.posterior_chains import effective_number, split_r_hat
 from sinew.identify.posterior_density import Density, Laws, density_of, log_density, to_values
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate
+from sinew.measure.extras import how_to_install
 from sinew.twin.cache import configure
 
 __all__ = ["Posterior", "sample_posterior"]
@@ -98,8 +99,8 @@ def _require_numpyro() -> None:
         import numpyro.infer.hmc  # noqa: F401 - an optional extra: looked for, and loaded, only here
     except ImportError:
         raise SpecError(
-            'the posterior needs NumPyro, which is not installed; pip install "sinew[posterior]", or take the '
-            "intervals of the fit or of its profiles"
+            "the posterior needs NumPyro, which is not installed; take the intervals of the fit or of its profiles, or "
+            f"install it: {how_to_install('posterior')}"
         ) from None
 
 

@@ -6,6 +6,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, SpecError
 
 __all__ = ["FEWEST", "Excitation", "Record", "derivative_order", "make_record"]
@@ -99,7 +100,9 @@ def make_record(
     if excitation != "none" and input is None:
         raise SpecError(f"the excitation is {excitation} and no input is given; name its column, or choose none")
     arrays = {"time": time_s, "output": output} | ({} if input is None else {"input": input})
-    checked = {name: np.asarray(values, dtype=float) for name, values in arrays.items()}
+    checked = {
+        name: as_seconds(values) if name == "time" else as_numbers(values, name) for name, values in arrays.items()
+    }
     for name, values in checked.items():
         if values.ndim != 1 or values.shape != checked["time"].shape:
             raise RecordingError(

@@ -20,6 +20,7 @@ import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 import xarray as xr
 from numpy.typing import NDArray
 
+from sinew.measure.doors import as_path, as_seconds
 from sinew.measure.errors import RecordingError, TimeError, UnitError
 from sinew.measure.netcdf import write_atomically
 from sinew.measure.provenance import provenance
@@ -42,7 +43,7 @@ _AXES = "xyz"
 
 
 def import_csv(
-    path: Path,
+    path: "Path | str | Table",
     *,
     time: str,
     response: str,
@@ -53,8 +54,9 @@ def import_csv(
     gaps: Literal["refuse", "split"] = "refuse",
     pretension_mm: float = 0.0,
 ) -> xr.Dataset:
-    """Return a CSV file as a recording.
+    """Return a CSV file, or a DataFrame, as a recording.
 
+    path: of the file; or a pandas DataFrame, whose column of the time may hold dates or durations.
     time, response, drive: "COL", "COL:unit" or "COL,COL,COL:unit" (the mean of several columns).
     kind: a ring-down becomes a ring-down segment, a sweep one steady segment that analysis divides by the drive.
         Drive frequency and amplitude are not known and NaN.
@@ -93,7 +95,7 @@ def import_csv(
         [piece.stop - piece.start for piece in timeline.pieces],
         provenance(
             "import",
-            import_file=path.name,
+            import_file="" if isinstance(path, pd.DataFrame) else as_path(path).name,
             import_time=time,
             import_response=response,
             import_drive=drive or "",
@@ -119,6 +121,13 @@ def _read_time(table: Table, spec: str) -> Floats:
     names, stated = find_columns(table, spec)
     if len(names) > 1:
         raise RecordingError(f"time needs one column, found {len(names)}: {', '.join(names)}")
+    column = table[names[0]]
+    if column.dtype.kind in "mM" or isinstance(column.dtype, pd.DatetimeTZDtype):
+        if stated is not None:
+            raise UnitError(f"the time column {names[0]!r} holds dates or durations, which need no unit; leave it out")
+        stamps = as_seconds(column)
+        refuse_backwards(stamps)
+        return stamps
     factor = convert(_unit_of(names, stated, "s"), "s")
     stamps = numbers(table, names[0]) * factor
     refuse_backwards(stamps)
@@ -144,7 +153,7 @@ def _rows(stamps: Floats, start_s: float | None, stop_s: float | None) -> slice:
     return rows
 
 
-def export_csv(recording: xr.Dataset, path: Path) -> None:
+def export_csv(recording: xr.Dataset, path: Path | str) -> None:
     """Write a recording as one flat table, atomically: a row for each sample, segment columns repeated in each.
 
     Channels with several columns get one for each (`gyro_x_rad_s`, `tendon_1_current_a`); numbers are written so that

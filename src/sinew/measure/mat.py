@@ -17,7 +17,7 @@ __all__ = ["export_mat"]
 _LONGEST_NAME = 63
 
 
-def export_mat(recording: xr.Dataset, path: Path) -> None:
+def export_mat(recording: xr.Dataset, path: Path | str) -> None:
     """Write a recording as a MATLAB 5 file, atomically.
 
     The file holds one variable for each channel, a row for each sample, by its name in the schema; `segments`, a struct

@@ -8,19 +8,30 @@ from typing import Any
 
 import xarray as xr
 
+from sinew.measure.doors import as_path
 from sinew.measure.errors import FileError, SchemaError
 from sinew.measure.provenance import content_hash
+from sinew.measure.results import upgrade_results, validate_results
 from sinew.measure.schema import validate_recording
 
-__all__ = ["is_netcdf", "load_dataset", "load_recording", "save_dataset", "save_recording", "write_atomically"]
+__all__ = [
+    "is_netcdf",
+    "load_dataset",
+    "load_recording",
+    "load_results",
+    "save_dataset",
+    "save_recording",
+    "write_atomically",
+]
 
 
-def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+def write_atomically(path: Path | str, write: Callable[[Path], None]) -> None:
     """Write a file whole or not at all: to a temporary neighbour, flushed to disk, then renamed.
 
     write: gets the temporary path and writes the content there.
     Raises FileError where the folder cannot be written.
     """
+    path = as_path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
@@ -49,7 +60,7 @@ def _umask() -> int:
     return mask
 
 
-def save_dataset(dataset: xr.Dataset, path: Path) -> None:
+def save_dataset(dataset: xr.Dataset, path: Path | str) -> None:
     """Write any dataset as NetCDF-4, atomically, with its content hash in the attributes.
 
     The content hash is that of the values as a reader gets them. Raises FileError where the file cannot be written.
@@ -59,17 +70,18 @@ def save_dataset(dataset: xr.Dataset, path: Path) -> None:
     for name in stored.variables:
         if stored[name].dtype.kind in "fi" and stored[name].size > 4096:
             encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
-    for name in stored.data_vars:
+    for name in stored.variables:
         if stored[name].dtype.kind == "f":
             encoding.setdefault(str(name), {})["_FillValue"] = None
     write_atomically(path, lambda temporary: stored.to_netcdf(temporary, engine="netcdf4", encoding=encoding) and None)
 
 
-def is_netcdf(path: Path) -> bool:
+def is_netcdf(path: Path | str) -> bool:
     """Return whether a file is NetCDF, going by its first bytes and not by its name.
 
     Raises FileError where it is absent, a folder, or cannot be read.
     """
+    path = as_path(path)
     try:
         with path.open("rb") as file:
             return file.read(8).startswith((b"\x89HDF\r\n\x1a\n", b"CDF\x01", b"CDF\x02", b"CDF\x05"))
@@ -77,11 +89,12 @@ def is_netcdf(path: Path) -> bool:
         raise FileError(f"cannot read {path}: {error.strerror or error}") from error
 
 
-def load_dataset(path: Path) -> xr.Dataset:
-    """Return the dataset of a NetCDF file, read whole into memory.
+def load_dataset(path: Path | str) -> xr.Dataset:
+    """Return the dataset of a NetCDF file, read whole into memory, results of an older schema brought to today's.
 
     Raises FileError where the file is absent, is not NetCDF, is cut short, or no longer matches its content hash.
     """
+    path = as_path(path)
     if not is_netcdf(path):
         raise FileError(f"{path} is not a NetCDF file; expected a recording or results that Sinew wrote")
     try:
@@ -98,20 +111,31 @@ def load_dataset(path: Path) -> xr.Dataset:
     claimed = dataset.attrs.get("content_hash")
     if claimed is not None and claimed != content_hash(dataset):
         raise FileError(f"{path} does not match its own content hash: it was changed after Sinew wrote it")
-    return dataset
+    return upgrade_results(dataset)
 
 
-def save_recording(recording: xr.Dataset, path: Path) -> None:
+def save_recording(recording: xr.Dataset, path: Path | str) -> None:
     """Check a recording and write it atomically. Raises SchemaError or FileError."""
     save_dataset(validate_recording(recording), path)
 
 
-def load_recording(path: Path) -> xr.Dataset:
+def load_recording(path: Path | str) -> xr.Dataset:
     """Return a checked recording from a NetCDF file. Raises FileError or SchemaError."""
     dataset = load_dataset(path)
     if "kind" in dataset:
         dataset["kind"] = dataset["kind"].astype(object)
     try:
         return validate_recording(dataset)
+    except SchemaError as error:
+        raise SchemaError(f"{path}: {error}") from error
+
+
+def load_results(path: Path | str) -> xr.Dataset:
+    """Return checked results from a NetCDF file, with coordinates whatever the schema they were written by.
+
+    Raises FileError or SchemaError.
+    """
+    try:
+        return validate_results(load_dataset(path))
     except SchemaError as error:
         raise SchemaError(f"{path}: {error}") from error

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import SchemaError
 from sinew.measure.schema import RECORDING_SCHEMA, SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
 
@@ -53,7 +54,8 @@ def build_recording(
             raise SchemaError(f"unknown sample variable {name!r}, expected one of {', '.join(SAMPLE_VARIABLES)}")
         row = SAMPLE_VARIABLES[name]
         unit = (units or {}).get(name, "") if row.unit == "*" else row.unit
-        variables[name] = (row.dims, values, {"units": unit, "long_name": row.meaning})
+        given = as_seconds(values, name) if name == "time_s" else _numbers(values, name)
+        variables[name] = (row.dims, given, {"units": unit, "long_name": row.meaning})
     columns: dict[str, ArrayLike] = {
         "row_size": np.asarray(row_size, dtype=np.int64),
         "kind": np.asarray([s.kind for s in segments], dtype=object),
@@ -72,6 +74,13 @@ def build_recording(
     dataset["row_size"].attrs["sample_dimension"] = "sample"
     dataset.attrs = {"Conventions": "CF-1.11", "featureType": "timeSeries", **attrs, "schema": RECORDING_SCHEMA}
     return validate_recording(dataset)
+
+
+def _numbers(values: ArrayLike, name: str) -> ArrayLike:
+    """Return samples in the precision they have where they are a plain array of numbers, else as float64."""
+    if type(values) is np.ndarray and values.dtype.kind in "fiu":
+        return values
+    return as_numbers(values, name)
 
 
 def segment_slices(recording: xr.Dataset) -> list[slice]:

@@ -1,13 +1,17 @@
-"""This is where the shape of analysed results is written down and checked.
+"""The shape of analysed results: what it holds, its check, and how results of the older shape are brought to it.
 
-Results are an `xarray.Dataset` over the axes pretension (p), frequency (f) and repeat (r). A part that a recording
+Results are an `xarray.Dataset` over the axes `pretension_mm` (p), `frequency_hz` (f) and `repeat` (r), each of them an
+index coordinate of its own name: `results.sel(pretension_mm=1)` is 1 mm, whatever its position. A part that a recording
 cannot give (no sweep, no ring-down) is absent as a whole; a single missing measurement is NaN.
 A quantity `q` with an interval has the companions `q_std`, `q_low`, `q_high` (standard deviation of the value over
 repeats, and ends of the 90 % interval), the suffix standing before the unit: `resonance_std_hz`.
 """
 
+import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
+from sinew.measure.doors import as_dataset
 from sinew.measure.errors import SchemaError
 from sinew.measure.schema import Variable
 
@@ -17,16 +21,21 @@ __all__ = [
     "RESULTS_SCHEMA",
     "RESULT_VARIABLES",
     "companions",
+    "result_axis",
+    "upgrade_results",
     "validate_results",
 ]
 
-RESULTS_SCHEMA = "sinew-results-1"
+RESULTS_SCHEMA = "sinew-results-2"
 
-_P, _PR, _PFR = ("pretension",), ("pretension", "repeat"), ("pretension", "frequency", "repeat")
+_WITHOUT_COORDINATES = "sinew-results-1"
+
+_P, _PR, _PFR = ("pretension_mm",), ("pretension_mm", "repeat"), ("pretension_mm", "frequency_hz", "repeat")
 
 _COORDINATES = {
     "pretension_mm": Variable(_P, "mm", "commanded pretension"),
-    "frequency_hz": Variable(("frequency",), "Hz", "commanded drive frequency"),
+    "frequency_hz": Variable(("frequency_hz",), "Hz", "commanded drive frequency"),
+    "repeat": Variable(("repeat",), "1", "number of the repetition, from 1; the segments of a recording count from 0"),
 }
 
 _RESPONSE = {
@@ -145,14 +154,50 @@ def companions(name: str) -> tuple[str, str, str]:
     return f"{stem}_std{suffix}", f"{stem}_low{suffix}", f"{stem}_high{suffix}"
 
 
+def result_axis(name: str, values: ArrayLike) -> tuple[tuple[str, ...], ArrayLike, dict[str, str]]:
+    """Return an axis of results, pretension_mm, frequency_hz or repeat, as what `xr.Dataset` takes for a coordinate.
+
+    values: its marks [mm, Hz, 1], finite and each once.
+    """
+    row = _COORDINATES[name]
+    return row.dims, values, {"units": row.unit, "long_name": row.meaning}
+
+
+def upgrade_results(results: xr.Dataset) -> xr.Dataset:
+    """Return results of schema sinew-results-1, whose axes had no coordinates, in today's shape; others unchanged.
+
+    No number moves. `pretension` and `frequency` become the index coordinates `pretension_mm` and `frequency_hz`, and
+    the repeats are counted from 1. What is not as that schema said is left for `validate_results` to name.
+    """
+    if results.attrs.get("schema") != _WITHOUT_COORDINATES:
+        return results
+    marks = {
+        new: results[new].values
+        for old, new in (("pretension", "pretension_mm"), ("frequency", "frequency_hz"))
+        if new in results and results[new].dims == (old,)
+    }
+    if "repeat" in results.dims:
+        marks["repeat"] = np.arange(1, results.sizes["repeat"] + 1)
+    others = results.drop_vars([name for name in marks if name in results.variables])
+    renamed = others.rename_dims({new.rpartition("_")[0]: new for new in marks if new != "repeat"})
+    here = {name: result_axis(name, values) for name, values in marks.items()}
+    return renamed.assign_coords(here).assign_attrs(schema=RESULTS_SCHEMA)
+
+
 def validate_results(results: xr.Dataset) -> xr.Dataset:
     """Return the results unchanged if they keep the schema. Raises SchemaError with one sentence."""
-    schema = results.attrs.get("schema")
+    schema = as_dataset(results, "results").attrs.get("schema")
     if schema != RESULTS_SCHEMA:
         raise SchemaError(f"these are not results of schema {RESULTS_SCHEMA!r} (found {schema!r})")
+    for name in map(str, results.dims):
+        if name not in results.indexes:
+            raise SchemaError(
+                f"the axis {name!r} of these results has no coordinate, so that no place in it has a name"
+            )
+        marks = results[name].values
+        if not np.isfinite(marks).all() or np.unique(marks).size != marks.size:
+            raise SchemaError(f"the axis {name!r} of these results holds a mark twice, NaN or infinity: {marks}")
     for name in map(str, results.variables):
-        if name in results.dims:
-            continue
         row = RESULT_VARIABLES.get(name)
         if row is None:
             raise SchemaError(f"unknown result variable {name!r}")

@@ -12,6 +12,7 @@ from typing import Literal, get_args
 import numpy as np
 import xarray as xr
 
+from sinew.measure.doors import as_dataset
 from sinew.measure.errors import SchemaError
 
 __all__ = [
@@ -84,7 +85,7 @@ def validate_recording(recording: xr.Dataset) -> xr.Dataset:
 
     Raises SchemaError with one sentence: what was found, what was expected.
     """
-    schema = recording.attrs.get("schema")
+    schema = as_dataset(recording, "recording").attrs.get("schema")
     if schema != RECORDING_SCHEMA:
         raise SchemaError(f"this is not a recording of schema {RECORDING_SCHEMA!r} (found {schema!r})")
     for name, variable in {**SAMPLE_VARIABLES, **SEGMENT_VARIABLES}.items():

@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 from numpy.typing import NDArray
 
+from sinew.measure.doors import as_path
 from sinew.measure.errors import FileError, RecordingError
 
 __all__ = ["Table", "find_columns", "numbers", "read_table"]
@@ -30,13 +31,16 @@ _BINARY = {
 _SCANNED_LINES, _HEAD_SIZE = 50, 1_000_000
 
 
-def read_table(path: Path) -> Table:
-    """Return the table of a text file as a DataFrame, columns named by its header.
+def read_table(path: "Path | str | Table") -> Table:
+    """Return the table of a text file as a DataFrame, columns named by its header; a DataFrame is one already.
 
     The delimiter (comma, semicolon, tab, else blanks), a decimal comma, comment lines before the header (#, %, //)
     and a header that is itself a comment are recognised. Cells are not judged here: see `numbers`.
     Raises FileError for a file that is absent, empty, binary, without header or without rows.
     """
+    if isinstance(path, pd.DataFrame):
+        return path.set_axis([str(name) for name in path.columns], axis=1)
+    path = as_path(path)
     text = _text(path)
     lines = text[:_HEAD_SIZE].splitlines(keepends=True)
     start, header = _find_header(path, lines)
@@ -199,6 +203,8 @@ def numbers(table: Table, name: str, rows: slice = slice(None)) -> NDArray[np.fl
     Raises RecordingError naming the first data row (from 1, below the header) that is empty, NaN, infinite or text.
     """
     column = table[name].iloc[rows]
+    if column.dtype.kind in "mM" or isinstance(column.dtype, pd.DatetimeTZDtype):
+        raise RecordingError(f"column {name!r} holds dates or durations, expected numbers; they can only be the time")
     values = np.asarray(pd.to_numeric(column, errors="coerce"), dtype=float)
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:

@@ -220,6 +220,7 @@ def _as_measured(response: Response, command: Swept, transfer: NDArray[np.comple
     return Response(
         response.pretension_mm,
         response.frequency_hz,
+        np.ones(1, dtype=np.int64),
         {name: np.asarray(once(values), dtype=float) for name, values in columns.items()},
         np.asarray(once(measured), dtype=complex),
         np.asarray(once(by_command), dtype=complex),

@@ -54,7 +54,7 @@ def confirm(request: Request) -> tuple[Confirmed, ...]:
     predicted = find_resonances(proposal.rig, pretensions, swing, band_hz=band)
     told = []
     for i, (mm, one) in enumerate(zip(pretensions, predicted, strict=True)):
-        at = results.isel(pretension=i)
+        at = results.isel(pretension_mm=i)
         measured, peak = (_estimate(at, name) for name in ("phase_90_hz", "resonance_hz"))
         wanted = math.nan if one is None else one.frequency_hz
         yaw = float(at["gain_peak"]) * plan.sweep.amplitude_deg

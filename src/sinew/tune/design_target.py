@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from sinew.measure.errors import SpecError
+from sinew.predict.joints.loads import Torso
 
 __all__ = ["DesignTarget"]
 
@@ -17,7 +18,8 @@ class DesignTarget:
     diameter, length: of the largest envelope [m]; guides stand out by `GUIDE` beyond their circle.
     lever_share: largest inertia of the lever as a share of `inertia`. least_damping: smallest D [1] at both ends: a
     stride that comes 2 D beside the last one still lies within the half-power width. wander: share of its frequency
-    that the rig's repeatability of pretension may move the resonance by.
+    that the rig's repeatability of pretension may move the resonance by. torso: mass and place of what sits on it;
+    None leaves its weight out.
     Raises SpecError where a number cannot be meant.
     """
 
@@ -29,6 +31,7 @@ class DesignTarget:
     lever_share: float = 0.15
     least_damping: float = 0.01
     wander: float = 0.01
+    torso: Torso | None = None
 
     def __post_init__(self) -> None:
         low, high = self.band_hz
@@ -42,6 +45,11 @@ class DesignTarget:
             raise SpecError(
                 f"found an envelope of {1e3 * self.diameter:g} by {1e3 * self.length:g} mm, expected a diameter of 30 "
                 "to 1000 mm and a length of 30 to 2000 mm"
+            )
+        if self.torso is not None and not (0 < self.torso.mass <= 500 and 0 <= self.torso.centre <= 3):
+            raise SpecError(
+                f"found a torso of {self.torso.mass:g} kg with its centre {1e3 * self.torso.centre:g} mm above the "
+                "joint, expected above 0 and up to 500 kg, and 0 to 3000 mm"
             )
         if not 0.005 <= self.lever_share <= 1:
             raise SpecError(f"found a lever of {self.lever_share:g} of the inertia, expected a share of 0.005 to 1")

@@ -111,7 +111,8 @@ def propose(draft: Draft) -> Proposal | None:
     loads = [drive_load(rig, one.frequency_hz, one.lever, one.torsion) for one in ends]
     pretensions = [one.pretension_mm for one in ends]
     problem = joint_problem(rig, pretensions, [math.degrees(one.command) for one in ends], target.band_hz)
-    checks = check_joint(rig, pretensions, loads_of(problem, np.array([one.torsion for one in ends])), tilt_held=True)
+    at_yaw = loads_of(problem, np.array([one.torsion for one in ends]))
+    checks = check_joint(rig, pretensions, at_yaw, tilt_held=True, torso=target.torso)
     inertia = rig.inertia
     share = inertia.lever.value / (inertia.head.value + inertia.lever.value)
     return Proposal(

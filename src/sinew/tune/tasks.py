@@ -5,6 +5,7 @@ from typing import Any, TypeVar
 
 from sinew import __version__
 from sinew.measure.errors import SpecError
+from sinew.measure.extras import how_to_install
 
 __all__ = ["run_tasks"]
 
@@ -44,7 +45,7 @@ def _on_cluster(
     try:
         from distributed import Client, as_completed
     except ImportError as error:
-        raise SpecError('--scheduler needs dask.distributed; install it: pip install "sinew[cluster]"') from error
+        raise SpecError(f"--scheduler needs dask.distributed; install it: {how_to_install('cluster')}") from error
     try:
         client = Client(address, timeout=_TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:  # a timeout is an OSError

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -16,7 +17,7 @@ from sinew.measure.recording import Segment, build_recording
 from sinew.plan.plan import Group, Plan, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
-from sinew.plan.toml import dump_plan, dump_rig
+from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 from sinew.twin.cache import configure
 from sinew.twin.drive import motor_current
 from sinew.twin.effects import Effects
@@ -137,8 +138,8 @@ def simulate_tracks(
 
 
 def simulate(
-    plan: Plan,
-    rig: RigSpec,
+    plan: Plan | str | Path,
+    rig: RigSpec | str | Path,
     *,
     seed: int = 0,
     effects: Effects | None = None,
@@ -146,11 +147,19 @@ def simulate(
 ) -> xr.Dataset:
     """Return the recording that the plan gives on the rig's physics twin.
 
+    plan, rig: as such, or the path of their TOML file, or the name of a shipped one.
     seed: of scatter, noise and jitter; the same seed gives the same recording.
     progress: called with (done, total) simulated seconds.
     Every group starts from rest; the pause before it is not recorded.
     Raises SpecError for a plan with a [track]: what a drive that listens does is no plan's; see `sinew track`.
     """
+    plan = load_plan(plan) if isinstance(plan, (str, Path)) else plan
+    rig = load_rig(rig) if isinstance(rig, (str, Path)) else rig
+    if not (isinstance(plan, Plan) and isinstance(rig, RigSpec)):
+        raise SpecError(
+            f"found a {type(plan).__name__} and a {type(rig).__name__}, expected a Plan and a RigSpec, in this order, "
+            "or the names or paths of their files"
+        )
     if plan.track is not None:
         raise SpecError(
             f"plan {plan.name} has a [track]: what a drive that listens does is not known before; "

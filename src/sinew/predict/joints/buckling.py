@@ -12,13 +12,27 @@ By twisting: compression lets a section twist more easily (Wagner). For an incom
 """
 
 import numpy as np
+from scipy import optimize
 
-__all__ = ["compressive_load", "euler_load", "haringx_load", "twisting_stretch"]
+__all__ = ["compressive_load", "euler_load", "haringx_load", "mast_load", "twisting_stretch"]
 
 
 def euler_load(bending_rigidity: float, length: float, *, tilt_held: bool) -> float:
     """Return the critical load [N] of a joint without shear: E I [N m²], length [m]; tilt_held: by the tendons."""
     return float((4 if tilt_held else 1) * np.pi**2 * bending_rigidity / length**2)
+
+
+def mast_load(bending_rigidity: float, length: float, height: float) -> float:
+    """Return the weight [N] at which a clamped column with a rigid mast on it falls over, without shear.
+
+    height: of the weight above the column's end [m]. The root of k h tan(k L) = 1, P = k² E I (0 < k L < π/2); a height
+    of nothing gives π² E I/(4 L²), Euler's free end.
+    """
+    if height <= 0:
+        return float(np.pi**2 * bending_rigidity / (4 * length**2))
+    ratio = height / length
+    turn = optimize.brentq(lambda x: ratio * x * np.sin(x) - np.cos(x), 0.0, np.pi / 2)
+    return float((turn / length) ** 2 * bending_rigidity)
 
 
 def haringx_load(euler: float, shear_rigidity: float) -> float:

@@ -1,18 +1,18 @@
 """This is where a prediction says what it is worth: each assumption with a number, a limit and a sentence."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinew.plan.rig import RigSpec
-from sinew.predict.joints.buckling import compressive_load, euler_load, haringx_load, twisting_stretch
+from sinew.predict.joints.buckling import compressive_load, euler_load, haringx_load, mast_load, twisting_stretch
 from sinew.predict.joints.design import section_of, shear_modulus_of
 from sinew.predict.joints.ends import bonded_axial_factor, bonded_torsion_factor
-from sinew.predict.joints.loads import Loads
+from sinew.predict.joints.loads import Loads, Torso, loads_under
 from sinew.predict.sections.section import Section
 
-__all__ = ["Check", "check_joint", "largest_strain"]
+__all__ = ["Check", "check_drive", "check_joint", "doubt_broken_curves", "largest_strain"]
 
 SLENDER = 1.0
 """Length over the diameter of the circle around the section, below which a joint is no beam at all."""
@@ -27,7 +27,7 @@ STRAIN = 0.5
 @dataclass(frozen=True)
 class Check:
     """One assumption. value and limit: in the unit of the name, else shares; None where there is no number.
-    holds: the verdict. sentence: with the number and what it means."""
+    holds: the verdict, never beside a value that exceeds its limit. sentence: with the number and what it means."""
 
     name: str
     value: float | None
@@ -35,13 +35,24 @@ class Check:
     holds: bool
     sentence: str
 
+    def __post_init__(self) -> None:
+        inside = self.value is None or (
+            self.value >= self.limit if self.name == "slenderness" else self.value <= self.limit
+        )
+        assert inside or not self.holds, f"{self.name} is said to hold at {self.value}, its limit is {self.limit}"
 
-def check_joint(rig: RigSpec, pretension_mm: list[float], loads: Loads, *, tilt_held: bool) -> list[Check]:
+
+def check_joint(
+    rig: RigSpec, pretension_mm: list[float], loads: Loads, *, tilt_held: bool, torso: Torso | None = None
+) -> list[Check]:
     """Return what is assumed of a rig's joint at the pretension where it matters most.
 
     pretension_mm: of the lanes of `loads`. tilt_held: whether the motors hold positions, not currents.
+    torso: whose weight presses on the joint as well; None leaves it out.
     """
     section, modulus = section_of(rig), shear_modulus_of(rig)
+    if torso is not None:
+        return _check_under(rig, section, modulus, pretension_mm, loads, torso, tilt_held=tilt_held)
     return [
         _slenderness(rig, section),
         _axial_ends(rig, section),
@@ -53,6 +64,106 @@ def check_joint(rig: RigSpec, pretension_mm: list[float], loads: Loads, *, tilt_
         _current(rig, pretension_mm, loads),
         _torsion(rig, pretension_mm, loads),
     ]
+
+
+def check_drive(rig: RigSpec, amplitude_deg: float, highest_hz: float) -> list[Check]:
+    """Return whether a rig allows the command [deg] and the highest frequency [Hz] that are asked of its drive."""
+    found = []
+    for name, value, limit, unit, advice in (
+        ("drive_amplitude_deg", amplitude_deg, rig.limits.drive_amplitude_deg, "°", "lower the amplitude"),
+        ("drive_hz", highest_hz, rig.limits.drive_hz, " Hz", "lower the highest frequency"),
+    ):
+        told = "" if value <= limit else f"; no bench of this rig will do it, {advice}"
+        sentence = f"the drive is asked for {value:g}{unit}, the rig allows {limit:g}{unit}{told}"
+        found.append(Check(name, value, limit, value <= limit, sentence))
+    return found
+
+
+_OF_THE_SWING = ("local_strain", "buckling_sideways", "tension_n", "tendon_current_a", "torsion_deg")
+
+
+def doubt_broken_curves(checks: list[Check], broken_mm: list[float]) -> list[Check]:
+    """Return checks of which those that depend on the largest swing do not hold where a curve was not found whole.
+
+    broken_mm: the pretensions of such curves [mm]; none: the checks as they are.
+    """
+    if not broken_mm:
+        return checks
+    but = f"; but the curve at {broken_mm[0]:g} mm broke off, so the swing may be larger, which nothing here rules out"
+    return [
+        replace(one, value=None, holds=False, sentence=one.sentence + but)
+        if one.holds and one.name in _OF_THE_SWING
+        else one
+        for one in checks
+    ]
+
+
+def _check_under(
+    rig: RigSpec,
+    section: Section,
+    modulus: float,
+    pretension_mm: list[float],
+    loads: Loads,
+    torso: Torso,
+    *,
+    tilt_held: bool,
+) -> list[Check]:
+    """Return the checks of a joint that carries a torso, each with its weight in it."""
+    guides = rig.tendons.count, rig.tendons.head_radius.value
+    under = loads_under(loads, torso, modulus * section.area, guides, rig.limits.tilt_deg)
+    plain = {one.name: one for one in check_joint(rig, pretension_mm, under, tilt_held=tilt_held)}
+    plain["buckling_sideways"] = _bending_under(rig, section, modulus, pretension_mm, loads, torso, tilt_held=tilt_held)
+    said = f"with {torso.mass:g} kg on it, "
+    changed = ("local_strain", "buckling_by_twisting", "tension_n", "tendon_current_a")
+    checks = [replace(one, sentence=said + one.sentence) if name in changed else one for name, one in plain.items()]
+    return [*checks, _tipping(rig, torso, loads)]
+
+
+def _bending_under(
+    rig: RigSpec,
+    section: Section,
+    modulus: float,
+    pretension_mm: list[float],
+    loads: Loads,
+    torso: Torso,
+    *,
+    tilt_held: bool,
+) -> Check:
+    """Return whether tendons and weight together leave the joint straight.
+
+    A weight does not point at the base as the tendons do: where they keep the head from tilting, the head may still
+    sway, P = π² E I/L²; where they do not, the weight stands on a clamped column as a rigid mast of its height does,
+    k h tan(k L) = 1 with P = k² E I. Both loads together by Dunkerley's sum of shares, which is on the safe side.
+    """
+    length, stiffness = rig.silicone.length.value, 3 * modulus * section.least
+    sliding = modulus * section.area
+    of_tendons = haringx_load(euler_load(stiffness, length, tilt_held=tilt_held), sliding)
+    euler = euler_load(stiffness, length, tilt_held=False) if tilt_held else mast_load(stiffness, length, torso.centre)
+    of_weight = haringx_load(euler, sliding)
+    worst = int(np.argmax(loads.tension))
+    pull = float(rig.tendons.count * loads.tension[worst])
+    value = pull / of_tendons + torso.weight / of_weight
+    told = "the joint stays straight" if value < 1 else "it buckles sideways; lower the pretension, or carry less"
+    sentence = (
+        f"at {pretension_mm[worst]:.3g} mm the tendons press with {pull:.0f} N of the {of_tendons:.0f} N, and "
+        f"{torso.mass:g} kg with {torso.weight:.0f} N of the {of_weight:.0f} N, at which either alone buckles it; "
+        f"their shares add up to {value:.2f}: {told}"
+    )
+    return Check("buckling_sideways", value, 1.0, value < 1, sentence)
+
+
+def _tipping(rig: RigSpec, torso: Torso, loads: Loads) -> Check:
+    """Return whether the tendons stay taut, and so hold the head, where the torso tilts as far as the rig allows."""
+    tilt, tendons = rig.limits.tilt_deg, rig.tendons
+    less = 2 * torso.moment(tilt) / (tendons.count * tendons.head_radius.value)
+    rest = float(np.min(loads.rest_tension))
+    value = less / rest if rest > 0 else math.inf
+    told = "it is held" if value < 1 else "they go slack and it tips over; widen the circle of tendons, or carry less"
+    sentence = (
+        f"tilted by the {tilt:g}° that the rig allows, {torso.mass:g} kg with their centre {1e3 * torso.centre:.0f} mm "
+        f"above the head take {less:.0f} N off a tendon that pulls {rest:.0f} N: {told}"
+    )
+    return Check("tipping_over", value, 1.0, value < 1, sentence)
 
 
 def largest_strain(shear: float, stretch: float) -> float:
@@ -77,9 +188,9 @@ def _axial_ends(rig: RigSpec, section: Section) -> Check:
     holds = value <= CLOSE or fitted
     told = "which hardly matters" if holds else "its shortening under the tendons comes out too large by that share"
     if fitted:
-        told = "the diameter is calibrated and has taken it in"
+        told = "the diameter is calibrated and has taken it in, so that it is no error"
     sentence = f"bonded ends make it about {value:.0%} stiffer along its axis than 3 G A/L: {told}"
-    return Check("bonded_ends_axial", value, CLOSE, holds, sentence)
+    return Check("bonded_ends_axial", None if fitted else value, CLOSE, holds, sentence)
 
 
 def _torsion_ends(rig: RigSpec, section: Section) -> Check:
