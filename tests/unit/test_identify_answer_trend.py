@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from sinew.identify.answer import in_words, pool_repeats
-from sinew.identify.answer_trend import detectable, fit_trend, ratio_interval
+from sinew.analysis.repeats import pool_repeats
+from sinew.analysis.slope import detectable, fit_trend, ratio_interval
+from sinew.identify.answer import in_words
 from sinew.measure.estimate import Estimate
 
 

@@ -13,8 +13,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.analysis.saturation import FEWEST_PRETENSIONS, fit_saturation
+from sinew.analysis.slope import Trend, fit_trend, ratio_interval
 from sinew.identify.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
-from sinew.identify.answer_trend import Trend, fit_trend, ratio_interval
 from sinew.measure.estimate import Estimate
 
 __all__ = ["answer_saturation"]

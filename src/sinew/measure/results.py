@@ -23,6 +23,7 @@ __all__ = [
 RESULTS_SCHEMA = "sinew-results-1"
 
 _P, _PR, _PFR = ("pretension",), ("pretension", "repeat"), ("pretension", "frequency", "repeat")
+_PRW = ("pretension", "repeat", "window")
 
 _COORDINATES = {
     "pretension_mm": Variable(_P, "mm", "commanded pretension"),
@@ -81,6 +82,13 @@ _RING_DOWN = {
     "exponential": Variable(_PR, "1", "1 where the decay is exponential within its noise, else 0"),
 }
 
+_WINDOWS = {
+    "window_start_periods": Variable(("window",), "1", "start of the decay after the stop, in periods of the drive"),
+    "window_decay_rate_per_s": Variable(_PRW, "1/s", "λ of the peak envelope from that start on"),
+    "window_omega_rad_s": Variable(_PRW, "rad/s", "⟨ω⟩ of the peaks from that start on"),
+    "window_lehr_damping": Variable(_PRW, "1", "λ/⟨ω⟩ (paper Eq. 7) from that start on"),
+}
+
 
 _SUFFIXES = {"1": "", "Hz": "_hz", "rad": "_rad", "W": "_w", "J": "_j", "A": "_a", "J/rad2": "_j_rad2"}
 
@@ -135,6 +143,7 @@ RESULT_VARIABLES: dict[str, Variable] = {
     **_RESONANCE,
     **_ENERGY,
     **_RING_DOWN,
+    **_WINDOWS,
 }
 
 
@@ -161,7 +170,7 @@ def validate_results(results: xr.Dataset) -> xr.Dataset:
         unit = results[name].attrs.get("units", "")
         if row.unit not in ("*", unit):
             raise SchemaError(f"result variable {name!r} has unit {unit!r}, expected {row.unit!r}")
-    for part in (_RESPONSE, _POWER, _RESONANCE, _ENERGY, _RING_DOWN):
+    for part in (_RESPONSE, _POWER, _RESONANCE, _ENERGY, _RING_DOWN, _WINDOWS):
         missing = [name for name in part if name not in results]
         if missing and len(missing) < len(part):
             raise SchemaError(
