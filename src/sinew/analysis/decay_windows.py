@@ -1,9 +1,9 @@
 """Lehr's damping by where its window begins: the table, and what holds for every window.
 
-The paper stops the drive, lets the lever recoil ("parasitic") and fits an exponential through the peaks that follow; from
-which peak on it does not say. A decay that is not exponential has another D in every window, and the window in which D is
-constant over pretension is not the same for every rig. So D over pretension is told for several windows, and a statement
-about it is one that all of them make.
+The paper stops the drive, lets the lever recoil ("parasitic") and fits an exponential through the peaks that follow;
+from which peak on it does not say. A decay that is not exponential has another D in every window, and the window in
+which D is constant over pretension is not the same for every rig. So D over pretension is told for several windows, and
+a statement about it is one that all of them make.
 """
 
 import math
@@ -116,8 +116,8 @@ def describe_windows(table: list[DecayWindow]) -> str:
     if windows_agree(table):
         return f"Wherever the decay is taken to begin, {starts}, D says the same: a change between {ends}; {spread}."
     return (
-        "Whether D is constant over pretension is not determined: it depends on where the decay is taken to begin. With "
-        f"starts {starts} D changes over the range by anything between {ends}; {spread}."
+        "Whether D is constant over pretension is not determined: it depends on where the decay is taken to begin. "
+        f"With starts {starts} D changes over the range by anything between {ends}; {spread}."
     )
 
 

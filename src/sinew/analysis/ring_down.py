@@ -344,8 +344,8 @@ def read_windows(time_s: ArrayLike, response: ArrayLike, result: RingDown, perio
     period_s: of the drive [s].
 
     The peaks are those of one record from the stop on, about the rest position that the result found behind its own
-    start; a later start leaves the earlier peaks out and changes nothing else. At `DECAY_FROM_PERIODS` it is the result's
-    own.
+    start; a later start leaves the earlier peaks out and changes nothing else. At `DECAY_FROM_PERIODS` it is the
+    result's own.
     """
     t, x, _, _ = evenly(*checked_record(time_s, response, None))
     stop = float(t[0])

@@ -103,8 +103,10 @@ def _with_interval(name: str, unit: str, meaning: str) -> dict[str, Variable]:
 
 
 _RESONANCE = {
-    **_with_interval("resonance_hz", "Hz", "frequency of the largest gain"),
-    **_with_interval("gain_peak", "1", "largest gain (nominal drive, mean of peaks)"),
+    **_with_interval("paper_resonance_hz", "Hz", "frequency of the largest mean of peaks by nominal drive (Eq. 6)"),
+    **_with_interval("paper_gain_peak", "1", "largest mean of peaks over nominal drive (Eq. 6)"),
+    **_with_interval("resonance_hz", "Hz", "frequency of the largest fundamental by nominal drive"),
+    **_with_interval("gain_peak", "1", "largest fundamental by nominal drive, scaled to the mean of peaks there"),
     **_with_interval("gain_peak_measured_drive", "1", "largest gain by measured drive"),
     **_with_interval("resonance_measured_drive_hz", "Hz", "frequency of the largest gain by measured drive"),
     **_with_interval("phase_90_hz", "Hz", "frequency at which the lag passes 90°"),
