@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import Estimate, interval, typeset
 
 __all__ = ["CANNOT_TELL", "Answer", "Cell", "cannot_tell", "in_words", "scaled"]
 
@@ -76,14 +76,6 @@ def scaled(estimate: Estimate, factor: float) -> Estimate:
 
 
 def in_words(estimate: Estimate, factor: float = 1.0, unit: str = "") -> str:
-    """Return "value [low, high] unit" of an estimate times a factor, to two digits of the width of its interval."""
+    """Return "value unit (low to high)" of an estimate times a factor, its digits by the width of its interval."""
     value, low, high = (factor * x for x in (estimate.value, estimate.low, estimate.high))
-    width = abs(high - low)
-    if math.isfinite(width) and width > 0:
-        places = min(6, max(0, 1 - math.floor(math.log10(width))))
-        text = f"{value:.{places}f} [{low:.{places}f}, {high:.{places}f}]"
-    elif math.isnan(width):
-        text = f"{value:.3g}"
-    else:
-        text = f"{value:.3g} [{low:.3g}, {high:.3g}]"
-    return f"{text} {unit}".rstrip().replace("-", "−").replace("inf", "∞")
+    return typeset(interval(value, low, high, unit))
