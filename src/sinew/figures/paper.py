@@ -74,8 +74,10 @@ def count_roles(rows: Sequence[Mapping[str, Any]]) -> str:
     free = [row for row in rows if row["role"] == "follows"]
     met, follow = (sum(bool(row["ok"]) for row in some) for some in (rows, free))
     fitted, put_in = (sum(row["role"] == role for row in rows) for role in ("fitted", "input"))
-    worth = f"; {fitted} were fitted and {put_in} are inputs, of the {len(free)} that follow {follow} are met"
-    return f"{met} of {len(rows)} rows within tolerance{worth if fitted or put_in else ''}"
+    parts = [f"{fitted} were fitted"] if fitted else []
+    parts += [f"{put_in} are inputs"] if put_in else []
+    worth = f"; {' and '.join(parts)}, of the {len(free)} that follow {follow} are met" if parts else ""
+    return f"{met} of {len(rows)} rows within tolerance{worth}"
 
 
 def paper_table(results: xr.Dataset, beyond: xr.Dataset | None = None, rig: RigSpec | None = None) -> list[Row]:

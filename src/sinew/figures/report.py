@@ -54,7 +54,7 @@ def write_report(
         paper=paper,
         agreeing=sum(bool(row["ok"]) for row in paper),
         counted=count_roles(paper),
-        has_roles=any(row["role"] != "follows" for row in paper),
+        has_roles=any(row["role"] == "fitted" for row in paper),
         about_paper=about_paper,
         threshold=describe_threshold(results, beyond, about_paper=about_paper),
         tables=measured_tables(results),
