@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from sinew.analysis.ring_down import DECAY_WINDOWS
 from sinew.measure.recording import Segment, build_recording
 from sinew.measure.results import RESULT_VARIABLES, RESULTS_SCHEMA, companions, validate_results
 
@@ -127,6 +128,7 @@ def sample_results(pretensions: tuple[float, ...], frequencies: np.ndarray, repe
     values = {name: np.full(_shape(row.dims, shape), np.nan) for name, row in RESULT_VARIABLES.items()}
     values["pretension_mm"], values["frequency_hz"] = np.asarray(pretensions, dtype=float), f
     values["repeat"] = np.arange(1, repeats + 1)
+    values["window_start_periods"] = np.array(DECAY_WINDOWS)
     for p, pretension in enumerate(pretensions):
         joint = Joint.at(pretension)
         for r in range(repeats):
@@ -203,7 +205,8 @@ def foreign_ring_down(decay_rate: float = 0.7, omega: float = 15.0) -> tuple[xr.
 
 
 def _shape(dims: tuple[str, ...], shape: tuple[int, int, int]) -> tuple[int, ...]:
-    sizes = dict(zip(("pretension_mm", "frequency_hz", "repeat"), shape, strict=True))
+    axes = ("pretension_mm", "frequency_hz", "repeat")
+    sizes = {**dict(zip(axes, shape, strict=True)), "window_start_periods": len(DECAY_WINDOWS)}
     return tuple(sizes[dim] for dim in dims)
 
 
@@ -213,6 +216,8 @@ def _resonance(values: dict[str, np.ndarray], p: int, joint: Joint) -> None:
     nominal = abs(response) * drive_share(grid)
     peak, true_peak = int(nominal.argmax()), int(abs(response).argmax())
     for stem, suffix, value, std in (
+        ("paper_resonance", "_hz", grid[peak], 0.015),
+        ("paper_gain_peak", "", nominal[peak], 0.03),
         ("resonance", "_hz", grid[peak], 0.015),
         ("gain_peak", "", nominal[peak], 0.03),
         ("gain_peak_measured_drive", "", abs(response)[true_peak], 0.05),
@@ -248,6 +253,8 @@ def _ring_down(values: dict[str, np.ndarray], p: int, r: int, joint: Joint) -> N
         "exponential": 1.0,
     }.items():
         values[name][p, r] = value
+    for name in ("decay_rate_per_s", "omega_rad_s", "lehr_damping"):  # an exponential: the same from every start on
+        values[f"window_{name}"][p, r] = values[f"paper_{name}"][p, r]
 
 
 FULL = (

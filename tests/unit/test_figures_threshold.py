@@ -13,9 +13,9 @@ PRETENSION_MM = tuple(float(p) for p in range(17))
 def campaign(gain: np.ndarray, by_measured: np.ndarray, resonance: np.ndarray) -> xr.Dataset:
     results = sample_results(PRETENSION_MM, SMALL[1], repeats=1)
     for name, values in {
-        "gain_peak": gain,
+        "paper_gain_peak": gain,
         "gain_peak_measured_drive": by_measured,
-        "resonance_hz": resonance,
+        "paper_resonance_hz": resonance,
         "drive_amplitude_at_resonance_rad": gain / by_measured * np.deg2rad(20.0),
     }.items():
         results[name].values[:] = values

@@ -5,7 +5,7 @@ import xarray as xr
 from tests.unit.identify_campaigns import PRETENSIONS
 
 from sinew.identify.answer import CANNOT_TELL
-from sinew.identify.answer_constancy import answer_constancy
+from sinew.identify.answer_constancy import NOT_DETERMINED, answer_constancy
 
 
 def decays(law: float, noise: float, seed: int, repeats: int = 3) -> xr.Dataset:
@@ -56,3 +56,38 @@ def test_one_pretension_cannot_tell_a_trend_of_d() -> None:
     answer = answer_constancy(decays(0.0, 0.03, seed=4).isel(pretension_mm=[0]))
     assert answer.verdict == CANNOT_TELL
     assert "at 1 pretension" in answer.sentences[0]
+
+
+def in_windows(results: xr.Dataset, changes: tuple[float, ...], noise: float = 0.005) -> xr.Dataset:
+    """Return the results with a window for each relative change of D over the range, D by the paper's method."""
+    rng = np.random.default_rng(9)
+    shape = results["damping_ratio"].shape
+    x = np.linspace(-0.5, 0.5, shape[0])[:, None, None]
+    damping = 0.06 * (1 + np.array(changes) * x) * (1 + noise * rng.standard_normal((*shape, 1)))
+    dims = ("pretension_mm", "repeat", "window_start_periods")
+    rate = damping * 2 * np.pi * results["decay_frequency_hz"].values[:, :, None]
+    return results.assign(
+        window_start_periods=np.linspace(0.0, 2.0, len(changes)),
+        window_lehr_damping=(dims, damping),
+        window_decay_rate_per_s=(dims, rate),
+    )
+
+
+def test_a_d_that_rises_or_falls_with_the_start_of_the_decay_is_not_determined() -> None:
+    answer = answer_constancy(in_windows(decays(0.0, 0.01, seed=5), (0.25, 0.1, 0.0, -0.22)))
+    assert answer.verdict == NOT_DETERMINED
+    assert "between a fall of 22 % and a rise of 25 %" in answer.sentences[0]
+    ends = answer.numbers["relative_change_from_0_periods"], answer.numbers["relative_change_from_2_periods"]
+    assert ends[0].low < 0.25 < ends[0].high
+    assert ends[1].low < -0.22 < ends[1].high
+
+
+def test_a_d_that_is_the_same_from_every_start_on_keeps_its_verdict() -> None:
+    answer = answer_constancy(in_windows(decays(0.0, 0.03, seed=1), (0.0, 0.0, 0.0)))
+    assert answer.verdict == "constant within chance"
+
+
+def test_a_d_that_falls_from_every_start_on_falls() -> None:
+    answer = answer_constancy(in_windows(decays(1.0, 0.02, seed=2), (-0.30, -0.36, -0.42)))
+    assert answer.verdict == "falls"
+    assert "Wherever the decay is taken to begin" in answer.sentences[1]

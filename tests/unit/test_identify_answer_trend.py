@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from sinew.identify.answer import in_words, pool_repeats
-from sinew.identify.answer_trend import detectable, fit_trend, ratio_interval
+from sinew.analysis.repeats import pool_repeats
+from sinew.analysis.slope import detectable, fit_trend, ratio_interval
+from sinew.identify.answer import in_words
 from sinew.measure.estimate import Estimate
 
 
@@ -72,8 +73,8 @@ def test_the_ratio_to_a_slope_that_may_be_zero_has_no_bounds() -> None:
 @pytest.mark.parametrize(
     ("estimate", "text"),
     [
-        (Estimate(0.1234, 0.01, 0.11, 0.14), "0.123 [0.110, 0.140]"),
-        (Estimate(-12.3, 2.0, -15.6, -9.0), "−12.3 [−15.6, −9.0]"),
+        (Estimate(0.1234, 0.01, 0.11, 0.14), "0.123 (0.110 to 0.140)"),
+        (Estimate(-12.3, 2.0, -15.6, -9.0), "−12.3 (−15.6 to −9.0)"),
         (Estimate(3.0, math.nan, math.nan, math.nan), "3"),
     ],
 )

@@ -21,12 +21,16 @@ def test_an_oscillator_becomes_one_branch_with_folds_peak_and_phase(capsys: pyte
     assert set(branch) >= BRANCH
     assert [round(fold["frequency_hz"], 6) for fold in branch["folds"]] == [3.818697, 3.521591]
     assert branch["peak"]["amplitude_deg"] == pytest.approx(max(branch["amplitude_deg"]), rel=1e-3)
+    largest = max(zip(branch["fundamental_deg"], branch["frequency_hz"], strict=True))
+    assert branch["fundamental_peak"]["amplitude_deg"] == pytest.approx(largest[0], rel=1e-3)
+    assert branch["fundamental_peak"]["frequency_hz"] == pytest.approx(largest[1], rel=5e-3)
     assert len(branch["frequency_hz"]) == len(branch["phase_deg"]) == len(branch["stable"])
 
 
 def test_without_json_there_is_a_table(capsys: pytest.CaptureFixture[str]) -> None:
     main(["predict", "--oscillator", OSCILLATOR, "--base-deg", "2"])
-    assert "90° of phase" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert all(head in out for head in ("peak (Eq. 6)", "peak of the fundamental", "90° of phase"))
 
 
 REFUSED = {

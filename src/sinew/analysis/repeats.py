@@ -1,12 +1,16 @@
-"""This is where repeats of one measurement become one value with its interval."""
+"""Repeats of one measurement: one value with its interval."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-__all__ = ["Interval", "combine_repeats"]
+from sinew.measure.estimate import Estimate
+
+__all__ = ["Interval", "Pooled", "combine_repeats", "pool_repeats"]
 
 Floats = NDArray[np.float64]
 _NORMAL_90 = 1.6448536269514722
@@ -54,3 +58,58 @@ def combine_repeats(
     shared = np.asarray(systematic, dtype=float)
     half = np.where(usable, np.hypot(factor * own, _NORMAL_90 * shared), np.nan)
     return Interval(mean, std, np.hypot(own, shared), mean - half, mean + half)
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """Means over repeats of several conditions, whose scatter is taken to be the same.
+
+    estimates: one for each condition. std: of a single draw, by all of them, with its degrees of freedom.
+    shared: standard uncertainty of each that repeating does not make smaller.
+    """
+
+    estimates: tuple[Estimate, ...]
+    std: float
+    degrees_of_freedom: float
+    shared: tuple[float, ...]
+
+    def significant(self, level: float = 0.1) -> tuple[int, int]:
+        """Return how many conditions lie above and below zero beyond chance, at a level for all of them together."""
+        count = sum(math.isfinite(one.std) for one in self.estimates)
+        if not count or not self.degrees_of_freedom > 0:
+            return 0, 0
+        t = float(special.stdtrit(self.degrees_of_freedom, 1.0 - level / (2.0 * count)))
+        reach = [t * one.std for one in self.estimates]
+        above = sum(one.value > r for one, r in zip(self.estimates, reach, strict=True))
+        return above, sum(one.value < -r for one, r in zip(self.estimates, reach, strict=True))
+
+
+def pool_repeats(
+    groups: Sequence[Sequence[float]], stds: Sequence[Sequence[float]], shared: Sequence[float] | None = None
+) -> Pooled:
+    """Return the mean of each condition's repeats with a 90 % interval from the scatter of all conditions.
+
+    groups: repeats of each condition, NaN left out. stds: standard deviation of each repeat by its own fit. shared:
+    standard uncertainty of each condition beside the scatter.
+
+    The standard deviation of one repeat is the larger of the pooled scatter (Σ(r - 1) degrees of freedom) and the root
+    mean square of the fits' own; without any repeats it is the latter, its intervals normal.
+    """
+    rows = [np.asarray(group, dtype=float) for group in groups]
+    known = [row[np.isfinite(row)] for row in rows]
+    freedom = sum(max(row.size - 1, 0) for row in known)
+    squares = sum(float(((row - row.mean()) ** 2).sum()) for row in known if row.size > 1)
+    own = np.array([value for row in stds for value in row], dtype=float)
+    own = own[np.isfinite(own)]
+    by_fit = float(np.sqrt(np.mean(own**2))) if own.size else math.nan
+    scatter = math.sqrt(squares / freedom) if freedom else math.nan
+    std = float(np.fmax(scatter, by_fit))
+    dof = float(freedom) if freedom and scatter >= np.nan_to_num(by_fit) else 1e6
+    beside = tuple(0.0 for _ in rows) if shared is None else tuple(map(float, shared))
+    return Pooled(tuple(_mean(row, std, dof, more) for row, more in zip(known, beside, strict=True)), std, dof, beside)
+
+
+def _mean(row: Floats, std: float, dof: float, shared: float) -> Estimate:
+    if not row.size or not math.isfinite(std):
+        return Estimate(float(row.mean()) if row.size else math.nan, math.nan, math.nan, math.nan)
+    return Estimate.student(float(row.mean()), math.hypot(std / math.sqrt(row.size), shared), dof)

@@ -1,27 +1,37 @@
-"""This is where a response curve gives its resonance: peak, 90° crossing and half-power width, with intervals."""
+"""The resonance of a response curve: its peaks by each meaning, 90° crossing and half-power width, with intervals.
+
+"Resonance" has several meanings, and a joint that bends under a motor that saturates tells them apart by a percent: the
+frequency of the largest mean of peaks over the nominal drive (Eq. 6, the paper's: `paper_resonance_hz`), of the
+largest fundamental over it (`resonance_hz`), of the largest gain by measured drive, and that of 90° of lag.
+`resonance_table` sets them side by side.
+"""
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from sinew.analysis.crest import fit_crest, top_points
 from sinew.analysis.rational import RationalCurve, fit_curve, read_curve
 from sinew.analysis.repeats import Interval, combine_repeats
 from sinew.analysis.response import Response, wrapped_lag
+from sinew.measure.estimate import Estimate
 from sinew.measure.results import RESULT_VARIABLES, companions
 
 __all__ = [
     "FEWEST_FREQUENCIES",
+    "MEANINGS",
     "Peak",
     "Readings",
     "estimate_resonance",
     "find_crossing",
     "find_peak",
     "read_resonances",
+    "resonance_table",
     "store_interval",
 ]
 
@@ -38,6 +48,8 @@ _TOP_POINTS = (5, 6)  # at least, of the polynomial and of the narrow rational c
 Reading = tuple[float, float, float]
 _NAN: Reading = (math.nan, math.nan, math.nan)
 _QUANTITIES = (
+    "paper_resonance_hz",
+    "paper_gain_peak",
     "resonance_hz",
     "gain_peak",
     "resonance_measured_drive_hz",
@@ -203,6 +215,11 @@ def read_resonances(response: Response) -> Readings:
     notes = []
     for p, r in np.ndindex(*shape):
         peaks = _peaks(response, p, r)
+        paper = _paper_peak(response, p, r)
+        for name, reading in (("paper_resonance_hz", paper.frequency_hz), ("paper_gain_peak", paper.gain)):
+            value[name][p, r], std[name][p, r], freedom[name][p, r] = reading
+        shared["paper_resonance_hz"][p, r] = paper.frequency_misfit_hz
+        shared["paper_gain_peak"][p, r] = paper.gain_misfit
         for name, reading in _readings(response, p, r, *peaks).items():
             value[name][p, r], std[name][p, r], freedom[name][p, r] = reading
         for name, share in _shared(response, p, r, *peaks).items():
@@ -219,6 +236,7 @@ def estimate_resonance(response: Response, readings: Readings | None = None) -> 
 
     readings: of `read_resonances`, where they are known already. Repeats are combined by Student's t, a single repeat
     keeps its fit's interval.
+    paper_resonance_hz and paper_gain_peak are read off the curve of Eq. 6 itself (mean of peaks over nominal drive).
     gain_peak is the curve's largest gain by nominal drive times the ratio of the mean of peaks to the fundamental
     there, so that it is the paper's. The interval of phase_90_hz holds the delay budget's uncertainty too, those of
     the peaks the misfit of a curve that is not linear: repeats share both.
@@ -247,14 +265,20 @@ def _peaks(response: Response, p: int, r: int) -> tuple[Peak, Peak, Peak]:
     return nominal, measured, crossing
 
 
+def _paper_peak(response: Response, p: int, r: int) -> Peak:
+    """Return the peak of the mean of peaks over the nominal drive (Eq. 6), at the fundamental's angles."""
+    ratio = response.columns["gain"][p, :, r] / response.columns["gain_harmonic"][p, :, r]
+    stds = (response.nominal_gain_std[p, :, r], response.nominal_phase_std[p, :, r])
+    return find_peak(response.frequency_hz, response.nominal_transfer[p, :, r] * ratio, *stds)
+
+
 def _readings(response: Response, p: int, r: int, nominal: Peak, measured: Peak, crossing: Peak) -> dict[str, Reading]:
     """Return the readings of one pretension and repeat by name."""
     at = nominal.frequency_hz[0]
     columns = {name: values[p, :, r] for name, values in response.columns.items()}
     ratio, ratio_std = _local(response.frequency_hz, columns["gain"] / columns["gain_harmonic"], at)
     peak_std = math.hypot(nominal.gain[1] * ratio, nominal.gain[0] * ratio_std)
-    drive = _at(response.frequency_hz, columns["drive_amplitude_rad"], at)
-    drive_std = _at(response.frequency_hz, columns["drive_amplitude_std_rad"], at)
+    drive = _drive_at(response, p, r, nominal)
     return {
         "resonance_hz": nominal.frequency_hz,
         "gain_peak": (nominal.gain[0] * ratio, peak_std, nominal.gain[2]),
@@ -262,7 +286,7 @@ def _readings(response: Response, p: int, r: int, nominal: Peak, measured: Peak,
         "gain_peak_measured_drive": measured.gain,
         "phase_90_hz": crossing.crossing_hz,
         "half_power_width_hz": measured.width_hz,
-        "drive_amplitude_at_resonance_rad": (drive, drive_std, nominal.frequency_hz[2]),
+        "drive_amplitude_at_resonance_rad": (drive.value, math.hypot(drive.std, drive.misfit), nominal.frequency_hz[2]),
     }
 
 
@@ -274,7 +298,42 @@ def _shared(response: Response, p: int, r: int, nominal: Peak, measured: Peak, c
         "resonance_measured_drive_hz": measured.frequency_misfit_hz,
         "gain_peak_measured_drive": measured.gain_misfit,
         "phase_90_hz": _delay_share(response, p, r, crossing),
+        "drive_amplitude_at_resonance_rad": _drive_at(response, p, r, nominal).misfit,
     }
+
+
+class _DriveThere(NamedTuple):
+    """The drive's amplitude at a resonance [rad], its standard deviation by noise, and what the grid leaves open."""
+
+    value: float
+    std: float
+    misfit: float
+
+
+def _drive_at(response: Response, p: int, r: int, peak: Peak) -> _DriveThere:
+    """Return the measured drive amplitude at a peak.
+
+    The lever gives way where the joint swings most, so that its amplitude over frequency is a V whose floor lies at the
+    resonance, between two points of the grid. As a complex amplitude it passes smoothly: that is what is interpolated,
+    by a cubic spline, and its size is read. The misfit is the difference to Akima's spline, and what the misfit of the
+    peak's frequency makes of the slope there.
+    """
+    f, columns, where = response.frequency_hz, response.columns, peak.frequency_hz[0]
+    size, own = columns["drive_amplitude_rad"][p, :, r], columns["drive_amplitude_std_rad"][p, :, r]
+    turn = np.angle(response.nominal_transfer[p, :, r] / response.transfer[p, :, r])
+    lever = size * np.exp(1j * turn)
+    known = np.isfinite(lever)
+    if not math.isfinite(where) or known.sum() < 4 or not f[known][0] <= where <= f[known][-1]:
+        return _DriveThere(math.nan, math.nan, math.nan)
+    x, y = f[known], lever[known]
+    spline = CubicSpline(x, y)
+    other = Akima1DInterpolator(x, y.real)(where) + 1j * Akima1DInterpolator(x, y.imag)(where)
+    value = abs(complex(spline(where)))
+    near = abs(complex(spline(where - 1e-4))), abs(complex(spline(where + 1e-4)))
+    slope = (near[1] - near[0]) / 2e-4
+    noise_hz = math.sqrt(max(peak.frequency_hz[1] ** 2 - peak.frequency_misfit_hz**2, 0.0))
+    noise = math.hypot(_at(f, own, where), slope * noise_hz)
+    return _DriveThere(value, noise, math.hypot(abs(other) - value, slope * peak.frequency_misfit_hz))
 
 
 def _local(frequency: Floats, values: Floats, where: float) -> tuple[float, float]:
@@ -316,3 +375,32 @@ def store_interval(dataset: xr.Dataset, name: str, interval: Interval) -> None:
     for key, values in zip((name, *companions(name)), numbers, strict=True):
         row = RESULT_VARIABLES[key]
         dataset[key] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})
+
+
+MEANINGS = {
+    "paper_resonance_hz": "largest mean of peaks over the nominal drive: the paper's, Eq. 6",
+    "resonance_hz": "largest fundamental over the nominal drive",
+    "resonance_measured_drive_hz": "largest fundamental over the measured drive: the joint's own",
+    "phase_90_hz": "lag of 90° behind the measured drive",
+}
+"""What "resonance" can mean, by the quantity of the results that holds it. `sinew predict` gives Eq. 6's as well: of a
+motion that repeats exactly, the mean of peaks is half of peak to peak."""
+
+
+def resonance_table(results: xr.Dataset) -> list[dict[str, Any]]:
+    """Return each meaning of resonance beside the others, one row for each pretension, ready for JSON.
+
+    results: of a sweep. Keys: `pretension_mm`, and those of `MEANINGS`, each `{"value", "std", "interval90"}` with the
+    standard deviation over repeats; None where it could not be read. Empty without a resonance.
+    """
+    if "resonance_hz" not in results:
+        return []
+    rows = []
+    for p, pretension in enumerate(results["pretension_mm"].values):
+        row: dict[str, Any] = {"pretension_mm": float(pretension)}
+        for name in (known for known in MEANINGS if known in results):
+            names = (name, *companions(name))
+            one = Estimate(*(float(results[key].values[p]) for key in names))
+            row[name] = one.to_json() if math.isfinite(one.value) else None
+        rows.append(row)
+    return rows

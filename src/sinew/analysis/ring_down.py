@@ -1,5 +1,6 @@
 """This is where a ring-down becomes frequency, damping and a verdict, with intervals."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +21,7 @@ from sinew.analysis.decay_shape import (
     mean_poles,
 )
 from sinew.analysis.envelope import Envelope, fit_envelope, large_peaks
-from sinew.analysis.free_decay import checked_record, evenly, free_decay
+from sinew.analysis.free_decay import block_means, checked_record, evenly, free_decay
 from sinew.analysis.peaks import Peaks, find_peaks
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
@@ -28,9 +29,24 @@ from sinew.measure.estimate import Estimate
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.results import RESULT_VARIABLES, result_axis
 
-__all__ = ["RingDown", "analyse_ring_down", "analyse_ring_downs", "ring_down_json"]
+__all__ = [
+    "DECAY_FROM_PERIODS",
+    "DECAY_WINDOWS",
+    "RingDown",
+    "analyse_ring_down",
+    "analyse_ring_downs",
+    "read_windows",
+    "ring_down_json",
+]
 
 Array = NDArray[np.float64]
+
+DECAY_FROM_PERIODS = 1.0
+"""Drive periods after the stop from which a planned ring-down is taken for free. The paper does not say where its fit
+begins, and its words fit a start at the stop as well; what other starts give stands in `DECAY_WINDOWS`."""
+
+DECAY_WINDOWS = (0.0, 0.1, 0.5, 1.0, 1.5, 2.0)
+"""Starts after the stop, in drive periods, from which the paper's method reads a planned ring-down beside."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +138,15 @@ def analyse_ring_down(
 
 
 def _angle(t: Array, rate: Array, fit: DecayFit) -> Array:
-    """Return the angle about its rest position, shape (n,): the rate less its bias, integrated, less its drift."""
+    """Return the angle about its rest position, shape (n,): the rate less its bias, integrated, less its drift.
+
+    The drift is that behind the start of the fit, where the record holds more.
+    """
     angle = integrate.cumulative_trapezoid(rate - fit.rest(t), t, initial=0)
     wave = np.exp((1j * fit.omega_rad_s - fit.decay_rate_per_s) * (t - fit.start_s))
     basis = np.stack([wave.real, wave.imag, np.ones_like(t), t - fit.start_s], axis=1)
-    drift = np.linalg.lstsq(basis, angle, rcond=None)[0][2:]
+    free = t >= fit.start_s - 1e-9
+    drift = np.linalg.lstsq(basis[free], angle[free], rcond=None)[0][2:]
     return np.asarray(angle - basis[:, 2:] @ drift, dtype=float)
 
 
@@ -214,6 +234,7 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
     """
     as_dataset(recording, "recording")
     found: list[tuple[Segment, RingDown, float]] = []
+    windows: list[tuple[Segment, list[Envelope | None]]] = []
     notes: list[str] = []
     segments = list(iterate_segments(recording))
     asked = [segment for _, segment, _ in segments if segment.kind == "ring-down"]
@@ -223,8 +244,10 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
         if segment.kind != "ring-down":
             continue
         try:
-            result = _analyse_segment(recording, segments, index, where, inertia_kg_m2)
+            result, read = _analyse_segment(recording, segments, index, where, inertia_kg_m2)
             found.append((segment, result, float(recording["time_s"].values[where.start])))
+            if read:
+                windows.append((segment, read))
         except RecordingError as error:
             notes.append(f"ring-down {segment.repeat} at {segment.pretension_mm:g} mm: {error}")
     if not found:
@@ -238,7 +261,7 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
             columns[name][place] = value
     rows = {name: RESULT_VARIABLES[name] for name in columns}
     units = {name: found[0][1].unit if row.unit == "*" else row.unit for name, row in rows.items()}
-    return xr.Dataset(
+    dataset = xr.Dataset(
         {
             name: (row.dims, columns[name], {"units": units[name], "long_name": row.meaning})
             for name, row in rows.items()
@@ -249,6 +272,35 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
         },
         attrs={"ring_down_notes": "; ".join(notes)},
     )
+    return dataset.assign(_window_columns(windows, pretension, shape))
+
+
+def _window_columns(
+    windows: list[tuple[Segment, list[Envelope | None]]], pretension: Array, shape: tuple[int, int]
+) -> dict[str, Any]:
+    """Return the variables over (pretension, repeat, window) of the result schema; none without planned ring-downs."""
+    if not windows:
+        return {}
+    columns = {name: np.full((*shape, len(DECAY_WINDOWS)), np.nan) for name in _WINDOW_NUMBERS}
+    for segment, read in windows:
+        place = int(np.searchsorted(pretension, segment.pretension_mm)), segment.repeat
+        for name, number in _WINDOW_NUMBERS.items():
+            columns[name][place] = [np.nan if one is None else number(one) for one in read]
+    rows = {name: RESULT_VARIABLES[name] for name in columns}
+    return {
+        "window_start_periods": result_axis("window_start_periods", np.array(DECAY_WINDOWS)),
+        **{
+            name: (rows[name].dims, values, {"units": rows[name].unit, "long_name": rows[name].meaning})
+            for name, values in columns.items()
+        },
+    }
+
+
+_WINDOW_NUMBERS: dict[str, Callable[[Envelope], float]] = {
+    "window_decay_rate_per_s": lambda one: one.decay_rate_per_s,
+    "window_omega_rad_s": lambda one: one.omega_rad_s,
+    "window_lehr_damping": lambda one: one.lehr_damping,
+}
 
 
 def _analyse_segment(
@@ -257,7 +309,8 @@ def _analyse_segment(
     index: int,
     where: slice,
     inertia_kg_m2: float | None,
-) -> RingDown:
+) -> tuple[RingDown, list[Envelope | None]]:
+    """Return the ring-down, and beside it what each of `DECAY_WINDOWS` says where the stop of the drive is known."""
     name = next(name for name in ("torsion_rad", "gyro_rad_s", "response") if name in recording)
     lever = next((name for name in ("drive_rad", "drive") if name in recording), None)
     time = recording["time_s"].values
@@ -270,18 +323,54 @@ def _analyse_segment(
             here.repeat,
         )
         if before[1].kind == "settle" and same:
-            free_from = float(time[where.start]) + 1.0 / here.frequency_hz
+            free_from = float(time[where.start]) + DECAY_FROM_PERIODS / here.frequency_hz
     values = recording[name].values[where]
+    values = values[:, 0] if values.ndim == 2 else values
     unit = str(recording[name].attrs["units"])
-    return analyse_ring_down(
+    result = analyse_ring_down(
         time[where],
-        values[:, 0] if values.ndim == 2 else values,
+        values,
         drive=None if lever is None else recording[lever].values[where],
         is_rate=unit == "rad/s",
         unit=unit,
         inertia_kg_m2=inertia_kg_m2,
         free_from_s=free_from,
     )
+    if free_from is None:
+        return result, []
+    return result, read_windows(time[where], values, result, 1.0 / segments[index][1].frequency_hz)
+
+
+def read_windows(time_s: ArrayLike, response: ArrayLike, result: RingDown, period_s: float) -> list[Envelope | None]:
+    """Return what the paper's method says of a planned ring-down from each of `DECAY_WINDOWS` on, None without peaks.
+
+    time_s, response: shape (n,), from the stop of the drive on, as `analyse_ring_down` took them; result: of it.
+    period_s: of the drive [s].
+
+    The peaks are those of one record from the stop on, about the rest position that the result found behind its own
+    start; a later start leaves the earlier peaks out and changes nothing else. At `DECAY_FROM_PERIODS` it is the
+    result's own.
+    """
+    t, x, _, _ = evenly(*checked_record(time_s, response, None))
+    stop = float(t[0])
+    is_rate = result.unit != result.peak_unit
+    t, x = block_means(t, x, np.pi / result.fit.omega_rad_s)
+    t, x = t[t <= result.stop_s], x[t <= result.stop_s]
+    peaks = find_peaks(t, _angle(t, x, result.fit) if is_rate else x)
+    margin = 0.05 * np.pi / result.fit.omega_rad_s
+    read: list[Envelope | None] = []
+    for start in DECAY_WINDOWS:
+        if start == DECAY_FROM_PERIODS:
+            read.append(result.paper)
+            continue
+        late = peaks.between(stop + start * period_s - margin, float(t[-1]))
+        try:
+            times, heights = _heights(late, result.fit, is_rate)
+        except RecordingError:
+            read.append(None)
+            continue
+        read.append(fit_envelope(times, np.abs(heights)))
+    return read
 
 
 def _numbers(result: RingDown, begins_s: float) -> dict[str, float]:

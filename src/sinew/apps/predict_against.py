@@ -40,7 +40,7 @@ FittedMm = Annotated[
 ]
 
 _TITLES = {
-    "resonance_hz": "frequency of the peak, by the command",
+    "resonance_hz": "frequency of the fundamental's peak, by the command",
     "gain_peak": "gain at the peak, by the command",
     "resonance_measured_drive_hz": "frequency of the peak, by the measured lever",
     "gain_peak_measured_drive": "gain at the peak, by the measured lever",

@@ -34,6 +34,7 @@ def _branch(branch: "Branch", pretension_mm: float) -> dict[str, Any]:
         "harmonic_shares": shares_document(branch),
         "folds": [_mark(fold) for fold in branch.folds],
         "peak": _mark(branch.peak),
+        "fundamental_peak": _mark(branch.fundamental_peak),
         "phase_90": _mark(branch.phase_90),
         "error": branch.error.tolist(),
         "complete": branch.complete,
@@ -64,8 +65,10 @@ def print_prediction(document: dict[str, Any]) -> None:
         folds = "; ".join(mark_cell(fold) for fold in branch["folds"]) or "none"
         name = "-" if pretension is None else f"{pretension:g}"
         steady = f"{sum(branch['stable'])} of {len(branch['stable'])}"
-        rows.append((name, mark_cell(branch["peak"]), mark_cell(branch["phase_90"]), folds, steady))
-    print_table(("pretension/mm", "peak", "90° of phase", "folds", "stable points"), rows)
+        peaks = (mark_cell(branch[key]) for key in ("peak", "fundamental_peak", "phase_90"))
+        rows.append((name, *peaks, folds, steady))
+    head = ("pretension/mm", "peak (Eq. 6)", "peak of the fundamental", "90° of phase", "folds", "stable points")
+    print_table(head, rows)
     print_remarks(document)
     error = document["error_estimate"]
     print(f"{document['harmonics']} harmonics, error estimate {error:.1e}, {document['wall_s'] * 1e3:.0f} ms")

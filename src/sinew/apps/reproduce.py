@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import textwrap
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from sinew.apps.console import print_json, print_table, progress_bar, require_fo
 from sinew.apps.options import Json, Rig, Seed
 from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results, stored_times
 from sinew.measure.errors import FileError
+from sinew.measure.estimate import number, shown_interval
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -209,6 +211,8 @@ def _determination(rig: "RigSpec | None") -> dict[str, dict[str, Any]] | None:
 
 
 def _show(summary: dict[str, Any], folder: Path, *, json: bool) -> None:
+    from sinew.figures.paper import count_roles
+
     if json:
         print_json(summary)
         return
@@ -219,16 +223,57 @@ def _show(summary: dict[str, Any], folder: Path, *, json: bool) -> None:
             _number(row["measured"]),
             _number(row["tolerance"]),
             "yes" if row["ok"] else "NO",
+            str(row["role"]),
             str(row["where"]),
         )
         for row in summary["paper"]
     ]
     if rows:
-        print_table(("quantity", "paper", "measured", "tolerance", "ok", "where"), rows, "paper against measured")
-        kept = sum(bool(row["ok"]) for row in summary["paper"])
-        print(f"{kept} of {len(rows)} rows within tolerance")
+        head = ("quantity", "paper", "measured", "tolerance", "ok", "role", "where")
+        print_table(head, rows, "paper against measured")
+        print(count_roles(summary["paper"]))
+    _show_resonances(summary)
+    _show_windows(summary)
     print(f"{summary['simulated_s']:.0f} s of motion, {summary['wall_s']:.0f} s of work")
     print(f"report: {folder / 'report.html'}")
+
+
+def _show_resonances(summary: dict[str, Any]) -> None:
+    rows = summary["resonance"]["rows"]
+    if not rows:
+        return
+    names = [name for name in _RESONANCES if any(row.get(name) for row in rows)]
+    head = ("pretension/mm", *(_RESONANCES[name] for name in names))
+    cells = [(number(row["pretension_mm"]), *(shown_interval(row.get(name)) for name in names)) for row in rows]
+    print_table(head, cells, "resonance in Hz, by what is meant (90 % interval)")
+
+
+_RESONANCES = {
+    "paper_resonance_hz": "mean of peaks (Eq. 6)",
+    "resonance_hz": "fundamental",
+    "resonance_measured_drive_hz": "by measured drive",
+    "phase_90_hz": "90° of lag",
+}
+
+
+def _show_windows(summary: dict[str, Any]) -> None:
+    from sinew.figures.tables import WINDOW_HEAD, window_cells
+
+    rows = summary["decay_windows"]["rows"]
+    if not rows:
+        return
+    ends = [(0, rows[0]["pretension_mm"][0]), (-1, rows[0]["pretension_mm"][-1])]
+    head = ("start/periods", *(f"D at {mm:g} mm" for _, mm in ends), *WINDOW_HEAD)
+    cells = [
+        (
+            number(row["start_periods"]),
+            *(shown_interval(row["lehr_damping"][end]) for end, _ in ends),
+            *(cell.replace("−", "-") for cell in window_cells(row)),
+        )
+        for row in rows
+    ]
+    print_table(head, cells, "Lehr's damping over pretension, by where the decay begins after the stop")
+    print(textwrap.fill(summary["decay_windows"]["conclusion"], 120))
 
 
 def _number(value: Any) -> str:

@@ -11,7 +11,8 @@ import xarray as xr
 from sinew.figures.page import write_page
 from sinew.figures.tables import number
 from sinew.identify.answer import Answer, Cell
-from sinew.measure.estimate import Estimate
+from sinew.measure import estimate
+from sinew.measure.estimate import Estimate, interval, span, typeset
 
 __all__ = ["write_answers"]
 
@@ -75,22 +76,14 @@ def _shown(answer: Answer, pictures: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _cells(one: Estimate) -> tuple[str, str, str]:
-    return number(one.value), number(one.std, 2), _interval(one)
-
-
-def _interval(one: Estimate) -> str:
-    if math.isnan(one.low) or math.isnan(one.high):
-        return "–"
-    low, high = (_end(x) for x in (one.low, one.high))
-    return f"{low} to {high}"
-
-
-def _end(x: float) -> str:
-    return ("−∞" if x < 0 else "∞") if math.isinf(x) else number(x)
+    """Return value, standard deviation and interval, all with the digits that the interval gives."""
+    known = not (math.isnan(one.low) or math.isnan(one.high))
+    value = interval(one.value, one.low, one.high).split(" (")[0] if known else estimate.pair(one.value, one.std)
+    spread = number(one.std, 2) if math.isfinite(one.std) else "–"
+    return typeset(value.split(" ±")[0]), spread, typeset(span(one.low, one.high)) if known else "–"
 
 
 def _cell(cell: Cell) -> str:
     if not isinstance(cell, Estimate):
         return number(cell)
-    reach = 0.5 * (cell.high - cell.low)
-    return number(cell.value, 3) + (f" ± {number(reach, 2)}" if math.isfinite(reach) else "")
+    return typeset(estimate.pair(cell.value, 0.5 * (cell.high - cell.low)))

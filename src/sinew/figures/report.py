@@ -8,8 +8,8 @@ import xarray as xr
 
 from sinew.figures.captions import CAPTIONS
 from sinew.figures.page import picture, write_page
-from sinew.figures.paper import is_the_papers, role_of
-from sinew.figures.tables import measured_tables, parameter_rows, reaches
+from sinew.figures.paper import count_roles, is_the_papers
+from sinew.figures.tables import measured_tables, parameter_rows, reaches, window_table
 from sinew.figures.threshold import describe_threshold
 from sinew.plan.rig import RigSpec
 
@@ -43,7 +43,7 @@ def write_report(
     Raises FileError where the folder cannot be written.
     """
     about_paper = is_the_papers(results, rig)
-    paper = _with_roles(summary["paper"], rig) if summary is not None and rig is not None and about_paper else []
+    paper = list(summary["paper"]) if summary is not None and rig is not None and about_paper else []
     source = str(results.attrs.get("source", ""))
     return write_page(
         folder / "report.html",
@@ -53,10 +53,12 @@ def write_report(
         effects_off=", ".join(str(results.attrs.get("effects_off", "")).split()),
         paper=paper,
         agreeing=sum(bool(row["ok"]) for row in paper),
-        earned=_earned(paper),
+        counted=count_roles(paper),
+        has_roles=any(row["role"] == "fitted" for row in paper),
         about_paper=about_paper,
         threshold=describe_threshold(results, beyond, about_paper=about_paper),
         tables=measured_tables(results),
+        windows=window_table(results),
         pictures=[picture(path, CAPTIONS) for path in figures if path.suffix == ".png"],
         parameters=parameter_rows(rig) if rig is not None else [],
         reaches=reaches(determination or {}),
@@ -75,21 +77,6 @@ _SOURCES = {
     "bench": "recorded on the bench",
     "import": "an imported recording",
 }
-
-
-def _with_roles(rows: Sequence[Mapping[str, Any]], rig: RigSpec) -> list[dict[str, Any]]:
-    """Return the rows of the paper's table with the key `role`."""
-    return [{**row, "role": role_of(str(row["quantity"]), rig)} for row in rows]
-
-
-def _earned(paper: Sequence[Mapping[str, Any]]) -> str:
-    """Return how many of the rows were fitted or put in, as the end of a sentence; empty where none was."""
-    fitted, put_in = (sum(row["role"] == role for row in paper) for role in ("fitted", "input"))
-    told = [f"{n} of them {verb[n != 1]}" for n, verb in ((fitted, _WERE), (put_in, _ARE)) if n]
-    return ", ".join(told)
-
-
-_WERE, _ARE = ("was fitted", "were fitted"), ("is an input", "are inputs")
 
 
 def _origins(results: xr.Dataset) -> list[tuple[str, str]]:

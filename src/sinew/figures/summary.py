@@ -1,4 +1,4 @@
-"""This is where a campaign becomes one small JSON document: curves over pretension, and the paper's table."""
+"""A campaign as one small JSON document: curves over pretension, resonances, windows, and the paper's table."""
 
 import math
 from collections.abc import Iterable
@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sinew.analysis.decay_windows import decay_windows, describe_windows
+from sinew.analysis.resonance import MEANINGS, resonance_table
 from sinew.figures.paper import paper_table
 from sinew.figures.rig import rig_of
 from sinew.figures.spread import mean_and_spread
@@ -28,6 +30,8 @@ def summarise(
 
     beyond: results of a sweep above 12 mm. rig: the one in the attributes of the results where none is given.
     wall_s: time that the run took [s]; simulated_s: time on the rig's clock that it covers [s].
+    `resonance_hz` and `gain` are the fundamental's, `paper_resonance_hz` and `paper_gain` Eq. 6's; `resonance` has all
+    meanings side by side, `decay_windows` D over pretension by where the decay begins.
     `gain_std` and `resonance_hz_std` are standard deviations over repeats; ring-down numbers are means over repeats by
     the paper's method, `lehr_damping_std` their sample standard deviation.
     """
@@ -36,17 +40,22 @@ def summarise(
     def column(name: str, factor: float = 1.0) -> list[float | None]:
         return _numbers(factor * results[name].values) if has_sweep else []
 
+    windows = decay_windows(results)
     return {
         "pretension_mm": column("pretension_mm"),
         "resonance_hz": column("resonance_hz"),
         "resonance_hz_std": column("resonance_std_hz"),
         "gain": column("gain_peak"),
         "gain_std": column("gain_peak_std"),
+        "paper_resonance_hz": column("paper_resonance_hz"),
+        "paper_gain": column("paper_gain_peak"),
         "gain_measured_drive": column("gain_peak_measured_drive"),
         "phase_90_hz": column("phase_90_hz"),
         "drive_amplitude_deg_at_resonance": column("drive_amplitude_at_resonance_rad", 180 / math.pi),
         "energy": _energy(results),
         "ring_down": _ring_down(results) if has_decay else {name: [] for name in _RING_DOWN},
+        "resonance": {"meanings": dict(MEANINGS) if has_sweep else {}, "rows": resonance_table(results)},
+        "decay_windows": {"conclusion": describe_windows(windows), "rows": [window.to_json() for window in windows]},
         "paper": paper_table(results, beyond, rig if rig is not None else rig_of(results)),
         "wall_s": float(wall_s),
         "simulated_s": float(simulated_s),

@@ -1,4 +1,4 @@
-"""This is where numbers become the rows of the report: measured quantities, parameters, what they determine."""
+"""The rows of the report: measured quantities, windows of the decay, parameters, and what the numbers determine."""
 
 import math
 from collections.abc import Mapping
@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sinew.analysis.decay_windows import decay_windows, describe_windows
 from sinew.figures.energy_table import energy_columns, energy_note
 from sinew.figures.spread import mean_and_spread
 from sinew.figures.style import Floats
+from sinew.measure import estimate
+from sinew.measure.estimate import DIGITS, typeset
+from sinew.measure.results import companions
 from sinew.plan.rig import RigSpec
-
-__all__ = ["Reach", "Table", "fixed", "measured_tables", "number", "parameter_rows", "reaches"]
 
 
 @dataclass(frozen=True)
@@ -26,24 +28,29 @@ class Table:
     note: str
 
 
-def number(value: float | None, digits: int = 4) -> str:
+Column = tuple[str, Floats, Floats]
+
+
+def number(value: float | None, digits: int = DIGITS) -> str:
     """Return a number with so many significant digits, a dash for what is not known."""
-    if value is None or not math.isfinite(value):
-        return "–"
-    text = f"{value:.{digits}g}"
-    return text.replace("-", "−") if "e" not in text else text
+    return typeset(estimate.number(value if value is None or math.isfinite(value) else None, digits))
 
 
 def fixed(value: float | None, decimals: int) -> str:
     """Return a number with so many decimals, a dash for what is not known."""
-    return "–" if value is None or not math.isfinite(value) else f"{value:.{decimals}f}".replace("-", "−")
+    return typeset(estimate.fixed(value if value is None or math.isfinite(value) else None, decimals))
 
 
 def measured_tables(results: xr.Dataset) -> list[Table]:
     """Return what was measured at each pretension: of sweep, ring-downs and energy, each where there is one."""
     tables = []
-    notes = (str(results.attrs.get("resonance_notes", "")), _verdict(results), energy_note(results))
-    parts = (("Resonance", _resonance(results)), ("Ring-down", _decay(results)), ("Energy", energy_columns(results)))
+    notes = (str(results.attrs.get("resonance_notes", "")), _MEANT, _verdict(results), energy_note(results))
+    parts = (
+        ("Resonance", _resonance(results)),
+        ("What resonance means", _meanings(results)),
+        ("Ring-down", _decay(results)),
+        ("Energy", energy_columns(results)),
+    )
     for (title, columns), note in zip(parts, notes, strict=True):
         known = [column for column in columns if np.isfinite(column[1]).any()]
         if not known:
@@ -53,6 +60,53 @@ def measured_tables(results: xr.Dataset) -> list[Table]:
         rows = [[number(pretension[p]), *(_pair(value[p], spread[p]) for _, value, spread in known)] for p in at]
         tables.append(Table(title, ["p in mm", *(head for head, _, _ in known)], rows, note))
     return tables
+
+
+def window_table(results: xr.Dataset) -> Table | None:
+    """Return D over pretension by where the decay begins, a row for each start; None without planned ring-downs."""
+    windows = decay_windows(results)
+    if not windows:
+        return None
+    pretensions = sorted({float(p) for window in windows for p in window.pretension_mm})
+    head = ["start in drive periods", *(f"D at {number(p)} mm" for p in pretensions)]
+    rows = []
+    for window in windows:
+        at = dict(zip(window.pretension_mm.tolist(), window.damping, strict=True))
+        cells = [typeset(at[p].shown_interval()) if p in at else "–" for p in pretensions]
+        rows.append([number(window.start_periods), *cells, *window_cells(window.to_json())])
+    return Table("Where the decay begins", [*head, *WINDOW_HEAD], rows, describe_windows(windows))
+
+
+WINDOW_HEAD = ("spread in %", "change over the range in %", "trend")
+
+
+def window_cells(window: Mapping[str, Any]) -> list[str]:
+    """Return spread, change over the range with its interval, and trend of a window of `DecayWindow.to_json`."""
+    change = window["relative_change"]
+    value, low, high = (None if x is None else 100 * x for x in (change["value"], *change["interval90"]))
+    spread = None if window["spread"] is None else 100 * window["spread"]
+    return [number(spread, 2), typeset(estimate.interval(value, low, high)), str(window["trend"])]
+
+
+_MEANT = (
+    "Eq. 6 is the paper's: the largest mean of peaks over the nominal drive. A prediction's half of peak to peak is "
+    "the same of a motion that repeats exactly. The fundamental leaves the harmonics out, the measured drive is the "
+    "joint's own input, and 90° is where that drive gives most power."
+)
+
+
+def _meanings(results: xr.Dataset) -> list[Column]:
+    heads = {
+        "paper_resonance_hz": "mean of peaks (Eq. 6) in Hz",
+        "resonance_hz": "fundamental in Hz",
+        "resonance_measured_drive_hz": "fundamental by measured drive in Hz",
+        "phase_90_hz": "90° lag in Hz",
+    }
+    return [
+        (head, results[name].values, results[companions(name)[0]].values)
+        for name, head in heads.items()
+        if name in results
+    ]
 
 
 def _verdict(results: xr.Dataset) -> str:
@@ -66,9 +120,6 @@ def _verdict(results: xr.Dataset) -> str:
     return text + " Where a decay is not, its damping depends on the amplitude; λ, ⟨ω⟩, D, d and k are means over it."
 
 
-Column = tuple[str, Floats, Floats]
-
-
 def _resonance(results: xr.Dataset) -> list[Column]:
     if "resonance_hz" not in results:
         return []
@@ -78,10 +129,9 @@ def _resonance(results: xr.Dataset) -> list[Column]:
     return [
         (head, factor * results[name].values, factor * results[std].values)
         for head, name, std, factor in (
-            ("resonance in Hz", "resonance_hz", "resonance_std_hz", 1.0),
-            (f"gain{per}", "gain_peak", "gain_peak_std", 1.0),
+            ("resonance (Eq. 6) in Hz", "paper_resonance_hz", "paper_resonance_std_hz", 1.0),
+            (f"gain{per}", "paper_gain_peak", "paper_gain_peak_std", 1.0),
             (f"gain by measured drive{per}", "gain_peak_measured_drive", "gain_peak_measured_drive_std", 1.0),
-            ("90° lag at Hz", "phase_90_hz", "phase_90_std_hz", 1.0),
             ("half-power width in Hz", "half_power_width_hz", "half_power_width_std_hz", 1.0),
             (
                 f"drive in {drive}",
@@ -110,15 +160,8 @@ def _decay(results: xr.Dataset) -> list[Column]:
 
 
 def _pair(value: float, spread: float) -> str:
-    """Return `value ± spread`, cut at the spread's first digit (second if the first is a one) or the value's fourth."""
-    if not (math.isfinite(value) and math.isfinite(spread) and spread > 0):
-        return number(value)
-    exponent = math.floor(math.log10(spread))
-    decimals = (1 if spread < 2 * 10.0**exponent else 0) - exponent
-    if value != 0:
-        decimals = min(decimals, 3 - math.floor(math.log10(abs(value))))
-    decimals = max(0, decimals)
-    return f"{value:.{decimals}f} ± {max(spread, 10.0**-decimals):.{decimals}f}".replace("-", "−")
+    """Return `value ± spread`, its digits by the spread; a dash for what is not known."""
+    return typeset(estimate.pair(value, spread))
 
 
 def _readable(unit: str) -> str:

@@ -13,8 +13,8 @@ _PAPER_MM = 12.0
 
 _COLUMNS = (
     "pretension_mm",
-    "resonance_hz",
-    "gain_peak",
+    "paper_resonance_hz",
+    "paper_gain_peak",
     "gain_peak_measured_drive",
     "drive_amplitude_at_resonance_rad",
 )

@@ -1,9 +1,12 @@
-"""This is where it is answered whether Lehr's damping stays constant over pretension beyond chance.
+"""Whether Lehr's damping stays constant over pretension, beyond chance and beyond the choice of a window.
 
 One-way analysis of variance asks whether D differs between pretensions by more than between repeats; a line over
 pretension asks whether it has a trend. Because "no trend was found" is worth what the trend that would have been found
 is, two laws are held against the data: with a constant damping constant d, D = d/(2 sqrt(k I)) falls as 1/ω; with
 losses in the silicone alone, and a stiffness that grows by lossless tension, D = η k_s/(2 k) falls as 1/ω².
+
+Where the decays begin is a choice (`sinew.analysis.decay_windows`): the verdict is what all windows say, and where they
+contradict each other, that they do.
 """
 
 import math
@@ -13,14 +16,20 @@ import numpy as np
 import xarray as xr
 from scipy import special
 
-from sinew.identify.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words, pool_repeats
-from sinew.identify.answer_trend import Trend, detectable, fit_trend
+from sinew.analysis.decay_windows import DecayWindow, decay_windows, describe_windows, windows_agree
+from sinew.analysis.repeats import pool_repeats
+from sinew.analysis.ring_down import DECAY_FROM_PERIODS
+from sinew.analysis.slope import Trend, detectable, fit_trend
+from sinew.identify.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
 from sinew.measure.estimate import Estimate
 
 __all__ = ["answer_constancy"]
 
 NAME = "constancy"
 QUESTION = "Does Lehr's damping D stay constant over pretension, beyond chance? (section 4.2)"
+NOT_DETERMINED = "not determined: depends on the window"
+"""Verdict where windows of the decay contradict each other."""
+
 _SIGNIFICANCE = 0.05
 _LITTLE = 0.25  # of the change that a constant d makes
 
@@ -46,6 +55,7 @@ def answer_constancy(results: xr.Dataset) -> Answer:
     results: with ring-downs at two pretensions or more.
     Numbers: `slope_per_mm` of D, `relative_change` over the range, `detectable_change`: the relative change that its
     90 % interval would have told from zero in nine of ten such recordings, and what the two laws expect of this range.
+    `relative_change_from_N_periods`: by the paper's method, with the decay begun N drive periods after its stop.
     """
     if "damping_ratio" not in results:
         return cannot_tell(NAME, QUESTION, "The recording holds no ring-downs; record some at several pretensions.")
@@ -72,8 +82,31 @@ def answer_constancy(results: xr.Dataset) -> Answer:
         "p_value": _exact(_anova(series)),
     }
     verdict, said = _judge(change, seen, laws["change_by_constant_d"])
-    words = [said, *_differences(series, trend), *_laws(change, laws), *_paper(results, span)]
+    windows = decay_windows(results)
+    numbers |= {f"relative_change_from_{one.start_periods:g}_periods": one.change for one in windows}
+    first = _of_windows(windows, said)
+    if windows and not windows_agree(windows):
+        verdict = NOT_DETERMINED
+    words = [*first, *_differences(series, trend), *_laws(change, laws), *_paper(results, span)]
     return Answer(NAME, QUESTION, verdict, tuple(words), numbers, rows)
+
+
+def _of_windows(windows: list[DecayWindow], said: str) -> list[str]:
+    """Return what holds for every window, and what the decays say from the usual start on."""
+    if not windows:
+        return [said]
+    if windows_agree(windows):
+        return [said, describe_windows(windows)]
+    each = ", ".join(
+        f"{in_words(one.change, 100.0, '%')} from {one.start_periods:g}"
+        for one in windows
+        if math.isfinite(one.change.low)
+    )
+    return [
+        describe_windows(windows),
+        f"By the paper's peaks and Eq. 7 the change, by drive periods after the stop, is {each}.",
+        f"From {DECAY_FROM_PERIODS:g} drive period on, by the direct fit: {said}",
+    ]
 
 
 def _series(results: xr.Dataset, name: str, std: str | None) -> _Series:

@@ -19,8 +19,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from sinew.analysis.repeats import pool_repeats
 from sinew.analysis.sensor import DelayBudget, delay_budget, torsion_delay
-from sinew.identify.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words, pool_repeats
+from sinew.identify.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
 from sinew.identify.joint_fitted import JointFit
 from sinew.measure.estimate import Estimate
 from sinew.plan.rig import RigSpec

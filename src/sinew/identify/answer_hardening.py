@@ -14,8 +14,9 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.portrait import phase_portrait
+from sinew.analysis.repeats import Pooled, pool_repeats
 from sinew.analysis.torsion import response_channel
-from sinew.identify.answer import CANNOT_TELL, Answer, Cell, Pooled, cannot_tell, in_words, pool_repeats, scaled
+from sinew.identify.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words, scaled
 from sinew.identify.answer_records import records_by_repeat
 from sinew.identify.fit import fit
 from sinew.identify.fitted import Fit

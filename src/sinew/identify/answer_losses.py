@@ -14,9 +14,10 @@ import jax
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.ring_down import analyse_ring_down
+from sinew.analysis.repeats import Pooled, pool_repeats
+from sinew.analysis.ring_down import DECAY_FROM_PERIODS, analyse_ring_down
 from sinew.analysis.sensor import sample_rate
-from sinew.identify.answer import CANNOT_TELL, Answer, Array, Cell, Pooled, cannot_tell, in_words, pool_repeats
+from sinew.identify.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
 from sinew.identify.answer_energy import energy_shares
 from sinew.identify.joint_fitted import JointFit
 from sinew.measure.errors import SinewError
@@ -226,7 +227,9 @@ def _paper_damping(track: Track, group: Group, rig: RigSpec, effects: Effects, h
     gyro = read_gyro(*rates, starts, hz, rig.imu, effects, rng)[begin:, 0]
     time = np.arange(gyro.size) / hz
     try:
-        found = analyse_ring_down(time, gyro, is_rate=True, unit="rad/s", free_from_s=1.0 / group.frequency_hz)
+        found = analyse_ring_down(
+            time, gyro, is_rate=True, unit="rad/s", free_from_s=DECAY_FROM_PERIODS / group.frequency_hz
+        )
     except SinewError:
         return math.nan
     return found.paper.lehr_damping

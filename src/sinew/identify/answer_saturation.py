@@ -13,8 +13,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.analysis.saturation import FEWEST_PRETENSIONS, fit_saturation
+from sinew.analysis.slope import Trend, fit_trend, ratio_interval
 from sinew.identify.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
-from sinew.identify.answer_trend import Trend, fit_trend, ratio_interval
 from sinew.measure.estimate import Estimate
 
 __all__ = ["answer_saturation"]
@@ -89,14 +89,14 @@ def _std(name: str) -> str:
 
 
 def _at_limit(results: xr.Dataset) -> Array:
-    """Return the share of samples at the duty limit, at the frequency nearest to each resonance, mean over repeats."""
+    """Return the share of samples at the duty limit at each resonance, mean over repeats, (p,)."""
     share = np.asarray(results["saturated_share"].values, dtype=float)
     found = np.full(share.shape[0], math.nan)
     for p, at in enumerate(results["resonance_hz"].values):
         rows = np.flatnonzero(np.isfinite(share[p]).any(axis=1))
         if math.isfinite(at) and rows.size:
-            nearest = rows[int(np.argmin(np.abs(results["frequency_hz"].values[rows] - at)))]
-            found[p] = float(np.nanmean(share[p, nearest]))
+            mean = np.nanmean(share[p, rows], axis=1)
+            found[p] = float(np.interp(at, results["frequency_hz"].values[rows], mean))
     return found
 
 

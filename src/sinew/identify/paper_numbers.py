@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import find_peaks
 
 from sinew.analysis.envelope import fit_envelope
+from sinew.analysis.ring_down import DECAY_FROM_PERIODS
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.twin.integrate import Track
@@ -183,10 +184,11 @@ def _amplitudes(group: Group, track: Track) -> tuple[complex, complex]:
 def _lehr(group: Group, track: Track) -> float:
     """Return λ/⟨ω⟩ of a free decay by the paper's method, on the true torsion from one period after the stop.
 
-    In that period the lever is still settling on its servo; the analysis of a recording leaves it out as well.
+    In that period the lever is still settling on its servo; the analysis of a recording leaves it out as well. That the
+    paper did so is assumed: aimed at with any other start, D can be made constant as well (decision 23).
     """
     start, _ = group.sample_counts(_SAMPLE_HZ)
-    torsion = track.torsion[start + round(_SAMPLE_HZ / group.frequency_hz) :]
+    torsion = track.torsion[start + round(DECAY_FROM_PERIODS * _SAMPLE_HZ / group.frequency_hz) :]
     at, _ = find_peaks(np.abs(torsion), height=0.02 * float(np.abs(torsion).max()))
     if at.size < 4:
         return 1.0  # no oscillation to speak of: far outside the paper's numbers

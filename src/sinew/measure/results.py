@@ -31,11 +31,15 @@ RESULTS_SCHEMA = "sinew-results-2"
 _WITHOUT_COORDINATES = "sinew-results-1"
 
 _P, _PR, _PFR = ("pretension_mm",), ("pretension_mm", "repeat"), ("pretension_mm", "frequency_hz", "repeat")
+_PRW = ("pretension_mm", "repeat", "window_start_periods")
 
 _COORDINATES = {
     "pretension_mm": Variable(_P, "mm", "commanded pretension"),
     "frequency_hz": Variable(("frequency_hz",), "Hz", "commanded drive frequency"),
     "repeat": Variable(("repeat",), "1", "number of the repetition, from 1; the segments of a recording count from 0"),
+    "window_start_periods": Variable(
+        ("window_start_periods",), "1", "start of the decay after the stop, in periods of the drive"
+    ),
 }
 
 _RESPONSE = {
@@ -90,6 +94,12 @@ _RING_DOWN = {
     "exponential": Variable(_PR, "1", "1 where the decay is exponential within its noise, else 0"),
 }
 
+_WINDOWS = {
+    "window_decay_rate_per_s": Variable(_PRW, "1/s", "λ of the peak envelope from that start on"),
+    "window_omega_rad_s": Variable(_PRW, "rad/s", "⟨ω⟩ of the peaks from that start on"),
+    "window_lehr_damping": Variable(_PRW, "1", "λ/⟨ω⟩ (paper Eq. 7) from that start on"),
+}
+
 
 _SUFFIXES = {"1": "", "Hz": "_hz", "rad": "_rad", "W": "_w", "J": "_j", "A": "_a", "J/rad2": "_j_rad2"}
 
@@ -104,8 +114,10 @@ def _with_interval(name: str, unit: str, meaning: str) -> dict[str, Variable]:
 
 
 _RESONANCE = {
-    **_with_interval("resonance_hz", "Hz", "frequency of the largest gain"),
-    **_with_interval("gain_peak", "1", "largest gain (nominal drive, mean of peaks)"),
+    **_with_interval("paper_resonance_hz", "Hz", "frequency of the largest mean of peaks by nominal drive (Eq. 6)"),
+    **_with_interval("paper_gain_peak", "1", "largest mean of peaks over nominal drive (Eq. 6)"),
+    **_with_interval("resonance_hz", "Hz", "frequency of the largest fundamental by nominal drive"),
+    **_with_interval("gain_peak", "1", "largest fundamental by nominal drive, scaled to the mean of peaks there"),
     **_with_interval("gain_peak_measured_drive", "1", "largest gain by measured drive"),
     **_with_interval("resonance_measured_drive_hz", "Hz", "frequency of the largest gain by measured drive"),
     **_with_interval("phase_90_hz", "Hz", "frequency at which the lag passes 90°"),
@@ -144,6 +156,7 @@ RESULT_VARIABLES: dict[str, Variable] = {
     **_RESONANCE,
     **_ENERGY,
     **_RING_DOWN,
+    **_WINDOWS,
 }
 
 
@@ -155,9 +168,9 @@ def companions(name: str) -> tuple[str, str, str]:
 
 
 def result_axis(name: str, values: ArrayLike) -> tuple[tuple[str, ...], ArrayLike, dict[str, str]]:
-    """Return an axis of results, pretension_mm, frequency_hz or repeat, as what `xr.Dataset` takes for a coordinate.
+    """Return an axis of results, by its name in the schema, as what `xr.Dataset` takes for a coordinate.
 
-    values: its marks [mm, Hz, 1], finite and each once.
+    values: its marks in the axis' unit, finite and each once.
     """
     row = _COORDINATES[name]
     return row.dims, values, {"units": row.unit, "long_name": row.meaning}
@@ -166,7 +179,7 @@ def result_axis(name: str, values: ArrayLike) -> tuple[tuple[str, ...], ArrayLik
 def upgrade_results(results: xr.Dataset) -> xr.Dataset:
     """Return results of schema sinew-results-1, whose axes had no coordinates, in today's shape; others unchanged.
 
-    No number moves. `pretension` and `frequency` become the index coordinates `pretension_mm` and `frequency_hz`, and
+    No number moves; what was not asked then is NaN. `pretension` and `frequency` become the index coordinates `pretension_mm` and `frequency_hz`, and
     the repeats are counted from 1. What is not as that schema said is left for `validate_results` to name.
     """
     if results.attrs.get("schema") != _WITHOUT_COORDINATES:
@@ -181,7 +194,17 @@ def upgrade_results(results: xr.Dataset) -> xr.Dataset:
     others = results.drop_vars([name for name in marks if name in results.variables])
     renamed = others.rename_dims({new.rpartition("_")[0]: new for new in marks if new != "repeat"})
     here = {name: result_axis(name, values) for name, values in marks.items()}
-    return renamed.assign_coords(here).assign_attrs(schema=RESULTS_SCHEMA)
+    upgraded = renamed.assign_coords(here).assign_attrs(schema=RESULTS_SCHEMA)
+    if "resonance_hz" in upgraded:  # the peak of Eq. 6 stood nowhere then: it is not known
+        unknown = np.full(upgraded.sizes["pretension_mm"], np.nan)
+        upgraded = upgraded.assign(
+            {
+                name: (row.dims, unknown, {"units": row.unit, "long_name": row.meaning})
+                for name, row in _RESONANCE.items()
+                if name not in upgraded
+            }
+        )
+    return upgraded
 
 
 def validate_results(results: xr.Dataset) -> xr.Dataset:
@@ -206,7 +229,7 @@ def validate_results(results: xr.Dataset) -> xr.Dataset:
         unit = results[name].attrs.get("units", "")
         if row.unit not in ("*", unit):
             raise SchemaError(f"result variable {name!r} has unit {unit!r}, expected {row.unit!r}")
-    for part in (_RESPONSE, _POWER, _RESONANCE, _ENERGY, _RING_DOWN):
+    for part in (_RESPONSE, _POWER, _RESONANCE, _ENERGY, _RING_DOWN, _WINDOWS):
         missing = [name for name in part if name not in results]
         if missing and len(missing) < len(part):
             raise SchemaError(

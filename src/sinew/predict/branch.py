@@ -5,9 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.predict.curve_guess import interpolated_peak
+
 __all__ = ["Branch", "Mark", "Prediction"]
 
 Array = NDArray[np.float64]
+
+_FEWEST = 7  # points of a curve about its peak
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,17 @@ class Branch:
     def fundamental(self) -> Array:
         """Return the amplitude of the fundamental, (n,)."""
         return np.asarray(np.abs(self.harmonics[:, self.orders == 1][:, 0]))
+
+    @property
+    def fundamental_peak(self) -> Mark | None:
+        """Return where the fundamental is largest, its size in place of the amplitude; None at an end of the curve.
+
+        `peak` is that of half of peak to peak, which of a motion that repeats is the paper's mean of peaks (Eq. 6).
+        """
+        size = self.fundamental
+        if size.size < _FEWEST or int(np.argmax(size)) in (0, size.size - 1):
+            return None
+        return Mark(*interpolated_peak(self.frequency_hz, size, self.phase))
 
 
 @dataclass(frozen=True)
