@@ -50,6 +50,7 @@ _LAG_STD = math.radians(4.0)
 # A pretension by the tendon motors' angles: levelling moves them apart, not their mean; pulley and cable to 3 %.
 _PRETENSION_STD_MM, _PRETENSION_STD = 0.15, 0.03
 
+_MOST_TEXT = 40_000
 _MOVING_RAD = math.radians(1.0)
 _FROZEN_SHARE, _FROZEN_SAMPLES = 0.25, 8
 _SAME = 1e-6
@@ -126,7 +127,8 @@ def find_doubts(results: xr.Dataset, recording: xr.Dataset, rig: RigSpec | None)
 def foretold(results: xr.Dataset) -> str:
     """Return what a recording of the same plan is expected to give, as the text of the attribute `expected`.
 
-    results: of the twin's recording of the plan, without noise; one repeat is enough.
+    results: of the twin's recording of the plan, without noise; one repeat is enough. Empty where it would be too much
+    for an attribute of a file (some thousand groups).
     """
     document: dict[str, Any] = {}
     for name in _FORETOLD:
@@ -138,7 +140,8 @@ def foretold(results: xr.Dataset) -> str:
     for axis in ("pretension_mm", "frequency_hz"):
         if axis in results:
             document[axis] = [float(x) for x in results[axis].values]
-    return json.dumps(document, separators=(",", ":"))
+    text = json.dumps(document, separators=(",", ":"))
+    return text if len(text) < _MOST_TEXT else ""
 
 
 _FORETOLD = (
@@ -499,6 +502,36 @@ def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
     return by_silicone + by_dashpot, 0.5 * silicone.loss_factor.value + by_guides + by_dashpot
 
 
+def group_doubts(rig: RigSpec, segment: Segment, time_s: Floats, drive_rad: Floats, gyro_rad_s: Floats) -> list[str]:
+    """Return what can be said against a steady group while its run goes on, in sentences.
+
+    time_s, drive_rad: (n,); gyro_rad_s: about the joint's axis, (n,); NaN where a reading did not come. The lever is
+    held against half of what it reaches against a held head, for in resonance the head takes up to half.
+    """
+    known = np.isfinite(time_s) & np.isfinite(drive_rad) & np.isfinite(gyro_rad_s)
+    command = math.radians(segment.amplitude_deg)
+    if segment.kind != "steady" or known.sum() < _FROZEN_SAMPLES or not command > _MOVING_RAD:
+        return []
+    time, lever, rate = time_s[known], drive_rad[known], gyro_rad_s[known]
+    phase = 2.0 * np.pi * segment.frequency_hz * (time - time[0])
+    design = np.stack([np.cos(phase), np.sin(phase), np.ones_like(phase)], axis=1)
+    wave = np.linalg.lstsq(design, lever, rcond=None)[0]
+    amplitude = float(np.hypot(wave[0], wave[1]))
+    place, found = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat), []
+    least = _HELD_LOW * drive_reach(rig, command, segment.frequency_hz).amplitude_rad
+    if amplitude < least and _logs(amplitude, least, _LEVER_STD) > DOUBTED_FROM:
+        found.append(
+            f"the lever went {_deg(amplitude)} of the {_deg(command)} asked for at {place}, the drive reaches "
+            f"{_deg(2.0 * least)} against a held head: look at its PWM limit, goal PWM, profile and supply"
+        )
+    step = float(np.median(np.diff(time)))
+    for words, values, share in (("the gyro", rate, _FROZEN_SHARE), ("the drive's encoder", lever, 1.0)):
+        longest = _longest_run(_same_as_before(values[:, None])) + 1
+        if longest > max(_FROZEN_SAMPLES, share / (step * segment.frequency_hz)):
+            found.append(f"{words} repeats one value for {longest * step:.2g} s at {place}: look at it and its cable")
+    return found
+
+
 def frozen_channels(recording: xr.Dataset, rig: RigSpec | None = None) -> Iterator[Doubt]:
     """Yield the channels that repeat one value while they should move: a sensor that stands still.
 
@@ -635,7 +668,7 @@ def _deg(radians: float) -> str:
 
 
 def _plain(value: float) -> float | None:
-    return float(f"{value:.6g}") if math.isfinite(value) else None
+    return float(f"{value:.4g}") if math.isfinite(value) else None
 
 
 def _mean(values: Floats) -> Floats:

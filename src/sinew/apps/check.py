@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-__all__ = ["LONGEST_PREVIEW_S", "check", "preview_plan", "told_preview"]
+__all__ = ["LONGEST_PREVIEW_S", "check", "foresee_plan", "preview_plan", "told_preview"]
 
 LONGEST_PREVIEW_S = 20_000.0
 """Length of a plan up to which its torsion is previewed [s]; the paper's is 5600 s."""
@@ -51,6 +51,31 @@ def preview_plan(plan: "Plan", rig: "RigSpec", *, swing: bool = False) -> "Previ
     if not swing or preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
         return preview
     return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
+
+
+def foresee_plan(plan: "Plan", rig: "RigSpec") -> tuple["Preview", str]:
+    """Return the check of a plan with the twin's tensions and torsions, and what its recording is expected to say.
+
+    The latter is the text of a recording's attribute `expected` (`sinew.analysis.doubts`), empty where the plan is
+    refused, is longer than `LONGEST_PREVIEW_S`, tracks, or cannot be analysed.
+    """
+    import numpy as np
+
+    from sinew.analysis.analysis import analyse_recording
+    from sinew.analysis.doubts import foretold
+    from sinew.measure.errors import RecordingError
+    from sinew.plan.check import check_plan
+    from sinew.twin.simulate import foresee
+
+    preview = preview_plan(plan, rig)
+    if preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
+        return preview, ""
+    torsion, recording = foresee(plan, rig)
+    preview = check_plan(plan, rig, preview.tension_n, np.degrees(torsion).tolist())
+    try:
+        return preview, foretold(analyse_recording(recording, rig))
+    except RecordingError:  # nothing but rest, or groups too short to say anything
+        return preview, ""
 
 
 def told_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, Any]:

@@ -16,6 +16,8 @@ def print_analysis(document: dict[str, Any], recording: "xr.Dataset", results: "
 
     results: of the recording, for what the table of a sweep shows beside the document; None for a single ring-down.
     """
+    for one in document.get("doubts", []):
+        print(f"DOUBT: {one['sentence']}")
     if document["kind"] == "ring-down":
         _print_ring_down(document, recording)
         return

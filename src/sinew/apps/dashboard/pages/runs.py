@@ -120,10 +120,23 @@ async def _open(site: Site, names: list[str]) -> None:
             found.append((name, {"trouble": str(trouble)}))
     place.clear()
     with place, ui.element("div").classes("sinew-grid"):
+        _doubts(found)
         _curves(found)
         _numbers(found)
         for name, _ in found:
             _downloads(name)
+
+
+def _doubts(found: list[tuple[str, dict[str, Any]]]) -> None:
+    """Say what speaks against the runs, above everything that they found."""
+    for name, results in found:
+        if results.get("doubts"):
+            with (
+                card(f"{name} contradicts itself or its rig", 12),
+                ui.element("div").props("role=alert data-doubts"),
+            ):
+                for sentence in results["doubts"]:
+                    ui.label(sentence).classes("sinew-bad")
 
 
 def _curves(found: list[tuple[str, dict[str, Any]]]) -> None:
