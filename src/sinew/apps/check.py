@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import print_json, print_table
 from sinew.apps.options import Json, PlanArgument, Rig
+from sinew.measure.estimate import fixed
 
 if TYPE_CHECKING:
     from sinew.plan.check import Preview
@@ -105,14 +106,14 @@ def _print_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> None:
     print(f"{_time(preview.duration_s)}{longest} without the changes of pretension")
     if preview.frequency_hz and plan.sweep is not None:
         rows = [
-            (f"{row['frequency_hz']:g}", f"{row['amplitude_deg']:.1f}", f"{row['current_a']:.2f}")
+            (f"{row['frequency_hz']:g}", fixed(row["amplitude_deg"], 1), fixed(row["current_a"], 2))
             for row in told_preview(plan, rig, preview)["drive"]
         ]
         title = f"drive, nominal {plan.sweep.amplitude_deg:g}°, against a held head (less where the joint resonates)"
         print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)
-    twists = [f"{twist:.0f}" for twist in preview.torsion_deg] or [""] * len(preview.tension_n)
+    twists = [fixed(twist, 0) for twist in preview.torsion_deg] or [""] * len(preview.tension_n)
     held = [
-        (f"{p:g}", f"{t:.1f}", twist)
+        (f"{p:g}", fixed(t, 1), twist)
         for p, t, twist in zip(plan.pretension.pretension_mm, preview.tension_n, twists, strict=True)
     ]
     print_table(("pretension/mm", "tension of each tendon at rest/N", "largest torsion/°"), held, "tendons and torsion")

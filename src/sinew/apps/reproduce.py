@@ -15,6 +15,7 @@ from sinew.apps.console import print_json, print_table, progress_bar, require_fo
 from sinew.apps.options import Json, Rig, Seed
 from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results, stored_times
 from sinew.measure.errors import FileError
+from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -232,4 +233,4 @@ def _show(summary: dict[str, Any], folder: Path, *, json: bool) -> None:
 
 
 def _number(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value or "")
+    return number(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value or "")
