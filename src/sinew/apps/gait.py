@@ -10,6 +10,7 @@ from sinew.apps.console import print_json, print_table, remark, require_folder, 
 from sinew.apps.options import Json, Start, Stop
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import fixed, number, pair
+from sinew.measure.units import number_list, one_number
 
 if TYPE_CHECKING:
     from sinew.analysis.gait_bout import BoutGait
@@ -174,9 +175,9 @@ def _speeds(text: str | None, count: int) -> list[float] | None:
     if text is None:
         return None
     try:
-        found = [float(part) for part in text.split(",")]
+        found = [one_number(text)] if count == 1 else number_list(text)
     except ValueError as error:
-        raise SpecError(f"--speed-m-s is {text!r}, expected numbers with commas between them") from error
+        raise SpecError(f"--speed-m-s: {error}") from error
     if len(found) != count or not all(0 < v < math.inf for v in found):
         raise SpecError(f"--speed-m-s is {text!r}, expected one positive speed for each of the {count} files")
     return found

@@ -7,6 +7,7 @@ import typer
 
 from sinew.apps.console import print_table
 from sinew.measure.errors import SpecError
+from sinew.measure.units import number_list
 
 if TYPE_CHECKING:
     from sinew.apps.predict_rig import Predicted, RigAsked
@@ -117,9 +118,9 @@ def hold_against(held: Held, found: "Predicted", fitted_mm: str | None) -> "tupl
 def millimetres(text: str) -> list[float]:
     """Return the numbers of --fitted-mm. Raises SpecError where one is none."""
     try:
-        return [float(part) for part in text.split(",")]
+        return number_list(text)
     except ValueError as error:
-        raise SpecError(f"--fitted-mm is {text!r}, expected numbers as 0,4,8") from error
+        raise SpecError(f"--fitted-mm: {error}; expected numbers as 0,4,8") from error
 
 
 def _document(held: Held, comparison: "Comparison", fitted: tuple[float, ...], with_lever: bool) -> dict[str, Any]:

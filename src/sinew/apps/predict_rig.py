@@ -6,6 +6,7 @@ import typer
 
 from sinew.apps.predict_document import prediction_document
 from sinew.measure.errors import SpecError
+from sinew.measure.units import number_list
 
 if TYPE_CHECKING:
     from sinew.plan.plan import TendonMode
@@ -99,12 +100,10 @@ def rig_asked(
 ) -> RigAsked:
     """Return what the options ask of a rig. Raises SpecError where one of them cannot be meant."""
     check_mode(mode)
-    pretensions = []
-    for part in pretension.split(","):
-        try:
-            pretensions.append(float(part))
-        except ValueError as error:
-            raise SpecError(f"--pretension-mm holds {part.strip()!r}, expected a number") from error
+    try:
+        pretensions = number_list(pretension)
+    except ValueError as error:
+        raise SpecError(f"--pretension-mm: {error}") from error
     if amplitude <= 0:
         raise SpecError(f"--amplitude-deg is {amplitude:g}, expected a positive angle")
     if min(pretensions) < 0:

@@ -9,6 +9,7 @@ from sinew.apps.console import print_json, print_table, require_file, require_fo
 from sinew.apps.options import Json
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import fixed, number
+from sinew.measure.units import number_list
 
 if TYPE_CHECKING:
     from sinew.plan.plan import TendonMode
@@ -91,9 +92,9 @@ def transfer(
 
 def _numbers(what: str, text: str) -> list[float]:
     try:
-        return [float(part) for part in text.split(",")]
+        return number_list(text)
     except ValueError as error:
-        raise SpecError(f"{what} is {text!r}, expected numbers with commas between them") from error
+        raise SpecError(f"{what}: {error}") from error
 
 
 def _refuse(

@@ -9,6 +9,7 @@ from sinew.apps.options import Json
 from sinew.apps.predict_rig import Mode, check_mode
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import fixed, number, shown_interval
+from sinew.measure.units import number_list
 
 if TYPE_CHECKING:
     from sinew.plan.plan import TendonMode
@@ -132,9 +133,9 @@ def _range(reachable: "Reachable") -> dict[str, Any]:
 
 def _frequencies(text: str) -> list[float]:
     try:
-        return [float(part) for part in text.split(",")]
+        return number_list(text)
     except ValueError as error:
-        raise SpecError(f"--resonance-hz is {text!r}, expected frequencies in hertz, as 3.2,3.6") from error
+        raise SpecError(f"--resonance-hz: {error}; expected frequencies in hertz, as 3.2,3.6") from error
 
 
 def _draws(rig: "RigSpec", bands: int | None, seed: int) -> "tuple[Draws | None, str]":
