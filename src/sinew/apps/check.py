@@ -90,6 +90,7 @@ def told_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, 
         "ok": not preview.refusals,
         "duration_s": preview.duration_s,
         "longest_s": preview.longest_s,
+        "bench_s": preview.bench_s,
         "groups": preview.groups,
         "samples": preview.samples,
         "full_amplitude_hz": preview.full_amplitude_hz,
@@ -103,7 +104,8 @@ def told_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, 
 def _print_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> None:
     print(f"plan {plan.name} on rig {rig.name}: {preview.groups} motions, {preview.samples} samples,", end=" ")
     longest = f" (at most {_time(preview.longest_s)})" if preview.longest_s > preview.duration_s else ""
-    print(f"{_time(preview.duration_s)}{longest} without the changes of pretension")
+    print(f"{_time(preview.duration_s)}{longest} of motion and rest,", end=" ")
+    print(f"about {_time(preview.bench_s)} on a bench with pull, pretensions and stop")
     if preview.frequency_hz and plan.sweep is not None:
         rows = [
             (f"{row['frequency_hz']:g}", fixed(row["amplitude_deg"], 1), fixed(row["current_a"], 2))

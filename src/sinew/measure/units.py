@@ -9,6 +9,7 @@ import math
 import re
 import tokenize
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,16 @@ from sinew.measure.errors import UnitError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["canonical_unit", "convert", "number_list", "one_number", "split_list", "unit_in_name", "unit_suffix"]
+__all__ = [
+    "canonical_unit",
+    "convert",
+    "local_time",
+    "number_list",
+    "one_number",
+    "split_list",
+    "unit_in_name",
+    "unit_suffix",
+]
 
 # Words that people write and pint does not read, or reads as something else (it takes "Nm" for a yarn count).
 _SPELLINGS = {
@@ -119,6 +129,19 @@ def number_list(text: str) -> list[float]:
     if not parts:
         raise ValueError("found nothing, expected numbers with commas between them, as 0, 4, 8")
     return [one_number(part) for part in parts]
+
+
+def local_time(moment: str) -> str:
+    """Return an ISO 8601 time as people read it, in the zone of this computer: "2026-03-01 14:05+01:00".
+
+    A time without a zone is taken to be UTC, as recordings have it. What is no time comes back as it is.
+    """
+    try:
+        at = datetime.fromisoformat(moment)
+    except ValueError:
+        return moment
+    at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
+    return at.astimezone().isoformat(sep=" ", timespec="minutes")
 
 
 @cache

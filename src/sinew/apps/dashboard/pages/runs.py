@@ -10,6 +10,7 @@ from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.quantity import quantity
 from sinew.apps.dashboard.pages.site import Site
 from sinew.measure.errors import SinewError
+from sinew.measure.units import local_time
 
 __all__ = ["add_runs_pages"]
 
@@ -99,7 +100,7 @@ def _table(found: list[dict[str, Any]]) -> None:
 
 def _row(run: dict[str, Any]) -> dict[str, Any]:
     done = "–" if run.get("groups") is None else f"{run['groups_done']} of {run['groups']}"
-    started = (run.get("started") or "–").replace("T", " ")[:16]
+    started = local_time(run.get("started") or "–")
     return {**{key: run.get(key) or "–" for key, _, _ in _COLUMNS}, "groups": done, "started": started}
 
 
