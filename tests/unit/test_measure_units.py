@@ -1,11 +1,20 @@
 """Units that people write in headers and on the command line."""
 
 import math
+import time
 
 import pytest
 
 from sinew.measure.errors import UnitError
-from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
+from sinew.measure.units import (
+    canonical_unit,
+    convert,
+    local_time,
+    number_list,
+    one_number,
+    unit_in_name,
+    unit_suffix,
+)
 
 DEGREE = math.pi / 180
 
@@ -127,3 +136,34 @@ def test_a_column_name_states_a_unit_only_where_that_is_clear(column: str, unit:
 @pytest.mark.parametrize("unit", ["rad", "rad/s", "m", "m/s2", "N*m", "V", "s"])
 def test_a_name_that_is_given_a_suffix_states_that_unit_again(unit: str) -> None:
     assert unit_in_name(f"x_{unit_suffix(unit)}") == unit
+
+
+@pytest.mark.parametrize("text", ["2,5", " [2,5] ", "1,5; 2,5", "1,5 2,5"])
+def test_a_comma_that_may_be_a_decimal_one_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"write '2\.5' for one, '2, 5' for a list"):
+        number_list(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [("2, 5", [2, 5]), ("0,4,8,12", [0, 4, 8, 12]), ("3.2,3.6", [3.2, 3.6]), ("2; 5", [2, 5]), ("2.5", [2.5])],
+)
+def test_a_list_is_read_where_its_commas_can_only_separate(text: str, numbers: list[float]) -> None:
+    assert number_list(text) == numbers
+
+
+def test_one_number_with_a_decimal_comma_is_told_to_take_a_point() -> None:
+    with pytest.raises(ValueError, match=r"found '2,5', expected one number; decimals take a point: 2\.5"):
+        one_number("2,5")
+
+
+def test_a_time_is_shown_in_the_zone_of_the_computer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TZ", "Europe/Berlin")
+    time.tzset()
+    try:
+        assert local_time("2026-07-01T12:05:10.123+00:00") == "2026-07-01 14:05+02:00"
+        assert local_time("2026-01-01T12:05:10") == "2026-01-01 13:05+01:00"
+        assert local_time("–") == "–"
+    finally:
+        monkeypatch.undo()
+        time.tzset()

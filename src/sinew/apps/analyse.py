@@ -130,7 +130,9 @@ def _analyse_recording(
 
 def results_document(results: "xr.Dataset") -> dict[str, Any]:
     """Return the results of a recording as JSON holds them: response, resonance, energy, ring-downs, what there is."""
-    document: dict[str, Any] = {"kind": "recording", **_sweep_part(results)}
+    from sinew.analysis.doubts import doubts_of
+
+    document: dict[str, Any] = {"kind": "recording", "doubts": doubts_of(results), **_sweep_part(results)}
     if "decay_rate_per_s" in results:
         document["ring_down"] = decay_rows(results)
     return document

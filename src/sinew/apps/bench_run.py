@@ -32,11 +32,13 @@ __all__ = [
     "on_signals",
     "open_rig",
     "print_run",
+    "recording_doubts",
     "refuse_full_disk",
     "refuse_unfit_folder",
     "rig_on",
     "run_document",
     "run_journal",
+    "source_of",
 ]
 
 Port = Annotated[str, typer.Option("--port", metavar="PORT", help="Serial port of the bench, or of `sinew emulate`.")]
@@ -182,6 +184,27 @@ def convert_journal(folder: Path, report: "RunReport") -> Path | None:
         return None
 
 
+def source_of(rig: "HardwareRig") -> str:
+    """Return the source of a bench's recordings: emulator where the node on the head says so, else bench."""
+    return "emulator" if rig.imu.is_emulated() else "bench"
+
+
+def recording_doubts(recording: Path | None, spec: "RigSpec") -> list[dict[str, Any]]:
+    """Return what speaks against a run's recording, as JSON holds it; nothing where there is none, or nothing in it can
+    be analysed."""
+    from sinew.analysis.analysis import analyse_recording
+    from sinew.analysis.doubts import doubts_of
+    from sinew.measure.errors import SinewError
+    from sinew.measure.netcdf import load_recording
+
+    if recording is None:
+        return []
+    try:
+        return doubts_of(analyse_recording(load_recording(recording), spec))
+    except SinewError:
+        return []
+
+
 @contextmanager
 def on_signals(act: Callable[[str], None], emergency: Callable[[str], None] | None = None) -> Iterator[None]:
     """Have Ctrl-C, SIGTERM and a closed terminal do something, each time, instead of ending the program.
@@ -250,4 +273,6 @@ def print_run(document: dict[str, Any]) -> None:
         f"{cycles['cycles']} cycles, {cycles['missed']} deadlines missed, {cycles['incomplete']} lack an answer; "
         f"latest begin {cycles['worst_late_ms']:.1f} ms after its deadline"
     )
+    for one in document.get("doubts", []):
+        print(f"DOUBT: {one['sentence']}")
     print(document["recording"] or "no group is whole, so there is no recording")

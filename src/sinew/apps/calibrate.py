@@ -9,6 +9,7 @@ import typer
 from sinew.apps.console import print_json, print_table, progress_bar, require_file, write_json
 from sinew.apps.options import Json
 from sinew.measure.errors import FileError, SpecError
+from sinew.measure.estimate import UNKNOWN, interval, number
 
 if TYPE_CHECKING:
     from sinew.identify.calibration import Calibration
@@ -223,13 +224,13 @@ def _paper_document(
 
 def _print(document: dict[str, Any]) -> None:
     rows = [
-        (name, row["unit"], _cell(row["before"]), _cell(row["after"]["value"]), _interval(row["after"]["interval90"]))
+        (name, row["unit"], number(row["before"]), *_after(row["after"]))
         for name, row in document["parameters"].items()
     ]
     print_table(("parameter", "unit", "before", "after", "90 % interval"), rows)
     if "numbers" in document:
         cells = [
-            (one["quantity"], *(f"{one[key]:.4g}" for key in ("paper", "twin", "tolerance")))
+            (one["quantity"], *(number(one[key]) for key in ("paper", "twin", "tolerance")))
             for one in document["numbers"]
         ]
         print_table(("number of the paper", "paper", "twin", "tolerance"), cells)
@@ -238,10 +239,8 @@ def _print(document: dict[str, Any]) -> None:
     print(f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}")
 
 
-def _cell(value: float) -> str:
-    return f"{value:.5g}"
-
-
-def _interval(ends: list[float | None]) -> str:
-    low, high = ends
-    return "-" if low is None or high is None else f"{low:.5g} to {high:.5g}"
+def _after(found: dict[str, Any]) -> tuple[str, str]:
+    """Return the value after a calibration and its interval, in step."""
+    low, high = found["interval90"]
+    value, _, ends = interval(found["value"], low, high).partition(" (")
+    return value, ends.rstrip(")") or UNKNOWN

@@ -4,13 +4,14 @@ from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import print_json, print_table
 from sinew.apps.options import Json, PlanArgument, Rig
+from sinew.measure.estimate import fixed
 
 if TYPE_CHECKING:
     from sinew.plan.check import Preview
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-__all__ = ["LONGEST_PREVIEW_S", "check", "preview_plan", "told_preview"]
+__all__ = ["LONGEST_PREVIEW_S", "check", "foresee_plan", "preview_plan", "told_preview"]
 
 LONGEST_PREVIEW_S = 20_000.0
 """Length of a plan up to which its torsion is previewed [s]; the paper's is 5600 s."""
@@ -53,6 +54,31 @@ def preview_plan(plan: "Plan", rig: "RigSpec", *, swing: bool = False) -> "Previ
     return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
 
 
+def foresee_plan(plan: "Plan", rig: "RigSpec") -> tuple["Preview", str]:
+    """Return the check of a plan with the twin's tensions and torsions, and what its recording is expected to say.
+
+    The latter is the text of a recording's attribute `expected` (`sinew.analysis.doubts`), empty where the plan is
+    refused, is longer than `LONGEST_PREVIEW_S`, tracks, or cannot be analysed.
+    """
+    import numpy as np
+
+    from sinew.analysis.analysis import analyse_recording
+    from sinew.analysis.doubts import foretold
+    from sinew.measure.errors import RecordingError
+    from sinew.plan.check import check_plan
+    from sinew.twin.simulate import foresee
+
+    preview = preview_plan(plan, rig)
+    if preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
+        return preview, ""
+    torsion, recording = foresee(plan, rig)
+    preview = check_plan(plan, rig, preview.tension_n, np.degrees(torsion).tolist())
+    try:
+        return preview, foretold(analyse_recording(recording, rig))
+    except RecordingError:  # nothing but rest, or groups too short to say anything
+        return preview, ""
+
+
 def told_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, Any]:
     """Return the preview of a plan on a rig as JSON holds it."""
     drive = zip(preview.frequency_hz, preview.drive_amplitude_deg, preview.drive_current_a, strict=True)
@@ -64,6 +90,7 @@ def told_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, 
         "ok": not preview.refusals,
         "duration_s": preview.duration_s,
         "longest_s": preview.longest_s,
+        "bench_s": preview.bench_s,
         "groups": preview.groups,
         "samples": preview.samples,
         "full_amplitude_hz": preview.full_amplitude_hz,
@@ -77,17 +104,18 @@ def told_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> dict[str, 
 def _print_preview(plan: "Plan", rig: "RigSpec", preview: "Preview") -> None:
     print(f"plan {plan.name} on rig {rig.name}: {preview.groups} motions, {preview.samples} samples,", end=" ")
     longest = f" (at most {_time(preview.longest_s)})" if preview.longest_s > preview.duration_s else ""
-    print(f"{_time(preview.duration_s)}{longest} without the changes of pretension")
+    print(f"{_time(preview.duration_s)}{longest} of motion and rest,", end=" ")
+    print(f"about {_time(preview.bench_s)} on a bench with pull, pretensions and stop")
     if preview.frequency_hz and plan.sweep is not None:
         rows = [
-            (f"{row['frequency_hz']:g}", f"{row['amplitude_deg']:.1f}", f"{row['current_a']:.2f}")
+            (f"{row['frequency_hz']:g}", fixed(row["amplitude_deg"], 1), fixed(row["current_a"], 2))
             for row in told_preview(plan, rig, preview)["drive"]
         ]
         title = f"drive, nominal {plan.sweep.amplitude_deg:g}°, against a held head (less where the joint resonates)"
         print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)
-    twists = [f"{twist:.0f}" for twist in preview.torsion_deg] or [""] * len(preview.tension_n)
+    twists = [fixed(twist, 0) for twist in preview.torsion_deg] or [""] * len(preview.tension_n)
     held = [
-        (f"{p:g}", f"{t:.1f}", twist)
+        (f"{p:g}", fixed(t, 1), twist)
         for p, t, twist in zip(plan.pretension.pretension_mm, preview.tension_n, twists, strict=True)
     ]
     print_table(("pretension/mm", "tension of each tendon at rest/N", "largest torsion/°"), held, "tendons and torsion")

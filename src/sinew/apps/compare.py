@@ -11,6 +11,7 @@ from sinew.apps.options import Json
 from sinew.apps.predict_document import mark_cell, print_remarks
 from sinew.apps.predict_rig import Amplitude, Mode, Predicted, Pretension, RigAsked, Without, predict_rig, rig_asked
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import number
 
 __all__ = ["compare"]
 
@@ -69,7 +70,7 @@ def _print(document: dict[str, Any], amplitude_deg: float) -> None:
     for rig in document["rigs"]:
         for i, branch in enumerate(rig["branches"]):
             peak = branch["peak"]
-            gain = "-" if peak is None else f"{peak['amplitude_deg'] / amplitude_deg:.3f}"
+            gain = number(None if peak is None else peak["amplitude_deg"] / amplitude_deg)
             folds = str(len(branch["folds"]))
             rows.append((rig["rig"] if i == 0 else "", f"{branch['pretension_mm']:g}", mark_cell(peak), gain, folds))
     print_table(("rig", "pretension/mm", "peak", "gain", "folds"), rows)

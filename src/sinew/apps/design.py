@@ -11,6 +11,7 @@ from sinew.apps.design_document import design_document
 from sinew.apps.joint_options import BASE_RIG
 from sinew.apps.options import Json
 from sinew.measure.errors import FileError, SpecError
+from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
@@ -184,7 +185,7 @@ def _print(document: dict[str, Any], out: Path | None) -> None:
     rows = []
     for i, one in enumerate(document["proposals"], start=1):
         twin = ", ".join("-" if end["error"] is None else f"{end['error']:+.1%}" for end in one["confirmed"])
-        pretensions = " to ".join(f"{end['pretension_mm']:.2f}" for end in one["ends"])
+        pretensions = " to ".join(number(end["pretension_mm"], 3) for end in one["ends"])
         size = f"{one['diameter_mm']:.0f} x {one['envelope_length_mm']:.0f}"
         energy, tension = f"{1e3 * one['energy_j']:.0f}", f"{one['tension_n']:.0f}"
         rows.append((f"{i} {one['name']}", pretensions, size, energy, tension, twin))

@@ -9,6 +9,7 @@ import typer
 from sinew.apps.console import print_json, print_table, remark, require_folder, write_json
 from sinew.apps.options import Json, Start, Stop, number_list
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.estimate import fixed, number, pair
 
 if TYPE_CHECKING:
     from sinew.analysis.gait_bout import BoutGait
@@ -197,13 +198,13 @@ def _print(document: dict[str, Any]) -> None:
         rows.append(
             (
                 row["file"],
-                f"{row['start_s']:.4g}-{row['stop_s']:.4g}",
-                "-" if row["speed_m_s"] is None else f"{row['speed_m_s']:.2f}",
-                f"{row['strides']:.3g}",
-                _cell(row["stride_frequency_hz"], 3),
-                _cell(row["yaw_amplitude_deg"], 1),
-                f"{row['yaw_peak_to_peak_deg']['value']:.1f}",
-                f"{row['regularity']:.2f}",
+                f"{number(row['start_s'])}-{number(row['stop_s'])}",
+                fixed(row["speed_m_s"], 2),
+                number(row["strides"], 3),
+                _cell(row["stride_frequency_hz"]),
+                _cell(row["yaw_amplitude_deg"]),
+                _cell(row["yaw_peak_to_peak_deg"]),
+                fixed(row["regularity"], 2),
             )
         )
     if rows:
@@ -215,7 +216,7 @@ def _print(document: dict[str, Any]) -> None:
         print(f"wrote {file}")
 
 
-def _cell(quantity: dict[str, Any], digits: int) -> str:
+def _cell(quantity: dict[str, Any]) -> str:
+    """Return value ± half of the 90 % interval."""
     low, high = quantity["interval90"]
-    half = "" if low is None else f" ±{0.5 * (high - low):.{digits}f}"
-    return f"{quantity['value']:.{digits}f}{half}"
+    return pair(quantity["value"], None if low is None or high is None else 0.5 * (high - low))

@@ -5,6 +5,7 @@ from typing import Any
 
 from sinew.apps.console import print_table
 from sinew.apps.identify_found import Found
+from sinew.measure.estimate import number, shown, span
 
 __all__ = ["print_found"]
 
@@ -25,24 +26,17 @@ def print_found(found: Found) -> None:
             _print_quantities(title, document[key])
     unit = "" if document["unit"] == "1" else f"/({document['unit']})"
     if document["compared"]:
-        compared = [(row["model"], _cell(row["rmse_test"]), _cell(row["bic"])) for row in document["compared"]]
+        compared = [(row["model"], number(row["rmse_test"]), number(row["bic"])) for row in document["compared"]]
         print_table(("compared", f"held-out rmse{unit}", "BIC"), compared)
     verdict, *rest = found.sentences
     print(f"{verdict[:1].upper()}{verdict[1:]}.")
     train, test = document["rmse"]["train"], document["rmse"]["test"]
-    held = "" if test is None else f", {_cell(test)} where it was held out"
-    print(f"- residuals{unit}: {_cell(train)} rms where it was fitted{held}")
+    held = "" if test is None else f", {number(test)} where it was held out"
+    print(f"- residuals{unit}: {number(train)} rms where it was fitted{held}")
     for sentence in (*rest, *document["unidentifiable"]):
         print(f"- {sentence}")
 
 
 def _print_quantities(title: str, quantities: Mapping[str, Mapping[str, Any]]) -> None:
-    cells = [
-        (name, *(_cell(value) for value in (one["value"], one["std"], *(one["interval90"] or (None, None)))))
-        for name, one in quantities.items()
-    ]
-    print_table((title, "value", "std", "90 % from", "to"), cells)
-
-
-def _cell(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"
+    cells = [(name, shown(one), span(*(one["interval90"] or (None, None)))) for name, one in quantities.items()]
+    print_table((title, "value ± std", "90 % interval"), cells)

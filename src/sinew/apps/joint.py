@@ -9,6 +9,7 @@ from sinew.apps.console import print_json, print_table, require_file
 from sinew.apps.joint_options import BASE_RIG, JointOptions, designed_rig, with_joint_options
 from sinew.apps.options import Json
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
@@ -42,10 +43,11 @@ def joint(
     if json:
         print_json(document)
         return
-    rows = [(name, f"{value:.6g}") for name, value in document["section"].items() if isinstance(value, float)]
+    rows = [(name, number(value)) for name, value in document["section"].items() if isinstance(value, float)]
     print_table(("section", ""), rows, title=f"{made.name}: {document['section']['shape']}")
-    print(f"torsional rigidity G·J {document['torsional_rigidity_n_m2']:.4g} N m²", end="")
-    print(f", G {document['shear_modulus_kpa']:.4g} kPa, G·J/L {document['stiffness_n_m_rad']:.4g} N m/rad")
+    print(f"torsional rigidity G·J {number(document['torsional_rigidity_n_m2'], unit='N m²')}", end="")
+    stiffness = number(document["stiffness_n_m_rad"], unit="N m/rad")
+    print(f", G {number(document['shear_modulus_kpa'], unit='kPa')}, G·J/L {stiffness}")
     if out is not None:
         print(f"rig: {out}")
 

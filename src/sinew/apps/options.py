@@ -8,6 +8,8 @@ import typer
 from typer.core import TyperCommand
 
 from sinew.measure.errors import SpecError
+from sinew.measure.units import number_list as listed
+from sinew.measure.units import one_number
 
 __all__ = [
     "HIGHEST_HZ",
@@ -91,14 +93,11 @@ def number_list(
     expected: what the words "expected ..." say. low, high: what each may be; above: low itself is not allowed.
     Raises SpecError where one is no number, not finite, or outside.
     """
-    found = []
-    for part in text.split(between):
-        try:
-            value = float(part)
-        except ValueError as error:
-            raise SpecError(f"{option} is {text!r}, {part.strip()!r} is no number; expected {expected}") from error
-        found.append(checked_number(option, value, expected, low=low, high=high, above=above, of="holds"))
-    return found
+    try:
+        values = listed(text) if between == "," else [one_number(part) for part in text.split(between)]
+    except ValueError as error:
+        raise SpecError(f"{option}: {error}; expected {expected}") from error
+    return [checked_number(option, value, expected, low=low, high=high, above=above, of="holds") for value in values]
 
 
 def checked_number(

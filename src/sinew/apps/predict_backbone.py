@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import print_table
+from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     import numpy as np
@@ -118,8 +119,8 @@ def print_backbones(backbones: list[dict[str, Any]]) -> None:
 
     def cells(one: dict[str, Any], at: int) -> str:
         ratio = one["damping_ratio"][at]
-        swing = f"{one['frequency_hz'][at]:.4f} Hz, {one['amplitude_deg'][at]:.3f}°"
-        return swing if ratio is None else f"{swing}, D {ratio:.4f}"
+        swing = f"{number(one['frequency_hz'][at], unit='Hz')}, {number(one['amplitude_deg'][at])}°"
+        return swing if ratio is None else f"{swing}, D {number(ratio, 3)}"
 
     rows = []
     for one in backbones:

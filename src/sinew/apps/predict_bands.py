@@ -6,6 +6,7 @@ import typer
 
 from sinew.apps.console import print_table, progress_bar
 from sinew.apps.joint_options import BASE_RIG
+from sinew.measure.estimate import span
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -134,4 +135,4 @@ def _cell(mark: dict[str, Any] | None) -> str:
     (f_low, f_high), (a_low, a_high) = mark["frequency_hz"]["interval90"], mark["amplitude_deg"]["interval90"]
     if None in (f_low, f_high, a_low, a_high):
         return "too few draws have it"
-    return f"{f_low:.4f} to {f_high:.4f} Hz, {a_low:.2f} to {a_high:.2f}°"
+    return f"{span(f_low, f_high, 'Hz')}, {span(a_low, a_high)}°"

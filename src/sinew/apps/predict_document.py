@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import print_table
+from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     from sinew.predict.branch import Branch, Mark, Prediction
@@ -54,7 +55,7 @@ def prediction_document(prediction: "Prediction", pretensions: list[float]) -> d
 
 def mark_cell(mark: dict[str, float] | None) -> str:
     """Return a marked point in words."""
-    return "-" if mark is None else f"{mark['frequency_hz']:.4f} Hz, {mark['amplitude_deg']:.3f}°"
+    return "-" if mark is None else f"{number(mark['frequency_hz'], unit='Hz')}, {number(mark['amplitude_deg'])}°"
 
 
 def print_prediction(document: dict[str, Any]) -> None:

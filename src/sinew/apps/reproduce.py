@@ -277,4 +277,4 @@ def _show_windows(summary: dict[str, Any]) -> None:
 
 
 def _number(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value or "")
+    return number(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value or "")

@@ -17,10 +17,12 @@ from sinew.apps.bench_run import (
     on_signals,
     open_rig,
     print_run,
+    recording_doubts,
     refuse_full_disk,
     refuse_unfit_folder,
     run_document,
     run_journal,
+    source_of,
 )
 from sinew.apps.console import print_json, remark
 from sinew.apps.options import Json, PlanArgument, Rig
@@ -54,6 +56,10 @@ def run(
     Ctrl-\\ is the emergency stop: all motors are frozen at once, within 0.2 s, then brought to the declared state. The
     run takes commands (pause, resume, hold, release, stop, emergency) at the socket that DIR/control names.
 
+    At the end the recording is looked at for what speaks against it: a lever that did not go as far as its servo takes
+    it, a sensor that repeats itself, a curve far from the rig's prediction. Each such doubt is a warning, and in --json
+    a row of `doubts`.
+
     Exit status: 0 complete, 1 stopped early, 2 refused before anything moved.
     """
     from sinew.bench.preflight import refuse_unready
@@ -69,8 +75,9 @@ def run(
         with open_rig(port, spec) as (bench, clock), listening(out, steering := Steering(clock.now)) as control:
             # What the bench lacks is said at once; the runner looks again, for the preview takes a while.
             refuse_unready(bench, clock, plan_, torque_may_be_on=resume)
-            tension = _refuse_unfit_plan(plan_, spec, out)
-            with keeping_time(), run_journal(out, plan_, spec, words, resume) as journal, showing() as screen:
+            tension, expected = _refuse_unfit_plan(plan_, spec, out)
+            told = {"source": source_of(bench), "expected": expected}
+            with keeping_time(), run_journal(out, plan_, spec, words, resume, **told) as journal, showing() as screen:
                 screen.progress(0.0, sum(group.duration_s for group in plan_.groups()))
                 runner = control.runner = Runner(
                     bench, clock, plan_, journal, tension,
@@ -82,6 +89,7 @@ def run(
             statistics = bench.bus.statistics
         recording = convert_journal(out, report)
     document = run_document(report, plan_, spec, recording, out / JOURNAL)
+    document["doubts"] = recording_doubts(recording, spec)
     document["bus"] = {name: getattr(statistics, name) for name in statistics.__dataclass_fields__}
     if json:
         print_json(document)
@@ -122,13 +130,14 @@ def stop(
     return 0 if report.is_safe else 1
 
 
-def _refuse_unfit_plan(plan: "Plan", spec: "RigSpec", folder: Path) -> dict[float, float]:
-    """Return the tension of each tendon at rest [N] by pretension [mm], of a plan that fits the rig and the disk."""
-    from sinew.apps.check import preview_plan
+def _refuse_unfit_plan(plan: "Plan", spec: "RigSpec", folder: Path) -> tuple[dict[float, float], str]:
+    """Return the tension of each tendon at rest [N] by pretension [mm], of a plan that fits the rig and the disk, and
+    what the twin expects of its recording."""
+    from sinew.apps.check import foresee_plan
     from sinew.plan.check import refuse_beyond_limits
 
-    preview = preview_plan(plan, spec, swing=True)
+    preview, expected = foresee_plan(plan, spec)
     refuse_beyond_limits(preview)
     pretensions = plan.pretension.pretension_mm
     refuse_full_disk(folder, plan, preview.longest_s)
-    return dict(zip(pretensions, preview.tension_n, strict=True))
+    return dict(zip(pretensions, preview.tension_n, strict=True)), expected

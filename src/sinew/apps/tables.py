@@ -1,9 +1,9 @@
 """This is where the answer of an analysis becomes the tables that a person reads, at most 100 columns wide."""
 
-import math
 from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import print_table
+from sinew.measure.estimate import number, pair, shown, span
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -16,6 +16,8 @@ def print_analysis(document: dict[str, Any], recording: "xr.Dataset", results: "
 
     results: of the recording, for what the table of a sweep shows beside the document; None for a single ring-down.
     """
+    for one in document.get("doubts", []):
+        print(f"DOUBT: {one['sentence']}")
     if document["kind"] == "ring-down":
         _print_ring_down(document, recording)
         return
@@ -27,7 +29,7 @@ def print_analysis(document: dict[str, Any], recording: "xr.Dataset", results: "
         _print_energy(document["energy"])
     if document.get("ring_down"):
         rows = [
-            [_pair(row["pretension_mm"]), *(_quantity(row.get(key)) for key in _DECAY)] for row in document["ring_down"]
+            [number(row["pretension_mm"]), *(shown(row.get(key)) for key in _DECAY)] for row in document["ring_down"]
         ]
         print_table(("pretension/mm", *_DECAY.values()), rows, "ring-downs: mean ± standard deviation of it")
 
@@ -55,11 +57,11 @@ def _print_response(rows: list[dict[str, Any]], results: "xr.Dataset") -> None:
     }
     cells = [
         (
-            _pair(row["pretension_mm"]),
-            f"{row['frequency_hz']:.3f}",
-            _pair(row["gain"], where[row["pretension_mm"], row["frequency_hz"]]),
-            _quantity(row["gain_measured_drive"]),
-            _quantity(row["phase_lag_deg"]),
+            number(row["pretension_mm"]),
+            number(row["frequency_hz"]),
+            pair(row["gain"], where[row["pretension_mm"], row["frequency_hz"]]),
+            shown(row["gain_measured_drive"]),
+            shown(row["phase_lag_deg"]),
             "yes" if row["settled"] else "no",
         )
         for row in rows
@@ -74,12 +76,12 @@ def _print_resonance(rows: list[dict[str, Any]]) -> None:
         low, high = row["resonance_hz"]["interval90"]
         cells.append(
             (
-                _pair(row["pretension_mm"]),
-                _quantity(row["resonance_hz"]),
-                "-" if low is None or high is None else f"{low:.3f} to {high:.3f}",
-                _quantity(row["gain_peak"]),
-                _quantity(row["phase_90_hz"]),
-                _quantity(row["half_power_width_hz"]),
+                number(row["pretension_mm"]),
+                shown(row["resonance_hz"]),
+                span(low, high),
+                shown(row["gain_peak"]),
+                shown(row["phase_90_hz"]),
+                shown(row["half_power_width_hz"]),
             )
         )
     names = ("pretension/mm", "resonance/Hz", "90 % interval", "peak gain", "lag of 90°/Hz", "half-power/Hz")
@@ -89,31 +91,32 @@ def _print_resonance(rows: list[dict[str, Any]]) -> None:
 def _print_energy(energy: dict[str, Any]) -> None:
     def percent(estimate: dict[str, Any]) -> str:
         value, std = (None if estimate[key] is None else 100 * estimate[key] for key in ("value", "std"))
-        return _pair(value, std)
+        return pair(value, std)
 
     names = ("p/mm", "drive/W", "tendons/W", "J/rad²", "reduction/%", "with tendons/%", "cheapest/Hz")
     cells = [
         [
-            _pair(row["pretension_mm"]),
-            _quantity(row["drive_power_at_resonance_w"]),
-            _quantity(row["holding_at_resonance_w"]),
-            _quantity(row["swing_cost_at_resonance_j_rad2"]),
+            number(row["pretension_mm"]),
+            shown(row["drive_power_at_resonance_w"]),
+            shown(row["holding_at_resonance_w"]),
+            shown(row["swing_cost_at_resonance_j_rad2"]),
             percent(row["energy_reduction"]),
             percent(row["energy_reduction_with_holding"]),
-            _quantity(row["cheapest_hz"]),
+            shown(row["cheapest_hz"]),
         ]
         for row in energy["pretensions"]
     ]
     print_table(names, cells, "energy at resonance, per cycle and squared swing; its reduction against the trend")
     if energy["idle_power_w"] is not None:
-        print(f"servos with their torque off: {energy['idle_power_w']:.3g} W by data sheet, in none of these numbers")
+        idle = number(energy["idle_power_w"], unit="W")
+        print(f"servos with their torque off: {idle} by data sheet, in none of these numbers")
 
 
 def _print_ring_down(document: dict[str, Any], recording: "xr.Dataset") -> None:
     print_table(
-        ("ring-down, direct fit", "value", "std", "90 % interval"),
+        ("ring-down, direct fit", "value ± std", "90 % interval"),
         [
-            (label, *_estimate_cells(document[key]))
+            (label, shown(document[key]), span(*document[key]["interval90"]))
             for label, key in (
                 ("frequency/Hz", "frequency_hz"),
                 ("damping ratio", "damping_ratio"),
@@ -122,36 +125,7 @@ def _print_ring_down(document: dict[str, Any], recording: "xr.Dataset") -> None:
         ],
     )
     paper = document["paper_method"]
-    print_table(("paper's method (Eq. 7)", "value"), [(key, _cell(value)) for key, value in paper.items()])
+    print_table(("paper's method (Eq. 7)", "value"), [(key, number(value)) for key, value in paper.items()])
     name = "torsion_rad" if "torsion_rad" in recording else "response"
     print(f"exponential: {'yes' if document['exponential'] else 'no'}. {document['reason']}")
-    print(f"drift of the rest position: {_cell(document['rest_drift'])} {recording[name].attrs['units']}")
-
-
-def _estimate_cells(estimate: dict[str, Any]) -> tuple[str, str, str]:
-    low, high = estimate["interval90"]
-    return _cell(estimate["value"]), _cell(estimate["std"]), f"{_cell(low)} to {_cell(high)}"
-
-
-def _cell(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"
-
-
-def _quantity(estimate: dict[str, Any] | None) -> str:
-    return "-" if estimate is None else _pair(estimate["value"], estimate["std"])
-
-
-def _pair(value: float | None, std: float | None = None) -> str:
-    """Return "value ± std" to the second significant digit of the std, the first where it is below 0.1 % of the value.
-
-    Without a std four digits of the value.
-    """
-    if value is None or not math.isfinite(value):
-        return "-"
-    if std is None or not math.isfinite(std) or std <= 0:
-        return f"{value:.4g}"
-    digits = 2 if std > 1e-3 * abs(value) else 1
-    decimals = max(0, digits - 1 - math.floor(math.log10(std)))
-    if decimals > 6:
-        return f"{value:.6g} ± {std:.0e}"
-    return f"{value:.{decimals}f} ± {std:.{decimals}f}"
+    print(f"drift of the rest position: {number(document['rest_drift'])} {recording[name].attrs['units']}")

@@ -20,6 +20,7 @@ from sinew.apps.bench_run import (
     rig_on,
     run_document,
     run_journal,
+    source_of,
 )
 from sinew.apps.console import print_json
 from sinew.apps.options import Json, Seed
@@ -160,11 +161,11 @@ def _run(
 
     held = tensions(plan, spec)
     refuse_full_disk(out, plan, sum(group.duration_s for group in plan.groups()))
-    source = {"source": "emulator"} if virtual else {}
     with bench as (rig, clock), listening(out, steering := Steering(clock.now, can_pause=False)) as control:
         refuse_unready(rig, clock, plan)
         pace = nullcontext() if virtual else keeping_time()
-        with pace, run_journal(out, plan, spec, words, False, **source) as journal, showing(tracking=True) as screen:
+        told = {"source": source_of(rig)}
+        with pace, run_journal(out, plan, spec, words, False, **told) as journal, showing(tracking=True) as screen:
             runner = control.runner = Runner(
                 rig,
                 clock,

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import print_table, write_json
+from sinew.measure.estimate import fixed, number, pair, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -173,26 +174,26 @@ def _row(track: dict[str, Any]) -> tuple[str, ...]:
     return (
         f"{track['pretension_mm']:g}",
         f"{track['amplitude_deg']:g}",
-        f"{point['frequency_hz']['value']:.4f} ± {half:.4f}",
-        "-" if predicted is None else f"{predicted:.4f}",
-        f"{point['torsion_deg']['value']:.2f}",
-        f"{point['lever_deg']['value']:.2f}",
-        f"{point['damping_ratio']['value']:.4f}",
-        "-" if track["lock_cycles"] is None else f"{track['lock_cycles']:.1f}",
-        f"{point['phase_error_deg']:.2f}",
+        pair(point["frequency_hz"]["value"], half),
+        number(predicted),
+        *(shown(point[name]) for name in ("torsion_deg", "lever_deg", "damping_ratio")),
+        fixed(track["lock_cycles"], 1),
+        number(point["phase_error_deg"], 2),
     )
 
 
 def _moved(track: dict[str, Any]) -> str:
     turns = track["turns"]
-    lock = "never locked" if track["lock_cycles"] is None else f"locked after {track['lock_cycles']:.1f} turns"
+    lock = "never locked" if track["lock_cycles"] is None else f"locked after {fixed(track['lock_cycles'], 1)} turns"
     lost = f"lost {track['lock_losses']:.0f} times" if track["lock_losses"] else "never lost"
     error = (
-        "" if track["phase_error_deg"] is None else f", phase error {track['phase_error_deg']:.2f}° (root mean square)"
+        ""
+        if track["phase_error_deg"] is None
+        else f", phase error {number(track['phase_error_deg'], 2)}° (root mean square)"
     )
     way = (
-        f"{turns['pretension_mm'][0]:.2f} to {turns['pretension_mm'][-1]:.2f} mm, "
-        f"{turns['frequency_hz'][0]:.3f} to {turns['frequency_hz'][-1]:.3f} Hz"
+        f"{number(turns['pretension_mm'][0], 3)} to {number(turns['pretension_mm'][-1], 3)} mm, "
+        f"{number(turns['frequency_hz'][0])} to {number(turns['frequency_hz'][-1])} Hz"
     )
     follow = track["follow"]
     after = (
@@ -200,7 +201,8 @@ def _moved(track: dict[str, Any]) -> str:
         if follow is None
         else (
             f"; followed {follow['from_hz']:g} to {follow['to_hz']:g} Hz in {follow['duration_s']:g} s to within "
-            f"{follow['rms_error_hz']:.4f} Hz (root mean square), {follow['largest_error_hz']:.4f} Hz at most"
+            f"{number(follow['rms_error_hz'], 2)} Hz (root mean square), "
+            f"{number(follow['largest_error_hz'], 2)} Hz at most"
         )
     )
     return f"{way}: {lock}, {lost}{error}{after}"

@@ -9,6 +9,7 @@ from sinew.apps.console import print_json, print_table, require_file, require_fo
 from sinew.apps.options import LARGEST_DEG, Json, checked_band, number_list
 from sinew.apps.predict_rig import refuse_pretensions
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import fixed, number
 
 if TYPE_CHECKING:
     from sinew.plan.plan import TendonMode
@@ -150,12 +151,15 @@ def _describing(
 def _print(document: dict[str, Any]) -> None:
     def swings(system: dict[str, Any]) -> str:
         pairs = [pole for pole in system["poles"] if pole["imag_per_s"] > 0]
-        return "; ".join(f"{p['frequency_hz']:.3f} Hz, D {p['damping_ratio']:.4f}" for p in pairs) or "none"
+        return (
+            "; ".join(f"{number(p['frequency_hz'], unit='Hz')}, D {number(p['damping_ratio'], 3)}" for p in pairs)
+            or "none"
+        )
 
     rows = []
     for joint in document["joints"]:
         static = next(c["static_gain"] for c in joint["lever"]["channels"] if c["input"] == "torque_n_m")
-        cells = f"{joint['tension_n']:.1f}", f"{1 / static:.3f}"
+        cells = number(joint["tension_n"], 3), number(1 / static)
         rows.append((f"{joint['pretension_mm']:g}", *cells, swings(joint["lever"]), swings(joint["drive"])))
     columns = "pretension/mm", "tension/N", "static stiffness/(N m/rad)", "lever as told", f"servo, {document['gear']}"
     print_table(columns, rows, "linear at rest: undamped frequency and damping ratio of the poles that swing")
@@ -181,12 +185,12 @@ def _print_describing(describing: list[dict[str, Any]]) -> None:
             (
                 f"{one['pretension_mm']:g}",
                 f"{one['command_deg']:g}",
-                f"{one['frequency_hz'][top]:.3f}",
-                f"{gains[top]:.3f}",
-                f"{at[0]:.1f}",
-                f"{at[1]:.3f}",
-                f"{one['stiffness_n_m_rad'][top]:.3f}",
-                "-" if ratio is None else f"{ratio:.4f}",
+                number(one["frequency_hz"][top]),
+                number(gains[top]),
+                fixed(at[0], 1),
+                number(at[1]),
+                number(one["stiffness_n_m_rad"][top]),
+                number(ratio, 3),
             )
         )
     columns = "pretension/mm", "command/°", "peak/Hz", "torsion/command", "lag/°", "lever/command", "k/(N m/rad)", "D"

@@ -8,6 +8,7 @@ from sinew.apps.console import print_json, print_table, progress_bar
 from sinew.apps.options import HIGHEST_HZ, LARGEST_DEG, Json, checked_number, number_list
 from sinew.apps.predict_rig import Mode, check_mode
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import fixed, number, shown_interval
 
 if TYPE_CHECKING:
     from sinew.plan.plan import TendonMode
@@ -159,29 +160,22 @@ def _print(document: dict[str, Any]) -> None:
     rows = []
     for one in document["settings"]:
         if one["feasible"]:
-            command = f"{one['command_deg']:.1f}"
             cells = (
-                _cell(one["pretension_mm"], 2),
-                _cell(one["frequency_hz"], 4),
-                f"{one['torsion_deg']:.1f}",
-                command,
+                shown_interval(one["pretension_mm"]),
+                shown_interval(one["frequency_hz"]),
+                fixed(one["torsion_deg"], 1),
+                fixed(one["command_deg"], 1),
             )
-            rows.append((f"{one['wanted_hz']:g}", *cells, f"{one['tension_n']:.0f}"))
+            rows.append((f"{one['wanted_hz']:g}", *cells, fixed(one["tension_n"], 0)))
         else:
             rows.append((f"{one['wanted_hz']:g}", "-", "-", "-", "-", "-"))
     columns = ("wanted/Hz", "pretension/mm", "resonance/Hz", "torsion/°", "command/°", "tension/N")
     print_table(columns, rows, f"{document['rig']}: resonance is {document['resonance']}")
-    span = document["range"]
-    if span["frequency_hz"] is not None:
-        (low, high), (low_mm, high_mm) = span["frequency_hz"], span["pretension_mm"]
-        print(f"range: {low:.4g} Hz at {low_mm:.3g} mm to {high:.4g} Hz at {high_mm:.3g} mm")
+    reached = document["range"]
+    if reached["frequency_hz"] is not None:
+        ends = zip(reached["frequency_hz"], reached["pretension_mm"], strict=True)
+        print("range: " + " to ".join(f"{number(hz, unit='Hz')} at {number(mm, 3, 'mm')}" for hz, mm in ends))
     for one in document["settings"]:
         print(f"- {one['sentence']}")
     for sentence in document["remarks"]:
         print(f"- {sentence}")
-
-
-def _cell(quantity: dict[str, Any], digits: int) -> str:
-    low, high = quantity["interval90"]
-    text = f"{quantity['value']:.{digits}f}"
-    return text if low is None else f"{text} ({low:.{digits}f} to {high:.{digits}f})"

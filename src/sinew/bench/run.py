@@ -6,6 +6,9 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 
+import numpy as np
+
+from sinew.analysis.doubts import group_doubts
 from sinew.bench.conversion import group_is_whole
 from sinew.bench.errors import BenchError, LostError, StartError, StoppedError
 from sinew.bench.group import pause, run_group
@@ -322,12 +325,21 @@ class Runner:
             self._check_watchdogs()
             if group_is_whole(self._kept, self._plan.sample_hz):
                 self._journal.finish_group(index)
+                self._doubt(group)
                 return
             self._say("repeat", f"{_named(group)} has too many holes and is measured again")
         raise LostError(
             f"{_named(group)} came with too many missing answers "
             f"{_ATTEMPTS} times; check cables, ground and supply, then `sinew doctor`"
         )
+
+    def _doubt(self, group: Group) -> None:
+        """Say what speaks against the group that was just recorded."""
+        if group.kind == "steady":
+            kept = self._kept[-group.sample_counts(self._plan.sample_hz)[1] :]
+            columns = np.array([(s.time_s, s.drive_rad, s.gyro_rad_s[0]) for s in kept])
+            for sentence in group_doubts(self._rig.spec, group.segment("steady"), *columns.T):
+                self._say("doubt", sentence)
 
     def _check_watchdogs(self) -> None:
         stopped = [motor.name for motor in self._rig.motors if motor.watchdog_tripped()]

@@ -19,7 +19,7 @@ from sinew.emulator.control_table import ControlTable
 from sinew.emulator.device import INSTRUCTION, Device
 from sinew.emulator.mechanics import Mechanics
 from sinew.hardware.codec import Instruction
-from sinew.hardware.imu_registers import OPENCR_NODE
+from sinew.hardware.imu_registers import EMULATED_FIRMWARE, OPENCR_NODE
 from sinew.plan.rig import Imu
 
 __all__ = ["SAMPLE_PERIOD", "ImuNode"]
@@ -53,7 +53,7 @@ class ImuNode(Device):
         baud: int = 1_000_000,
         axes: tuple[str, str, str] = ("+x", "+y", "+z"),
         ppm: float | None = None,
-        firmware: int = 1,
+        firmware: int = EMULATED_FIRMWARE,
     ) -> None:
         super().__init__(ControlTable(OPENCR_NODE), firmware)
         self._id, self._baud = device_id, baud

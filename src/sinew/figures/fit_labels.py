@@ -3,6 +3,8 @@
 import math
 import re
 
+from sinew.measure.estimate import pair, typeset
+
 __all__ = ["axis_label", "parameter_label", "shown_unit", "value_and_std"]
 
 _SHOWN: dict[str, tuple[float, str]] = {
@@ -56,12 +58,5 @@ def _unit(token: str) -> str:
 
 
 def value_and_std(value: float, std: float) -> str:
-    """Return "value ± std" to the second digit of the std, the value alone where the std is not known."""
-    if not (math.isfinite(std) and std > 0):
-        return f"{value:.4g}".replace("-", "−")
-    decimals = 1 - math.floor(math.log10(std))
-    if -3 < math.log10(max(abs(value), std)) < 6 and decimals <= 6:
-        decimals = max(0, decimals)
-        return f"{value:.{decimals}f} ± {std:.{decimals}f}".replace("-", "−")
-    digits = max(2, 2 + math.floor(math.log10(max(abs(value), std))) - math.floor(math.log10(std)))
-    return f"{value:.{min(digits, 8)}g} ± {std:.2g}".replace("-", "−")
+    """Return "value ± std" with the digits that the std gives, the value alone where the std is not known."""
+    return typeset(pair(value, std))

@@ -6,6 +6,7 @@ from typing import Any
 
 import xarray as xr
 
+from sinew.analysis.doubts import doubts_of
 from sinew.figures.captions import CAPTIONS
 from sinew.figures.page import picture, write_page
 from sinew.figures.paper import count_roles, is_the_papers
@@ -50,6 +51,7 @@ def write_report(
         "report.html",
         title=f"Resonance report of the rig “{rig.name}”" if rig is not None and about_paper else "Resonance report",
         source=_SOURCES.get(source, source),
+        doubts=[one["sentence"] for one in doubts_of(results)],
         effects_off=", ".join(str(results.attrs.get("effects_off", "")).split()),
         paper=paper,
         agreeing=sum(bool(row["ok"]) for row in paper),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from sinew.hardware.bus import Bus
 from sinew.hardware.clock_track import ClockTrack
 from sinew.hardware.errors import DeviceError
-from sinew.hardware.imu_registers import OPENCR_NODE, TURTLEBOT3
+from sinew.hardware.imu_registers import EMULATED_FIRMWARE, OPENCR_NODE, TURTLEBOT3
 from sinew.hardware.instructions import Read
 from sinew.hardware.layout import Layout, lay_out
 from sinew.hardware.motor import RETRIES, Identity, check_identity
@@ -74,6 +74,10 @@ class Imu:
     def identify(self) -> Identity:
         """Return who answers. Raises DeviceError if nobody does, or another model than expected."""
         return check_identity(self.bus, self.name, self.id, self.table)
+
+    def is_emulated(self) -> bool:
+        """Return whether the node says of itself that it is emulated. Raises DeviceError if nobody answers."""
+        return self.is_grouped and self.identify().firmware == EMULATED_FIRMWARE
 
     def read(self) -> ImuReading:
         """Return the newest sample, asked for alone. Raises DeviceError if there is no fresh answer."""

@@ -14,7 +14,10 @@ import math
 
 from sinew.hardware.registers import Register, RegisterTable
 
-__all__ = ["IMUS", "OPENCR_NODE", "TURTLEBOT3"]
+__all__ = ["EMULATED_FIRMWARE", "IMUS", "OPENCR_NODE", "TURTLEBOT3"]
+
+EMULATED_FIRMWARE = 0xEE
+"""Firmware version that an emulated node tells in its answer to a ping; those of real nodes count from 1."""
 
 _GYRO = math.radians(2000) / 32_768  # rad/s
 _ACCELERATION = 2 * 9.80665 / 32_768  # m/s²

@@ -13,8 +13,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from scipy import special
-
 DIGITS = 4
 """Significant digits of a number whose uncertainty is not known."""
 MOST_DIGITS = 5
@@ -51,6 +49,8 @@ class Estimate:
 
         std: standard deviation of `value` itself (of the mean, not of one draw).
         """
+        from scipy import special  # whoever only shows numbers does without
+
         if not math.isfinite(degrees_of_freedom) or degrees_of_freedom <= 0:
             return Estimate(float(value), float(std), math.nan, math.nan)
         half = float(special.stdtrit(degrees_of_freedom, 0.95)) * std
@@ -214,7 +214,7 @@ def _end(end: float | None, finite: Any) -> str:
 def _up(value: float, places: int) -> float:
     """Return a value rounded up to so many places; what lies on one of them but for the last bits stays."""
     scale = 10.0**places
-    return math.ceil(value * scale - 1e-6) / scale
+    return math.ceil(value * scale - 1e-9) / scale
 
 
 def _plain(value: float, places: int) -> str:

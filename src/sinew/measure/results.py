@@ -179,8 +179,9 @@ def result_axis(name: str, values: ArrayLike) -> tuple[tuple[str, ...], ArrayLik
 def upgrade_results(results: xr.Dataset) -> xr.Dataset:
     """Return results of schema sinew-results-1, whose axes had no coordinates, in today's shape; others unchanged.
 
-    No number moves; what was not asked then is NaN. `pretension` and `frequency` become the index coordinates `pretension_mm` and `frequency_hz`, and
-    the repeats are counted from 1. What is not as that schema said is left for `validate_results` to name.
+    No number moves; what was not asked then is NaN. `pretension` and `frequency` become the index coordinates
+    `pretension_mm` and `frequency_hz`, and the repeats are counted from 1. What is not as that schema said is left
+    for `validate_results` to name.
     """
     if results.attrs.get("schema") != _WITHOUT_COORDINATES:
         return results

@@ -1,8 +1,15 @@
-"""This is where a unit that a person wrote becomes SI and radians."""
+"""Units and numbers as people write them: a unit becomes SI and radians, a text becomes numbers or a sentence why not.
 
+Decimals have a point. In a list numbers stand between commas, semicolons or blanks, but a comma between two digits may
+be somebody's decimal comma: where it is the only one, as in "2,5", or stands beside other separators, as in
+"1,5; 2,5", the list is refused. "2, 5" and "0,4,8" are lists.
+"""
+
+import math
 import re
 import tokenize
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +18,16 @@ from sinew.measure.errors import UnitError
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["canonical_unit", "convert", "unit_in_name", "unit_suffix"]
+__all__ = [
+    "canonical_unit",
+    "convert",
+    "local_time",
+    "number_list",
+    "one_number",
+    "split_list",
+    "unit_in_name",
+    "unit_suffix",
+]
 
 # Words that people write and pint does not read, or reads as something else (it takes "Nm" for a yarn count).
 _SPELLINGS = {
@@ -69,6 +85,63 @@ _WORD = re.compile(r"(?<!\w)[^\W\d_]+(?!\w)")
 _LETTERS = re.compile(r"[A-Za-z_°µμΩ%·²³⁻¹\s*/^().\-0-9]{1,40}")
 _POWER_OF_NUMBER = re.compile(r"[\d)]\s*(\*\*|\^)|\d{3}")
 _BARE_POWER = re.compile(r"(?<=[A-Za-zµμΩ])([234])(?!\w)")
+
+
+_DECIMAL_COMMA = re.compile(r"(?<=\d),(?=\d)")
+
+
+def one_number(text: str) -> float:
+    """Return the finite number that a text is. Raises ValueError with a sentence."""
+    try:
+        number = float(text.strip())
+    except ValueError:
+        point = text.strip().replace(",", ".")
+        try:
+            float(point)
+        except ValueError:
+            raise ValueError(f"found {text.strip()!r}, expected a number") from None
+        raise ValueError(f"found {text.strip()!r}, expected one number; decimals take a point: {point}") from None
+    if not math.isfinite(number):
+        raise ValueError(f"found {number:g}, expected a finite number")
+    return number
+
+
+def split_list(text: str) -> list[str]:
+    """Return the parts of a list; none of an empty one. Raises ValueError where a comma may be a decimal one."""
+    inner = text.strip(" \t\n,;[]")
+    commas = len(_DECIMAL_COMMA.findall(inner))
+    if commas and (commas == 1 == inner.count(",") or re.search(r"[;\s]", inner)):
+        if re.fullmatch(r"[-+.\d]+,[-+.\d]+", inner) and "." in inner:
+            return inner.split(",")  # where a point is the decimal sign the comma is none
+        said = _DECIMAL_COMMA.search(inner)
+        assert said is not None
+        shown = re.findall(r"[^\s;]+", inner[: said.end() + 8])[-1] if commas > 1 else inner
+        raise ValueError(
+            f"found {shown!r}, which is one number or two; write {_DECIMAL_COMMA.sub('.', shown)!r} for one, "
+            f"{_DECIMAL_COMMA.sub(', ', shown)!r} for a list"
+        )
+    return [part for part in re.split(r"[,;\s]+", inner) if part]
+
+
+def number_list(text: str) -> list[float]:
+    """Return the numbers of a list, at least one. Raises ValueError with a sentence, see `split_list`."""
+    parts = split_list(text)
+    if not parts:
+        raise ValueError("found nothing, expected numbers with commas between them, as 0, 4, 8")
+    return [one_number(part) for part in parts]
+
+
+def local_time(moment: str) -> str:
+    """Return an ISO 8601 time as people read it, in the zone of this computer: "2026-03-01 14:05+01:00".
+
+    A time without a zone is taken to be UTC, as recordings have it. What is no time comes back as it is.
+    """
+    try:
+        at = datetime.fromisoformat(moment)
+    except ValueError:
+        return moment
+    at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
+    return at.astimezone().isoformat(sep=" ", timespec="minutes")
 
 
 @cache

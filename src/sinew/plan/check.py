@@ -33,6 +33,8 @@ class Preview:
 
     duration_s: of all motions and rests, without the time to change pretension. longest_s: the same if every group
     with an adaptive settle takes its longest; equal to duration_s where the settle is fixed.
+    bench_s: what a bench takes for all of it, within 15 %: with power-up and pull to first contact, the changes of
+    pretension and their levelling, the rests before ring-downs, and the stop.
     groups, samples: numbers of motions (idle records included) and of recorded samples.
     frequency_hz: of the sweep. drive_amplitude_deg, drive_current_a: what the drive reaches there against a held
     head, and the amplitude of its current's fundamental; see `sinew.plan.reach`.
@@ -44,6 +46,7 @@ class Preview:
 
     duration_s: float
     longest_s: float
+    bench_s: float
     groups: int
     samples: int
     frequency_hz: tuple[float, ...]
@@ -91,6 +94,7 @@ def check_plan(
     return Preview(
         duration_s=duration,
         longest_s=duration + waiting * sum(group.kind == "steady" for group in groups),
+        bench_s=duration + _beside_s(plan, len([group for group in groups if group.kind == "ring-down"])),
         groups=len(groups),
         samples=sum(sum(group.sample_counts(plan.sample_hz)) for group in groups),
         frequency_hz=tuple(frequencies),
@@ -101,6 +105,23 @@ def check_plan(
         torsion_deg=torsions,
         findings=tuple(sorted(findings, key=lambda finding: finding.severity)),
     )
+
+
+# What a bench needs beside the plan's motions [s], as its routines take it with a paper rig (`sinew.bench`): lever to
+# zero, slack, first contact until the silicone has given way, bias; one levelling, longer where the joint still swings;
+# the joint coming to rest before a decay; and rest, let-down and torque off at the end.
+_POWER_UP_S, _LEVEL_S, _LEVEL_SWINGING_S, _CALM_S, _STOP_S = 7.1, 1.5, 3.5, 4.0, 4.3
+_CHANGE_MM_S = 6.0
+
+
+def _beside_s(plan: Plan, decays: int) -> float:
+    """Return what a bench needs beside the motions and rests of a plan [s]."""
+    levels = plan.pretension.pretension_mm
+    ends = plan.track.pretension_to_mm if plan.track is not None else None
+    way = [mm for level in levels for mm in ((level,) if ends is None else (ends, level))]
+    changed = sum(abs(after - before) for before, after in zip([0.0, *way], way, strict=False)) / _CHANGE_MM_S
+    levelled = _LEVEL_S + _LEVEL_SWINGING_S * (len(way) - 1)
+    return _POWER_UP_S + changed + levelled + _CALM_S * decays + _STOP_S
 
 
 def refuse_beyond_limits(preview: Preview) -> None:

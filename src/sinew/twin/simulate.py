@@ -124,6 +124,24 @@ def peak_torsion(plan: Plan, rig: RigSpec) -> NDArray[np.float64]:
     return np.array([max(peak for p, peak in peaks if p == asked) for asked in plan.pretension.pretension_mm])
 
 
+def foresee(plan: Plan, rig: RigSpec) -> tuple[NDArray[np.float64], xr.Dataset]:
+    """Return what a plan will bring about: the largest torsion [rad] at each pretension, as `peak_torsion`, and the
+    recording of one repeat of it without scatter and noise, with the delays and filters of the sensors."""
+    parts = {name: part.model_copy(update={"repeats": 1}) for name in _REPEATED if (part := getattr(plan, name))}
+    once = plan.model_copy(update=parts)
+    groups = once.groups()
+    lanes = lane_parameters(groups, rig, mode=plan.pretension.mode)
+    tracks = simulate_tracks(lanes, groups, plan.sample_hz)
+    swings = [(g.pretension_mm, t) for g, t in zip(groups, tracks, strict=True) if g.kind != "idle"]
+    peaks = [(p, float(np.abs(t.torsion).max())) for p, t in swings]
+    quiet = Effects().without("sensor_noise", "stamp_jitter", "repeatability")
+    recording = record_tracks(tracks, lanes, once, rig, effects=quiet, rng=np.random.default_rng(0))
+    return np.array([max(peak for p, peak in peaks if p == mm) for mm in plan.pretension.pretension_mm]), recording
+
+
+_REPEATED = ("sweep", "ring_down")
+
+
 def simulate_tracks(
     lanes: Lanes,
     groups: Sequence[Group],

@@ -1,6 +1,7 @@
 """This is where a plan is chosen, edited, previewed and started."""
 
 import json
+import math
 from datetime import datetime
 from typing import Any
 
@@ -186,10 +187,10 @@ class _Desk:
             if "trouble" in found:
                 ui.label(found["trouble"]).classes("sinew-bad")
                 return
-            minutes = f"{int(found['duration_s'] // 60)} min {round(found['duration_s'] % 60)} s"
-            longest = found["longest_s"]
-            more = f", at most {int(longest // 60)} min" if longest > found["duration_s"] + 1 else ""
-            ui.label(f"{minutes}{more} without the changes of pretension; {found['groups']} segments").props(
+            minutes = "{} min {} s".format(*divmod(round(found["bench_s"]), 60))
+            longer = found["longest_s"] - found["duration_s"]
+            more = f", at most {math.ceil((found['bench_s'] + longer) / 60)} min" if longer > 1 else ""
+            ui.label(f"About {minutes}{more} with pull, pretensions and stop; {found['groups']} segments").props(
                 "id=sinew-duration"
             )
             for finding in found["findings"]:

@@ -10,6 +10,7 @@ from sinew.apps.dashboard.pages.frame import card, empty, framed
 from sinew.apps.dashboard.pages.quantity import quantity
 from sinew.apps.dashboard.pages.site import Site
 from sinew.measure.errors import SinewError
+from sinew.measure.units import local_time
 
 __all__ = ["add_runs_pages"]
 
@@ -99,7 +100,7 @@ def _table(found: list[dict[str, Any]]) -> None:
 
 def _row(run: dict[str, Any]) -> dict[str, Any]:
     done = "–" if run.get("groups") is None else f"{run['groups_done']} of {run['groups']}"
-    started = (run.get("started") or "–").replace("T", " ")[:16]
+    started = local_time(run.get("started") or "–")
     return {**{key: run.get(key) or "–" for key, _, _ in _COLUMNS}, "groups": done, "started": started}
 
 
@@ -120,10 +121,23 @@ async def _open(site: Site, names: list[str]) -> None:
             found.append((name, {"trouble": str(trouble)}))
     place.clear()
     with place, ui.element("div").classes("sinew-grid"):
+        _doubts(found)
         _curves(found)
         _numbers(found)
         for name, _ in found:
             _downloads(name)
+
+
+def _doubts(found: list[tuple[str, dict[str, Any]]]) -> None:
+    """Say what speaks against the runs, above everything that they found."""
+    for name, results in found:
+        if results.get("doubts"):
+            with (
+                card(f"{name} contradicts itself or its rig", 12),
+                ui.element("div").props("role=alert data-doubts"),
+            ):
+                for sentence in results["doubts"]:
+                    ui.label(sentence).classes("sinew-bad")
 
 
 def _curves(found: list[tuple[str, dict[str, Any]]]) -> None:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from sinew.measure.units import one_number, split_list
 from sinew.plan.complaint import fault_sentence
 from sinew.plan.plan import Plan
 from sinew.plan.toml import dump_plan
@@ -240,18 +241,12 @@ def _read(value: Any, kind: str) -> Any:
 
 
 def _number(value: Any) -> float:
-    try:
-        number = float(str(value).strip())
-    except ValueError:
-        raise ValueError(f"found {str(value).strip()!r}, expected a number") from None
-    if not math.isfinite(number):
-        raise ValueError(f"found {number:g}, expected a finite number")
-    return number
+    return one_number(str(value))
 
 
 def _numbers(text: str) -> Iterator[float]:
     count = 0
-    for part in re.split(r"[,;\s]+", text.strip(" ,;[]")):
+    for part in split_list(text):
         for number in _range(part) if ":" in part else [_number(part)]:
             count += 1
             if count > _MOST_VALUES:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["recording_of", "results_of", "run_results"]
 
-_RESULTS, _VERSION = "results.json", 1
+_RESULTS, _VERSION = "results.json", 2
 
 _QUANTITIES = {
     "resonance_hz": ("frequency of the largest gain", "Hz"),
@@ -49,7 +49,7 @@ def run_results(folder: Path | str) -> dict[str, Any]:
     journal, recording = folder / JOURNAL, folder / RECORDING
     if is_being_written(journal):
         found = LiveResults(journal, most_at_once=10**6).update()
-        return {**found, "parameters": list(_of_decays(found["damping"])), "document": None}
+        return {**found, "parameters": list(_of_decays(found["damping"])), "document": None, "doubts": []}
     recording_of(folder)
     about = recording.stat()
     stamp = [_VERSION, about.st_size, about.st_mtime_ns]
@@ -114,6 +114,7 @@ def _document(results: "xr.Dataset") -> dict[str, Any]:
         "damping": decays,
         "parameters": [*_of_resonances(document), *_of_decays(decays), *_of_constants(results)],
         "document": document,
+        "doubts": [one["sentence"] for one in document["doubts"]],
         "notes": [note for note in notes if note],
     }
 
