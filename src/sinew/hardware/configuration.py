@@ -282,11 +282,13 @@ def unfit_settings(post: Post, counts: Mapping[str, int], *, goals: bool = False
     return settings
 
 
-def refuse_unfit(post: Post) -> None:
-    """Raise DeviceError, naming the register, where a motor holds what a run must not overwrite."""
-    refused = [setting for setting in unfit_settings(post, read_counts(post.motor)) if setting.is_refused]
+def refuse_unfit(post: Post) -> dict[str, int]:
+    """Return what a motor holds. Raises DeviceError, naming the register, where a run must not overwrite that."""
+    counts = read_counts(post.motor)
+    refused = [setting for setting in unfit_settings(post, counts) if setting.is_refused]
     if refused:
         raise DeviceError("; ".join(_refusal(post.motor, setting) for setting in refused))
+    return counts
 
 
 def bring_to_known_state(post: Post) -> dict[str, int]:
@@ -296,23 +298,35 @@ def bring_to_known_state(post: Post) -> dict[str, int]:
     goal must not. Raises DeviceError, naming the register: one that is refused, or one that the motor did not take.
     """
     motor = post.motor
-    motor.require_torque_off("to be set up")
-    refuse_unfit(post)
+    counts = refuse_unfit(post)
+    if counts["torque_enable"]:
+        motor.require_torque_off("to be set up")
     motor.kept.clear()
-    counts = read_counts(motor)
     for setting in unfit_settings(post, counts):
         if motor.table[setting.register].address < motor.table.eeprom_stop:
             motor.ensure_count(setting.register, setting.expected)
     counts = read_counts(motor)
-    for row in KNOWN_STATE:
-        target = row.target(post, counts)
-        if target is not None and motor.table[row.register].address >= motor.table.eeprom_stop:
-            motor.set_count(row.register, target)
+    for block in _blocks(post, counts):
+        motor.set_counts(block)
     counts = read_counts(motor)
     if wrong := unfit_settings(post, counts, goals=True):
         raise DeviceError("; ".join(_not_taken(motor, setting) for setting in wrong))
     motor.kept.update({name: counts[name] for name in _REGISTERS} | {"torque_enable": 0})
     return counts
+
+
+def _blocks(post: Post, counts: Mapping[str, int]) -> list[dict[str, int]]:
+    """Return what is to be written each time, in pieces without a gap: while a motor without torque is set up, no
+    other is told anything."""
+    table, blocks, stop = post.motor.table, list[dict[str, int]](), -1
+    for row in KNOWN_STATE:
+        target, register = row.target(post, counts), table[row.register]
+        if target is None or register.address < table.eeprom_stop:
+            continue
+        if register.address != stop:
+            blocks.append({})
+        blocks[-1][row.register], stop = target, register.stop
+    return blocks
 
 
 def prepare_goal(motor: Motor) -> None:

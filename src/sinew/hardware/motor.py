@@ -4,7 +4,7 @@ What a motor does not do raises DeviceError with a sentence. The bench's cycle d
 `sinew.hardware.rig`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from sinew.hardware.bus import Bus
@@ -93,6 +93,16 @@ class Motor:
         reply = self.bus.write(self.id, row.address, encode_raw(row, count), retries=RETRIES)
         if not reply.ok:
             raise self._trouble(f"cannot write {count} to", row, reply)
+
+    def set_counts(self, counts: Mapping[str, int]) -> None:
+        """Store counts in registers that follow one another without a gap, at once. Raises as `set_count`."""
+        rows = [self.table[register] for register in counts]
+        data = b"".join(encode_raw(row, count) for row, count in zip(rows, counts.values(), strict=True))
+        reply = self.bus.write(self.id, rows[0].address, data, retries=RETRIES)
+        if not reply.ok:
+            raise self._trouble(
+                f"cannot write {len(rows)} registers, the first {counts[rows[0].name]}, to", rows[0], reply
+            )
 
     def ensure_count(self, register: str, count: int) -> bool:
         """Store a count unless it is there already, and read it back; return whether it was another.
