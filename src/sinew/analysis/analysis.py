@@ -1,10 +1,12 @@
-"""This is where a recording becomes results: sweep, resonance and ring-down in one dataset."""
+"""Analysis of a whole recording: sweep, resonance, energy and ring-down in one dataset, with what speaks against it."""
 
+import json
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from sinew.analysis.doubts import find_doubts
 from sinew.analysis.energy import estimate_energy
 from sinew.analysis.groups import split_by_drive
 from sinew.analysis.repeats import combine_repeats
@@ -28,8 +30,8 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     The sweep part is there if the recording has steady segments (those without a frequency are first split by their
     drive), the resonance part if these hold six frequencies or more, the ring-down part if there are ring-downs.
     Attributes: `recording_hash`, `response_unit`, `drive_unit`, `effects_off` (of the twin, names with spaces between,
-    empty for none), `resonance_notes`, `ring_down_notes`, `idle_power_w` (beside the energy part; by data sheet), and
-    those of `provenance`.
+    empty for none), `resonance_notes`, `ring_down_notes`, `idle_power_w` (beside the energy part; by data sheet),
+    `doubts` (JSON, see `sinew.analysis.doubts`) and those of `provenance`.
     Raises RecordingError where the recording holds neither a steady segment nor a ring-down, or cannot be analysed.
     """
     kinds = set(map(str, recording["kind"].values))
@@ -58,10 +60,17 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
         parts.append(sweep)
     if "ring-down" in kinds:
         inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
-        parts.append(analyse_ring_downs(recording, inertia))
+        try:
+            parts.append(analyse_ring_downs(recording, inertia))
+        except RecordingError as error:
+            if not parts:
+                raise
+            parts[0].attrs["ring_down_notes"] = f"no ring-down could be analysed: {error}"
     results = join_parts(parts)
     told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_TOLD)}
     results.attrs = {**_attributes(recording), **told, "resonance_notes": notes}
+    doubts = [doubt.to_json() for doubt in find_doubts(results, recording, rig)]
+    results.attrs["doubts"] = json.dumps(doubts, ensure_ascii=False)
     return validate_results(results)
 
 

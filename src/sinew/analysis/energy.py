@@ -114,7 +114,7 @@ def energy_of_repeat(
     is read. second: the other reading, whose difference says how much the grid leaves open: Akima's spline, and a
     parabola through the five points around the cheapest.
     """
-    valid = np.isfinite([columns[name] for name in _NEEDED]).all(axis=0)
+    valid = np.isfinite([columns[name] for name in _NEEDED]).all(axis=0) & (columns["amplitude_rad"] > 0)
     f = frequency_hz[valid]
     if f.size < FEWEST_POINTS or not columns["drive_power_w"][valid].any():  # or a lever that no servo moved
         return {}

@@ -163,7 +163,8 @@ def relative_noise(fitted: Harmonics, signal: int, reference: int | None = None)
 
     def seen_from_fundamental(column: int) -> Complexes:
         size = fitted.coefficient[:, column, 0, None, None]
-        return np.asarray(fitted.sidebands[:, column] / np.where(size == 0, np.nan, size))
+        with np.errstate(invalid="ignore"):  # a channel that stands still
+            return np.asarray(fitted.sidebands[:, column] / np.where(size == 0, np.nan, size))
 
     noise = seen_from_fundamental(signal)
     if reference is not None:

@@ -251,7 +251,9 @@ def _readings(response: Response, p: int, r: int, nominal: Peak, measured: Peak,
     """Return the readings of one pretension and repeat by name."""
     at = nominal.frequency_hz[0]
     columns = {name: values[p, :, r] for name, values in response.columns.items()}
-    ratio, ratio_std = _local(response.frequency_hz, columns["gain"] / columns["gain_harmonic"], at)
+    harmonic = columns["gain_harmonic"]
+    peaks = np.divide(columns["gain"], columns["gain_harmonic"], out=np.full_like(harmonic, np.nan), where=harmonic > 0)
+    ratio, ratio_std = _local(response.frequency_hz, peaks, at)
     peak_std = math.hypot(nominal.gain[1] * ratio, nominal.gain[0] * ratio_std)
     drive = _at(response.frequency_hz, columns["drive_amplitude_rad"], at)
     drive_std = _at(response.frequency_hz, columns["drive_amplitude_std_rad"], at)

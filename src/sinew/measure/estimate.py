@@ -1,11 +1,29 @@
-"""This is where a number keeps its uncertainty."""
+"""Numbers with their uncertainty, and the one way in which a person reads them.
+
+The digits of a number follow its uncertainty by the rule of the Particle Data Group (Review of Particle Physics,
+Introduction, 5.3): two significant digits of the half-width or standard deviation where its first three lie between
+100 and 354, else one, and 0.95 to 0.99 become 1.0; value and ends of the interval have the same decimals. Two bounds
+hold where the uncertainty is no guide: what has none shows four significant digits, and no value shows more than five,
+for no sensor of a bench is linear to better than some 1e-4; an uncertainty below the last of them is rounded up to it.
+JSON keeps every digit.
+"""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from scipy import special
 
-__all__ = ["Estimate"]
+DIGITS = 4
+"""Significant digits of a number whose uncertainty is not known."""
+MOST_DIGITS = 5
+"""Significant digits of a value beyond which its uncertainty is not followed."""
+UNKNOWN = "–"
+"""What stands for a number that is not known."""
+
+_TWO_DIGITS_BELOW = 3.55
+_PLAIN_FROM, _PLAIN_TO = -4, 6  # powers of ten that are written without an exponent
 
 
 @dataclass(frozen=True)
@@ -49,3 +67,161 @@ class Estimate:
             "std": number(self.std),
             "interval90": [number(self.low), number(self.high)],
         }
+
+    def shown(self, unit: str = "") -> str:
+        """Return "value ± std unit", see `pair`."""
+        return pair(self.value, self.std, unit)
+
+    def shown_interval(self, unit: str = "") -> str:
+        """Return "value unit (low to high)", see `interval`."""
+        return interval(self.value, self.low, self.high, unit)
+
+
+def number(value: float | None, digits: int = DIGITS, unit: str = "") -> str:
+    """Return a number whose uncertainty is not known, with `digits` significant digits, no zeros behind them.
+
+    Whole digits are never lost: 12346 stays so.
+    """
+    if not _known(value):
+        return UNKNOWN
+    assert value is not None
+    if math.isinf(value):
+        return _with_unit("∞" if value > 0 else "-∞", unit)
+    power = _power(value)
+    if value != 0 and not _PLAIN_FROM <= power <= _PLAIN_TO:
+        return _with_unit(f"{value:.{digits - 1}e}", unit)
+    text = _plain(value, max(0, digits - 1 - power))
+    return _with_unit(text.rstrip("0").rstrip(".") if "." in text else text, unit)
+
+
+def fixed(value: float | None, decimals: int, unit: str = "") -> str:
+    """Return a number with so many decimals: for what has a declared resolution, such as a percentage in a table."""
+    if not _known(value) or (value is not None and math.isinf(value)):
+        return number(value, unit=unit)
+    assert value is not None
+    return _with_unit(_plain(value, decimals), unit)
+
+
+def pair(value: float | None, half: float | None, unit: str = "") -> str:
+    """Return "value ± half unit" with the decimals that the half-width gives; the value alone where it has none.
+
+    half: standard deviation or half-width of the interval, in the value's unit.
+    """
+    if not _known(value) or value is None or not half or not math.isfinite(half) or not math.isfinite(value):
+        return number(value, unit=unit)
+    half = abs(half)
+    decimals, coarse = _decimals(value, half)
+    exponent = _exponent(value, half, decimals)
+    scale, places = 10.0**exponent, decimals + exponent
+    said = _up(half / scale, places) if coarse else half / scale
+    text = f"{_plain(value / scale, places)} ± {_plain(said, places)}"
+    return _with_unit(text if exponent == 0 else f"({text})e{exponent:+03d}", unit)
+
+
+def interval(value: float | None, low: float | None, high: float | None, unit: str = "") -> str:
+    """Return "value unit (low to high)", all with the decimals that half the interval's width gives.
+
+    An end that is not known shows as such, an infinite one as ∞; where neither is known the value stands alone.
+    """
+    if not _known(value) or value is None or not math.isfinite(value) or not (_known(low) or _known(high)):
+        return number(value, unit=unit)
+    text, (first, last) = _in_step(value, low, high)
+    return f"{_with_unit(text, unit)} ({first} to {last})"
+
+
+def span(low: float | None, high: float | None, unit: str = "") -> str:
+    """Return "low to high unit", both with the decimals that half their distance gives."""
+    if not _known(low) and not _known(high):
+        return UNKNOWN
+    ends = [end for end in (low, high) if end is not None and math.isfinite(end)]
+    middle = sum(ends) / len(ends) if ends else 0.0
+    return _with_unit(" to ".join(_in_step(middle, low, high)[1]), unit)
+
+
+def shown(estimate: Mapping[str, Any] | None, unit: str = "") -> str:
+    """Return "value ± std unit" of a quantity as JSON holds it (`Estimate.to_json`); a dash for None."""
+    return UNKNOWN if estimate is None else pair(estimate["value"], estimate["std"], unit)
+
+
+def shown_interval(estimate: Mapping[str, Any] | None, unit: str = "") -> str:
+    """Return "value unit (low to high)" of a quantity as JSON holds it; a dash for None."""
+    if estimate is None:
+        return UNKNOWN
+    low, high = estimate["interval90"] or (None, None)
+    return interval(estimate["value"], low, high, unit)
+
+
+def typeset(text: str) -> str:
+    """Return numbers for a page: the sign of a negative number is a minus, not a hyphen."""
+    return "".join(
+        "\N{MINUS SIGN}"
+        if letter == "-" and text[i + 1 : i + 2] in _AFTER_MINUS and not text[max(0, i - 1) : i].isalnum()
+        else letter
+        for i, letter in enumerate(text)
+    )
+
+
+_AFTER_MINUS = tuple("0123456789.∞")
+
+
+def _known(value: float | None) -> bool:
+    return value is not None and not math.isnan(value)
+
+
+def _power(value: float) -> int:
+    return 0 if value == 0 else math.floor(math.log10(abs(value)))
+
+
+def _decimals(value: float, half: float) -> tuple[int, bool]:
+    """Return the decimals that an uncertainty gives a value, negative ones for tens; and whether the value's digits
+    ended first."""
+    power = _power(half)
+    wanted = (1 if round(half / 10.0**power, 2) < _TWO_DIGITS_BELOW else 0) - power  # 0.96 becomes 1.0, as 0.996 does
+    most = MOST_DIGITS - 1 - _power(value) if value else wanted
+    return min(wanted, most), wanted > most
+
+
+def _exponent(value: float, half: float, decimals: int) -> int:
+    """Return the power of ten that value and uncertainty share on paper; 0 where they are written plainly."""
+    power = _power(max(abs(value), half))
+    return 0 if _PLAIN_FROM <= power <= _PLAIN_TO and decimals <= 7 else power
+
+
+def _in_step(value: float, low: float | None, high: float | None) -> tuple[str, tuple[str, str]]:
+    """Return value and both ends as text with the same decimals; an end that rounds onto the other is rounded away."""
+    known = [end for end in (low, high) if end is not None and math.isfinite(end)]
+    width = abs(known[-1] - (known[0] if len(known) > 1 else value)) / (2 if len(known) > 1 else 1) if known else 0.0
+    if width == 0:
+        return number(value), (_end(low, number), _end(high, number))
+    decimals, coarse = _decimals(max((value, *known), key=abs), width)
+    exponent = _exponent(value, width, decimals)
+    scale, places = 10.0**exponent, decimals + exponent
+    tail = "" if exponent == 0 else f"e{exponent:+03d}"
+
+    def down(end: float) -> str:
+        return f"{_plain(-_up(-end / scale, places) if coarse else end / scale, places)}{tail}"
+
+    def up(end: float) -> str:
+        return f"{_plain(_up(end / scale, places) if coarse else end / scale, places)}{tail}"
+
+    return f"{_plain(value / scale, places)}{tail}", (_end(low, down), _end(high, up))
+
+
+def _end(end: float | None, finite: Any) -> str:
+    return number(end) if not _known(end) or math.isinf(end or 0.0) else str(finite(end))
+
+
+def _up(value: float, places: int) -> float:
+    """Return a value rounded up to so many places; what lies on one of them but for the last bits stays."""
+    scale = 10.0**places
+    return math.ceil(value * scale - 1e-6) / scale
+
+
+def _plain(value: float, places: int) -> str:
+    """Return a number without an exponent, with so many decimals; negative ones round to tens. Never "-0"."""
+    text = f"{round(value, places) if places < 0 else value:.{max(0, places)}f}"
+    return text.removeprefix("-") if not text.strip("-0.") else text
+
+
+def _with_unit(text: str, unit: str) -> str:
+    return f"{text} {unit}" if unit else text

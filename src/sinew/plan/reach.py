@@ -1,8 +1,9 @@
-"""This is where the drive's reach is worked out: which lever amplitude it gives for a commanded sine.
+"""The drive's reach: which lever amplitude it gives for a commanded sine.
 
-The servo of the rig against a held head: inertia J = I_l + J_a, and the torque line of the data sheet with a duty u,
+The servo of the rig against a held head, or one that swings by φ: inertia J = I_l + J_a, and the torque line of the
+data sheet with a duty u,
 
-    J θ̈ = τ u - c θ̇ - T_f sign(θ̇),   τ = (T_stall + T_f) V/V_nominal,   c = T_stall/ω_no-load,
+    J θ̈ + I_l φ̈ = τ u - c θ̇ - T_f sign(θ̇),   τ = (T_stall + T_f) V/V_nominal,   c = T_stall/ω_no-load,
     u = clip(K (A sin Ωt - θ), ±u_max).
 
 Harmonic balance on the fundamental replaces the clip by its describing function and the friction by 4 T_f/π in phase
@@ -12,7 +13,8 @@ error of amplitude E, the motor gives the torque amplitude τ u_max y(x), y = x 
 error add up to the command.
 
 Where a joint resonates, its head swings against the lever and takes torque that the held head does not: there the twin
-shows up to a third less amplitude (paper's rig), and slightly more above the resonance.
+shows up to half less amplitude (paper's rig), and slightly more above the resonance. Where the head's swing is known,
+φ = H θ adds I_l H to the inertia, and the lever is known to a few percent.
 """
 
 import math
@@ -36,13 +38,18 @@ class Reach:
     amplitude_rad: of the lever against the head; zero where gear friction holds it.
     lag_rad: of the lever behind its command.
     current_a: amplitude of the motor current's fundamental.
-    saturated: True where the duty touches its limit.
+    saturated_share: of the time that the duty is at its limit, 1 - (2/π) asin(1/x) for x > 1, else 0.
     """
 
     amplitude_rad: float
     lag_rad: float
     current_a: float
-    saturated: bool
+    saturated_share: float
+
+    @property
+    def saturated(self) -> bool:
+        """Whether the duty touches its limit."""
+        return self.saturated_share > 0
 
 
 @dataclass(frozen=True)
@@ -55,15 +62,15 @@ class _Servo:
     error_limit: float
 
     @staticmethod
-    def of(rig: RigSpec, omega: float) -> "_Servo":
+    def of(rig: RigSpec, omega: float, head: complex) -> "_Servo":
         drive = rig.drive
-        inertia = rig.inertia.lever.value + drive.armature.value
+        inertia = rig.inertia.lever.value * (1 + head) + drive.armature.value
         slope = drive.stall_torque.value / drive.no_load_speed.value
         full_duty = (drive.stall_torque.value + drive.friction.value) * (
             drive.supply_voltage.value / drive.nominal_voltage.value
         )
         return _Servo(
-            load=complex(-inertia * omega**2, slope * omega),
+            load=-inertia * omega**2 + 1j * slope * omega,
             friction=4 / math.pi * drive.friction.value,
             torque_limit=full_duty * drive.duty_limit.value,
             error_limit=drive.duty_limit.value / drive.position_gain.value,
@@ -83,13 +90,14 @@ class _Servo:
         return theta, theta + phasor / abs(phasor) * x * self.error_limit
 
 
-def drive_reach(rig: RigSpec, command_rad: float, frequency_hz: float) -> Reach:
+def drive_reach(rig: RigSpec, command_rad: float, frequency_hz: float, head: complex = 0.0) -> Reach:
     """Return lever amplitude, lag and current for a commanded amplitude [rad] at a frequency [Hz].
 
+    head: torsion over lever angle, complex, of a head that swings, a lag having a negative angle; 0 for a held one.
     Where the balance has several solutions the one with the smallest error counts: a drive that starts from rest.
     """
     omega = 2 * math.pi * frequency_hz
-    servo = _Servo.of(rig, omega)
+    servo = _Servo.of(rig, omega, head)
 
     def surplus(log_x: float) -> float:
         return abs(servo.lever(math.exp(log_x))[1]) - command_rad
@@ -105,7 +113,8 @@ def drive_reach(rig: RigSpec, command_rad: float, frequency_hz: float) -> Reach:
     friction = servo.friction if theta > 0 else 0.0
     electrical = abs((servo.load - 1j * slope * omega) * theta + 1j * friction)
     constant = (rig.drive.stall_torque.value + rig.drive.friction.value) / rig.drive.stall_current.value
-    return Reach(theta, math.atan2(command.imag, command.real), electrical / constant, bool(x > 1))
+    share = 1 - 2 / math.pi * math.asin(1 / x) if x > 1 else 0.0
+    return Reach(theta, math.atan2(command.imag, command.real), electrical / constant, share)
 
 
 def _saturated(x: float) -> float:

@@ -1,0 +1,644 @@
+"""Doubts: what a measurement says against itself, against its rig, or against what the rig's twin foretold.
+
+A number with a tight interval may still be wrong: a drive held at a fifth of its duty, a gyro with another scale, a
+sensor that repeats itself, all leave smooth curves. What cannot be right together is said here in sentences, each with
+the places where it was seen and with how far they lie from what was expected, in units of its standard uncertainty.
+
+That uncertainty is the measured one and the expectation's own, declared below with its reason. Doubt begins at three
+of it. Nothing here needs the twin: what it foretells is kept beside the recording (attribute `expected`, see
+`foretold`), and where there is none, that comparison is not made.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sinew.analysis.sensor import sample_rate
+from sinew.measure.errors import SinewError
+from sinew.measure.estimate import number
+from sinew.measure.recording import Segment, iterate_segments
+from sinew.plan.reach import Reach, drive_reach
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan
+
+Floats = NDArray[np.float64]
+
+DOUBTED_FROM = 3.0
+"""Distance from the expectation, in standard uncertainties, from which a number is doubted."""
+
+# Standard uncertainties of the expectations, beside those of the measurement.
+# The lever's reach by the servo's data sheet, with the torsion and the supply as measured: the twin agrees within 1 %;
+# stall torque and speed of the data sheet are given to some percent, the gear's friction to a third.
+_LEVER_STD = 0.07
+# The reach against a held head, where nothing is known of the joint: in resonance the head takes up to half of it.
+_HELD_LOW, _HELD_HIGH = 0.5, 1.15
+# Share of samples at the duty limit from the describing function, which knows no harmonics: twin within 0.15.
+_SHARE_STD = 0.1
+# A curve against the twin's: parameters that were calibrated once, on one specimen, at one temperature.
+_GAIN_STD, _PHASE_STD, _SHIFT = 0.1, math.radians(5.0), 0.04
+_RESONANCE_STD, _DAMPING_STD = 0.03, 0.12
+# Losses from the rig's parameters alone (geometry of the Dahl loop, share of the silicone in the stiffness).
+_LOSS_STD = 0.2
+# A lag of 0° or 180° by delays that the budget does not hold.
+_LAG_STD = math.radians(4.0)
+# A pretension by the tendon motors' angles: levelling moves them apart, not their mean; pulley and cable to 3 %.
+_PRETENSION_STD_MM, _PRETENSION_STD = 0.15, 0.03
+
+_MOVING_RAD = math.radians(1.0)
+_FROZEN_SHARE, _FROZEN_SAMPLES = 0.25, 8
+_SAME = 1e-6
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where in a campaign something was seen: pretension [mm], drive frequency [Hz; NaN for none], repeat."""
+
+    pretension_mm: float
+    frequency_hz: float
+    repeat: int
+
+    def __str__(self) -> str:
+        at = "" if math.isnan(self.frequency_hz) else f", {self.frequency_hz:g} Hz"
+        return f"{self.pretension_mm:g} mm{at}, repeat {self.repeat + 1}"
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One thing that a measurement says against itself.
+
+    kind: lever, torsion, saturation, response, resonance, damping, phase, silence, axis, frozen or pretension.
+    where: all places, the worst first. sentence: what was found there, what was expected, what to look at.
+    distance: of the worst from its expectation in standard uncertainties; infinite where it is impossible.
+    """
+
+    kind: str
+    where: tuple[Place, ...]
+    sentence: str
+    distance: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the doubt as JSON holds it; an infinite distance becomes null."""
+        return {
+            "kind": self.kind,
+            "sentence": self.sentence,
+            "distance": self.distance if math.isfinite(self.distance) else None,
+            "where": [
+                {
+                    "pretension_mm": one.pretension_mm,
+                    "frequency_hz": None if math.isnan(one.frequency_hz) else one.frequency_hz,
+                    "repeat": one.repeat,
+                }
+                for one in self.where
+            ],
+        }
+
+
+def find_doubts(results: xr.Dataset, recording: xr.Dataset, rig: RigSpec | None) -> list[Doubt]:
+    """Return what speaks against the results of a recording, the farthest first.
+
+    results: of `recording` by `rig`, see `sinew.analysis.analysis.analyse_recording`. rig: None leaves only what needs
+    no rig. What a recording lacks (tendon angles, a duty, an expectation) is not doubted.
+    """
+    found = list(frozen_channels(recording, rig))
+    expected = expectation(recording)
+    if "gain" in results:
+        sweep = _Sweep.of(results, recording)
+        found += _phase_doubts(sweep)
+        found += _silent_doubts(sweep, recording)
+        if rig is not None:
+            found += _lever_doubts(sweep, rig, expected)
+        if expected is not None:
+            found += _curve_doubts(sweep, expected)
+    if rig is not None:
+        found += _pretension_doubts(recording, rig)
+        found += _damping_doubts(results, rig, expected)
+    if expected is not None:
+        found += _resonance_doubts(results, expected)
+    return sorted(found, key=lambda doubt: -doubt.distance)
+
+
+def foretold(results: xr.Dataset) -> str:
+    """Return what a recording of the same plan is expected to give, as the text of the attribute `expected`.
+
+    results: of the twin's recording of the plan, without noise; one repeat is enough.
+    """
+    document: dict[str, Any] = {}
+    for name in _FORETOLD:
+        if name in results:
+            values = np.asarray(results[name].values, dtype=float)
+            if values.ndim and results[name].dims[-1] == "repeat":
+                values = _mean(values)
+            document[name] = [[_plain(x) for x in row] if np.ndim(row) else _plain(row) for row in values]
+    for axis in ("pretension_mm", "frequency_hz"):
+        if axis in results:
+            document[axis] = [float(x) for x in results[axis].values]
+    return json.dumps(document, separators=(",", ":"))
+
+
+_FORETOLD = (
+    "drive_amplitude_rad",
+    "gain_measured_drive",
+    "phase_lag_rad",
+    "saturated_share",
+    "resonance_measured_drive_hz",
+    "decay_frequency_hz",
+    "damping_ratio",
+)
+
+
+def expectation(recording: xr.Dataset) -> dict[str, Floats] | None:
+    """Return what was foretold of a recording, arrays by name; None where nothing was, or it cannot be read."""
+    text = str(recording.attrs.get("expected", ""))
+    if not text:
+        return None
+    try:
+        document = json.loads(text)
+        return {name: np.array(values, dtype=float) for name, values in document.items()}
+    except (ValueError, TypeError, AttributeError):
+        return None
+
+
+def doubts_of(results: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the doubts that results carry (attribute `doubts`), as JSON holds them; none where they carry none."""
+    try:
+        found = json.loads(str(results.attrs.get("doubts", "[]")))
+    except ValueError:
+        return []
+    return [one for one in found if isinstance(one, dict) and "sentence" in one] if isinstance(found, list) else []
+
+
+@dataclass(frozen=True)
+class _Sweep:
+    """The sweep part of results: axes (p,), (f,), columns (p, f, r), and the commanded amplitude [rad], (p, f, r)."""
+
+    pretension_mm: Floats
+    frequency_hz: Floats
+    columns: Mapping[str, Floats]
+    command: Floats
+    supply_v: Floats
+
+    @staticmethod
+    def of(results: xr.Dataset, recording: xr.Dataset) -> "_Sweep":
+        columns = {str(n): v.values for n, v in results.data_vars.items() if v.dims[-1:] == ("repeat",) and v.ndim == 3}
+        shape = columns["gain"].shape
+        pretension, frequency = results["pretension_mm"].values, results["frequency_hz"].values
+        command, supply = np.full(shape, np.nan), np.full(shape, np.nan)
+        volts = recording["supply_v"].values if "supply_v" in recording else None
+        for _, segment, where in iterate_segments(recording, "steady"):
+            p = np.flatnonzero(pretension == segment.pretension_mm)
+            f = np.flatnonzero(frequency == segment.frequency_hz)
+            if p.size and f.size and segment.repeat < shape[2]:
+                command[p[0], f[0], segment.repeat] = math.radians(segment.amplitude_deg)
+                if volts is not None:
+                    supply[p[0], f[0], segment.repeat] = float(volts[where].mean())
+        return _Sweep(pretension, frequency, columns, command, supply)
+
+    def place(self, index: tuple[int, ...]) -> Place:
+        return Place(float(self.pretension_mm[index[0]]), float(self.frequency_hz[index[1]]), int(index[2]))
+
+    def at(self, expected: Mapping[str, Floats], name: str, factor: float = 1.0) -> Floats:
+        """Return a foretold column at the sweep's frequencies times a factor, (p, f), NaN where it does not reach."""
+        out = np.full((self.pretension_mm.size, self.frequency_hz.size), np.nan)
+        table = expected.get(name)
+        axes = expected.get("pretension_mm"), expected.get("frequency_hz")
+        if table is None or axes[0] is None or axes[1] is None or table.shape != (axes[0].size, axes[1].size):
+            return out
+        for i, p in enumerate(self.pretension_mm):
+            row = np.flatnonzero(np.abs(axes[0] - p) < 1e-6)
+            known = np.isfinite(table[row[0]]) if row.size else np.zeros(0, dtype=bool)
+            if known.any():
+                f, values = axes[1][known], table[row[0]][known]
+                asked = np.clip(self.frequency_hz * factor, f[0], f[-1])
+                inside = (self.frequency_hz >= f[0] - 1e-9) & (self.frequency_hz <= f[-1] + 1e-9)
+                out[i] = np.where(inside, np.interp(asked, f, values), np.nan)
+        return out
+
+    def gather(self, kind: str, distance: Floats, sentence: Callable[[tuple[int, ...]], str]) -> Iterator[Doubt]:
+        """Yield the doubt of all places beyond the threshold; sentence: of the worst, and its advice."""
+        distance = np.nan_to_num(distance, nan=0.0, posinf=np.inf)
+        places = np.argwhere(distance > DOUBTED_FROM)
+        if not places.size:
+            return
+        order = np.argsort([-distance[tuple(at)] for at in places], kind="stable")
+        ranked = [tuple(int(i) for i in places[k]) for k in order]
+        looked = int(np.isfinite(self.columns["gain_harmonic"]).sum())
+        text = f"{sentence(ranked[0])} ({len(ranked)} of {looked} groups)"
+        yield Doubt(kind, tuple(map(self.place, ranked)), text, float(distance[ranked[0]]))
+
+
+def _lever_doubts(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Floats] | None) -> Iterator[Doubt]:
+    """Yield where the lever did not go as far as its servo takes it, and where lever and torsion contradict each other.
+
+    The servo's balance with the torsion as measured gives the lever. Where it is off, the lever is to blame if it is
+    off against a held head, too, or against what the twin foretold while the torsion it brings about is as foretold;
+    else the torsion is.
+    """
+    lever, command = sweep.columns["drive_amplitude_rad"], sweep.command
+    lag, gain = sweep.columns["phase_lag_rad"], sweep.columns["gain_measured_drive"]
+    std = sweep.columns["drive_amplitude_std_rad"]
+    foretold_lever, on_curve = np.full(sweep.command.shape[:2], np.nan), np.zeros(lever.shape, dtype=bool)
+    if expected is not None:
+        foretold_lever = sweep.at(expected, "drive_amplitude_rad")
+        on_curve = np.fmax(*_off_curve(sweep, expected)[0]) < DOUBTED_FROM
+    blamed, contradicted, unsaturated = (np.zeros(lever.shape) for _ in range(3))
+    swung: dict[tuple[int, ...], Reach] = {}
+    for place in np.argwhere(np.isfinite(lever) & np.isfinite(command) & (command > 0)):
+        at = tuple(int(i) for i in place)
+        here = rig if not sweep.supply_v[at] > 0 else _supplied(rig, sweep.supply_v[at])
+        frequency = float(sweep.frequency_hz[at[1]])
+        head = gain[at] * np.exp(-1j * lag[at]) if np.isfinite(gain[at] + lag[at]) else 0.0
+        reach = swung[at] = drive_reach(here, float(command[at]), frequency, complex(head))
+        own = _ratio(std[at], lever[at])
+        by_head = _logs(lever[at], reach.amplitude_rad, math.hypot(_LEVER_STD, own))
+        if by_head > DOUBTED_FROM:
+            held = drive_reach(here, float(command[at]), frequency).amplitude_rad
+            nearest = min(max(lever[at], _HELD_LOW * held), _HELD_HIGH * held)
+            by_held = _logs(lever[at], nearest, math.hypot(_LEVER_STD, own))
+            by_twin = _logs(lever[at], foretold_lever[at[:2]], math.hypot(_LEVER_STD, own))
+            guilty = by_held > DOUBTED_FROM or (by_twin > DOUBTED_FROM and bool(on_curve[at]))
+            (blamed if guilty else contradicted)[at] = by_head
+        if "saturated_share" in sweep.columns and sweep.columns["saturated_share"][at] < 0.02:
+            unsaturated[at] = reach.saturated_share / _SHARE_STD
+
+    if (blamed > 0).any():  # the same fault where it shows less
+        short = np.zeros(lever.shape, dtype=bool)
+        for at, reach in swung.items():
+            short[at] = lever[at] < reach.amplitude_rad
+        same = (contradicted > 0) & (short == short[np.unravel_index(np.argmax(blamed), blamed.shape)])
+        blamed, contradicted = np.where(same, contradicted, blamed), np.where(same, 0.0, contradicted)
+
+    def lever_sentence(at: tuple[int, ...]) -> str:
+        less = lever[at] < swung[at].amplitude_rad
+        advice = (
+            "look at the drive's PWM limit, goal PWM, profile and supply, and at what the lever may rub on"
+            if less
+            else "look at the masses on the lever, the supply, the drive's model and the encoder's scale"
+        )
+        return (
+            f"the lever went {_deg(lever[at])} of the {_deg(command[at])} asked for at {sweep.place(at)}; with the "
+            f"head swinging as measured the drive reaches {_deg(swung[at].amplitude_rad)}: {advice}"
+        )
+
+    def torsion_sentence(at: tuple[int, ...]) -> str:
+        return (
+            f"lever and torsion contradict each other at {sweep.place(at)}: with a head that swings "
+            f"{number(gain[at], 3)} times as far as the lever, the drive would move the lever by "
+            f"{_deg(swung[at].amplitude_rad)}, it moved by {_deg(lever[at])}; look at the gyro's scale and axes, and "
+            "at the lever's inertia in the rig"
+        )
+
+    def share_sentence(at: tuple[int, ...]) -> str:
+        return (
+            f"the drive's duty never touched its limit at {sweep.place(at)}, where the check has it there for "
+            f"{100 * swung[at].saturated_share:.0f} % of the time: look at the drive's PWM limit and goal PWM"
+        )
+
+    yield from sweep.gather("lever", blamed, lever_sentence)
+    yield from sweep.gather("torsion", contradicted, torsion_sentence)
+    yield from sweep.gather("saturation", unsaturated, share_sentence)
+
+
+def _supplied(rig: RigSpec, volts: float) -> RigSpec:
+    """Return a rig whose drive is fed with so many volts."""
+    supply = rig.drive.supply_voltage.model_copy(update={"value": float(volts)})
+    return rig.model_copy(update={"drive": rig.drive.model_copy(update={"supply_voltage": supply})})
+
+
+def _phase_doubts(sweep: _Sweep) -> Iterator[Doubt]:
+    """Yield where the torsion leads the lever, or lags by more than half a turn: a joint that gives energy away."""
+    lag = sweep.columns["phase_lag_rad"]
+    std = np.sqrt(
+        np.nan_to_num(sweep.columns["phase_std_rad"]) ** 2
+        + np.nan_to_num(sweep.columns["phase_delay_std_rad"]) ** 2
+        + _LAG_STD**2
+    )
+    moving = sweep.columns["drive_amplitude_rad"] > _MOVING_RAD
+    beyond = np.maximum(-lag, lag - math.pi)
+    distance = np.where(moving & (beyond > 0), beyond / std, 0.0)
+    yield from sweep.gather(
+        "phase",
+        distance,
+        lambda at: (
+            f"the torsion lags the lever by {math.degrees(lag[at]):.0f}° at {sweep.place(at)}; a joint that takes "
+            "energy lags by 0° to 180°: look at the signs of the gyro's axes and of the lever (wiring), and at the "
+            "sensor delays of the rig"
+        ),
+    )
+
+
+def _silent_doubts(sweep: _Sweep, recording: xr.Dataset) -> Iterator[Doubt]:
+    """Yield where the lever moved and the head did not, and where another axis of the gyro swings more than x."""
+    size, std = sweep.columns["amplitude_rad"], sweep.columns["amplitude_std_rad"]
+    moving = sweep.columns["drive_amplitude_rad"] > _MOVING_RAD
+    silent = moving & ~(size > DOUBTED_FROM * std)
+    yield from sweep.gather(
+        "silence",
+        np.where(silent, np.inf, 0.0),
+        lambda at: (
+            f"the head does not answer at {sweep.place(at)}: the lever swings by "
+            f"{_deg(sweep.columns['drive_amplitude_rad'][at])}, the torsion is none beyond its noise; look at the IMU "
+            "and at what couples lever and head"
+        ),
+    )
+    if "gyro_rad_s" not in recording:
+        return
+    gyro = recording["gyro_rad_s"].values
+    ratio = np.zeros(size.shape)
+    for _, segment, where in iterate_segments(recording, "steady"):
+        p = np.flatnonzero(sweep.pretension_mm == segment.pretension_mm)
+        f = np.flatnonzero(sweep.frequency_hz == segment.frequency_hz)
+        if p.size and f.size and segment.repeat < size.shape[2]:
+            along, y, z = gyro[where].std(axis=0)
+            ratio[p[0], f[0], segment.repeat] = max(y, z) / along if along > 0 else math.inf if max(y, z) > 0 else 0.0
+    yield from sweep.gather(
+        "axis",
+        np.where(moving & (ratio > 1.0), DOUBTED_FROM * np.maximum(ratio, 1.0), 0.0),
+        lambda at: (
+            f"the gyro turns {number(ratio[at], 2)} times as much about another axis of the head as about its x, the "
+            f"joint's, at {sweep.place(at)}; look at imu_axes in the rig's wiring and at the chip's mounting"
+        ),
+    )
+
+
+def _off_curve(
+    sweep: _Sweep, expected: Mapping[str, Floats]
+) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats], tuple[Floats, Floats]]:
+    """Return how far gain and lag lie from the foretold curve in standard uncertainties, (p, f, r) each, and the ends
+    of what it takes within `_SHIFT` of their frequencies, (p, f, 1) each: of the gain, and of the lag [rad]."""
+    gain, gain_std = sweep.columns["gain_measured_drive"], sweep.columns["gain_measured_drive_std"]
+    lag, lag_std = sweep.columns["phase_lag_rad"], sweep.columns["phase_std_rad"]
+    factors = np.linspace(1.0 - _SHIFT, 1.0 + _SHIFT, 5)
+    curves = np.stack([sweep.at(expected, "gain_measured_drive", factor) for factor in factors])
+    phases = np.stack([sweep.at(expected, "phase_lag_rad", factor) for factor in factors])
+    low, high = curves.min(axis=0)[..., None], curves.max(axis=0)[..., None]
+    first, last = phases.min(axis=0)[..., None], phases.max(axis=0)[..., None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own = np.hypot(_GAIN_STD, np.nan_to_num(gain_std / gain))
+        off = np.abs(np.log(gain / np.clip(gain, low, high))) / own
+        turn = np.abs(np.angle(np.exp(1j * (lag - np.clip(lag, first, last))))) / np.hypot(_PHASE_STD, lag_std)
+    return (off, turn), (low, high), (first, last)
+
+
+def _curve_doubts(sweep: _Sweep, expected: Mapping[str, Floats]) -> Iterator[Doubt]:
+    """Yield where gain or phase by the measured lever is far from the twin's curve.
+
+    The curve may lie shifted by `_SHIFT` in frequency: what it takes in between is expected as well.
+    """
+    gain, lag = sweep.columns["gain_measured_drive"], sweep.columns["phase_lag_rad"]
+    (off, turn), (low, high), (first, last) = _off_curve(sweep, expected)
+    distance = np.fmax(off, turn)
+
+    def sentence(at: tuple[int, ...]) -> str:
+        if not turn[at] > off[at]:
+            return (
+                f"the curve is far from the rig's prediction: gain {number(gain[at], 3)} at {sweep.place(at)}, "
+                f"expected {number(low[at[:2]][0], 3)} to {number(high[at[:2]][0], 3)}; either the "
+                "rig file is not this rig, or pretension, lever or gyro are not as it says"
+            )
+        return (
+            f"the curve is far from the rig's prediction: a lag of {math.degrees(lag[at]):.0f}° at {sweep.place(at)}, "
+            f"expected {math.degrees(first[at[:2]][0]):.0f} to {math.degrees(last[at[:2]][0]):.0f}°; either the rig "
+            "file is not this rig, or pretension, lever or delays are not as it says"
+        )
+
+    yield from sweep.gather("response", distance, sentence)
+
+
+def _resonance_doubts(results: xr.Dataset, expected: Mapping[str, Floats]) -> Iterator[Doubt]:
+    """Yield where resonance or decay lie at another frequency than the twin's."""
+    ends = {"resonance_measured_drive_hz": "resonance_measured_drive_std_hz", "decay_frequency_hz": ""}
+    for name, spread in ends.items():
+        if name not in results or name not in expected or "pretension_mm" not in expected:
+            continue
+        values = np.asarray(results[name].values, dtype=float)
+        own = np.zeros(values.shape[:1]) if not spread else np.nan_to_num(results[spread].values)
+        value = values if values.ndim == 1 else _mean(values)
+        rows: list[tuple[float, Place, str]] = []
+        for p, mm in enumerate(results["pretension_mm"].values):
+            row = np.flatnonzero(np.abs(expected["pretension_mm"] - mm) < 1e-6)
+            hoped = float(expected[name][row[0]]) if row.size else math.nan
+            if not (math.isfinite(hoped) and math.isfinite(value[p])):
+                continue
+            distance = _logs(float(value[p]), hoped, math.hypot(_RESONANCE_STD, own[p] / value[p]))
+            what = "the joint resonates" if name.startswith("resonance") else "the free joint swings"
+            rows.append(
+                (
+                    distance,
+                    Place(float(mm), math.nan, 0),
+                    f"{what} at {number(value[p])} Hz at {mm:g} mm, expected {number(hoped)} Hz; look at pretension "
+                    "and first contact, at the masses on the lever, and at the rig file",
+                )
+            )
+        yield from _worst("resonance", rows)
+
+
+def _damping_doubts(results: xr.Dataset, rig: RigSpec, expected: Mapping[str, Floats] | None) -> Iterator[Doubt]:
+    """Yield where Lehr's damping lies outside what the rig's losses can give, or far from the twin's."""
+    if "damping_ratio" not in results:
+        return
+    ratio, own = results["damping_ratio"].values, results["damping_ratio_std"].values
+    outside: list[tuple[float, Place, str]] = []
+    far: list[tuple[float, Place, str]] = []
+    for at in np.argwhere(np.isfinite(ratio)):
+        p, r = int(at[0]), int(at[1])
+        mm, value = float(results["pretension_mm"].values[p]), float(ratio[p, r])
+        frequency = float(results["decay_frequency_hz"].values[p, r])
+        place = Place(mm, math.nan, r)
+        low, high = possible_damping(rig, frequency)
+        relative = math.hypot(_LOSS_STD, _ratio(float(own[p, r]), value))
+        nearest = min(max(value, low), high)
+        outside.append(
+            (
+                math.inf if value <= 0 else _logs(value, nearest, relative),
+                place,
+                f"D is {number(value, 3)} at {place}; silicone and guides of the rig can give {number(low, 2)} to "
+                f"{number(high, 2)}: look at the drive (does it hold the lever?), at the guides, and at the rig file",
+            )
+        )
+        if expected is not None and "damping_ratio" in expected and "pretension_mm" in expected:
+            row = np.flatnonzero(np.abs(expected["pretension_mm"] - mm) < 1e-6)
+            hoped = float(expected["damping_ratio"][row[0]]) if row.size else math.nan
+            if math.isfinite(hoped) and value > 0:
+                relative = math.hypot(_DAMPING_STD, _ratio(float(own[p, r]), value))
+                text = f"D is {number(value, 3)} at {place}, the rig's prediction is {number(hoped, 3)}"
+                far.append((_logs(value, hoped, relative), place, text))
+    yield from _worst("damping", outside)
+    yield from _worst("damping", far)
+
+
+def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
+    """Return the smallest and largest Lehr damping that the rig's losses can give a joint that swings at a frequency.
+
+    The frequency gives the stiffness, k = ω²(I_h + I_l). The silicone's part of it, GJ/L, has the loss factor η, hence
+    D_s = η/2 · GJ/(L k); a joint compressed by its tendons is stiffer by at most some tenths, which the uncertainty
+    holds. What is more is the tendons': N T = (k - GJ/L) ℓ/(r_b r_h) at most, of which the guides hold a torque
+    F = μ N T; the Dahl loop takes 4 F (a - φ_s tanh(a/φ_s)) in a cycle of amplitude a, which is D = loop/(2π k a²), at
+    its largest near a = 1.6 φ_s, and next to nothing at large ones. A dashpot d adds d/(2 I ω).
+    """
+    silicone, tendons = rig.silicone, rig.tendons
+    inertia = rig.inertia.head.value + rig.inertia.lever.value
+    omega = 2.0 * math.pi * frequency_hz
+    stiffness = omega**2 * inertia
+    bare = silicone.torsional_rigidity.value / silicone.length.value
+    by_silicone = 0.5 * silicone.loss_factor.value * min(1.0, bare / stiffness)
+    total = (
+        max(0.0, stiffness - bare) * tendons.free_span.value / (tendons.base_radius.value * tendons.head_radius.value)
+        + tendons.count * tendons.first_contact_tension.value
+    )
+    slip = tendons.presliding_angle.value
+    swing = np.geomspace(0.1, 100.0, 200) * slip
+    loops = 4.0 * tendons.guide_friction.value * total * (swing - slip * np.tanh(swing / slip))
+    by_guides = float((loops / (2.0 * math.pi * stiffness * swing**2)).max())
+    by_dashpot = silicone.viscous.value / (2.0 * inertia * omega)
+    return by_silicone + by_dashpot, 0.5 * silicone.loss_factor.value + by_guides + by_dashpot
+
+
+def frozen_channels(recording: xr.Dataset, rig: RigSpec | None = None) -> Iterator[Doubt]:
+    """Yield the channels that repeat one value while they should move: a sensor that stands still.
+
+    Looked at where the lever is driven by more than a degree, steady, and in the first second of a free decay. A sine
+    that is rounded rests on its crest for 2 sqrt(2/A) rad, A its amplitude in counts: a quarter period is beyond that
+    from four counts on. The lever may rest in its gear's friction at each turn, so angle, current and duty of the drive
+    are doubted after a whole period. The accelerometer is looked at where the rig gives it noise, on all three axes at
+    once. A foreign file says nothing of its sensors, and is left alone.
+    """
+    if recording.attrs.get("source") == "import":
+        return
+    rate = sample_rate(recording)
+    quiet = "sensor_noise" in str(recording.attrs.get("effects_off", "")).split()
+    noisy = rig is not None and not quiet and rig.imu.accelerometer_noise.value > rig.imu.accelerometer_lsb.value
+    channels: list[tuple[str, str, Floats, float]] = []
+    if "gyro_rad_s" in recording:
+        channels.append(("gyro", "the gyro", recording["gyro_rad_s"].values[:, :1], _FROZEN_SHARE))
+    if "acceleration_m_s2" in recording and noisy:
+        channels.append(("accelerometer", "the accelerometer", recording["acceleration_m_s2"].values, _FROZEN_SHARE))
+    for name, words in (
+        ("drive_rad", "the drive's encoder"),
+        ("drive_current_a", "the drive's current"),
+        ("drive_pwm", "the drive's duty"),
+    ):
+        if name in recording and (name == "drive_rad" or np.ptp(recording[name].values) > 0):
+            channels.append((name, words, recording[name].values[:, None], 1.0))
+    for _, words, values, share in channels:
+        rows: list[tuple[float, Place, str]] = []
+        changes = _same_as_before(values)
+        for segment, where in _moving(recording, rate):
+            if share == 1.0 and segment.kind == "ring-down":
+                continue  # the lever stands
+            longest = _longest_run(changes[where.start + 1 : where.stop]) + 1
+            needed = max(_FROZEN_SAMPLES, share * rate / segment.frequency_hz)
+            place = Place(segment.pretension_mm, segment.frequency_hz, segment.repeat)
+            text = (
+                f"{words} repeats one value for {longest / rate:.2g} s at {place}, while the lever is driven: look at "
+                "the sensor, its cable and its firmware"
+            )
+            rows.append((DOUBTED_FROM * longest / needed if longest > needed else 0.0, place, text))
+        yield from _worst("frozen", rows)
+
+
+def _moving(recording: xr.Dataset, rate: float) -> Iterator[tuple[Segment, slice]]:
+    for _, segment, where in iterate_segments(recording):
+        if not (segment.amplitude_deg > math.degrees(_MOVING_RAD) and segment.frequency_hz > 0):
+            continue
+        if segment.kind == "steady":
+            yield segment, where
+        elif segment.kind == "ring-down":
+            yield segment, slice(where.start, min(where.stop, where.start + round(rate)))
+
+
+def _same_as_before(values: Floats) -> NDArray[np.bool_]:
+    """Return whether each sample equals the one before it on all axes, shape (n,); readings that were brought onto
+    other times by interpolation are equal but for their last bits."""
+    tolerance = _SAME * np.abs(values).max(axis=0, initial=0.0)
+    same = np.zeros(values.shape[0], dtype=bool)
+    same[1:] = (np.abs(np.diff(values, axis=0)) <= tolerance).all(axis=1)
+    return same
+
+
+def _longest_run(same: NDArray[np.bool_]) -> int:
+    """Return how many True stand in a row at most."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))
+    return int((edges[1::2] - edges[::2]).max(initial=0))
+
+
+def _pretension_doubts(recording: xr.Dataset, rig: RigSpec) -> Iterator[Doubt]:
+    """Yield where the tendon motors do not stand where the pretension has them, against the least one of the recording.
+
+    Motor angle times pulley radius, plus what the servo yields under its tension (current times torque constant by
+    radius and servo stiffness). Tendons that are held by current follow the joint, and are not looked at.
+    """
+    mode = _tendon_mode(recording)
+    if "tendon_rad" not in recording or "tendon_current_a" not in recording or not mode.startswith("position"):
+        return
+    tendons = rig.tendons
+    radius = tendons.pulley_radius.value
+    per_ampere = tendons.torque_constant.value / radius / tendons.servo_stiffness.value
+    angle, current = (recording[name].values.mean(axis=1) for name in ("tendon_rad", "tendon_current_a"))
+    found: dict[float, list[float]] = {}
+    for _, segment, where in iterate_segments(recording):
+        if segment.kind in ("steady", "ring-down"):
+            pulled = radius * angle[where].mean() + per_ampere * current[where].mean()
+            found.setdefault(segment.pretension_mm, []).append(1e3 * float(pulled))
+    if len(found) < 2:
+        return
+    least = min(found)
+    rows = []
+    for mm, values in found.items():
+        asked, pulled = mm - least, float(np.median(values) - np.median(found[least]))
+        std = math.hypot(_PRETENSION_STD_MM, _PRETENSION_STD * asked)
+        text = (
+            f"the tendon motors stand {number(pulled, 3)} mm from where they stood at {least:g} mm, at {mm:g} mm they "
+            f"should by {number(asked, 3)} mm: look for a slipped pulley, another radius, or a motor that was turned"
+        )
+        rows.append((abs(pulled - asked) / std, Place(mm, math.nan, 0), text))
+    yield from _worst("pretension", rows)
+
+
+def _tendon_mode(recording: xr.Dataset) -> str:
+    """Return how the tendons were held, by the recording's plan; empty where it has none."""
+    text = str(recording.attrs.get("plan", ""))
+    try:
+        return parse_plan(text).pretension.mode if text.strip() else ""
+    except SinewError:
+        return ""
+
+
+def _worst(kind: str, rows: list[tuple[float, Place, str]]) -> Iterator[Doubt]:
+    """Yield the doubt of all rows (distance, place, sentence) beyond the threshold, with the sentence of the worst."""
+    beyond = sorted((row for row in rows if row[0] > DOUBTED_FROM), key=lambda row: -row[0])
+    if beyond:
+        more = f" ({len(beyond)} of {len(rows)} places)" if len(rows) > 1 else ""
+        yield Doubt(kind, tuple(row[1] for row in beyond), beyond[0][2] + more, beyond[0][0])
+
+
+def _logs(value: float, expected: float, std: float) -> float:
+    """Return |ln(value/expected)| over a relative standard uncertainty; NaN where nothing is expected."""
+    if not (math.isfinite(expected) and math.isfinite(value)):
+        return math.nan
+    if value <= 0 or expected <= 0:
+        return 0.0 if value == expected else math.inf
+    return abs(math.log(value / expected)) / std
+
+
+def _ratio(over: float, under: float) -> float:
+    return over / under if math.isfinite(over) and under > 0 else 0.0
+
+
+def _deg(radians: float) -> str:
+    return number(math.degrees(radians), 3, "°")
+
+
+def _plain(value: float) -> float | None:
+    return float(f"{value:.6g}") if math.isfinite(value) else None
+
+
+def _mean(values: Floats) -> Floats:
+    """Return the mean over the last axis, NaN left out, NaN where there is nothing."""
+    count = np.isfinite(values).sum(axis=-1)
+    return np.asarray(np.where(count > 0, np.nansum(values, axis=-1) / np.maximum(count, 1), np.nan))

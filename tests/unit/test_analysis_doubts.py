@@ -1,0 +1,120 @@
+"""What a measurement says against itself: silence on a good recording, the right sentence on a spoilt one."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+from campaigns.doubted import changed, doubts, expected_of, frozen, scaled_gyro, swapped_axes, the_plan
+
+from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.doubts import Doubt, find_doubts, possible_damping
+from sinew.plan.toml import dump_rig, load_rig
+from sinew.twin.simulate import simulate
+
+RIG = load_rig("paper")
+PLAN = the_plan()
+
+
+@pytest.fixture(scope="module")
+def good() -> xr.Dataset:
+    return simulate(PLAN, RIG, seed=3)
+
+
+@pytest.fixture(scope="module")
+def expected() -> str:
+    return expected_of(PLAN, RIG)
+
+
+def of_a_bench(**factors: float) -> xr.Dataset:
+    """Return the recording of a bench whose parameters are not those of its rig file."""
+    return simulate(PLAN, changed(RIG, **factors), seed=3).assign_attrs(rig=dump_rig(RIG))
+
+
+def by_kind(found: list[Doubt]) -> dict[str, Doubt]:
+    return {one.kind: one for one in found}
+
+
+def test_a_good_recording_raises_no_doubt(good: xr.Dataset, expected: str) -> None:
+    assert doubts(good, RIG) == []
+    assert doubts(good.assign_attrs(expected=expected), RIG) == []
+
+
+def test_a_lever_that_a_fifth_of_the_duty_moved_is_doubted_by_name_and_place() -> None:
+    found = by_kind(doubts(of_a_bench(drive__duty_limit=0.2), RIG))
+    assert set(found) == {"lever", "saturation"}
+    assert len(found["lever"].where) == 2 * 8
+    assert found["lever"].distance > 10
+    assert "goal PWM" in found["lever"].sentence
+    assert "never touched its limit" in found["saturation"].sentence
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.6])
+def test_a_gyro_of_another_scale_contradicts_the_lever(good: xr.Dataset, factor: float) -> None:
+    found = by_kind(doubts(scaled_gyro(good, factor), RIG))
+    assert set(found) == {"torsion"}
+    assert "gyro's scale" in found["torsion"].sentence
+
+
+def test_a_gyro_of_another_scale_is_not_on_the_foretold_curve(good: xr.Dataset, expected: str) -> None:
+    found = by_kind(doubts(scaled_gyro(good, 1.6).assign_attrs(expected=expected), RIG))
+    assert "far from the rig's prediction" in found["response"].sentence
+    assert "lever" not in found
+
+
+def test_a_reversed_gyro_gives_a_lag_that_no_joint_has(good: xr.Dataset) -> None:
+    found = by_kind(doubts(scaled_gyro(good, -1.0), RIG))
+    assert "lags by 0° to 180°" in found["phase"].sentence
+
+
+def test_a_gyro_whose_axes_are_swapped_is_told_by_the_axis_that_swings(good: xr.Dataset) -> None:
+    assert "imu_axes" in by_kind(doubts(swapped_axes(good), RIG))["axis"].sentence
+
+
+def test_a_head_that_does_not_answer_is_told(good: xr.Dataset) -> None:
+    found = by_kind(doubts(scaled_gyro(good, 0.0), RIG))
+    assert math.isinf(found["silence"].distance)
+    assert found["silence"].to_json()["distance"] is None
+
+
+@pytest.mark.parametrize(
+    ("channel", "seconds", "words"),
+    [
+        ("gyro_rad_s", 0.3, "the gyro repeats one value"),
+        ("acceleration_m_s2", 0.3, "the accelerometer repeats"),
+        ("drive_rad", 0.8, "the drive's encoder repeats"),
+    ],
+)
+def test_a_sensor_that_repeats_itself_is_named(good: xr.Dataset, channel: str, seconds: float, words: str) -> None:
+    found = [one for one in doubts(frozen(good, channel, seconds), RIG) if one.kind == "frozen"]
+    assert len(found) == 1
+    assert words in found[0].sentence
+    assert found[0].where[0].pretension_mm == 2.0
+
+
+def test_half_the_mass_on_the_lever_moves_the_resonance_away_from_the_foretold_one(expected: str) -> None:
+    found = by_kind(doubts(of_a_bench(inertia__lever=0.5).assign_attrs(expected=expected), RIG))
+    assert "masses on the lever" in found["resonance"].sentence
+    assert "masses on the lever" in found["lever"].sentence
+
+
+def test_tendons_that_were_not_pulled_as_the_plan_says_are_told_by_their_motors(good: xr.Dataset) -> None:
+    label = good["pretension_mm"]
+    found = by_kind(doubts(good.assign(pretension_mm=label.copy(data=np.where(label == 9, 12.0, label))), RIG))
+    assert "slipped pulley" in found["pretension"].sentence
+
+
+def test_a_damping_that_the_rig_cannot_give_is_doubted(good: xr.Dataset) -> None:
+    results = analyse_recording(good, RIG)
+    low, high = possible_damping(RIG, 3.0)
+    assert low < float(results["damping_ratio"].mean()) < high
+    for factor in (0.1, 10.0):
+        spoilt = results.assign(damping_ratio=factor * results["damping_ratio"])
+        assert "silicone and guides" in by_kind(find_doubts(spoilt, good, RIG))["damping"].sentence
+
+
+def test_results_carry_their_doubts(good: xr.Dataset) -> None:
+    assert json.loads(analyse_recording(good, RIG).attrs["doubts"]) == []
+    told = json.loads(analyse_recording(scaled_gyro(good, -1.0), RIG).attrs["doubts"])
+    assert {one["kind"] for one in told} == {"phase", "torsion"}
