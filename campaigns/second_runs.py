@@ -28,6 +28,7 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.doubts import doubts_of
 from sinew.bench.conversion import recording_from_journal
 from sinew.bench.doctor import call_roll, examine_motors
 from sinew.bench.doctor_fixes import apply_fixes, list_fixes
@@ -63,6 +64,21 @@ BAD: tuple[Outcome, ...] = ("unnamed", "silently wrong")
 GAIN, PHASE_DEG, DAMPING = 0.02, 2.0, 0.05
 """How far the second run may be from the twin: relative, degrees, relative."""
 
+BEFORE = """
+name = "a run before"
+sample_hz = 200
+[pretension]
+pretension_mm = [4]
+rest_s = 0.3
+[sweep]
+frequency_hz = [3.2]
+amplitude_deg = 20
+settle_s = 0.3
+periods = 2
+repeats = 1
+"""
+"""A first run that is to end by itself."""
+
 PLAN = """
 name = "second runs"
 sample_hz = 200
@@ -83,20 +99,15 @@ record_s = 2
 repeats = 1
 """
 
-_TENSION_MM = 6.0
 _SLACK_M = (1.0e-3, 2.5e-3, 1.8e-3, 0.6e-3)
 _LONGEST_S = 60.0
-_EARLIEST_S, _LATEST_S = 0.5, 20.0  # of the first run's end; its whole takes a little longer
+_EARLIEST_S, _LATEST_S = 0.5, 16.0  # of the first run's end: pull, change of mode, levelling, sweep
 _ALONE_S = 0.5  # until the watchdogs have acted and a motor that started anew listens
 _MEDDLED, _DISTURBED, _LETHAL, _GENTLE = 0.15, 0.4, 0.08, 0.5
 _MOST = 30
 # What makes a motor deaf, or drives it: alone, or hardly a pair would get any further.
 _LETHAL_ONES = ("id", "baud_rate", "protocol_type", "status_return_level", "torque_enable")
 _REFUSED = tuple({row.register for row in KNOWN_STATE if row.is_refused})
-_WORDS = (
-    "id ", "baud", "protocol", "torque", "hardware error", "watchdog", "does not answer", "damaged answers",
-    *(row.name for row in XH430_W350),
-)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,8 +139,8 @@ class Pair:
 
 @dataclass(slots=True)
 class Result:
-    """What became of a pair. sentence: of the refusal or the end. off: by how much the worst value is off, by name;
-    left: what the doctor did before the second run was tried again, and what became of that."""
+    """What became of a pair. sentence: of the refusal or the end. off: the worst of the second run's values, in parts of
+    what is allowed, by name. doubts: of the analysis. after_doctor: what became of a refused one after his --fix."""
 
     number: int
     mode: str
@@ -141,6 +152,7 @@ class Result:
     sentence: str = ""
     first: str = ""
     off: dict[str, float] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
     after_doctor: str = ""
     wall_s: float = 0.0
 
@@ -180,9 +192,9 @@ class _Watcher:
         pass
 
 
-def plan_of(mode: TendonMode) -> Plan:
-    """Return the plan of both runs."""
-    plan = parse_plan(PLAN)
+def plan_of(mode: TendonMode, text: str = PLAN) -> Plan:
+    """Return a plan, of the second run and of a first that is cut short, in a tendon mode."""
+    plan = parse_plan(text)
     return plan.model_copy(update={"pretension": plan.pretension.model_copy(update={"mode": mode})})
 
 
@@ -233,7 +245,7 @@ def draw_writes(rng: np.random.Generator, count: int) -> tuple[Write, ...]:
 
 def _any_count(rng: np.random.Generator, row: Register) -> int:
     count = int(rng.integers(row.lowest, row.highest, endpoint=True))
-    # With torque by goal, or in modes without a position, another program would swing the joint; that is no run's fault.
+    # With torque by goal another program would swing the joint at once; that is no run's fault.
     return count & ~0x08 if row.name == "drive_mode" else count
 
 
@@ -244,7 +256,7 @@ def truth(mode: TendonMode) -> tuple[xr.Dataset, dict[float, float]]:
     from sinew.twin.simulate import rest_tension, simulate
 
     rig, plan = load_rig("paper"), plan_of(mode)
-    asked = plan.pretension.pretension_mm
+    asked = sorted({*plan.pretension.pretension_mm, *parse_plan(BEFORE).pretension.pretension_mm})
     tension = dict(zip(asked, rest_tension(asked, rig).tolist(), strict=True))
     return analyse_recording(simulate(plan, rig, effects=Effects().without("repeatability")), rig), tension
 
@@ -321,7 +333,7 @@ def try_pair(pair: Pair) -> Result:
     gc.disable()
     try:
         with TemporaryDirectory() as first, TemporaryDirectory() as second:
-            _first_run(bench, plan, pair, Path(first), result)
+            _first_run(bench, pair, Path(first), result)
             folder = Path(first) if pair.way == "resume" and result.first != "complete" else Path(second)
             _second_run(bench, plan, pair, folder, result)
     finally:
@@ -331,8 +343,9 @@ def try_pair(pair: Pair) -> Result:
     return result
 
 
-def _first_run(bench: Bench, plan: Plan, pair: Pair, folder: Path, result: Result) -> None:
+def _first_run(bench: Bench, pair: Pair, folder: Path, result: Result) -> None:
     early = pair.end not in ("normal", "other software")
+    plan = plan_of(pair.mode, PLAN if early else BEFORE)
     try:
         report = bench.run(plan, folder, at_s=pair.end_s if early else math.inf, act=pair.end)
         result.first = "complete" if report.is_complete else report.sentence
@@ -362,14 +375,17 @@ def _second_run(bench: Bench, plan: Plan, pair: Pair, folder: Path, result: Resu
             result.outcome = "silently wrong"
         return
     result.sentence = report.sentence
-    result.off = compare(folder / "journal.sqlite", pair.mode) if report.groups_done else {}
+    if report.groups_done:
+        result.off, result.doubts = compare(folder / "journal.sqlite", pair.mode)
     if worst := [name for name, share in result.off.items() if not share <= 1.0]:
-        result.outcome = "flagged" if _is_flagged(folder / "journal.sqlite") else "silently wrong"
+        result.outcome = "flagged" if result.doubts else "silently wrong"
         result.sentence += f" (off: {', '.join(worst)})"
     elif report.is_complete:
         result.outcome = "right"
     else:
-        result.outcome = "stopped" if _is_named(report.sentence, pair) else "unnamed"
+        # Beside a run other software may do anything to it; what it did before must be named.
+        meddled = math.isfinite(pair.meddle_s) and bool(report.sentence)
+        result.outcome = "stopped" if meddled or _is_named(report.sentence, pair) else "unnamed"
 
 
 def _refuses_torque(bench: Bench, plan: Plan, folder: Path, result: Result) -> None:
@@ -393,21 +409,21 @@ def _after_doctor(bench: Bench, plan: Plan, folder: Path) -> str:
             report = bench.run(plan, Path(apart))
             if not report.is_complete:
                 return f"stopped: {report.sentence}"
-            off = compare(Path(apart) / "journal.sqlite", plan.pretension.mode)
+            off, _ = compare(Path(apart) / "journal.sqlite", plan.pretension.mode)
     except StartError as refusal:
         return f"refused: {refusal}"
     return "right" if all(share <= 1.0 for share in off.values()) else f"silently wrong: {off}"
 
 
-def compare(journal: Path, mode: TendonMode) -> dict[str, float]:
-    """Return how far what a journal measured is from the twin, in parts of what is allowed; NaN where it has none.
+def compare(journal: Path, mode: TendonMode) -> tuple[dict[str, float], list[str]]:
+    """Return how far what a journal measured is from the twin, in parts of what is allowed, and its doubts.
 
-    Groups that are not in the recording are not compared.
+    Groups that are not in the recording are not compared; NaN where one has no value.
     """
     try:
         found = analyse_recording(recording_from_journal(journal), load_rig("paper"))
     except SinewError:
-        return {}  # no whole group: nothing was measured
+        return {}, []  # no whole group: nothing was measured
     twin, _ = truth(mode)
     off = {
         "gain": np.abs(found["gain"].values / twin["gain"].values - 1) / GAIN if "gain" in found else None,
@@ -418,23 +434,15 @@ def compare(journal: Path, mode: TendonMode) -> dict[str, float]:
         if "damping_ratio" in found
         else None,
     }
-    return {name: round(float(np.max(share)), 3) for name, share in off.items() if share is not None and share.size}
-
-
-def _is_flagged(journal: Path) -> bool:
-    """Return whether the analysis says that a recording contradicts itself."""
-    try:
-        from sinew.analysis.doubts import find_doubts
-    except ImportError:
-        return False
-    rig = load_rig("paper")
-    recording = recording_from_journal(journal)
-    return bool(find_doubts(recording, analyse_recording(recording, rig), rig))
+    worst = {name: round(float(np.max(share)), 3) for name, share in off.items() if share is not None and share.size}
+    return worst, [str(doubt["sentence"]) for doubt in doubts_of(found)]
 
 
 def _is_named(sentence: str, pair: Pair) -> bool:
-    """Return whether a sentence names a register, or what a user calls one that a motor cannot be asked for."""
-    return any(word in sentence for word in _WORDS)
+    """Return whether a sentence names a register that other software wrote, as the table does or as people do."""
+    names = {one.register for one in pair.writes}
+    said = {name for name in names if name in sentence or name.replace("_", " ") in sentence}
+    return bool(said) or ("torque_enable" in names and "torque is on" in sentence)
 
 
 def results(seed: int, numbers: Sequence[int], workers: int = 1) -> Iterator[Result]:
@@ -460,27 +468,28 @@ def text(done: Sequence[Result]) -> str:
         counts = Counter(one.outcome for one in of_end)
         rows.append((end, str(len(of_end)), *(str(counts[outcome]) for outcome in outcomes)))
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    lines = ["  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True)))
-             for row in rows]  # fmt: skip
+    lines = []
+    for name, *cells in rows:
+        numbers = (cell.rjust(width) for cell, width in zip(cells, widths[1:], strict=True))
+        lines.append("  ".join((name.ljust(widths[0]), *numbers)))
     by_mode = Counter((one.mode, one.outcome) for one in done)
-    lines += [f"{mode}: " + ", ".join(f"{n} {o}" for (m, o), n in sorted(by_mode.items()) if m == mode)
-              for mode in get_args(TendonMode)]  # fmt: skip
-    right = [one.off for one in done if one.outcome == "right" and one.off]
+    for mode in get_args(TendonMode):
+        counted = [f"{number} {outcome}" for (of, outcome), number in sorted(by_mode.items()) if of == mode]
+        lines.append(f"{mode}: {', '.join(counted) or 'none'}")
+    right = [one for one in done if one.outcome == "right"]
     if right:
-        worst = {name: max(off.get(name, 0.0) for off in right) for name in ("gain", "phase", "D")}
+        worst = {name: max(one.off.get(name, 0.0) for one in right) for name in ("gain", "phase", "D")}
+        doubted = sum(bool(one.doubts) for one in right)
         lines.append(
-            f"right ones are off by at most {100 * GAIN * worst['gain']:.2f} % in gain, "
-            f"{PHASE_DEG * worst['phase']:.2f}° in phase, {100 * DAMPING * worst['D']:.2f} % in D"
+            f"the right ones are off by at most {100 * GAIN * worst['gain']:.2f} % in gain, "
+            f"{PHASE_DEG * worst['phase']:.2f}° in phase, {100 * DAMPING * worst['D']:.2f} % in D; {doubted} are doubted"
         )
     doctored = Counter(one.after_doctor.split(":")[0] for one in done if one.after_doctor)
-    lines.append(
-        "of the refused, after `sinew doctor --fix`: " + (", ".join(f"{n} {o}" for o, n in doctored.items()) or "none")
-    )
-    lines += [
-        f"!! {one.number} {one.mode}, {one.end}: {one.outcome}: {one.sentence} {one.off}"
-        for one in done
-        if one.outcome in BAD
-    ]
+    counted = [f"{number} {outcome}" for outcome, number in doctored.items()]
+    lines.append(f"the refused, after `sinew doctor --fix`: {', '.join(counted) or 'none'}")
+    for one in done:
+        if one.outcome in BAD:
+            lines.append(f"!! {one.number} {one.mode}, {one.end}: {one.outcome}: {one.sentence} {one.off}")
     return "\n".join(lines)
 
 
