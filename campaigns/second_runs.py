@@ -139,8 +139,8 @@ class Pair:
 
 @dataclass(slots=True)
 class Result:
-    """What became of a pair. sentence: of the refusal or the end. off: the worst of the second run's values, in parts of
-    what is allowed, by name. doubts: of the analysis. after_doctor: what became of a refused one after his --fix."""
+    """What became of a pair. sentence: of the refusal or the end. off: the worst of the second run's values, in parts
+    of what is allowed, by name. doubts: of the analysis. after_doctor: what became of a refused one after his --fix."""
 
     number: int
     mode: str
@@ -295,7 +295,7 @@ class Bench:
                 "lost line": lambda: setattr(self.emulated, "unplugged", True),
             }
             watcher = _Watcher(port, at_s, acts.get(act, act) if isinstance(act, str) else act)
-            runner = Runner(rig, port, plan, journal, tension, listener=watcher)
+            runner: Runner = Runner(rig, port, plan, journal, tension, listener=watcher)
             return runner.run(resume=resume)
 
     def write(self, writes: Sequence[Write]) -> None:
@@ -482,7 +482,8 @@ def text(done: Sequence[Result]) -> str:
         doubted = sum(bool(one.doubts) for one in right)
         lines.append(
             f"the right ones are off by at most {100 * GAIN * worst['gain']:.2f} % in gain, "
-            f"{PHASE_DEG * worst['phase']:.2f}° in phase, {100 * DAMPING * worst['D']:.2f} % in D; {doubted} are doubted"
+            f"{PHASE_DEG * worst['phase']:.2f}° in phase, {100 * DAMPING * worst['D']:.2f} % in D; "
+            f"{doubted} are doubted"
         )
     doctored = Counter(one.after_doctor.split(":")[0] for one in done if one.after_doctor)
     counted = [f"{number} {outcome}" for outcome, number in doctored.items()]

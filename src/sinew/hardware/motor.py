@@ -27,7 +27,7 @@ RETRIES = 3
 
 _OUT_OF_RANGE = 4
 _ADVICE = {
-    Outcome.SILENT: "check its cable, supply, id and baud; if it answers a ping, `sinew doctor` sets its status_return_level",
+    Outcome.SILENT: "check its cable, supply, id and baud; if it answers pings, the doctor sets status_return_level",
     Outcome.DAMAGED: "check the cable, and that no two devices have this id",
     Outcome.WRONG_LENGTH: "check that no two devices have this id",
     Outcome.REFUSED: "`sinew doctor` shows the state of its registers",
