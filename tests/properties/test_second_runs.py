@@ -4,6 +4,7 @@ A few here; `python -m campaigns.second_runs --pairs 200` makes the whole proof.
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import get_args
 
@@ -31,10 +32,8 @@ def one_after_the_other(folder: Path) -> Iterator[tuple[str, dict[str, float]]]:
         yield f"run {number} by {mode}: {report.sentence}", off
         early = end not in ("normal", "other software")
         if early:
-            try:
+            with suppress(KilledError):
                 bench.run(plan_of(mode), folder / f"{number} cut short", at_s=float(rng.uniform(1.0, 8.0)), act=end)
-            except KilledError:
-                pass
         bench.leave_alone()
         bench.emulated.unplugged = False
         if end == "other software":
