@@ -4,9 +4,11 @@
 committed with what this program would write.
 """
 
+import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import cast
 
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -15,10 +17,21 @@ import typer
 from typer.testing import CliRunner
 
 from sinew.apps.cli import app
+from sinew.hardware.bus import Bus
+from sinew.hardware.configuration import KNOWN_STATE, Post
 from sinew.hardware.imu_registers import IMUS
-from sinew.hardware.motor_registers import BAUD_RATES, HARDWARE_ERRORS, XH430_W350, XM430_W350
+from sinew.hardware.motor_registers import (
+    BAUD_RATES,
+    EXTENDED_POSITION_MODE,
+    HARDWARE_ERRORS,
+    POSITION_MODE,
+    XH430_W350,
+    XM430_W350,
+)
 from sinew.hardware.registers import Register, RegisterTable
+from sinew.hardware.servos import DriveServo, TendonServo
 from sinew.measure import results, schema
+from sinew.plan.toml import load_rig
 from tools.tree import ROOT
 
 __all__ = ["cli_page", "main", "recording_page", "reference_pages", "registers_page", "results_page"]
@@ -71,6 +84,8 @@ What belongs to which kind of segment: [decision 5](../decisions/0005-segments.m
 | `rig`, `plan` | their TOML texts, whole; empty where there is none |
 | `versions` | of Sinew, Python and the packages that made the numbers |
 | `seed` | of the random numbers; -1 where there are none |
+| `registers` | of a bench: JSON, the motors' registers as read back before each run's first group |
+| `register_checks` | of a bench: how often they were read again after a group and found the same |
 | `content_hash` | SHA-256 over names, dimensions, values and attributes, checked on reading |
 | `Conventions`, `featureType` | what CF readers look for |
 
@@ -197,7 +212,34 @@ Of the 56 indirect addresses and data bytes the table shows the ends of the two 
 As above except:
 
 {_register_table(differences)}
-{imus}"""
+{imus}
+## What a run sets
+
+Before every run each register below is brought to its value, whatever was there, and read back; after a change of mode
+once more. Those kept without power are written where they differ only, the others each time. A write that a motor does
+not keep, and a register that a run refuses, end it by name before anything moves. The values are those of the rig
+`paper` for a tendon motor in the mode `position` and for the drive; [why](../explanation/bench.md#known-state).
+
+{_known_state_table()}"""
+
+
+def _known_state_table() -> str:
+    """Return a Markdown table of what a run brings the registers to, for the paper's rig."""
+    spec = load_rig("paper")
+    bus = cast(Bus, None)  # nothing is asked
+    tendon = Post(TendonServo(bus, "tendon 1", 1, XH430_W350), spec, EXTENDED_POSITION_MODE)
+    window = math.radians(spec.limits.drive_window_deg)
+    drive = Post(DriveServo(bus, "drive", 5, XM430_W350, window=window), spec, POSITION_MODE)
+    lines = ["| register | tendon | drive | rule | why |", "|---|---|---|---|---|"]
+    for row in KNOWN_STATE:
+        cells = []
+        for post in (tendon, drive):
+            wanted = row.wanted(post, {"current_limit": post.counts("current_limit", post.most_a)})
+            cells.append("" if wanted is None else str(wanted))
+        if row.is_refused and not any(cells):
+            cells = ["what the plan needs", ""]
+        lines.append(f"| `{row.register}` | {' | '.join(cells)} | {row.rule} | {row.why} |")
+    return "\n".join(lines) + "\n"
 
 
 def reference_pages() -> dict[str, str]:

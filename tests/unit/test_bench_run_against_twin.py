@@ -1,5 +1,6 @@
 """A plan run on the emulated joint in virtual time, beside the twin's own answer to the same plan."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.harmonics import fit_harmonics
 from sinew.bench.conversion import recording_from_journal
 from sinew.bench.report import RunReport
-from sinew.measure.recording import iterate_segments
+from sinew.measure.recording import iterate_segments, read_registers
 from sinew.plan.plan import Plan
 from sinew.plan.toml import load_rig, parse_plan
 from sinew.twin.effects import Effects
@@ -58,6 +59,20 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Pair:
 def test_the_whole_plan_is_recorded(pair: Pair) -> None:
     report = pair.report
     assert (report.is_complete, report.groups_done, report.loop.incomplete) == (True, len(pair.plan.groups()), 0)
+
+
+def test_the_recording_holds_the_registers_with_which_the_motors_measured(pair: Pair) -> None:
+    (run,) = read_registers(pair.recording)
+    assert (run["run"], run["tendon_mode"], list(run["motors"])[-1]) == (1, "position", "drive")
+    drive, tendon = run["motors"]["drive"]["registers"], run["motors"]["tendon 1"]["registers"]
+    assert [tendon[name] for name in ("operating_mode", "goal_pwm", "torque_enable", "bus_watchdog")] == [4, 885, 1, 4]
+    # Duty per radian of error, as the rig has it: P/128 counts of PWM a pulse, 4096 pulses a turn, 885 the whole.
+    gain = drive["position_p_gain"] / 128 * 4096 / math.tau / 885
+    assert gain == pytest.approx(RIG.drive.position_gain.value, rel=1e-3)
+
+
+def test_the_registers_were_looked_at_after_the_mode_was_set_and_after_every_group(pair: Pair) -> None:
+    assert pair.recording.attrs["register_checks"] == 1 + len(pair.plan.groups())
 
 
 @pytest.mark.parametrize("name", ["drive_mechanical_w", "holding_power_w"])

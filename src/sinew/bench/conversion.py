@@ -1,5 +1,6 @@
 """This is where a journal becomes a recording like any other: whole groups, in the plan's order, on one time axis."""
 
+import json
 import math
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -18,7 +19,7 @@ from sinew.bench.sample import Sample
 from sinew.measure.errors import RecordingError
 from sinew.measure.netcdf import save_recording
 from sinew.measure.provenance import provenance
-from sinew.measure.recording import Segment, build_recording
+from sinew.measure.recording import REGISTERS_ATTRIBUTE, Segment, build_recording
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
 
@@ -100,7 +101,8 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
     drive, tendons or IMU are left out. Time counts from the first run; those that resumed it follow after as long as
     the computer's calendar says.
     Attributes beside those of `provenance`, and those given to the journal: `started` (date), `runs`, `left_out_rows`,
-    `left_out_groups` (found to have too many holes), and the journal's statistics.
+    `left_out_groups` (found to have too many holes), `registers` (see `sinew.measure.recording.read_registers`), and
+    the journal's statistics.
     Raises FileError where it is no journal, RecordingError where no group is whole.
     """
     with JournalReader(path) as journal:
@@ -113,6 +115,8 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
         parts = _on_one_clock({index: finished[index][0].session for index in whole}, whole, journal.dates)
         segments: list[Segment] = [s.asked for index in whole for s in finished[index]]
         given: dict[str, Any] = {**journal.attrs, **journal.counts()}
+        if registers := journal.registers():
+            given[REGISTERS_ATTRIBUTE] = json.dumps([{"run": run, **state} for run, state in registers.items()])
         attrs = provenance(
             str(given.pop("source", "bench")),
             rig=journal.rig_toml,

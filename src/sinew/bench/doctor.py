@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
-from sinew.bench.finding import Finding, Fix, Severity
+from sinew.bench.finding import Finding, Fix
 from sinew.hardware.bus import Bus
-from sinew.hardware.configuration import Setting, drive_settings, motor_settings, narrow_settings
+from sinew.hardware.configuration import Post, Setting, read_counts, unfit_settings
 from sinew.hardware.errors import HardwareError, PortError
 from sinew.hardware.imu import Imu
 from sinew.hardware.imu_registers import IMUS
@@ -35,22 +35,9 @@ _MODES = {
     16: "PWM",
 }
 _STATE = (
-    "return_delay_time",
-    "drive_mode",
-    "operating_mode",
-    "homing_offset",
-    "temperature_limit",
-    "max_voltage_limit",
-    "min_voltage_limit",
-    "current_limit",
-    "max_position_limit",
-    "min_position_limit",
-    "shutdown",
     "torque_enable",
     "hardware_error_status",
     "bus_watchdog",
-    "profile_acceleration",
-    "profile_velocity",
     "present_input_voltage",
     "present_temperature",
 )
@@ -167,20 +154,15 @@ def _examine_motor(rig: Rig, motor: Motor, identity: Identity) -> list[Finding]:
         advice = "set status_return_level to 2; then examine it again"
         return [Finding("fault", motor.name, found, "an answer to everything", advice, fix)]
     try:
-        counts = motor.get_counts(_STATE)
+        counts = motor.get_counts(_STATE) | read_counts(motor)
     except PortError:
         raise
     except HardwareError as trouble:
         return [Finding("fault", motor.name, str(trouble), "its registers", "")]
-    limits = rig.spec.limits
-    troubles = [*_state_findings(motor, counts), *_climate_findings(motor, counts, limits)]
-    is_drive = motor is rig.drive
-    settings = motor_settings(motor, counts, limits, limits.drive_current_a if is_drive else limits.tendon_current_a)
-    if is_drive:
-        settings += drive_settings(rig.drive, counts)
-        advice = "make the rig's drive_window_deg smaller, or widen this limit: beyond it goals are ignored"
-        troubles += [_setting_finding(motor, s, "fault", advice) for s in narrow_settings(rig.drive, counts)]
-    troubles += [_setting_finding(motor, setting) for setting in settings]
+    troubles = [*_state_findings(motor, counts), *_climate_findings(motor, counts, rig.spec.limits)]
+    settings = unfit_settings(Post(motor, rig.spec, counts["operating_mode"]), counts)
+    # Told apart above: why it matters is said there.
+    troubles += [_setting_finding(motor, setting) for setting in settings if setting.register != "homing_offset"]
     return [_summary(motor, identity, counts), *troubles]
 
 
@@ -233,12 +215,7 @@ def _climate_findings(motor: Motor, counts: Mapping[str, int], limits: Limits) -
         yield Finding("fault", motor.name, f"{volt:.1f} V", f"{low:g} to {high:g} V", advice)
 
 
-def _setting_finding(
-    motor: Motor,
-    setting: Setting,
-    severity: Severity = "note",
-    advice: str = "a run sets it, or --fix does now",
-) -> Finding:
+def _setting_finding(motor: Motor, setting: Setting) -> Finding:
     row = motor.table[setting.register]
 
     def text(count: int) -> str:
@@ -246,11 +223,11 @@ def _setting_finding(
         return f"{count}" if row.unit == "1" else f"{count} ({count * row.scale:.4g} {unit})"
 
     return Finding(
-        severity,
+        "fault" if setting.is_refused else "note",
         motor.name,
         f"{setting.register} {text(setting.found)}",
         text(setting.expected),
-        advice,
+        setting.advice or "a run sets it, or --fix does now",
         Fix(motor.name, setting.register, setting.found, setting.expected),
     )
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self
 
-from sinew.bench.journal_tables import APPLICATION_ID, JOURNAL_VERSION, insert_sample, sample_row, statements
+from sinew.bench.journal_tables import APPLICATION_ID, JOURNAL_VERSION, REGISTERS, insert_sample, sample_row, statements
 from sinew.bench.journal_writer import BatchWriter, cannot_write
 from sinew.bench.sample import MISSING, Sample
 from sinew.measure.errors import FileError
@@ -33,6 +33,7 @@ _BEGIN = (
 )
 _END = "UPDATE segments SET state = ?, end_sample = ?, started_s = ?, ended_s = ?, note = ? WHERE id = ?"
 _FINISH = "INSERT OR REPLACE INTO finished (plan_group, session, attempt) VALUES (?, ?, ?)"
+_META = "INSERT OR REPLACE INTO meta VALUES (?, ?)"
 _EVENT = "INSERT INTO events (session, time_s, date, kind, sentence) VALUES (?, ?, ?, ?, ?)"
 _COUNT = "INSERT OR REPLACE INTO counts (session, name, number) VALUES (?, ?, ?)"
 
@@ -189,6 +190,10 @@ class Journal:
         """
         for name, number in numbers.items():
             self._writer.put(_COUNT, (self._session, name, number))
+
+    def note_registers(self, state: Mapping[str, object]) -> None:
+        """Keep with which registers the motors of this run measure, as they were read back; see `JournalReader`."""
+        self._writer.put(_META, (f"{REGISTERS}{self._session}", json.dumps(state)))
 
     def flush(self) -> None:
         """Return when all so far is safe from a killed process; waits for the disk. Raises FileError."""

@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self, cast
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.bench.journal_tables import APPLICATION_ID, JOURNAL_VERSION, READABLE_VERSIONS, sample_columns
+from sinew.bench.journal_tables import APPLICATION_ID, JOURNAL_VERSION, READABLE_VERSIONS, REGISTERS, sample_columns
 from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
@@ -126,6 +126,11 @@ class JournalReader:
         """Return the segment that was begun last, or None where there is none yet."""
         found = self.stretches("id = (SELECT max(id) FROM segments)")
         return found[0] if found else None
+
+    def registers(self) -> dict[int, Any]:
+        """Return with which registers the motors measured, by run; empty where that was not written down yet."""
+        rows = self._connection.execute("SELECT key, value FROM meta WHERE key LIKE ?", (f"{REGISTERS}%",))
+        return {int(key.removeprefix(REGISTERS)): json.loads(value) for key, value in sorted(rows)}
 
     def count_finished(self) -> int:
         """Return how many groups of the plan are recorded."""

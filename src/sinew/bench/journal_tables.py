@@ -13,6 +13,7 @@ __all__ = [
     "APPLICATION_ID",
     "JOURNAL_VERSION",
     "READABLE_VERSIONS",
+    "REGISTERS",
     "insert_sample",
     "sample_columns",
     "sample_row",
@@ -27,6 +28,9 @@ JOURNAL_VERSION = 2
 
 READABLE_VERSIONS = {1: ("tendon_pwm", "supply_v"), JOURNAL_VERSION: ()}
 """Versions that can be read, and the fields of a sample that each had not yet."""
+
+REGISTERS = "registers of run "
+"""Key in the table `meta`, with the run's number behind it, of the motors' registers as JSON."""
 
 _TENDON = {"tendon_goal": "goal", "tendon_rad": "rad", "tendon_current_a": "current_a", "tendon_pwm": "pwm"}
 _AXES = {"gyro_rad_s": ("gyro", "rad_s"), "acceleration_m_s2": ("acceleration", "m_s2")}

@@ -70,7 +70,7 @@ def _refuse_strangers(rig: Rig, clock: Clock) -> None:
     if silent:
         raise StartError(
             f"no answer from {_listed(silent)} at {baud} baud, but from the others; check cable, baud, and its id, "
-            "which another device may have as well"
+            "which another device may have as well (its registers baud_rate, protocol_type and id)"
         )
     if others := list(_other_models(rig)):
         raise StartError("; ".join(others))
@@ -133,7 +133,7 @@ def _motor_reasons(rig: Rig, torque_may_be_on: bool) -> Iterator[str]:
 def _troubles(motor: Motor, limits: Limits, torque_may_be_on: bool) -> Iterator[tuple[str, str]]:
     """Yield (what is wrong, what to do) with a motor. Raises HardwareError where it does not answer."""
     if errors := motor.hardware_errors():
-        what = f"hardware error ({', '.join(errors)})"
+        what = f"hardware error ({', '.join(errors)}{_limits_of(motor, errors)})"
         yield what, "; find the cause, then reboot it (`sinew doctor --fix`)"
     if motor.torque_is_on() and not torque_may_be_on:
         advice = ": another program may be using it; end that, or `sinew stop`, or go on with an interrupted run by"
@@ -147,6 +147,14 @@ def _troubles(motor: Motor, limits: Limits, torque_may_be_on: bool) -> Iterator[
     if motor.get_count("homing_offset") != 0:
         advice = ", expected 0: with one the firmware moves the motor when its bus watchdog trips; remove it"
         yield "homing offset", f"{advice} (`sinew doctor --fix`)"
+
+
+def _limits_of(motor: Motor, errors: Sequence[str]) -> str:
+    """Return the motor's own limits that belong to its errors; one that is set too narrow raises them for ever."""
+    names = ["temperature_limit"] if "overheating" in errors else []
+    names += ["min_voltage_limit", "max_voltage_limit"] if "input voltage" in errors else []
+    units = {name: motor.table[name].unit.replace("degC", "°C") for name in names}
+    return "".join(f", {name} {motor.get(name):g} {units[name]}" for name in names)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -26,8 +26,10 @@ from sinew.bench.steering import SafeState, Steering
 from sinew.bench.stops import StopReport, stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.bench.tracking import DriveLaw, Levelled, Mover, run_tracking
-from sinew.hardware.errors import HardwareError
+from sinew.hardware.configuration import prepare_goal
+from sinew.hardware.errors import HardwareError, PortError
 from sinew.hardware.motor import Motor
+from sinew.hardware.motor_registers import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.transport import Clock
 from sinew.measure.errors import FileError
@@ -82,6 +84,7 @@ class Runner:
         self.steering = steering or Steering(clock.now)
         tilt = TiltEstimator(rig.spec, plan.sample_hz)
         self._loop = Loop(rig, clock, self._guard, tilt, 1 / plan.sample_hz, self._take, self.steering.check)
+        self._checks = 0
         self._groups = plan.groups()
         self._total_s = sum(group.duration_s for group in self._groups)
         self.at = Progress(len(self._groups), self._total_s)
@@ -118,8 +121,8 @@ class Runner:
         """Run what is left of the plan and return how it ended; the rig is in its safe state then.
 
         resume: the motors may be found as an interrupted run left them; they are released first.
-        Raises StartError, with nothing moved, if the bench is not ready, or the run was to end before it began. What
-        happens later is in the report.
+        Raises StartError, with nothing moved, if the bench is not ready, a motor does not take a register that the
+        run needs, or the run was to end before it began. What happens later is in the report.
         """
         report = self.report
         refuse_unready(self._rig, self._clock, self._plan, torque_may_be_on=resume)
@@ -139,6 +142,9 @@ class Runner:
             if len(done) < report.groups:
                 self._run_all(done)
             report.sentence = f"all {report.groups} groups are recorded"
+        except StartError as refusal:  # of a register, before any torque
+            report.sentence = str(refusal)
+            raise
         except (BenchError, HardwareError, FileError) as trouble:
             report.sentence = str(trouble)
         except KeyboardInterrupt:
@@ -216,10 +222,10 @@ class Runner:
     def _power_up(self) -> Contact:
         """Configure the motors, put them under power where they are, bring the lever to zero, pull to contact."""
         rig, loop = self._rig, self._loop
-        rig.configure()
-        rig.set_tendon_mode("position-with-current-limit")
+        self._begin_from_known_state()
         for motor in rig.motors:
             self.steering.check()
+            prepare_goal(motor)
             self._may_hold = True
             _under_torque(motor)
         angles = tuple(motor.angle() for motor in rig.tendons)
@@ -244,13 +250,16 @@ class Runner:
                 self.steering.check()
                 before = motor.angle()
                 motor.torque_off()
-                motor.set_tendon_mode(mode)
+                self._rig.prepare_tendon(motor, mode)
                 # A change of mode may take whole turns off the reading.
                 angles[index] += math.tau * round((motor.angle() - before) / math.tau)
                 if mode == "current":
-                    motor.set_goal_current(contact.current)
+                    motor.keep_count("goal_current", motor.goal_current.count(contact.current))
+                else:
+                    prepare_goal(motor)
                 _under_torque(motor)
             self._rig.set_tendon_mode(mode)
+        self._note_registers(self._look_at_registers("the mode was set"))
         goals = tuple(motor.angle() for motor in self._rig.tendons)
         by_current = mode == "current"
         self._loop.watch = Watch(
@@ -260,6 +269,54 @@ class Runner:
         )
         self._loop.restart()
         return Contact(tuple(angles), contact.current)
+
+    def _begin_from_known_state(self) -> None:
+        """Bring every register that matters to what the run needs, whatever was there, while nothing has torque.
+
+        Raises StartError, naming the register, where a motor holds or takes another; StoppedError, if the run is
+        resumed, for then motors have moved.
+        """
+        tendons = self._rig.spec.tendons
+        per_newton = tendons.pulley_radius.value / tendons.torque_constant.value
+        most = max(self._tension.values(), default=0.0)
+        if self._plan.pretension.mode == "position":
+            most = 0.0  # its loop has no limit of current; only the pull to first contact has
+        elif self._plan.pretension.mode == "position-with-current-limit":
+            most += LIMIT_RESERVE_N
+        needed = per_newton * max(most, tendons.first_contact_tension.value)
+        try:
+            self._rig.configure(min(needed, self._rig.spec.limits.tendon_current_a))
+            self._rig.set_tendon_mode("position-with-current-limit")
+        except PortError:
+            raise
+        except HardwareError as trouble:
+            raise (StoppedError if self._may_hold else StartError)(str(trouble)) from trouble
+
+    def _look_at_registers(self, since: str) -> dict[str, dict[str, int]]:
+        """Return the motors' registers. Raises LostError where one is not as the run set it: what was recorded since
+        then cannot count. since: what came before."""
+        found = self._rig.read_registers()
+        stopped = [name for name, counts in found.items() if counts["bus_watchdog"] == WATCHDOG_TRIPPED]
+        if stopped:
+            raise LostError(
+                f"the bus watchdog has stopped {', '.join(stopped)}, which heard nothing for "
+                f"{1e3 * WATCHDOG_S:.0f} ms; check cables and ground"
+            )
+        if changed := self._rig.changed_registers(found):
+            raise LostError(
+                f"{'; '.join(changed)}: a motor started anew, or other software wrote to it, since {since}; what was "
+                "recorded since does not count; end the other software, or check the supply, then go on"
+            )
+        self._checks += 1
+        return found
+
+    def _note_registers(self, found: Mapping[str, Mapping[str, int]]) -> None:
+        """Leave in the journal with which registers the motors measure."""
+        motors = {
+            motor.name: {"id": motor.id, "model": motor.table.model, "registers": found[motor.name]}
+            for motor in self._rig.motors
+        }
+        self._journal.note_registers({"tendon_mode": self._plan.pretension.mode, "motors": motors})
 
     def _prepare(self, pretension_mm: float) -> None:
         """Set how hard the tendon motors may pull at a pretension."""
@@ -301,7 +358,7 @@ class Runner:
         finally:
             self._guard.imu_patience = LOST_AFTER_S
         self.report.tracks[index] = dict(last)
-        self._check_watchdogs()
+        self._look_at_registers(f"{_named(group)} began")
         self._journal.finish_group(index)
 
     def _note(self, result: Pretensioned) -> None:
@@ -322,7 +379,7 @@ class Runner:
             self._attempt, self._kept = attempt, []  # the pause is not recorded, and may have holes
             rule = SettleRule.of(sweep, group.frequency_hz) if adaptive and sweep is not None else None
             run_group(self._loop, group, self._plan.sample_hz, self, rule)
-            self._check_watchdogs()
+            self._look_at_registers(f"{_named(group)} began")
             if group_is_whole(self._kept, self._plan.sample_hz):
                 self._journal.finish_group(index)
                 self._doubt(group)
@@ -340,14 +397,6 @@ class Runner:
             columns = np.array([(s.time_s, s.drive_rad, s.gyro_rad_s[0]) for s in kept])
             for sentence in group_doubts(self._rig.spec, group.segment("steady"), *columns.T):
                 self._say("doubt", sentence)
-
-    def _check_watchdogs(self) -> None:
-        stopped = [motor.name for motor in self._rig.motors if motor.watchdog_tripped()]
-        if stopped:
-            raise LostError(
-                f"the bus watchdog has stopped {', '.join(stopped)}, which heard nothing for "
-                f"{1e3 * WATCHDOG_S:.0f} ms; check cables and ground"
-            )
 
     def begin(self, kind: SegmentKind) -> None:
         """Begin a segment of the present group."""
@@ -370,6 +419,7 @@ class Runner:
         """Leave in the journal how cycles and bus have fared; a journal that takes nothing has been complained of."""
         numbers = {f"cycles_{name}": getattr(loop, name) for name in ("missed", "incomplete")} | {"cycles": loop.cycles}
         statistics = self._rig.bus.statistics
+        numbers["register_checks"] = self._checks
         numbers |= {f"bus_{name}": getattr(statistics, name) for name in statistics.__dataclass_fields__}
         with suppress(FileError):
             self._journal.count(numbers)

@@ -12,7 +12,7 @@ from sinew.emulator.plant import HornMotion, Law, Motion
 from sinew.emulator.unloaded import TENDON_NO_LOAD_SPEED, TENDON_VOLTAGE
 from sinew.measure.errors import SpecError
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import SERVOS
+from sinew.plan.servo import FULL_DUTY_COUNTS, SERVOS
 from sinew.twin.cache import configure
 from sinew.twin.energy import span_lengths
 from sinew.twin.parameters import POSITION, from_rig
@@ -27,7 +27,6 @@ TENDON_STALL_TORQUE = SERVOS["XH430-W350"].stall_torque
 GEAR_HOLD = 0.1
 """Torque at the horn that the gear of an unpowered tendon motor holds [N m]; assumed. Gears of 353:1 hardly yield."""
 
-_SERVO_GAIN = 900 / 128 / 885 * 4096 / math.tau  # duty per radian that belongs to spec.tendons.servo_stiffness
 _FAR = 1e3  # [m] or [m/s]: no bound
 _AT_ONCE = 1e9  # [rad]: a goal without a speed limit
 
@@ -69,6 +68,7 @@ class JointPlant:
             )
         configure()
         self.spec, self.count = spec, count
+        self._servo_gain = _servo_gain(spec)
         self._radius = spec.tendons.pulley_radius.value
         self._newton = self._radius / spec.tendons.torque_constant.value  # [A/N]
         joint = joint_of(spec, rest_tilt)
@@ -238,7 +238,7 @@ class JointPlant:
         if law.kind == "position":
             gain = max(law.gain, 1e-9)
             orders |= {"goal": law.goal * radius, "speed": min(speed_limit, fastest * law.duty_limit), "limit": limit}
-            orders["compliance"] = _SERVO_GAIN / gain / self.spec.tendons.servo_stiffness.value
+            orders["compliance"] = self._servo_gain / gain / self.spec.tendons.servo_stiffness.value
         elif law.kind == "velocity":
             orders |= {"goal": math.copysign(_FAR, law.goal), "limit": limit, "follows": 1.0}
             orders["speed"] = min(abs(law.goal) * radius, fastest * law.duty_limit)
@@ -336,3 +336,9 @@ def _specific_force(
     up_y, up_z = -sine * z, sine * y
     force_y, force_z = c * up_y + s * up_z, c * up_z - s * up_y
     return GRAVITY * math.cos(angle), GRAVITY * force_y + radial, GRAVITY * force_z + tangential
+
+
+def _servo_gain(spec: RigSpec) -> float:
+    """Return the gain of a tendon motor's position loop [duty/rad] to which the rig's servo_stiffness belongs."""
+    servo = SERVOS.get(spec.wiring.tendon_model, SERVOS["XH430-W350"])
+    return servo.position_gain_counts / 128 / FULL_DUTY_COUNTS * spec.tendons.counts_per_turn.value / math.tau

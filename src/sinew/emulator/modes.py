@@ -24,6 +24,7 @@ from sinew.hardware.motor_registers import (
     PWM_MODE,
     VELOCITY_MODE,
 )
+from sinew.plan.servo import FULL_DUTY_COUNTS
 
 __all__ = ["CURRENT", "FULL_DUTY", "MODES", "POSITION_MODES", "SPEED", "goal_of", "law_of", "reset_for_mode"]
 
@@ -31,7 +32,7 @@ MODES = (CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_POSITION_MODE, CUR
 """Values of operating_mode that there are."""
 POSITION_MODES = (POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE)
 """Those that go to goal_position."""
-FULL_DUTY = 885
+FULL_DUTY = FULL_DUTY_COUNTS
 """Counts of PWM that are the whole supply."""
 SPEED = 0.229 * math.tau / 60
 """One count of speed [rad/s]."""

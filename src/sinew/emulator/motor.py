@@ -44,6 +44,7 @@ class Motor(Device):
 
     rows: of its model. horn: what it moves. device_id, baud_code: registers id and baud_rate as set before. firmware:
     45 and later know fast reads. supply: [V].
+    loses: as a fault, names of registers whose writes it confirms and forgets.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class Motor(Device):
         self.horn = horn
         self.protection = Protection(STALL_CURRENT[rows.number])
         self.supply = supply
+        self.loses: set[str] = set()
         self._servo = Servo(registers, horn)
         self._pending: tuple[int, bytes] | None = None
         self._deaf_until = -math.inf
@@ -158,6 +160,7 @@ class Motor(Device):
     def write(self, address: int, data: bytes, now: float) -> int:
         number, parts = self._admit(address, data)
         if not number:
+            parts = [(row, count) for row, count in parts if row.name not in self.loses] if self.loses else parts
             for row, count in parts:
                 self.registers.store(row, count)
             for row, count in parts:

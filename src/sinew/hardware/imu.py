@@ -10,7 +10,7 @@ from sinew.hardware.imu_registers import EMULATED_FIRMWARE, OPENCR_NODE, TURTLEB
 from sinew.hardware.instructions import Read
 from sinew.hardware.layout import Layout, lay_out
 from sinew.hardware.motor import RETRIES, Identity, check_identity
-from sinew.hardware.registers import RegisterTable
+from sinew.hardware.registers import Register, RegisterTable, decode_raw, encode_raw
 from sinew.hardware.reply import Reply
 
 __all__ = ["Imu", "ImuReading"]
@@ -20,6 +20,7 @@ _LAYOUTS: dict[str, Layout] = {
     OPENCR_NODE.model: lay_out(OPENCR_NODE, (*_READINGS, "sample_time", "clock")),
     TURTLEBOT3.model: lay_out(TURTLEBOT3, ("sample_time", *_READINGS)),
 }
+_CONTROL = {OPENCR_NODE.model: "imu_control", TURTLEBOT3.model: "imu_recalibrate"}
 _MICROSECOND = 1e-6
 _WRAP = 1 << 32
 _REFRESH = 0.02  # s; how often TurtleBot3's firmware writes its table
@@ -90,6 +91,28 @@ class Imu:
         raise DeviceError(
             f"IMU (id {self.id}) gave no fresh reading: {reply}; check its cable and supply, or restart its board"
         )
+
+    def configure(self) -> int:
+        """Bring the board to the state in which a run begins: asked for nothing, as after a start; return the register.
+
+        Raises DeviceError, naming the register, where it does not take that.
+        """
+        row = self.table[_CONTROL[self.table.model]]
+        found = self._control(row)
+        if found != 0:
+            self.bus.write(self.id, row.address, encode_raw(row, 0), retries=RETRIES)
+            found = self._control(row)
+        if found != 0:
+            raise DeviceError(
+                f"IMU (id {self.id}) has {found} in {row.name} after 0 was written, expected 0; restart its board"
+            )
+        return found
+
+    def _control(self, row: Register) -> int:
+        reply = self.bus.read(self.id, row.address, row.size, retries=RETRIES)
+        if not reply.ok:
+            raise DeviceError(f"cannot read {row.name} of IMU (id {self.id}): {reply}; check its cable and supply")
+        return int(decode_raw(row, reply.data))
 
     def decode(self, reply: Reply, answered: float) -> ImuReading | None:
         """Return what a good answer says, or None if it is an old one.

@@ -4,7 +4,7 @@ What a motor does not do raises DeviceError with a sentence. The bench's cycle d
 `sinew.hardware.rig`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from sinew.hardware.bus import Bus
@@ -27,7 +27,7 @@ RETRIES = 3
 
 _OUT_OF_RANGE = 4
 _ADVICE = {
-    Outcome.SILENT: "check its cable, supply, id and baud; if it answers a ping, `sinew doctor` finds the setting",
+    Outcome.SILENT: "check its cable, supply, id and baud; if it answers pings, the doctor sets status_return_level",
     Outcome.DAMAGED: "check the cable, and that no two devices have this id",
     Outcome.WRONG_LENGTH: "check that no two devices have this id",
     Outcome.REFUSED: "`sinew doctor` shows the state of its registers",
@@ -48,10 +48,12 @@ class Motor:
 
     name: as a user knows it, "tendon 1" or "drive". id: on the bus. table: of its model.
     sign: 1 where more counts of the encoder are positive in the rig's sense, else -1.
+    kept: counts by register that it was seen to hold when it was set up, and is to hold from then on.
     """
 
     def __init__(self, bus: Bus, name: str, device: int, table: RegisterTable, sign: int = 1) -> None:
         self.bus, self.name, self.id, self.table, self.sign = bus, name, device, table, sign
+        self.kept: dict[str, int] = {}
 
     def identify(self) -> Identity:
         """Return who answers. Raises DeviceError if nobody does, or another model than expected."""
@@ -92,6 +94,16 @@ class Motor:
         if not reply.ok:
             raise self._trouble(f"cannot write {count} to", row, reply)
 
+    def set_counts(self, counts: Mapping[str, int]) -> None:
+        """Store counts in registers that follow one another without a gap, at once. Raises as `set_count`."""
+        rows = [self.table[register] for register in counts]
+        data = b"".join(encode_raw(row, count) for row, count in zip(rows, counts.values(), strict=True))
+        reply = self.bus.write(self.id, rows[0].address, data, retries=RETRIES)
+        if not reply.ok:
+            raise self._trouble(
+                f"cannot write {len(rows)} registers, the first {counts[rows[0].name]}, to", rows[0], reply
+            )
+
     def ensure_count(self, register: str, count: int) -> bool:
         """Store a count unless it is there already, and read it back; return whether it was another.
 
@@ -103,6 +115,12 @@ class Motor:
         self._expect(register, count)
         return True
 
+    def keep_count(self, register: str, count: int) -> None:
+        """Store a count, read it back, and remember that the motor is to hold it. Raises DeviceError."""
+        self.set_count(register, count)
+        self._expect(register, count)
+        self.kept[register] = count
+
     def torque_is_on(self) -> bool:
         """Return whether the motor is under torque. Raises DeviceError."""
         return bool(self.get_count("torque_enable"))
@@ -113,14 +131,17 @@ class Motor:
         if not self.torque_is_on():
             errors = ", ".join(self.hardware_errors()) or "no hardware error"
             raise DeviceError(
-                f"{self._who()} took no torque, expected it on ({errors}); after a shutdown only a reboot helps"
+                f"{self._who()} took no torque, expected torque_enable 1 ({errors}); after a shutdown only a reboot "
+                "helps"
             )
+        self.kept["torque_enable"] = 1
 
     def torque_off(self) -> None:
         """Switch the torque off and read it back. Raises DeviceError."""
         self.set_count("torque_enable", 0)
         if self.torque_is_on():
             raise DeviceError(f"{self._who()} kept its torque, expected it off; switch the supply off")
+        self.kept["torque_enable"] = 0
 
     def require_torque_off(self, purpose: str) -> None:
         """Raise DeviceError if the torque is on. purpose: what it must be off for."""
@@ -134,15 +155,16 @@ class Motor:
         """Have the motor stop itself after so long [s] without any instruction on the bus, in whole units of 20 ms.
 
         At least one unit, else rounded down. Clears a watchdog that has tripped: it is written 0 first. Raises
-        DeviceError, or RegisterError beyond 127 units.
+        DeviceError, also where the motor does not take it, or RegisterError beyond 127 units.
         """
         unit = self.table["bus_watchdog"].scale
         self.disarm_watchdog()
-        self.set_count("bus_watchdog", max(1, int(seconds / unit + 1e-6)))
+        self.keep_count("bus_watchdog", max(1, int(seconds / unit + 1e-6)))
 
     def disarm_watchdog(self) -> None:
         """Switch the bus watchdog off, and clear it if it has tripped. Raises DeviceError."""
         self.set_count("bus_watchdog", 0)
+        self.kept["bus_watchdog"] = 0
 
     def watchdog_tripped(self) -> bool:
         """Return whether the bus watchdog has stopped the motor. Raises DeviceError."""
@@ -153,7 +175,9 @@ class Motor:
         return name_hardware_errors(self.get_count("hardware_error_status"))
 
     def set_mode(self, mode: int) -> None:
-        """Set the operating mode, if it is another. It resets gains, profiles and the limits of goals.
+        """Set the operating mode, if it is another. That resets gains, profiles and goals, which stay where it is not.
+
+        What the motor then holds is another's business: `sinew.hardware.configuration`.
 
         Raises DeviceError if the torque is on, or for modes 4 and 5 if there is a homing offset: with one the firmware
         moves the motor when its watchdog stops it.

@@ -6,23 +6,30 @@ reading and never repeated: the next cycle comes soon enough.
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from sinew.hardware.bus import Bus
 from sinew.hardware.clock_track import ClockTrack
 from sinew.hardware.codec import wire_bytes
-from sinew.hardware.configuration import answer_everything, configure_drive, configure_motor
+from sinew.hardware.configuration import (
+    Post,
+    answer_everything,
+    bring_to_known_state,
+    changed_registers,
+    refuse_unfit,
+    registers_read,
+)
 from sinew.hardware.errors import DeviceError, RegisterError
 from sinew.hardware.imu import Imu, ImuReading
 from sinew.hardware.imu_registers import IMUS
 from sinew.hardware.instructions import Read, Write
 from sinew.hardware.layout import lay_out
 from sinew.hardware.motor import Motor
-from sinew.hardware.motor_registers import MOTORS
+from sinew.hardware.motor_registers import CURRENT_POSITION_MODE, MOTORS, POSITION_MODE
 from sinew.hardware.registers import RegisterTable
 from sinew.hardware.reply import Reply
-from sinew.hardware.servos import DriveServo, TendonServo
+from sinew.hardware.servos import TENDON_MODES, DriveServo, TendonServo
 from sinew.hardware.transport import Clock
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
@@ -32,6 +39,7 @@ __all__ = ["Climate", "MotorReading", "Reading", "Rig"]
 _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
 _CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")
 _SPAN_OF_TICK = 32_768
+_READ_MOST_S = 0.02  # on the wire; the bus watchdogs of a run wait four times as long
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +140,7 @@ class Rig:
         self.motors: tuple[Motor, ...] = (*self.tendons, self.drive)
         self.stale: Counter[str] = Counter()
         self._mode: TendonMode | None = None
+        self._needed_a = 0.0
         self._return_delay = bus.timing.return_delay
         self._drive_present = _Present(self.drive, self.drive.zero)
         self._tendon_presents = tuple(_Present(motor) for motor in self.tendons)
@@ -194,28 +203,68 @@ class Rig:
             self.bus.sync_write(drive.address, {write.id: write.data for write in writes})
 
     def set_tendon_mode(self, mode: TendonMode) -> None:
-        """Have all tendon motors run as a plan calls it, and `write_goals` mean that; those in it already are left.
+        """Have all tendon motors run as a plan calls it, from its known state, and `write_goals` mean that.
 
-        Raises DeviceError if a motor has another mode and its torque is on.
+        Those under torque that are in it already are left. Raises DeviceError if a motor has another mode and its
+        torque is on, or does not take a register, which it names.
         """
         self._mode = None
         for motor in self.tendons:
-            motor.set_tendon_mode(mode)
+            if motor.get_count("operating_mode") != TENDON_MODES[mode] or not motor.torque_is_on():
+                self.prepare_tendon(motor, mode)
         self._mode = mode
 
-    def configure(self) -> None:
-        """Set every motor up for the bench; see `configuration`. Raises DeviceError, also if a torque is on."""
+    def prepare_tendon(self, motor: TendonServo, mode: TendonMode) -> None:
+        """Bring one tendon motor, its torque off, to the known state of a mode. Raises DeviceError."""
+        bring_to_known_state(Post(motor, self.spec, TENDON_MODES[mode], self._needed_a))
+
+    def configure(self, tendon_current_a: float = 0.0) -> None:
+        """Bring every motor to the known state in which a run begins, see `configuration`, and the IMU to its own.
+
+        The tendon motors go into the position mode with a current limit; `set_tendon_mode` gives them another.
+        tendon_current_a: the largest current that will be asked of a tendon motor [A].
+        Raises DeviceError, naming the register, also if a torque is on; nothing is written then, or before that.
+        """
+        self._needed_a = tendon_current_a
+        modes = {motor.name: CURRENT_POSITION_MODE for motor in self.tendons} | {self.drive.name: POSITION_MODE}
         for motor in self.motors:
             answer_everything(motor)
             motor.require_torque_off("to be set up")
-        for tendon in self.tendons:
-            configure_motor(tendon, self.spec.limits, self.spec.limits.tendon_current_a)
-        configure_motor(self.drive, self.spec.limits, self.spec.limits.drive_current_a)
-        configure_drive(self.drive)
+        posts = [Post(m, self.spec, modes[m.name], 0.0 if m is self.drive else tendon_current_a) for m in self.motors]
+        for post in posts:
+            refuse_unfit(post)
+        for post in posts:
+            bring_to_known_state(post)
+        self.imu.configure()
         self._return_delay = 0.0
         # Nobody waits any more before he answers, so neither need we: a lost answer costs one cycle and not two.
         self.bus.timing = replace(self.bus.timing, return_delay=0.0)
         self.forget()
+
+    def read_registers(self) -> dict[str, dict[str, int]]:
+        """Return the registers that matter to a run as every motor holds them now, by its name. Raises DeviceError.
+
+        All are asked at once, or one after the other on a bus so slow that a watchdog would trip meanwhile.
+        """
+        layouts = {motor.id: lay_out(motor.table, registers_read(motor)) for motor in self.motors}
+        answers = sum(wire_bytes(layout.length, status=True) for layout in layouts.values())
+        if answers * 10 / self.bus.timing.baud > _READ_MOST_S:
+            return {motor.name: motor.get_counts(registers_read(motor)) for motor in self.motors}
+        replies = self.bus.bulk_read([Read(id_, layout.address, layout.length) for id_, layout in layouts.items()])
+        found = {}
+        for motor in self.motors:
+            reply = replies[motor.id]
+            if reply.ok:
+                counts = layouts[motor.id].unpack.unpack(reply.data)
+                found[motor.name] = dict(zip(registers_read(motor), counts, strict=True))
+            else:
+                found[motor.name] = motor.get_counts(registers_read(motor))
+        return found
+
+    def changed_registers(self, found: Mapping[str, Mapping[str, int]]) -> list[str]:
+        """Return which of the registers found are no longer as the run set them; goals that it tells are left out."""
+        told = ("goal_current",) if self._mode == "current" else ()
+        return [clause for motor in self.motors for clause in changed_registers(motor, found[motor.name], told)]
 
     def forget(self) -> None:
         """Take the next answer of every device as fresh, after one was started anew on purpose."""

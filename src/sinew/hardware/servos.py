@@ -133,8 +133,9 @@ class TendonServo(Motor):
         count = int(min(current / self.table["goal_current"].scale + 1e-6, self.get_count("current_limit")))
         if mode == CURRENT_MODE:
             goal = self.get_count("goal_current")
-            count = max(-count, min(count, goal))
-        self.set_count("goal_current", count)
+            self.set_count("goal_current", max(-count, min(count, goal)))
+            return
+        self.keep_count("goal_current", count)
 
 
 class DriveServo(Motor):
@@ -177,4 +178,4 @@ class DriveServo(Motor):
 
 def _limit_duty(motor: Motor, duty: float) -> None:
     count = min(duty / motor.table["goal_pwm"].scale, motor.get_count("pwm_limit"))
-    motor.set_count("goal_pwm", int(count + 1e-6))
+    motor.keep_count("goal_pwm", int(count + 1e-6))

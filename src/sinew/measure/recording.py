@@ -1,5 +1,6 @@
 """This is where recordings are put together and taken apart into segments."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +13,10 @@ from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import SchemaError
 from sinew.measure.schema import RECORDING_SCHEMA, SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
 
-__all__ = ["Segment", "build_recording", "iterate_segments", "segment_slices"]
+__all__ = ["REGISTERS_ATTRIBUTE", "Segment", "build_recording", "iterate_segments", "read_registers", "segment_slices"]
+
+REGISTERS_ATTRIBUTE = "registers"
+"""Attribute of a recording from a bench: the motors' registers as they were read back, as JSON."""
 
 
 @dataclass(frozen=True)
@@ -95,3 +99,21 @@ def iterate_segments(recording: xr.Dataset, kind: SegmentKind | None = None) -> 
     for index, (where, row) in enumerate(zip(segment_slices(recording), zip(*columns, strict=True), strict=True)):
         if kind is None or row[0] == kind:
             yield index, Segment(row[0], float(row[1]), float(row[2]), float(row[3]), int(row[4])), where
+
+
+def read_registers(recording: xr.Dataset) -> list[dict[str, Any]]:
+    """Return with which registers the motors measured, one mapping for each run that wrote to the recording.
+
+    run: its number, from 1. tendon_mode: position, position-with-current-limit or current. motors: by name ("tendon 1",
+    "drive"), each with its id, its model, and registers: counts by the name in the control table, as they were read
+    back after the plan's mode was set. Empty for a recording of the twin, an import, and one older than this attribute.
+    Raises SchemaError where the attribute is not of that form.
+    """
+    text = recording.attrs.get(REGISTERS_ATTRIBUTE, "[]")
+    try:
+        runs = json.loads(text)
+    except (TypeError, ValueError) as error:
+        raise SchemaError(f"attribute {REGISTERS_ATTRIBUTE!r} is not JSON ({error}); was the file edited?") from error
+    if not isinstance(runs, list) or not all(isinstance(run, dict) and "motors" in run for run in runs):
+        raise SchemaError(f"attribute {REGISTERS_ATTRIBUTE!r} holds no list of runs with motors; was the file edited?")
+    return runs

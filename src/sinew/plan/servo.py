@@ -3,7 +3,10 @@
 import math
 from dataclasses import dataclass
 
-__all__ = ["SERVOS", "VOLTAGE_LSB", "Servo", "servo_of"]
+__all__ = ["FULL_DUTY_COUNTS", "SERVOS", "VOLTAGE_LSB", "Servo", "servo_of"]
+
+FULL_DUTY_COUNTS = 885
+"""Counts of the registers of PWM that are the whole supply."""
 
 VOLTAGE_LSB = 0.1
 """Unit of the register Present Input Voltage [V]."""
@@ -15,6 +18,7 @@ class Servo:
 
     nominal_voltage: at which the others hold [V]. stall_torque [N m], stall_current [A], no_load_speed [rad/s].
     standby_current: of the whole servo with its torque off, from the supply [A].
+    position_gain_counts: register Position P Gain as from the factory, to which a rig's servo_stiffness belongs.
     """
 
     model: str
@@ -23,6 +27,7 @@ class Servo:
     stall_current: float
     no_load_speed: float
     standby_current: float
+    position_gain_counts: int
 
     @property
     def resistance(self) -> float:
@@ -33,8 +38,8 @@ class Servo:
 SERVOS = {
     servo.model: servo
     for servo in (
-        Servo("XH430-W350", 12.0, 3.4, 1.3, 30 * math.tau / 60, 0.040),
-        Servo("XM430-W350", 12.0, 4.1, 2.3, 46 * math.tau / 60, 0.040),
+        Servo("XH430-W350", 12.0, 3.4, 1.3, 30 * math.tau / 60, 0.040, 900),
+        Servo("XM430-W350", 12.0, 4.1, 2.3, 46 * math.tau / 60, 0.040, 800),
     )
 }
 """By model; e-Manual of the maker, specifications."""

@@ -1,0 +1,56 @@
+"""Second runs: whatever a run leaves behind on a bench that stays powered, the next one measures what the twin says.
+
+A few here; `python -m campaigns.second_runs --pairs 200` makes the whole proof.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+import pytest
+from campaigns.second_runs import Bench, End, KilledError, compare, draw_writes, plan_of
+
+from sinew.bench.stops import stop
+from sinew.plan.plan import TendonMode
+from sinew.plan.toml import load_rig
+
+pytestmark = pytest.mark.slow
+RUNS = 20
+
+
+def one_after_the_other(folder: Path) -> Iterator[tuple[str, dict[str, float]]]:
+    """Run again and again on one bench, in every mode and after every kind of end; yield what each whole run is off."""
+    bench, rng = Bench(load_rig("paper"), seed=5), np.random.default_rng(5)
+    modes, ends = get_args(TendonMode), get_args(End)
+    for number in range(RUNS):
+        mode, end = modes[number % len(modes)], ends[number % len(ends)]
+        measured = folder / f"{number}"
+        report = bench.run(plan_of(mode), measured)
+        off, _ = compare(measured / "journal.sqlite", mode) if report.is_complete else ({}, [])
+        yield f"run {number} by {mode}: {report.sentence}", off
+        early = end not in ("normal", "other software")
+        if early:
+            with suppress(KilledError):
+                bench.run(plan_of(mode), folder / f"{number} cut short", at_s=float(rng.uniform(1.0, 8.0)), act=end)
+        bench.leave_alone()
+        bench.emulated.unplugged = False
+        if end == "other software":
+            bench.write([write for write in draw_writes(rng, 30) if write.register in _HARMLESS])
+        rig, port = bench.program()
+        stop(rig, port, "release")
+
+
+_HARMLESS = (
+    "drive_mode", "operating_mode", "moving_threshold", "pwm_limit", "velocity_limit", "startup_configuration",
+    "return_delay_time", "goal_pwm", "goal_current", "goal_velocity", "profile_acceleration", "profile_velocity",
+    "position_p_gain", "position_i_gain", "position_d_gain", "velocity_p_gain", "velocity_i_gain",
+    "feedforward_1st_gain", "feedforward_2nd_gain", "bus_watchdog", "goal_position", "led",
+)  # fmt: skip
+
+
+def test_twenty_runs_in_a_row_measure_what_the_twin_says(tmp_path: Path) -> None:
+    for said, off in one_after_the_other(tmp_path):
+        assert set(off) == {"gain", "phase", "D"}, said
+        assert max(off.values()) <= 1.0, f"{said}: {off}, in parts of 2 %, 2° and 5 %"
