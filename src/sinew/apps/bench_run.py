@@ -62,18 +62,27 @@ def await_port(port: str, seconds: float) -> None:
 
 
 @contextmanager
-def open_rig(port: str, spec: "RigSpec") -> "Iterator[tuple[HardwareRig, Clock]]":
+def open_rig(port: str, spec: "RigSpec", *, own_time: bool = False) -> "Iterator[tuple[HardwareRig, Clock]]":
     """Open a port and give (rig, clock); the port is closed in the end. Raises PortError.
 
-    port: a serial port, or the socket of an emulated bench.
+    port: a serial port, or that of an emulated bench, terminal or socket, whose clock is shared where it has one.
+    own_time: the computer's clock in any case, for who measures what the computer does.
     """
     from sinew.hardware.local_port import LocalPort
     from sinew.hardware.serial_port import SerialPort
+    from sinew.hardware.shared_clock import SharedPort, shared_clock
     from sinew.hardware.transport import MonotonicClock
 
-    clock = MonotonicClock()
+    clock: Clock = MonotonicClock()
     local = Path(port).is_socket()
-    rig = rig_on(LocalPort(port, clock) if local else SerialPort(port, spec.wiring.baud, clock), clock, spec)
+    transport: Transport = LocalPort(port, clock) if local else SerialPort(port, spec.wiring.baud, clock)
+    try:
+        if not own_time and (shared := shared_clock(port)) is not None:
+            transport, clock = SharedPort(transport, shared), shared
+        rig = rig_on(transport, clock, spec)
+    except BaseException:
+        transport.close()
+        raise
     try:
         yield rig, clock
     finally:
