@@ -72,16 +72,16 @@ def emulate(
 
     The line on stdout says when a master can open the port. Ctrl-C or SIGTERM end it with status 0.
 
-    Beside the port lies PATH.clock, by which Sinew's own programs share the bench's time: where the computer holds one
-    of the two up, the other waits. A master that ends, or is silent for 5 s, is left to the motors' watchdogs. For other
+    Beside the port lies PATH.clock, by which Sinew's runs share the bench's time: where the computer holds one of the
+    two up, the other waits. A run that ends, or is silent for 5 s, is left to the motors' watchdogs. For other
     programs, and with --own-time, the bench keeps real time.
 
     SPEC is KIND[:key=value,...][@START[-STOP]], times in emulated seconds. To packets, each with probability p: drop,
     flip, duplicate, truncate, delay (by=20ms). To the bench: unplug, brown-out (to=5V), imu-freeze, overload (motor=2),
     overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm), push (torque=0.5).
     """
-    from sinew.emulator.fault_spec import parse_fault  # numpy: not for --help
     from sinew.emulator.clock_socket import ClockSocket
+    from sinew.emulator.fault_spec import parse_fault  # numpy: not for --help
     from sinew.emulator.pty_port import refuse_taken
     from sinew.emulator.pty_server import PtyServer
     from sinew.hardware.transport import MonotonicClock

@@ -182,10 +182,12 @@ class PtyServer:
             if ask := self._shared.ask():
                 self._obey(ask, self._shared)
                 return
-            self._is_shared &= self._shared.is_taken
-            if self._is_shared:
+            if self._is_shared and self._shared.is_taken:
                 self._await_master(self._shared)
                 return
+            if self._is_shared and self._port is not None:
+                self._port.read()  # the master has ended: so has what it left on the port
+            self._is_shared = False
         now = self._go_on()
         if self._rig.unplugged == self.is_open:
             self._change_plug()
@@ -354,7 +356,9 @@ class PtyServer:
             self._held_until = now + _TICK * self._speed if self._outbox else math.inf
 
     def _wait(self, port: Port, seconds: float) -> bool:
-        ends = [port] if self._shared is None or self._is_shared else [port, self._shared]
+        ends: list[Port | ClockSocket] = [port]
+        if self._shared is not None and not self._is_shared:
+            ends.append(self._shared)
         return bool(select.select(ends, [], [], max(0.0, seconds))[0])
 
     def _take(self, port: Port) -> None:

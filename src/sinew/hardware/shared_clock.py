@@ -29,7 +29,7 @@ SUFFIX = ".clock"
 """What the clock's socket is called behind the name of the port."""
 
 PATIENCE_S = 5.0
-"""For so long a bench that shares its clock waits for a silent master, counting only time in which it runs itself [s]."""
+"""For so long a bench waits for a master that is silent; only time in which it runs itself counts [s]."""
 
 WROTE, WAIT, READ = 1, 2, 3
 ASK = struct.Struct("!BddQ")
@@ -54,7 +54,7 @@ class SharedClock:
         self._port = port
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._lock = threading.Lock()
-        self._heard = monotonic()
+        self._heard, self._now = monotonic(), 0.0
         self.sent = self.written = 0
         try:
             self._socket.connect(os.path.realpath(port + SUFFIX))
@@ -163,8 +163,8 @@ class SharedPort:
 
     def close(self) -> None:
         """Give port and clock back; may be called again."""
-        self._clock.close()
         self._port.close()
+        self._clock.close()
 
     def _collect(self) -> bytes:
         """Return what the bench says that it has sent, however long that takes in the computer's time."""
