@@ -1,7 +1,7 @@
-"""Runs on an emulated bench while other programs keep every core busy: `python -m campaigns.busy --minutes 10 --runs 10`.
+"""Runs on an emulated bench on a busy computer: `python -m campaigns.busy --minutes 10 --runs 10`.
 
 Two loops of ordinary priority for every core compute for so many minutes, and until the last run has ended. Meanwhile
-runs, by turns through a terminal and through a socket, are played one after the other, each on an emulator of its own,
+runs, by turns through a terminal and through a socket, are played, some at once if asked for, each on an emulator of its own,
 and run and emulator are stopped (SIGSTOP) at drawn moments for 100 to 300 ms, alone or both. Each run must end
 complete by itself, its recording have every sample of the plan and no hole, and its gain, phase and damping be those
 that the twin's own simulation of the plan gives. Exit status 1 where one does not.
@@ -20,6 +20,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -211,20 +212,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--minutes", type=float, default=10.0, help="how long every core is busy, at least [10]")
     parser.add_argument("--runs", type=int, default=10, help="how many runs [10]")
     parser.add_argument("--seed", type=int, default=0, help="of the pauses and the benches [0]")
+    parser.add_argument("--together", type=int, default=1, help="how many runs at once [1]")
     parser.add_argument("--no-pauses", action="store_true", help="stop no process by SIGSTOP")
     parser.add_argument("--out", type=Path, help="file for everything, as JSON")
     given = parser.parse_args(arguments)
     loops = 2 * (os.cpu_count() or 1)
-    runs: list[Run] = []
     with contextlib.ExitStack() as stack:
         folders = [Path(stack.enter_context(tempfile.TemporaryDirectory())) for _ in range(given.runs)]
         began = time.monotonic()
         with every_core_busy(loops):
-            for number, folder in enumerate(folders):
-                runs.append(
-                    play(number, ("terminal", "socket")[number % 2], folder, given.seed, pauses=not given.no_pauses)
-                )
-                print(f"run {number}: {runs[-1].ended}", file=sys.stderr, flush=True)
+            with ThreadPoolExecutor(given.together) as pool:
+                kinds = [("terminal", "socket")[number % 2] for number in range(given.runs)]
+
+                def one(number: int) -> Run:
+                    run = play(number, kinds[number], folders[number], given.seed, pauses=not given.no_pauses)
+                    print(f"run {number}: {run.ended}", file=sys.stderr, flush=True)
+                    return run
+
+                runs = list(pool.map(one, range(given.runs)))
             all_s = time.monotonic() - began
             time.sleep(max(0.0, 60 * given.minutes - all_s))
             load = os.getloadavg()[0]

@@ -228,6 +228,7 @@ def run_document(
         "is_safe": report.stop.is_safe,
         "left": report.stop.sentence(),
         "frozen_ms": _ms(report.halted_s),
+        "pauses": list(report.pauses),
         "groups": report.groups,
         "groups_done": report.groups_done,
         "pretensions": pretensions,
@@ -253,6 +254,8 @@ def _known(value: float) -> float | None:
 def print_run(document: dict[str, Any]) -> None:
     done = f"; {document['groups_done']} of {document['groups']} groups are recorded"
     print(f"{document['ended']}{'' if document['complete'] else done}")
+    if pauses := document["pauses"]:
+        print(f"went on by itself after {len(pauses)} pause{'s' * (len(pauses) > 1)} of the computer")
     print(document["left"])
     cycles = document["cycles"]
     print(
