@@ -1,9 +1,10 @@
 """Runs on an emulated bench on a busy computer: `python -m campaigns.busy --minutes 10 --runs 10`.
 
 Two loops of ordinary priority for every core compute for so many minutes, and until the last run has ended. Meanwhile
-runs, by turns through a terminal and through a socket, are played, each on an emulator of its own; run and emulator are stopped (SIGSTOP) at drawn moments for 100 to 300 ms, alone or both. Each run must end
-complete by itself, its recording have every sample of the plan and no hole, and its gain, phase and damping be those
-that the twin's own simulation of the plan gives. Exit status 1 where one does not.
+runs, by turns through a terminal and through a socket, are played, each on an emulator of its own; run and emulator are
+stopped (SIGSTOP) at drawn moments for 100 to 300 ms, alone or both. Each run must end complete by itself, its recording
+have every sample of the plan and no hole, and its gain, phase and damping be those that the twin's own simulation of
+the plan gives. Exit status 1 where one does not.
 """
 
 import argparse
@@ -196,8 +197,8 @@ def table(runs: Sequence[Run]) -> str:
     for run in runs:
         lines.append(
             f"{run.number:3d}  {run.port:8s}  {run.status:6d}  {run.wall_s:6.1f}  {run.bench_s:7.1f}  "
-            f"{run.held_s:6.1f}  {run.pauses:6d}  {run.samples:7d}  {run.missed:6d}  {run.incomplete:7d}  {run.gain:6.2%}  "
-            f"{run.phase_deg:7.2f}  {run.damping:7.2%}"
+            f"{run.held_s:6.1f}  {run.pauses:6d}  {run.samples:7d}  {run.missed:6d}  {run.incomplete:7d}  "
+            f"{run.gain:6.2%}  {run.phase_deg:7.2f}  {run.damping:7.2%}"
         )
     right = sum(not run.wrong for run in runs)
     lines.append(f"{right} of {len(runs)} runs complete by themselves with a right recording")
