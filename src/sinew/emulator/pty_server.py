@@ -254,6 +254,8 @@ class PtyServer:
         if ask.what == WROTE:
             self._receive(ask, now)
             return
+        if self._port is not None:
+            self._inbox += self._port.read()  # which turns away other masters that have come to a socket
         until = max(now, ask.until)
         while now < until and not (ask.what == READ and self._has_news(now)):
             due = min(self._rig.next_event(), self._held_until) if ask.what == READ else until
