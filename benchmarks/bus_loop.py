@@ -73,7 +73,7 @@ class _TimedClock(MonotonicClock):
 def _emulated(folder: Path) -> Iterator[tuple[str, int]]:
     """Give the port of an emulated bench, and the emulator's process id."""
     link = str(folder / "bench")
-    command = [str(Path(sys.executable).with_name("sinew")), "emulate", "--rig", "paper", "--link", link]
+    command = [str(Path(sys.executable).with_name("sinew")), "emulate", "--own-time", "--rig", "paper", "--link", link]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

@@ -151,7 +151,7 @@ class _Trial:
 
     @contextmanager
     def _emulated(self, truth: Path) -> Iterator[None]:
-        options = ["--link", str(self._port), "--truth", str(truth), "--seed", str(self.series.number)]
+        options = ["--own-time", "--link", str(self._port), "--truth", str(truth), "--seed", str(self.series.number)]
         with subprocess.Popen([_SINEW, "emulate", *options], stdout=subprocess.PIPE, text=True) as process:
             try:
                 assert process.stdout is not None

@@ -210,7 +210,7 @@ def one_run(seconds: float, viewers: int) -> dict[str, Any]:
         runs = Path(folder)
         plan, port = runs / "plan.toml", runs / "port"
         plan.write_text(PLAN.format(periods=round(3 * seconds)))
-        emulate = [str(SINEW), "emulate", "--link", str(port), "--socket"]
+        emulate = [str(SINEW), "emulate", "--own-time", "--link", str(port), "--socket"]
         run = [str(SINEW), "run", str(plan), "--port", str(port), "--out", str(runs / "run")]
         status = {"run": {"name": "run", "state": "running"}, "bench": {"kind": "emulator"}, "operator": None}
         with subprocess.Popen(emulate, stdout=subprocess.PIPE, text=True) as emulator:

@@ -2,7 +2,6 @@
 
 import fcntl
 import json
-import select
 import shutil
 import subprocess
 import sys
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.patience import await_end, comes, communicate, finished
 
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.plant import Plant
@@ -27,7 +27,7 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig
 
 SINEW = Path(sys.executable).with_name("sinew")
-PATIENCE = 90.0  # s; how long a step of another process may take on a busy computer
+PATIENCE = 90.0  # s; how long a step of another process may take, see tests.patience
 STARTS = 5
 QUESTIONS = {ask.PING, ask.READ, ask.SYNC_READ, ask.BULK_READ}
 
@@ -105,7 +105,7 @@ class Playing:
     def truth(self) -> dict[str, Any]:
         """End the emulator and return what truly happened."""
         self.process.terminate()
-        self.process.wait(PATIENCE)
+        await_end(self.process, PATIENCE)
         return dict(json.loads(self.file.read_text()))
 
 
@@ -130,7 +130,7 @@ def _playing(folder: Path, *options: str) -> Iterator[Playing]:
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         try:
             assert process.stdout is not None
-            assert select.select([process.stdout], [], [], PATIENCE)[0], "the emulator does not get ready"
+            assert comes(process.stdout, PATIENCE), "the emulator does not get ready"
             assert str(link) in process.stdout.readline()
             yield Playing(str(link), process, truth)
         finally:
@@ -149,7 +149,7 @@ def running(port: str, plan: Path, out: Path, *options: str) -> Iterator[subproc
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             try:
                 assert process.stderr is not None
-                assert select.select([process.stderr], [], [], PATIENCE)[0], "the run does not begin"
+                assert comes(process.stderr, PATIENCE), "the run does not begin"
                 if (line := process.stderr.readline()) == "sinew: the tendons are pulled to first contact\n":
                     yield process
                     return
@@ -160,11 +160,11 @@ def running(port: str, plan: Path, out: Path, *options: str) -> Iterator[subproc
         said.append(told)
         shutil.rmtree(out)
         stop = [SINEW, "stop", "--port", port, "--state", "release"]
-        subprocess.run(stop, stdout=subprocess.DEVNULL, check=True, timeout=PATIENCE)
+        finished(stop, PATIENCE, check=True)
     raise AssertionError(f"no run got as far as pulling: {said}")
 
 
 def ended(process: subprocess.Popen[str]) -> tuple[int, str, str]:
     """Return status, stdout and the rest of stderr of a process that is about to end."""
-    out, err = process.communicate(timeout=PATIENCE)
+    out, err = communicate(process, PATIENCE)
     return process.returncode, out, err

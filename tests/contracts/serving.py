@@ -3,7 +3,6 @@
 import socket
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from typing import Any
 
 import httpx
 from tests.contracts import fake_run
+from tests.patience import LONG_S, until
 
 from sinew.apps.dashboard.access import COOKIE, Access
 from sinew.apps.dashboard.steward import Settings, Steward
@@ -21,7 +21,7 @@ from sinew.plan.toml import dump_rig, load_rig
 
 TOKEN = "a-token-for-tests-and-nothing-else"
 RIG = dump_rig(load_rig("paper"))
-PATIENCE = 30.0  # s
+PATIENCE = LONG_S  # s; for time-outs that do not follow the load
 PAGE = """
 import json, socket, sys
 told = json.loads(sys.stdin.readline())
@@ -50,15 +50,6 @@ def free_port() -> int:
             except (OSError, OverflowError):
                 continue
             return port
-
-
-def until(claim: Callable[[], Any]) -> Any:
-    """Return the first true answer, which must come in time."""
-    end = time.monotonic() + PATIENCE
-    while not (answer := claim()):
-        assert time.monotonic() < end, "it does not come to pass"
-        time.sleep(0.01)
-    return answer
 
 
 @dataclass

@@ -2,7 +2,6 @@
 
 import json
 import os
-import select
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.patience import comes, communicate
 
 from sinew.apps.cli import main
 
@@ -25,13 +25,12 @@ def port(tmp_path: Path) -> Iterator[str]:
     )
     assert process.stdout is not None
     try:
-        ready, _, _ = select.select([process.stdout], [], [], 60)
-        assert ready
+        assert comes(process.stdout)
         assert os.read(process.stdout.fileno(), 4096)
         yield str(link)
     finally:
         process.terminate()
-        process.communicate(timeout=30)
+        communicate(process)
 
 
 def document(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:

@@ -1,7 +1,6 @@
 """`sinew emulate`: what it says when it is ready, how it ends, what it tells afterwards, and how it refuses."""
 
 import json
-import select
 import signal
 import subprocess
 import sys
@@ -12,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests import patience
+from tests.patience import await_end, comes, communicate, until
 
 from sinew.apps.cli import main
 from sinew.emulator.fault_spec import FAULT_KINDS
@@ -31,14 +32,14 @@ def started(*options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
-            assert select.select([process.stdout], [], [], PATIENCE)[0]
+            assert comes(process.stdout, PATIENCE)
             yield process, process.stdout.readline()
         finally:
             process.kill()
 
 
 def finished(*options: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([SINEW, "emulate", *options], capture_output=True, text=True, check=False, timeout=PATIENCE)
+    return patience.finished([SINEW, "emulate", *options], PATIENCE)
 
 
 def bus(link: Path) -> Bus:
@@ -82,6 +83,7 @@ def test_its_line_as_json_has_the_keys_of_the_reference(link: Path) -> None:
         "tilt_deg",
         "slack_mm",
         "faults",
+        "clock",
     }
 
 
@@ -89,7 +91,7 @@ def test_its_line_as_json_has_the_keys_of_the_reference(link: Path) -> None:
 def test_a_signal_ends_it_with_status_0_and_without_a_word(link: Path, number: signal.Signals) -> None:
     with started("--unloaded", "--link", str(link)) as (process, _):
         process.send_signal(number)
-        out, err = process.communicate(timeout=PATIENCE)
+        out, err = communicate(process, PATIENCE)
     assert (process.returncode, out, err) == (0, "", "")
 
 
@@ -107,7 +109,7 @@ def test_it_ends_after_the_emulated_time_asked_for(link: Path, tmp_path: Path) -
 def test_after_a_kill_the_next_one_turns_the_link_over(link: Path) -> None:
     with started("--unloaded", "--link", str(link)) as (process, _):
         process.kill()
-        process.wait(PATIENCE)
+        await_end(process, PATIENCE)
     left = link.is_symlink()
     assert (left, finished("--unloaded", "--link", str(link), "--for", "0.1").returncode) == (True, 0)
 
@@ -121,7 +123,7 @@ def truth_after(link: Path, tmp_path: Path, *options: str, torque: tuple[int, ..
             assert master.write(device, XH430_W350["torque_enable"].address, b"\1").ok
         master.close()
         process.terminate()
-        process.wait(PATIENCE)
+        await_end(process, PATIENCE)
     return dict(json.loads(truth.read_text()))
 
 
@@ -171,15 +173,13 @@ def test_a_watchdog_that_trips_when_its_master_leaves_is_in_the_truth(link: Path
         master.close()
         time.sleep(0.5)
         process.terminate()
-        process.wait(PATIENCE)
+        await_end(process, PATIENCE)
     assert [motor["watchdog_tripped"] for motor in json.loads(truth.read_text())["motors"]] == [True] + [False] * 4
 
 
 def test_an_unplugged_bench_has_no_port_but_lives(link: Path) -> None:
     with started("--unloaded", "--link", str(link), "--fault", "unplug@0.2") as (process, _):
-        stop = time.monotonic() + PATIENCE
-        while link.is_symlink() and time.monotonic() < stop:
-            time.sleep(0.01)
+        until(lambda: not link.is_symlink(), PATIENCE)
         assert (link.is_symlink(), process.poll()) == (False, None)
 
 

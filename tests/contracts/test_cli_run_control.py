@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from tests.contracts.emulated_bench import WatchedPort, joint, rig_file, virtual_port
 from tests.contracts.virtual_run import interrupt, run, torques
+from tests.patience import LONG_S
 
 from sinew.apps.run_control import ControlError, RunControl, send_control
 from sinew.bench.journal_reader import JournalReader
@@ -159,7 +160,7 @@ def test_what_is_no_command_is_refused_and_the_run_goes_on(
 
     def speak() -> None:
         with socket.socket(socket.AF_UNIX) as client:
-            client.settimeout(5.0)
+            client.settimeout(LONG_S)
             client.connect((out / "control").read_text())
             client.sendall(line)
             got.append(client.recv(4096))

@@ -2,7 +2,6 @@
 
 import os
 import resource
-import select
 import shutil
 import signal
 import subprocess
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from tests.contracts.emulated_bench import PATIENCE, SINEW, STARTS, TINY, Playing, ended, playing, rig_file, running
+from tests.patience import await_end, comes, finished
 
 from sinew.apps.cli import main
 from sinew.bench.journal_reader import JournalReader
@@ -105,13 +105,13 @@ def close_terminal_of_a_run(command: list[str]) -> int | None:
         shown = b""
         try:
             while b"pulled to first contact" not in shown:
-                assert select.select([ours], [], [], PATIENCE)[0], "the run does not begin"
+                assert comes(ours, PATIENCE), "the run does not begin"
                 shown += os.read(ours, 4096)
         except OSError:
             return None
         finally:
             os.close(ours)
-            status = process.wait(PATIENCE)
+            status = await_end(process, PATIENCE)
         return status
 
 
@@ -165,14 +165,7 @@ def test_a_full_disk_is_refused_and_nothing_stays_in_the_folder(bench: Playing, 
     )
     command = [SINEW, "run", str(plan), "--port", bench.port, "--out", str(tmp_path / "deep" / "out")]
     environment = {**os.environ, "JAX_ENABLE_COMPILATION_CACHE": "false"}  # it would warn that it cannot write either
-    done = subprocess.run(
-        [sys.executable, "-c", limited, *command],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=PATIENCE,
-    )
+    done = finished([sys.executable, "-c", limited, *command], PATIENCE, env=environment)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "cannot write the journal" in done.stderr
     assert not (tmp_path / "deep").exists()

@@ -23,6 +23,7 @@ from tests.contracts.emulated_bench import (
     running,
     virtual_port,
 )
+from tests.patience import await_end
 
 from sinew.apps.cli import main
 from sinew.emulator.rig import EmulatedRig
@@ -251,7 +252,7 @@ def test_after_a_run_was_killed_the_bench_is_brought_to_rest(
     with playing(tmp_path, "--unloaded") as bench:
         with running(bench.port, plan, tmp_path / "out") as process:
             process.kill()
-            process.wait(PATIENCE)
+            await_end(process, PATIENCE)
         time.sleep(0.3)  # so that the watchdogs trip
         told = stop(capsys, "--state", state, port=bench.port)
         truth = bench.truth()

@@ -5,7 +5,6 @@ import select
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,6 +12,7 @@ from pathlib import Path
 import httpx
 import pytest
 from tests.contracts.serving import free_port
+from tests.patience import LONG_S, Patience
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
@@ -44,8 +44,8 @@ def port(runs: Path) -> Iterator[int]:
             assert process.stderr is not None
             process.stdin.write(json.dumps(config) + "\n")
             process.stdin.flush()
-            end = time.monotonic() + PATIENCE
-            while time.monotonic() < end:
+            patience = Patience(PATIENCE)
+            while not patience.is_over():
                 assert process.poll() is None, process.stderr.read()
                 try:
                     httpx.get(f"http://127.0.0.1:{port}/login", timeout=5.0)
@@ -65,14 +65,14 @@ def client(port: int) -> Iterator[httpx.Client]:
 
 
 def stream(port: int, origin: str | None = None) -> ClientConnection:
-    return connect(f"ws://127.0.0.1:{port}/stream", origin=origin or f"http://127.0.0.1:{port}", open_timeout=20.0)  # type: ignore[arg-type]
+    return connect(f"ws://127.0.0.1:{port}/stream", origin=origin or f"http://127.0.0.1:{port}", open_timeout=LONG_S)  # type: ignore[arg-type]
 
 
 def is_closed(one: ClientConnection) -> bool:
     """Return whether the other end closes a connection, whatever it says before."""
     try:
         for _ in range(200):
-            one.recv(timeout=5.0)
+            one.recv(timeout=LONG_S)
     except ConnectionClosed:
         return True
     return False
@@ -82,7 +82,7 @@ def fill(viewers: ExitStack, port: int) -> int:
     """Open streams until one is refused, a hundred at most; return how many got in."""
     for count in range(100):
         try:
-            viewers.enter_context(stream(port)).recv(timeout=10.0)
+            viewers.enter_context(stream(port)).recv(timeout=LONG_S)
         except (InvalidStatus, ConnectionClosed, OSError):
             return count
     return 100
@@ -90,7 +90,7 @@ def fill(viewers: ExitStack, port: int) -> int:
 
 def test_our_own_page_gets_the_stream(port: int) -> None:
     with stream(port) as socket_:
-        assert json.loads(socket_.recv(timeout=10.0))["kind"] == "state"
+        assert json.loads(socket_.recv(timeout=LONG_S))["kind"] == "state"
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_a_foreign_page_gets_no_stream(port: int, origin: str) -> None:
 def test_a_foreign_page_gets_no_socket_of_the_pages(port: int, origin: str) -> None:
     uri = f"ws://127.0.0.1:{port}/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
     with pytest.raises(InvalidStatus):
-        connect(uri, origin=origin, open_timeout=20.0)  # type: ignore[arg-type]
+        connect(uri, origin=origin, open_timeout=LONG_S)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", ""])
@@ -159,7 +159,7 @@ def test_a_message_that_is_too_large_ends_its_connection_alone(port: int, client
     with stream(port) as one, stream(port) as other:
         one.send("x" * 2_000_000)
         assert is_closed(one)
-        assert json.loads(other.recv(timeout=10.0))["kind"] == "state"
+        assert json.loads(other.recv(timeout=LONG_S))["kind"] == "state"
 
 
 @pytest.mark.parametrize("message", ["[]", "nonsense", '{"base_s": "x"}', "\x00" * 100, "[" * 400])
@@ -182,7 +182,7 @@ def test_a_thousand_connections_keep_no_viewer_out(port: int, client: httpx.Clie
             crowd.append(one)
         answer = client.get("/login")
         with stream(port) as socket_:
-            said = json.loads(socket_.recv(timeout=10.0))
+            said = json.loads(socket_.recv(timeout=LONG_S))
     finally:
         for one in crowd:
             one.close()
@@ -195,13 +195,13 @@ def test_more_viewers_than_there_may_be_are_turned_away_and_leave_room_again(por
         count = fill(viewers, port)
     assert 20 <= count < 100
     with stream(port) as again:
-        assert json.loads(again.recv(timeout=10.0))["kind"] == "state"
+        assert json.loads(again.recv(timeout=LONG_S))["kind"] == "state"
 
 
 def test_a_page_without_a_steward_says_so(port: int) -> None:
     with stream(port) as socket_:
         for _ in range(40):
-            said = json.loads(socket_.recv(timeout=10.0))
+            said = json.loads(socket_.recv(timeout=LONG_S))
             if said["kind"] == "state":
                 break
     assert said["steward"] is None

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from tests.contracts.emulated_bench import SINEW, playing
+from tests.patience import finished
 
 from sinew.measure.netcdf import load_dataset, load_recording, save_recording
 from sinew.measure.recording import segment_slices
@@ -30,24 +30,12 @@ repeats = 1
 frequency_hz = [3.0, 4.0]
 repeats = 1
 """
-# How a run ends where the computer leaves it, or the emulator, alone for longer than the motors' watchdogs wait.
-PAUSES = (
-    "the computer paused",
-    "began too late",
-    "bus watchdog has stopped",
-    "too many missing answers",
-    "not answered for",
-    "repeats one sample for",
-    "no answer from",
-    "damaged answers come from",
-)
-RESUMED_MOST = 7
 
 
 class Through(NamedTuple):
-    """documents: what each run said. truth: of the emulator. recording: of the runs. bench, twin: results."""
+    """document: what the run said. truth: of the emulator. recording: of the run. bench, twin: results."""
 
-    documents: list[dict[str, Any]]
+    document: dict[str, Any]
     truth: dict[str, Any]
     recording: xr.Dataset
     bench: xr.Dataset
@@ -57,22 +45,11 @@ class Through(NamedTuple):
         return np.abs(self.bench[name].values / self.twin[name].values - 1)
 
 
-def run_to_its_end(port: str, plan: Path, out: Path) -> list[dict[str, Any]]:
-    """Run a plan; where the computer pauses for longer than the motors' watchdogs allow, go on with it."""
-    command = [SINEW, "run", str(plan), "--port", port, "--out", str(out), "--json"]
-    said = []
-    for _ in range(1 + RESUMED_MOST):
-        done = subprocess.run(
-            [*command, *["--resume"] * out.exists()], capture_output=True, text=True, check=False, timeout=400
-        )
-        ended = json.loads(done.stdout)["ended"] if done.returncode != 2 else done.stderr
-        if done.returncode != 2:
-            said.append(json.loads(done.stdout))
-        if done.returncode == 0:
-            break
-        assert any(pause in ended for pause in PAUSES), ended
-        time.sleep(5.0)  # until the joint, let go in the middle of a swing, is at rest
-    return said
+def run_to_its_end(port: str, plan: Path, out: Path) -> dict[str, Any]:
+    """Run a plan, once: the emulated bench waits while the computer pauses."""
+    return dict(
+        json.loads(finished([SINEW, "run", str(plan), "--port", port, "--out", str(out), "--json"], 400).stdout)
+    )
 
 
 def analysed(recording: Path, out: Path) -> xr.Dataset:
@@ -85,19 +62,19 @@ def through(tmp_path_factory: pytest.TempPathFactory) -> Through:
     folder = tmp_path_factory.mktemp("through")
     (folder / "plan.toml").write_text(PLAN)
     with playing(folder) as emulator:
-        documents = run_to_its_end(emulator.port, folder / "plan.toml", folder / "run")
+        document = run_to_its_end(emulator.port, folder / "plan.toml", folder / "run")
         truth = emulator.truth()
     twin = folder / "twin.nc"
     effects = Effects().without("repeatability")
     save_recording(simulate(parse_plan(PLAN), load_rig("paper"), effects=effects), twin)
     recording = folder / "run" / "recording.nc"
     return Through(
-        documents, truth, load_recording(recording), analysed(recording, folder / "a"), analysed(twin, folder / "b")
+        document, truth, load_recording(recording), analysed(recording, folder / "a"), analysed(twin, folder / "b")
     )
 
 
 def test_the_whole_plan_is_recorded_and_the_bench_is_left_safe(through: Through) -> None:
-    last = through.documents[-1]
+    last = through.document
     assert (last["complete"], last["groups_done"], last["is_safe"]) == (True, 10, True)
     assert through.truth["in_safe_state"]
 
@@ -130,6 +107,6 @@ def test_the_damping_is_the_twins_within_five_percent(through: Through) -> None:
 
 
 def test_the_pretensions_came_out_as_asked(through: Through) -> None:
-    for pretension in (each for document in through.documents for each in document["pretensions"]):
+    for pretension in through.document["pretensions"]:
         assert pretension["reached_mm"] == pytest.approx(pretension["asked_mm"], abs=0.1)
         assert pretension["tilt_deg"] < 0.2

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.contracts.serving import RIG, TOKEN, Page, Served, free_port, plan, serving
+from tests.patience import LONG_S
 
 from sinew.apps.dashboard.access import COOKIE, Access
 
@@ -33,7 +34,7 @@ def anybody(served: Served) -> Page:
 
 def raw(served: Served, text: bytes) -> int:
     """Return the status that a request gets which no decent client sends."""
-    with socket.create_connection(served.address, timeout=10) as line:
+    with socket.create_connection(served.address, timeout=LONG_S) as line:
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):
             line.sendall(text)
         return int(line.makefile("rb").readline().split()[1])

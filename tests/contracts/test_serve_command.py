@@ -3,7 +3,6 @@
 import importlib.util
 import json
 import os
-import select
 import signal
 import socket
 import subprocess
@@ -16,6 +15,7 @@ from typing import Any
 import httpx
 import pytest
 from tests.contracts.serving import PATIENCE, RIG, TOKEN, free_port, plan, serving, until
+from tests.patience import await_end, comes, communicate
 
 from sinew.apps.cli import main
 from sinew.apps.dashboard.processes import Adopted
@@ -38,7 +38,7 @@ def served(runs: Path, token: Path, *options: str) -> Iterator[tuple["subprocess
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
-            assert select.select([process.stdout], [], [], PATIENCE)[0], "it does not get ready"
+            assert comes(process.stdout), "it does not get ready"
             yield process, json.loads(process.stdout.readline())
         finally:
             process.kill()
@@ -73,7 +73,7 @@ def test_a_killed_steward_leaves_its_run_going_and_the_next_one_finds_it(tmp_pat
     with served(runs, token_file, "--port-bench", "/dev/bench") as (process, ready):
         pid = begin_run(ready)
         process.kill()
-        process.wait(PATIENCE)
+        await_end(process)
     with serving(runs) as again:
         assert again.status()["run"]["pid"] == pid
         again.operator().says("stop")
@@ -84,7 +84,7 @@ def test_ctrl_c_leaves_a_run_on_a_bench_going_and_says_how_to_stop_it(tmp_path: 
     with served(tmp_path / "runs", token_file, "--port-bench", "/dev/bench") as (process, ready):
         run = Adopted(begin_run(ready))
         process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=PATIENCE)
+        _, err = communicate(process)
     goes_on = run.poll() is None
     run.send_signal(signal.SIGKILL)
     run.close()
@@ -95,7 +95,7 @@ def test_ctrl_c_leaves_a_run_on_a_bench_going_and_says_how_to_stop_it(tmp_path: 
 def test_the_page_ends_with_a_killed_steward(tmp_path: Path, token_file: Path) -> None:
     with served(tmp_path / "runs", token_file) as (process, ready):
         process.kill()
-        process.wait(PATIENCE)
+        await_end(process)
     port = int(ready["url"].split(":")[2].split("/")[0])
     until(lambda: not _listens(port))
 
@@ -128,7 +128,7 @@ def test_an_address_for_all_needs_a_token_to_look(tmp_path: Path, token_file: Pa
 def test_an_address_for_all_comes_with_a_word_on_tunnels(tmp_path: Path, token_file: Path) -> None:
     with served(tmp_path / "runs", token_file, "--http", f"0.0.0.0:{free_port()}") as (process, _):
         process.send_signal(signal.SIGTERM)
-        _, err = process.communicate(timeout=PATIENCE)
+        _, err = communicate(process)
     assert "ssh -L" in err
 
 

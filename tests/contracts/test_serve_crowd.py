@@ -11,6 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 from tests.contracts.serving import TOKEN, Served, serving, until
+from tests.patience import LONG_S
 
 from sinew.apps.dashboard import front
 
@@ -26,7 +27,7 @@ def served(tmp_path: Path) -> Iterator[Served]:
 def crowd(served: Served, stack: ExitStack, say: bytes) -> list[socket.socket]:
     lines = []
     for _ in range(CROWD):
-        line = stack.enter_context(socket.create_connection(served.address, timeout=10))
+        line = stack.enter_context(socket.create_connection(served.address, timeout=LONG_S))
         if say:
             line.sendall(say)
         lines.append(line)
@@ -46,7 +47,7 @@ def emergency(served: Served) -> tuple[int, float]:
         json={"command": "emergency"},
         headers={"Authorization": f"Bearer {TOKEN}"},
         verify=False,
-        timeout=10,
+        timeout=LONG_S,
     )
     return answer.status_code, time.monotonic() - start
 
@@ -89,7 +90,7 @@ def test_who_drips_a_head_is_hung_up_on(tmp_path: Path, monkeypatch: pytest.Monk
 def test_who_asked_once_and_then_drips_is_hung_up_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(front, "HEAD_S", 0.2)
     with serving(tmp_path / "runs") as served:
-        line = HTTPConnection(*served.address, timeout=3)
+        line = HTTPConnection(*served.address, timeout=LONG_S)
         line.request("GET", "/status")
         line.getresponse().read()
         line.sock.sendall(b"GET /status HTTP/1.1\r\n")
@@ -101,7 +102,7 @@ def test_who_asked_once_and_then_drips_is_hung_up_on(tmp_path: Path, monkeypatch
 def test_an_idle_connection_makes_room_for_a_newcomer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(front, "MOST_OPEN", 5)
     with serving(tmp_path / "runs") as served, ExitStack() as stack:
-        lines = [stack.enter_context(socket.create_connection(served.address, timeout=5)) for _ in range(20)]
+        lines = [stack.enter_context(socket.create_connection(served.address, timeout=LONG_S)) for _ in range(20)]
         assert emergency(served)[0] == 200
         assert lines[0].recv(1) == b""
 
@@ -110,7 +111,7 @@ def test_a_request_that_came_whole_is_not_hung_up_on(tmp_path: Path, monkeypatch
     monkeypatch.setattr(front, "HEAD_S", 0.2)
     with serving(tmp_path / "runs") as served:
         served.bench.gate.clear()
-        with socket.create_connection(served.address, timeout=10) as line:
+        with socket.create_connection(served.address, timeout=LONG_S) as line:
             body = json.dumps({"command": "emergency"}).encode()
             head = f"POST /command HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: Bearer {TOKEN}\r\n"
             line.sendall(f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body)

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from tests.contracts import fake_run
 from tests.contracts.serving import RIG, Served, fake_command, plan, serving, until
+from tests.patience import LONG_S
 from tests.unit.bench_journal import RIG_TEXT
 from tests.unit.dashboard_journal import PLAN, run_folder
 
@@ -212,14 +213,14 @@ def test_an_emergency_takes_back_a_run_that_is_just_being_begun(tmp_path: Path) 
 
     def slowly(*words: str) -> list[str]:
         began.set()
-        go_on.wait(10)
+        go_on.wait(LONG_S)
         return fake_command(*words)
 
     with serving(tmp_path / "runs", command=slowly) as served:
         page, codes = served.operator(), []
         thread = threading.Thread(target=lambda: codes.append(page.starts().status_code))
         thread.start()
-        began.wait(10)
+        began.wait(LONG_S)
         served.page().says("emergency")
         go_on.set()
         thread.join()

@@ -1,13 +1,14 @@
 """An emulated bench in a process of its own, `sinew emulate --unloaded`, and the port to it."""
 
 import json
-import select
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from tests.patience import await_end, comes
 
 SINEW = Path(sys.executable).with_name("sinew")
 PATIENCE = 60.0  # s; how long a start may take on a busy computer
@@ -22,13 +23,13 @@ def emulated(folder: Path, *options: str) -> Iterator[str]:
         assert process.stdout is not None
         assert process.stderr is not None
         try:
-            assert select.select([process.stdout], [], [], PATIENCE)[0], "the emulator does not get ready"
+            assert comes(process.stdout, PATIENCE), "the emulator does not get ready"
             assert said(process.stdout.readline())["link"] == str(link)
             yield str(link)
         finally:
             process.terminate()
             error = process.stderr.read()
-            status = process.wait(PATIENCE)
+            status = await_end(process, PATIENCE)
         assert (status, error) == (0, "")
 
 

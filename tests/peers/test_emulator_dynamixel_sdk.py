@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.patience import Patience
 from tests.peers.emulated_port import emulated
 
 sdk: Any = pytest.importorskip("dynamixel_sdk", reason="dynamixel-sdk is not installed")
@@ -52,11 +53,11 @@ def port(bench: str) -> Iterator[Any]:
     port.closePort()
 
 
-def eventually(claim: Callable[[], bool], patience: float = 10.0) -> bool:
-    """Return whether a claim comes true within a time [s]."""
-    stop = time.monotonic() + patience
+def eventually(claim: Callable[[], bool], seconds: float = 10.0) -> bool:
+    """Return whether a claim comes true."""
+    patience = Patience(seconds)
     while not claim():
-        if time.monotonic() > stop:
+        if patience.is_over():
             return False
         time.sleep(0.01)
     return True

@@ -1,7 +1,6 @@
 """Whatever moment a run is killed at: its journal is sound, misses half a second at most, and the run goes on."""
 
 import random
-import select
 import sqlite3
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from tests.patience import comes
 from tests.unit.bench_journal import PLAN, RIG
 
 from sinew.analysis.analysis import analyse_recording
@@ -28,7 +28,7 @@ def killed_after(path: Path, seconds: float) -> int:
     with subprocess.Popen([sys.executable, "-m", CHILD, str(path)], stdout=subprocess.PIPE, cwd=ROOT) as child:
         assert child.stdout is not None
         try:
-            assert select.select([child.stdout], [], [], 60.0)[0], "the child did not begin within a minute"
+            assert comes(child.stdout), "the child did not begin"
             time.sleep(seconds)
         finally:
             child.kill()

@@ -4,6 +4,8 @@ import os
 import time
 from pathlib import Path
 
+from tests.patience import until
+
 
 def process() -> int:
     """The process it runs in."""
@@ -34,10 +36,11 @@ def fail() -> None:
 
 
 def note(path: str, what: str) -> str:
-    """Write down that it ran, after a moment in which others can queue."""
+    """Write down that it ran; the first goes on when it may: others queue meanwhile."""
     with Path(path).open("a", encoding="utf-8") as notes:
         notes.write(f"{what}\n")
-    time.sleep(0.2)
+    if what == "0":
+        until(Path(f"{path}.go").exists)
     return what
 
 

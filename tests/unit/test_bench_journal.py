@@ -3,7 +3,6 @@
 import os
 import resource
 import sqlite3
-import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.patience import finished
 from tests.unit.bench_journal import PLAN, PLAN_TEXT, RIG_TEXT, Node, cycles, write_group, written
 
 from sinew.bench.journal import Journal
@@ -252,13 +252,14 @@ FULL_DISK = """
 import sys, time
 from pathlib import Path
 from sinew.measure.errors import FileError
+from tests.patience import Patience
 from tests.unit.test_bench_journal import create, limit_files, sample
 
 journal = create(Path(sys.argv[1]))
 limit_files(200_000)
-end = time.monotonic() + 30.0
+patience = Patience(30.0)
 told = []
-while len(told) < 2 and time.monotonic() < end:
+while len(told) < 2 and not patience.is_over():
     try:
         journal.append(sample())
     except FileError as error:
@@ -275,9 +276,7 @@ def limit_files(size: int) -> None:
 
 
 def test_a_full_disk_is_told_at_every_call_and_the_journal_still_closes(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(tmp_path)], capture_output=True, text=True, timeout=60, check=True
-    )
+    done = finished([sys.executable, "-c", FULL_DISK, str(tmp_path)], 60, check=True)
     first, second, closed = done.stdout.strip().splitlines()
     assert (first[: first.index(": ")], second, closed) == (
         f"cannot write the journal {tmp_path}/journal.sqlite", first, "closed",

@@ -3,13 +3,14 @@
 import threading
 
 import pytest
+from tests.patience import LONG_S
 from tests.unit.bench_journal import PLAN, Node, cycles
 
 from sinew.bench.listeners import Stream
 from sinew.bench.sample import Sample
 
 SAMPLES = cycles(PLAN.groups()[0], 0.0, Node())
-BOUND_S = 10.0
+BOUND_S = LONG_S
 
 
 class Kept:

@@ -2,10 +2,12 @@
 
 import asyncio
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.patience import Patience
 
 from sinew.apps.dashboard.hub import Hub, Live
 from sinew.apps.dashboard.pages.curves import Curve, options_of
@@ -111,16 +113,20 @@ def results_with(work: Any) -> Results:
     return Results(hub, work, Path("runs"))
 
 
-async def followed(results: Results, seconds: float = 1.3) -> None:
+async def followed(results: Results, claim: Callable[[], Any]) -> None:
+    """Let results follow a run until a claim comes true, and a moment longer."""
+    patience = Patience(20.0)
     task = asyncio.create_task(results.run())
-    await asyncio.sleep(seconds)
+    while not claim() and not patience.is_over():
+        await asyncio.sleep(0.02)
+    await asyncio.sleep(0.1)
     task.cancel()
 
 
 def test_curves_are_predicted_first_and_their_bands_after() -> None:
     work = FakeWork()
     results = results_with(work)
-    asyncio.run(followed(results))
+    asyncio.run(followed(results, lambda: "Band" in results.remark))
     assert [draws for name, draws in work.asked if name == "prediction_for_plan"] == [0, 40]
     assert "gain_low" in results.predicted[0]
     assert "Band" in results.remark
@@ -129,20 +135,24 @@ def test_curves_are_predicted_first_and_their_bands_after() -> None:
 def test_a_rig_without_intervals_has_no_band_and_the_page_says_why() -> None:
     work = FakeWork(can_have_bands=False)
     results = results_with(work)
-    asyncio.run(followed(results))
+    asyncio.run(followed(results, lambda: "no band" in results.remark))
     assert [draws for name, draws in work.asked if name == "prediction_for_plan"] == [0]
     assert "no band" in results.remark
 
 
 def test_groups_that_are_not_analysed_yet_are_asked_for_again() -> None:
     work = FakeWork()
-    asyncio.run(followed(results_with(work)))
-    assert sum(name == "measured_so_far" for name, _ in work.asked) == 2
+
+    def times_asked() -> int:
+        return sum(name == "measured_so_far" for name, _ in work.asked)
+
+    asyncio.run(followed(results_with(work), lambda: times_asked() == 2))
+    assert times_asked() == 2
 
 
 def test_a_curve_has_the_number_of_its_pretension_in_the_plan() -> None:
     results = results_with(FakeWork())
-    asyncio.run(followed(results))
+    asyncio.run(followed(results, lambda: results.predicted and results.measured))
     assert [curve["number"] for curve in (*results.predicted, *results.measured)] == [2, 2]
 
 
@@ -152,6 +162,6 @@ def test_what_cannot_be_computed_is_kept_as_a_sentence() -> None:
             raise SpecError("no such thing")
 
     results = results_with(Broken())
-    asyncio.run(followed(results))
+    asyncio.run(followed(results, lambda: results.trouble))
     assert "no such thing" in results.trouble
     assert json.dumps(results.measured) == "[]"

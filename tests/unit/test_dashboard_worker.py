@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.patience import LONG_S, until
 
 from sinew.apps.dashboard import worker as worker_module
 from sinew.apps.dashboard.work.shelf import shelf
@@ -17,7 +18,7 @@ _HERE = "tests.unit.dashboard_calls"
 
 @pytest.fixture
 def worker(monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
-    calls = {name: Call(_HERE, "light", 30.0) for name in ("process", "priority", "die_once", "die", "fail", "note")}
+    calls = {name: Call(_HERE, "light", LONG_S) for name in ("process", "priority", "die_once", "die", "fail", "note")}
     monkeypatch.setattr(worker_module, "CALLS", {**CALLS, **calls, "hang": Call(_HERE, "light", 0.5)})
     made = Worker()
     yield made
@@ -54,7 +55,9 @@ def test_of_the_requests_of_a_slider_that_wait_only_the_newest_is_run(worker: Wo
         first = asyncio.create_task(worker.call("note", str(notes), "0", key="slider"))
         while not notes.exists():
             await asyncio.sleep(0.005)
-        later = [worker.call("note", str(notes), str(i), key="slider") for i in range(1, 6)]
+        later = [asyncio.create_task(worker.call("note", str(notes), str(i), key="slider")) for i in range(1, 6)]
+        await asyncio.sleep(0.05)  # each of them has its turn in this loop, and is queued then
+        Path(f"{notes}.go").touch()
         return await asyncio.gather(first, *later)
 
     assert asyncio.run(slide()) == ["0", None, None, None, None, "5"]
@@ -95,13 +98,15 @@ def test_what_takes_too_long_is_ended_and_does_not_stand_in_the_way(worker: Work
 def test_closing_ends_the_processes(worker: Worker) -> None:
     process = asyncio.run(worker.call("process"))
     worker.close()
-    for _ in range(1000):
+
+    def is_gone() -> bool:
         try:
             os.kill(process, 0)
         except ProcessLookupError:
-            return
-        asyncio.run(asyncio.sleep(0.01))
-    pytest.fail("the process still runs")
+            return True
+        return False
+
+    until(is_gone)
 
 
 @pytest.mark.parametrize("name", sorted(CALLS))

@@ -1,7 +1,6 @@
 """The pseudo-terminal in front of an emulated bench: a bench that only notes what it is asked stands behind it."""
 
 import fcntl
-import select
 import struct
 import termios
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import serial
+from tests.patience import LONG_S, comes
 
 from sinew.emulator.pty_server import PtyServer
 from sinew.hardware.serial_port import SerialPort
@@ -90,8 +90,8 @@ def opened(served: Served, baud: int = 1_000_000) -> serial.Serial:
 
 
 def come(master: serial.Serial) -> bytes:
-    """Return what is there for the master, if anything comes within two seconds."""
-    select.select([master], [], [], 2.0)
+    """Return what is there for the master, if anything comes."""
+    comes(master)
     return bytes(master.read(1 << 20))
 
 
@@ -216,7 +216,7 @@ def test_our_own_port_notices_that_it_is_unplugged(served: Served) -> None:
     served.bench.unplugged = True
     served.at(0.001)
     with pytest.raises(PortError, match="lost"):
-        port.read(clock.now() + 2.0)
+        port.read(clock.now() + LONG_S)
     port.close()
 
 

@@ -7,6 +7,7 @@ import tty
 from collections.abc import Iterator
 
 import pytest
+from tests.patience import LONG_S
 
 from sinew.hardware.errors import PortError
 from sinew.hardware.serial_port import SerialPort
@@ -43,7 +44,7 @@ def test_bytes_come_in_as_they_are(ends: tuple[int, str]) -> None:
     far, path = ends
     port = SerialPort(path, 1_000_000, CLOCK)
     os.write(far, bytes(range(256)))
-    assert port.read(CLOCK.now() + 5) == bytes(range(256))
+    assert port.read(CLOCK.now() + LONG_S) == bytes(range(256))
     port.close()
 
 
@@ -79,5 +80,5 @@ def test_a_port_whose_far_end_is_gone_is_reported() -> None:
     os.close(near)
     os.close(far)
     with pytest.raises(PortError, match="lost"):
-        port.read(CLOCK.now() + 5)
+        port.read(CLOCK.now() + LONG_S)
     port.close()

@@ -5,6 +5,7 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
+from tests.patience import LONG_S, until
 
 from sinew.emulator.socket_port import SocketPort
 from sinew.hardware.errors import PortError
@@ -34,11 +35,12 @@ def opened(port: SocketPort) -> LocalPort:
 
     thread = Thread(target=open_it)
     thread.start()
-    for _ in range(2000):
+
+    def is_open() -> bool:
         port.read()
-        thread.join(0.001)
-        if not thread.is_alive():
-            break
+        return not thread.is_alive()
+
+    until(is_open)
     (one,) = found
     if isinstance(one, PortError):
         raise one
@@ -46,7 +48,7 @@ def opened(port: SocketPort) -> LocalPort:
 
 
 def soon() -> float:
-    return MonotonicClock().now() + 1.0
+    return MonotonicClock().now() + LONG_S
 
 
 def test_bytes_pass_both_ways(port: SocketPort) -> None:

@@ -64,18 +64,27 @@ def await_port(port: str, seconds: float) -> None:
 
 
 @contextmanager
-def open_rig(port: str, spec: "RigSpec") -> "Iterator[tuple[HardwareRig, Clock]]":
+def open_rig(port: str, spec: "RigSpec", *, own_time: bool = False) -> "Iterator[tuple[HardwareRig, Clock]]":
     """Open a port and give (rig, clock); the port is closed in the end. Raises PortError.
 
-    port: a serial port, or the socket of an emulated bench.
+    port: a serial port, or that of an emulated bench, terminal or socket, whose clock is shared where it has one.
+    own_time: the computer's clock in any case, for who measures what the computer does.
     """
     from sinew.hardware.local_port import LocalPort
     from sinew.hardware.serial_port import SerialPort
+    from sinew.hardware.shared_clock import SharedPort, shared_clock
     from sinew.hardware.transport import MonotonicClock
 
-    clock = MonotonicClock()
+    clock: Clock = MonotonicClock()
     local = Path(port).is_socket()
-    rig = rig_on(LocalPort(port, clock) if local else SerialPort(port, spec.wiring.baud, clock), clock, spec)
+    transport: Transport = LocalPort(port, clock) if local else SerialPort(port, spec.wiring.baud, clock)
+    try:
+        if not own_time and (shared := shared_clock(port)) is not None:
+            transport, clock = SharedPort(transport, shared), shared
+        rig = rig_on(transport, clock, spec)
+    except BaseException:
+        transport.close()
+        raise
     try:
         yield rig, clock
     finally:
@@ -242,6 +251,7 @@ def run_document(
         "is_safe": report.stop.is_safe,
         "left": report.stop.sentence(),
         "frozen_ms": _ms(report.halted_s),
+        "pauses": list(report.pauses),
         "groups": report.groups,
         "groups_done": report.groups_done,
         "pretensions": pretensions,
@@ -267,6 +277,8 @@ def _known(value: float) -> float | None:
 def print_run(document: dict[str, Any]) -> None:
     done = f"; {document['groups_done']} of {document['groups']} groups are recorded"
     print(f"{document['ended']}{'' if document['complete'] else done}")
+    if pauses := document["pauses"]:
+        print(f"went on by itself after {len(pauses)} pause{'s' * (len(pauses) > 1)} of the computer")
     print(document["left"])
     cycles = document["cycles"]
     print(

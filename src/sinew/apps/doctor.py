@@ -72,7 +72,7 @@ def _examine(port: str, spec: "RigSpec", wiring_baud: int, timer: "LatencyTimer 
     from sinew.bench.doctor import call_roll, examine_port, search_bauds
 
     findings = examine_port(timer, spec.wiring.baud, wiring_baud)
-    with open_rig(port, spec) as (bench, clock):
+    with open_rig(port, spec, own_time=True) as (bench, clock):
         roll = call_roll(bench)
         findings += roll.findings
         if roll.present:
@@ -81,7 +81,7 @@ def _examine(port: str, spec: "RigSpec", wiring_baud: int, timer: "LatencyTimer 
 
         @contextmanager
         def open_bus(baud: int) -> "Iterator[Bus]":
-            with open_rig(port, _at_baud(spec, baud)) as (other, _clock):
+            with open_rig(port, _at_baud(spec, baud), own_time=True) as (other, _clock):
                 yield other.bus
 
         remark("not every device answers; looking at the other bauds")
@@ -119,7 +119,7 @@ def _may_write(fixes: "Sequence[Fix]", yes: bool) -> bool:
 def _write(port: str, spec: "RigSpec", fixes: "Sequence[Fix]", timer: "LatencyTimer | None") -> "list[Finding]":
     from sinew.bench.doctor_fixes import apply_fixes
 
-    with open_rig(port, spec) as (bench, clock):
+    with open_rig(port, spec, own_time=True) as (bench, clock):
         return apply_fixes(bench, clock, fixes, timer)
 
 

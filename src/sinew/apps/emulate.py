@@ -60,6 +60,9 @@ def emulate(
         bool,
         typer.Option("--socket", help="A socket, not a terminal: for Sinew alone; keeps time on a busy computer."),
     ] = False,
+    own_time: Annotated[
+        bool, typer.Option("--own-time", help="Go on while Sinew's run is held up by the computer, as a real bench.")
+    ] = False,
     truth: Annotated[
         Path | None, typer.Option("--truth", metavar="FILE", help="Write at the end what truly happened, as JSON.")
     ] = None,
@@ -69,10 +72,15 @@ def emulate(
 
     The line on stdout says when a master can open the port. Ctrl-C or SIGTERM end it with status 0.
 
+    Beside the port lies PATH.clock, by which Sinew's runs share the bench's time: where the computer holds one of the
+    two up, the other waits. A run that ends, or is silent for 5 s, is left to the motors' watchdogs. For other
+    programs, and with --own-time, the bench keeps real time.
+
     SPEC is KIND[:key=value,...][@START[-STOP]], times in emulated seconds. To packets, each with probability p: drop,
     flip, duplicate, truncate, delay (by=20ms). To the bench: unplug, brown-out (to=5V), imu-freeze, overload (motor=2),
     overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm), push (torque=0.5).
     """
+    from sinew.emulator.clock_socket import ClockSocket
     from sinew.emulator.fault_spec import parse_fault  # numpy: not for --help
     from sinew.emulator.pty_port import refuse_taken
     from sinew.emulator.pty_server import PtyServer
@@ -86,10 +94,18 @@ def emulate(
     if truth is not None:
         require_file(truth)
     bench = _warm_bench(rig_, start, unloaded, seed, baud, faults)
-    server = PtyServer(bench, link, clock=MonotonicClock(), speed=speed, make_port=_kind_of_port(rig_, socket))
+    shared = None if own_time else ClockSocket(link)
+    try:
+        make_port = _kind_of_port(rig_, socket)
+        server = PtyServer(bench, link, clock=MonotonicClock(), speed=speed, make_port=make_port, shared=shared)
+    except BaseException:
+        if shared is not None:
+            shared.close()
+        raise
     try:
         with _stopping_on_signals(server.stop), keeping_time(collecting=True):
-            _say_ready(_description(rig_, bench, server, start, unloaded, seed, speed), as_json=json)
+            said = _description(rig_, bench, server, start, unloaded, seed, speed)
+            _say_ready(said | {"clock": None if shared is None else str(shared.link)}, as_json=json)
             server.run(math.inf if for_s is None else bench.time + for_s)
     finally:
         server.close()

@@ -6,11 +6,12 @@ SinewError
     └── StoppedError       motors were under power; the rig was brought to its safe state
         ├── LimitError    a measured value went beyond a limit of the rig
         └── LostError       a device fell silent, froze or does not do what it is told
+            └── PauseError      motors were stopped by their watchdogs because the computer paused
 """
 
 from sinew.measure.errors import SinewError
 
-__all__ = ["BenchError", "LimitError", "LostError", "StartError", "StoppedError"]
+__all__ = ["BenchError", "LimitError", "LostError", "PauseError", "StartError", "StoppedError"]
 
 
 class BenchError(SinewError):
@@ -31,3 +32,7 @@ class LimitError(StoppedError):
 
 class LostError(StoppedError):
     """A device fell silent, froze or does not do what it is told."""
+
+
+class PauseError(LostError):
+    """Motors were stopped by their watchdogs because the computer paused; a run may go on from its last whole group."""

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from sinew.bench.errors import LostError, StoppedError
+from sinew.bench.errors import LostError, PauseError, StoppedError
 from sinew.bench.guard import Guard, Watch
 from sinew.bench.sample import MISSING, Sample
 from sinew.bench.tilt import TiltEstimator
@@ -49,6 +49,7 @@ class Loop:
 
     rig, clock: the seams. guard: raises where a limit is passed. record: takes every sample. period: of a cycle [s].
     check: raises StoppedError, before a cycle, where the run is to end.
+    paused: whether the computer paused for as long as the motors' watchdogs wait, since deadlines were counted anew.
     The goal sent for a cycle is the drive's command at its middle, since the motor keeps it for a whole cycle: the
     staircase then has the command's phase.
     """
@@ -71,7 +72,7 @@ class Loop:
         self._counter: int | None = None
         self._mixed = 0
         self._is_mixed = False
-        self.late_s = 0.0
+        self.late_s, self.paused = 0.0, False
         self._volts: dict[str, float] = {}
         self._lead = 0.5 * period + _GOAL_BYTES * 10 / rig.spec.wiring.baud
         self._due = math.nan
@@ -96,7 +97,7 @@ class Loop:
 
     def restart(self) -> None:
         """Begin to count deadlines anew, after a stretch without cycles."""
-        self._due = self._clock.now()
+        self._due, self.paused = self._clock.now(), False
         self._guard.forget(self._due)
 
     def set_goals(self, goals: Sequence[float], *, resting: bool = False) -> None:
@@ -137,6 +138,7 @@ class Loop:
         self._late.append(skipped > 0)
         self._waited.append(skipped > 0 and self._after_hole)
         self.late_s = late
+        self.paused |= late > WATCHDOG_S - self.period
         if skipped:
             self.statistics.missed += skipped
             self._check_pace(late)
@@ -147,7 +149,7 @@ class Loop:
         if late > WATCHDOG_S - self.period:
             stopped = [motor.name for motor in self._rig.motors if motor.watchdog_tripped()]
             if stopped:
-                raise LostError(
+                raise PauseError(
                     f"the computer paused for {1e3 * late:.0f} ms, longer than the bus watchdog allows, and "
                     f"{', '.join(stopped)} stopped; end other programs, or lower sample_hz"
                 )

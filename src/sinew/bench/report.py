@@ -16,6 +16,7 @@ class RunReport:
     is_complete: every group of the plan is recorded. sentence: what ended it. stop: how the rig was left.
     groups_done, groups: of the plan, those of earlier attempts included. loop: of the cycles. pretensions: as they came
     out, in order. tracks: the last state of the law of each tracking group of this run, by its index in the plan.
+    pauses: what was said of each pause of the computer after which the run went on by itself.
     halted_s: from the request that ended the run until all motors were frozen [s]; None where there was none.
     """
 
@@ -27,4 +28,5 @@ class RunReport:
     loop: LoopStatistics = field(default_factory=LoopStatistics)
     pretensions: list[Pretensioned] = field(default_factory=list)
     tracks: dict[int, dict[str, float | bool | None]] = field(default_factory=dict)
+    pauses: list[str] = field(default_factory=list)
     halted_s: float | None = None

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
@@ -10,7 +11,7 @@ import numpy as np
 
 from sinew.analysis.doubts import group_doubts
 from sinew.bench.conversion import group_is_whole
-from sinew.bench.errors import BenchError, LostError, StartError, StoppedError
+from sinew.bench.errors import BenchError, LostError, PauseError, StartError, StoppedError
 from sinew.bench.group import pause, run_group
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
 from sinew.bench.health import Health, Progress
@@ -45,6 +46,10 @@ LIMIT_RESERVE_N = 5.0
 _ATTEMPTS = 3
 _LEVER_HOME_S = 1.5
 _BIAS_S = 0.5
+_RESTS_RATE = math.radians(3.0)
+_RESTS_S = 0.5
+_RESTS_MOST_S = 10.0
+_LOOK_S = 0.02
 
 
 class Runner:
@@ -82,14 +87,19 @@ class Runner:
         self._may_hold = False  # motors that were never under torque are left without
         self._guard = Guard(rig.spec)
         self.steering = steering or Steering(clock.now)
-        tilt = TiltEstimator(rig.spec, plan.sample_hz)
-        self._loop = Loop(rig, clock, self._guard, tilt, 1 / plan.sample_hz, self._take, self.steering.check)
+        self._loop = self._new_loop()
+        self._tries: Counter[int] = Counter()
         self._checks = 0
         self._groups = plan.groups()
         self._total_s = sum(group.duration_s for group in self._groups)
         self.at = Progress(len(self._groups), self._total_s)
         self._health = Health(self._loop, rig.bus, self.at)
         self.report = RunReport(len(self._groups))
+
+    def _new_loop(self) -> Loop:
+        tilt = TiltEstimator(self._rig.spec, self._plan.sample_hz)
+        period = 1 / self._plan.sample_hz
+        return Loop(self._rig, self._clock, self._guard, tilt, period, self._take, self.steering.check)
 
     @property
     def motors(self) -> int:
@@ -140,7 +150,7 @@ class Runner:
                     lambda first: self._note_frozen(first) if asked() else None, emergency_asked=asked,
                 )  # fmt: skip
             if len(done) < report.groups:
-                self._run_all(done)
+                self._run_through_pauses()
             report.sentence = f"all {report.groups} groups are recorded"
         except StartError as refusal:  # of a register, before any torque
             report.sentence = str(refusal)
@@ -180,6 +190,60 @@ class Runner:
             self.report.halted_s = now - halt.asked_s
             if halt.is_emergency:
                 self._say("frozen", f"all motors stand, {1e3 * self.report.halted_s:.0f} ms after the request")
+
+    def _run_through_pauses(self) -> None:
+        """Run all groups; after a pause of the computer that let the watchdogs trip, as often as the rig allows, bring
+        it to its declared state and go on from the last whole group."""
+        while True:
+            try:
+                self._run_all(self._journal.finished_groups())
+            except PauseError as pause_:
+                most = self._rig.spec.limits.most_resumes
+                if len(self.report.pauses) >= most:
+                    if most == 0:
+                        raise
+                    raise PauseError(
+                        f"{pause_}; the run has gone on {most} times before (resumes_after_pause)"
+                    ) from None
+                self._stand_after(str(pause_), most)
+            else:
+                return
+
+    def _stand_after(self, why: str, most: int) -> None:
+        """Mark a hole, bring the rig to its declared state, and get ready to pull its tendons anew."""
+        report, asked = self.report, self.steering.emergency_asked
+        report.pauses.append(why)
+        declared = self._rig.spec.limits.safe_state
+        self._journal.end_segment("aborted", why)
+        self.at.end()
+        self.at.state = "resting after a pause"
+        self._say("hole", f"{why}; {declared} first, then the run goes on by itself ({len(report.pauses)} of {most})")
+        for state in dict.fromkeys((declared, "release")):  # one that holds is let go only now, as by --resume
+            left = stop(
+                self._rig, self._clock, state, lambda first: self._note_frozen(first) if asked() else None,
+                emergency_asked=asked,
+            )  # fmt: skip
+            if not left.is_safe:
+                raise LostError(f"{why}; {left.sentence()}")
+            self.steering.check()
+        self._may_hold = False
+        self._await_rest()
+        refuse_unready(self._rig, self._clock, self._plan, torque_may_be_on=True)
+        self._guard = Guard(self._rig.spec)
+        statistics, self._loop = self._loop.statistics, self._new_loop()
+        self._loop.statistics = statistics
+        self._health = Health(self._loop, self._rig.bus, self.at)
+        self._mover = None
+        self._say("resumed", "the tendons are pulled anew, and the run goes on from its last whole group")
+
+    def _await_rest(self) -> None:
+        """Wait until the joint that was let go swings no more, ten seconds at most."""
+        quiet, end = 0.0, self._clock.now() + _RESTS_MOST_S
+        while quiet < _RESTS_S and self._clock.now() < end:
+            self.steering.check()
+            self._clock.wait_until(self._clock.now() + _LOOK_S)
+            imu = self._rig.read().imu
+            quiet = quiet + _LOOK_S if imu is not None and math.hypot(*imu.gyro) < _RESTS_RATE else 0.0
 
     def _run_all(self, done: frozenset[int] | set[int]) -> None:
         contact = self._power_up()
@@ -290,7 +354,8 @@ class Runner:
         except PortError:
             raise
         except HardwareError as trouble:
-            raise (StoppedError if self._may_hold else StartError)(str(trouble)) from trouble
+            has_moved = self._may_hold or self.report.pauses
+            raise (StoppedError if has_moved else StartError)(str(trouble)) from trouble
 
     def _look_at_registers(self, since: str) -> dict[str, dict[str, int]]:
         """Return the motors' registers. Raises LostError where one is not as the run set it: what was recorded since
@@ -298,9 +363,12 @@ class Runner:
         found = self._rig.read_registers()
         stopped = [name for name, counts in found.items() if counts["bus_watchdog"] == WATCHDOG_TRIPPED]
         if stopped:
-            raise LostError(
+            kind, advice = (
+                (PauseError, "the computer paused") if self._loop.paused else (LostError, "check cables and ground")
+            )
+            raise kind(
                 f"the bus watchdog has stopped {', '.join(stopped)}, which heard nothing for "
-                f"{1e3 * WATCHDOG_S:.0f} ms; check cables and ground"
+                f"{1e3 * WATCHDOG_S:.0f} ms; {advice}"
             )
         if changed := self._rig.changed_registers(found):
             raise LostError(
@@ -370,7 +438,9 @@ class Runner:
         sweep = self._plan.sweep
         adaptive = group.kind == "steady" and sweep is not None and sweep.settle == "adaptive"
         self._group, self._index = group, index
-        for attempt in range(_ATTEMPTS):
+        for _ in range(_ATTEMPTS):
+            attempt = self._attempt = self._tries[index]  # those before a hole count as well: each has its number
+            self._tries[index] += 1
             if group.kind == "ring-down":
                 pause(self._loop)
             if group.kind == "tracking":

@@ -78,6 +78,10 @@ class PtyPort:
         """
         fcntl.ioctl(self._theirs, termios.TIOCNXCL)
 
+    def forget(self) -> None:
+        """Drop what was sent and no master has read."""
+        termios.tcflush(self._theirs, termios.TCIFLUSH)
+
     def close(self) -> None:
         """Hang up and remove the link; a master that is still there sees the end of the file or EIO."""
         with contextlib.suppress(OSError):

@@ -1,4 +1,7 @@
-"""This is where an emulated bench is served on a pseudo-terminal, or a socket, in real time."""
+"""This is where an emulated bench is served on a pseudo-terminal, or a socket, in real time.
+
+To whom it shares its clock with, time passes as `sinew.hardware.shared_clock` says; to all others by itself.
+"""
 
 import math
 import select
@@ -6,7 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
+from sinew.emulator.clock_socket import Ask, ClockSocket
 from sinew.emulator.pty_port import PtyPort
+from sinew.hardware.shared_clock import PATIENCE_S, READ, WROTE
 from sinew.hardware.transport import Clock
 
 __all__ = ["HostEnd", "Port", "PtyServer", "Served"]
@@ -23,6 +28,10 @@ _BACKLOG = 4096
 """How many bytes wait for a master that does not read; more are lost, as in an adapter."""
 _QUIET = 0.5
 """After how long a silence a master may have left, and what it claimed is given back [s]."""
+_LOOK = 0.05
+"""How long one look at a master lasts that shares the clock and says nothing [s]."""
+_LEAST_STEP = 1e-5
+"""By how much time passes at least where something is due and nothing comes of it [s]."""
 
 
 class HostEnd(Protocol):
@@ -95,6 +104,10 @@ class Port(Protocol):
         """Let others open the port after a master that has left."""
         ...
 
+    def forget(self) -> None:
+        """Drop what was sent and no master has read."""
+        ...
+
     def close(self) -> None:
         """Hang up and remove the link."""
         ...
@@ -104,6 +117,7 @@ class PtyServer:
     """Serves a bench on a pseudo-terminal, or another kind of port, until it is stopped.
 
     link: name of the port. speed: emulated seconds in a second of `clock`. make_port: makes the port of that name.
+    shared: the clock that it shares with a master that wants to; None: with nobody.
     slipped: by how much the emulated time was held up [s], because the
     computer did not keep pace. lost: bytes that no master read in time.
     Raises FileError, PortError like `PtyPort`.
@@ -117,10 +131,14 @@ class PtyServer:
         clock: Clock,
         speed: float = 1.0,
         make_port: Callable[[Path], Port] = PtyPort,
+        shared: ClockSocket | None = None,
     ) -> None:
         self._rig, self._clock, self._speed = rig, clock, speed
         self.link, self._make_port = link, make_port
         self._port: Port | None = make_port(link)
+        self._shared, self._is_shared, self._silent = shared, False, 0.0
+        self._written = self._sent = 0
+        self._inbox = bytearray()  # of what was announced, or will be
         self._reached = rig.time
         self.restart_time()
         self._heard = -math.inf
@@ -160,6 +178,16 @@ class PtyServer:
 
     def step(self) -> None:
         """Do what is due, then sleep until there is more to do or a master sends something."""
+        if self._shared is not None:
+            if ask := self._shared.ask():
+                self._obey(ask, self._shared)
+                return
+            if self._is_shared and self._shared.is_taken:
+                self._await_master(self._shared)
+                return
+            if self._is_shared and self._port is not None:
+                self._port.read()  # the master has ended: so has what it left on the port
+            self._is_shared = False
         now = self._go_on()
         if self._rig.unplugged == self.is_open:
             self._change_plug()
@@ -171,6 +199,10 @@ class PtyServer:
         if soonest - now > _SPARE * self._speed:
             self._rig.catch_up()
         if self._wait(self._port, (soonest - self._now()) / self._speed):
+            if self._shared is not None:
+                self._greet(self._shared, self._port)
+                if self._shared.is_taken:
+                    return  # what it says comes before what it writes
             self._take(self._port)
         elif now - self._heard > _QUIET * self._speed:
             self._port.release()
@@ -178,19 +210,128 @@ class PtyServer:
 
     def close(self) -> None:
         """Hang up and remove the link; may be called again."""
+        self._unplug()
+        if self._shared is not None:
+            self._shared.close()
+
+    def _unplug(self) -> None:
         if self._port is not None:
             self._port.close()
             self._port = None
+
+    def _greet(self, shared: ClockSocket, port: Port) -> None:
+        """Share the clock from now on with who has come; what others have left on the port is not for it."""
+        if not shared.is_taken and shared.wait(0.0):
+            self._take(port)
+            port.forget()
+            self._outbox.clear()
+            self._held_until = math.inf
+            self._inbox.clear()
+            self._written = self._sent = 0
+            self._is_shared, self._silent = True, 0.0
+        shared.greet(self._reached, port.terminal)
+
+    def _await_master(self, shared: ClockSocket) -> None:
+        """Let the time stand while the master computes, or is paused; one that is silent for too long counts as lost.
+
+        Looks are counted and not seconds: where this program is paused, so may be the master.
+        """
+        if shared.wait(_TICK):
+            shared.greet(self._reached, "")  # which turns away who has come as well
+            return
+        self._rig.catch_up()
+        if shared.wait(_LOOK):
+            return
+        self._silent += _LOOK
+        if self._silent >= PATIENCE_S:
+            self._is_shared = False
+            self._hold_up(self._now() - self._reached)
+
+    def _obey(self, ask: Ask, shared: ClockSocket) -> None:
+        """Do what a master asks that shares the clock."""
+        self._is_shared, self._silent = True, 0.0
+        now = self._advance(max(self._reached, ask.now))
+        if ask.what == WROTE:
+            self._receive(ask, now)
+            return
+        if self._port is not None:
+            self._inbox += self._port.read()  # which turns away other masters that have come to a socket
+        until = max(now, ask.until)
+        while now < until and not (ask.what == READ and self._has_news(now)):
+            due = min(self._rig.next_event(), self._held_until) if ask.what == READ else until
+            now = self._advance(self._await(min(until, max(due, now + _LEAST_STEP))))
+        self._gather(now)
+        self._deliver()
+        shared.answer(now, self._sent)
+
+    def _has_news(self, now: float) -> bool:
+        """Return whether there is something for the master, and nothing to come that soon goes with it."""
+        self._gather(now)
+        return bool(self._outbox) and (now >= self._held_until or self._rig.next_event() > self._held_until)
+
+    def _gather(self, now: float) -> None:
+        fresh = self._rig.transmit(now)
+        if fresh:
+            self._outbox += fresh
+            self._held_until = min(self._held_until, now + _TOGETHER * self._speed)
+
+    def _deliver(self) -> None:
+        """Send what there is, and count it."""
+        if self._outbox and self._port is not None:
+            took = self._port.write(bytes(self._outbox))
+            self._sent += took
+            self.lost += len(self._outbox) - took
+        self._outbox.clear()
+        self._held_until = math.inf
+
+    def _receive(self, ask: Ask, now: float) -> None:
+        """Take the bytes that the master has announced, however long the port takes to pass them on."""
+        count, looks = ask.written - self._written, 0
+        self._written = ask.written
+        while self._port is not None and len(self._inbox) < count and looks < PATIENCE_S / _LOOK:
+            self._inbox += self._port.read()
+            if len(self._inbox) < count:
+                if self._shared is None or self._shared.has_ended():
+                    break
+                looks += not self._wait(self._port, _LOOK)
+        data = bytes(self._inbox[:count])
+        del self._inbox[:count]
+        if self._port is not None and (baud := self._port.baud()):
+            self._rig.line.host_baud = baud
+            self._rig.receive(data, now)
+
+    def _advance(self, now: float) -> float:
+        """Let time pass up to a moment [s], and return it."""
+        self._reached = now
+        self._rig.advance(now)
+        if self._rig.unplugged == self.is_open:
+            self._change_plug()
+        return now
+
+    def _await(self, time: float) -> float:
+        """Return an emulated time [s], but not before the clock shows it."""
+        behind = self._now() - time
+        if behind > _LARGEST_STEP:
+            self._hold_up(behind - _LARGEST_STEP)
+        elif behind < 0:
+            if -behind > _SPARE * self._speed:
+                self._rig.catch_up()
+            self._clock.wait_until(self.clock_time(time))
+        return time
+
+    def _hold_up(self, seconds: float) -> None:
+        """Let so much of the clock's time pass without the emulated time [s, emulated]."""
+        self.slipped += seconds
+        self._start += seconds / self._speed
 
     def _go_on(self) -> float:
         """Let the time pass that has passed; return it [s]."""
         now = self._now()
         behind = now - self._reached - _LARGEST_STEP
         if behind > 0:
-            self.slipped += behind
-            self._start += behind / self._speed
+            self._hold_up(behind)
             now -= behind
-        self._reached = now
+        self._reached = now = max(now, self._reached)
         self._rig.advance(now)
         return now
 
@@ -202,7 +343,7 @@ class PtyServer:
         if self._port is None:
             self._port = self._make_port(self.link)
         else:
-            self.close()
+            self._unplug()
 
     def _send(self, port: Port, now: float) -> None:
         """Send what has reached the master, except that bytes wait a little for others that come soon."""
@@ -217,7 +358,10 @@ class PtyServer:
             self._held_until = now + _TICK * self._speed if self._outbox else math.inf
 
     def _wait(self, port: Port, seconds: float) -> bool:
-        return bool(select.select([port], [], [], max(0.0, seconds))[0])
+        ends: list[Port | ClockSocket] = [port]
+        if self._shared is not None and not self._is_shared:
+            ends.append(self._shared)
+        return bool(select.select(ends, [], [], max(0.0, seconds))[0])
 
     def _take(self, port: Port) -> None:
         data = port.read()

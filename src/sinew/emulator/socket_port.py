@@ -88,6 +88,9 @@ class SocketPort:
     def release(self) -> None:
         """Do nothing: a master that has left holds nothing."""
 
+    def forget(self) -> None:
+        """Do nothing: every master has a connection of its own."""
+
     def close(self) -> None:
         """Hang up and remove the link; a master that is still there sees the end."""
         with contextlib.suppress(OSError):

@@ -14,6 +14,7 @@ from sinew.hardware.transport import Clock
 __all__ = ["LocalPort"]
 
 _AT_ONCE = 4096  # bytes
+_OPENS_S = 5.0  # on a busy computer
 
 
 class LocalPort:
@@ -27,7 +28,7 @@ class LocalPort:
         self._path, self._clock = path, clock
         self._socket: socket.socket | None = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            self._socket.settimeout(1.0)
+            self._socket.settimeout(_OPENS_S)
             self._socket.connect(os.path.realpath(path))
             if self._socket.recv(1) != b"+":
                 raise OSError("another master is served")

@@ -158,6 +158,8 @@ class Limits(BaseModel):
 
     tendon_travel_mm: how far a tendon motor may be from its first contact, as length of cable; pulling is positive.
     drive_window_deg: how far the lever may be from its zero, either way.
+    resumes_after_pause: how often a run goes on by itself after the computer paused for longer than the motors wait;
+    None: three times where the rig declares release, never where it declares hold.
     """
 
     model_config = _STRICT
@@ -175,6 +177,14 @@ class Limits(BaseModel):
     tendon_travel_mm: Window = (-20.0, 40.0)
     drive_window_deg: Positive = 90.0
     safe_state: Annotated[str, Field(pattern="^(hold|release)$")] = "release"
+    resumes_after_pause: Annotated[int, Field(ge=0, le=100)] | None = None
+
+    @property
+    def most_resumes(self) -> int:
+        """How often a run goes on by itself after a pause of the computer."""
+        if self.resumes_after_pause is not None:
+            return self.resumes_after_pause
+        return 3 if self.safe_state == "release" else 0
 
 
 class RigSpec(BaseModel):

@@ -18,6 +18,7 @@ from sinew.apps.dashboard.run_folders import Control, Run
 from sinew.bench.stops import StopReport, stop
 from sinew.hardware import local_port as _local_port  # noqa: F401 - open_rig imports it late
 from sinew.hardware import serial_port as _serial_port  # noqa: F401
+from sinew.hardware import shared_clock as _shared_clock  # noqa: F401
 from sinew.hardware.errors import PortError
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec

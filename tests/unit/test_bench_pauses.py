@@ -1,0 +1,179 @@
+"""A computer that pauses in the middle of a run for longer than the motors' watchdogs wait, in virtual time."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import xarray as xr
+from tests.unit.bench_virtual import VirtualBench, virtual_bench
+
+from sinew.analysis.analysis import analyse_recording
+from sinew.bench.conversion import recording_from_journal
+from sinew.bench.journal import Journal
+from sinew.bench.journal_reader import JournalReader
+from sinew.bench.report import RunReport
+from sinew.bench.run import Runner
+from sinew.bench.sample import Sample
+from sinew.bench.steering import Steering
+from sinew.measure.recording import segment_slices
+from sinew.plan.plan import Plan
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
+from sinew.twin.effects import Effects
+from sinew.twin.simulate import rest_tension, simulate
+
+RIG = load_rig("paper")
+PLAN = parse_plan("""
+name = "paused"
+[pretension]
+pretension_mm = [2]
+rest_s = 0.5
+[sweep]
+frequency_hz = [2.5, 3]
+settle_s = 2.5
+periods = 3
+repeats = 1
+""")
+SHORT = parse_plan("""
+name = "paused"
+[pretension]
+pretension_mm = [0]
+rest_s = 0.2
+[sweep]
+frequency_hz = [3]
+settle_s = 0.5
+periods = 2
+repeats = 1
+""")
+SWINGING = 250  # samples of a swing, in the middle of the first record
+
+
+class Pauses:
+    """Has the computer pause when the lever has swung for so many samples, once for each number; a Listener.
+
+    states: whether the rig was in a safe state a moment before a tendon was pulled anew.
+    """
+
+    def __init__(self, bench: VirtualBench, at: Sequence[int], seconds: float) -> None:
+        self._bench, self._at, self._seconds = bench, list(at), seconds
+        self._swung = 0
+        self.events: list[tuple[str, str]] = []
+        self.safe: list[bool] = []
+
+    def on_sample(self, sample: Sample) -> None:
+        self._swung += sample.drive_command_rad != 0.0 and abs(sample.drive_rad) > 0.05
+        if self._at and self._swung >= self._at[0]:
+            self._at.pop(0)
+            self._swung = 0
+            port = self._bench.port
+            port.wait_until(port.now() + self._seconds)
+
+    def on_event(self, kind: str, sentence: str) -> None:
+        self.events.append((kind, sentence))
+        if kind == "resumed":
+            self.safe.append(self._bench.emulated.in_safe_state())
+
+
+class Paused(NamedTuple):
+    report: RunReport
+    pauses: Pauses
+    bench: VirtualBench
+    folder: Path
+
+    def sentences(self, kind: str) -> list[str]:
+        return [sentence for each, sentence in self.pauses.events if each == kind]
+
+
+def rig_with(**limits: object) -> RigSpec:
+    return RIG.model_copy(update={"limits": RIG.limits.model_copy(update=limits)})
+
+
+def paused_run(folder: Path, at: Sequence[int], seconds: float = 0.2, rig: RigSpec = RIG, plan: Plan = SHORT) -> Paused:
+    bench = virtual_bench(rig)
+    pretensions = plan.pretension.pretension_mm
+    tension = dict(zip(pretensions, rest_tension(pretensions, rig).tolist(), strict=True))
+    pauses = Pauses(bench, at, seconds)
+    steering = Steering(bench.port.now)
+    with Journal.create(folder / "journal.sqlite", dump_plan(plan), dump_rig(rig)) as journal:
+        runner = Runner(bench.rig, bench.port, plan, journal, tension, listener=pauses, steering=steering)
+        return Paused(runner.run(), pauses, bench, folder)
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Paused:
+    return paused_run(tmp_path_factory.mktemp("paused"), [SWINGING + 500], plan=PLAN)
+
+
+@pytest.fixture(scope="module")
+def recording(once: Paused) -> xr.Dataset:
+    return recording_from_journal(once.folder / "journal.sqlite")
+
+
+def test_a_run_goes_on_by_itself_and_records_every_group(once: Paused) -> None:
+    assert (once.report.is_complete, len(once.report.pauses)) == (True, 1)
+
+
+def test_the_hole_is_marked_with_its_length_and_what_follows(once: Paused) -> None:
+    (sentence,) = once.sentences("hole")
+    assert re.match(r"the computer paused for (19|20)\d ms, longer than", sentence)
+    assert sentence.endswith("release first, then the run goes on by itself (1 of 3)")
+
+
+def test_the_segment_with_the_hole_is_aborted_and_says_why(once: Paused) -> None:
+    with JournalReader(once.folder / "journal.sqlite") as journal:
+        aborted = [stretch for stretch in journal.stretches() if stretch.state == "aborted"]
+    assert [("the computer paused" in each.note) for each in aborted] == [True]
+
+
+def test_the_rig_was_in_a_safe_state_before_the_tendons_were_pulled_anew(once: Paused) -> None:
+    assert (once.pauses.safe, len(once.sentences("contact"))) == ([True], 2)
+
+
+def test_what_was_whole_is_not_measured_again(once: Paused) -> None:
+    with JournalReader(once.folder / "journal.sqlite") as journal:
+        steady = [stretch.asked.frequency_hz for stretch in journal.stretches("kind = 'steady'")]
+    assert steady == [2.5, 3.0, 3.0]
+
+
+def test_the_recording_has_every_segment_once_and_no_hole(recording: xr.Dataset) -> None:
+    steps = [np.diff(recording["time_s"].values[where]).max() for where in segment_slices(recording)]
+    assert recording["kind"].values.tolist() == ["idle", "settle", "steady", "settle", "steady"]
+    assert max(steps) < 0.0075
+
+
+def test_gain_and_phase_are_the_twins(recording: xr.Dataset) -> None:
+    bench = analyse_recording(recording, RIG)
+    twin = analyse_recording(simulate(PLAN, RIG, effects=Effects().without("repeatability")), RIG)
+    assert np.abs(bench["gain"].values / twin["gain"].values - 1).max() < 0.02
+    assert np.degrees(np.abs(bench["phase_lag_rad"].values - twin["phase_lag_rad"].values)).max() < 2.0
+
+
+@pytest.mark.slow
+def test_a_computer_that_pauses_again_and_again_ends_the_run(tmp_path: Path) -> None:
+    rig = rig_with(resumes_after_pause=1)
+    done = paused_run(tmp_path, [20, 20, 20], rig=rig)
+    assert (done.report.is_complete, len(done.sentences("hole"))) == (False, 1)
+    assert "the run has gone on 1 times before (resumes_after_pause)" in done.report.sentence
+    assert done.bench.emulated.in_safe_state()
+
+
+def test_a_rig_that_holds_is_left_holding_until_somebody_goes_on(tmp_path: Path) -> None:
+    done = paused_run(tmp_path, [20], rig=rig_with(safe_state="hold"))
+    assert (done.report.is_complete, done.sentences("hole")) == (False, [])
+    assert done.report.stop is not None
+    assert (done.report.stop.declared, done.report.stop.is_safe) == ("hold", True)
+
+
+@pytest.mark.slow
+def test_a_rig_that_holds_and_may_go_on_does(tmp_path: Path) -> None:
+    done = paused_run(tmp_path, [20], rig=rig_with(safe_state="hold", resumes_after_pause=1))
+    assert (done.report.is_complete, len(done.report.pauses)) == (True, 1)
+
+
+@pytest.mark.slow
+def test_a_short_pause_ends_nothing(tmp_path: Path) -> None:
+    done = paused_run(tmp_path, [20], seconds=0.03)
+    assert (done.report.is_complete, done.report.pauses) == (True, [])
