@@ -23,10 +23,10 @@ from fastapi.responses import FileResponse, JSONResponse, Response
 from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
-from sinew.apps.dashboard.access import Access, Gate
+from sinew.apps.dashboard.access import Access, Gate, SignedOut
 from sinew.apps.dashboard.front import server_config
 from sinew.apps.dashboard.hub import Hub
-from sinew.apps.dashboard.names import is_run_name
+from sinew.apps.dashboard.names import BENCH, SIGNED_OUT, is_run_name
 from sinew.apps.dashboard.pages.design import add_design_page
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
@@ -51,7 +51,7 @@ _AGAIN_S = 1.0
 class Config:
     """What the steward says. token: of this start. http_host, http_port: of the pages. steering_port: of the commands.
     runs: folder of the runs. rig: offered first. bench: "emulator", "port" or None. version: of Sinew. hosts: further
-    names under which browsers come."""
+    names under which a proxy brings browsers; own_names: of this computer."""
 
     token: str
     http_host: str
@@ -62,18 +62,26 @@ class Config:
     bench: str | None
     version: str
     hosts: tuple[str, ...] = ()
+    own_names: tuple[str, ...] = ()
+
+    @property
+    def access(self) -> Access:
+        """Who may come in; which sessions were ended is what the steward knows, too."""
+        signed_out = SignedOut(self.runs / BENCH / SIGNED_OUT)
+        return Access(self.token, self.http_host, self.http_port, self.hosts, self.own_names, signed_out)
 
     @classmethod
     def parse(cls, line: str) -> "Config":
         """Return what one line of JSON says."""
         said = json.loads(line)
-        bench, hosts = (said.get("bench") or {}).get("kind"), tuple(said.get("hosts", ()))
-        return cls(**{**said, "runs": Path(said["runs"]), "bench": bench, "hosts": hosts})
+        bench = (said.get("bench") or {}).get("kind")
+        names = {name: tuple(said.get(name, ())) for name in ("hosts", "own_names")}
+        return cls(**{**said, "runs": Path(said["runs"]), "bench": bench, **names})
 
 
 def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str, Any]]]) -> FastAPI:
     """Return the application. work: the worker. status: asks the steward."""
-    access = Access(config.token, config.http_host, config.http_port, config.hosts)
+    access = config.access
     hub = Hub(config.runs, status)
     site = Site(
         runs=config.runs,
@@ -118,6 +126,7 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
         must_sign_in=site.is_locked,
         free=("/login", "/sinew/"),
         sign_in_page=SIGN_IN_PAGE,
+        steering_port=config.steering_port,
     )
     return app
 
@@ -149,7 +158,7 @@ def _add_downloads(app: FastAPI, site: Site) -> None:
 
 async def serve(config: Config) -> None:
     """Serve until stdin ends."""
-    near = Access(config.token, config.http_host, config.http_port, config.hosts).near
+    near = config.access.near
     where = httpx.URL(scheme="http", host=near, port=config.steering_port, path="/status")
     headers = {"authorization": f"Bearer {config.token}", "host": f"127.0.0.1:{config.steering_port}"}
     async with httpx.AsyncClient(headers=headers, timeout=_STATUS_WAIT_S, trust_env=False) as client:
