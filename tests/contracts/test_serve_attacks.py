@@ -60,7 +60,7 @@ def test_without_a_token_nothing_is_steered(served: Served, path: str) -> None:
 @pytest.mark.parametrize("host", ["bench.lab", "127.0.0.1"])
 def test_behind_a_proxy_the_bench_is_not_even_stopped_without_a_token(tmp_path: Path, host: str) -> None:
     access = Access(TOKEN, "127.0.0.1", free_port(), ("bench.lab",))
-    with serving(tmp_path / "runs", access=access, steering_port=access.port + 1) as served:
+    with serving(tmp_path / "runs", access=access) as served:
         headers = {"Origin": f"https://{host}:{access.port}", "Host": host}
         status = post(served, "/command", headers, {"command": "emergency"}).status_code
     assert (status, served.bench.stops) == (401, [])

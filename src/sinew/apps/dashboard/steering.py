@@ -7,6 +7,7 @@ threads, and the emergency stop in one that is kept for it.
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -105,18 +106,18 @@ class _Desk:
         return answer
 
     async def command(self, request: Request) -> Response:
-        if not self._access.may_stop(request):
-            return _nobody()
-        try:
-            told = json.loads(await request.body())
-        except (ValueError, RecursionError):
-            return _said(400, "found no JSON, expected a command")
-        if isinstance(told, dict) and told.get("command") == "emergency":
-            # Whoever is signed in or sits here may stop the bench, however old the page: to stop it twice harms nobody.
-            outcome = await asyncio.shield(self._helm.emergency())
-            return _said(200 if outcome.is_safe else 409, outcome.sentence, took_ms=1e3 * outcome.took)
+        told: object = None
+        if self._access.may_stop(request):
+            with suppress(ValueError, RecursionError):
+                told = json.loads(await request.body())
+            if isinstance(told, dict) and told.get("command") == "emergency":
+                # Whoever is signed in or sits here may stop the bench, however old the page: twice harms nobody.
+                outcome = await asyncio.shield(self._helm.emergency())
+                return _said(200 if outcome.is_safe else 409, outcome.sentence, took_ms=1e3 * outcome.took)
         if not self._access.is_signed_in(request):
             return _nobody()
+        if told is None:
+            return _said(400, "found no JSON, expected a command")
         try:
             command = SteeringCommand.model_validate(told)
             ticket = self._helm.operators.admit(command.ticket, command.number)
