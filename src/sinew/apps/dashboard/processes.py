@@ -1,4 +1,4 @@
-"""This is where the dashboard holds on to other processes: those it began, and those that a steward before it began."""
+"""Other processes that the dashboard holds on to: those it began, and those that a steward before it began."""
 
 import os
 import select
@@ -11,11 +11,16 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
+import psutil
+
+from sinew.apps.run_control import own_text
+
 __all__ = [
     "UNKNOWN",
     "Adopted",
     "Process",
     "adopt",
+    "adopt_from",
     "await_end",
     "end_process",
     "read_pid",
@@ -28,6 +33,7 @@ UNKNOWN = 1 << 16
 """Stands for an exit status that nobody can tell."""
 
 _LOOK_S = 0.005
+_BEGAN_S = 2.0  # the system counts from its own start, whose date moves a little with the clock
 
 
 class Process(Protocol):
@@ -101,30 +107,58 @@ def spawn(command: Sequence[str], log: Path) -> "subprocess.Popen[bytes]":
 
 
 def write_pid(file: Path, pid: int) -> None:
-    """Write down which process belongs to a folder, for a steward after us."""
-    file.write_text(f"{pid}\n", encoding="utf-8")
-
-
-def read_pid(file: Path) -> int | None:
-    """Return the process number in a file, or None where there is none."""
+    """Write down which process belongs to a folder, and when it began, for a steward after us. Raises OSError."""
     try:
-        return int(file.read_text(encoding="utf-8"))
+        began = psutil.Process(pid).create_time()
+    except psutil.Error as error:
+        raise OSError(f"process {pid} is gone: {error}") from error
+    file.unlink(missing_ok=True)
+    with file.open("x", encoding="utf-8") as made:
+        made.write(f"{pid} {began!r}\n")
+
+
+def read_pid(file: Path) -> tuple[int, float] | None:
+    """Return (number, begin [s since 1970]) of the process in a file of ours, or None where there is none."""
+    try:
+        pid, began = own_text(file).split()
+        return int(pid), float(began)
     except (OSError, ValueError):
         return None
 
 
-def adopt(pid: int | None, words: Sequence[str]) -> Adopted | None:
-    """Return the process of that number if all `words` stand in its command line; None where it is gone or another."""
-    if pid is None or pid <= 1:
+def adopt(pid: int, words: Sequence[str], began: float | None = None) -> Adopted | None:
+    """Return the process of that number; None where it is gone, another one has the number, or it is not our own.
+
+    words: each an argument of its command line. began: when it began [s since 1970]; None where the number comes from
+    the system, and not out of a file.
+    """
+    if pid <= 1:
         return None
     try:
-        process = Adopted(pid)
+        process = Adopted(
+            pid
+        )  # from here on the number cannot come to mean another one where the system has descriptors
     except OSError:
         return None
-    if process.poll() is None and all(word in _command_line(pid) for word in words):
+    if process.poll() is None and _is_ours(pid, words, began):
         return process
     process.close()
     return None
+
+
+def adopt_from(file: Path, words: Sequence[str]) -> Adopted | None:
+    """Return the process that a file of ours names, as `adopt` does."""
+    named = read_pid(file)
+    return None if named is None else adopt(named[0], words, named[1])
+
+
+def _is_ours(pid: int, words: Sequence[str], began: float | None) -> bool:
+    try:
+        process = psutil.Process(pid)
+        is_same = began is None or abs(process.create_time() - began) < _BEGAN_S
+        return is_same and process.uids().real == os.getuid() and set(words) <= set(process.cmdline())
+    except psutil.Error:
+        return False
 
 
 def await_end(process: Process, seconds: float) -> bool:
@@ -143,14 +177,3 @@ def end_process(process: Process, seconds: float, first: int = signal.SIGTERM) -
     if not await_end(process, seconds):
         process.send_signal(signal.SIGKILL)
         await_end(process, 1.0)
-
-
-def _command_line(pid: int) -> str:
-    if sys.platform == "linux":
-        try:
-            return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode("utf-8", "replace")
-        except OSError:
-            return ""
-    return subprocess.run(
-        ["ps", "-ww", "-o", "args=", "-p", str(pid)], capture_output=True, text=True, check=False
-    ).stdout

@@ -8,7 +8,7 @@ from typing import Any
 
 from sinew.apps.bench_run import JOURNAL
 from sinew.apps.dashboard.names import is_run_name
-from sinew.apps.dashboard.processes import Process, adopt, read_pid
+from sinew.apps.dashboard.processes import Process, adopt, adopt_from
 from sinew.apps.dashboard.refusal import RefusedError
 from sinew.apps.run_control import CONTROL
 from sinew.bench.journal_reader import JournalReader
@@ -75,7 +75,7 @@ def run_words(folder: Path, port: str) -> list[str]:
 def find_runs(runs: Path, control: Control) -> Iterator[Run]:
     """Give the runs below a folder that are under way: those that answer, and those whose process is there."""
     for folder in sorted({file.parent for name in (CONTROL, PID) for file in runs.glob(f"[!.]*/{name}")}):
-        process = adopt(read_pid(folder / PID), [str(folder)]) or _answering(folder, control)
+        process = adopt_from(folder / PID, [str(folder)]) or _answering(folder, control)
         if process is None:
             continue
         try:
@@ -122,7 +122,7 @@ def _answering(folder: Path, control: Control) -> Process | None:
     if not (folder / CONTROL).exists():
         return None
     try:
-        pid = control(folder, "status", timeout_s=0.5).get("state", {}).get("pid")
+        pid = control(folder, "status", timeout_s=0.5).get("peer")  # as the system has it, whatever the answer says
     except SinewError:
         return None
     return adopt(pid, []) if isinstance(pid, int) else None
