@@ -10,23 +10,23 @@ import os
 import sys
 import threading
 import traceback
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import httpx
 import uvicorn
 from fastapi import FastAPI, WebSocket
-from fastapi.responses import FileResponse, JSONResponse, Response
+from fastapi.responses import JSONResponse, Response, StreamingResponse
 from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
 from sinew.apps.dashboard.access import Access, Gate, SignedOut
 from sinew.apps.dashboard.front import server_config
 from sinew.apps.dashboard.hub import Hub
-from sinew.apps.dashboard.names import BENCH, SIGNED_OUT, is_run_name
+from sinew.apps.dashboard.names import BENCH, SIGNED_OUT, is_run_name, open_inside, unlinked
 from sinew.apps.dashboard.pages.design import add_design_page
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
@@ -45,6 +45,7 @@ __all__ = ["Config", "main", "make_app", "serve"]
 _STATIC = Path(__file__).with_name("static")
 _STATUS_WAIT_S = 2.0
 _AGAIN_S = 1.0
+_PIECE = 256 * 1024  # bytes
 
 
 @dataclass(frozen=True)
@@ -148,12 +149,24 @@ def _add_downloads(app: FastAPI, site: Site) -> None:
         if kind not in FILES or not is_run_name(name) or not folder.is_dir():
             return JSONResponse({"ok": False, "sentence": "There is no such file."}, 404)
         try:
-            path = Path(await site.work.call("download", str(folder), kind)).resolve()
+            path = Path(await site.work.call("download", str(unlinked(folder)), kind))
+            file = open_inside(site.runs, path)
         except SinewError as trouble:
             return JSONResponse({"ok": False, "sentence": str(trouble)}, 409)
-        if not path.is_relative_to(site.runs.resolve()):
-            return JSONResponse({"ok": False, "sentence": "There is no such file."}, 404)
-        return FileResponse(path, filename=f"{name}-{FILES[kind]}", content_disposition_type="attachment")
+        about = {
+            "Content-Disposition": f'attachment; filename="{name}-{FILES[kind]}"',
+            "Content-Length": str(os.fstat(file.fileno()).st_size),
+        }
+        return StreamingResponse(_pieces(file), headers=about, media_type="application/octet-stream")
+
+
+def _pieces(file: BinaryIO) -> Iterator[bytes]:
+    """Yield an open file piece by piece, no more of it than was announced, and close it."""
+    with file:
+        left = os.fstat(file.fileno()).st_size
+        while left > 0 and (piece := file.read(min(left, _PIECE))):
+            left -= len(piece)
+            yield piece
 
 
 async def serve(config: Config) -> None:

@@ -1,13 +1,14 @@
 """This is where a run gets its folder, and where runs that are under way are found again."""
 
 import json
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sinew.apps.bench_run import JOURNAL
-from sinew.apps.dashboard.names import is_run_name
+from sinew.apps.dashboard.names import is_run_name, open_inside, unlinked
 from sinew.apps.dashboard.processes import Process, adopt, adopt_from
 from sinew.apps.dashboard.refusal import RefusedError
 from sinew.apps.run_control import CONTROL
@@ -23,6 +24,8 @@ PID = "run.pid"
 
 LOG = "run.log"
 """Name of the file in a run's folder that holds what it said."""
+
+_MOST_LOG = 256 * 1024  # bytes of its end
 
 Control = Callable[..., dict[str, Any]]
 """What asks a run for something: (folder, command, timeout_s) -> answer; raises a SinewError if nobody listens."""
@@ -75,6 +78,8 @@ def run_words(folder: Path, port: str) -> list[str]:
 def find_runs(runs: Path, control: Control) -> Iterator[Run]:
     """Give the runs below a folder that are under way: those that answer, and those whose process is there."""
     for folder in sorted({file.parent for name in (CONTROL, PID) for file in runs.glob(f"[!.]*/{name}")}):
+        if not _is_unlinked(folder):
+            continue
         process = adopt_from(folder / PID, [str(folder)]) or _answering(folder, control)
         if process is None:
             continue
@@ -88,11 +93,20 @@ def find_runs(runs: Path, control: Control) -> Iterator[Run]:
         yield Run(folder.name, folder, process, started, plan_.name, spec.name, spec)
 
 
+def _is_unlinked(folder: Path) -> bool:
+    try:
+        return unlinked(folder) is folder
+    except SinewError:
+        return False
+
+
 def told_at_end(folder: Path) -> str | None:
     """Return how a run that has ended says that it ended, or None where it said nothing."""
     try:
-        lines = (folder / LOG).read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
+        with open_inside(folder.parent, folder / LOG) as file:
+            file.seek(max(0, os.fstat(file.fileno()).st_size - _MOST_LOG))
+            lines = file.read(_MOST_LOG).decode("utf-8", "replace").splitlines()
+    except (OSError, SinewError):
         return None
     starts = [number for number, line in enumerate(lines) if line == "{"]
     if starts:
