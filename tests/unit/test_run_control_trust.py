@@ -14,10 +14,11 @@ import psutil
 import pytest
 
 from sinew.apps import run_control
-from sinew.apps.dashboard.processes import adopt, adopt_from, read_pid, write_pid
+from sinew.apps.dashboard.processes import adopt, adopt_from, read_pid, read_specs, write_pid
 from sinew.apps.dashboard.run_folders import PID, find_runs
 from sinew.apps.run_control import CONTROL, ControlError, listening, send_control
 from sinew.bench.steering import Steering
+from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_rig, load_rig
 
 PLAN = 'name = "a"\n[pretension]\npretension_mm = [2]\n[sweep]\nfrequency_hz = [3]\n'
@@ -203,3 +204,20 @@ def test_the_next_run_clears_what_killed_ones_left_and_nothing_else(
 def test_a_run_that_is_under_way_keeps_its_folder(tmp_path: Path) -> None:
     with listening(tmp_path / "one", Steering(lambda: 0.0)), listening(tmp_path / "two", Steering(lambda: 0.0)):
         assert all(send_control(tmp_path / name, "status")["ok"] for name in ("one", "two"))
+
+
+def test_a_long_plan_is_read_by_another_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    began, rig = [], load_rig("paper")
+    true = subprocess.run
+    monkeypatch.setattr(subprocess, "run", lambda *given, **more: began.append(given) or true(*given, **more))
+    long = PLAN + "#" * 100_000
+    assert read_specs(PLAN, dump_rig(rig)) == read_specs(long, dump_rig(rig)) == ("a", rig)
+    with pytest.raises(SpecError, match="the plan is not valid TOML"):
+        read_specs(long + "\nx", dump_rig(rig))
+    assert len(began) == 2
+
+
+def test_a_reader_that_is_killed_is_a_plan_that_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    with pytest.raises(SpecError, match="takes too long or too much memory"):
+        read_specs(PLAN + "#" * 100_000, dump_rig(load_rig("paper")))

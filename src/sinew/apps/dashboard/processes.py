@@ -1,6 +1,8 @@
 """Other processes that the dashboard holds on to: those it began, and those that a steward before it began."""
 
+import json
 import os
+import resource
 import select
 import signal
 import subprocess
@@ -14,6 +16,9 @@ from typing import Protocol
 import psutil
 
 from sinew.apps.run_control import own_text
+from sinew.measure.errors import SpecError
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan, parse_rig
 
 __all__ = [
     "UNKNOWN",
@@ -21,9 +26,11 @@ __all__ = [
     "Process",
     "adopt",
     "adopt_from",
+    "answer_specs",
     "await_end",
     "end_process",
     "read_pid",
+    "read_specs",
     "sinew_command",
     "spawn",
     "write_pid",
@@ -33,6 +40,9 @@ UNKNOWN = 1 << 16
 """Stands for an exit status that nobody can tell."""
 
 _LOOK_S = 0.005
+_READ_S, _READ_CPU_S = 120.0, 20
+_READ_BYTES = 1 << 30
+_READ_HERE = 48 * 1024  # characters; a rig with a calibration has some twelve thousand
 _BEGAN_S = 2.0  # the system counts from its own start, whose date moves a little with the clock
 
 
@@ -104,6 +114,40 @@ def spawn(command: Sequence[str], log: Path) -> "subprocess.Popen[bytes]":
         return subprocess.Popen(
             list(command), stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT, start_new_session=True
         )
+
+
+def read_specs(plan: str, rig: str) -> tuple[str, RigSpec]:
+    """Return the name of the plan and the rig that two texts hold; long ones are read by a process of its own.
+
+    What others wrote may keep its reader busy, or fill its memory; whoever answers for the stop reads no more of it
+    than takes some hundredths of a second. Raises SpecError where a text is none, or its reader takes too long.
+    """
+    if len(plan) + len(rig) <= _READ_HERE:
+        return parse_plan(plan, "the plan").name, parse_rig(rig, "the rig")
+    asked = json.dumps({"plan": plan, "rig": rig})
+    command = [sys.executable, "-P", "-c", f"from {__name__} import answer_specs; answer_specs()"]
+    try:
+        done = subprocess.run(command, input=asked, capture_output=True, text=True, timeout=_READ_S, check=False)
+        told = json.loads(done.stdout)
+    except (subprocess.TimeoutExpired, ValueError, OSError) as trouble:
+        raise SpecError("the plan or the rig takes too long or too much memory to read; make it shorter") from trouble
+    if "trouble" in told:
+        raise SpecError(told["trouble"])
+    return told["plan"], RigSpec.model_validate_json(told["rig"])
+
+
+def answer_specs() -> None:
+    """Read what `read_specs` asks on stdin, and answer on stdout."""
+    for what, most in ((resource.RLIMIT_DATA, _READ_BYTES), (resource.RLIMIT_CPU, _READ_CPU_S)):
+        _, hard = resource.getrlimit(what)
+        resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+    asked = json.load(sys.stdin)
+    try:
+        plan, rig = parse_plan(asked["plan"], "the plan"), parse_rig(asked["rig"], "the rig")
+        told = {"plan": plan.name, "rig": rig.model_dump_json()}
+    except SpecError as trouble:
+        told = {"trouble": str(trouble)}
+    print(json.dumps(told))
 
 
 def write_pid(file: Path, pid: int) -> None:

@@ -9,13 +9,12 @@ from typing import Any
 
 from sinew.apps.bench_run import JOURNAL
 from sinew.apps.dashboard.names import is_run_name, open_inside, unlinked
-from sinew.apps.dashboard.processes import Process, adopt, adopt_from
+from sinew.apps.dashboard.processes import Process, adopt, adopt_from, read_specs
 from sinew.apps.dashboard.refusal import RefusedError
 from sinew.apps.run_control import CONTROL
 from sinew.bench.journal_reader import JournalReader
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
-from sinew.plan.toml import parse_plan, parse_rig
 
 __all__ = ["LOG", "PID", "Control", "Run", "find_runs", "make_folder", "run_words", "told_at_end"]
 
@@ -84,13 +83,12 @@ def find_runs(runs: Path, control: Control) -> Iterator[Run]:
         if process is None:
             continue
         try:
-            plan, rig = _texts(folder)
-            plan_, spec = parse_plan(plan, "the plan"), parse_rig(rig, "the rig")
+            plan_name, spec = read_specs(*_texts(folder))
         except SinewError:
             continue
         began = folder / "plan.toml" if (folder / "plan.toml").exists() else folder / CONTROL
         started = began.stat().st_mtime
-        yield Run(folder.name, folder, process, started, plan_.name, spec.name, spec)
+        yield Run(folder.name, folder, process, started, plan_name, spec.name, spec)
 
 
 def _is_unlinked(folder: Path) -> bool:
