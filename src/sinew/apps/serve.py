@@ -148,7 +148,8 @@ def _say_ready(steward: "Steward", access: "Access", *, as_json: bool) -> None:
 def _refuse_without_packages() -> None:
     from sinew.measure.errors import SinewError
 
-    lacking = [name for name in ("nicegui", "starlette", "uvicorn") if importlib.util.find_spec(name) is None]
+    needed = ("nicegui", "starlette", "uvicorn", "itsdangerous", "psutil")
+    lacking = [name for name in needed if importlib.util.find_spec(name) is None]
     if lacking:
         raise SinewError(f"found no {lacking[0]}, which the dashboard needs; install sinew[dashboard], or `make serve`")
 
