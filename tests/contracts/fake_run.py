@@ -27,9 +27,9 @@ def main(folder: Path) -> None:
         (folder / "began").touch()
         time.sleep(600)
     with tempfile.TemporaryDirectory() as place, socket.socket(socket.AF_UNIX) as door:
-        door.bind(f"{place}/s")
+        door.bind(f"{place}/control")
         door.listen()
-        (folder / "control").write_text(f"{place}/s")
+        (folder / "control").write_text(f"{place}/control")
         state, emergencies = "running", 0
         while state in ("running", "paused", "stopping"):
             line, _ = door.accept()

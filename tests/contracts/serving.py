@@ -13,7 +13,7 @@ import httpx
 from tests.contracts import fake_run
 from tests.patience import LONG_S, until
 
-from sinew.apps.dashboard.access import COOKIE, Access
+from sinew.apps.dashboard.access import Access
 from sinew.apps.dashboard.steward import Settings, Steward
 from sinew.bench.stops import StopReport
 from sinew.plan.rig import RigSpec
@@ -120,7 +120,7 @@ class Served:
     def page(self) -> Page:
         """Return a page that was just loaded, in a browser of its own."""
         own = httpx.Client(base_url=self.client.base_url, headers=self.client.headers, timeout=PATIENCE, verify=False)
-        own.cookies.set(COOKIE, self.access.session_cookie(), domain="127.0.0.1")
+        own.cookies.set(self.access.cookie_name, self.access.new_session(), domain="127.0.0.1")
         self.pages.append(own)
         return Page(own, own.post("/ticket").json()["ticket"])
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.contracts.serving import RIG, TOKEN, Page, Served, free_port, plan, serving
 from tests.patience import LONG_S
 
-from sinew.apps.dashboard.access import COOKIE, Access
+from sinew.apps.dashboard.access import Access
 
 
 @pytest.fixture(scope="module")
@@ -50,17 +50,33 @@ def our_page(served: Served) -> dict[str, str]:
 
 
 def cookie(access: Access) -> dict[str, str]:
-    return {"Cookie": f"{COOKIE}={access.session_cookie()}"}
+    return {"Cookie": f"{access.cookie_name}={access.new_session()}"}
 
 
 @pytest.mark.parametrize("path", ["/ticket", "/command"])
 def test_without_a_token_nothing_is_steered(served: Served, path: str) -> None:
-    assert post(served, path, our_page(served), {"command": "emergency"}).status_code == 401
+    assert post(served, path, our_page(served), {"command": "stop"}).status_code == 401
 
 
-def test_without_a_token_the_bench_is_not_even_stopped(served: Served) -> None:
-    post(served, "/command", our_page(served), {"command": "emergency"})
-    assert served.bench.stops == []
+@pytest.mark.parametrize("host", ["bench.lab", "127.0.0.1"])
+def test_behind_a_proxy_the_bench_is_not_even_stopped_without_a_token(tmp_path: Path, host: str) -> None:
+    access = Access(TOKEN, "127.0.0.1", free_port(), ("bench.lab",))
+    with serving(tmp_path / "runs", access=access) as served:
+        headers = {"Origin": f"https://{host}:{access.port}", "Host": host}
+        status = post(served, "/command", headers, {"command": "emergency"}).status_code
+    assert (status, served.bench.stops) == (401, [])
+
+
+def test_a_proxy_that_nobody_declared_is_known_by_what_it_adds(served: Served) -> None:
+    headers = our_page(served) | {"X-Forwarded-For": "192.0.2.7"}
+    assert post(served, "/command", headers, {"command": "emergency"}).status_code == 401
+
+
+def test_who_sits_at_the_bench_stops_it_without_a_token_and_does_nothing_else(served: Served) -> None:
+    codes = [
+        post(served, "/command", our_page(served), {"command": each}).status_code for each in ("emergency", "hold")
+    ]
+    assert codes == [200, 401]
 
 
 @pytest.mark.parametrize("path", ["/ticket", "/command"])
@@ -76,7 +92,10 @@ def test_a_session_of_another_token_steers_nothing(served: Served) -> None:
 
 @pytest.mark.parametrize("value", ["", ".", "nonce", "nonce.", ".mark", "nonce." + "0" * 64, TOKEN])
 def test_a_made_up_session_steers_nothing(served: Served, value: str) -> None:
-    assert post(served, "/ticket", our_page(served) | {"Cookie": f"{COOKIE}={value}"}).status_code == 401
+    assert (
+        post(served, "/ticket", our_page(served) | {"Cookie": f"{served.access.cookie_name}={value}"}).status_code
+        == 401
+    )
 
 
 @pytest.mark.parametrize(

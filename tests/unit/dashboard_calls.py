@@ -47,3 +47,8 @@ def note(path: str, what: str) -> str:
 def hang() -> None:
     """Take longer than anybody waits."""
     time.sleep(600)
+
+
+def fill() -> int:
+    """Ask for more memory than a worker may have, without using it."""
+    return len(bytearray((5 << 30) + ((os.cpu_count() or 1) << 26)))

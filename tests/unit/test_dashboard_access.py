@@ -1,22 +1,28 @@
 """Who gets through the gate: hosts, origins, sessions, and the limits on what is sent."""
 
 import asyncio
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from starlette.requests import HTTPConnection
+from starlette.responses import Response
 
 from sinew.apps.dashboard import access as access_module
-from sinew.apps.dashboard.access import COOKIE, Access, Gate, new_token
+from sinew.apps.dashboard.access import IDLE_S, LONGEST_S, Access, Gate, SignedOut, new_token
 
 ACCESS = Access("a-token-for-tests", "127.0.0.1", 8080, ("bench.lab",))
+NEAR = Access("a-token-for-tests", "127.0.0.1", 8080)
+NOON = 1.8e9
 OURS = (b"origin", b"http://127.0.0.1:8080")
 HOST = (b"host", b"127.0.0.1:8080")
 
 
 def session(access: Access = ACCESS) -> tuple[bytes, bytes]:
-    return b"cookie", f"{COOKIE}={access.session_cookie()}".encode()
+    return b"cookie", f"{access.cookie_name}={access.new_session()}".encode()
 
 
 class Answering:
@@ -131,14 +137,121 @@ def test_what_others_reach_is_not_loopback(host: str) -> None:
     assert not Access("t", host, 1).is_loopback
 
 
+def at(time_s: float, **more: Any) -> Access:
+    return Access(ACCESS.token, "127.0.0.1", 8080, clock=lambda: time_s, **more)
+
+
+def asking(*headers: tuple[bytes, bytes], client: str = "127.0.0.1", **more: Any) -> HTTPConnection:
+    scope = {"type": "http", "headers": [HOST, *headers], "client": (client, 5000), "server": ("192.0.2.1", 8080)}
+    return HTTPConnection({**scope, "path": "/", "query_string": b"", **more})
+
+
 def test_a_session_is_known_by_whoever_knows_the_token() -> None:
-    assert Access(ACCESS.token, "::1", 1).is_session(ACCESS.session_cookie())
+    assert Access(ACCESS.token, "::1", 8080).session_in(ACCESS.new_session()) is not None
+
+
+def test_dashboards_beside_each_other_have_cookies_of_their_own() -> None:
+    assert Access("t", "127.0.0.1", 8080).cookie_name != Access("t", "127.0.0.1", 8090).cookie_name
+
+
+def test_a_session_of_the_dashboard_beside_us_is_none_of_ours_even_under_the_same_token() -> None:
+    assert Access(ACCESS.token, "127.0.0.1", 8090).session_in(ACCESS.new_session()) is None
+
+
+@pytest.mark.parametrize(
+    ("later", "is_known"), [(0.0, True), (IDLE_S - 1, True), (IDLE_S + 1, False), (-3600.0, False)]
+)
+def test_a_session_that_nobody_uses_ends(later: float, is_known: bool) -> None:
+    assert (at(NOON + later).session_in(at(NOON).new_session()) is not None) is is_known
+
+
+def test_a_session_lives_while_its_page_is_open_and_not_for_ever() -> None:
+    cookie, now = at(NOON).new_session(), NOON
+    while at(now).session_in(cookie) is not None:
+        response = Response()
+        at(now).keep_session(response, asking((b"cookie", f"{ACCESS.cookie_name}={cookie}".encode())))
+        if "set-cookie" in response.headers:
+            cookie = response.headers["set-cookie"].split("=", 1)[1].split(";")[0]
+        now += 3600.0
+    assert LONGEST_S < now - NOON < LONGEST_S + 2 * 3600.0
+
+
+def test_a_session_that_was_renewed_ends_with_the_one_that_it_renews() -> None:
+    later = at(NOON + 3600.0)
+    response, old = Response(), at(NOON).new_session()
+    later.keep_session(response, asking((b"cookie", f"{ACCESS.cookie_name}={old}".encode())))
+    later.end_session(asking((b"cookie", f"{ACCESS.cookie_name}={old}".encode())))
+    renewed = response.headers["set-cookie"].split("=", 1)[1].split(";")[0]
+    assert later.session_in(renewed) is None
+
+
+def test_what_one_server_ends_the_other_knows_even_when_it_begins_later(tmp_path: Path) -> None:
+    page, steward = (at(NOON, signed_out=SignedOut(tmp_path / "signed-out")) for _ in range(2))
+    cookies = [page.new_session() for _ in range(2)]
+    known = [steward.session_in(cookie) is not None for cookie in cookies]
+    for cookie in cookies:
+        page.end_session(asking((b"cookie", f"{ACCESS.cookie_name}={cookie}".encode())))
+    late = at(NOON, signed_out=SignedOut(tmp_path / "signed-out"))
+    assert (known, [one.session_in(c) for one in (page, steward, late) for c in cookies]) == ([True, True], [None] * 6)
+
+
+def test_a_list_of_ended_sessions_that_goes_away_is_not_forgotten(tmp_path: Path) -> None:
+    steward, cookie = at(NOON, signed_out=SignedOut(tmp_path / "list")), ACCESS.new_session()
+    cookie = steward.new_session()
+    steward.end_session(asking((b"cookie", f"{ACCESS.cookie_name}={cookie}".encode())))
+    steward.session_in(cookie)
+    (tmp_path / "list").unlink()
+    assert steward.session_in(cookie) is None
+
+
+@pytest.mark.parametrize(("scheme", "is_secure"), [(b"https", True), (b"http", False)])
+def test_a_session_behind_a_proxy_with_tls_is_shown_under_tls_alone(scheme: bytes, is_secure: bool) -> None:
+    found = []
+    for header in ((b"x-forwarded-proto", scheme), (b"origin", scheme + b"://127.0.0.1:8080")):
+        response = Response()
+        ACCESS.set_cookie(response, asking(header), ACCESS.new_session())
+        found.append("secure" in response.headers["set-cookie"].lower())
+    assert found == [is_secure, is_secure]
+
+
+@pytest.mark.parametrize("client", ["127.0.0.1", "127.8.8.8", "::1", "::ffff:127.0.0.1", "192.0.2.1"])
+def test_who_sits_at_the_machine_may_stop_without_a_token(client: str) -> None:
+    assert NEAR.may_stop(asking(client=client))
+
+
+@pytest.mark.parametrize("client", ["192.0.2.2", "2001:db8::1", "nobody"])
+def test_who_comes_from_elsewhere_may_not(client: str) -> None:
+    assert not NEAR.may_stop(asking(client=client))
+
+
+@pytest.mark.parametrize("name", [b"forwarded", b"via", b"x-forwarded-for", b"x-forwarded-proto", b"x-real-ip"])
+def test_whom_a_proxy_brings_does_not_sit_at_the_machine(name: bytes) -> None:
+    assert not NEAR.is_at_machine(asking((name, b"192.0.2.2")))
+    assert not ACCESS.is_at_machine(asking())
+
+
+def test_only_a_declared_proxy_says_where_a_request_comes_from() -> None:
+    header = (b"x-forwarded-for", b"10.0.0.1, 192.0.2.9")
+    assert (ACCESS.source(asking(header)), NEAR.source(asking(header))) == ("192.0.2.9", "127.0.0.1")
+    assert ACCESS.source(asking(header, client="192.0.2.5")) == "192.0.2.5"
+
+
+def test_the_addresses_of_one_network_are_one_source() -> None:
+    assert NEAR.source(asking(client="2001:db8::1")) == NEAR.source(asking(client="2001:db8::2"))
 
 
 @given(st.text())
 def test_a_text_that_comes_to_mind_is_no_session_and_no_token(text: str) -> None:
-    assert not ACCESS.is_session(text)
+    assert ACCESS.session_in(text) is None
     assert not ACCESS.token_is_right(text)
+
+
+@given(st.text(alphabet="abc.XY0123-_", max_size=60))
+def test_a_session_that_was_changed_is_none(text: str) -> None:
+    cookie = ACCESS.new_session()
+    where = len(text) % len(cookie)
+    changed = cookie[:where] + text + cookie[where + len(text) :]
+    assert changed == cookie or ACCESS.session_in(changed) is None
 
 
 def test_half_a_character_is_a_wrong_token_and_no_fault() -> None:
@@ -246,14 +359,123 @@ def test_a_web_socket_takes_a_session_where_others_reach_us(locked: Gate) -> Non
     assert ask(locked, HOST, OURS, kind="websocket", messages=CONNECT)[0]["type"] == "websocket.close"
 
 
-def test_a_web_socket_too_many_is_closed(behind: Answering) -> None:
-    gate = Gate(behind, ACCESS, must_sign_in=False, most_sockets=0)
-    assert ask(gate, HOST, OURS, kind="websocket", messages=CONNECT)[0]["type"] == "websocket.close"
+class Holding:
+    """An application whose web sockets stay open."""
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        await send({"type": "websocket.accept"})
+        await asyncio.Event().wait()
+
+
+def opened(gate: Gate, *visitors: tuple[bytes, bytes] | None) -> list[bool]:
+    """Return who gets a web socket while those before it stay."""
+
+    async def one(headers: list[tuple[bytes, bytes]]) -> bool:
+        sent: list[str] = []
+
+        async def receive() -> dict[str, Any]:
+            return {"type": "websocket.connect"}
+
+        async def send(message: Any) -> None:
+            sent.append(message["type"])
+
+        scope = {"type": "websocket", "path": "/", "headers": headers, "query_string": b""}
+        tasks.append(asyncio.create_task(gate(scope, receive, send)))
+        while not sent:
+            await asyncio.sleep(0)
+        return sent == ["websocket.accept"]
+
+    async def all_of_them() -> list[bool]:
+        try:
+            return [await one([HOST, OURS, *([] if who is None else [who])]) for who in visitors]
+        finally:
+            for task in tasks:
+                task.cancel()
+
+    tasks: list[asyncio.Task[None]] = []
+    return asyncio.run(all_of_them())
+
+
+def test_strangers_take_no_place_of_who_is_signed_in() -> None:
+    gate = Gate(Holding(), ACCESS, must_sign_in=False, most_strangers=3, most_in_all=4)
+    who = session()
+    assert opened(gate, *[None] * 5, *[who] * 5) == [True] * 3 + [False] * 2 + [True] * 4 + [False]
+
+
+def test_one_session_takes_no_place_of_another() -> None:
+    gate = Gate(Holding(), ACCESS, must_sign_in=False, most_sockets=2)
+    greedy, other = session(), session()
+    assert opened(gate, *[greedy] * 4, other, None) == [True, True, False, False, True, True]
+
+
+def test_a_place_that_was_left_is_free_again() -> None:
+    gate = Gate(Holding(), ACCESS, must_sign_in=False, most_sockets=2, most_strangers=1)
+    for _ in range(3):
+        assert opened(gate, session(), None) == [True, True]
+    assert not gate.sockets
 
 
 def test_a_crowd_keeps_strangers_out_and_not_who_is_signed_in(behind: Answering) -> None:
     gate = Gate(behind, ACCESS, must_sign_in=False, most_connections=0)
     assert (status(gate, HOST), status(gate, HOST, session())) == (503, 200)
+
+
+def test_in_a_crowd_an_urgent_request_of_a_stranger_is_heard_if_it_is_whole(behind: Answering) -> None:
+    gate = Gate(behind, ACCESS, must_sign_in=False, urgent=("/command",), most_connections=0)
+    codes = [status(gate, HOST, OURS, method="POST", path=path) for path in ("/command", "/ticket")]
+    assert codes == [200, 503]
+    assert status(gate, HOST, OURS, method="POST", path="/command", messages=()) == 408
+
+
+def policy(gate: Gate, *headers: tuple[bytes, bytes]) -> dict[str, list[str]]:
+    told = dict(ask(gate, *headers)[0]["headers"])[b"content-security-policy"].decode()
+    return {part.split()[0]: part.split()[1:] for part in told.split("; ")}
+
+
+def test_a_page_speaks_to_its_own_two_ports_alone(behind: Answering) -> None:
+    gate = Gate(behind, ACCESS, must_sign_in=False, steering_port=8081)
+    said = policy(gate, (b"host", b"bench.lab:8080"))["connect-src"]
+    assert said == [
+        "'self'",
+        "ws://bench.lab:8080",
+        "wss://bench.lab:8080",
+        "http://bench.lab:8081",
+        "https://bench.lab:8081",
+    ]
+
+
+def test_no_page_frames_ours_and_no_script_of_others_runs(gate: Gate) -> None:
+    said = policy(gate, HOST)
+    assert (said["frame-ancestors"], said["object-src"], said["base-uri"]) == (["'none'"], ["'none'"], ["'none'"])
+    assert "'unsafe-inline'" not in said["script-src"]
+    assert not [one for sources in said.values() for one in sources if one in ("*", "http:", "https:")]
+
+
+@pytest.mark.parametrize("host", [b"evil; script-src *", b"evil", b"127.0.0.1;"])
+def test_a_host_that_is_not_ours_stands_in_no_policy(gate: Gate, host: bytes) -> None:
+    assert policy(gate, (b"host", host))["connect-src"] == ["'self'"]
+
+
+def test_each_page_has_a_mark_of_its_own_on_its_scripts() -> None:
+    async def page(scope: Any, receive: Any, send: Any) -> None:
+        html = b"<script>1</script><SCRIPT src='a'></script><p>&lt;script&gt;</p>"
+        start = {"type": "http.response.start", "status": 200}
+        length = str(len(html)).encode()
+        await send({**start, "headers": [(b"content-type", b"text/html; charset=utf-8"), (b"content-length", length)]})
+        await send({"type": "http.response.body", "body": html[:10], "more_body": True})
+        await send({"type": "http.response.body", "body": html[10:]})
+
+    gate = Gate(page, ACCESS, must_sign_in=False)
+    marks = set()
+    for _ in range(3):
+        sent = ask(gate, HOST)
+        headers = dict(sent[0]["headers"])
+        mark = re.search(rb"'nonce-([^']+)'", headers[b"content-security-policy"])
+        assert mark is not None
+        assert sent[1]["body"].count(b'nonce="' + mark[1] + b'"') == 2
+        assert int(headers[b"content-length"]) == len(sent[1]["body"])
+        marks.add(mark[1])
+    assert len(marks) == 3
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,10 @@ _HERE = "tests.unit.dashboard_calls"
 
 @pytest.fixture
 def worker(monkeypatch: pytest.MonkeyPatch) -> Iterator[Worker]:
-    calls = {name: Call(_HERE, "light", LONG_S) for name in ("process", "priority", "die_once", "die", "fail", "note")}
+    calls = {
+        name: Call(_HERE, "light", LONG_S)
+        for name in ("process", "priority", "die_once", "die", "fail", "note", "fill")
+    }
     monkeypatch.setattr(worker_module, "CALLS", {**CALLS, **calls, "hang": Call(_HERE, "light", 0.5)})
     made = Worker()
     yield made
@@ -45,6 +48,11 @@ def test_an_error_that_a_user_can_put_right_comes_back_as_it_is(worker: Worker) 
 def test_any_other_error_comes_back_as_a_sentence(worker: Worker) -> None:
     with pytest.raises(WorkerError, match=r"fail failed .*no such thing"):
         asyncio.run(worker.call("fail"))
+
+
+def test_what_would_fill_the_memory_ends_as_a_sentence(worker: Worker) -> None:
+    with pytest.raises(WorkerError, match="more memory than a page may have"):
+        asyncio.run(worker.call("fill"))
 
 
 def test_of_the_requests_of_a_slider_that_wait_only_the_newest_is_run(worker: Worker, tmp_path: Path) -> None:

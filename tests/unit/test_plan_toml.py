@@ -2,12 +2,15 @@
 
 import math
 import re
+import time
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from sinew.measure.errors import SpecError
 from sinew.plan.library import list_shipped
+from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig, parse_plan, parse_rig
 
 ROOT = Path(__file__).parents[2]
@@ -199,3 +202,59 @@ def test_a_file_that_is_not_text_is_refused(tmp_path: Path) -> None:
 def test_a_folder_in_place_of_a_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="is not a file; expected a rig as a TOML file"):
         load_rig(tmp_path)
+
+
+LONG = 200_000
+ATTACKS = {
+    "a key of a hundred thousand parts": "a" + ".a" * (LONG // 2) + " = 1",
+    "quoted parts": '"\\""' + '."\\""' * (LONG // 5) + " = 1",
+    "parts of both kinds": "a" + " . 'b'" * (LONG // 6) + " = 1",
+    "a header of a hundred thousand parts": "[a" + ".a" * (LONG // 2) + "]",
+    "a part in an inline table": "x = {a" + ".a" * (LONG // 2) + " = 1}",
+    "brackets": "x = " + "[" * LONG,
+    "tables in tables": "x = " + "{a = " * (LONG // 5),
+    "digits": "x = " + "1" * LONG,
+    "a word": "a" * LONG,
+    "words": "a " * (LONG // 2),
+    "a word and spaces": ("a" + " " * 1000) * (LONG // 1000),
+    "quotes that are none": "x = '" + '\\"' * (LONG // 2),
+    "quotes": '"' * LONG,
+    "unended quotes": '"a\n' * (LONG // 3),
+    "keys": "".join(f"k{number} = 1\n" for number in range(LONG // 12)),
+    "keys of fifteen parts": "".join("a." * 14 + f"k{number} = 1\n" for number in range(LONG // 40)),
+    "tables": "".join(f"[[k{number}]]\n" for number in range(LONG // 12)),
+    "too much": "#" * 10_000_000,
+}
+
+
+@pytest.mark.parametrize("text", ATTACKS.values(), ids=ATTACKS.keys())
+def test_no_text_keeps_the_reader_busy(text: str) -> None:
+    began = time.process_time()
+    with pytest.raises(SpecError):
+        parse_plan(text)
+    assert time.process_time() - began < 2.0  # 8,000 parts of a key took 1.3 s, and twice as many four times as long
+
+
+def test_a_plan_of_ten_thousand_pretensions_is_refused_with_a_sentence() -> None:
+    text = PLAN_TEXT.replace(re.findall(r"pretension_mm = \[.*?\]", PLAN_TEXT, re.DOTALL)[0], "pretension_mm = {}")
+    many = ", ".join(f"{number / 1000:g}" for number in range(10_000))
+    with pytest.raises(SpecError, match=r"found 10000 pretensions, expected at most 500; .*split the plan$"):
+        parse_plan(text.replace("{}", f"[{many}]"))
+
+
+def test_a_plan_of_ten_thousand_frequencies_is_refused_with_a_sentence() -> None:
+    with pytest.raises(ValidationError, match=r"found 10000 frequencies, expected at most 5000"):
+        Sweep(frequency_hz=tuple(1 + number / 1000 for number in range(10_000)))
+
+
+@pytest.mark.parametrize(
+    "sweep",
+    [
+        Sweep(frequency_hz=(1e-9,), periods=100_000),
+        Sweep(frequency_hz=(1e-320, 1.0)),
+        Sweep(frequency_hz=(1.0,), settle_s=3600.0, repeats=10_000),
+    ],
+)
+def test_a_plan_that_would_last_for_years_is_refused_before_anything_is_made_of_it(sweep: Sweep) -> None:
+    with pytest.raises(ValidationError, match="samples in the whole campaign, expected at most"):
+        Plan(name="long", pretension=Pretension(pretension_mm=(1.0, 2.0)), sweep=sweep)

@@ -1,13 +1,19 @@
-"""This is where a run listens to whoever steers it, and where it is spoken to: a Unix socket beside its journal.
+"""The control socket of a run: it listens there to whoever steers it, and is spoken to there.
 
 DIR/control holds the socket's path; the socket lies in a folder that only its owner may enter. One line of JSON each
-way: {"command": ...} and {"ok": ..., "sentence": ..., "state": {...}}.
+way: {"command": ..., "folder": [device, inode]} and {"ok": ..., "sentence": ..., "state": {...}}. A folder may be
+planted by others, or copied with all that lies in it. So the file, the socket and the process behind it must be our
+own, and a run carries out what is meant for its folder alone.
 """
 
+import fcntl
 import json
 import os
 import shutil
 import socket
+import stat
+import struct
+import sys
 import tempfile
 import threading
 import time
@@ -35,6 +41,7 @@ _PATIENCE_S = 0.2  # for a client that says nothing, or reads nothing
 _FROZEN_S = 0.12  # whoever asks for an emergency stop acts himself after 0.15 s
 _MOST_CLIENTS = 16
 _LONGEST_PATH = 100  # a Unix socket's has at most 107 bytes
+_PREFIX = "sinew-"
 _REASONS = {"stop": "stopped", "hold": "stopped, to hold,", "release": "stopped, to release,"}
 
 
@@ -43,18 +50,23 @@ class ControlError(SinewError):
 
 
 def send_control(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str, Any]:
-    """Return what the run in a folder answers to a command: ok, sentence, state.
+    """Return what the run in a folder answers to a command: ok, sentence, state; peer: the number of its process.
 
     command: one of `COMMANDS`. timeout_s: for connecting, asking and the answer together [s].
-    Raises ControlError where nobody listens, or no answer comes in time.
+    Raises ControlError where nobody listens, who listens is not ours or runs in another folder, or no answer comes in
+    time.
     """
     end = time.monotonic() + timeout_s
     try:
-        where = (folder / CONTROL).read_text(encoding="utf-8")
+        where = _own_socket(own_text(folder / CONTROL))
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
             line.settimeout(timeout_s)
             line.connect(where)
-            line.sendall(json.dumps({"command": command}).encode() + b"\n")
+            user, pid = _peer(line)
+            if user != os.geteuid():
+                raise PermissionError("who listens there is somebody else's process")
+            asked = {"command": command, "folder": _place(folder)}
+            line.sendall(json.dumps(asked).encode() + b"\n")
             answer = json.loads(_read_line(line, end))
     except (OSError, ValueError) as error:
         raise ControlError(
@@ -62,7 +74,47 @@ def send_control(folder: Path, command: str, timeout_s: float = 0.5) -> dict[str
         ) from error
     if not isinstance(answer, dict):
         raise ControlError(f"the run in {folder} answered {answer!r} to {command}, expected an object")
-    return answer
+    if answer.get("elsewhere") is True:
+        raise ControlError(f"no run in {folder} answers to {command}: its {CONTROL} leads to a run in another folder")
+    return {**answer, "peer": pid}
+
+
+def own_text(file: Path) -> str:
+    """Return what a small file of ours says. Raises OSError for a link, another's file, and what is no file."""
+    with os.fdopen(os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as opened:
+        about = os.fstat(opened.fileno())
+        if not stat.S_ISREG(about.st_mode) or about.st_uid != os.geteuid():
+            raise PermissionError(f"{file} is not a file of our own")
+        return opened.read(_MOST_BYTES).decode("utf-8", "replace")
+
+
+def _own_socket(where: str) -> str:
+    """Return the path of a run's socket; raises OSError where it cannot be one that `listening` made for us."""
+    path = Path(where)
+    folder, about = path.parent.lstat(), path.lstat()
+    is_private = stat.S_ISDIR(folder.st_mode) and not folder.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
+    if not (is_private and stat.S_ISSOCK(about.st_mode) and {folder.st_uid, about.st_uid} == {os.geteuid()}):
+        raise PermissionError(f"{where[:200]} is no socket of a run of our own")
+    return where
+
+
+def _peer(line: socket.socket) -> tuple[int, int]:
+    """Return (user, process) at the other end of a connected Unix socket, as the system knows them."""
+    if sys.platform == "linux":
+        pid, user, _ = struct.unpack(
+            "3i", line.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
+        )
+        return user, pid
+    # macOS: LOCAL_PEERCRED gives version, user, and groups; LOCAL_PEERPID the process. Both at level SOL_LOCAL, 0.
+    _, user = struct.unpack_from("Ii", line.getsockopt(0, 1, 76))
+    (pid,) = struct.unpack("i", line.getsockopt(0, 2, 4))
+    return user, pid
+
+
+def _place(folder: Path) -> list[int]:
+    """Return what tells a folder from every other, by whatever path: device and inode."""
+    about = folder.stat()
+    return [about.st_dev, about.st_ino]
 
 
 class RunControl:
@@ -159,15 +211,17 @@ def listening(folder: Path, steering: "Steering") -> Iterator[RunControl]:
     Raises FileError where another run listens there, or the folder cannot be written.
     """
     control, made = RunControl(steering), [place for place in (folder, *folder.parents) if not place.exists()]
-    if (folder / CONTROL).exists():
+    if os.path.lexists(folder / CONTROL):
         _refuse_other(folder)
     private = _private_folder()
     try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as server:
+        # Held until this process ends, however that comes: by it others know that the folder is in use.
+        with _held(private), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as server:
             server.bind(str(private / CONTROL))
             server.listen(_MOST_CLIENTS)
             _announce(folder, private / CONTROL)
-            threading.Thread(target=_serve, args=(server, control.carry_out), name="control", daemon=True).start()
+            here = _place(folder)
+            threading.Thread(target=_serve, args=(server, control.carry_out, here), name="control", daemon=True).start()
             try:
                 yield control
             finally:
@@ -191,24 +245,75 @@ def _refuse_other(folder: Path) -> None:
 
 
 def _private_folder() -> Path:
-    private = Path(tempfile.mkdtemp(prefix="sinew-"))
+    """Return a new folder for a socket; folders of runs that were killed are cleared away first."""
+    for root in {Path(tempfile.gettempdir()), Path("/tmp")}:
+        _clear_left(root)
+    private = Path(tempfile.mkdtemp(prefix=_PREFIX))
     if len(os.fsencode(private / CONTROL)) > _LONGEST_PATH:
         private.rmdir()
-        private = Path(tempfile.mkdtemp(prefix="sinew-", dir="/tmp"))
+        private = Path(tempfile.mkdtemp(prefix=_PREFIX, dir="/tmp"))
     return private
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    """Hold a lock on a folder."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _clear_left(root: Path) -> None:
+    """Remove the folders below a folder that hold nothing but the socket of a run of ours which is gone."""
+    for place in root.glob(f"{_PREFIX}*"):
+        forget_socket(place / CONTROL)
+
+
+def forget_socket(path: Path) -> None:
+    """Remove a socket and its folder, if both are ours, nothing else is there, and the process that made it is gone."""
+    with suppress(OSError):
+        handle = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        try:
+            is_ours = os.fstat(handle).st_uid == os.geteuid() and path.parent.name.startswith(_PREFIX)
+            if not is_ours or [one.name for one in path.parent.iterdir()] != [path.name]:
+                return
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if stat.S_ISSOCK(os.lstat(path.name, dir_fd=handle).st_mode) and not _listens(path):
+                os.unlink(path.name, dir_fd=handle)
+                path.parent.rmdir()
+        finally:
+            os.close(handle)
+
+
+def _listens(path: Path) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as line:
+        line.settimeout(_PATIENCE_S)
+        try:
+            line.connect(str(path))
+        except ConnectionRefusedError:
+            return False
+        return True
 
 
 def _announce(folder: Path, path: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / CONTROL).write_text(str(path), encoding="utf-8")
+        (folder / CONTROL).unlink(missing_ok=True)  # of a run that was killed, or a link to elsewhere
+        with (folder / CONTROL).open("x", encoding="utf-8") as file:
+            file.write(str(path))
     except OSError as error:
         raise FileError(
             f"cannot write {folder / CONTROL}: {error.strerror}; see that the folder may be written"
         ) from error
 
 
-def _serve(server: socket.socket, answer: Callable[[str], dict[str, Any]]) -> None:
+_Answer = Callable[[str], dict[str, Any]]
+
+
+def _serve(server: socket.socket, answer: _Answer, place: list[int]) -> None:
     """Take clients, each in a thread of its own, so that none that is silent holds up another."""
     places = threading.BoundedSemaphore(_MOST_CLIENTS)
     while True:
@@ -219,29 +324,41 @@ def _serve(server: socket.socket, answer: Callable[[str], dict[str, Any]]) -> No
         if not places.acquire(blocking=False):
             client.close()
             continue
-        threading.Thread(target=_attend, args=(client, answer, places), name="control client", daemon=True).start()
+        given = (client, answer, place, places)
+        threading.Thread(target=_attend, args=given, name="control client", daemon=True).start()
 
 
-def _attend(client: socket.socket, answer: Callable[[str], dict[str, Any]], places: threading.BoundedSemaphore) -> None:
+def _attend(client: socket.socket, answer: _Answer, place: list[int], places: threading.BoundedSemaphore) -> None:
     with client:
         try:
             client.settimeout(_PATIENCE_S)
-            client.sendall(json.dumps(answer(_command(client))).encode() + b"\n")
+            command, meant = _asked(client)
+            if meant in (None, place):
+                said = answer(command)
+            else:
+                said = {
+                    "ok": False,
+                    "elsewhere": True,
+                    "sentence": "this is the run of another folder; nothing was done",
+                }
+            client.sendall(json.dumps(said).encode() + b"\n")
         except OSError:
             pass  # it has left, or says nothing
         finally:
             places.release()
 
 
-def _command(client: socket.socket) -> str:
-    """Return the command that a client sends; what is none is returned as text, to be refused by name."""
+def _asked(client: socket.socket) -> tuple[str, object]:
+    """Return (command, folder that it is meant for); what is no command is returned as text, to be refused by name."""
     line = _read_line(client, time.monotonic() + _PATIENCE_S)
     try:
         asked = json.loads(line)
     except ValueError:
-        return "(not JSON)"
-    command = asked.get("command") if isinstance(asked, dict) else None
-    return command if isinstance(command, str) else "(none)"
+        return "(not JSON)", None
+    if not isinstance(asked, dict):
+        return "(none)", None
+    command = asked.get("command")
+    return command if isinstance(command, str) else "(none)", asked.get("folder")
 
 
 def _read_line(line: socket.socket, end: float) -> bytes:

@@ -50,7 +50,7 @@ def serve(
     ] = None,
     host: Annotated[
         list[str] | None,
-        typer.Option("--host", metavar="NAME", help="A further name under which browsers reach us; may be repeated."),
+        typer.Option("--host", metavar="NAME", help="A name under which a proxy brings browsers; may be repeated."),
     ] = None,
     token_file: Annotated[
         Path | None, typer.Option("--token-file", metavar="FILE", help="Take the token from a file, not a new one.")
@@ -149,7 +149,8 @@ def _refuse_without_packages() -> None:
     from sinew.measure.errors import SinewError
     from sinew.measure.extras import how_to_install
 
-    lacking = [name for name in ("nicegui", "starlette", "uvicorn") if importlib.util.find_spec(name) is None]
+    needed = ("nicegui", "starlette", "uvicorn", "itsdangerous", "psutil")
+    lacking = [name for name in needed if importlib.util.find_spec(name) is None]
     if lacking:
         raise SinewError(
             f"found no {lacking[0]}, which the dashboard needs; `make serve` installs it, or: "
@@ -168,9 +169,9 @@ def _access(http: str, names: list[str], token_file: Path | None) -> "Access":
     for name in names:
         if re.fullmatch(r"[A-Za-z0-9._-]+|\[[0-9a-fA-F:.]+\]", name) is None:
             raise SpecError(f"found --host {name}, expected a name or an address without scheme and port")
-    known = [*names, *_own_names()] if address in _ANY else names
+    own = tuple(_own_names()) if address in _ANY else ()
     token = new_token() if token_file is None else _read_token(token_file)
-    return Access(token, address, int(found[2]), tuple(known))
+    return Access(token, address, int(found[2]), tuple(names), own)
 
 
 def _own_names() -> list[str]:

@@ -1,5 +1,6 @@
 """This is where datasets become NetCDF files and come back, whole or not at all."""
 
+import math
 import os
 import tempfile
 from collections.abc import Callable
@@ -10,6 +11,7 @@ import xarray as xr
 
 from sinew.measure.doors import as_path
 from sinew.measure.errors import FileError, SchemaError
+from sinew.measure.memory import most_bytes
 from sinew.measure.provenance import content_hash
 from sinew.measure.results import upgrade_results, validate_results
 from sinew.measure.schema import validate_recording
@@ -76,6 +78,24 @@ def save_dataset(dataset: xr.Dataset, path: Path | str) -> None:
     write_atomically(path, lambda temporary: stored.to_netcdf(temporary, engine="netcdf4", encoding=encoding) and None)
 
 
+def _unpacked(path: Path) -> int:
+    """Return how many bytes the variables of a NetCDF file take in memory, from what it declares, nothing read.
+
+    A number counts eight bytes, which it has once it is decoded; a chunk counts whole, for it is unpacked whole.
+    """
+    import netCDF4
+
+    total = 0
+    with netCDF4.Dataset(path, "r") as opened:
+        for variable in opened.variables.values():
+            chunks = variable.chunking()
+            shape = variable.shape
+            if isinstance(chunks, (list, tuple)):
+                shape = tuple(max(pair) for pair in zip(shape, chunks, strict=True))
+            total += math.prod(shape) * max(8, getattr(variable.dtype, "itemsize", 8))
+    return total
+
+
 def is_netcdf(path: Path | str) -> bool:
     """Return whether a file is NetCDF, going by its first bytes and not by its name.
 
@@ -92,12 +112,18 @@ def is_netcdf(path: Path | str) -> bool:
 def load_dataset(path: Path | str) -> xr.Dataset:
     """Return the dataset of a NetCDF file, read whole into memory, results of an older schema brought to today's.
 
-    Raises FileError where the file is absent, is not NetCDF, is cut short, or no longer matches its content hash.
+    Raises FileError where the file is absent, is not NetCDF, is cut short, or no longer matches its content hash; also
+    where it declares more than `sinew.measure.memory.most_bytes`, before anything of it is read.
     """
     path = as_path(path)
     if not is_netcdf(path):
         raise FileError(f"{path} is not a NetCDF file; expected a recording or results that Sinew wrote")
     try:
+        if (size := _unpacked(path)) > (most := most_bytes()):
+            raise FileError(
+                f"{path} unpacks to {size / 1e6:.0f} MB, expected at most {most / 1e6:.0f} MB in the memory that there "
+                "is; cut it, or read it on a computer with more"
+            )
         with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
             dataset = opened.load()
     except (OSError, ValueError, RuntimeError, LookupError, AttributeError, TypeError) as error:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sinew.measure.doors import as_path
 from sinew.measure.errors import FileError, RecordingError
+from sinew.measure.memory import most_bytes
 
 __all__ = ["Table", "find_columns", "numbers", "read_table"]
 
@@ -28,6 +29,7 @@ _BINARY = {
     b"PK\x03\x04": "a zip archive or an Excel file",
     b"MATLAB": "MAT",
 }
+_TEXT_GROWS = 4  # bytes, text and numbers are in memory together
 _SCANNED_LINES, _HEAD_SIZE = 50, 1_000_000
 
 
@@ -64,6 +66,11 @@ def _text(path: Path) -> str:
     if path.is_dir():
         raise FileError(f"{path} is a folder, expected a CSV file")
     try:
+        if (size := path.stat().st_size) > (most := most_bytes() // _TEXT_GROWS):
+            raise FileError(
+                f"{path} has {size / 1e6:.0f} MB, expected at most {most / 1e6:.0f} MB of text in the memory there "
+                "is; cut it, or read it on a computer with more"
+            )
         raw = path.read_bytes()
     except OSError as error:
         raise FileError(f"cannot read {path}: {error.strerror or error}") from error

@@ -1,11 +1,12 @@
 """This is where a campaign is written down: pretensions, sweep, ring-downs, and the segments they unroll to."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
@@ -24,6 +25,28 @@ Count = Annotated[int, Field(ge=1, le=100_000)]
 MOST_GROUPS = 100_000
 """More groups than that are a slip of the pen: a campaign of a week at six seconds each."""
 
+MOST_PRETENSIONS = 500
+"""More pretensions than that are one, too: at 12 mm of travel they are nearer to each other than a motor can set."""
+
+MOST_FREQUENCIES = 5000
+"""So are more frequencies than that."""
+
+MOST_SAMPLES = 10**9
+"""And more samples in a campaign: two months at 200 Hz."""
+
+
+def _few(most: int, what: str) -> BeforeValidator:
+    """Return what refuses too long a list before anything is made of it."""
+
+    def refuse_many(value: object) -> object:
+        if isinstance(value, (list, tuple)) and len(value) > most:
+            raise ValueError(
+                f"found {len(value)} {what}, expected at most {most}; take a larger step or split the plan"
+            )
+        return value
+
+    return BeforeValidator(refuse_many)
+
 
 class Pretension(BaseModel):
     """The pretensions to visit and how the tendon motors hold them.
@@ -35,13 +58,13 @@ class Pretension(BaseModel):
 
     model_config = _STRICT
 
-    pretension_mm: tuple[NotNegative, ...] = Field(min_length=1)
+    pretension_mm: Annotated[tuple[NotNegative, ...], Field(min_length=1), _few(MOST_PRETENSIONS, "pretensions")]
     mode: TendonMode = "position"
     rest_s: Duration = 1.0
 
     @model_validator(mode="after")
     def _visited_once(self) -> "Pretension":
-        twice = sorted({p for p in self.pretension_mm if self.pretension_mm.count(p) > 1})
+        twice = sorted(p for p, count in Counter(self.pretension_mm).items() if count > 1)
         if twice:
             raise ValueError(
                 f"pretension_mm lists {twice[0]:g} more than once, and the later visit would overwrite the earlier; "
@@ -65,7 +88,7 @@ class Sweep(BaseModel):
 
     model_config = _STRICT
 
-    frequency_hz: tuple[Positive, ...] = Field(min_length=1)
+    frequency_hz: Annotated[tuple[Positive, ...], Field(min_length=1), _few(MOST_FREQUENCIES, "frequencies")]
     amplitude_deg: Positive = 20.0
     settle_s: Annotated[float, Field(ge=0, le=3600)] = 3.0
     periods: Count = 5
@@ -128,7 +151,7 @@ class Track(BaseModel):
 
     model_config = _STRICT
 
-    amplitude_deg: tuple[Positive, ...] = Field(min_length=1)
+    amplitude_deg: Annotated[tuple[Positive, ...], Field(min_length=1), _few(MOST_FREQUENCIES, "amplitudes")]
     held: Held = "command"
     start_hz: Positive | None = None
     low_hz: Positive
@@ -227,7 +250,25 @@ class Plan(BaseModel):
                 f"found {groups} groups (pretensions x frequencies x repeats), expected at most {MOST_GROUPS}; "
                 "lower repeats or split the campaign"
             )
+        samples = len(self.pretension.pretension_mm) * self._longest_s() * self.sample_hz
+        if samples > MOST_SAMPLES:
+            raise ValueError(
+                f"found {samples:.3g} samples in the whole campaign, expected at most {MOST_SAMPLES:.0e}; "
+                "lower periods, durations or sample_hz, raise the lowest frequency, or split the campaign"
+            )
         return self
+
+    def _longest_s(self) -> float:
+        """Return how long the groups of one pretension take at most [s], without making them."""
+        total = self.pretension.rest_s
+        if (sweep := self.sweep) is not None:
+            recorded = sum(sweep.periods / frequency for frequency in sweep.frequency_hz)
+            total += sweep.repeats * (recorded + len(sweep.frequency_hz) * sweep.longest_settle_s)
+        if (ring := self.ring_down) is not None:
+            total += ring.repeats * (ring.drive_s + 1 / min(ring.frequency_hz) + ring.record_s)
+        if self.track is not None:
+            total += len(self.track.amplitude_deg) * self.track.motion_s
+        return total
 
     def groups(self) -> list[Group]:
         """Return the whole campaign as groups, in the order in which they are run."""

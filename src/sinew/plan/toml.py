@@ -1,6 +1,7 @@
 """This is where rigs and plans become TOML files and come back, number for number."""
 
 import math
+import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +18,17 @@ from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 
 __all__ = ["dump_plan", "dump_rig", "load_plan", "load_rig", "parse_plan", "parse_rig"]
+
+MOST_CHARACTERS = 256 * 1024
+"""A longer text is no rig and no plan: the longest that Sinew writes, with a calibration, has a tenth of it."""
+
+_MOST_PARTS = 16
+# The parser's time grows with the square of the parts of a dotted key. This finds one that has too many, wherever it
+# stands; it looks at no character more than a few times, so no text makes it slow.
+_DEEP = re.compile(
+    r"""(?<![\w\-\\])(?:(?:[\w\-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)"""
+    rf"{{{_MOST_PARTS}}}"
+)
 
 _Spec = TypeVar("_Spec", RigSpec, Plan)
 
@@ -119,10 +131,17 @@ def dump_plan(plan: Plan) -> str:
 
 
 def _parse(text: str, source: str, model: type[_Spec], what: str) -> _Spec:
+    if len(text) > MOST_CHARACTERS:
+        raise SpecError(f"{source} has {len(text)} characters, expected at most {MOST_CHARACTERS} of a {what}")
+    if (deep := _DEEP.search(text)) is not None:
+        line = text.count("\n", 0, deep.start()) + 1
+        raise SpecError(f"{source}, line {line}: found a key of more than {_MOST_PARTS} parts; no {what} has one")
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # of the parser, or of a number with thousands of digits
         raise SpecError(f"{source} is not valid TOML: {error}") from error
+    except RecursionError:
+        raise SpecError(f"{source} is nested too deeply for a {what}; take brackets away") from None
     other, other_what = (Plan, "plan") if what == "rig" else (RigSpec, "rig")
     if _shared_keys(data, other) > _shared_keys(data, model):
         raise SpecError(f"{source} is a {other_what}, expected a {what}")

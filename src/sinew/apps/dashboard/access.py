@@ -1,21 +1,29 @@
-"""This is where it is decided whose requests reach the dashboard: hosts, origins, the token and its sessions.
+"""Whose requests reach the dashboard: hosts, origins, the token, its sessions, and how much of each may be under way.
 
 Browsers send cookies to every port of a host, and any page may send them requests. So three things are asked. The Host
 header must be a name that we serve: a name that was rebound to our address is none. The Origin of whatever may change
 something must be our own page. And who steers shows a cookie that only the token can have made, or the token itself.
-The page server and the steering port know the same token, so a session of one is a session of the other.
+The page server and the steering port know the same token and the same list of sessions that were ended, so a session of
+one is a session of the other. Another dashboard on the same host has another port, and so cookies and sessions of its
+own.
 """
 
 import asyncio
 import hashlib
 import hmac
 import ipaddress
+import os
+import re
 import secrets
-from collections.abc import Collection
+import time
+from collections import Counter
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import urlsplit
 
+from itsdangerous import BadData, TimestampSigner
 from starlette.datastructures import MutableHeaders
 from starlette.requests import HTTPConnection
 from starlette.responses import HTMLResponse, JSONResponse, Response
@@ -23,14 +31,91 @@ from starlette.responses import HTMLResponse, JSONResponse, Response
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-__all__ = ["COOKIE", "Access", "Gate", "new_token"]
+__all__ = ["IDLE_S", "LONGEST_S", "RENEWED_S", "Access", "Gate", "Session", "SignedOut", "new_token"]
 
-COOKIE = "sinew_session"
-"""Name of the cookie that holds a session."""
+IDLE_S = 12 * 3600.0
+"""A session that no page has used for so long is over [s]."""
+
+LONGEST_S = 7 * 24 * 3600.0
+"""A session is over so long after the token was shown, however much it is used [s]."""
+
+RENEWED_S = 600.0
+"""A session whose cookie is older gets a new one when its page asks for the status [s]."""
 
 _BODY_S = 10.0
+_HURRY_S = 0.25  # for the body of a stranger's urgent request in a crowd
+_SKEW_S = 60.0  # a clock that is set back by so much ends no session
 _GUARDS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY"}
 _LOCAL_NAMES = frozenset({"127.0.0.1", "localhost", "[::1]"})
+_FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip")
+_SCRIPT = re.compile(rb"<script(?=[\s>])", re.IGNORECASE)
+
+
+class Session(NamedTuple):
+    """Who once showed the token. id: of the session. begun: when that was; used: when it was renewed [s since 1970]."""
+
+    id: str
+    begun: int
+    used: int
+
+
+class SignedOut:
+    """The sessions that were ended before their time; whoever is given the same file knows of the same ones.
+
+    file: a line `<id> <when it would have ended anyway>` for each; None: known here alone. What was read stays known,
+    even if the file goes away.
+    """
+
+    def __init__(self, file: Path | None = None) -> None:
+        self._file, self._stamp = file, (0, 0, 0)
+        self._ends: dict[str, float] = {}
+
+    def __contains__(self, session_id: object) -> bool:
+        self._look()
+        return session_id in self._ends
+
+    def add(self, session: Session) -> None:
+        """End a session for everybody who knows the file. Raises OSError where it cannot be written."""
+        self._look()
+        self._ends[session.id] = session.begun + LONGEST_S
+        if self._file is not None:
+            self._write(self._file)
+
+    def _write(self, file: Path) -> None:
+        now = time.time()
+        lines = [f"{name} {end:.0f}\n" for name, end in self._ends.items() if end > now]
+        fresh = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
+        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as out:
+            out.write("".join(lines))
+            out.flush()
+            os.fsync(out.fileno())
+        fresh.replace(file)
+
+    def _look(self) -> None:
+        if self._file is None:
+            return
+        try:
+            about = self._file.lstat()
+            stamp = about.st_ino, about.st_size, about.st_mtime_ns
+            if stamp == self._stamp:
+                return
+            text = self._file.read_text(encoding="ascii")
+        except (OSError, UnicodeDecodeError):
+            return
+        self._stamp = stamp
+        for line in text.splitlines():
+            name, _, end = line.partition(" ")
+            if end.isdecimal():
+                self._ends[name] = float(end)
+
+
+class _Signer(TimestampSigner):
+    """A signer with a clock of ours [s since 1970]."""
+
+    clock: Callable[[], float] = time.time
+
+    def get_timestamp(self) -> int:
+        return int(self.clock())
 
 
 @dataclass(frozen=True)
@@ -39,13 +124,27 @@ class Access:
 
     token: the secret that a viewer types or follows a link with.
     host, port: the address of the page, as it is bound; an IPv6 address without brackets.
-    hosts: further names under which browsers reach it, without a port.
+    hosts: names under which a proxy brings browsers, without a port. own_names: further ones of this computer.
+    signed_out: sessions that were ended. clock: [s since 1970].
     """
 
     token: str = field(repr=False)
     host: str
     port: int
     hosts: tuple[str, ...] = ()
+    own_names: tuple[str, ...] = ()
+    signed_out: SignedOut = field(default_factory=SignedOut, repr=False, compare=False)
+    clock: Callable[[], float] = field(default=time.time, repr=False, compare=False)
+
+    @property
+    def cookie_name(self) -> str:
+        """The name of the cookie that holds a session: with our port, for browsers tell no ports of a host apart."""
+        return f"sinew_session_{self.port}"
+
+    @property
+    def has_proxy(self) -> bool:
+        """Whether a proxy is declared, which brings strangers under an address of this computer."""
+        return bool(self.hosts)
 
     @property
     def is_loopback(self) -> bool:
@@ -61,7 +160,7 @@ class Access:
 
         Further names are those of a proxy, which brings strangers to an address that only this computer has.
         """
-        return not self.is_loopback or bool(self.hosts)
+        return not self.is_loopback or self.has_proxy
 
     @property
     def near(self) -> str:
@@ -70,7 +169,7 @@ class Access:
 
     def names(self) -> frozenset[str]:
         """Return the host names that we serve, in lower case, IPv6 addresses in brackets."""
-        own = {_bracketed(name.lower()) for name in (self.host, *self.hosts)}
+        own = {_bracketed(name.lower()) for name in (self.host, *self.hosts, *self.own_names)}
         return frozenset(own | _LOCAL_NAMES)
 
     def origins(self) -> list[str]:
@@ -105,15 +204,51 @@ class Access:
         """Return whether this is the token; takes as long for a wrong one."""
         return _same(self.token, given)
 
-    def session_cookie(self) -> str:
-        """Return the value of a new session's cookie, `<nonce>.<hex HMAC-SHA256 of the nonce under the token>`."""
-        nonce = secrets.token_urlsafe(12)
-        return f"{nonce}.{self._mark(nonce)}"
+    def new_session(self) -> str:
+        """Return the value of a new session's cookie: `<id>.<when it began>.<now>.<signature under the token>`."""
+        return self._sign(Session(secrets.token_urlsafe(12), int(self.clock()), 0))
 
-    def is_session(self, cookie: str) -> bool:
-        """Return whether a cookie's value was made with our token."""
-        nonce, dot, mark = cookie.partition(".")
-        return bool(nonce and dot) and _same(self._mark(nonce), mark)
+    def session_in(self, cookie: str | None) -> Session | None:
+        """Return the session that a cookie's value shows; None where we did not make it, or it is over."""
+        if not cookie:
+            return None
+        try:
+            told, used = self._signer().unsign(cookie, return_timestamp=True)
+            name, begun = told.decode("ascii").split(".")
+            session = Session(name, int(begun), int(used.timestamp()))
+        except (BadData, ValueError):  # a text that holds no ASCII is a ValueError, too
+            return None
+        now = self.clock()
+        is_fresh = -_SKEW_S <= now - session.used <= IDLE_S and now - session.begun <= LONGEST_S
+        return session if is_fresh and session.id not in self.signed_out else None
+
+    def session(self, connection: HTTPConnection) -> Session | None:
+        """Return the session that a request shows, if any."""
+        return self.session_in(connection.cookies.get(self.cookie_name))
+
+    def keep_session(self, response: Response, connection: HTTPConnection) -> None:
+        """Give the session of a request more time, where its cookie is not new any more."""
+        session = self.session(connection)
+        if session is not None and self.clock() - session.used > RENEWED_S:
+            self.set_cookie(response, connection, self._sign(session))
+
+    def set_cookie(self, response: Response, connection: HTTPConnection, value: str) -> None:
+        """Hand a session to the browser; an empty value takes it away."""
+        response.set_cookie(
+            self.cookie_name,
+            value,
+            max_age=int(IDLE_S) if value else 0,
+            path="/",
+            secure=self.is_https(connection),
+            httponly=True,
+            samesite="strict",
+        )
+
+    def end_session(self, connection: HTTPConnection) -> None:
+        """End the session that a request shows, for both servers and for good. Raises OSError where it is not kept."""
+        session = self.session(connection)
+        if session is not None:
+            self.signed_out.add(session)
 
     def bearer_is_right(self, connection: HTTPConnection) -> bool:
         """Return whether a request carries the token itself in its Authorization header; no browser does so unasked."""
@@ -122,20 +257,90 @@ class Access:
 
     def is_signed_in(self, connection: HTTPConnection) -> bool:
         """Return whether a request shows a session or the token."""
-        cookie = connection.cookies.get(COOKIE)
-        return (cookie is not None and self.is_session(cookie)) or self.bearer_is_right(connection)
+        return self.session(connection) is not None or self.bearer_is_right(connection)
 
-    def _mark(self, nonce: str) -> str:
-        return hmac.new(_octets(self.token), _octets(nonce), hashlib.sha256).hexdigest()
+    def is_at_machine(self, connection: HTTPConnection) -> bool:
+        """Return whether a request comes from the computer that serves, and no proxy can have brought it.
+
+        A proxy that is declared may bring anybody; one that is not is known by what proxies add to a request.
+        """
+        if self.has_proxy or connection.client is None or any(name in connection.headers for name in _FORWARDED):
+            return False
+        server = connection.scope.get("server") or ("", None)
+        return _is_local(connection.client.host) or connection.client.host == server[0]
+
+    def may_stop(self, connection: HTTPConnection) -> bool:
+        """Return whether a request may stop the bench at once: of who is signed in, or sits at this computer."""
+        return self.is_signed_in(connection) or self.is_at_machine(connection)
+
+    def is_https(self, connection: HTTPConnection) -> bool:
+        """Return whether the browser spoke to us, or to our proxy, under TLS."""
+        if connection.scope.get("scheme") in ("https", "wss"):
+            return True
+        origin = connection.headers.get("origin")
+        if self.origin_is_ours(origin):
+            return str(origin).lower().startswith("https:")
+        return self._is_proxy(connection) and connection.headers.get("x-forwarded-proto", "").lower() == "https"
+
+    def source(self, connection: HTTPConnection) -> str:
+        """Return where a request comes from: an address, of IPv6 its network; behind our proxy whom that names last."""
+        told = connection.client.host if connection.client is not None else ""
+        if self._is_proxy(connection):
+            told = connection.headers.get("x-forwarded-for", told).rpartition(",")[2].strip()
+        try:
+            address = ipaddress.ip_address(told)
+        except ValueError:
+            return told[:64]
+        return str(ipaddress.ip_network(f"{address}/64", strict=False) if address.version == 6 else address)
+
+    def security_policy(self, connection: HTTPConnection, steering_port: int | None, nonce: str) -> str:
+        """Return the Content-Security-Policy of a page: nothing of another host, no script that we did not write.
+
+        steering_port: of the commands, to which pages speak; None where they do not. nonce: of the scripts in the page.
+        NiceGUI evaluates what its server sends and styles elements one by one, so `unsafe-eval` and inline styles stay.
+        """
+        host = connection.headers.get("host", "")
+        name = _bracketed(urlsplit(f"//{host}").hostname or "") if self.host_is_ours(host) else ""
+        reached = ["'self'", *(f"{scheme}://{host}" for scheme in ("ws", "wss") if name)]
+        if steering_port is not None and name:
+            reached += [f"{scheme}://{name}:{steering_port}" for scheme in ("http", "https")]
+        return "; ".join(
+            (
+                "default-src 'self'",
+                f"script-src 'self' 'nonce-{nonce}' 'unsafe-eval'",
+                "style-src 'self' 'unsafe-inline'",
+                "img-src 'self' data: blob:",
+                "font-src 'self' data:",
+                f"connect-src {' '.join(reached)}",
+                "object-src 'none'",
+                "base-uri 'none'",
+                "form-action 'self'",
+                "frame-ancestors 'none'",
+            )
+        )
+
+    def _is_proxy(self, connection: HTTPConnection) -> bool:
+        return self.has_proxy and connection.client is not None and _is_local(connection.client.host)
+
+    def _sign(self, session: Session) -> str:
+        return self._signer().sign(f"{session.id}.{session.begun}").decode("ascii")
+
+    def _signer(self) -> _Signer:
+        signer = _Signer(_octets(self.token), salt=f"{self.cookie_name}", digest_method=hashlib.sha256)
+        signer.clock = self.clock
+        return signer
 
 
 class Gate:
     """An ASGI application before another one, which only requests get to that may.
 
     must_sign_in: whether even looking takes a session or the token. free: paths that never do; one that ends in a slash
-    stands for all below it. sign_in_page: HTML for a browser that has to sign in; programs get JSON.
-    most_body: of a request [bytes]. most_sockets: open web sockets. most_connections: requests under way of those who
-    are not signed in, so that no crowd keeps an operator out.
+    stands for all below it. urgent: paths of which a stranger's request is heard in the thickest crowd, if its body
+    comes with its head. sign_in_page: HTML for a browser that has to sign in; programs get JSON. steering_port: of the
+    commands, if the pages behind us speak to it.
+    most_body: of a request [bytes]. most_sockets: open web sockets of one session; most_in_all: of all sessions;
+    most_strangers: of all who are not signed in together, so that these take no place from those.
+    most_connections: requests under way of those who are not signed in, so that no crowd keeps an operator out.
 
     Refused are, before the application hears of it: 421 another Host; 403 a foreign Origin, or none without the token,
     where something may change (a web socket is closed with 1008 before it is accepted); 401 nobody signed in; 413 a
@@ -149,51 +354,84 @@ class Gate:
         *,
         must_sign_in: bool,
         free: Collection[str] = ("/login",),
+        urgent: Collection[str] = ("/login",),
         sign_in_page: str = "",
+        steering_port: int | None = None,
         most_body: int = 256 * 1024,
-        most_sockets: int = 64,
+        most_sockets: int = 24,
+        most_in_all: int = 128,
+        most_strangers: int = 48,
         most_connections: int = 200,
     ) -> None:
         self.app, self.access, self.must_sign_in = app, access, must_sign_in
-        self.free, self.sign_in_page = tuple(free), sign_in_page
-        self.most_body, self.most_sockets, self.most_connections = most_body, most_sockets, most_connections
-        self.under_way = {"http": 0, "websocket": 0}
+        self.free, self.urgent, self.sign_in_page = tuple(free), tuple(urgent), sign_in_page
+        self.steering_port = steering_port
+        self.most_body, self.most_connections = most_body, most_connections
+        self.most_sockets, self.most_in_all, self.most_strangers = most_sockets, most_in_all, most_strangers
+        self.under_way = 0
+        self.sockets: Counter[str] = Counter()
 
     async def __call__(self, scope: "Scope", receive: "Receive", send: "Send") -> None:
         """Let a request through, or refuse it."""
-        if scope["type"] not in self.under_way:
+        if scope["type"] == "websocket":
+            await self._socket(scope, receive, send)
+        elif scope["type"] == "http":
+            self.under_way += 1
+            try:
+                await self._http(scope, receive, send)
+            finally:
+                self.under_way -= 1
+        else:
             await self.app(scope, receive, send)
-            return
-        self.under_way[scope["type"]] += 1
-        try:
-            if scope["type"] == "http":
-                await self._http(scope, receive, _guarding(send))
-            else:
-                await self._socket(scope, receive, send)
-        finally:
-            self.under_way[scope["type"]] -= 1
 
     async def _http(self, scope: "Scope", receive: "Receive", send: "Send") -> None:
         connection = HTTPConnection(scope)
+        nonce = secrets.token_urlsafe(16)
+        send = _guarding(send, self.access.security_policy(connection, self.steering_port, nonce), nonce)
         refusal = self._refusal(connection)
+        if refusal is None and self._is_crowded(connection):
+            if scope["path"] not in self.urgent:
+                refusal = _CROWDED
+            patience_s = _HURRY_S
+        else:
+            patience_s = _BODY_S
         if refusal is None and _may_change(scope):
-            body = await _whole_body(receive, self.most_body)
+            body = await _whole_body(receive, self.most_body, patience_s)
             if isinstance(body, bytes):
                 receive = _again(body, receive)
             else:
                 refusal = body
         if refusal is None:
-            await self.app(scope, receive, send)
+            await self.app(_uncompressed(scope, connection), receive, send)
         else:
             await self._answer(refusal, connection)(scope, receive, send)
 
     async def _socket(self, scope: "Scope", receive: "Receive", send: "Send") -> None:
-        refusal = self._refusal(HTTPConnection(scope))
-        if refusal is None:
-            await self.app(scope, receive, send)
-        else:
+        connection = HTTPConnection(scope)
+        session = self.access.session(connection)
+        who = session.id if session is not None else _PROGRAM if self.access.bearer_is_right(connection) else _STRANGER
+        refusal = self._refusal(connection) or self._no_place(who)
+        if refusal is not None:
             await receive()
             await send({"type": "websocket.close", "code": 1008, "reason": refusal.sentence})
+            return
+        self.sockets[who] += 1
+        try:
+            await self.app(scope, receive, send)
+        finally:
+            self.sockets[who] -= 1
+            self.sockets += Counter()  # forget who has none
+
+    def _no_place(self, who: str) -> "_Refusal | None":
+        """Return why somebody gets no further web socket, if so."""
+        strangers = self.sockets[_STRANGER]
+        if who == _STRANGER:
+            return _CROWDED if strangers >= self.most_strangers else None
+        is_full = self.sockets[who] >= self.most_sockets or self.sockets.total() - strangers >= self.most_in_all
+        return _CROWDED if is_full else None
+
+    def _is_crowded(self, connection: HTTPConnection) -> bool:
+        return self.under_way > self.most_connections and not self.access.is_signed_in(connection)
 
     def _refusal(self, connection: HTTPConnection) -> "_Refusal | None":
         access, headers = self.access, connection.headers
@@ -209,13 +447,8 @@ class Gate:
         length = headers.get("content-length", "0")
         if not length.isdecimal() or len(length) > 12 or int(length) > self.most_body:
             return _too_large(self.most_body)
-        is_signed_in = access.is_signed_in(connection)
-        if self.must_sign_in and not is_signed_in and not self._is_free(connection.scope["path"]):
+        if self.must_sign_in and not access.is_signed_in(connection) and not self._is_free(connection.scope["path"]):
             return _Refusal(401, "nobody is signed in; sign in with the token that `sinew serve` printed")
-        kind = connection.scope["type"]
-        is_crowded = self.under_way[kind] > (self.most_sockets if kind == "websocket" else self.most_connections)
-        if is_crowded and (kind == "websocket" or not is_signed_in):
-            return _Refusal(503, "found too many connections at once; close other pages and try again")
         return None
 
     def _is_free(self, path: str) -> bool:
@@ -235,6 +468,14 @@ def new_token() -> str:
     return secrets.token_urlsafe(24)
 
 
+def _is_local(address: str) -> bool:
+    try:
+        found = ipaddress.ip_address(address)
+    except ValueError:
+        return False
+    return (getattr(found, "ipv4_mapped", None) or found).is_loopback
+
+
 def _bracketed(name: str) -> str:
     return f"[{name}]" if ":" in name and not name.startswith("[") else name
 
@@ -252,6 +493,10 @@ class _Refusal(NamedTuple):
     sentence: str
 
 
+_CROWDED = _Refusal(503, "found too many connections at once; sign in, or close other pages, and try again")
+_STRANGER, _PROGRAM = "", "with the token"
+
+
 def _too_large(most: int) -> _Refusal:
     return _Refusal(413, f"found a request that is too large, expected at most {most} bytes")
 
@@ -260,11 +505,11 @@ def _may_change(scope: "Scope") -> bool:
     return scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
 
 
-async def _whole_body(receive: "Receive", most: int) -> "bytes | _Refusal":
+async def _whole_body(receive: "Receive", most: int, patience_s: float) -> "bytes | _Refusal":
     """Return a request's body, or why it is refused: a sender that drips or leaves would keep the application busy."""
     body = bytearray()
     try:
-        async with asyncio.timeout(_BODY_S):
+        async with asyncio.timeout(patience_s):
             while True:
                 message = await receive()
                 body += message.get("body", b"")
@@ -275,7 +520,7 @@ async def _whole_body(receive: "Receive", most: int) -> "bytes | _Refusal":
                 if not message.get("more_body", False):
                     return bytes(body)
     except TimeoutError:
-        return _Refusal(408, f"found no whole request within {_BODY_S:g} s; send it again")
+        return _Refusal(408, f"found no whole request within {patience_s:g} s; send it again")
 
 
 def _again(body: bytes, receive: "Receive") -> "Receive":
@@ -288,14 +533,43 @@ def _again(body: bytes, receive: "Receive") -> "Receive":
     return next_message
 
 
-def _guarding(send: "Send") -> "Send":
-    """Return a way to send that says what browsers shall not do with an answer."""
+def _uncompressed(scope: "Scope", connection: HTTPConnection) -> "Scope":
+    """Return what asks for a page as it is, so that its scripts can be marked as ours."""
+    if scope["method"] != "GET" or "text/html" not in connection.headers.get("accept", ""):
+        return scope
+    return {**scope, "headers": [pair for pair in scope["headers"] if pair[0] != b"accept-encoding"]}
+
+
+def _guarding(send: "Send", policy: str, nonce: str) -> "Send":
+    """Return a way to send that says what browsers shall not do with an answer, and marks the scripts of a page.
+
+    What comes from people stands in no page as markup, so every script in one is ours or NiceGUI's; what a page is made
+    to build later has no mark and does not run.
+    """
+    start: Message | None = None
+    page = b""
 
     async def send_guarded(message: "Message") -> None:
+        nonlocal start, page
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
             headers.update(_GUARDS)
+            headers.setdefault("Content-Security-Policy", policy)
             headers.setdefault("Cache-Control", "no-store")
+            is_page = headers.get("content-type", "").startswith("text/html") and "content-encoding" not in headers
+            if is_page and f"'nonce-{nonce}'" in headers["Content-Security-Policy"]:
+                start = message
+                return
+        elif start is not None and message["type"] == "http.response.body":
+            page += message.get("body", b"")
+            if message.get("more_body", False):
+                return
+            marked = _SCRIPT.sub(b'<script nonce="' + nonce.encode() + b'"', page)
+            headers = MutableHeaders(scope=start)
+            if "content-length" in headers:
+                headers["content-length"] = str(int(headers["content-length"]) + len(marked) - len(page))
+            await send(start)
+            start, message = None, {**message, "body": marked}
         await send(message)
 
     return send_guarded

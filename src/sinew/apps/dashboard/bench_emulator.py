@@ -8,7 +8,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from sinew.apps.dashboard.processes import Adopted, Process, adopt, end_process, read_pid, write_pid
+from sinew.apps.dashboard.processes import Adopted, Process, adopt_from, end_process, write_pid
+from sinew.apps.run_control import forget_socket
 from sinew.measure.errors import FileError
 
 __all__ = ["BenchEmulator"]
@@ -46,7 +47,9 @@ class BenchEmulator:
             return True
         link = Path(self.port)
         if link.is_symlink():
-            link.unlink()  # its emulator is gone; what it leads to may be somebody else's terminal by now
+            # Its emulator is gone; what it leads to may be somebody else's terminal by now.
+            forget_socket(link.readlink())
+            link.unlink()
         self._begin(rig, seed)
         return False
 
@@ -57,7 +60,7 @@ class BenchEmulator:
             (self._folder / _PID).unlink(missing_ok=True)
 
     def _found(self, rig: str) -> Adopted | None:
-        process = adopt(read_pid(self._folder / _PID), ["emulate", self.port])
+        process = adopt_from(self._folder / _PID, ["emulate", self.port])
         if process is None or not Path(self.port).exists():
             return None
         playing = (self._folder / _RIG).read_text(encoding="utf-8") if (self._folder / _RIG).exists() else ""

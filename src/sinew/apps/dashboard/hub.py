@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from sinew.apps.bench_run import JOURNAL
 from sinew.apps.dashboard.channels import Channel, LiveChannels
 from sinew.apps.dashboard.drawn_rig import drawn_rig
+from sinew.apps.dashboard.names import unlinked
 from sinew.apps.dashboard.ring import Ring
 from sinew.apps.dashboard.tail import JournalTail, News
 from sinew.measure.errors import FileError
@@ -139,6 +140,7 @@ class Hub:
             return
         loop = asyncio.get_running_loop()
         try:
+            unlinked(path.parent)
             tail = await loop.run_in_executor(self._thread, lambda: JournalTail(path, _KEPT))
         except (FileError, sqlite3.Error) as trouble:
             self.trouble = str(trouble)

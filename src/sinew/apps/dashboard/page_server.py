@@ -10,23 +10,23 @@ import os
 import sys
 import threading
 import traceback
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import httpx
 import uvicorn
 from fastapi import FastAPI, WebSocket
-from fastapi.responses import FileResponse, JSONResponse, Response
+from fastapi.responses import JSONResponse, Response, StreamingResponse
 from fastapi.staticfiles import StaticFiles
 from nicegui import ui
 
-from sinew.apps.dashboard.access import Access, Gate
+from sinew.apps.dashboard.access import Access, Gate, SignedOut
 from sinew.apps.dashboard.front import server_config
 from sinew.apps.dashboard.hub import Hub
-from sinew.apps.dashboard.names import is_run_name
+from sinew.apps.dashboard.names import BENCH, SIGNED_OUT, is_run_name, open_inside, unlinked
 from sinew.apps.dashboard.pages.design import add_design_page
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
@@ -45,13 +45,14 @@ __all__ = ["Config", "main", "make_app", "serve"]
 _STATIC = Path(__file__).with_name("static")
 _STATUS_WAIT_S = 2.0
 _AGAIN_S = 1.0
+_PIECE = 256 * 1024  # bytes
 
 
 @dataclass(frozen=True)
 class Config:
     """What the steward says. token: of this start. http_host, http_port: of the pages. steering_port: of the commands.
     runs: folder of the runs. rig: offered first. bench: "emulator", "port" or None. version: of Sinew. hosts: further
-    names under which browsers come."""
+    names under which a proxy brings browsers; own_names: of this computer."""
 
     token: str
     http_host: str
@@ -62,18 +63,26 @@ class Config:
     bench: str | None
     version: str
     hosts: tuple[str, ...] = ()
+    own_names: tuple[str, ...] = ()
+
+    @property
+    def access(self) -> Access:
+        """Who may come in; which sessions were ended is what the steward knows, too."""
+        signed_out = SignedOut(self.runs / BENCH / SIGNED_OUT)
+        return Access(self.token, self.http_host, self.http_port, self.hosts, self.own_names, signed_out)
 
     @classmethod
     def parse(cls, line: str) -> "Config":
         """Return what one line of JSON says."""
         said = json.loads(line)
-        bench, hosts = (said.get("bench") or {}).get("kind"), tuple(said.get("hosts", ()))
-        return cls(**{**said, "runs": Path(said["runs"]), "bench": bench, "hosts": hosts})
+        bench = (said.get("bench") or {}).get("kind")
+        names = {name: tuple(said.get(name, ())) for name in ("hosts", "own_names")}
+        return cls(**{**said, "runs": Path(said["runs"]), "bench": bench, **names})
 
 
 def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str, Any]]]) -> FastAPI:
     """Return the application. work: the worker. status: asks the steward."""
-    access = Access(config.token, config.http_host, config.http_port, config.hosts)
+    access = config.access
     hub = Hub(config.runs, status)
     site = Site(
         runs=config.runs,
@@ -118,6 +127,7 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
         must_sign_in=site.is_locked,
         free=("/login", "/sinew/"),
         sign_in_page=SIGN_IN_PAGE,
+        steering_port=config.steering_port,
     )
     return app
 
@@ -139,17 +149,29 @@ def _add_downloads(app: FastAPI, site: Site) -> None:
         if kind not in FILES or not is_run_name(name) or not folder.is_dir():
             return JSONResponse({"ok": False, "sentence": "There is no such file."}, 404)
         try:
-            path = Path(await site.work.call("download", str(folder), kind)).resolve()
+            path = Path(await site.work.call("download", str(unlinked(folder)), kind))
+            file = open_inside(site.runs, path)
         except SinewError as trouble:
             return JSONResponse({"ok": False, "sentence": str(trouble)}, 409)
-        if not path.is_relative_to(site.runs.resolve()):
-            return JSONResponse({"ok": False, "sentence": "There is no such file."}, 404)
-        return FileResponse(path, filename=f"{name}-{FILES[kind]}", content_disposition_type="attachment")
+        about = {
+            "Content-Disposition": f'attachment; filename="{name}-{FILES[kind]}"',
+            "Content-Length": str(os.fstat(file.fileno()).st_size),
+        }
+        return StreamingResponse(_pieces(file), headers=about, media_type="application/octet-stream")
+
+
+def _pieces(file: BinaryIO) -> Iterator[bytes]:
+    """Yield an open file piece by piece, no more of it than was announced, and close it."""
+    with file:
+        left = os.fstat(file.fileno()).st_size
+        while left > 0 and (piece := file.read(min(left, _PIECE))):
+            left -= len(piece)
+            yield piece
 
 
 async def serve(config: Config) -> None:
     """Serve until stdin ends."""
-    near = Access(config.token, config.http_host, config.http_port, config.hosts).near
+    near = config.access.near
     where = httpx.URL(scheme="http", host=near, port=config.steering_port, path="/status")
     headers = {"authorization": f"Bearer {config.token}", "host": f"127.0.0.1:{config.steering_port}"}
     async with httpx.AsyncClient(headers=headers, timeout=_STATUS_WAIT_S, trust_env=False) as client:

@@ -1,6 +1,8 @@
-"""This is where the dashboard holds on to other processes: those it began, and those that a steward before it began."""
+"""Other processes that the dashboard holds on to: those it began, and those that a steward before it began."""
 
+import json
 import os
+import resource
 import select
 import signal
 import subprocess
@@ -11,14 +13,24 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
+import psutil
+
+from sinew.apps.run_control import own_text
+from sinew.measure.errors import SpecError
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan, parse_rig
+
 __all__ = [
     "UNKNOWN",
     "Adopted",
     "Process",
     "adopt",
+    "adopt_from",
+    "answer_specs",
     "await_end",
     "end_process",
     "read_pid",
+    "read_specs",
     "sinew_command",
     "spawn",
     "write_pid",
@@ -28,6 +40,10 @@ UNKNOWN = 1 << 16
 """Stands for an exit status that nobody can tell."""
 
 _LOOK_S = 0.005
+_READ_S, _READ_CPU_S = 120.0, 20
+_READ_BYTES = 1 << 30
+_READ_HERE = 48 * 1024  # characters; a rig with a calibration has some twelve thousand
+_BEGAN_S = 2.0  # the system counts from its own start, whose date moves a little with the clock
 
 
 class Process(Protocol):
@@ -100,31 +116,93 @@ def spawn(command: Sequence[str], log: Path) -> "subprocess.Popen[bytes]":
         )
 
 
-def write_pid(file: Path, pid: int) -> None:
-    """Write down which process belongs to a folder, for a steward after us."""
-    file.write_text(f"{pid}\n", encoding="utf-8")
+def read_specs(plan: str, rig: str) -> tuple[str, RigSpec]:
+    """Return the name of the plan and the rig that two texts hold; long ones are read by a process of its own.
 
-
-def read_pid(file: Path) -> int | None:
-    """Return the process number in a file, or None where there is none."""
+    What others wrote may keep its reader busy, or fill its memory; whoever answers for the stop reads no more of it
+    than takes some hundredths of a second. Raises SpecError where a text is none, or its reader takes too long.
+    """
+    if len(plan) + len(rig) <= _READ_HERE:
+        return parse_plan(plan, "the plan").name, parse_rig(rig, "the rig")
+    asked = json.dumps({"plan": plan, "rig": rig})
+    command = [sys.executable, "-P", "-c", f"from {__name__} import answer_specs; answer_specs()"]
     try:
-        return int(file.read_text(encoding="utf-8"))
+        done = subprocess.run(command, input=asked, capture_output=True, text=True, timeout=_READ_S, check=False)
+        told = json.loads(done.stdout)
+    except (subprocess.TimeoutExpired, ValueError, OSError) as trouble:
+        raise SpecError("the plan or the rig takes too long or too much memory to read; make it shorter") from trouble
+    if "trouble" in told:
+        raise SpecError(told["trouble"])
+    return told["plan"], RigSpec.model_validate_json(told["rig"])
+
+
+def answer_specs() -> None:
+    """Read what `read_specs` asks on stdin, and answer on stdout."""
+    for what, most in ((resource.RLIMIT_DATA, _READ_BYTES), (resource.RLIMIT_CPU, _READ_CPU_S)):
+        _, hard = resource.getrlimit(what)
+        resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+    asked = json.load(sys.stdin)
+    try:
+        plan, rig = parse_plan(asked["plan"], "the plan"), parse_rig(asked["rig"], "the rig")
+        told = {"plan": plan.name, "rig": rig.model_dump_json()}
+    except SpecError as trouble:
+        told = {"trouble": str(trouble)}
+    print(json.dumps(told))
+
+
+def write_pid(file: Path, pid: int) -> None:
+    """Write down which process belongs to a folder, and when it began, for a steward after us. Raises OSError."""
+    try:
+        began = psutil.Process(pid).create_time()
+    except psutil.Error as error:
+        raise OSError(f"process {pid} is gone: {error}") from error
+    file.unlink(missing_ok=True)
+    with file.open("x", encoding="utf-8") as made:
+        made.write(f"{pid} {began!r}\n")
+
+
+def read_pid(file: Path) -> tuple[int, float] | None:
+    """Return (number, begin [s since 1970]) of the process in a file of ours, or None where there is none."""
+    try:
+        pid, began = own_text(file).split()
+        return int(pid), float(began)
     except (OSError, ValueError):
         return None
 
 
-def adopt(pid: int | None, words: Sequence[str]) -> Adopted | None:
-    """Return the process of that number if all `words` stand in its command line; None where it is gone or another."""
-    if pid is None or pid <= 1:
+def adopt(pid: int, words: Sequence[str], began: float | None = None) -> Adopted | None:
+    """Return the process of that number; None where it is gone, another one has the number, or it is not our own.
+
+    words: each an argument of its command line. began: when it began [s since 1970]; None where the number comes from
+    the system, and not out of a file.
+    """
+    if pid <= 1:
         return None
     try:
-        process = Adopted(pid)
+        process = Adopted(
+            pid
+        )  # from here on the number cannot come to mean another one where the system has descriptors
     except OSError:
         return None
-    if process.poll() is None and all(word in _command_line(pid) for word in words):
+    if process.poll() is None and _is_ours(pid, words, began):
         return process
     process.close()
     return None
+
+
+def adopt_from(file: Path, words: Sequence[str]) -> Adopted | None:
+    """Return the process that a file of ours names, as `adopt` does."""
+    named = read_pid(file)
+    return None if named is None else adopt(named[0], words, named[1])
+
+
+def _is_ours(pid: int, words: Sequence[str], began: float | None) -> bool:
+    try:
+        process = psutil.Process(pid)
+        is_same = began is None or abs(process.create_time() - began) < _BEGAN_S
+        return is_same and process.uids().real == os.getuid() and set(words) <= set(process.cmdline())
+    except psutil.Error:
+        return False
 
 
 def await_end(process: Process, seconds: float) -> bool:
@@ -143,14 +221,3 @@ def end_process(process: Process, seconds: float, first: int = signal.SIGTERM) -
     if not await_end(process, seconds):
         process.send_signal(signal.SIGKILL)
         await_end(process, 1.0)
-
-
-def _command_line(pid: int) -> str:
-    if sys.platform == "linux":
-        try:
-            return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode("utf-8", "replace")
-        except OSError:
-            return ""
-    return subprocess.run(
-        ["ps", "-ww", "-o", "args=", "-p", str(pid)], capture_output=True, text=True, check=False
-    ).stdout

@@ -11,12 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sinew.apps.dashboard.processes import UNKNOWN, end_process, spawn, write_pid
+from sinew.apps.dashboard.processes import UNKNOWN, end_process, read_specs, spawn, write_pid
 from sinew.apps.dashboard.refusal import RefusedError
 from sinew.apps.dashboard.run_folders import LOG, PID, Control, Run, find_runs, make_folder, run_words, told_at_end
 from sinew.measure.errors import SinewError, SpecError
 from sinew.plan.rig import RigSpec
-from sinew.plan.toml import parse_plan, parse_rig
 
 __all__ = ["RunDesk"]
 
@@ -124,11 +123,9 @@ class RunDesk:
 
     def _begin(self, name: str, plan: str, rig: str, port: str) -> Run:
         try:
-            plan_, spec = parse_plan(plan, "the plan"), parse_rig(rig, "the rig")
+            plan_name, spec = read_specs(plan, rig)
         except SpecError as trouble:
             raise RefusedError(422, str(trouble)) from trouble
-        except RecursionError:
-            raise RefusedError(422, "the plan or the rig is nested too deeply; take brackets away") from None
         folder = make_folder(self._runs, name, plan, rig)
         try:
             process = spawn(self._command(*run_words(folder, port)), folder / LOG)
@@ -139,7 +136,7 @@ class RunDesk:
                 raise
         except OSError as trouble:
             raise RefusedError(409, f"cannot begin a process in {folder}: {trouble.strerror}") from trouble
-        return Run(name, folder, process, time.time(), plan_.name, spec.name, spec)
+        return Run(name, folder, process, time.time(), plan_name, spec.name, spec)
 
     def _follow(self) -> None:
         looks = 0

@@ -1,20 +1,20 @@
 """This is where a run gets its folder, and where runs that are under way are found again."""
 
 import json
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sinew.apps.bench_run import JOURNAL
-from sinew.apps.dashboard.names import is_run_name
-from sinew.apps.dashboard.processes import Process, adopt, read_pid
+from sinew.apps.dashboard.names import is_run_name, open_inside, unlinked
+from sinew.apps.dashboard.processes import Process, adopt, adopt_from, read_specs
 from sinew.apps.dashboard.refusal import RefusedError
 from sinew.apps.run_control import CONTROL
 from sinew.bench.journal_reader import JournalReader
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
-from sinew.plan.toml import parse_plan, parse_rig
 
 __all__ = ["LOG", "PID", "Control", "Run", "find_runs", "make_folder", "run_words", "told_at_end"]
 
@@ -23,6 +23,8 @@ PID = "run.pid"
 
 LOG = "run.log"
 """Name of the file in a run's folder that holds what it said."""
+
+_MOST_LOG = 256 * 1024  # bytes of its end
 
 Control = Callable[..., dict[str, Any]]
 """What asks a run for something: (folder, command, timeout_s) -> answer; raises a SinewError if nobody listens."""
@@ -75,24 +77,34 @@ def run_words(folder: Path, port: str) -> list[str]:
 def find_runs(runs: Path, control: Control) -> Iterator[Run]:
     """Give the runs below a folder that are under way: those that answer, and those whose process is there."""
     for folder in sorted({file.parent for name in (CONTROL, PID) for file in runs.glob(f"[!.]*/{name}")}):
-        process = adopt(read_pid(folder / PID), [str(folder)]) or _answering(folder, control)
+        if not _is_unlinked(folder):
+            continue
+        process = adopt_from(folder / PID, [str(folder)]) or _answering(folder, control)
         if process is None:
             continue
         try:
-            plan, rig = _texts(folder)
-            plan_, spec = parse_plan(plan, "the plan"), parse_rig(rig, "the rig")
+            plan_name, spec = read_specs(*_texts(folder))
         except SinewError:
             continue
         began = folder / "plan.toml" if (folder / "plan.toml").exists() else folder / CONTROL
         started = began.stat().st_mtime
-        yield Run(folder.name, folder, process, started, plan_.name, spec.name, spec)
+        yield Run(folder.name, folder, process, started, plan_name, spec.name, spec)
+
+
+def _is_unlinked(folder: Path) -> bool:
+    try:
+        return unlinked(folder) is folder
+    except SinewError:
+        return False
 
 
 def told_at_end(folder: Path) -> str | None:
     """Return how a run that has ended says that it ended, or None where it said nothing."""
     try:
-        lines = (folder / LOG).read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
+        with open_inside(folder.parent, folder / LOG) as file:
+            file.seek(max(0, os.fstat(file.fileno()).st_size - _MOST_LOG))
+            lines = file.read(_MOST_LOG).decode("utf-8", "replace").splitlines()
+    except (OSError, SinewError):
         return None
     starts = [number for number, line in enumerate(lines) if line == "{"]
     if starts:
@@ -122,7 +134,7 @@ def _answering(folder: Path, control: Control) -> Process | None:
     if not (folder / CONTROL).exists():
         return None
     try:
-        pid = control(folder, "status", timeout_s=0.5).get("state", {}).get("pid")
+        pid = control(folder, "status", timeout_s=0.5).get("peer")  # as the system has it, whatever the answer says
     except SinewError:
         return None
     return adopt(pid, []) if isinstance(pid, int) else None

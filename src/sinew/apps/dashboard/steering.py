@@ -7,6 +7,7 @@ threads, and the emergency stop in one that is kept for it.
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -71,10 +72,12 @@ def steering_app(access: Access, helm: Helm) -> ASGIApp:
     desk = _Desk(access, helm)
     routes = [
         Route("/ticket", _signed_in(access, desk.ticket), methods=["POST"]),
-        Route("/command", _signed_in(access, desk.command), methods=["POST"]),
+        Route("/command", desk.command, methods=["POST"]),
         Route("/status", desk.status, methods=["GET"]),
     ]
-    gate = Gate(Starlette(routes=routes), access, must_sign_in=access.must_sign_in, free=())
+    gate = Gate(
+        Starlette(routes=routes), access, must_sign_in=access.must_sign_in, free=("/command",), urgent=("/command",)
+    )
     return CORSMiddleware(
         gate,
         allow_origins=access.origins(),
@@ -97,17 +100,24 @@ class _Desk:
     async def status(self, request: Request) -> Response:
         asking = request.headers.get(TICKET_HEADER) or request.query_params.get("ticket")
         told = self._helm.status(asking)
-        return JSONResponse(told | {"signed_in": self._access.is_signed_in(request)})
+        may = {"signed_in": self._access.is_signed_in(request), "may_stop": self._access.may_stop(request)}
+        answer = JSONResponse(told | may)
+        self._access.keep_session(answer, request)
+        return answer
 
     async def command(self, request: Request) -> Response:
-        try:
-            told = json.loads(await request.body())
-        except (ValueError, RecursionError):
+        told: object = None
+        if self._access.may_stop(request):
+            with suppress(ValueError, RecursionError):
+                told = json.loads(await request.body())
+            if isinstance(told, dict) and told.get("command") == "emergency":
+                # Whoever is signed in or sits here may stop the bench, however old the page: twice harms nobody.
+                outcome = await asyncio.shield(self._helm.emergency())
+                return _said(200 if outcome.is_safe else 409, outcome.sentence, took_ms=1e3 * outcome.took)
+        if not self._access.is_signed_in(request):
+            return _nobody()
+        if told is None:
             return _said(400, "found no JSON, expected a command")
-        if isinstance(told, dict) and told.get("command") == "emergency":
-            # Whoever is signed in may stop the bench, however old the page: to stop it twice harms nobody.
-            outcome = await asyncio.shield(self._helm.emergency())
-            return _said(200 if outcome.is_safe else 409, outcome.sentence, took_ms=1e3 * outcome.took)
         try:
             command = SteeringCommand.model_validate(told)
             ticket = self._helm.operators.admit(command.ticket, command.number)
@@ -138,10 +148,14 @@ def _signed_in(access: Access, answer: Callable[[Request], Awaitable[Response]])
 
     async def endpoint(request: Request) -> Response:
         if not access.is_signed_in(request):
-            return _said(401, "nobody is signed in; sign in with the token that `sinew serve` printed")
+            return _nobody()
         return await answer(request)
 
     return endpoint
+
+
+def _nobody() -> Response:
+    return _said(401, "nobody is signed in; sign in with the token that `sinew serve` printed")
 
 
 def _said(status: int, sentence: str, **more: object) -> Response:

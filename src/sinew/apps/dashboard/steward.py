@@ -11,17 +11,18 @@ import threading
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import uvicorn
 
 from sinew import __version__
-from sinew.apps.dashboard.access import Access
+from sinew.apps.dashboard.access import Access, SignedOut
 from sinew.apps.dashboard.bench_emulator import BenchEmulator
 from sinew.apps.dashboard.emergency import Emergency, Order, Outcome, Rest, bring_to_rest
 from sinew.apps.dashboard.front import raise_file_limit, server_config
+from sinew.apps.dashboard.names import BENCH, SIGNED_OUT
 from sinew.apps.dashboard.operators import Operators
 from sinew.apps.dashboard.page_process import PageProcess
 from sinew.apps.dashboard.processes import end_process, sinew_command
@@ -35,7 +36,7 @@ from sinew.plan.toml import load_rig
 
 __all__ = ["Settings", "Steward", "page_command"]
 
-_BENCH, _LOCK, _PAGE_LOG = ".bench", "steward.lock", "page.log"
+_LOCK, _PAGE_LOG = "steward.lock", "page.log"
 _RUN_ENDS_S = 10.0
 _LOOP_S = 10.0
 _LOOK_S = 0.05
@@ -80,7 +81,7 @@ class Steward:
         self.operators = Operators()
         self._spec = load_rig(settings.rig)
         self._runs = settings.runs.absolute()
-        self._emulator = BenchEmulator(self._runs / _BENCH, settings.command) if settings.bench == "emulator" else None
+        self._emulator = BenchEmulator(self._runs / BENCH, settings.command) if settings.bench == "emulator" else None
         self._desk = RunDesk(self._runs, settings.control, settings.command)
         self._emergency = Emergency(settings.control, settings.rest)
         self._page = self._page_process()
@@ -176,8 +177,8 @@ class Steward:
         _listener(access.host, access.port).close()
         steering = ends.enter_context(_listener(access.host, self.settings.steering_port))
         try:
-            (self._runs / _BENCH).mkdir(parents=True, exist_ok=True)
-            lock = ends.enter_context((self._runs / _BENCH / _LOCK).open("w"))
+            (self._runs / BENCH).mkdir(parents=True, exist_ok=True)
+            lock = ends.enter_context((self._runs / BENCH / _LOCK).open("w"))
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise FileError(
@@ -190,7 +191,8 @@ class Steward:
     def _serve(self, steering: socket.socket, ends: ExitStack) -> None:
         """Serve the steering port in a thread of its own."""
         raise_file_limit()
-        server = uvicorn.Server(server_config(steering_app(self.settings.access, self), ws="none"))
+        access = replace(self.settings.access, signed_out=SignedOut(self._runs / BENCH / SIGNED_OUT))
+        server = uvicorn.Server(server_config(steering_app(access, self), ws="none"))
         thread = threading.Thread(target=lambda: asyncio.run(server.serve([steering])), name="steering", daemon=True)
 
         def end() -> None:
@@ -210,13 +212,14 @@ class Steward:
             "http_host": access.host,
             "http_port": access.port,
             "hosts": list(access.hosts),
+            "own_names": list(access.own_names),
             "steering_port": settings.steering_port,
             "runs": str(self._runs),
             "bench": {"kind": settings.bench, "port": self.port, "rig": settings.rig},
             "rig": settings.rig,
             "version": __version__,
         }
-        log = self._runs / _BENCH / _PAGE_LOG
+        log = self._runs / BENCH / _PAGE_LOG
         return PageProcess(settings.page or page_command(), config, (access.near, access.port), log)
 
     def _leave_run(self) -> None:

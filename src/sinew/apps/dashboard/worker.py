@@ -9,6 +9,7 @@ They end with the process that made them.
 import asyncio
 import importlib
 import os
+import resource
 import sys
 import threading
 import traceback
@@ -26,6 +27,8 @@ __all__ = ["CALLS", "Call", "Worker", "WorkerError"]
 
 _WORK = "sinew.apps.dashboard.work"
 _NICE = 10
+_MOST_DATA = 4 << 30  # bytes that a process may take, and for each core
+_DATA_OF_A_CORE = 64 << 20  # the stacks of JAX's threads
 _SHORT_S, _LONG_S, _WARM_UP_S = 60.0, 900.0, 600.0
 
 
@@ -63,8 +66,11 @@ CALLS = {
 
 
 def _begin(lane: str) -> None:
-    """Prepare a process: low priority, JAX as everywhere, an end with whoever made it."""
+    """Prepare a process: low priority, so much memory, JAX as everywhere, an end with whoever made it."""
     os.nice(_NICE)
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    most = _MOST_DATA + _DATA_OF_A_CORE * (os.cpu_count() or 1)
+    resource.setrlimit(resource.RLIMIT_DATA, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     threading.Thread(target=_end_with_the_maker, daemon=True).start()
     if lane != "light":
         from sinew.twin.cache import compute_inline, configure
@@ -87,6 +93,8 @@ def _run(module: str, name: str, arguments: tuple[Any, ...]) -> Any:
         return function(*arguments)
     except SinewError:
         raise
+    except MemoryError:
+        raise WorkerError(f"{name} takes more memory than a page may have; use the command line for it") from None
     except Exception as error:  # a page shows a sentence, the log the rest
         traceback.print_exc(file=sys.stderr)
         raise WorkerError(

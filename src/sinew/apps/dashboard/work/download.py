@@ -4,8 +4,8 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from sinew.apps.dashboard.work.results import recording_of, results_of
-from sinew.apps.dashboard.work.runs import CACHE
+from sinew.apps.dashboard.names import CACHE
+from sinew.apps.dashboard.work.results import load_own, recording_of, results_of
 from sinew.measure.errors import SpecError
 
 __all__ = ["FILES", "download"]
@@ -36,10 +36,10 @@ def download(folder: Path | str, kind: str) -> Path:
 
 def _csv(folder: Path, path: Path) -> None:
     from sinew.measure.csv import export_csv
-    from sinew.measure.netcdf import load_recording, write_atomically
+    from sinew.measure.netcdf import write_atomically
 
     table = path.with_name(f".{folder.name}.csv")
-    export_csv(load_recording(recording_of(folder)), table)
+    export_csv(load_own(folder), table)
 
     def write(temporary: Path) -> None:
         with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as packed:
@@ -53,9 +53,8 @@ def _csv(folder: Path, path: Path) -> None:
 
 def _mat(folder: Path, path: Path) -> None:
     from sinew.measure.mat import export_mat
-    from sinew.measure.netcdf import load_recording
 
-    export_mat(load_recording(recording_of(folder)), path)
+    export_mat(load_own(folder), path)
 
 
 def _report(folder: Path, path: Path) -> None:

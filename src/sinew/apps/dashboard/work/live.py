@@ -5,6 +5,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sinew.apps.dashboard.names import unlinked
 from sinew.measure.errors import SinewError
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ Key = tuple[int, int, int]
 def measured_so_far(journal_path: str) -> dict[str, Any]:
     """Return what `LiveResults.update` says of a journal; its state stays in this process."""
     path = Path(journal_path)
+    unlinked(path.parent)
     return _live(path, path.stat().st_ino if path.exists() else 0).update()
 
 

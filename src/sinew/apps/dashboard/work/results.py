@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sinew.apps.bench_run import JOURNAL
+from sinew.apps.dashboard.names import CACHE, held_inside, unlinked
 from sinew.apps.dashboard.work.live import LiveResults
-from sinew.apps.dashboard.work.runs import CACHE, RECORDING
+from sinew.apps.dashboard.work.runs import RECORDING
 from sinew.bench.journal_summary import is_being_written
 from sinew.measure.errors import FileError, SinewError
 
@@ -45,7 +46,7 @@ def run_results(folder: Path | str) -> dict[str, Any]:
     analyse --json` says; `notes`: sentences. A run that is under way gives what its finished groups say.
     Raises SinewError where there is no recording, or it cannot be analysed.
     """
-    folder = Path(folder)
+    folder = unlinked(Path(folder))
     journal, recording = folder / JOURNAL, folder / RECORDING
     if is_being_written(journal):
         found = LiveResults(journal, most_at_once=10**6).update()
@@ -74,7 +75,7 @@ def recording_of(folder: Path) -> Path:
     """
     from sinew.bench.conversion import convert
 
-    recording, journal = folder / RECORDING, folder / JOURNAL
+    recording, journal = unlinked(folder) / RECORDING, folder / JOURNAL
     if recording.is_file():
         return recording
     if not journal.is_file():
@@ -84,14 +85,22 @@ def recording_of(folder: Path) -> Path:
     return convert(journal, recording)
 
 
+def load_own(folder: Path) -> "xr.Dataset":
+    """Return the recording of a run, read through no link. Raises as `recording_of` and `load_recording`."""
+    from sinew.measure.netcdf import load_recording
+
+    with held_inside(folder.parent, recording_of(folder)) as path:
+        return load_recording(path)
+
+
 def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":
     """Return (recording, results) of a run; results that belong to another recording are made anew."""
     from sinew.apps.analyse import analyse_with, recording_rig, results_document
     from sinew.apps.console import write_json
     from sinew.apps.stored import stored_results
-    from sinew.measure.netcdf import load_recording, save_dataset
+    from sinew.measure.netcdf import save_dataset
 
-    recording = load_recording(recording_of(folder))
+    recording = load_own(folder)
     rig = recording_rig(recording, None)
     results = stored_results(folder / "results.nc", recording, rig)
     if results is None:

@@ -11,17 +11,15 @@ from typing import Any
 
 from sinew.apps.bench_run import JOURNAL
 from sinew.apps.console import write_json
+from sinew.apps.dashboard.names import CACHE, SHELVES, unlinked
 from sinew.bench.journal_summary import is_being_written, summarise_journal
 from sinew.measure.errors import FileError, SinewError
 from sinew.plan.plan import Plan
 from sinew.plan.toml import parse_plan
 
-__all__ = ["CACHE", "RECORDING", "list_runs", "run_summary"]
+__all__ = ["RECORDING", "list_runs", "run_summary"]
 
 RECORDING = "recording.nc"
-CACHE = ".dashboard"
-"""Folder in a run's own for what can be made anew."""
-
 _SUMMARY, _VERSION = "summary.json", 1
 _KEPT = (JOURNAL, f"{JOURNAL}-wal", RECORDING)
 
@@ -35,9 +33,14 @@ def list_runs(runs: Path | str) -> list[dict[str, Any]]:
     if not folder.is_dir():
         return []
     with os.scandir(folder) as entries:
-        places = [Path(entry.path) for entry in entries if entry.is_dir() and not entry.name.startswith(".")]
+        places = [Path(entry.path) for entry in entries if _may_be_run(entry)]
     found = [_summary(place) for place in places]
     return sorted((row for row in found if row is not None), key=lambda row: str(row["started"]), reverse=True)
+
+
+def _may_be_run(entry: "os.DirEntry[str]") -> bool:
+    is_name = not entry.name.startswith(".") and entry.name.lower() not in SHELVES
+    return is_name and entry.is_dir(follow_symlinks=False)
 
 
 def run_summary(folder: Path | str) -> dict[str, Any]:
@@ -58,6 +61,10 @@ def _summary(folder: Path) -> dict[str, Any] | None:
     stamp = _stamp(folder)
     if JOURNAL not in stamp and RECORDING not in stamp:
         return None
+    try:
+        unlinked(folder)
+    except FileError as trouble:
+        return _unread(folder, stamp) | {"state": "damaged", "sentence": str(trouble)}
     if JOURNAL in stamp and is_being_written(journal):
         return _read(folder, stamp) | {"state": "running", "sentence": "The run is under way."}
     stored = _stored(folder, stamp)
@@ -76,7 +83,7 @@ def _stamp(folder: Path) -> dict[str, list[int]]:
     stamp = {}
     for name in _KEPT:
         with suppress(OSError):
-            about = (folder / name).stat()
+            about = (folder / name).lstat()
             if about.st_size:  # who reads a journal may leave an empty log beside it
                 stamp[name] = [about.st_size, about.st_mtime_ns]
     return stamp
@@ -92,9 +99,10 @@ def _stored(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any] | No
     return None
 
 
-def _read(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any]:
+def _unread(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any]:
+    """Return what is known of a run without opening a file of it."""
     changed = max(stamp.values(), key=lambda one: one[1])[1]
-    row: dict[str, Any] = {
+    return {
         "name": folder.name,
         "started": datetime.fromtimestamp(changed / 1e9, UTC).isoformat(timespec="seconds"),
         "duration_s": None,
@@ -107,6 +115,10 @@ def _read(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any]:
         "sentence": "A recording without a journal.",
         "bytes": sum(size for size, _ in stamp.values()),
     }
+
+
+def _read(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any]:
+    row = _unread(folder, stamp)
     if JOURNAL not in stamp:
         return row
     try:

@@ -4,7 +4,8 @@ import re
 from pathlib import Path
 from typing import Any, cast
 
-from sinew.measure.errors import SinewError, SpecError
+from sinew.apps.dashboard.names import SHELVES, held_inside
+from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.library import Shelf, list_shipped, read_spec
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
@@ -27,13 +28,18 @@ def shelf(runs: Path | str | None = None) -> dict[str, list[dict[str, Any]]]:
 
 def read_shelf(kind: str, name: str, runs: Path | str | None = None) -> str:
     """Return the TOML text of a listed rig or plan. kind: rigs or plans. Raises SpecError where there is none."""
-    if kind not in ("rigs", "plans"):
+    if kind not in SHELVES:
         raise SpecError(f"found a shelf {kind!r}, expected rigs or plans")
     if _NAME.fullmatch(name):
         path = None if runs is None else Path(runs) / kind / name
-        if path is None or not path.is_file() or path.stat().st_size > _MOST_BYTES:
-            raise SpecError(f"there is no {name} among the {kind} of the runs' folder")
-        return read_spec(cast(Shelf, kind), path)
+        try:
+            if path is not None and runs is not None:
+                with held_inside(Path(runs), path) as held:
+                    if held.stat().st_size <= _MOST_BYTES:
+                        return read_spec(cast(Shelf, kind), held)
+        except (FileError, OSError):
+            pass
+        raise SpecError(f"there is no {name} among the {kind} of the runs' folder")
     if name not in list_shipped(cast(Shelf, kind)):
         raise SpecError(f"there is no {kind.removesuffix('s')} {name!r}; choose one that is listed")
     return read_spec(cast(Shelf, kind), f"{kind}/{name}.toml")

@@ -1,0 +1,142 @@
+"""What links in the folder of runs lead to: nothing, neither for a list nor for a result nor for a download."""
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from sinew.apps.dashboard.names import is_run_name, open_inside, unlinked
+from sinew.apps.dashboard.run_folders import PID, find_runs, told_at_end
+from sinew.apps.dashboard.work.download import FILES, download
+from sinew.apps.dashboard.work.live import measured_so_far
+from sinew.apps.dashboard.work.results import run_results
+from sinew.apps.dashboard.work.runs import list_runs
+from sinew.apps.dashboard.work.shelf import read_shelf, shelf
+from sinew.bench.journal import Journal
+from sinew.measure.errors import FileError, SpecError
+from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
+
+
+@pytest.fixture
+def secret(tmp_path: Path) -> Path:
+    """Give a folder of somebody else with a journal, a recording and a rig."""
+    folder = tmp_path / "secret"
+    folder.mkdir()
+    (folder / "recording.nc").write_text("not for everybody")
+    (folder / "rig.toml").write_text(dump_rig(load_rig("paper")))
+    with Journal.create(folder / "journal.sqlite", dump_plan(load_plan("short")), dump_rig(load_rig("paper"))):
+        pass
+    return folder
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> Path:
+    (tmp_path / "runs" / "planted").mkdir(parents=True)
+    return tmp_path / "runs"
+
+
+@pytest.mark.parametrize("kind", FILES)
+@pytest.mark.parametrize("name", ["recording.nc", "journal.sqlite", "results.nc", ".dashboard/recording.mat"])
+def test_no_download_follows_a_link(runs: Path, secret: Path, name: str, kind: str) -> None:
+    planted = runs / "planted"
+    (planted / name).parent.mkdir(exist_ok=True)
+    (planted / name).symlink_to(secret / "recording.nc")
+    with pytest.raises(FileError, match="is a link, which is not followed"):
+        download(planted, kind)
+
+
+@pytest.mark.parametrize("what", [run_results, lambda folder: measured_so_far(str(folder / "journal.sqlite"))])
+def test_no_result_follows_a_link(runs: Path, secret: Path, what: object) -> None:
+    (runs / "planted" / "journal.sqlite").symlink_to(secret / "journal.sqlite")
+    with pytest.raises(FileError, match="is a link"):
+        what(runs / "planted")  # type: ignore[operator]
+
+
+def test_a_folder_that_is_a_link_is_no_run(runs: Path, secret: Path) -> None:
+    (runs / "elsewhere").symlink_to(secret)
+    assert list_runs(runs) == []
+    with pytest.raises(FileError, match="is a link"):
+        unlinked(runs / "elsewhere")
+
+
+def test_a_run_with_a_link_is_listed_as_damaged_and_unread(runs: Path, secret: Path) -> None:
+    (runs / "planted" / "journal.sqlite").symlink_to(secret / "journal.sqlite")
+    (row,) = list_runs(runs)
+    assert (row["state"], row["plan"]) == ("damaged", None)
+    assert "is a link" in row["sentence"]
+
+
+def test_a_rig_that_is_a_link_is_not_on_the_shelf(runs: Path, secret: Path) -> None:
+    (runs / "rigs").mkdir()
+    (runs / "rigs" / "mine.toml").symlink_to(secret / "rig.toml")
+    with pytest.raises(SpecError, match="there is no mine"):
+        read_shelf("rigs", "mine.toml", runs)
+    assert [row["ok"] for row in shelf(runs)["rigs"] if row["name"] == "mine.toml"] == [False]
+
+
+def test_a_rig_of_the_lab_is_on_the_shelf(runs: Path, secret: Path) -> None:
+    (runs / "rigs").mkdir()
+    (runs / "rigs" / "mine.toml").write_text((secret / "rig.toml").read_text())
+    assert read_shelf("rigs", "mine.toml", runs) == (secret / "rig.toml").read_text()
+
+
+def test_a_run_with_a_link_is_not_taken_for_one_under_way(runs: Path, secret: Path) -> None:
+    (runs / "planted" / PID).write_text("1 1\n")
+    (runs / "planted" / "plan.toml").symlink_to(secret / "recording.nc")
+    asked: list[object] = []
+    assert list(find_runs(runs, lambda *given, **_: asked.append(given) or {})) == []
+    assert asked == []
+
+
+def test_what_a_run_said_is_not_read_through_a_link(runs: Path, secret: Path) -> None:
+    (runs / "planted" / "run.log").symlink_to(secret / "recording.nc")
+    assert told_at_end(runs / "planted") is None
+
+
+@pytest.mark.parametrize(
+    "path", ["link/secret", "planted/link", "planted/../../secret/recording.nc", "planted", "none"]
+)
+def test_a_file_is_opened_through_no_link(runs: Path, secret: Path, path: str) -> None:
+    (runs / "link").symlink_to(secret)
+    (runs / "planted" / "link").symlink_to(secret / "recording.nc")
+    with pytest.raises(FileError):
+        open_inside(runs, runs / path)
+
+
+def test_a_pipe_in_place_of_a_file_keeps_nobody_waiting(runs: Path) -> None:
+    os.mkfifo(runs / "planted" / "recording.nc")
+    with pytest.raises(FileError, match="is no file"):
+        open_inside(runs, runs / "planted" / "recording.nc")
+
+
+def test_a_file_that_is_exchanged_for_a_link_while_it_is_opened_leaks_nothing(runs: Path, secret: Path) -> None:
+    place, over = runs / "planted", threading.Event()
+
+    def exchange() -> None:
+        while not over.is_set():
+            (place / "new").write_text("ours")
+            (place / "new").replace(place / "recording.nc")
+            (place / "new").symlink_to(secret / "recording.nc")
+            (place / "new").replace(place / "recording.nc")
+
+    thread = threading.Thread(target=exchange)
+    thread.start()
+    read: set[bytes] = set()
+    for _ in range(2000):
+        try:
+            with open_inside(runs, place / "recording.nc") as file:
+                read.add(file.read())
+        except FileError:
+            continue
+    over.set()
+    thread.join()
+    assert read <= {b"ours", b""}
+
+
+@pytest.mark.parametrize("name", ["rigs", "plans", "Plans"])
+def test_a_run_is_not_called_like_a_shelf(name: str, runs: Path) -> None:
+    assert not is_run_name(name)
+    (runs / name).mkdir()
+    (runs / name / "recording.nc").write_text("x")
+    assert list_runs(runs) == []
