@@ -166,7 +166,7 @@ def _access(http: str, names: list[str], token_file: Path | None) -> "Access":
             raise SpecError(f"found --host {name}, expected a name or an address without scheme and port")
     known = [*names, *_own_names()] if address in _ANY else names
     token = new_token() if token_file is None else _read_token(token_file)
-    return Access(token, address, int(found[2]), tuple(known))
+    return Access(token, address, int(found[2]), tuple(known), is_proxied=bool(names))
 
 
 def _own_names() -> list[str]:

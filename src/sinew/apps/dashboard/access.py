@@ -40,12 +40,14 @@ class Access:
     token: the secret that a viewer types or follows a link with.
     host, port: the address of the page, as it is bound; an IPv6 address without brackets.
     hosts: further names under which browsers reach it, without a port.
+    is_proxied: whether a proxy is to be expected before it, so that an address says nothing of who asks.
     """
 
     token: str = field(repr=False)
     host: str
     port: int
     hosts: tuple[str, ...] = ()
+    is_proxied: bool = False
 
     @property
     def is_loopback(self) -> bool:

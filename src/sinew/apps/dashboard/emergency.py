@@ -5,12 +5,14 @@ is under way is asked first, for it holds the port; where it does not confirm in
 the motors' own watchdogs act within 0.1 s, and the bench is brought to its declared safe state from here.
 """
 
+import ipaddress
 import signal
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from sinew.apps.bench_run import open_rig
 from sinew.apps.dashboard.processes import await_end
@@ -22,7 +24,12 @@ from sinew.hardware.errors import PortError
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 
-__all__ = ["CONFIRM_S", "Emergency", "Order", "Outcome", "bring_to_rest"]
+if TYPE_CHECKING:
+    from starlette.requests import HTTPConnection
+
+    from sinew.apps.dashboard.access import Access
+
+__all__ = ["CONFIRM_S", "Emergency", "Order", "Outcome", "bring_to_rest", "may_stop"]
 
 CONFIRM_S = 0.15
 """Within so long a run must confirm that it has stopped [s]."""
@@ -30,6 +37,8 @@ CONFIRM_S = 0.15
 _DIES_S = 1.0
 _PORT_S = 0.5
 _LOOK_S = 0.01
+
+_FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-real-ip")
 
 _SETTLES_S = 1.5  # for a run that answered, and asks a motor again that did not
 _AGAIN_S = 0.05
@@ -43,12 +52,36 @@ Rest = Callable[[str, RigSpec, str | None, Callable[[StopReport], None], Callabl
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a stop went. at: [s since 1970]. took: until the motors stood still, else until we gave up [s]."""
+    """How a stop went. at: [s since 1970]. took: until the motors stood still, else until we gave up [s].
+
+    was_emergency: whether it was one, and no ordinary stop.
+    """
 
     is_safe: bool
     sentence: str
     at: float
     took: float
+    was_emergency: bool = True
+
+
+def may_stop(access: "Access", connection: "HTTPConnection") -> bool:
+    """Return whether a request may stop the bench in an emergency: signed in, or made on the machine that serves.
+
+    Who stands beside the bench's own computer is not asked for a token first. Behind a proxy everybody seems to be
+    there, so nobody is believed to be where a proxy is declared or says that it passed a request on. Host and Origin
+    were looked at before, so a foreign page in a browser of that machine stops nothing.
+    """
+    if access.is_signed_in(connection):
+        return True
+    origin = connection.headers.get("origin")
+    is_passed_on = access.is_proxied or any(name in connection.headers for name in _FORWARDED)
+    if connection.client is None or is_passed_on or not access.origin_is_ours(origin):
+        return False
+    server = connection.scope.get("server") or ("",)
+    try:
+        return connection.client.host == server[0] or ipaddress.ip_address(connection.client.host).is_loopback
+    except ValueError:
+        return False
 
 
 class Order:
@@ -82,13 +115,14 @@ class Order:
         """Answer, where that was not done before."""
         with self._lock:
             if not self.answer.done():
-                self.answer.set_result(Outcome(is_safe, sentence, self._at, time.monotonic() - self._start))
+                took = time.monotonic() - self._start
+                self.answer.set_result(Outcome(is_safe, sentence, self._at, took, self.is_emergency))
 
     def close(self, is_safe: bool, sentence: str) -> Outcome:
         """Tell the end, and return it."""
         with self._lock:
             self.tell(is_safe, sentence)
-            outcome = Outcome(is_safe, sentence, self._at, self.answer.result().took)
+            outcome = Outcome(is_safe, sentence, self._at, self.answer.result().took, self.is_emergency)
             self.end.set_result(outcome)
             return outcome
 

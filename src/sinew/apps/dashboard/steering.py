@@ -18,7 +18,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from sinew.apps.dashboard.access import Access, Gate
-from sinew.apps.dashboard.emergency import Outcome
+from sinew.apps.dashboard.emergency import Outcome, may_stop
 from sinew.apps.dashboard.operators import Operators, Ticket
 from sinew.apps.dashboard.refusal import RefusedError
 
@@ -37,7 +37,7 @@ class SteeringCommand(BaseModel):
 
     ticket: Annotated[str, Field(max_length=64)]
     number: Annotated[int, Field(ge=1, le=2**53)]
-    command: Literal["take", "give", "start", "pause", "resume", "hold", "release", "stop"]
+    command: Literal["take", "give", "start", "continue", "pause", "resume", "hold", "release", "stop"]
     plan: _Text | None = None
     rig: _Text | None = None
     name: _Text | None = None
@@ -56,6 +56,9 @@ class Helm(Protocol):
     def start(self, name: str, plan: str, rig: str) -> str:
         """Begin a run. Raises RefusedError."""
 
+    def go_on(self, name: str) -> str:
+        """Go on with a run that ended early. Raises RefusedError."""
+
     def tell(self, command: str) -> str:
         """Tell the run something. Raises RefusedError."""
 
@@ -64,17 +67,18 @@ class Helm(Protocol):
 
 
 def steering_app(access: Access, helm: Helm) -> ASGIApp:
-    """Return the application of the steering port: POST /ticket, POST /command, GET /status.
+    """Return the application of the steering port: POST /ticket, POST /leave, POST /command, GET /status.
 
     Answers are JSON, {"ok", "sentence", ...} and a status of 4xx where a command is not carried out.
     """
     desk = _Desk(access, helm)
     routes = [
         Route("/ticket", _signed_in(access, desk.ticket), methods=["POST"]),
-        Route("/command", _signed_in(access, desk.command), methods=["POST"]),
+        Route("/leave", _signed_in(access, desk.leave), methods=["POST"]),
+        Route("/command", desk.command, methods=["POST"]),
         Route("/status", desk.status, methods=["GET"]),
     ]
-    gate = Gate(Starlette(routes=routes), access, must_sign_in=access.must_sign_in, free=())
+    gate = Gate(Starlette(routes=routes), access, must_sign_in=access.must_sign_in, free=("/command",))
     return CORSMiddleware(
         gate,
         allow_origins=access.origins(),
@@ -94,20 +98,34 @@ class _Desk:
         ticket = self._helm.operators.give_ticket()
         return JSONResponse({"ok": True, "ticket": ticket.id, "number": 0, "name": ticket.name})
 
+    async def leave(self, request: Request) -> Response:
+        """Hear that a page is closed; a browser says so in passing, and waits for no answer."""
+        try:
+            ticket = json.loads(await request.body())["ticket"]
+        except (ValueError, RecursionError, KeyError, TypeError):
+            return _said(400, "found no ticket, expected that of the page that is left")
+        self._helm.operators.leave(str(ticket))
+        return _said(200, "the page is left")
+
     async def status(self, request: Request) -> Response:
         asking = request.headers.get(TICKET_HEADER) or request.query_params.get("ticket")
         told = self._helm.status(asking)
-        return JSONResponse(told | {"signed_in": self._access.is_signed_in(request)})
+        allowed = {"signed_in": self._access.is_signed_in(request), "may_stop": may_stop(self._access, request)}
+        return JSONResponse(told | allowed)
 
     async def command(self, request: Request) -> Response:
+        if not may_stop(self._access, request):
+            return _nobody_signed_in()
         try:
             told = json.loads(await request.body())
         except (ValueError, RecursionError):
             return _said(400, "found no JSON, expected a command")
         if isinstance(told, dict) and told.get("command") == "emergency":
-            # Whoever is signed in may stop the bench, however old the page: to stop it twice harms nobody.
+            # Whoever may stop the bench may do so from however old a page: to stop it twice harms nobody.
             outcome = await asyncio.shield(self._helm.emergency())
             return _said(200 if outcome.is_safe else 409, outcome.sentence, took_ms=1e3 * outcome.took)
+        if not self._access.is_signed_in(request):
+            return _nobody_signed_in()
         try:
             command = SteeringCommand.model_validate(told)
             ticket = self._helm.operators.admit(command.ticket, command.number)
@@ -126,6 +144,10 @@ class _Desk:
         if command.command == "give":
             return operators.give(ticket)
         operators.require_operator(ticket)
+        if command.command == "continue":
+            if command.name is None:
+                raise RefusedError(422, "found no name; expected that of the run to go on with")
+            return await asyncio.to_thread(self._helm.go_on, command.name)
         if command.command != "start":
             return await asyncio.to_thread(self._helm.tell, command.command)
         if command.plan is None or command.rig is None or command.name is None:
@@ -138,10 +160,14 @@ def _signed_in(access: Access, answer: Callable[[Request], Awaitable[Response]])
 
     async def endpoint(request: Request) -> Response:
         if not access.is_signed_in(request):
-            return _said(401, "nobody is signed in; sign in with the token that `sinew serve` printed")
+            return _nobody_signed_in()
         return await answer(request)
 
     return endpoint
+
+
+def _nobody_signed_in() -> Response:
+    return _said(401, "nobody is signed in; sign in with the token that `sinew serve` printed")
 
 
 def _said(status: int, sentence: str, **more: object) -> Response:
