@@ -190,7 +190,6 @@ class Hub:
                 "amplitude_deg": _known(asked.amplitude_deg),
             }
 
-
     def _put(self, live: Live, rows: dict[str, Floats]) -> None:
         """Take samples; those from before a run was taken up again are of another clock, and are left out."""
         assert self._channels is not None

@@ -25,7 +25,7 @@ _BUTTONS = (
     ("release", "Release", "End the run; the tension is let down and the torque taken off"),
 )
 _STOP = """
-<aside id="sinew-stop" aria-label="Emergency stop">
+<aside aria-label="Emergency stop">
 <button id="sinew-emergency" type="button" title="Stops the bench at once: key F9, or Escape twice"
   aria-keyshortcuts="F9"><b>EMERGENCY STOP</b><span>F9 · Esc Esc</span></button>
 </aside>

@@ -191,7 +191,8 @@ function clock(seconds) {
   return s >= 86400 ? `${Math.floor(s / 86400)} d ${Math.floor(s % 86400 / 3600)} h`
     : s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${s % 60} s` : `${s} s`;
 }
-const at = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+const at = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { hour12: false, timeZoneName: "short" });
+const sentence = (text) => `${text.charAt(0).toUpperCase()}${text.slice(1)}.`;
 
 const DOING = { starting: "begins", found: "running", preparing: "begins", finishing: "writes its recording", silent: "does not answer" };
 const BEGINS = ["starting", "preparing"];
@@ -261,7 +262,7 @@ function tell(run, state, last, mine) {
   if (status.stopping) notice("emergency", "bad", { title: "The bench is being brought to rest" });
   else if (isNew) {
     notice("emergency", "bad", { title: `Emergency stop at ${at(stop.at)}`,
-      lines: [stop.is_safe ? `${stop.sentence}. Answered ${Math.round(stop.took_ms)} ms after the request.` : `NOT CONFIRMED: ${stop.sentence}.`] });
+      lines: [stop.is_safe ? sentence(stop.sentence) : `NOT CONFIRMED: ${stop.sentence}.`] });
   } else notice("emergency");
   notice("silent", state === "silent" ? "bad" : null, { title: `The run ${run?.name} does not answer`,
     lines: ["Whether it still moves the bench is not known here. The emergency stop ends it by force."] });
@@ -270,12 +271,12 @@ function tell(run, state, last, mine) {
     const done = last.groups === null || last.groups === undefined ? "" : `${last.groups_done} of ${last.groups} segments are recorded.`;
     const open = last.groups_done ? [["sinew-open-last", "Open its results", `/runs/${encodeURIComponent(last.name)}`]] : [];
     const when = `at ${at(last.ended)}`;
-    if (!isEarly(last)) notice("ended", "good", { title: `The run ${last.name} is complete, ${when}`, lines: [`${last.sentence}.`], actions: open });
+    if (!isEarly(last)) notice("ended", "good", { title: `The run ${last.name} is complete, ${when}`, lines: [sentence(last.sentence)], actions: open });
     else {
       const why = mayStart();
       const resume = [["sinew-go-on", "Resume", () => command("continue", { name: last.name }), !why, why]];
       notice("ended", "bad", { title: last.complete ? `The run ${last.name} is complete, but ended in trouble, ${when}` : `The run ${last.name} ended early, ${when}`,
-        lines: [`${last.sentence}.`, last.can_resume ? `${done} See that the bench is well; Resume then goes on with the first segment that is missing.`
+        lines: [sentence(last.sentence), last.can_resume ? `${done} See that the bench is well; Resume then goes on with the first segment that is missing.`
           : last.complete ? done : "Nothing was recorded. Mend what it says, and start it again from the page Plan."],
         actions: [...(last.can_resume ? resume : []), ...open] });
     }
