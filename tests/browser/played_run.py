@@ -12,6 +12,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
+import numpy as np
 from tests.unit.bench_journal import Node, cycle
 from tests.unit.dashboard_journal import RIG_TEXT
 
@@ -24,10 +25,8 @@ from sinew.measure.recording import Segment
 from sinew.plan.plan import Group
 from sinew.plan.toml import dump_plan, load_plan
 
-import numpy as np
-
 PREPARES, FALLS_SILENT, LINGERS, DOUBTS = "prepares", "falls-silent", "lingers", "doubts"
-"""Tries its plan for ever; gives no sample and no answer after a while; writes its recording for two seconds; doubts."""
+"""Tries its plan for ever; gives neither sample nor answer after a while; is long in writing its recording; doubts."""
 
 _SOURCE = "emulated bench"
 _STEP_S, _SILENT_AFTER_S, _LINGERS_S = 0.05, 1.5, 2.5
@@ -102,17 +101,25 @@ class Played:
                     drive_command_rad=share * one.drive_command_rad,
                     drive_rad=share * one.drive_rad,
                     drive_current_a=0.1 + 0.4 * share * one.drive_rad,
-                )  # fmt: skip
+                )
             )
             self._cycles += 1
         self.at.newest_s = self._newest
         if self._newest - self._told > 0.5:
             self._told = self._newest
             at = self.at
-            health = {"state": at.state, "cycles": self._cycles, "missed": 0, "incomplete": 0, "worst_late_ms": 0.4,
-                      "temperature_c": {"drive": 41.0, "tendon 1": 38.0, "tendon 2": 37.0}, "supply_v": 12.1,
-                      "bus": {"transactions": 3 * self._cycles, "retries": 0, "silent": 0},
-                      "done_s": at.done_s(self._newest), "total_s": at.total_s}  # fmt: skip
+            health = {
+                "state": at.state,
+                "cycles": self._cycles,
+                "missed": 0,
+                "incomplete": 0,
+                "worst_late_ms": 0.4,
+                "temperature_c": {"drive": 41.0, "tendon 1": 38.0, "tendon 2": 37.0},
+                "supply_v": 12.1,
+                "bus": {"transactions": 3 * self._cycles, "retries": 0, "silent": 0},
+                "done_s": at.done_s(self._newest),
+                "total_s": at.total_s,
+            }
             self._journal.event("health", json.dumps(health))
 
 
@@ -137,8 +144,12 @@ def main(folder: Path, resume: bool) -> int:
         steering.note_over(_STOPPED)
     if LINGERS in plan.name:
         time.sleep(_LINGERS_S)
-    told = {"complete": not why, "ended": why or f"all {len(groups)} groups are recorded", "left": "the tension is let down",
-            "groups_done": done}  # fmt: skip
+    told = {
+        "complete": not why,
+        "ended": why or f"all {len(groups)} groups are recorded",
+        "left": "the tension is let down",
+        "groups_done": done,
+    }
     print(json.dumps(told, indent=2), flush=True)
     return 1 if why else 0
 

@@ -77,9 +77,14 @@ def staged(runs: Path, *, bench: str | None = "emulator", access: dict[str, obje
     resting.gate.set()
     told = Access(new_token(), "127.0.0.1", port, **(access or {}))  # type: ignore[arg-type]
     settings = Settings(
-        access=told, steering_port=port + 1, runs=runs, bench="port" if bench else None,
-        port="/dev/bench" if bench else None, command=played, rest=resting.rest,
-    )  # fmt: skip
+        access=told,
+        steering_port=port + 1,
+        runs=runs,
+        bench="port" if bench else None,
+        port="/dev/bench" if bench else None,
+        command=played,
+        rest=resting.rest,
+    )
     steward = Steward(settings)
     if bench == "emulator":  # as the pages take it: there is no process to look after
         object.__setattr__(settings, "bench", "emulator")

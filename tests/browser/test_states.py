@@ -3,6 +3,7 @@
 The runs are played: no test here keeps time with a bench.
 """
 
+import zlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -41,7 +42,7 @@ def stage(standing: Stage, request: pytest.FixtureRequest) -> Iterator[Stage]:
 @pytest.fixture
 def name(request: pytest.FixtureRequest) -> str:
     """Return a name for a run that no other test has."""
-    return "".join(letter if letter.isalnum() else "-" for letter in request.node.name)[:70].strip("-")
+    return f"run-{zlib.crc32(request.node.name.encode()):x}"
 
 
 def in_control(opened: Open, stage: Stage, path: str = "/", **how: Any) -> Any:
@@ -71,8 +72,9 @@ def is_uncovered(page: Any) -> bool:
     return bool(
         page.evaluate("""() => {
           const stop = document.getElementById("sinew-emergency"), box = stop.getBoundingClientRect();
-          const hits = (x, y) => stop.contains(document.elementFromPoint(x, y));
-          return [0.1, 0.5, 0.9].every((a) => [0.25, 0.75].every((b) => hits(box.left + a * box.width, box.top + b * box.height)))
+          const hits = (a, b) => stop.contains(
+            document.elementFromPoint(box.left + a * box.width, box.top + b * box.height));
+          return [0.1, 0.5, 0.9].every((a) => [0.25, 0.75].every((b) => hits(a, b)))
             && box.left >= 0 && box.top >= 0 && box.right <= innerWidth && box.bottom <= innerHeight;
         }""")
     )
@@ -83,8 +85,8 @@ def places(page: Any) -> dict[str, tuple[float, ...]]:
     return dict(
         page.evaluate(
             """(names) => Object.fromEntries([...names.map((n) => `sinew-${n}`), "sinew-emergency"].map((id) => {
-          const box = document.getElementById(id).getBoundingClientRect();
-          return [id, [box.left, box.top + (id === "sinew-emergency" ? 0 : scrollY), box.width, box.height].map(Math.round)];
+          const box = document.getElementById(id).getBoundingClientRect(), isFixed = id === "sinew-emergency";
+          return [id, [box.left, box.top + (isFixed ? 0 : scrollY), box.width, box.height].map(Math.round)];
         }))""",
             list(BAR),
         )
@@ -179,7 +181,8 @@ def test_a_normal_end_is_never_called_silent(opened: Open, stage: Stage, name: s
     page = opened(stage)
     page.evaluate("""() => {
       window.said = new Set();
-      const note = () => said.add(`${document.getElementById("sinew-state").textContent} ${document.getElementById("sinew-notices").textContent}`);
+      const places = ["sinew-state", "sinew-notices"].map((id) => document.getElementById(id));
+      const note = () => said.add(places.map((place) => place.textContent).join(" "));
       new MutationObserver(note).observe(document.body, { childList: true, subtree: true, characterData: true });
     }""")
     stage.begin(name, played_run.LINGERS, repeats=1)

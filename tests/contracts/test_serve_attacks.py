@@ -40,7 +40,7 @@ def raw(served: Served, text: bytes) -> int:
 
 
 def post(served: Served, path: str, headers: dict[str, str], body: object = None) -> httpx.Response:
-    with httpx.Client(base_url=served.client.base_url, verify=False) as client:
+    with httpx.Client(base_url="http://{}:{}".format(*served.address), verify=False) as client:
         return client.post(path, headers=headers, json=body)
 
 
@@ -52,14 +52,45 @@ def cookie(access: Access) -> dict[str, str]:
     return {"Cookie": f"{COOKIE}={access.session_cookie()}"}
 
 
-@pytest.mark.parametrize("path", ["/ticket", "/command"])
+@pytest.mark.parametrize("path", ["/ticket", "/leave", "/command"])
 def test_without_a_token_nothing_is_steered(served: Served, path: str) -> None:
-    assert post(served, path, our_page(served), {"command": "emergency"}).status_code == 401
+    assert post(served, path, our_page(served), {"command": "stop"}).status_code == 401
 
 
-def test_without_a_token_the_bench_is_not_even_stopped(served: Served) -> None:
-    post(served, "/command", our_page(served), {"command": "emergency"})
-    assert served.bench.stops == []
+def test_whoever_sits_at_the_machine_that_serves_stops_the_bench_without_a_token(tmp_path: Path) -> None:
+    with serving(tmp_path) as served:
+        assert post(served, "/command", our_page(served), {"command": "emergency"}).status_code == 200
+        assert len(served.bench.stops) == 1
+
+
+@pytest.mark.parametrize("header", ["X-Forwarded-For", "Forwarded", "X-Real-IP", "Via"])
+def test_what_was_passed_on_to_this_machine_stops_nothing_without_a_token(tmp_path: Path, header: str) -> None:
+    with serving(tmp_path) as served:
+        headers = our_page(served) | {header: "192.0.2.7"}
+        assert post(served, "/command", headers, {"command": "emergency"}).status_code == 401
+        assert served.bench.stops == []
+
+
+def test_behind_a_proxy_a_stranger_stops_nothing_though_he_seems_to_be_on_this_machine(tmp_path: Path) -> None:
+    port = free_port()
+    access = Access(TOKEN, "127.0.0.1", port, ("lab.example",), is_proxied=True)
+    with serving(tmp_path, access=access, steering_port=port + 1) as served:
+        for origin in (f"http://127.0.0.1:{port}", "https://lab.example"):
+            assert post(served, "/command", {"Origin": origin}, {"command": "emergency"}).status_code == 401
+        assert served.bench.stops == []
+
+
+@pytest.mark.parametrize("origin", [None, "http://evil.example", "null", "http://127.0.0.1:1"])
+def test_a_foreign_page_on_the_machine_that_serves_stops_nothing(tmp_path: Path, origin: str | None) -> None:
+    with serving(tmp_path) as served:
+        headers = {} if origin is None else {"Origin": origin}
+        assert post(served, "/command", headers, {"command": "emergency"}).status_code in (401, 403)
+        assert served.bench.stops == []
+
+
+def test_a_page_on_the_machine_that_serves_is_told_that_it_may_stop(served: Served) -> None:
+    told = served.client.get("/status").json()
+    assert (told["signed_in"], told["may_stop"]) == (False, True)
 
 
 @pytest.mark.parametrize("path", ["/ticket", "/command"])

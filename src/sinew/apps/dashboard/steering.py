@@ -7,6 +7,7 @@ threads, and the emergency stop in one that is kept for it.
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -116,16 +117,17 @@ class _Desk:
     async def command(self, request: Request) -> Response:
         if not may_stop(self._access, request):
             return _nobody_signed_in()
-        try:
+        told = None
+        with suppress(ValueError, RecursionError):
             told = json.loads(await request.body())
-        except (ValueError, RecursionError):
-            return _said(400, "found no JSON, expected a command")
         if isinstance(told, dict) and told.get("command") == "emergency":
             # Whoever may stop the bench may do so from however old a page: to stop it twice harms nobody.
             outcome = await asyncio.shield(self._helm.emergency())
             return _said(200 if outcome.is_safe else 409, outcome.sentence, took_ms=1e3 * outcome.took)
         if not self._access.is_signed_in(request):
             return _nobody_signed_in()
+        if not isinstance(told, dict):
+            return _said(400, "found no JSON object, expected a command")
         try:
             command = SteeringCommand.model_validate(told)
             ticket = self._helm.operators.admit(command.ticket, command.number)
