@@ -84,6 +84,7 @@ function connect() {
   };
   socket.onclose = () => {
     document.body.dataset.stream = "closed";
+    for (const key of ["trouble", "steward", "quiet"]) notice(key); // of what it told there is nothing newer
     setTimeout(connect, RETRY_MS);
   };
 }
@@ -145,7 +146,7 @@ function age() {
     const place = card.querySelector(".sinew-age");
     if (place && place.textContent !== text) place.textContent = text;
   }
-  const isQuiet = isStale && run && run.name === live.name && old !== null && ["running", "paused", "pausing"].includes(run.state);
+  const isQuiet = isStale && socket?.readyState === WebSocket.OPEN && run && run.name === live.name && old !== null && ["running", "paused", "pausing"].includes(run.state);
   notice("quiet", isQuiet ? "bad" : null, { title: "No samples come from the bench", lines: ["What is shown is old. The run may hang: see to the bench, and end the run."] });
 }
 
@@ -159,8 +160,6 @@ function describe() {
   put("sinew-source", !live ? "–" : live.source ?? (state.steward?.bench?.kind === "emulator" ? "the emulated bench, not a real joint" : "the bench"));
   const begins = run && run.name !== live?.name;
   $("sinew-nothing")?.toggleAttribute("hidden", Boolean(live) && !begins);
-  notice("begins", run && ["starting", "preparing"].includes(run.state) ? "good" : null,
-    { title: `The run ${run?.name} begins`, lines: ["Its plan is tried on the twin before anything moves."] });
   if (begins) put("sinew-nothing-yet", `What ${run.name} measures appears here as it comes.`);
   put("sinew-run", live ? live.name : "–");
   put("sinew-doing", !live ? "–" : !run ? "ended" : run.state === "finishing" ? "the recording is written" : run.state === "paused" ? "paused" : health.state && health.state !== "running" ? health.state

@@ -264,6 +264,8 @@ function tell(run, state, last, mine) {
     notice("emergency", "bad", { title: `Emergency stop at ${at(stop.at)}`,
       lines: [stop.is_safe ? sentence(stop.sentence) : `NOT CONFIRMED: ${stop.sentence}.`] });
   } else notice("emergency");
+  notice("begins", config.here === "/" && BEGINS.includes(state) ? "good" : null,
+    { title: `The run ${run?.name} begins`, lines: ["Its plan is tried on the twin before anything moves."] });
   notice("silent", state === "silent" ? "bad" : null, { title: `The run ${run?.name} does not answer`,
     lines: ["Whether it still moves the bench is not known here. The emergency stop ends it by force."] });
   if (config.here !== "/" || run || !last) { notice("ended"); }
