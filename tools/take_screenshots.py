@@ -6,6 +6,7 @@ a bench, on screens of all sizes; its runs are played. Needs Chromium and `make 
 """
 
 import argparse
+import importlib
 import shutil
 import signal
 import subprocess
@@ -182,8 +183,7 @@ def main(arguments: list[str]) -> int:
     asked.folder.mkdir(parents=True, exist_ok=True)
     if asked.states:
         sys.path.insert(0, str(Path(__file__).parents[1]))
-        from tests.browser.stage import staged
-
+        staged = importlib.import_module("tests.browser.stage").staged
         with tempfile.TemporaryDirectory() as scratch, staged(Path(scratch) / "runs") as stage:
             take_states(asked.folder, stage.link, stage, chromium)
         return 0

@@ -69,7 +69,9 @@ class Played:
             if self.at.state != "paused":
                 self.at.state = "paused"
                 self._journal.event("paused", "the run rests")
-                self._journal.begin_segment(None, 0, Segment("idle", group.pretension_mm, math.nan, math.nan, 0), "pause")
+                self._journal.begin_segment(
+                    None, 0, Segment("idle", group.pretension_mm, math.nan, math.nan, 0), "pause"
+                )
             self._samples(group, 0.0)
         self.at.state = "running"
         self.at.begin(index, before, group.duration_s, self._newest)

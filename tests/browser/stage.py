@@ -11,6 +11,7 @@ import httpx
 from tests.browser import played_run
 from tests.browser.dashboard import two_ports
 from tests.contracts.serving import PATIENCE, Bench, until
+from tests.unit.bench_journal import RIG_TEXT
 
 from sinew.apps.dashboard.access import Access, new_token
 from sinew.apps.dashboard.steward import Settings, Steward
@@ -41,7 +42,7 @@ class Stage:
 
     def begin(self, name: str, behaviour: str = "", *, repeats: int = 20) -> None:
         """Begin a run, as an operator's page does."""
-        self.steward.start(name, PLAN.format(name=f"watched-{behaviour}", repeats=repeats), played_run.RIG_TEXT)
+        self.steward.start(name, PLAN.format(name=f"watched-{behaviour}", repeats=repeats), RIG_TEXT)
 
     def until(self, state: str) -> None:
         """Wait until the run is at something; "over": until there is none."""

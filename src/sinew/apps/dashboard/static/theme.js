@@ -21,6 +21,11 @@ for (const choice of document.querySelectorAll("#sinew-theme input")) {
 
 // What the library of the pages makes, and screen readers and keyboards need more of.
 function mend() {
+  for (const list of document.querySelectorAll(".q-menu .q-virtual-scroll__content:not([role])")) list.setAttribute("role", "group");
+  for (const portal of document.querySelectorAll("[id^=q-portal]:not([role])")) {
+    portal.setAttribute("role", "region");
+    portal.setAttribute("aria-label", "Choice");
+  }
   for (const table of document.querySelectorAll(".q-table__middle:not([tabindex])")) table.tabIndex = 0;
 }
 
