@@ -1,10 +1,12 @@
 """This is where the pictures of the dashboard in README and docs are taken, from a real browser.
 
 `python tools/take_screenshots.py docs/pictures` serves an emulated bench, runs a plan on it, and takes the live page in
-light and the page for designs in dark; with `--all` every page in both. Needs Chromium and `make setup-dev`.
+light and the page for designs in dark; with `--all` every page in both. `--states` takes the pages in every state of
+a bench, on screens of all sizes; its runs are played. Needs Chromium and `make setup-dev`.
 """
 
 import argparse
+import importlib
 import shutil
 import signal
 import subprocess
@@ -91,10 +93,87 @@ def take(page: Page, folder: Path, everything: bool) -> None:
             page.screenshot(path=folder / picture, full_page=everything)
 
 
+STATES = ("empty", "preparing", "running", "paused", "ended-early", "emergency", "complete", "lost")
+SCREENS = {"1440": (1440, 900), "2560": (2560, 1440), "390": (390, 844), "844": (844, 390)}
+
+
+def take_states(folder: Path, link: str, stage: Any, chromium: str) -> None:
+    """Take the live page in every state, and the other pages at rest, as STATE-SCREEN-THEME.png."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=ARGUMENTS)
+        page = browser.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(link)
+        page.wait_for_function("window.Sinew && Sinew.status()?.signed_in")
+        page.click("#sinew-take")
+        for state in STATES:
+            _bring_to(page, stage, state)
+            _shoot(page, folder, state)
+        page.wait_for_function("document.body.dataset.stream === 'open'")
+        for name, (path, ready) in {
+            "plan": ("/plan", "#sinew-duration"),
+            "runs": ("/runs", "#sinew-open"),
+            "design": ("/design", "#sinew-peak"),
+            "missing": ("/no-such-page", "h1"),
+            "sign-in": ("/login", "#token"),
+        }.items():
+            page.goto(stage.base + path)
+            page.wait_for_selector(ready)
+            page.wait_for_timeout(1500)
+            _shoot(page, folder, name)
+        page.goto(stage.base)
+        page.evaluate("Sinew.signIn('Sign in to take control.')")
+        _shoot(page, folder, "dialog")
+        browser.close()
+
+
+def _bring_to(page: Page, stage: Any, state: str) -> None:
+    if state == "preparing":
+        stage.begin("one", "prepares")
+        page.wait_for_selector("#sinew-notice-begins")
+    elif state == "running":
+        page.click("#sinew-stop")
+        stage.until("over")
+        stage.begin("two", repeats=60)
+        page.wait_for_function("parseInt(document.querySelector('#sinew-progress-text').textContent) >= 4")
+    elif state == "paused":
+        page.click("#sinew-pause")
+        page.wait_for_function("Sinew.status().run?.state === 'paused'")
+    elif state == "ended-early":
+        page.click("#sinew-stop")
+        page.wait_for_selector("#sinew-go-on")
+    elif state == "emergency":
+        page.click("#sinew-go-on")
+        page.wait_for_function("document.body.dataset.stale === 'false'")
+        page.keyboard.press("F9")
+        page.wait_for_selector("#sinew-notice-emergency")
+        page.wait_for_selector("#sinew-notice-ended")
+    elif state == "complete":
+        stage.begin("three", repeats=1)
+        page.wait_for_selector("#sinew-notice-ended.good")
+    elif state == "lost":
+        stage.begin("four", repeats=60)
+        page.wait_for_function("document.body.dataset.stale === 'false'")
+        stage.kill_pages()
+        page.wait_for_selector("#sinew-notice-lost")
+    page.wait_for_timeout(1500)
+
+
+def _shoot(page: Page, folder: Path, name: str) -> None:
+    for screen, (width, height) in SCREENS.items():
+        page.set_viewport_size({"width": width, "height": height})
+        for theme in THEMES:
+            page.emulate_media(color_scheme=theme)
+            page.wait_for_timeout(400)
+            page.screenshot(path=folder / f"{name}-{screen}-{theme}.png")
+    page.set_viewport_size({"width": 1440, "height": 900})
+
+
 def main(arguments: list[str]) -> int:
     """Take the pictures; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--states", action="store_true", help="every state of a bench, on screens of all sizes")
     parser.add_argument("--all", action="store_true", help="every page, light and dark, whole")
     asked = parser.parse_args(arguments)
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
@@ -102,6 +181,12 @@ def main(arguments: list[str]) -> int:
         print("found no chromium; apt-get install chromium", file=sys.stderr)
         return 2
     asked.folder.mkdir(parents=True, exist_ok=True)
+    if asked.states:
+        sys.path.insert(0, str(Path(__file__).parents[1]))
+        staged = importlib.import_module("tests.browser.stage").staged
+        with tempfile.TemporaryDirectory() as scratch, staged(Path(scratch) / "runs") as stage:
+            take_states(asked.folder, stage.link, stage, chromium)
+        return 0
     with tempfile.TemporaryDirectory() as scratch:
         runs = Path(scratch) / "runs"
         (runs / "plans").mkdir(parents=True)

@@ -26,18 +26,13 @@ PAGES = {
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("path", PAGES)
-def test_axe_finds_nothing_serious(opened: Open, shown: Served, path: str, theme: str) -> None:
+def test_axe_finds_nothing(opened: Open, shown: Served, path: str, theme: str) -> None:
     page = opened(shown, path, theme=theme)
     page.wait_for_selector(PAGES[path])
     page.wait_for_timeout(500)
     found = axe_api.Axe().run(page).response["violations"]
-    serious = [
-        (rule["id"], node["html"][:160], node["failureSummary"][:200])
-        for rule in found
-        if rule["impact"] in ("serious", "critical")
-        for node in rule["nodes"]
-    ]
-    assert serious == []
+    said = [(rule["id"], node["html"][:160], node["failureSummary"][:200]) for rule in found for node in rule["nodes"]]
+    assert said == []
 
 
 @pytest.mark.parametrize("path", PAGES)
@@ -48,7 +43,6 @@ def test_a_phone_shows_the_page_without_scrolling_sideways_and_the_stop(opened: 
     box = page.locator("#sinew-emergency").bounding_box()
     assert box is not None
     assert box["y"] + box["height"] <= 781
-    assert box["width"] > 300
 
 
 @pytest.mark.realtime
@@ -176,10 +170,10 @@ def test_the_token_leaves_the_address_at_once(opened: Open, shown: Served) -> No
 
 def test_the_theme_that_was_chosen_is_remembered(opened: Open, shown: Served) -> None:
     page = opened(shown)
-    page.select_option("#sinew-theme", "dark")
+    page.locator("#sinew-theme label", has_text="Dark").click()
     page.goto(shown.base + "/runs")
     page.wait_for_function("document.body.classList.contains('body--dark')")
-    assert page.input_value("#sinew-theme") == "dark"
+    assert page.is_checked("#sinew-theme input[value=dark]")
 
 
 def test_control_stays_with_the_tab_from_page_to_page_and_is_taken_over_on_purpose(opened: Open, shown: Served) -> None:

@@ -41,7 +41,7 @@ def raw(served: Served, text: bytes) -> int:
 
 
 def post(served: Served, path: str, headers: dict[str, str], body: object = None) -> httpx.Response:
-    with httpx.Client(base_url=served.client.base_url, verify=False) as client:
+    with httpx.Client(base_url="http://{}:{}".format(*served.address), verify=False) as client:
         return client.post(path, headers=headers, json=body)
 
 
@@ -53,7 +53,7 @@ def cookie(access: Access) -> dict[str, str]:
     return {"Cookie": f"{access.cookie_name}={access.new_session()}"}
 
 
-@pytest.mark.parametrize("path", ["/ticket", "/command"])
+@pytest.mark.parametrize("path", ["/ticket", "/leave", "/command"])
 def test_without_a_token_nothing_is_steered(served: Served, path: str) -> None:
     assert post(served, path, our_page(served), {"command": "stop"}).status_code == 401
 
@@ -67,16 +67,32 @@ def test_behind_a_proxy_the_bench_is_not_even_stopped_without_a_token(tmp_path: 
     assert (status, served.bench.stops) == (401, [])
 
 
-def test_a_proxy_that_nobody_declared_is_known_by_what_it_adds(served: Served) -> None:
-    headers = our_page(served) | {"X-Forwarded-For": "192.0.2.7"}
-    assert post(served, "/command", headers, {"command": "emergency"}).status_code == 401
-
-
 def test_who_sits_at_the_bench_stops_it_without_a_token_and_does_nothing_else(served: Served) -> None:
     codes = [
         post(served, "/command", our_page(served), {"command": each}).status_code for each in ("emergency", "hold")
     ]
     assert codes == [200, 401]
+
+
+@pytest.mark.parametrize("header", ["X-Forwarded-For", "Forwarded", "X-Real-IP", "Via"])
+def test_what_was_passed_on_to_this_machine_stops_nothing_without_a_token(tmp_path: Path, header: str) -> None:
+    with serving(tmp_path) as served:
+        headers = our_page(served) | {header: "192.0.2.7"}
+        assert post(served, "/command", headers, {"command": "emergency"}).status_code == 401
+        assert served.bench.stops == []
+
+
+@pytest.mark.parametrize("origin", [None, "http://evil.example", "null", "http://127.0.0.1:1"])
+def test_a_foreign_page_on_the_machine_that_serves_stops_nothing(tmp_path: Path, origin: str | None) -> None:
+    with serving(tmp_path) as served:
+        headers = {} if origin is None else {"Origin": origin}
+        assert post(served, "/command", headers, {"command": "emergency"}).status_code in (401, 403)
+        assert served.bench.stops == []
+
+
+def test_a_page_on_the_machine_that_serves_is_told_that_it_may_stop(served: Served) -> None:
+    told = served.client.get("/status").json()
+    assert (told["signed_in"], told["may_stop"]) == (False, True)
 
 
 @pytest.mark.parametrize("path", ["/ticket", "/command"])

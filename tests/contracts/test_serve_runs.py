@@ -14,10 +14,10 @@ from tests.contracts import fake_run
 from tests.contracts.serving import RIG, Served, fake_command, plan, serving, until
 from tests.patience import LONG_S
 from tests.unit.bench_journal import RIG_TEXT
-from tests.unit.dashboard_journal import PLAN, run_folder
+from tests.unit.dashboard_journal import GROUPS, PLAN, PLAN_TEXT, run_folder
 
 from sinew.apps.dashboard.processes import Adopted, adopt
-from sinew.apps.dashboard.run_folders import find_runs
+from sinew.apps.dashboard.run_folders import RESUMED, find_runs, told_at_end
 from sinew.apps.run_control import listening, send_control
 from sinew.bench.steering import Steering
 from sinew.plan.toml import parse_rig
@@ -67,6 +67,89 @@ def test_a_run_ends_when_it_is_told_so_and_its_last_words_are_kept(served: Serve
     page.says(command)
     last = until(lambda: served.status()["last"])
     assert (last["sentence"], last["exit"]) == (f"{command} was asked for; nothing moves", 0)
+
+
+def cut_off(served: Served, name: str = "one") -> Path:
+    """Leave a run in the folder of runs that recorded two groups and was killed."""
+    folder = run_folder(served.runs / name, range(2))
+    (folder / "plan.toml").write_text(PLAN_TEXT)
+    (folder / "rig.toml").write_text(RIG_TEXT)
+    return folder
+
+
+def test_a_run_that_ended_early_goes_on_in_its_folder(tmp_path: Path) -> None:
+    asked: list[tuple[str, ...]] = []
+
+    def command(*words: str) -> list[str]:
+        asked.append(words)
+        return fake_command(*words)
+
+    with serving(tmp_path / "runs", command=command) as served:
+        folder = cut_off(served)
+        assert served.operator().says("continue", name="one").status_code == 200
+        until(lambda: served.runs_as("running"))
+        assert asked[-1][-1] == "--resume"
+        assert asked[-1][asked[-1].index("--out") + 1] == str(folder)
+
+
+def test_a_run_that_was_begun_in_a_terminal_goes_on_by_what_its_journal_holds(served: Served) -> None:
+    folder = run_folder(served.runs / "one", range(2))
+    assert served.operator().says("continue", name="one").status_code == 200
+    assert [(folder / name).read_text() for name in ("plan.toml", "rig.toml")] == [PLAN_TEXT, RIG_TEXT]
+
+
+@pytest.mark.parametrize("name", ["none", "../one", "whole", None])
+def test_there_is_nothing_to_go_on_with(served: Served, name: str | None) -> None:
+    run_folder(served.runs / "whole")
+    answer = served.operator().says("continue", **({} if name is None else {"name": name}))
+    assert answer.status_code in (404, 409, 422)
+    assert served.status()["run"] is None
+
+
+def test_who_does_not_operate_has_no_run_go_on(served: Served) -> None:
+    cut_off(served)
+    served.operator()
+    assert served.page().says("continue", name="one").status_code == 403
+
+
+def test_how_far_a_run_came_that_was_killed_is_told(served: Served) -> None:
+    cut_off(served)
+    served.operator().says("continue", name="one")
+    until(lambda: served.runs_as("running"))
+    os.kill(served.status()["run"]["pid"], signal.SIGKILL)
+    last = until(lambda: served.status()["last"])
+    assert (last["complete"], last["can_resume"], last["groups_done"], last["groups"]) == (False, True, 2, GROUPS)
+    assert "SIGKILL" in last["sentence"]
+
+
+def test_a_run_that_was_taken_up_again_and_refused_does_not_say_how_it_ended_before(tmp_path: Path) -> None:
+    (tmp_path / "run.log").write_text('{\n"ended": "before", "left": "nothing"\n}\n' + RESUMED + "\nsinew: no port\n")
+    assert told_at_end(tmp_path) == "no port"
+
+
+def test_a_run_that_has_left_the_bench_and_goes_on_writing_is_not_silent(tmp_path: Path) -> None:
+    script = tmp_path / "writes.py"
+    place = str(Path(fake_run.__file__).parent)
+    begin = f"import pathlib, sys, time\nsys.path.insert(0, {place!r})\nimport fake_run\n"
+    script.write_text(f"{begin}fake_run.main(pathlib.Path(sys.argv[1]))\ntime.sleep(4)\n")
+
+    def command(*words: str) -> list[str]:
+        return [sys.executable, str(script), words[words.index("--out") + 1]]
+
+    with serving(tmp_path / "runs", command=command) as served:
+        page, states = served.operator(), []
+        page.starts()
+        until(lambda: served.runs_as("running"))
+        page.says("stop")
+
+        def is_over() -> bool:
+            run = served.status()["run"]
+            states.append(None if run is None else run["state"])
+            return run is None
+
+        until(is_over)
+        assert "finishing" in states
+        assert "silent" not in states
 
 
 def test_a_run_that_does_not_listen_yet_is_ended_by_a_signal(served: Served) -> None:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinew.apps.dashboard.operators import Operators
+from sinew.apps.dashboard.operators import LAPSES_S, LEAVES_S, Operators
 from sinew.apps.dashboard.refusal import RefusedError
 
 
@@ -70,3 +70,53 @@ def test_a_ticket_with_odd_characters_operates_nothing() -> None:
     told = operators.operator("ä\u2028")
     assert told is not None
     assert told["mine"] is False
+
+
+def test_control_ends_soon_after_its_page_was_closed() -> None:
+    time = [0.0]
+    operators = Operators(clock=lambda: time[0])
+    ticket = operators.give_ticket()
+    operators.take(ticket)
+    operators.leave(ticket.id)
+    time[0] = LEAVES_S / 2
+    assert operators.operator(ticket.id) is not None
+    time[0] = LEAVES_S + 0.1
+    assert operators.operator(ticket.id) is None
+    with pytest.raises(RefusedError, match="nobody operates"):
+        operators.require_operator(ticket)
+
+
+def test_control_stays_with_a_tab_that_goes_from_page_to_page() -> None:
+    time = [0.0]
+    operators = Operators(clock=lambda: time[0])
+    ticket = operators.give_ticket()
+    operators.take(ticket)
+    operators.leave(ticket.id)
+    time[0] = LEAVES_S / 2
+    operators.see(ticket.id)
+    time[0] = 2 * LEAVES_S
+    assert operators.operator(ticket.id) is not None
+
+
+def test_control_ends_where_its_page_is_not_heard_of_and_stays_where_it_is() -> None:
+    time = [0.0]
+    operators = Operators(clock=lambda: time[0])
+    ticket = operators.give_ticket()
+    operators.take(ticket)
+    for _ in range(3):
+        time[0] += LAPSES_S - 1
+        operators.see(ticket.id)
+    assert operators.operator(ticket.id) is not None
+    time[0] += LAPSES_S + 1
+    assert operators.operator(None) is None
+
+
+def test_a_tab_that_lost_control_while_it_was_silent_does_not_get_it_back_by_speaking() -> None:
+    time = [0.0]
+    operators = Operators(clock=lambda: time[0])
+    ticket = operators.give_ticket()
+    operators.take(ticket)
+    time[0] = LAPSES_S + 1
+    assert operators.admit(ticket.id, 1) is ticket
+    with pytest.raises(RefusedError):
+        operators.require_operator(ticket)

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from sinew.apps.bench_run import open_rig
 from sinew.apps.dashboard.processes import await_end
@@ -23,6 +24,9 @@ from sinew.hardware.errors import PortError
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 
+if TYPE_CHECKING:
+    pass
+
 __all__ = ["CONFIRM_S", "Emergency", "Order", "Outcome", "bring_to_rest"]
 
 CONFIRM_S = 0.15
@@ -31,6 +35,8 @@ CONFIRM_S = 0.15
 _DIES_S = 1.0
 _PORT_S = 0.5
 _LOOK_S = 0.01
+
+_FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-real-ip")
 
 _SETTLES_S = 1.5  # for a run that answered, and asks a motor again that did not
 _AGAIN_S = 0.05
@@ -44,12 +50,16 @@ Rest = Callable[[str, RigSpec, str | None, Callable[[StopReport], None], Callabl
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a stop went. at: [s since 1970]. took: until the motors stood still, else until we gave up [s]."""
+    """How a stop went. at: [s since 1970]. took: until the motors stood still, else until we gave up [s].
+
+    was_emergency: whether it was one, and no ordinary stop.
+    """
 
     is_safe: bool
     sentence: str
     at: float
     took: float
+    was_emergency: bool = True
 
 
 class Order:
@@ -83,13 +93,14 @@ class Order:
         """Answer, where that was not done before."""
         with self._lock:
             if not self.answer.done():
-                self.answer.set_result(Outcome(is_safe, sentence, self._at, time.monotonic() - self._start))
+                took = time.monotonic() - self._start
+                self.answer.set_result(Outcome(is_safe, sentence, self._at, took, self.is_emergency))
 
     def close(self, is_safe: bool, sentence: str) -> Outcome:
         """Tell the end, and return it."""
         with self._lock:
             self.tell(is_safe, sentence)
-            outcome = Outcome(is_safe, sentence, self._at, self.answer.result().took)
+            outcome = Outcome(is_safe, sentence, self._at, self.answer.result().took, self.is_emergency)
             self.end.set_result(outcome)
             return outcome
 

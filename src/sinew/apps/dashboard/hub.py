@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import time as wall_clock
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,8 @@ _STATUS_S = 0.5
 _KEPT = 24_000  # samples: a minute at 400 Hz
 _PLAY_S = 0.12  # a journal gets its rows ten times a second; they are played out evenly
 _MOST_EVENTS = 50
+_MOST_DOUBTS = 8
+_GAP_S = 60.0  # between samples: what lies before was another session of the run
 
 Status = dict[str, Any]
 
@@ -50,7 +53,9 @@ class Live:
     name: of its folder; started: when, as the steward has it. rig: what a page draws of it. epoch: rises whenever
     another run is followed. ring: row 0 is the time since the first sample that was seen [s], the others the channels.
     played: how many samples the viewers may see. latest: what there is to say of the newest of them. health: what the
-    run told of itself last. events: the newest, (id, kind, sentence).
+    run told of itself last. events: the newest, (id, kind, sentence). doubts: what the run doubts of itself, in words.
+    source: what was measured where that is no real bench, else None. seen: when the newest sample came [s since 1970];
+    None where that is not known, which is as long as all came from before.
     """
 
     name: str
@@ -66,6 +71,9 @@ class Live:
     latest: dict[str, Any] = field(default_factory=dict)
     health: dict[str, Any] = field(default_factory=dict)
     events: deque[tuple[int, str, str]] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
+    doubts: list[str] = field(default_factory=list)
+    source: str | None = None
+    seen: float | None = None
     segment: dict[str, Any] | None = None
     groups_done: int = 0
 
@@ -81,7 +89,7 @@ class Hub:
         self._runs, self._ask = runs, status
         self._tail: JournalTail | None = None
         self._channels: LiveChannels | None = None
-        self._start = math.nan
+        self._start = self._newest = math.nan
         # A connection of SQLite belongs to its thread.
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._epoch = 0
@@ -128,12 +136,14 @@ class Hub:
             await asyncio.sleep(_STATUS_S)
 
     async def _follow(self) -> None:
-        """Turn to the run that is under way, once it has a journal."""
-        run = (self.steward or {}).get("run")
+        """Turn to the run that is under way, or else to the last one, once it has a journal."""
+        steward = self.steward or {}
+        run = steward.get("run") or steward.get("last")
         if run is None:
             return
         started = float(run.get("started") or 0.0)
         if self.live is not None and (self.live.name, self.live.started) == (run["name"], started):
+            self.live.seen = self.live.seen or run.get("ended")
             return
         path = self._runs / run["name"] / JOURNAL
         if not path.is_file():
@@ -151,27 +161,25 @@ class Hub:
         self._tail, self.trouble = tail, ""
         rig = parse_rig(tail.rig_toml)
         self._channels = LiveChannels(rig)
-        self._start = math.nan
+        self._start = self._newest = math.nan
         self._epoch += 1
         channels = self._channels.channels
         groups = len(parse_plan(tail.plan_toml).groups())
         ring = Ring(1 + len(channels), _KEPT)
         texts = tail.plan_toml, tail.rig_toml
         self.live = Live(run["name"], started, self._epoch, drawn_rig(rig), channels, ring, *texts, groups)
+        self.live.source, self.live.seen = tail.source, run.get("ended")
 
     def _take(self, live: Live, news: News) -> None:
         assert self._channels is not None
         if news.rows:
-            traces = self._channels.take(news.rows)
-            time = news.rows["time_s"]
-            if math.isnan(self._start):
-                self._start = float(time[0])
-            live.ring.put(np.vstack([time - self._start, traces]))
-            live.latest["tension_n"] = self._channels.tensions(traces)
+            self._put(live, news.rows)
         for event in news.events:
             if event[1] == "health":
                 live.health = json.loads(event[2])
             else:
+                if event[1] == "doubt" and event[2] not in live.doubts:
+                    live.doubts = [*live.doubts, event[2]][-_MOST_DOUBTS:]
                 live.events.append((event[0], event[1], _in_words(event[1], event[2])))
         live.groups_done = news.groups_done
         if news.segment is not None:
@@ -183,6 +191,28 @@ class Hub:
                 "frequency_hz": _known(asked.frequency_hz),
                 "amplitude_deg": _known(asked.amplitude_deg),
             }
+
+    def _put(self, live: Live, rows: dict[str, Floats]) -> None:
+        """Take samples; those from before a run was taken up again are of another clock, and are left out."""
+        assert self._channels is not None
+        time = rows["time_s"]
+        before = self._newest if math.isfinite(self._newest) else float(time[0])
+        steps = np.diff(time, prepend=before)
+        breaks = np.flatnonzero((steps < 0) | (steps > _GAP_S))
+        if breaks.size:
+            first = int(breaks[-1])
+            rows, time = {name: column[first:] for name, column in rows.items()}, time[first:]
+            self._epoch += 1
+            live.epoch, live.ring, live.played = self._epoch, Ring(1 + len(live.channels), _KEPT), 0
+            self._start = math.nan
+        if math.isnan(self._start):
+            self._start = float(time[0])
+        self._newest = float(time[-1])
+        traces = self._channels.take(rows)
+        live.ring.put(np.vstack([time - self._start, traces]))
+        live.latest["tension_n"] = self._channels.tensions(traces)
+        if self._tail is not None and rows["id"][-1] > self._tail.found:
+            live.seen = wall_clock()
 
 
 def _known(value: float) -> float | None:

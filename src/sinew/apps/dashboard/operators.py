@@ -2,7 +2,8 @@
 
 Each page that is loaded takes a ticket and numbers its commands. A number that is not greater than the last one is a
 command that was heard already, sent again by whoever recorded it. One ticket at most operates; it does so until it
-gives that up or another takes over, which is a command of its own and never happens by the way.
+gives that up, its page is closed or falls silent, or another takes over, which is a command of its own and never
+happens by the way.
 """
 
 import secrets
@@ -12,10 +13,16 @@ from dataclasses import dataclass, field
 
 from sinew.apps.dashboard.refusal import RefusedError
 
-__all__ = ["Operators", "Ticket"]
+__all__ = ["LAPSES_S", "LEAVES_S", "Operators", "Ticket"]
 
 _MOST_TICKETS = 1000
 _PRESENT_S = 30.0
+
+LEAVES_S = 5.0
+"""A page that says it leaves operates so long yet [s]: from one page to the next a tab leaves and comes back."""
+
+LAPSES_S = 150.0
+"""A page that is not heard of for so long operates no more [s]; browsers let a hidden one speak once a minute."""
 
 
 @dataclass
@@ -26,6 +33,7 @@ class Ticket:
     name: str
     number: int = 0
     seen: float = field(default=0.0, repr=False)
+    left: float | None = field(default=None, repr=False)
 
 
 class Operators:
@@ -59,16 +67,33 @@ class Operators:
                 f"found command {number} again, expected one after {ticket.number}; nothing was done",
                 number=ticket.number,
             )
-        ticket.number, ticket.seen = number, self._clock()
+        self._drop_absent()
+        ticket.number, ticket.seen, ticket.left = number, self._clock(), None
         return ticket
 
     def see(self, ticket_id: str | None) -> None:
         """Note that a page is still there."""
         if ticket_id is not None and (ticket := self._tickets.get(ticket_id)) is not None:
-            ticket.seen = self._clock()
+            self._drop_absent()
+            ticket.seen, ticket.left = self._clock(), None
+
+    def leave(self, ticket_id: str) -> None:
+        """Note that a page is being closed, or left for another one of the same tab, which is heard of soon."""
+        if (ticket := self._tickets.get(ticket_id)) is not None:
+            ticket.left = self._clock()
+
+    def _drop_absent(self) -> None:
+        """Leave the bench without an operator where the operator's page is gone."""
+        ticket, now = self._operator, self._clock()
+        if ticket is None:
+            return
+        is_gone = ticket.left is not None and now - ticket.left > LEAVES_S
+        if is_gone or now - ticket.seen > LAPSES_S:
+            self._operator = None
 
     def take(self, ticket: Ticket) -> str:
         """Make a ticket the operator's, and return a sentence that says from whom."""
+        self._drop_absent()
         before, self._operator = self._operator, ticket
         if before is ticket:
             return "this page operates the bench already"
@@ -83,6 +108,7 @@ class Operators:
 
     def require_operator(self, ticket: Ticket) -> None:
         """Raise RefusedError, naming the operator, where a ticket is not the operator's."""
+        self._drop_absent()
         if self._operator is None:
             raise RefusedError(403, "nobody operates the bench; take it over first")
         if self._operator is not ticket:
@@ -94,6 +120,7 @@ class Operators:
 
     def operator(self, asking: str | None) -> dict[str, object] | None:
         """Return who operates since when [s since 1970], and whether that is the ticket `asking`; None for nobody."""
+        self._drop_absent()
         if self._operator is None:
             return None
         mine = asking is not None and secrets.compare_digest(self._operator.id.encode(), asking.encode())

@@ -22,18 +22,21 @@ from fastapi import FastAPI, WebSocket
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 from fastapi.staticfiles import StaticFiles
 from nicegui import ui
+from starlette.responses import HTMLResponse
+from starlette.routing import Route
 
 from sinew.apps.dashboard.access import Access, Gate, SignedOut
 from sinew.apps.dashboard.front import server_config
 from sinew.apps.dashboard.hub import Hub
 from sinew.apps.dashboard.names import BENCH, SIGNED_OUT, is_run_name, open_inside, unlinked
 from sinew.apps.dashboard.pages.design import add_design_page
+from sinew.apps.dashboard.pages.errors import add_error_pages, sign_in_page
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
 from sinew.apps.dashboard.pages.runs import add_runs_pages
 from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.results import Results
-from sinew.apps.dashboard.sign_in import SIGN_IN_PAGE, sign_in_routes
+from sinew.apps.dashboard.sign_in import sign_in_routes
 from sinew.apps.dashboard.stream import serve_stream
 from sinew.apps.dashboard.work.download import FILES
 from sinew.apps.dashboard.work_desk import Work
@@ -106,7 +109,8 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
                 task.cancel()
 
     app = FastAPI(lifespan=living, docs_url=None, redoc_url=None, openapi_url=None)
-    app.router.routes += sign_in_routes(access)
+    asking = sign_in_page(site)
+    app.router.routes += [Route("/login", lambda _: HTMLResponse(asking), methods=["GET"]), *sign_in_routes(access)]
     _add_downloads(app, site)
 
     @app.websocket("/stream")
@@ -118,6 +122,7 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
     add_plan_page(site)
     add_runs_pages(site)
     add_design_page(site)
+    add_error_pages(site)
     ui.run_with(
         app, title="Sinew", language="en-US", show_welcome_message=False, dark=None, favicon=_STATIC / "icon.svg"
     )
@@ -126,7 +131,7 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
         access=access,
         must_sign_in=site.is_locked,
         free=("/login", "/sinew/"),
-        sign_in_page=SIGN_IN_PAGE,
+        sign_in_page=asking,
         steering_port=config.steering_port,
     )
     return app

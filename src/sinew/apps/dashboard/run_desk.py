@@ -13,7 +13,20 @@ from typing import Any
 
 from sinew.apps.dashboard.processes import UNKNOWN, end_process, read_specs, spawn, write_pid
 from sinew.apps.dashboard.refusal import RefusedError
-from sinew.apps.dashboard.run_folders import LOG, PID, Control, Run, find_runs, make_folder, run_words, told_at_end
+from sinew.apps.dashboard.run_folders import (
+    LOG,
+    PID,
+    RESUMED,
+    Control,
+    Run,
+    ending_of,
+    find_runs,
+    make_folder,
+    run_words,
+    texts_to_go_on,
+    told_at_end,
+)
+from sinew.apps.run_control import CONTROL
 from sinew.measure.errors import SinewError, SpecError
 from sinew.plan.rig import RigSpec
 
@@ -39,6 +52,7 @@ class RunDesk:
         self._told: dict[str, Any] = {}
         self._is_starting = False
         self._alarms = 0
+        self._unanswered = 0
         self._over = threading.Event()
         self._watch = threading.Thread(target=self._follow, name="runs", daemon=True)
         self.last: dict[str, Any] | None = None
@@ -80,12 +94,34 @@ class RunDesk:
 
         name: of its folder. plan, rig: TOML texts. While one is begun or under way, another is refused.
         """
+
+        def begin() -> Run:
+            plan_name, spec = _parsed(plan, rig)
+            folder = make_folder(self._runs, name, plan, rig)
+            return self._spawn(folder, run_words(folder, port), plan_name, spec)
+
+        return self._one(begin, f"the run {name} begins")
+
+    def go_on(self, name: str, port: str) -> str:
+        """Go on with a run that ended early, on the bench behind a port, and return a sentence. Raises RefusedError."""
+
+        def begin() -> Run:
+            folder, plan, rig = texts_to_go_on(self._runs, name)
+            plan_name, spec = _parsed(plan, rig)
+            with (folder / LOG).open("a", encoding="utf-8") as log:
+                log.write(f"{RESUMED}\n")
+            return self._spawn(folder, [*run_words(folder, port), "--resume"], plan_name, spec)
+
+        return self._one(begin, f"the run {name} goes on")
+
+    def _one(self, begin: Callable[[], Run], sentence: str) -> str:
+        """Have a run begin, unless there is one, or an emergency comes in between; return the sentence."""
         with self._lock:
             if self._run is not None or self._is_starting:
                 raise RefusedError(409, f"a run {'is being begun' if self._run is None else self._run.name} already")
             self._is_starting, alarms = True, self._alarms
         try:
-            run = self._begin(name, plan, rig, port)
+            run = begin()
             with self._lock:
                 is_late = self._alarms != alarms
                 if not is_late:
@@ -96,7 +132,7 @@ class RunDesk:
                 raise RefusedError(409, "an emergency stop came in between; the run was ended before it began")
         finally:
             self._is_starting = False
-        return f"the run {name} begins"
+        return sentence
 
     def tell(self, command: str) -> str:
         """Tell the run under way something, and return what it answers. Raises RefusedError where it does not do it."""
@@ -121,14 +157,9 @@ class RunDesk:
         run = self._run
         return None if run is None else _document(run, self._told)
 
-    def _begin(self, name: str, plan: str, rig: str, port: str) -> Run:
+    def _spawn(self, folder: Path, words: list[str], plan: str, spec: RigSpec) -> Run:
         try:
-            plan_name, spec = read_specs(plan, rig)
-        except SpecError as trouble:
-            raise RefusedError(422, str(trouble)) from trouble
-        folder = make_folder(self._runs, name, plan, rig)
-        try:
-            process = spawn(self._command(*run_words(folder, port)), folder / LOG)
+            process = spawn(self._command(*words), folder / LOG)
             try:
                 write_pid(folder / PID, process.pid)
             except OSError:
@@ -136,7 +167,7 @@ class RunDesk:
                 raise
         except OSError as trouble:
             raise RefusedError(409, f"cannot begin a process in {folder}: {trouble.strerror}") from trouble
-        return Run(name, folder, process, time.time(), plan_name, spec.name, spec)
+        return Run(folder.name, folder, process, time.time(), plan, spec.name, spec)
 
     def _follow(self) -> None:
         looks = 0
@@ -164,10 +195,17 @@ class RunDesk:
         try:
             self._note(self._control(run.folder, "status", timeout_s=_ANSWER_S))
         except SinewError:
-            if self._told.get("state") != "starting":
+            if self._told.get("state") == "starting":
+                return
+            if not (run.folder / CONTROL).exists():  # it listens as long as it holds the bench
+                self._told = {"state": "finishing", "sentence": "the bench is at rest; the recording is written"}
+                return
+            self._unanswered += 1
+            if self._unanswered > 1:  # between the two it may have been about to end
                 self._told = {"state": "silent", "sentence": "the run does not answer"}
 
     def _note(self, answer: dict[str, Any]) -> None:
+        self._unanswered = 0
         state = answer.get("state")
         at = state if isinstance(state, dict) else {}
         told = str(at.get("state") or "running")
@@ -180,8 +218,16 @@ class RunDesk:
         how = f"the run was ended by {signal.Signals(-status).name}" if status < 0 else told_at_end(run.folder)
         told = {"state": "ended", "sentence": how or "the run has ended"}
         known = None if status == UNKNOWN else status
-        self.last = _document(run, told) | {"exit": known, "ended": time.time()}
+        self.last = _document(run, told) | {"exit": known, "ended": time.time()} | ending_of(run.folder)
         self._run = None
+
+
+def _parsed(plan: str, rig: str) -> tuple[str, RigSpec]:
+    """Return the plan's name and the rig that two texts hold. Raises RefusedError where they are not valid."""
+    try:
+        return read_specs(plan, rig)
+    except SpecError as trouble:
+        raise RefusedError(422, str(trouble)) from trouble
 
 
 def _document(run: Run, told: dict[str, Any]) -> dict[str, Any]:

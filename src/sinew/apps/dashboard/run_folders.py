@@ -13,10 +13,24 @@ from sinew.apps.dashboard.processes import Process, adopt, adopt_from, read_spec
 from sinew.apps.dashboard.refusal import RefusedError
 from sinew.apps.run_control import CONTROL
 from sinew.bench.journal_reader import JournalReader
+from sinew.bench.journal_summary import summarise_journal
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan
 
-__all__ = ["LOG", "PID", "Control", "Run", "find_runs", "make_folder", "run_words", "told_at_end"]
+__all__ = [
+    "LOG",
+    "PID",
+    "RESUMED",
+    "Control",
+    "Run",
+    "ending_of",
+    "find_runs",
+    "make_folder",
+    "run_words",
+    "texts_to_go_on",
+    "told_at_end",
+]
 
 PID = "run.pid"
 """Name of the file in a run's folder that holds the number of its process."""
@@ -25,6 +39,9 @@ LOG = "run.log"
 """Name of the file in a run's folder that holds what it said."""
 
 _MOST_LOG = 256 * 1024  # bytes of its end
+
+RESUMED = "--- the run is taken up again ---"
+"""Line of a run's log between what it said before and after it was taken up again."""
 
 Control = Callable[..., dict[str, Any]]
 """What asks a run for something: (folder, command, timeout_s) -> answer; raises a SinewError if nobody listens."""
@@ -106,6 +123,7 @@ def told_at_end(folder: Path) -> str | None:
             lines = file.read(_MOST_LOG).decode("utf-8", "replace").splitlines()
     except (OSError, SinewError):
         return None
+    lines = lines[max((number + 1 for number, line in enumerate(lines) if line == RESUMED), default=0) :]
     starts = [number for number, line in enumerate(lines) if line == "{"]
     if starts:
         try:
@@ -115,6 +133,42 @@ def told_at_end(folder: Path) -> str | None:
             pass
     said = [line.strip() for line in lines if line.strip()]
     return said[-1].removeprefix("sinew: ") if said else None
+
+
+def ending_of(folder: Path) -> dict[str, Any]:
+    """Return how far a run came that has ended: whether it is `complete`, `can_resume`, `groups_done`, `groups`.
+
+    Where it left no journal nothing has moved: there is nothing to go on with, and the two numbers are None.
+    """
+    try:
+        journal = summarise_journal(folder / JOURNAL)
+        groups = len(parse_plan(journal.plan_toml, "the journal's plan").groups())
+    except SinewError:
+        return {"complete": False, "can_resume": False, "groups_done": None, "groups": None}
+    done = journal.finished
+    return {"complete": done >= groups, "can_resume": done < groups, "groups_done": done, "groups": groups}
+
+
+def texts_to_go_on(runs: Path, name: str) -> tuple[Path, str, str]:
+    """Return the folder of a run that ended early, and its plan and rig, which lie in it as files afterwards.
+
+    Raises RefusedError where there is no such run (404), or nothing of it is left to do (409).
+    """
+    folder = runs / name
+    if not is_run_name(name) or folder.is_symlink() or not (folder / JOURNAL).is_file():
+        raise RefusedError(404, "found no run of that name to go on with; the page Runs lists them")
+    if not ending_of(folder)["can_resume"]:
+        raise RefusedError(409, f"nothing of the run {name} is left to do; start another")
+    try:
+        texts = _texts(unlinked(folder))
+        for file, text in zip(("plan.toml", "rig.toml"), texts, strict=True):
+            if not (folder / file).exists():
+                (folder / file).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RefusedError(409, f"cannot write into {folder}: {error.strerror}; make space") from error
+    except SinewError as error:
+        raise RefusedError(409, str(error)) from error
+    return folder, *texts
 
 
 def _texts(folder: Path) -> tuple[str, str]:

@@ -38,7 +38,7 @@ class SteeringCommand(BaseModel):
 
     ticket: Annotated[str, Field(max_length=64)]
     number: Annotated[int, Field(ge=1, le=2**53)]
-    command: Literal["take", "give", "start", "pause", "resume", "hold", "release", "stop"]
+    command: Literal["take", "give", "start", "continue", "pause", "resume", "hold", "release", "stop"]
     plan: _Text | None = None
     rig: _Text | None = None
     name: _Text | None = None
@@ -57,6 +57,9 @@ class Helm(Protocol):
     def start(self, name: str, plan: str, rig: str) -> str:
         """Begin a run. Raises RefusedError."""
 
+    def go_on(self, name: str) -> str:
+        """Go on with a run that ended early. Raises RefusedError."""
+
     def tell(self, command: str) -> str:
         """Tell the run something. Raises RefusedError."""
 
@@ -65,13 +68,14 @@ class Helm(Protocol):
 
 
 def steering_app(access: Access, helm: Helm) -> ASGIApp:
-    """Return the application of the steering port: POST /ticket, POST /command, GET /status.
+    """Return the application of the steering port: POST /ticket, POST /leave, POST /command, GET /status.
 
     Answers are JSON, {"ok", "sentence", ...} and a status of 4xx where a command is not carried out.
     """
     desk = _Desk(access, helm)
     routes = [
         Route("/ticket", _signed_in(access, desk.ticket), methods=["POST"]),
+        Route("/leave", _signed_in(access, desk.leave), methods=["POST"]),
         Route("/command", desk.command, methods=["POST"]),
         Route("/status", desk.status, methods=["GET"]),
     ]
@@ -97,6 +101,15 @@ class _Desk:
         ticket = self._helm.operators.give_ticket()
         return JSONResponse({"ok": True, "ticket": ticket.id, "number": 0, "name": ticket.name})
 
+    async def leave(self, request: Request) -> Response:
+        """Hear that a page is closed; a browser says so in passing, and waits for no answer."""
+        try:
+            ticket = json.loads(await request.body())["ticket"]
+        except (ValueError, RecursionError, KeyError, TypeError):
+            return _said(400, "found no ticket, expected that of the page that is left")
+        self._helm.operators.leave(str(ticket))
+        return _said(200, "the page is left")
+
     async def status(self, request: Request) -> Response:
         asking = request.headers.get(TICKET_HEADER) or request.query_params.get("ticket")
         told = self._helm.status(asking)
@@ -116,8 +129,8 @@ class _Desk:
                 return _said(200 if outcome.is_safe else 409, outcome.sentence, took_ms=1e3 * outcome.took)
         if not self._access.is_signed_in(request):
             return _nobody()
-        if told is None:
-            return _said(400, "found no JSON, expected a command")
+        if not isinstance(told, dict):
+            return _said(400, "found no JSON object, expected a command")
         try:
             command = SteeringCommand.model_validate(told)
             ticket = self._helm.operators.admit(command.ticket, command.number)
@@ -136,6 +149,10 @@ class _Desk:
         if command.command == "give":
             return operators.give(ticket)
         operators.require_operator(ticket)
+        if command.command == "continue":
+            if command.name is None:
+                raise RefusedError(422, "found no name; expected that of the run to go on with")
+            return await asyncio.to_thread(self._helm.go_on, command.name)
         if command.command != "start":
             return await asyncio.to_thread(self._helm.tell, command.command)
         if command.plan is None or command.rig is None or command.name is None:

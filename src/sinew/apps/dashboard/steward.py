@@ -130,18 +130,34 @@ class Steward:
             "operator": self.operators.operator(asking),
             "viewers": self.operators.viewers(),
             "page": self._page.state,
-            "emergency": last and {"at": last.at, "took_ms": 1e3 * last.took, "sentence": last.sentence},
+            "emergency": last
+            and {
+                "at": last.at,
+                "took_ms": 1e3 * last.took,
+                "sentence": last.sentence,
+                "is_safe": last.is_safe,
+                "was_emergency": last.was_emergency,
+            },
+            "stopping": self._emergency.is_under_way,
         }
 
     def start(self, name: str, plan: str, rig: str) -> str:
         """Begin a run, and return a sentence. Raises RefusedError."""
+        return self._desk.start(name, plan, rig, self._free_bench())
+
+    def go_on(self, name: str) -> str:
+        """Go on with a run that ended early, and return a sentence. Raises RefusedError."""
+        return self._desk.go_on(name, self._free_bench())
+
+    def _free_bench(self) -> str:
+        """Return the port of the bench, where a run can begin on it. Raises RefusedError."""
         if self.port is None:
             raise RefusedError(409, "no bench is connected; serve with --port-bench PORT or --emulate")
         if self._emulator is not None and not self._emulator.is_there:
             raise RefusedError(409, f"the emulator has ended; see the log beside {self.port}, and serve again")
         if self._emergency.is_under_way:
             raise RefusedError(409, "the bench is being brought to rest; wait until it is")
-        return self._desk.start(name, plan, rig, self.port)
+        return self.port
 
     def tell(self, command: str) -> str:
         """Tell the run under way something, or bring a bench without one to rest; return a sentence.

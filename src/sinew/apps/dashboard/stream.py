@@ -5,6 +5,7 @@ fewer frames with more in each; what waits for it is never more than one frame.
 """
 
 import asyncio
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -101,6 +102,9 @@ def state_of(hub: Hub) -> bytes:
             "segment": live.segment,
             "health": live.health,
             "events": list(live.events)[-12:],
+            "doubts": live.doubts,
+            "source": live.source,
+            "age_s": None if live.seen is None else max(0.0, time.time() - live.seen),
         }
     return orjson.dumps(said)
 

@@ -37,8 +37,11 @@ class JournalTail:
     def __init__(self, path: Path, backlog: int = 0) -> None:
         self._reader = JournalReader(path)
         self.plan_toml, self.rig_toml = self._reader.plan_toml, self._reader.rig_toml
-        self._last = max(0, self._reader.last_sample() - backlog)
+        self.found = self._reader.last_sample()  # what was there before we came
+        self._last = max(0, self.found - backlog)
         self._event = 0
+        source = self._reader.attrs.get("source")
+        self.source = None if source is None else str(source)
 
     def look(self) -> News:
         """Return what is new, at most 4000 rows at a time."""

@@ -1,4 +1,8 @@
-"""This is where every page gets its head: name, ways to the others, steering, and the theme."""
+"""The frame of every page: emergency stop, head with steering, notices, and the theme.
+
+It is plain HTML that stands before what NiceGUI draws and does not depend on it: the stop is there on a page that is
+still loading, on one that does not exist, and on one whose server is gone.
+"""
 
 import json
 from collections.abc import Iterator
@@ -9,9 +13,23 @@ from nicegui import ui
 
 from sinew.apps.dashboard.pages.site import Site
 
-__all__ = ["card", "empty", "framed", "script", "theme_choice"]
+__all__ = ["card", "choice", "empty", "framed", "live_card", "plain_page", "script"]
 
 _PAGES = (("Live", "/"), ("Plan", "/plan"), ("Runs", "/runs"), ("Design", "/design"))
+_BUTTONS = (
+    ("take", "Take control", "Have the bench obey this page"),
+    ("pause", "Pause", "Rest after the segment under way; the tension stays"),
+    ("resume", "Resume", "Go on with the next segment"),
+    ("stop", "End run", "End the run now, in the state that the rig declares safe"),
+    ("hold", "Hold", "End the run; every motor stands still with limited output"),
+    ("release", "Release", "End the run; the tension is let down and the torque taken off"),
+)
+_STOP = """
+<aside aria-label="Emergency stop">
+<button id="sinew-emergency" type="button" title="Stops the bench at once: key F9, or Escape twice"
+  aria-keyshortcuts="F9"><b>EMERGENCY STOP</b><span>F9 · Esc Esc</span></button>
+</aside>
+"""
 
 
 @contextmanager
@@ -19,31 +37,59 @@ def framed(site: Site, title: str, here: str) -> Iterator[None]:
     """Give the content of a page; the head stands already."""
     ui.page_title(f"{title} · Sinew")
     ui.colors(primary="#0b5fa5", negative="#b3261e", positive="#0a6b4a", warning="#8a5300")
-    ui.add_head_html(f'<link rel="stylesheet" href="/sinew/style.css?{site.version}">')
-    script("sinew-config", {"steering_port": site.steering_port, "locked": site.is_locked})
-    for name in ("theme", "steering"):
-        ui.add_body_html(f'<script type="module" src="/sinew/{name}.js?{site.version}"></script>')
-    with ui.header(elevated=False).classes("sinew-header"):
-        ui.link("Sinew", "/").classes("sinew-brand")
-        with ui.element("nav").classes("sinew-nav").props('aria-label="Pages"'):
-            for name, path in _PAGES:
-                link = ui.link(name, path)
-                if path == here:
-                    link.props('aria-current="page"')
-        ui.element("div").props("id=sinew-controls")
-        theme_choice()
+    ui.add_head_html(_style(site))
+    ui.add_body_html(_head(site, here))
     with ui.element("div").classes("sinew-content"):
         yield
 
 
-def theme_choice() -> None:
-    """Offer light, dark, or what the system says; the browser remembers it."""
-    ui.html(
-        '<label class="sinew-soft" for="sinew-theme">Theme</label> <select id="sinew-theme">'
-        '<option value="auto">as the system</option><option value="light">light</option>'
-        '<option value="dark">dark</option></select>',
-        sanitize=False,
+def plain_page(site: Site, title: str, content: str, more_head: str = "") -> str:
+    """Return the HTML of a page that needs no server once it is there. content: HTML of its main part."""
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<title>{title} · Sinew</title><link rel="icon" href="/sinew/icon.svg">{_style(site)}{more_head}</head>'
+        f'<body class="sinew-plain">{_head(site, "")}<main class="nicegui-content"><div class="sinew-content">{content}'
+        "</div></main></body></html>"
     )
+
+
+def _style(site: Site) -> str:
+    return f'<link rel="stylesheet" href="/sinew/style.css?{site.version}">'
+
+
+def _head(site: Site, here: str) -> str:
+    links = "".join(
+        f'<a href="{path}"{" aria-current=page" if path == here else ""}>{name}</a>' for name, path in _PAGES
+    )
+    buttons = "".join(
+        f'<button type="button" class="sinew-button" id="sinew-{name}" title="{title}" disabled>{label}</button>'
+        for name, label, title in _BUTTONS
+    )
+    config = {"steering_port": site.steering_port, "locked": site.is_locked, "here": here}
+    scripts = "".join(
+        f'<script type="module" src="/sinew/{name}.js?{site.version}"></script>' for name in ("theme", "steering")
+    )
+    themes = choice("sinew-theme", "Theme", (("auto", "Auto"), ("light", "Light"), ("dark", "Dark")), "auto")
+    return f"""{_STOP}<header class="sinew-header"><a class="sinew-brand" href="/">Sinew</a>
+<nav class="sinew-nav" aria-label="Pages">{links}</nav>{themes}
+<section id="sinew-bar" aria-label="Steering"><div id="sinew-buttons">{buttons}</div>
+<span id="sinew-state" class="sinew-chip">Connecting</span><span id="sinew-who"></span></section></header>
+<section id="sinew-notices" aria-label="Notices"></section>
+{_data("sinew-config", config)}{scripts}"""
+
+
+def choice(name: str, title: str, options: tuple[tuple[str, str], ...], chosen: str) -> str:
+    """Return the HTML of a choice of which all options are seen: no list that opens lies over the page.
+
+    options: (value, label).
+    """
+    rows = "".join(
+        f'<label><input type="radio" name="{name}" value="{value}"{" checked" if value == chosen else ""}>'
+        f"<span>{label}</span></label>"
+        for value, label in options
+    )
+    return f'<fieldset class="sinew-choice" id="{name}"><legend class="sinew-hidden">{title}</legend>{rows}</fieldset>'
 
 
 @contextmanager
@@ -54,6 +100,16 @@ def card(title: str, span: int) -> Iterator[ui.element]:
         yield made
 
 
+@contextmanager
+def live_card(title: str, span: int) -> Iterator[ui.element]:
+    """Give a card whose values are of now; it is grey, and says how old they are, when they are not."""
+    with ui.element("section").classes(f"sinew-card sinew-live span-{span}") as made:
+        with ui.element("div").classes("sinew-row"):
+            ui.label(title).props("role=heading aria-level=2").classes("text-bold")
+            ui.html('<span class="sinew-age"></span>', sanitize=False)
+        yield made
+
+
 def empty(sentence: str) -> ui.label:
     """Show what to do where there is nothing to show yet."""
     return ui.label(sentence).classes("sinew-empty")
@@ -61,5 +117,9 @@ def empty(sentence: str) -> ui.label:
 
 def script(name: str, data: Any) -> None:
     """Hand data to the page's own scripts, in an element of that id."""
+    ui.add_body_html(_data(name, data))
+
+
+def _data(name: str, data: Any) -> str:
     text = json.dumps(data, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
-    ui.add_body_html(f'<script id="{name}" type="application/json">{text}</script>')
+    return f'<script id="{name}" type="application/json">{text}</script>'

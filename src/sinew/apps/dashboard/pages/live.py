@@ -6,7 +6,7 @@ from nicegui import ui
 
 from sinew.apps.dashboard.drawn_rig import drawn_rig
 from sinew.apps.dashboard.pages.curves import Curves
-from sinew.apps.dashboard.pages.frame import card, empty, framed, script
+from sinew.apps.dashboard.pages.frame import card, choice, empty, framed, live_card, script
 from sinew.apps.dashboard.pages.quantity import quantity
 from sinew.apps.dashboard.pages.site import Site
 from sinew.plan.rig import RigSpec
@@ -30,7 +30,6 @@ def add_live_page(site: Site) -> None:
             with ui.element("div").props("id=sinew-nothing").classes("sinew-card"):
                 said = empty(f"{nothing} Choose a plan on the page Plan; what is measured appears here as it comes.")
                 said.props("id=sinew-nothing-yet role=status")
-            ui.label().props("id=sinew-note role=alert hidden").classes("sinew-card sinew-bad")
             with ui.element("div").classes("sinew-grid"):
                 scene = _joint_card(rig)
                 _scope_card()
@@ -43,7 +42,7 @@ def add_live_page(site: Site) -> None:
 
 def _joint_card(rig: RigSpec) -> int:
     """Lay the joint out and return the number of its scene."""
-    with card("Joint", 3):
+    with live_card("Joint", 3):
         scene = ui.scene(width=320, height=360, grid=False, background_color="#000000", fps=25)
         scene.move_camera(1.35, -1.55, 1.35, 0.0, 0.0, 0.5, duration=0)
         scene.classes("w-full").props('role=img aria-label="The joint as it moves, with its tendons"')
@@ -57,17 +56,16 @@ def _joint_card(rig: RigSpec) -> int:
 
 
 def _scope_card() -> None:
-    with card("Oscilloscope", 6):
+    with live_card("Oscilloscope", 6):
         ui.html(
             '<canvas id="sinew-scope" class="sinew-canvas" role="img" aria-label="Angles and currents over time">'
             "</canvas>",
             sanitize=False,
         ).classes("w-full")
         ui.html('<div id="sinew-legend" class="sinew-legend"></div>', sanitize=False)
-        options = "".join(f'<option value="{s:g}"{" selected" if s == 5 else ""}>{s:g} s</option>' for s in _BASES_S)
+        bases = choice("sinew-base", "Time base", tuple((f"{s:g}", f"{s:g} s") for s in _BASES_S), "5")
         ui.html(
-            '<div class="sinew-row"><label for="sinew-base">Time base</label>'
-            f'<select id="sinew-base">{options}</select>'
+            f'<div class="sinew-row"><span class="sinew-soft" aria-hidden="true">Time base</span>{bases}'
             '<button type="button" class="sinew-button" id="sinew-freeze" aria-pressed="false">Freeze</button></div>',
             sanitize=False,
         )
@@ -79,8 +77,8 @@ def _numbers(rows: tuple[tuple[str, str], ...]) -> None:
 
 
 def _numbers_card() -> None:
-    with card("Run", 3):
-        _numbers((("Run", "run"), ("Doing", "doing"), ("At", "at")))
+    with live_card("Run", 3):
+        _numbers((("Run", "run"), ("Doing", "doing"), ("At", "at"), ("Recorded on", "source")))
         ui.html(
             '<progress id="sinew-progress" max="1" value="0" aria-label="Progress of the plan"></progress>'
             '<div id="sinew-progress-text" class="sinew-soft">–</div>',
@@ -94,7 +92,7 @@ def _numbers_card() -> None:
 
 
 def _bench_card() -> None:
-    with card("Bench", 6):
+    with live_card("Bench", 6):
         rows = (
             ("Tension of the tendons", "tension"),
             ("Tilt of the head plate", "tilt"),

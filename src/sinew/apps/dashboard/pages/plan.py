@@ -56,10 +56,14 @@ class _Desk:
                 self._form = ui.element("div").classes("sinew-stack")
             with ui.element("div").classes("span-6 sinew-stack"):
                 with card("Preview", 12):
+                    # Above what grows, so that it keeps its place; steering.js knows whether this page may start.
+                    with ui.element("div").classes("sinew-row"):
+                        self._start = ui.element("button").props("id=sinew-start type=button data-ready=no disabled")
+                        self._start.classes("sinew-button main").on("click", self._ask_to_start)
+                        with self._start:
+                            ui.html("Start", sanitize=False, tag="span")
+                        ui.html('<span id="sinew-start-why" class="sinew-soft"></span>', sanitize=False, tag="span")
                     self._preview = ui.element("div").classes("sinew-stack")
-                    self._start = ui.button("Start", on_click=self._ask_to_start).props(
-                        "id=sinew-start no-caps unelevated color=primary"
-                    )
                 with card("Drive amplitude that can be reached against a held head", 12):
                     self._reach = Curves("amplitude_drive")
                 with card("The plan as a file", 12):
@@ -161,7 +165,7 @@ class _Desk:
         self._toml, errors = plan_from_form(self._values)
         for path, made in self._inputs.items():
             made.error = errors.get(path)
-        self._start.set_enabled(False)
+        self._ready(False)
         self._preview.clear()
         others = {path: sentence for path, sentence in errors.items() if path not in self._inputs}
         with self._preview:
@@ -220,10 +224,11 @@ class _Desk:
             if drive
             else []
         )
-        self._start.set_enabled(bool(found["ok"]) and self._site.bench is not None)
-        if self._site.bench is None:
-            with self._preview:
-                ui.label("There is no bench to start on: sinew serve --emulate plays one.").classes("sinew-warn")
+        self._ready(bool(found["ok"]))
+
+    def _ready(self, is_ready: bool) -> None:
+        """Offer the start, or take it back."""
+        self._start.props(f"data-ready={'yes' if is_ready else 'no'}")
 
     def _ask_to_start(self) -> None:
         """Have the operator's browser ask the steward: this process steers nothing."""

@@ -1,13 +1,13 @@
-// This is where the live page comes together: frames from the web socket, drawn 25 to 30 times a second.
+// The live page: frames from the web socket, drawn 25 to 30 times a second, and grey with their age when they are old.
 
 import { Scope, Lissajous, Traces } from "./scope.js";
 import { Joint } from "./joint.js";
 
-const FRAME_MS = 1000 / 30, RETRY_MS = 1500;
+const FRAME_MS = 1000 / 30, RETRY_MS = 1500, FRESH_S = 2;
 const given = JSON.parse(document.getElementById("sinew-live").textContent);
 const $ = (id) => document.getElementById(id);
 const traces = new Traces();
-let scope, lissajous, joint, scene, rig, base = 5, paused = false, shownEnd = 0, now = [], tensions = [], state = null, socket = null;
+let scope, lissajous, joint, scene, rig, base = 5, paused = false, shownEnd = 0, now = [], tensions = [], state = null, told = 0, socket = null;
 let drawn = 0, drawnSince = performance.now();
 
 const PANELS = (tendons) => [
@@ -24,6 +24,7 @@ async function begin() {
   for (let i = 0; i < 200 && !ready(); i++) await new Promise((go) => setTimeout(go, 50));
   lissajous = new Lissajous($("sinew-lissajous"));
   $("sinew-base").addEventListener("change", (event) => { base = Number(event.target.value); tell(); });
+  setInterval(age, 250);
   $("sinew-freeze").addEventListener("click", (event) => {
     paused = !paused; shownEnd = traces.newest;
     event.target.textContent = paused ? "Go on" : "Freeze";
@@ -79,11 +80,11 @@ function connect() {
   socket.onopen = () => { document.body.dataset.stream = "open"; tell(); };
   socket.onmessage = (event) => {
     const frame = JSON.parse(event.data);
-    if (frame.kind === "samples") take(frame); else { state = frame; describe(); }
+    if (frame.kind === "samples") take(frame); else { state = frame; told = performance.now(); describe(); age(); }
   };
   socket.onclose = () => {
     document.body.dataset.stream = "closed";
-    note("The pages' server does not answer; the bench goes on as it was. Trying again.");
+    for (const key of ["trouble", "steward", "quiet"]) notice(key); // of what it told there is nothing newer
     setTimeout(connect, RETRY_MS);
   };
 }
@@ -125,29 +126,50 @@ function numbers() {
 }
 
 function put(id, text) { const place = $(id); if (place && place.textContent !== text) place.textContent = text; }
-function note(text) { put("sinew-note", text); $("sinew-note")?.toggleAttribute("hidden", !text); }
+const clock = (seconds) => window.Sinew.clock(seconds);
+const notice = (...all) => window.Sinew?.notice(...all);
 
-function clock(seconds) {
-  const s = Math.max(0, Math.round(seconds));
-  return s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${s % 60} s` : `${s} s`;
+// How old the newest sample is [s]; null where that is not known. Between two frames it goes on by this page's clock.
+function ageOfValues() {
+  const age = state?.live?.age_s;
+  return age === null || age === undefined ? null : age + (performance.now() - told) / 1000;
+}
+
+// What is not of now must not look as if it were.
+function age() {
+  const live = state?.live, run = state?.steward?.run, old = ageOfValues();
+  const isNow = live && run && run.name === live.name && old !== null && old < FRESH_S && socket?.readyState === WebSocket.OPEN;
+  const isStale = Boolean(live) && !isNow, text = !isStale ? "" : old === null ? "from before" : `${clock(old)} ago`;
+  document.body.dataset.stale = String(isStale);
+  for (const card of document.querySelectorAll(".sinew-live")) {
+    card.classList.toggle("stale", isStale);
+    const place = card.querySelector(".sinew-age");
+    if (place && place.textContent !== text) place.textContent = text;
+  }
+  const isQuiet = isStale && socket?.readyState === WebSocket.OPEN && run && run.name === live.name && old !== null && ["running", "paused", "pausing"].includes(run.state);
+  notice("quiet", isQuiet ? "bad" : null, { title: "No samples come from the bench", lines: ["What is shown is old. The run may hang: see to the bench, and end the run."] });
 }
 
 const DOING = { settle: "settling", steady: "recording", "ring-down": "free decay", idle: "at rest", pause: "pausing", tracking: "tracking" };
 
 function describe() {
   const live = state.live, run = state.steward?.run, health = live?.health ?? {}, segment = live?.segment;
-  note(state.trouble || (state.steward === null ? "The steward does not answer; what is shown may be old." : ""));
+  notice("trouble", state.trouble ? "bad" : null, { title: "The run cannot be followed", lines: [state.trouble] });
+  notice("steward", state.steward === null ? "bad" : null, { title: "The steward does not answer", lines: ["What is shown may be old."] });
+  notice("doubts", live?.doubts?.length ? "warn" : null, { title: "The measurement contradicts itself", lines: live?.doubts ?? [] });
+  put("sinew-source", !live ? "–" : live.source ?? (state.steward?.bench?.kind === "emulator" ? "the emulated bench, not a real joint" : "the bench"));
   const begins = run && run.name !== live?.name;
   $("sinew-nothing")?.toggleAttribute("hidden", Boolean(live) && !begins);
-  if (begins) put("sinew-nothing-yet", `${run.name} begins: its plan is tried on the twin before anything moves.`);
+  if (begins) put("sinew-nothing-yet", `What ${run.name} measures appears here as it comes.`);
   put("sinew-run", live ? live.name : "–");
-  put("sinew-doing", !live ? "–" : !run ? "ended" : run.state === "paused" ? "paused" : health.state && health.state !== "running" ? health.state
+  put("sinew-doing", !live ? "–" : !run ? "ended" : run.state === "finishing" ? "the recording is written" : run.state === "paused" ? "paused" : health.state && health.state !== "running" ? health.state
     : segment?.state === "running" ? DOING[segment.kind] ?? segment.kind : "between segments");
   put("sinew-at", !segment ? "–" : [fixed(segment.pretension_mm, 1, " mm"), segment.frequency_hz === null ? null : fixed(segment.frequency_hz, 2, " Hz"),
     segment.amplitude_deg === null ? null : fixed(segment.amplitude_deg, 1, "°")].filter(Boolean).join(", "));
   const bar = $("sinew-progress");
   if (bar && live) {
-    bar.max = Math.max(1, health.total_s ?? live.groups); bar.value = health.total_s ? health.done_s : live.groups_done;
+    const bySeconds = run && health.total_s; // what was begun and not ended is not recorded
+    bar.max = Math.max(1, bySeconds ? health.total_s : live.groups); bar.value = bySeconds ? health.done_s : live.groups_done;
     put("sinew-progress-text", `${live.groups_done} of ${live.groups} segments`
       + (run && health.total_s ? `, about ${clock(health.total_s - health.done_s)} left` : ""));
   }
@@ -166,8 +188,9 @@ function describe() {
     const last = live.events.at(-1)?.[0] ?? 0;
     if (log.dataset.last !== `${live.name}${last}`) {
       log.dataset.last = `${live.name}${last}`;
-      log.replaceChildren(...live.events.map(([, , sentence]) => {
+      log.replaceChildren(...live.events.map(([, kind, sentence]) => {
         const line = document.createElement("li");
+        if (kind === "doubt") line.className = "sinew-warn";
         line.textContent = sentence;
         return line;
       }));

@@ -1,11 +1,12 @@
-// This is where the browser steers: straight to the steering port, past the pages' server and its event loop.
-// What it draws is plain DOM, so it stays when the pages' server is gone.
+// Steering from the browser: straight to the steering port, past the pages' server and its event loop. What it works on
+// is the plain HTML of the frame, so all of it stays when the pages' server is gone.
 
 const config = JSON.parse(document.getElementById("sinew-config").textContent);
 const steering = `${location.protocol}//${location.hostname}:${config.steering_port}`;
-const DOUBLE_MS = 500, POLL_MS = 1000, ANSWER_MS = 5000;
+const DOUBLE_MS = 500, POLL_MS = 1000, ANSWER_MS = 5000, LOST_MS = 2000;
+const $ = (id) => document.getElementById(id);
 
-let ticket = null, number = 0, status = null, reachable = null, lastEscape = -Infinity;
+let ticket = null, number = 0, status = null, reachable = null, lastEscape = -Infinity, wasMine = false, handing = false, stopped = null;
 
 function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
@@ -31,8 +32,10 @@ async function ask(path, body, more = {}) {
 }
 
 // A tab keeps its ticket from page to page, so that who is in control stays so.
-function keep() { try { sessionStorage.setItem("sinew-ticket", JSON.stringify([ticket, number])); } catch { /* storage is off */ } }
-try { [ticket, number] = JSON.parse(sessionStorage.getItem("sinew-ticket")) ?? [null, 0]; } catch { /* nothing was kept */ }
+function keep() {
+  try { sessionStorage.setItem("sinew-ticket", JSON.stringify([ticket, number, wasMine])); } catch { /* storage is off */ }
+}
+try { [ticket, number, wasMine] = JSON.parse(sessionStorage.getItem("sinew-ticket")) ?? [null, 0, false]; } catch { /* nothing was kept */ }
 
 async function takeTicket() {
   const { code, said } = await ask("/ticket", {});
@@ -50,8 +53,13 @@ function numbered(command, more) {
 }
 
 async function send(command, more = {}) {
+  if (command === "emergency") { // it needs neither ticket nor number, and waits for nothing
+    const answer = await ask("/command", { command }, { keepalive: true });
+    if (answer.code === 401) signIn("Sign in to stop the bench from here, or stop it on the computer that serves.");
+    return { ok: answer.code < 300, code: answer.code, ...answer.said };
+  }
   if (ticket === null && (await takeTicket()) !== 200) { signIn(`Sign in to ${words(command)}.`); return { ok: false }; }
-  let answer = await ask("/command", numbered(command, more), { keepalive: command === "emergency" });
+  let answer = await ask("/command", numbered(command, more));
   const isRepeated = answer.code === 409 && answer.said.number !== undefined; // another tab counts with this ticket
   if (answer.code === 401 || answer.said.ticket === false || isRepeated) {
     ticket = null;
@@ -62,7 +70,7 @@ async function send(command, more = {}) {
 }
 
 function words(command) {
-  return { emergency: "stop the bench", take: "take control", give: "hand over" }[command] ?? `${command} a run`;
+  return { take: "take control", give: "hand over", continue: "go on with a run" }[command] ?? `${command} a run`;
 }
 
 async function command(name, more = {}) {
@@ -77,19 +85,55 @@ async function command(name, more = {}) {
   }
 }
 
+// What the stop says stands on its button at once, and what the bench says of it as soon as that is known.
 async function emergency() {
-  stopButton.classList.add("pressed");
-  const began = performance.now();
+  const button = $("sinew-emergency"), began = performance.now();
+  const told = (how, title, line) => {
+    button.dataset.stop = how;
+    stopped = { title, line };
+    label();
+  };
+  told("asked", "STOPPING", "the bench is asked");
   const answer = await command("emergency");
-  if (answer.ok) document.body.dataset.emergencyMs = Math.round(performance.now() - began);
-  setTimeout(() => stopButton.classList.remove("pressed"), 600);
+  const took = Math.round(performance.now() - began);
+  if (answer.ok) document.body.dataset.emergencyMs = took;
+  told(answer.ok ? "done" : "failed", answer.ok ? "STOPPED" : "NOT CONFIRMED", answer.ok ? `after ${took} ms` : "switch the supply off");
+  const mine = stopped;
+  setTimeout(() => { if (stopped === mine) { stopped = null; delete button.dataset.stop; label(); } }, answer.ok ? 4000 : 20000);
 }
+
+function label() {
+  const button = $("sinew-emergency"), isOut = status !== null && !status.signed_in && !status.may_stop;
+  put(button.querySelector("b"), stopped?.title ?? "EMERGENCY STOP");
+  put(button.querySelector("span"), stopped?.line ?? (isOut ? "sign in first" : "F9 · Esc Esc"));
+  button.classList.toggle("unreachable", !stopped && (reachable === false || isOut));
+}
+
+const put = (place, text) => { if (place && place.textContent !== text) place.textContent = text; };
 
 function say(sentence, how = "") {
   const line = element("div", { class: `sinew-said ${how}` }, sentence);
   voice.append(line);
-  while (voice.children.length > 4) voice.firstChild.remove();
+  while (voice.children.length > 3) voice.firstChild.remove();
   setTimeout(() => line.remove(), how === "bad" ? 15000 : 6000);
+}
+
+// Notices stand below the head until what they say is over. parts: {title, lines, actions: [[id, label, act, may, why]]}
+const shown = new Map();
+function notice(key, how = null, parts = {}) {
+  const { title = "", lines = [], actions = [] } = parts;
+  const print = JSON.stringify([how, title, lines, actions.map(([id, text, , may, why]) => [id, text, may, why])]);
+  const old = shown.get(key);
+  if (old?.print === print) return;
+  if (how === null) { old?.place.remove(); shown.delete(key); return; }
+  const row = actions.map(([id, text, act, may = true, why = ""]) => typeof act === "string"
+    ? element("a", { class: "sinew-button", id, href: act }, text)
+    : element("button", { type: "button", class: "sinew-button", id, disabled: !may, title: why, onclick: act }, text));
+  const made = element("div", { class: `sinew-notice ${how}`, id: `sinew-notice-${key}`, role: how === "bad" ? "alert" : "status" },
+    element("div", {}, element("strong", {}, title), ...lines.map((line) => element("p", {}, line))));
+  if (row.length) made.append(element("div", { class: "sinew-row" }, ...row));
+  if (old) old.place.replaceWith(made); else $("sinew-notices").append(made);
+  shown.set(key, { print, place: made });
 }
 
 // Signing in: the token comes by hand or in the address's fragment, which no server is ever told.
@@ -105,65 +149,140 @@ async function login(token) {
 const tokenField = element("input", { type: "password", id: "sinew-token", autocomplete: "current-password", required: true });
 const tokenTrouble = element("p", { class: "bad", role: "alert" });
 const tokenWhy = element("p", {});
-const dialog = element("dialog", { "aria-labelledby": "sinew-sign-in" },
+// Not shown as a modal one, which would put the stop out of reach; what it covers is made inert by hand.
+const dialog = element("dialog", { "aria-labelledby": "sinew-sign-in", "aria-modal": "true" },
   element("form", { method: "dialog", onsubmit: async (event) => {
     event.preventDefault();
     tokenTrouble.textContent = await login(tokenField.value.trim());
-    if (!tokenTrouble.textContent) { dialog.close(); tokenField.value = ""; if (config.locked) location.reload(); }
+    if (!tokenTrouble.textContent) { closeDialog(); tokenField.value = ""; if (config.locked) location.reload(); }
   } },
     element("h2", { id: "sinew-sign-in" }, "Sign in"), tokenWhy,
     element("label", { for: "sinew-token" }, "Token, as ", element("code", {}, "sinew serve"), " printed it"), tokenField, tokenTrouble,
     element("div", { class: "sinew-row" },
       element("button", { type: "submit", class: "sinew-button main" }, "Sign in"),
-      element("button", { type: "button", class: "sinew-button", onclick: () => dialog.close() }, "Only watch"))));
+      element("button", { type: "button", class: "sinew-button", onclick: () => closeDialog() }, "Only watch"))));
+const veil = element("div", { id: "sinew-veil", hidden: true });
+const covered = () => [$("app"), document.querySelector(".sinew-header"), $("sinew-notices"), document.querySelector("main.nicegui-content")].filter(Boolean);
+let before = null;
 
-function signIn(why = "") { tokenWhy.textContent = why; tokenTrouble.textContent = ""; if (!dialog.open) dialog.showModal(); tokenField.focus(); }
-
-// What is always there.
-const voice = element("div", { id: "sinew-voice", role: "status", "aria-live": "polite" });
-const stopButton = element("button", { id: "sinew-emergency", type: "button", onclick: emergency,
-  title: "Stops the bench at once: key F9, or Escape twice", "aria-keyshortcuts": "F9" },
-  element("b", {}, "EMERGENCY STOP"), element("span", {}, "F9 · Esc Esc"));
-
-function button(name, label, title) {
-  return element("button", { type: "button", class: "sinew-button", id: `sinew-${name}`, title, onclick: () => command(name) }, label);
+function signIn(why = "") {
+  if ($("sinew-sign-in-form")) return; // this page asks for the token itself
+  tokenWhy.textContent = why; tokenTrouble.textContent = "";
+  if (!dialog.open) { before = document.activeElement; dialog.show(); veil.hidden = false; covered().forEach((part) => { part.inert = true; }); }
+  tokenField.focus();
 }
-const buttons = {
-  pause: button("pause", "Pause", "Rest after the segment under way; the tension stays"),
-  resume: button("resume", "Resume", "Go on with the next segment"),
-  stop: button("stop", "End run", "End the run now, in the state that the rig declares safe"),
-  hold: button("hold", "Hold", "End the run; every motor stands still with limited output"),
-  release: button("release", "Release", "End the run; the tension is let down and the torque taken off"),
-};
-const who = element("span", { id: "sinew-who" });
-const take = element("button", { type: "button", class: "sinew-button", id: "sinew-take", onclick: () => {
+function closeDialog() {
+  dialog.close(); veil.hidden = true; covered().forEach((part) => { part.inert = false; });
+  before?.focus?.();
+}
+
+const voice = element("div", { id: "sinew-voice", role: "status", "aria-live": "polite" });
+
+$("sinew-emergency").addEventListener("click", emergency);
+for (const name of ["pause", "resume", "stop", "hold", "release"]) $(`sinew-${name}`).addEventListener("click", () => command(name));
+$("sinew-take").addEventListener("click", () => {
   if (!status?.signed_in && ticket === null) { signIn("Sign in to take control."); return; }
-  command(status?.operator?.mine ? "give" : "take");
-} }, "Take control");
-const chip = element("span", { id: "sinew-state", class: "sinew-chip" }, "…");
-const bar = element("section", { id: "sinew-bar", "aria-label": "Steering" }, chip, who, take, ...Object.values(buttons));
+  handing = Boolean(status?.operator?.mine); // whoever hands over need not be told of it
+  command(handing ? "give" : "take");
+});
+
+function clock(seconds) {
+  const s = Math.max(0, Math.round(seconds));
+  return s >= 86400 ? `${Math.floor(s / 86400)} d ${Math.floor(s % 86400 / 3600)} h`
+    : s >= 3600 ? `${Math.floor(s / 3600)} h ${Math.floor(s % 3600 / 60)} min` : s >= 60 ? `${Math.floor(s / 60)} min ${s % 60} s` : `${s} s`;
+}
+const at = (seconds) => new Date(1000 * seconds).toLocaleTimeString([], { hour12: false, timeZoneName: "short" });
+const sentence = (text) => `${text.charAt(0).toUpperCase()}${text.slice(1)}.`;
+
+const DOING = { starting: "begins", found: "running", preparing: "begins", finishing: "writes its recording", silent: "does not answer" };
+const BEGINS = ["starting", "preparing"];
+const isEarly = (last) => !last.complete || (last.exit !== null && last.exit !== 0);
+
+function mayStart() {
+  if (!status?.bench?.kind) return "There is no bench to start on: sinew serve --emulate plays one.";
+  if (!status.signed_in) return "Sign in and take control to start.";
+  if (!status.operator?.mine) return status.operator ? "Somebody else is in control: take over to start." : "Take control to start.";
+  if (status.run) return `The run ${status.run.name} is under way.`;
+  if (status.stopping) return "The bench is being brought to rest.";
+  return "";
+}
 
 function show() {
-  const run = status?.run, state = run?.state ?? "", mine = Boolean(status?.operator?.mine);
+  const run = status?.run, state = run?.state ?? "", mine = Boolean(status?.operator?.mine), last = status?.last;
   const bench = status?.bench?.kind;
-  let text, how;
-  if (reachable === false) { text = "Steering is not reachable: use the power switch"; how = "bad"; }
-  else if (status === null) { text = "Connecting"; how = ""; }
-  else if (run) { text = `${run.name}: ${state || "running"}`; how = state === "silent" ? "bad" : ["paused", "pausing"].includes(state) ? "warn" : "good"; }
-  else if (!bench) { text = "No bench"; how = ""; }
-  else { text = bench === "emulator" ? "Emulated bench, at rest" : "Bench, at rest"; how = ""; }
-  chip.textContent = text; chip.className = `sinew-chip ${how}`;
+  let text, how = "";
+  if (reachable === false) { text = "Steering does not answer"; how = "bad"; }
+  else if (status === null) text = "Connecting";
+  else if (run) {
+    text = `${run.name}: ${DOING[state] ?? state ?? "running"}`;
+    how = state === "silent" ? "bad" : ["paused", "pausing"].includes(state) ? "warn" : "good";
+  } else if (!bench) text = "No bench";
+  else if (status.stopping) { text = "is brought to rest"; how = "warn"; }
+  else if (last && isEarly(last)) { text = `${last.name} ended early`; how = "bad"; }
+  else text = "at rest";
+  const chip = $("sinew-state");
+  put(chip, bench && reachable !== false && status ? `${bench === "emulator" ? "Emulated bench" : "Bench"} · ${text}` : text);
+  chip.className = `sinew-chip ${how}`; chip.title = chip.textContent;
   const operator = status?.operator;
-  who.textContent = !operator ? "Nobody is in control" : mine ? "You are in control" : "Somebody else is in control";
-  take.textContent = mine ? "Hand over" : operator ? "Take over" : "Take control";
+  put($("sinew-who"), !operator ? "Nobody is in control" : mine ? "You are in control" : "Somebody else is in control");
+  put($("sinew-take"), mine ? "Hand over" : operator ? "Take over" : "Take control");
+  $("sinew-take").disabled = reachable === false || status === null;
   const may = mine && Boolean(run);
-  buttons.pause.disabled = !may || state === "paused" || state === "pausing";
-  buttons.resume.disabled = !may || !(state === "paused" || state === "pausing");
-  for (const name of ["stop"]) buttons[name].disabled = !may;
-  for (const name of ["hold", "release"]) buttons[name].disabled = !mine || !bench;
-  const isOut = status !== null && !status.signed_in;
-  stopButton.classList.toggle("unreachable", reachable === false || isOut);
-  stopButton.lastChild.textContent = isOut ? "sign in first" : "F9 · Esc Esc";
+  $("sinew-pause").disabled = !may || !["running", "found"].includes(state);
+  $("sinew-resume").disabled = !may || !["paused", "pausing"].includes(state);
+  $("sinew-stop").disabled = !may || state === "finishing";
+  for (const name of ["hold", "release"]) $(`sinew-${name}`).disabled = !mine || !bench || state === "finishing";
+  label();
+  gate();
+  tell(run, state, last, mine);
+}
+
+// The button that starts a run is the page's; whether this tab may start is known here.
+function gate() {
+  const start = $("sinew-start");
+  if (!start) return;
+  const why = mayStart();
+  start.disabled = start.dataset.ready !== "yes" || Boolean(why);
+  put($("sinew-start-why"), why || (start.dataset.ready === "yes" ? "" : "The plan is not ready yet."));
+}
+
+function tell(run, state, last, mine) {
+  notice("unreachable", reachable === false ? "bad" : null, { title: "The bench cannot be steered from here",
+    lines: ["sinew serve does not answer. The stop does not reach the bench: use the switch of the power supply if it must stop."] });
+  if (status === null) return;
+  if (wasMine && !mine && !handing) {
+    const taken = Boolean(status.operator), when = at(status.operator?.since ?? status.time_s);
+    notice("deposed", "warn", { title: taken ? `Somebody else took control at ${when}` : "This page is not in control any more",
+      lines: [taken ? "This page only watches now; take over to steer again." : "It was not heard of for a while; take control to steer again."],
+      actions: [["sinew-seen", "Close", () => notice("deposed")]] });
+  }
+  if (mine) notice("deposed");
+  if (mine !== wasMine) { wasMine = mine; keep(); }
+  const stop = status.emergency, isNew = stop?.was_emergency && !run && stop.at >= (last?.started ?? 0);
+  if (status.stopping) notice("emergency", "bad", { title: "The bench is being brought to rest" });
+  else if (isNew) {
+    notice("emergency", "bad", { title: `Emergency stop at ${at(stop.at)}`,
+      lines: [stop.is_safe ? sentence(stop.sentence) : `NOT CONFIRMED: ${stop.sentence}.`] });
+  } else notice("emergency");
+  notice("begins", config.here === "/" && BEGINS.includes(state) ? "good" : null,
+    { title: `The run ${run?.name} begins`, lines: ["Its plan is tried on the twin before anything moves."] });
+  notice("silent", state === "silent" ? "bad" : null, { title: `The run ${run?.name} does not answer`,
+    lines: ["Whether it still moves the bench is not known here. The emergency stop ends it by force."] });
+  if (config.here !== "/" || run || !last) { notice("ended"); }
+  else {
+    const done = last.groups === null || last.groups === undefined ? "" : `${last.groups_done} of ${last.groups} segments are recorded.`;
+    const open = last.groups_done ? [["sinew-open-last", "Open its results", `/runs/${encodeURIComponent(last.name)}`]] : [];
+    const when = `at ${at(last.ended)}`;
+    if (!isEarly(last)) notice("ended", "good", { title: `The run ${last.name} is complete, ${when}`, lines: [sentence(last.sentence)], actions: open });
+    else {
+      const why = mayStart();
+      const resume = [["sinew-go-on", "Resume", () => command("continue", { name: last.name }), !why, why]];
+      notice("ended", "bad", { title: last.complete ? `The run ${last.name} is complete, but ended in trouble, ${when}` : `The run ${last.name} ended early, ${when}`,
+        lines: [sentence(last.sentence), last.can_resume ? `${done} See that the bench is well; Resume then goes on with the first segment that is missing.`
+          : last.complete ? done : "Nothing was recorded. Mend what it says, and start it again from the page Plan."],
+        actions: [...(last.can_resume ? resume : []), ...open] });
+    }
+  }
 }
 
 async function poll() {
@@ -175,33 +294,51 @@ async function poll() {
   show();
 }
 
+// In the capture phase of the window, so before whatever is open gets it: Escape closes that, and twice stops all the same.
 addEventListener("keydown", (event) => {
   if (event.repeat) return;
   if (event.key === "F9") { event.preventDefault(); emergency(); }
   if (event.key === "Escape") {
-    if (document.querySelector("dialog[open], .q-menu, .q-dialog")) return; // it closes what is open
-    if (event.timeStamp - lastEscape < DOUBLE_MS) emergency();
-    lastEscape = event.timeStamp;
+    if (dialog.open) closeDialog();
+    if (event.timeStamp - lastEscape < DOUBLE_MS) { lastEscape = -Infinity; emergency(); } else lastEscape = event.timeStamp;
   }
 }, true);
 
+// A page that is left says so; the next one of the same tab is heard of at once, and keeps control.
+addEventListener("pagehide", () => {
+  if (ticket !== null) navigator.sendBeacon(`${steering}/leave`, new Blob([JSON.stringify({ ticket })], { type: "text/plain" }));
+});
+addEventListener("pageshow", (event) => { if (event.persisted) poll(); });
+
+// The box of the pages' library would lie over the stop; what it has to say is said among the notices.
+const box = $("popup");
+let lost = null;
+function watchBox() {
+  const isLost = box.getAttribute("aria-hidden") === "false";
+  if (isLost && lost === null) lost = setTimeout(() => {
+    document.body.dataset.pages = "lost";
+    notice("lost", "bad", { title: "The pages' server does not answer",
+      lines: ["What is shown is old. The bench goes on as it was, and the emergency stop works. Trying again."] });
+  }, LOST_MS);
+  if (!isLost && lost !== null) { clearTimeout(lost); lost = null; delete document.body.dataset.pages; notice("lost"); }
+}
+if (box) new MutationObserver(watchBox).observe(box, { attributes: true, attributeFilter: ["aria-hidden"] });
+
 window.Sinew = {
-  config, command, emergency, signIn, say,
+  config, command, emergency, signIn, say, notice, clock,
   start: (plan, rig, name) => command("start", { plan, rig, name }),
   status: () => status,
 };
 
-document.body.append(stopButton, voice, dialog);
-const place = () => { const host = document.getElementById("sinew-controls"); if (host && !host.contains(bar)) host.append(bar); };
-new MutationObserver(place).observe(document.body, { childList: true, subtree: true });
-place();
+document.body.append(voice, veil, dialog);
+new MutationObserver(gate).observe(document.body, { childList: true, subtree: true, attributes: true, attributeFilter: ["data-ready"] });
 
 // A tab that was duplicated has the ticket of the other: only one of them may keep it.
 async function claim() {
   if (ticket === null || !navigator.locks) return;
   const held = ticket;
   await new Promise((go) => navigator.locks.request(`sinew ${held}`, { ifAvailable: true }, (lock) => {
-    if (!lock) { ticket = null; number = 0; go(); return undefined; }
+    if (!lock) { ticket = null; number = 0; wasMine = false; go(); return undefined; }
     go();
     return new Promise(() => {});
   }).catch(go));

@@ -1,0 +1,443 @@
+"""What the pages show and do in every state of a bench, in a real browser: nothing old looks new, every stop stops.
+
+The runs are played: no test here keeps time with a bench.
+"""
+
+import zlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from tests.browser import played_run
+from tests.browser.dashboard import choose_plan
+from tests.browser.stage import Stage, staged
+from tests.contracts.serving import until
+
+axe_api = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: make setup-dev installs it")
+
+pytestmark = pytest.mark.slow
+
+Open = Callable[..., Any]
+
+BAR = ("take", "pause", "resume", "stop", "hold", "release")
+PATHS = ("/", "/plan", "/runs", "/design", "/no-such-page")
+SIZES = {"desk": (1440, 900), "phone": (390, 844), "phone, turned": (844, 390)}
+NEEDS_NO_SIGN_IN_MS = 200
+
+
+@pytest.fixture(scope="module")
+def standing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    with staged(tmp_path_factory.mktemp("stage") / "runs") as stage:
+        yield stage
+
+
+@pytest.fixture
+def stage(standing: Stage, request: pytest.FixtureRequest) -> Iterator[Stage]:
+    """Give a dashboard at rest, on which nothing has run."""
+    standing.clear()
+    yield standing
+    standing.clear()
+
+
+@pytest.fixture
+def name(request: pytest.FixtureRequest) -> str:
+    """Return a name for a run that no other test has."""
+    return f"run-{zlib.crc32(request.node.name.encode()):x}"
+
+
+def in_control(opened: Open, stage: Stage, path: str = "/", **how: Any) -> Any:
+    page = opened(stage, path, **how)
+    if page.inner_text("#sinew-take") != "Hand over":
+        page.click("#sinew-take")
+        page.wait_for_function("Sinew.status().operator?.mine")
+    return page
+
+
+def watch(page: Any) -> None:
+    """Wait until the live page draws what comes."""
+    page.wait_for_function("Number(document.body.dataset.samples) > 100 && document.body.dataset.stale === 'false'")
+
+
+def findings(page: Any) -> list[tuple[str, str, str]]:
+    """Return whatever axe-core finds, however small."""
+    return [
+        (rule["id"], node["html"][:160], node["failureSummary"][:200])
+        for rule in axe_api.Axe().run(page).response["violations"]
+        for node in rule["nodes"]
+    ]
+
+
+def is_uncovered(page: Any) -> bool:
+    """Return whether whoever clicks into the middle of the stop hits it, and the same at its corners."""
+    return bool(
+        page.evaluate("""() => {
+          const stop = document.getElementById("sinew-emergency"), box = stop.getBoundingClientRect();
+          const hits = (a, b) => stop.contains(
+            document.elementFromPoint(box.left + a * box.width, box.top + b * box.height));
+          return [0.1, 0.5, 0.9].every((a) => [0.25, 0.75].every((b) => hits(a, b)))
+            && box.left >= 0 && box.top >= 0 && box.right <= innerWidth && box.bottom <= innerHeight;
+        }""")
+    )
+
+
+def places(page: Any) -> dict[str, tuple[float, ...]]:
+    """Return where the steering buttons and the stop are in the page."""
+    return dict(
+        page.evaluate(
+            """(names) => Object.fromEntries([...names.map((n) => `sinew-${n}`), "sinew-emergency"].map((id) => {
+          const box = document.getElementById(id).getBoundingClientRect(), isFixed = id === "sinew-emergency";
+          return [id, [box.left, box.top + (isFixed ? 0 : scrollY), box.width, box.height].map(Math.round)];
+        }))""",
+            list(BAR),
+        )
+    )
+
+
+# Stale is not live.
+
+
+def test_after_the_end_values_are_grey_and_say_how_old_they_are(opened: Open, stage: Stage, name: str) -> None:
+    page = in_control(opened, stage)
+    stage.begin(name)
+    watch(page)
+    assert page.inner_text(".sinew-age >> nth=0") == ""
+    page.click("#sinew-stop")
+    stage.until("over")
+    page.wait_for_function("document.body.dataset.stale === 'true'")
+    page.wait_for_function("/^[3-9] s ago$/.test(document.querySelector('.sinew-age').textContent)")
+    assert page.locator(".sinew-live").count() == page.locator(".sinew-live.stale").count() == 4
+    assert "grayscale(1)" in page.evaluate("getComputedStyle(document.getElementById('sinew-scope')).filter")
+
+
+def test_a_page_that_is_opened_later_shows_the_last_run_as_old(opened: Open, stage: Stage, name: str) -> None:
+    stage.begin(name, repeats=1)
+    stage.until("running")
+    stage.until("over")
+    page = opened(stage)
+    page.wait_for_function("document.body.dataset.stale === 'true'")
+    page.wait_for_function("document.querySelector('.sinew-age').textContent.endsWith(' ago')")
+
+
+def test_a_run_that_falls_silent_is_said_to_be_and_its_values_are_grey(opened: Open, stage: Stage, name: str) -> None:
+    page = opened(stage)
+    stage.begin(name, played_run.FALLS_SILENT)
+    watch(page)
+    page.wait_for_function("document.body.dataset.stale === 'true'")
+    page.wait_for_selector("#sinew-notice-quiet, #sinew-notice-silent")
+    page.wait_for_function("document.getElementById('sinew-state').textContent.includes('does not answer')")
+
+
+def test_values_are_grey_while_the_pages_server_is_lost_and_the_stop_stands(
+    opened: Open, stage: Stage, name: str
+) -> None:
+    page = in_control(opened, stage, complain=False)
+    stage.begin(name)
+    watch(page)
+    stage.kill_pages()
+    page.wait_for_selector("#sinew-notice-lost")
+    page.wait_for_function("document.body.dataset.stale === 'true'")
+    assert is_uncovered(page)
+    assert findings(page) == []
+    page.keyboard.press("F9")
+    page.wait_for_function("document.body.dataset.emergencyMs !== undefined")
+    stage.until("over")
+    until(lambda: stage.steward.page_state == "up")
+
+
+def test_a_run_that_ended_early_is_red_with_its_reason_at_the_top_and_can_be_resumed(
+    opened: Open, stage: Stage, name: str
+) -> None:
+    page = in_control(opened, stage)
+    stage.begin(name)
+    watch(page)
+    page.click("#sinew-stop")
+    page.wait_for_selector("#sinew-notice-ended.bad")
+    said = page.inner_text("#sinew-notice-ended")
+    assert "ended early" in said
+    assert "Stopped by the operator" in said
+    assert page.locator("#sinew-notice-ended").bounding_box()["y"] < 200
+    assert page.evaluate("document.getElementById('sinew-state').classList.contains('bad')")
+    recorded = stage.steward.status(None)["last"]["groups_done"]
+    page.click("#sinew-go-on")
+    stage.until("running")
+    watch(page)
+    assert page.locator("#sinew-notice-ended").count() == 0
+    page.wait_for_function(f"parseInt(document.querySelector('#sinew-progress-text').textContent) > {recorded}")
+
+
+def test_resume_is_offered_to_whoever_may_start_only(opened: Open, stage: Stage, name: str) -> None:
+    page = opened(stage)
+    stage.begin(name)
+    watch(page)
+    stage.steward.tell("stop")
+    page.wait_for_selector("#sinew-go-on")
+    assert page.locator("#sinew-go-on").is_disabled()
+    assert "control" in page.get_attribute("#sinew-go-on", "title")
+    page.click("#sinew-take")
+    page.wait_for_selector("#sinew-go-on:not([disabled])")
+
+
+def test_a_normal_end_is_never_called_silent(opened: Open, stage: Stage, name: str) -> None:
+    page = opened(stage)
+    page.evaluate("""() => {
+      window.said = new Set();
+      const places = ["sinew-state", "sinew-notices"].map((id) => document.getElementById(id));
+      const note = () => said.add(places.map((place) => place.textContent).join(" "));
+      new MutationObserver(note).observe(document.body, { childList: true, subtree: true, characterData: true });
+    }""")
+    stage.begin(name, played_run.LINGERS, repeats=1)
+    watch(page)
+    page.wait_for_selector("#sinew-notice-ended.good", timeout=120_000)
+    said = page.evaluate("[...said]")
+    assert any("writes its recording" in one for one in said)
+    assert not [one for one in said if "answer" in one or "silent" in one or "early" in one]
+
+
+def test_what_was_emulated_and_what_a_run_doubts_is_said(opened: Open, stage: Stage, name: str) -> None:
+    page = opened(stage)
+    stage.begin(name, played_run.DOUBTS)
+    watch(page)
+    page.wait_for_selector("#sinew-notice-doubts")
+    assert "0.41" in page.inner_text("#sinew-notice-doubts")
+    assert "Emulated bench" in page.inner_text("#sinew-state")
+    assert "emulated" in page.inner_text("#sinew-source")
+
+
+# Stops.
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_steering_buttons_keep_their_place_in_every_state(opened: Open, stage: Stage, name: str, size: str) -> None:
+    page = opened(stage, size=SIZES[size])
+    seen = {"nobody in control": places(page)}
+    page.click("#sinew-take")
+    page.wait_for_function("Sinew.status().operator?.mine")
+    seen["at rest"] = places(page)
+    stage.begin(name, played_run.PREPARES)
+    page.wait_for_function("Sinew.status().run?.state === 'preparing'")
+    seen["preparing"] = places(page)
+    page.click("#sinew-stop")
+    page.wait_for_function("Sinew.status().run === null")
+    stage.begin(f"{name}-2")
+    watch(page)
+    seen["running"] = places(page)
+    page.click("#sinew-pause")
+    page.wait_for_function("Sinew.status().run?.state === 'paused'")
+    seen["paused"] = places(page)
+    other = opened(stage)
+    other.click("#sinew-take")
+    page.wait_for_selector("#sinew-notice-deposed")
+    seen["somebody else in control"] = places(page)
+    page.click("#sinew-take")
+    page.wait_for_function("Sinew.status().operator?.mine")
+    page.click("#sinew-release")
+    page.wait_for_selector("#sinew-notice-ended")
+    seen["ended early"] = places(page)
+    page.keyboard.press("F9")
+    page.wait_for_selector("#sinew-notice-emergency")
+    seen["emergency"] = places(page)
+    assert {state: at for state, at in seen.items() if at != seen["nobody in control"]} == {}
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_the_stop_is_the_first_tab_stop_of_every_page_and_stops(opened: Open, stage: Stage, path: str) -> None:
+    page = opened(stage, path, complain=False)
+    page.wait_for_timeout(1000)
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.id") == "sinew-emergency"
+    assert is_uncovered(page)
+    page.keyboard.press("Enter")
+    page.wait_for_function("document.body.dataset.emergencyMs !== undefined")
+    assert stage.steward.status(None)["emergency"] is not None
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("size", ["phone", "phone, turned"])
+def test_the_stop_takes_a_small_part_of_a_phone(opened: Open, stage: Stage, path: str, size: str) -> None:
+    width, height = SIZES[size]
+    page = opened(stage, path, size=SIZES[size])
+    box = page.locator("#sinew-emergency").bounding_box()
+    assert box["width"] * box["height"] < 0.03 * width * height
+    assert min(box["width"], box["height"]) >= 44
+    page.evaluate("scrollTo(0, 300)")
+    assert is_uncovered(page)
+    in_sight = page.evaluate("Math.max(0, document.querySelector('header').getBoundingClientRect().bottom)")
+    assert in_sight < 0.3 * height
+
+
+def test_the_stop_needs_no_sign_in_on_the_machine_that_serves(opened: Open, stage: Stage, name: str) -> None:
+    page = opened(stage, signed_in=False)
+    assert page.evaluate("Sinew.status().signed_in") is False
+    stage.begin(name)
+    watch(page)
+    page.keyboard.press("F9")
+    page.wait_for_function("document.body.dataset.emergencyMs !== undefined")
+    stage.until("over")
+    assert page.locator("dialog[open]").count() == 0
+    assert "STOPPED" in page.inner_text("#sinew-emergency")
+
+
+def open_sign_in(page: Any) -> None:
+    page.evaluate("Sinew.signIn('to see what it covers')")
+    page.wait_for_selector("dialog[open]")
+
+
+def open_list(page: Any) -> None:
+    page.get_by_label("Begin with the plan").click()
+    page.wait_for_selector(".q-menu [role=option]")
+
+
+OPEN = {"sign-in": ("/", open_sign_in), "list of plans": ("/plan", open_list)}
+
+
+@pytest.mark.parametrize("what", OPEN)
+def test_escape_twice_stops_whatever_is_open(opened: Open, stage: Stage, what: str) -> None:
+    path, open_it = OPEN[what]
+    page = opened(stage, path)
+    page.wait_for_selector("#sinew-duration, #sinew-scope")
+    page.wait_for_timeout(1000)
+    open_it(page)
+    assert is_uncovered(page)
+    page.keyboard.press("Escape")
+    page.keyboard.press("Escape")
+    page.wait_for_function("document.body.dataset.emergencyMs !== undefined")
+
+
+def test_escape_once_stops_nothing(opened: Open, stage: Stage) -> None:
+    page = opened(stage)
+    for _ in range(3):
+        page.keyboard.press("Escape")
+        page.wait_for_timeout(700)
+    assert stage.steward.status(None)["emergency"] is None
+
+
+@pytest.mark.realtime
+def test_a_stop_is_confirmed_within_200_ms_while_a_preview_computes(opened: Open, stage: Stage, name: str) -> None:
+    page = in_control(opened, stage, "/plan")
+    page.wait_for_selector("#sinew-duration")
+    times = []
+    for number in range(5):
+        stage.begin(f"{name}-{number}")
+        stage.until("running")
+        page.get_by_label("Pretensions / mm").fill(f"2, 4, {5 + number}")
+        page.wait_for_selector("[aria-label='The preview is computed']")
+        page.keyboard.press("F9")
+        page.wait_for_function("document.getElementById('sinew-emergency').dataset.stop === 'done'")
+        times.append(page.evaluate("Number(document.body.dataset.emergencyMs)"))
+        stage.until("over")
+        page.wait_for_selector("#sinew-duration")
+    assert sorted(times)[2] < NEEDS_NO_SIGN_IN_MS, times
+
+
+# Who steers.
+
+
+def test_who_is_deposed_is_told_so(opened: Open, stage: Stage) -> None:
+    first, second = in_control(opened, stage), opened(stage)
+    second.click("#sinew-take")
+    first.wait_for_selector("#sinew-notice-deposed")
+    assert "Somebody else took control" in first.inner_text("#sinew-notice-deposed")
+    first.click("#sinew-seen")
+    first.wait_for_selector("#sinew-notice-deposed", state="detached")
+
+
+def test_who_hands_over_is_not_told_that_he_lost_control(opened: Open, stage: Stage) -> None:
+    page = in_control(opened, stage)
+    page.click("#sinew-take")
+    page.wait_for_function("Sinew.status().operator === null")
+    page.wait_for_timeout(1500)
+    assert page.locator("#sinew-notice-deposed").count() == 0
+
+
+def test_control_ends_with_its_tab_and_not_with_its_page(opened: Open, stage: Stage) -> None:
+    first, second = in_control(opened, stage), opened(stage)
+    for path in ("/runs", "/design", "/no-such-page", "/"):
+        first.goto(stage.base + path)
+        first.wait_for_function("window.Sinew && Sinew.status()?.operator?.mine")
+    second.wait_for_function("document.getElementById('sinew-who').textContent === 'Somebody else is in control'")
+    first.close(run_before_unload=True)
+    second.wait_for_function(
+        "document.getElementById('sinew-who').textContent === 'Nobody is in control'", timeout=15_000
+    )
+
+
+def test_a_start_is_offered_to_whoever_can_start(opened: Open, stage: Stage) -> None:
+    page = opened(stage, "/plan")
+    page.wait_for_selector("#sinew-duration")
+    choose_plan(page, "first")
+    page.wait_for_selector("#sinew-start[data-ready=yes]")
+    assert page.locator("#sinew-start").is_disabled()
+    assert page.inner_text("#sinew-start-why") == "Take control to start."
+    page.click("#sinew-take")
+    page.wait_for_selector("#sinew-start:not([disabled])")
+    other = opened(stage)
+    other.click("#sinew-take")
+    page.wait_for_selector("#sinew-start[disabled]")
+    assert "Somebody else is in control" in page.inner_text("#sinew-start-why")
+
+
+def test_f9_stops_the_bench_of_its_own_page_only(opened: Open, stage: Stage, name: str, tmp_path: Any) -> None:
+    with staged(tmp_path / "runs") as beside:
+        page = opened(stage)
+        page.goto(beside.link)  # the same browser, with the sessions of both
+        page.wait_for_function("window.Sinew && Sinew.status()?.signed_in")
+        page.goto(stage.base)
+        page.wait_for_function("window.Sinew && Sinew.status()")
+        for one in (stage, beside):
+            one.begin(name)
+            one.until("running")
+        page.keyboard.press("F9")
+        page.wait_for_function("document.body.dataset.emergencyMs !== undefined")
+        stage.until("over")
+        assert beside.steward.status(None)["run"]["state"] == "running"
+        assert beside.steward.status(None)["emergency"] is None
+
+
+# Whoever reads by ear or with other colours.
+
+
+def stand(stage: Stage, page: Any, state: str, name: str) -> None:
+    """Bring the bench to a state that a page shows."""
+    if state == "preparing":
+        stage.begin(name, played_run.PREPARES)
+        page.wait_for_selector("#sinew-notice-begins")
+    elif state != "empty":
+        stage.begin(name, played_run.DOUBTS, repeats=1 if state == "complete" else 20)
+        watch(page)
+    if state == "paused":
+        stage.steward.tell("pause")
+        stage.until("paused")
+    elif state == "ended early":
+        stage.steward.tell("stop")
+    elif state == "emergency":
+        page.keyboard.press("F9")
+        page.wait_for_selector("#sinew-notice-emergency")
+    if state in ("ended early", "emergency", "complete"):
+        page.wait_for_selector("#sinew-notice-ended", timeout=120_000)
+    page.wait_for_timeout(1200)
+
+
+STATES = ("empty", "preparing", "running", "paused", "ended early", "emergency", "complete")
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_axe_finds_nothing_in_any_state(opened: Open, stage: Stage, name: str, state: str) -> None:
+    page = opened(stage)
+    stand(stage, page, state, name)
+    for theme in ("light", "dark"):
+        page.emulate_media(color_scheme=theme)
+        page.wait_for_timeout(400)
+        assert (theme, findings(page)) == (theme, [])
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("what", [*OPEN, "no such page", "sign-in page"])
+def test_axe_finds_nothing_where_something_lies_over_or_is_missing(
+    opened: Open, stage: Stage, what: str, theme: str
+) -> None:
+    path, open_it = OPEN.get(what, ({"no such page": "/no-such-page"}.get(what, "/login"), lambda _: None))
+    page = opened(stage, path, theme=theme)
+    page.wait_for_timeout(3000)
+    open_it(page)
+    page.wait_for_timeout(500)
+    assert findings(page) == []
