@@ -185,7 +185,7 @@ REFUSED = {
     "pushing cables": (("--pretension-mm", "-1"), "cables cannot push"),
     "unknown gear": (("--gear", "worm"), "'worm', expected one of sliding, creeping"),
     "unknown mode": (("--mode", "velocity"), "'velocity', expected one of"),
-    "amplitude": (("--amplitude-deg", "0"), "expected a positive angle"),
+    "amplitude": (("--amplitude-deg", "0"), "expected positive angles up to 180"),
     "band": (("--from-hz", "4", "--to-hz", "2"), "from 4 to 2 Hz"),
     "unknown effect": (("--without", "gravity"), "unknown effect 'gravity'"),
     "unknown ending": (("--out", "joint.txt"), "ends with .json or .mat"),
