@@ -181,7 +181,7 @@ def test_the_command_prints_a_table_and_what_was_left_out(tmp_path: Path, capsys
 
 
 REFUSED = {
-    "no number": (("--pretension-mm", "a"), "'a', expected numbers"),
+    "no number": (("--pretension-mm", "a"), "'a' is no number; expected zero or more"),
     "pushing cables": (("--pretension-mm", "-1"), "cables cannot push"),
     "unknown gear": (("--gear", "worm"), "'worm', expected one of sliding, creeping"),
     "unknown mode": (("--mode", "velocity"), "'velocity', expected one of"),
