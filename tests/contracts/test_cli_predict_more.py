@@ -90,7 +90,7 @@ REFUSED = {
     "fitted to nothing": (("mine.toml", "--fitted-mm", "0,4"), "name one with --against"),
     "no number": (
         ("mine.toml", "--against", "tuesday.nc", "--fitted-mm", "zero"),
-        "expected pretensions of zero or more, as 0,4,8",
+        "zero or more, as 0,4,8",
     ),
     "no recording": (("mine.toml", "--against", "plain.toml"), "is not a NetCDF file"),
     "an absent recording": (("mine.toml", "--against", "sunday.nc"), "sunday.nc"),
