@@ -90,7 +90,10 @@ What belongs to which kind of segment: [decision 5](../decisions/0005-segments.m
 | `Conventions`, `featureType` | what CF readers look for |
 
 The dimension `axis` counts x, y, z of the head's frame H ([conventions](../explanation/conventions.md)); `tendon`
-counts the tendons in the order of the rig.
+counts the tendons in the order of the rig. No dimension of a recording has a coordinate: places are positions from 0,
+so take them by `isel`. The first tendon is `isel(tendon=0)` here and `tendon_1` in exported tables; `repeat` counts
+from 0 here and from 1 in [results](results.md). `sinew.measure.recording.segment_slices`
+says which samples are a segment's.
 """
 
 

@@ -92,7 +92,7 @@ REFUSED = {
     "unknown material": (("joint", "--material", "jelly"), "unknown material 'jelly'"),
     "two stiffnesses": (("joint", "--material", "dragon-skin-30", "--shear-modulus-kpa", "9"), "one of them"),
     "no such polygon": (("joint", "--section", "polygon", "--polygon", "nowhere.csv"), "nowhere.csv"),
-    "negative length": (("joint", "--length-mm", "-5"), "silicone.length would be -0.005 m"),
+    "negative length": (("joint", "--length-mm", "-5"), "--length-mm is -5, expected 1 to 5000"),
     "joint of an oscillator": (("predict", "--oscillator", "x=1", "--length-mm", "50"), "--length-mm is for a rig"),
     "page of an oscillator": (("predict", "--oscillator", "x=1", "--out", "o"), "--out is for a rig"),
     "one rig": (("compare", "paper"), "found 1 rig, expected two or more"),

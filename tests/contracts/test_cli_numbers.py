@@ -44,6 +44,7 @@ ASKED: list[tuple[tuple[str, ...], str, tuple[str, ...]]] = [
     (TRACK, "--follow-hz", (*NEVER, "nan:3", "3:inf", "-1:3", "1e9:3", "3:")),
     (DESIGN, "--stride-hz", (*NEVER, "nan:1", "0.7:inf", "-1:1", "1:0.5", "0.7:1e9")),
     *((DESIGN, option, NEVER) for option in ("--yaw-deg", "--inertia-kg-m2", "--envelope-mm", "--starts", "--exact")),
+    *((DESIGN, option, NEVER) for option in ("--torso-kg", "--torso-centre-mm")),
     (DESIGN, "--envelope-mm", ("nanx200", "200xinf", "-1x200", "1e9x200", "200x")),
     *((DESIGN, option, NEVER) for option in ("--proposals", "--seed")),
     *((GAIT, option, NEVER) for option in ("--stride-hz", "--yaw-deg")),

@@ -88,7 +88,10 @@ REFUSED = {
         "--bands is for a rig",
     ),
     "fitted to nothing": (("mine.toml", "--fitted-mm", "0,4"), "name one with --against"),
-    "no number": (("mine.toml", "--against", "tuesday.nc", "--fitted-mm", "zero"), "expected numbers as 0,4,8"),
+    "no number": (
+        ("mine.toml", "--against", "tuesday.nc", "--fitted-mm", "zero"),
+        "zero or more, as 0,4,8",
+    ),
     "no recording": (("mine.toml", "--against", "plain.toml"), "is not a NetCDF file"),
     "an absent recording": (("mine.toml", "--against", "sunday.nc"), "sunday.nc"),
     "a narrower band": (("mine.toml", "--against", "tuesday.nc", "--to-hz", "4"), "goes from 2.6 to 4.4 Hz"),

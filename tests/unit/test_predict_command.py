@@ -39,7 +39,10 @@ REFUSED = {
     "no drive": (("--oscillator", OSCILLATOR), "--torque-n-m or --base-deg"),
     "unknown key": (("--oscillator", "mass=1", "--torque-n-m", "1"), "mass=1"),
     "missing key": (("--oscillator", "frequency_hz=3", "--torque-n-m", "1"), "lacks inertia_kg_m2"),
-    "no number": (("--oscillator", "frequency_hz=x", "--torque-n-m", "1"), "'x', expected a number"),
+    "no number": (
+        ("--oscillator", "frequency_hz=x", "--torque-n-m", "1"),
+        "'x' is no number; expected a finite number",
+    ),
     "band": (("--oscillator", OSCILLATOR, "--torque-n-m", "1", "--from-hz", "4", "--to-hz", "2"), "from 4 to 2 Hz"),
     "torque on a rig": (("paper", "--torque-n-m", "1"), "--amplitude-deg"),
     "pushing cables": (("paper", "--pretension-mm", "-1"), "cables cannot push"),

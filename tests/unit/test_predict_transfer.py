@@ -181,11 +181,11 @@ def test_the_command_prints_a_table_and_what_was_left_out(tmp_path: Path, capsys
 
 
 REFUSED = {
-    "no number": (("--pretension-mm", "a"), "'a', expected numbers"),
+    "no number": (("--pretension-mm", "a"), "'a' is no number; expected zero or more"),
     "pushing cables": (("--pretension-mm", "-1"), "cables cannot push"),
     "unknown gear": (("--gear", "worm"), "'worm', expected one of sliding, creeping"),
     "unknown mode": (("--mode", "velocity"), "'velocity', expected one of"),
-    "amplitude": (("--amplitude-deg", "0"), "expected a positive angle"),
+    "amplitude": (("--amplitude-deg", "0"), "expected positive angles up to 180"),
     "band": (("--from-hz", "4", "--to-hz", "2"), "from 4 to 2 Hz"),
     "unknown effect": (("--without", "gravity"), "unknown effect 'gravity'"),
     "unknown ending": (("--out", "joint.txt"), "ends with .json or .mat"),

@@ -57,9 +57,9 @@ _command(epilog="Example: sinew simulate short --rig paper --out run/recording.n
 _command(epilog="Example: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json")(
     analyse.analyse
 )
-app.command(
-    epilog="Example: sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json"
-)(identify.identify)
+_command(epilog="Example: sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json")(
+    identify.identify
+)
 _command(epilog="Example: sinew calibrate rigs/paper.toml monday.nc tuesday.nc --out rigs/mine.toml")(
     calibrate.calibrate
 )

@@ -1,12 +1,14 @@
 """This is where it is said what a joint is to be designed for: a gait, an inertia, and the room that there is."""
 
-import math
 from dataclasses import dataclass
 
 from sinew.measure.errors import SpecError
 from sinew.predict.joints.loads import Torso
 
 __all__ = ["DesignTarget"]
+
+
+_FASTEST_HZ = 100.0
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,11 @@ class DesignTarget:
 
     def __post_init__(self) -> None:
         low, high = self.band_hz
-        if not 0 < low < high < math.inf:
-            raise SpecError(f"found a stride band of {low:g} to {high:g} Hz, expected 0 < lowest < highest, as 0.7:1.1")
+        if not 0 < low < high <= _FASTEST_HZ:
+            raise SpecError(
+                f"found a stride band of {low:g} to {high:g} Hz, expected 0 < lowest < highest, as 0.7:1.1, up to "
+                f"{_FASTEST_HZ:g} Hz"
+            )
         if not 0 < self.yaw_deg <= 45:
             raise SpecError(f"found a yaw of {self.yaw_deg:g}°, expected an amplitude above 0 and up to 45°")
         if not 1e-4 <= self.inertia <= 10:
