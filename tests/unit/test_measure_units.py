@@ -1,11 +1,20 @@
 """Units that people write in headers and on the command line."""
 
 import math
+import time
 
 import pytest
 
 from sinew.measure.errors import UnitError
-from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
+from sinew.measure.units import (
+    canonical_unit,
+    convert,
+    local_time,
+    number_list,
+    one_number,
+    unit_in_name,
+    unit_suffix,
+)
 
 DEGREE = math.pi / 180
 
