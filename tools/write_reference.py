@@ -80,7 +80,8 @@ What belongs to which kind of segment: [decision 5](../decisions/0005-segments.m
 | attribute | meaning |
 |---|---|
 | `schema` | `{schema.RECORDING_SCHEMA}` |
-| `source` | twin, emulator, bench or import |
+| `source` | twin, emulator, bench or import; an emulated bench says so itself, whoever opened its port |
+| `expected` | what the twin foretold of the plan, as JSON, for `sinew.analysis.doubts`; empty where nothing was |
 | `rig`, `plan` | their TOML texts, whole; empty where there is none |
 | `versions` | of Sinew, Python and the packages that made the numbers |
 | `seed` | of the random numbers; -1 where there are none |

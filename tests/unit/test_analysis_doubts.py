@@ -97,7 +97,6 @@ def test_a_sensor_that_repeats_itself_is_named(good: xr.Dataset, channel: str, s
 def test_half_the_mass_on_the_lever_moves_the_resonance_away_from_the_foretold_one(expected: str) -> None:
     found = by_kind(doubts(of_a_bench(inertia__lever=0.5).assign_attrs(expected=expected), RIG))
     assert "masses on the lever" in found["resonance"].sentence
-    assert {"lever", "torsion"} & set(found)
 
 
 def test_tendons_that_were_not_pulled_as_the_plan_says_are_told_by_their_motors(good: xr.Dataset) -> None:

@@ -35,9 +35,7 @@ repeats = 1
     ("mode", "pretensions", "decay"),
     [
         ("position", "[4]", DECAY),
-        ("position", "[2, 8]", ""),
         ("current", "[2, 8]", DECAY),
-        ("position-with-current-limit", "[8]", ""),
     ],
 )
 def test_a_run_takes_what_its_preview_says_within_fifteen_percent(

@@ -210,8 +210,8 @@ def test_one_seed_gives_the_same_samples() -> None:
     assert readings[0] == readings[1]
 
 
-def test_the_sensor_answers_a_ping_with_its_model() -> None:
-    assert Node(chip()).imu.obey(ask.ping(200), 0.0) == Status(200, 0, b"\x00\x74\x01")
+def test_the_sensor_answers_a_ping_with_its_model_and_that_it_is_emulated() -> None:
+    assert Node(chip()).imu.obey(ask.ping(200), 0.0) == Status(200, 0, b"\x00\x74\xee")
 
 
 def test_the_sensors_control_register_can_be_written() -> None:

@@ -18,16 +18,6 @@ from sinew.measure.errors import UnitError
 if TYPE_CHECKING:
     import pint
 
-__all__ = [
-    "canonical_unit",
-    "convert",
-    "local_time",
-    "number_list",
-    "one_number",
-    "split_list",
-    "unit_in_name",
-    "unit_suffix",
-]
 
 # Words that people write and pint does not read, or reads as something else (it takes "Nm" for a yarn count).
 _SPELLINGS = {
