@@ -85,6 +85,8 @@ def results_page() -> str:
     titles = {
         ("pretension", "frequency", "repeat"): "Response, of every group of every repeat",
         ("pretension", "repeat"): "Ring-down, of every decay",
+        ("pretension", "repeat", "window"): "Decay windows, of every planned decay",
+        ("window",): "Decay windows, of every planned decay",
         ("pretension",): "Resonance, over the repeats",
         ("frequency",): "Axes",
     }
@@ -102,7 +104,7 @@ def results_page() -> str:
 # Results
 
 Results are an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{results.RESULTS_SCHEMA}"`, over the
-axes `pretension`, `frequency` and `repeat`. A part that the recording cannot give (no sweep, no ring-down) is absent as
+axes `pretension`, `frequency` and `repeat`, and of planned ring-downs `window`, where the decay begins. A part that the recording cannot give (no sweep, no ring-down) is absent as
 a whole; a single missing measurement is NaN. A quantity with an interval has companions whose suffix stands before the
 unit: `resonance_hz` has `resonance_std_hz`, `resonance_low_hz` and `resonance_high_hz`, the standard deviation over the
 repeats and the ends of the 90 % interval.
