@@ -104,8 +104,8 @@ def results_page() -> str:
 # Results
 
 Results are an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{results.RESULTS_SCHEMA}"`, over the
-axes `pretension`, `frequency` and `repeat`, and of planned ring-downs `window`, where the decay begins. A part that the recording cannot give (no sweep, no ring-down) is absent as
-a whole; a single missing measurement is NaN. A quantity with an interval has companions whose suffix stands before the
+axes `pretension`, `frequency` and `repeat`, and of planned ring-downs `window`, where the decay begins. A part that the
+recording cannot give (no sweep, no ring-down) is absent as a whole; a single missing measurement is NaN. A quantity with an interval has companions whose suffix stands before the
 unit: `resonance_hz` has `resonance_std_hz`, `resonance_low_hz` and `resonance_high_hz`, the standard deviation over the
 repeats and the ends of the 90 % interval.
 
