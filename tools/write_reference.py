@@ -105,9 +105,9 @@ def results_page() -> str:
 
 Results are an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{results.RESULTS_SCHEMA}"`, over the
 axes `pretension`, `frequency` and `repeat`, and of planned ring-downs `window`, where the decay begins. A part that the
-recording cannot give (no sweep, no ring-down) is absent as a whole; a single missing measurement is NaN. A quantity with an interval has companions whose suffix stands before the
-unit: `resonance_hz` has `resonance_std_hz`, `resonance_low_hz` and `resonance_high_hz`, the standard deviation over the
-repeats and the ends of the 90 % interval.
+recording cannot give (no sweep, no ring-down) is absent as a whole; a single missing measurement is NaN. A quantity
+with an interval has companions whose suffix stands before the unit: `resonance_hz` has `resonance_std_hz`,
+`resonance_low_hz` and `resonance_high_hz`, the standard deviation over the repeats and the ends of the 90 % interval.
 
 {tables}
 How each number is made: [analysis](../explanation/analysis.md), [energy](../explanation/energy.md). Beside the energy
