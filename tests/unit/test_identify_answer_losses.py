@@ -80,6 +80,21 @@ def test_friction_that_doubles_takes_about_twice_as_much_beside_the_silicone() -
     assert ratios[1] / ratios[0] == pytest.approx(2.0, rel=0.03)
 
 
+def test_the_recoils_share_carries_what_the_rig_leaves_open_of_the_drive(losses: Answer) -> None:
+    """A joint known to a hundredth would have it to a few thousandths; friction and armature are not known at all."""
+    found = losses.numbers["recoil_share"]
+    half = 0.5 * (found.high - found.low)
+    groups = [group for group in DECAYS.groups() if group.kind == "ring-down"]
+    reached = []
+    for name in ("friction", "armature"):
+        low, high = getattr(RIG.drive, name).bounds
+        ends = [RIG.with_values({f"drive.{name}": value}) for value in (low, high)]
+        shares = [energy_shares(lane_parameters(groups, rig), groups) for rig in ends]
+        reached += [float((one / one.sum(axis=1, keepdims=True))[:, 2].mean()) for one in shares]
+    assert half > 0.15 * (max(reached) - min(reached))
+    assert found.low < found.value < found.high
+
+
 def test_without_a_joint_only_the_methods_own_share_is_told() -> None:
     recording = simulate(DECAYS, RIG, seed=33)
     answer = answer_losses(analyse_recording(recording, RIG), recording, None, "No rig is known.")

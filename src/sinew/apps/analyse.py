@@ -159,6 +159,8 @@ def _energy_part(results: "xr.Dataset") -> dict[str, Any]:
 
 
 _RESONANCE = (
+    "paper_resonance_hz",
+    "paper_gain_peak",
     "resonance_hz",
     "gain_peak",
     "gain_peak_measured_drive",

@@ -83,7 +83,7 @@ def draw_tubes(axes: Axes, frequency_hz: Floats, values: Floats, pretension_mm: 
 
 def _mark_peaks(axes: Axes, results: xr.Dataset) -> None:
     """Put a ring on each peak and write the pretension beside every few of them."""
-    where, height = results["resonance_hz"].values, results["gain_peak"].values
+    where, height = results["paper_resonance_hz"].values, results["paper_gain_peak"].values
     axes.plot(where, height, linestyle="none", marker="o", markersize=3, color="white", markeredgecolor=INK, zorder=5)
     for p in few(where.size, 4) if where.size > 1 else ():
         if np.isfinite(where[p]) and np.isfinite(height[p]):

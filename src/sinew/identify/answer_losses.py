@@ -1,10 +1,10 @@
-"""This is where it is answered what Lehr's damping consists of: silicone, guides, the stopped lever's recoil, sensors.
+"""What Lehr's damping consists of: silicone, guides, the stopped lever's recoil, sensors.
 
 The tendon joint that was fitted to the recording swings down once more on the twin. The share of a loss is its share of
 the energy that the swing loses (`answer_energy`); the sensors' is what D, read off the gyroscope by the paper's method,
 changes by with perfect sensors. D with each loss switched off stands beside: it is no share, because without a loss the
-joint swings differently, at another frequency and amplitude. The fit's uncertainty is carried along by drawing its
-parameters.
+joint swings differently, at another frequency and amplitude. The fit's uncertainty, and what the rig leaves
+open of the drive, are carried along by drawing the parameters.
 """
 
 import math
@@ -13,7 +13,10 @@ from typing import NamedTuple
 import jax
 import numpy as np
 import xarray as xr
+from scipy import special
+from scipy.stats import qmc
 
+from sinew.analysis.power import supply_uncertainty
 from sinew.analysis.repeats import Pooled, pool_repeats
 from sinew.analysis.ring_down import DECAY_FROM_PERIODS, analyse_ring_down
 from sinew.analysis.sensor import sample_rate
@@ -78,7 +81,7 @@ def answer_losses(
     wanted = _spread(pretensions)
     levels = [float(pretensions[i]) for i in wanted]
     groups = [_decay_at(recording, pretension).group(pretension) for pretension in levels]
-    rigs = [joint.fitted_rig, *_drawn(joint, seed)]
+    rigs = [joint.fitted_rig, *_drawn(joint, supply_uncertainty(recording, joint.fitted_rig), seed)]
     hz = round(sample_rate(recording))
     model, perfect = _dampings(rigs, groups, hz)
     if not np.isfinite(model[0]).all():
@@ -194,8 +197,18 @@ def _without(rig: RigSpec, groups: list[Group], hz: float) -> dict[str, Array]:
     return dict(zip(_OFF, np.array(found).reshape(len(cases), len(groups)), strict=True))
 
 
-def _drawn(joint: JointFit, seed: int) -> list[RigSpec]:
-    """Return rigs with parameters drawn from the fit's covariance, inside their bounds; what is tied moves along."""
+_DRIVE = ("stall_torque", "no_load_speed", "friction", "armature")
+"""What the recoil rests on and a fit under the measured lever does not touch. Gain and limit of the position loop are
+registers, known exactly; the supply voltage is read on the bus."""
+
+
+def _drawn(joint: JointFit, voltage_std: float, seed: int) -> list[RigSpec]:
+    """Return rigs with parameters drawn from the fit's covariance, inside their bounds; what is tied moves along.
+
+    The drive's are drawn beside: normal by their interval where the rig has one, else evenly between their bounds, the
+    supply voltage by its relative standard uncertainty. They are spread evenly over their quantiles (Latin hypercube),
+    so that a dozen draws cover them.
+    """
     names = list(joint.parameters)
     matrix = np.asarray(joint.covariance.matrix)[: len(names), : len(names)]
     values = np.array([one.value for one in joint.parameters.values()])
@@ -203,7 +216,27 @@ def _drawn(joint: JointFit, seed: int) -> list[RigSpec]:
         return []
     rng = np.random.default_rng(seed)
     drawn = rng.multivariate_normal(values, matrix, size=DRAWS, method="eigh")
-    return [_rig_with(joint.fitted_rig, dict(zip(names, map(float, row), strict=True))) for row in drawn]
+    drives = _drawn_drives(joint, [name for name in _DRIVE if f"drive.{name}" not in names], voltage_std, seed)
+    return [
+        _rig_with(joint.fitted_rig, dict(zip(names, map(float, row), strict=True)) | drive)
+        for row, drive in zip(drawn, drives, strict=True)
+    ]
+
+
+def _drawn_drives(joint: JointFit, names: list[str], voltage_std: float, seed: int) -> list[dict[str, float]]:
+    table = dict(joint.fitted_rig.parameters())
+    quantile = qmc.LatinHypercube(len(names) + 1, rng=np.random.default_rng([seed, 1])).random(DRAWS)
+    columns: dict[str, Array] = {}
+    for k, name in enumerate(names):
+        parameter = table[f"drive.{name}"]
+        if parameter.interval90 is None:
+            columns[f"drive.{name}"] = parameter.bounds[0] + np.ptp(parameter.bounds) * quantile[:, k]
+        else:
+            std = float(np.ptp(parameter.interval90)) / (2.0 * special.ndtri(0.95))
+            columns[f"drive.{name}"] = parameter.value + std * special.ndtri(quantile[:, k])
+    supply = table["drive.supply_voltage"].value
+    columns["drive.supply_voltage"] = supply * (1.0 + voltage_std * special.ndtri(quantile[:, -1]))
+    return [{name: float(column[i]) for name, column in columns.items()} for i in range(DRAWS)]
 
 
 def _rig_with(rig: RigSpec, values: dict[str, float]) -> RigSpec:
@@ -277,11 +310,13 @@ def _check(rows: list[dict[str, Cell]]) -> list[str]:
     if abs(worst) > 0.15:
         return [
             f"The fitted joint's D is off the measured one by up to {told}: the shares are the model's. The recoil "
-            "rests on the drive as the rig describes it, which a fit under the measured lever does not touch."
+            "rests on the drive as the rig describes it, which a fit under the measured lever does not touch; the "
+            "intervals hold what the rig leaves open of it."
         ]
     return [
         f"The fitted joint's D agrees with the measured one within {told.lstrip('+−')}. The recoil rests on the drive "
-        "as the rig describes it, whose uncertainty is not in the intervals."
+        "as the rig describes it; the intervals hold what the rig leaves open of it: stall torque, no-load speed, "
+        "friction and armature within their intervals or else their bounds, and the supply voltage."
     ]
 
 
