@@ -203,7 +203,7 @@ def draw_pair(seed: int, number: int) -> Pair:
     rng = np.random.default_rng([seed, number])
     ends, modes = get_args(End), get_args(TendonMode)
     end: End = ends[number % len(ends)]
-    mode: TendonMode = modes[number // len(ends) % len(modes)]
+    mode: TendonMode = modes[number % len(modes)]  # seven and three have no common factor
     way: Way = "resume" if end != "other software" and rng.random() < 1 / 3 else "fresh"
     writes: tuple[Write, ...] = ()
     meddle = math.inf

@@ -19,6 +19,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
+
+from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.doubts import doubts_of
 from sinew.bench.conversion import recording_from_journal
 from sinew.bench.journal_reader import JournalReader
 from sinew.hardware.bus import Bus, BusTiming
@@ -28,8 +32,9 @@ from sinew.hardware.serial_port import SerialPort
 from sinew.hardware.transport import MonotonicClock
 from sinew.measure.errors import RecordingError
 from sinew.measure.netcdf import load_recording
-from sinew.measure.recording import segment_slices
+from sinew.measure.recording import read_registers, segment_slices
 from sinew.plan.rig import RigSpec
+from sinew.plan.servo import FULL_DUTY_COUNTS
 from sinew.plan.toml import load_rig, parse_plan
 
 __all__ = ["PLAN", "Kill", "Series", "kill_series"]
@@ -270,8 +275,21 @@ class _Trial:
         if not recording.exists():
             return False
         wanted = sum(1 if group.kind == "idle" else 2 for group in parse_plan(PLAN).groups())
-        self.series.is_complete = len(segment_slices(load_recording(recording))) == wanted
+        found = load_recording(recording)
+        self.series.is_complete = len(segment_slices(found)) == wanted
+        self._look_at_lever(found)
         return self.series.is_complete
+
+    def _look_at_lever(self, recording: xr.Dataset) -> None:
+        """See that every start after a kill drove as the rig says, whatever the motors had been left with."""
+        gain = self._spec.drive.position_gain.value
+        for run in read_registers(recording):
+            drive = run["motors"]["drive"]["registers"]
+            duty_per_rad = drive["position_p_gain"] / 128 / FULL_DUTY_COUNTS * 4096 / math.tau
+            if drive["goal_pwm"] != FULL_DUTY_COUNTS or abs(duty_per_rad / gain - 1) > 1e-3:
+                self.series.wrong.append(f"run {run['run']} measured with {drive}")
+        doubts = doubts_of(analyse_recording(recording, self._spec))
+        self.series.wrong += [str(doubt["sentence"]) for doubt in doubts if doubt["kind"] == "lever"]
 
     def _hold_against(self, truth: dict[str, Any]) -> None:
         """Find the watchdogs that each kill let trip, and count what the journal lacks."""

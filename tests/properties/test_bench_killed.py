@@ -51,6 +51,11 @@ def test_resuming_completes_every_run(series: list[Series]) -> None:
     assert all(one.is_complete for one in series)
 
 
+def test_what_is_measured_after_a_kill_is_measured_with_the_rigs_own_drive(series: list[Series]) -> None:
+    # Registers read back at every start, and the lever's amplitude, are among what a series holds against a run.
+    assert [wrong for one in series for wrong in one.wrong] == []
+
+
 def test_a_fresh_run_on_motors_under_torque_is_refused_and_stop_lets_go(series: list[Series]) -> None:
     assert any(one.refused for one in series)
     assert [wrong for one in series for wrong in one.wrong] == []
