@@ -43,7 +43,19 @@ def test_the_summary_of_a_whole_run_says_once_that_all_is_there(whole: Whole) ->
 
 def test_the_json_has_the_keys_of_the_reference(whole: Whole) -> None:
     assert set(whole.document) == {
-        *("plan", "rig", "complete", "ended", "safe_state", "is_safe", "left", "frozen_ms", "groups", "groups_done"),
+        *(
+            "plan",
+            "rig",
+            "complete",
+            "ended",
+            "safe_state",
+            "is_safe",
+            "left",
+            "frozen_ms",
+            "pauses",
+            "groups",
+            "groups_done",
+        ),
         *("pretensions", "cycles", "journal", "recording", "bus"),
     }
 

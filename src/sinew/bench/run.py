@@ -192,8 +192,8 @@ class Runner:
                 self._say("frozen", f"all motors stand, {1e3 * self.report.halted_s:.0f} ms after the request")
 
     def _run_through_pauses(self) -> None:
-        """Run all groups; after a pause of the computer that let the watchdogs trip, as often as the rig allows, bring
-        it to its declared state and go on from the last whole group."""
+        """Run all groups; after a pause of the computer that let the watchdogs trip, as often as the rig allows,
+        bring it to rest and go on from the last whole group."""
         while True:
             try:
                 self._run_all(self._journal.finished_groups())
@@ -210,24 +210,26 @@ class Runner:
                 return
 
     def _stand_after(self, why: str, most: int) -> None:
-        """Mark a hole, bring the rig to its declared state, and get ready to pull its tendons anew."""
+        """Mark a hole, have all motors stand until the joint rests, let go, and get ready to pull the tendons anew.
+
+        A lever that lost its torque while the joint still swings would be swung beyond its window.
+        """
         report, asked = self.report, self.steering.emergency_asked
         report.pauses.append(why)
-        declared = self._rig.spec.limits.safe_state
         self._journal.end_segment("aborted", why)
         self.at.end()
         self.at.state = "resting after a pause"
-        self._say("hole", f"{why}; {declared} first, then the run goes on by itself ({len(report.pauses)} of {most})")
-        for state in dict.fromkeys((declared, "release")):  # one that holds is let go only now, as by --resume
+        count = f"{len(report.pauses)} of {most}"
+        self._say("hole", f"{why}; the motors stand, then let go, then the run goes on by itself ({count})")
+        for state in ("hold", "release"):
             left = stop(
                 self._rig, self._clock, state, lambda first: self._note_frozen(first) if asked() else None,
                 emergency_asked=asked,
             )  # fmt: skip
             if not left.is_safe:
                 raise LostError(f"{why}; {left.sentence()}")
-            self.steering.check()
+            self._await_rest()
         self._may_hold = False
-        self._await_rest()
         refuse_unready(self._rig, self._clock, self._plan, torque_may_be_on=True)
         self._guard = Guard(self._rig.spec)
         statistics, self._loop = self._loop.statistics, self._new_loop()
