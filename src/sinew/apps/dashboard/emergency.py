@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from sinew.apps.bench_run import open_rig
 from sinew.apps.dashboard.processes import await_end
@@ -24,9 +23,6 @@ from sinew.hardware.errors import PortError
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 
-if TYPE_CHECKING:
-    pass
-
 __all__ = ["CONFIRM_S", "Emergency", "Order", "Outcome", "bring_to_rest"]
 
 CONFIRM_S = 0.15
@@ -35,8 +31,6 @@ CONFIRM_S = 0.15
 _DIES_S = 1.0
 _PORT_S = 0.5
 _LOOK_S = 0.01
-
-_FORWARDED = ("forwarded", "via", "x-forwarded-for", "x-forwarded-host", "x-real-ip")
 
 _SETTLES_S = 1.5  # for a run that answered, and asks a motor again that did not
 _AGAIN_S = 0.05

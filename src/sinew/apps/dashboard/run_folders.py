@@ -155,12 +155,12 @@ def texts_to_go_on(runs: Path, name: str) -> tuple[Path, str, str]:
     Raises RefusedError where there is no such run (404), or nothing of it is left to do (409).
     """
     folder = runs / name
-    if not is_run_name(name) or folder.is_symlink() or not (folder / JOURNAL).is_file():
+    if not is_run_name(name) or not _is_unlinked(folder) or not (folder / JOURNAL).is_file():
         raise RefusedError(404, "found no run of that name to go on with; the page Runs lists them")
     if not ending_of(folder)["can_resume"]:
         raise RefusedError(409, f"nothing of the run {name} is left to do; start another")
     try:
-        texts = _texts(unlinked(folder))
+        texts = _texts(folder)
         for file, text in zip(("plan.toml", "rig.toml"), texts, strict=True):
             if not (folder / file).exists():
                 (folder / file).write_text(text, encoding="utf-8")
