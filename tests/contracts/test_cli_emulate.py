@@ -233,6 +233,7 @@ def test_a_link_that_another_emulator_serves_is_refused(link: Path, capsys: pyte
     assert (status, "is another emulator running" in capsys.readouterr().err) == (2, True)
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_bench_again(link: Path, capsys: pytest.CaptureFixture[str]) -> None:
     starts = []
     for seed in ("3", "3", "4"):

@@ -80,6 +80,7 @@ def test_a_whole_folder_of_pages_is_written(sweep: Path, tmp_path: Path, capsys:
 ENDINGS = ("png", "pdf")
 
 
+@pytest.mark.slow
 def test_the_page_tells_how_to_make_it_again(sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     more = ("--model", "linear", "--train", "0:1200", "--out", tmp_path / "out")
     identified(capsys, sweep, *COLUMNS, *more)

@@ -21,6 +21,7 @@ def test_a_constant_input_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "input is constant" in unidentified(capsys, file, *COLUMNS)
 
 
+@pytest.mark.slow
 def test_swapped_columns_are_named(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     swapped = ("--time", "t", "--input", "y:V", "--output", "u:V", "--excitation", "force", "--model", "linear")
     assert "swapped" in identified(capsys, sweep, *swapped)["message"]
@@ -38,6 +39,7 @@ def test_a_record_of_one_period_is_refused_as_too_short(tmp_path: Path, capsys: 
     assert "too short" in unidentified(capsys, file, "--time", "t", "--output", "y", "--excitation", "none")
 
 
+@pytest.mark.slow
 def test_a_lever_taken_for_a_force_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lever = lambda t: 0.3 * np.sin(PHASE(t))  # noqa: E731
     h = 1e-4

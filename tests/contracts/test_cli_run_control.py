@@ -60,6 +60,7 @@ def test_a_paused_run_goes_on_and_is_complete(
     assert (told.status, kinds) == (0, ["paused", "resumed", "end"])
 
 
+@pytest.mark.slow
 def test_samples_of_a_pause_belong_to_no_group(
     ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

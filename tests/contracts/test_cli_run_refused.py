@@ -164,6 +164,7 @@ def test_a_plan_beyond_a_limit_of_the_rig_is_refused(
     assert port.codes <= QUESTIONS
 
 
+@pytest.mark.slow
 def test_one_broken_reading_of_the_imu_is_no_refusal(
     plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -39,6 +39,7 @@ def test_a_bench_left_in_hold_is_taken_over_by_resuming(
     assert (told.status, "has travelled" in told.out, all(torques(held[0].rig))) == (1, True, True)
 
 
+@pytest.mark.slow
 def test_resuming_with_another_plan_is_refused(
     held: tuple[WatchedPort, str], out: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -106,6 +106,7 @@ def test_json_is_the_only_thing_on_stdout() -> None:
     assert json.loads(done.stdout)["plan"] == "short"
 
 
+@pytest.mark.slow
 def test_a_reader_that_leaves_early_causes_no_traceback() -> None:
     done = subprocess.run(
         ["bash", "-c", f"{SINEW} check paper | true; exit ${{PIPESTATUS[0]}}"],

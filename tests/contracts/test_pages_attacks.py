@@ -173,6 +173,7 @@ def test_too_large_a_post_is_refused(client: httpx.Client) -> None:
     assert client.post("/login", content=b"x" * 1_000_000).status_code == 413
 
 
+@pytest.mark.slow
 def test_a_thousand_connections_keep_no_viewer_out(port: int, client: httpx.Client) -> None:
     crowd: list[socket.socket] = []
     try:

@@ -127,6 +127,7 @@ def test_a_run_that_was_taken_up_again_and_refused_does_not_say_how_it_ended_bef
     assert told_at_end(tmp_path) == "no port"
 
 
+@pytest.mark.slow
 def test_a_run_that_has_left_the_bench_and_goes_on_writing_is_not_silent(tmp_path: Path) -> None:
     script = tmp_path / "writes.py"
     place = str(Path(fake_run.__file__).parent)

@@ -247,6 +247,7 @@ def test_an_overloaded_motor_works_again_after_a_reboot(tmp_path: Path) -> None:
         port.closePort()
 
 
+@pytest.mark.slow
 def test_an_unplugged_port_is_gone_for_the_sdk(tmp_path: Path) -> None:
     with emulated(tmp_path, "--fault", "unplug@1.5") as path:
         port = opened(path)

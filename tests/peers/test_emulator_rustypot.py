@@ -143,6 +143,7 @@ def test_an_overheated_motor_raises_its_alert_and_lets_go(tmp_path: Path) -> Non
         assert bytes(master.read_raw_data(3, TORQUE, 1)) == b"\0"
 
 
+@pytest.mark.slow
 def test_an_alert_shows_in_a_group_read(tmp_path: Path) -> None:
     with emulated(tmp_path, "--fault", "overheat:motor=3,rate=1000@1") as path:
         master = opened(path)

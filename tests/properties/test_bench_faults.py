@@ -72,6 +72,7 @@ def test_a_packet_in_five_hundred_may_be_lost_and_all_groups_are_recorded(tensio
     assert (verdict.outcome, verdict.violations) == ("complete", [])
 
 
+@pytest.mark.slow
 def test_samples_that_average_over_a_freeze_of_the_sensor_are_not_believed(tension_n: Mapping[float, float]) -> None:
     verdict = judge(scenario("imu-freeze@10.5-10.53", interrupt_s=10.8), tension_n)
     assert (verdict.sentence, verdict.violations) == ("interrupted by the operator", [])
@@ -89,6 +90,7 @@ def test_no_fault_drawn_at_random_costs_truth_safety_or_a_sentence() -> None:
 # The rest: a campaign that could not fail would show nothing.
 
 
+@pytest.mark.slow
 def test_a_bench_that_takes_late_answers_for_fresh_ones_is_found_out(
     tension_n: Mapping[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -90,6 +90,7 @@ def test_the_90_percent_intervals_of_stepped_sines_cover_the_poles(stepped_trial
     assert 0.87 <= np.mean(inside) <= 0.93
 
 
+@pytest.mark.slow
 def test_the_pole_of_stepped_sines_is_biased_by_less_than_a_quarter_of_its_deviation(stepped_trials) -> None:
     values = {damping: [mode.damping_ratio.value for mode in found] for damping, found in stepped_trials.items()}
     assert max(abs(np.mean(v) - damping) / np.std(v) for damping, v in values.items()) < 0.25
@@ -124,6 +125,7 @@ def test_the_90_percent_intervals_of_broadband_records_cover_the_pole(broadband_
     assert 0.86 <= np.mean(inside) <= 0.94
 
 
+@pytest.mark.slow
 def test_the_stated_deviation_of_a_broadband_pole_is_that_of_repeated_records(broadband_trials) -> None:
     values = np.array([trial.modes[0].damping_ratio.value for trial in broadband_trials])
     stated = np.median([trial.modes[0].damping_ratio.std for trial in broadband_trials])

@@ -46,6 +46,7 @@ def test_the_resonance_of_three_repeats_lies_in_its_interval_85_to_95_times_in_1
     assert 0.85 <= covered(three_repeats, "resonance", "_hz", Joint(damping=0.08).resonance_hz) <= 0.95
 
 
+@pytest.mark.slow
 def test_the_90_degree_crossing_of_three_repeats_lies_in_its_interval_85_to_95_times_in_100(three_repeats) -> None:
     assert 0.85 <= covered(three_repeats, "phase_90", "_hz", 3.2) <= 0.95
 
@@ -59,6 +60,7 @@ def test_the_largest_gain_lies_in_its_interval_85_to_95_times_in_100(three_repea
     assert 0.85 <= covered(three_repeats, "gain_peak", "", largest) <= 0.95
 
 
+@pytest.mark.slow
 def test_the_resonance_of_a_single_repeat_lies_in_its_interval_85_to_95_times_in_100(one_repeat) -> None:
     assert 0.85 <= covered(one_repeat, "resonance", "_hz", Joint(damping=0.12).resonance_hz) <= 0.96
 
@@ -67,6 +69,7 @@ def test_the_crossing_of_a_single_repeat_lies_in_its_interval_85_to_95_times_in_
     assert 0.85 <= covered(one_repeat, "phase_90", "_hz", 3.2) <= 0.95
 
 
+@pytest.mark.slow
 def test_the_crossings_interval_holds_the_delays_uncertainty() -> None:
     assert 0.85 <= covered(trials(0.12, 1, delay_std_s=0.5e-3), "phase_90", "_hz", 3.2) <= 0.95
 

@@ -112,6 +112,7 @@ def recording(once: Paused) -> xr.Dataset:
     return recording_from_journal(once.folder / "journal.sqlite")
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_by_itself_and_records_every_group(once: Paused) -> None:
     assert (once.report.is_complete, len(once.report.pauses)) == (True, 1)
 

@@ -75,6 +75,7 @@ def test_a_rig_that_does_not_know_how_certain_it_is_has_no_bands() -> None:
     assert "gain_low" not in found["curves"][0]
 
 
+@pytest.mark.slow
 def test_a_band_widens_with_what_is_not_known() -> None:
     def width(share: float) -> float:
         (curve,) = prediction_for_plan(PLAN.replace("[2, 8]", "[4]"), certain_to(share), 8)["curves"]
@@ -90,6 +91,7 @@ def test_shipped_plans_are_predicted_as_plain_json(name: str) -> None:
     assert len(found["curves"]) == len(parse_plan(read_spec("plans", name)).pretension.pretension_mm)
 
 
+@pytest.mark.slow
 def test_a_suggested_pretension_resonates_where_it_is_wanted() -> None:
     found = suggest_pretension("paper", {}, 3.4, 20.0)
     assert found["frequency_hz"]["value"] == pytest.approx(3.4, rel=1e-3)

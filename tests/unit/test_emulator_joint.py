@@ -117,6 +117,7 @@ def _stored(plant: JointPlant) -> float:
     return float(elastic) + 0.5 * float(kinetic + tendons + BENDING * (tilt[0] ** 2 + tilt[1] ** 2))
 
 
+@pytest.mark.slow
 def test_a_joint_that_nothing_drives_only_loses_energy() -> None:
     rig = RIG.with_values({"tendons.guide_friction": 0.0})  # bristles would give back what they took
     plant = _pulled([_by_position(wound) for wound in (6e-3, 7e-3, 8e-3, 6.5e-3)], rig)

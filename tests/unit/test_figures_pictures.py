@@ -30,6 +30,7 @@ def test_every_figure_is_written_in_every_format(tmp_path: Path) -> None:
     assert all(p.read_bytes()[:4] in (b"\x89PNG", b"%PDF") and p.stat().st_size > 10_000 for p in paths)
 
 
+@pytest.mark.slow
 def test_two_processes_write_the_same_pictures_as_one(tmp_path: Path) -> None:
     one = draw_figures(recording(), results(), tmp_path / "one", formats=("png",))
     two = draw_figures(recording(), results(), tmp_path / "two", formats=("png",), workers=2)

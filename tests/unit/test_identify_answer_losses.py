@@ -42,6 +42,7 @@ def test_the_fitted_joints_damping_is_the_measured_one(losses: Answer) -> None:
     assert model == pytest.approx(measured, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_sensors_delay_has_hardly_a_share_in_the_damping(losses: Answer) -> None:
     """A filter shifts a decaying exponential and scales it; only what is not exponential in the decay is read later."""
     assert abs(losses.numbers["sensor_share"].value) < 0.03

@@ -57,6 +57,7 @@ def quiet_fit() -> JointFit:
     return fit_joint([quiet_recording()], load_rig("paper"))
 
 
+@pytest.mark.slow
 def test_a_recording_without_noise_gives_the_hidden_rig_back_from_a_wrong_start() -> None:
     found = quiet_fit()
     truth = dict(hidden_rig().parameters())

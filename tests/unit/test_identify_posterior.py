@@ -59,6 +59,7 @@ def test_correlated_noise_widens_the_posterior_as_it_widens_the_robust_covarianc
     assert found.std == pytest.approx(known.std, rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_gradient_of_the_density_is_its_difference() -> None:
     import jax
 
@@ -90,11 +91,13 @@ def test_records_that_are_fitted_together_have_the_density_of_all_their_residual
     assert float(log_density(u, density, laws)) == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_draws() -> None:
     again = [sample_posterior(decay(), seed=4, draws=20, warmup=150, chains=4).draws for _ in range(2)]
     assert np.array_equal(again[0], again[1])
 
 
+@pytest.mark.slow
 def test_draws_are_those_of_the_named_numbers() -> None:
     found = sampled()
     column = {name: found.draws[:, i] for i, name in enumerate(found.names)}
@@ -124,6 +127,7 @@ def test_without_numpyro_the_sentence_says_what_to_install(monkeypatch: pytest.M
         sample_posterior(decay())
 
 
+@pytest.mark.slow
 def test_importing_the_module_does_not_load_numpyro() -> None:
     code = "import sys, sinew.identify.posterior; print('numpyro' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -51,6 +51,7 @@ def test_the_damping_law_of_the_segments_is_found_and_decided() -> None:
     assert (compared().best.model.name, compared().decided) == ("linear", True)
 
 
+@pytest.mark.slow
 def test_every_segment_is_held_out_once() -> None:
     assert compared().rows[0].held_out.residual.size == sum(record.size for record in segments()[:4])
 

@@ -50,6 +50,7 @@ def all_trials() -> dict[float, Trials]:
     return {damping: Trials(damping, [trial(damping, seed) for seed in range(TRIALS)]) for damping in DAMPINGS}
 
 
+@pytest.mark.slow
 def test_the_90_percent_interval_of_the_damping_covers_it_85_to_95_times_in_100(all_trials) -> None:
     assert 0.85 <= np.mean([trials.inside for trials in all_trials.values()]) <= 0.95
 

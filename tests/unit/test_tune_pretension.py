@@ -76,6 +76,7 @@ def test_a_frequency_out_of_reach_is_told_with_what_ends_the_range(tuned: Tuning
     assert "16 mm is the rig's highest pretension" in fast.sentence
 
 
+@pytest.mark.slow
 def test_the_range_ends_where_a_tendon_pulls_as_much_as_the_rig_allows() -> None:
     rig = limited(RIG, tension_n=60.0)
     reachable = find_reachable(rig, SWING)
@@ -92,6 +93,7 @@ def test_a_drive_that_may_not_swing_far_enough_leaves_no_pretension_at_all() -> 
     assert "the rig allows 1°" in reachable.why[0]
 
 
+@pytest.mark.slow
 def test_the_interval_is_what_the_uncertain_radius_moves_the_pretension_by() -> None:
     std = 1e-4
     base = RIG.with_values({RADIUS: RIG.tendons.head_radius.value}, origin="calibrated")

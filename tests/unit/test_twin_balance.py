@@ -23,6 +23,7 @@ def balance() -> Balance:
     return balance_groups([group(p, f) for p in (0, 12) for f in FREQUENCIES], RIG)
 
 
+@pytest.mark.slow
 def test_what_the_drive_takes_up_is_copper_gear_friction_and_work(balance: Balance) -> None:
     assert np.abs(balance.drive_residual).max() < 1e-12
 
