@@ -32,6 +32,7 @@ def test_the_document_has_the_keys_of_the_reference(capsys: pytest.CaptureFixtur
         "ok",
         "duration_s",
         "longest_s",
+        "bench_s",
         "groups",
         "samples",
         "full_amplitude_hz",

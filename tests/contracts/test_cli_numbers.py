@@ -29,7 +29,7 @@ EMULATE = ("emulate", "--for", "1")
 NEVER = ("nan", "inf", "-1", "1e9", "")
 ASKED: list[tuple[tuple[str, ...], str, tuple[str, ...]]] = [
     *((PREDICT, option, NEVER) for option in ("--pretension-mm", "--amplitude-deg", "--to-hz", "--from-hz", "--bands")),
-    (PREDICT, "--pretension-mm", ("400", "16.01", "4,,8", "4,nan", "4;8", "0,-0.1")),
+    (PREDICT, "--pretension-mm", ("400", "16.01", "4,,8", "4,nan", "2,5", "0, -0.1")),
     (PREDICT, "--from-hz", ("0", "6")),
     *((PREDICT, option, NEVER) for option in ("--seed", "--length-mm", "--head-mass-kg")),
     *((OSCILLATOR, option, ("nan", "inf", "")) for option in ("--torque-n-m", "--from-hz", "--to-hz")),

@@ -87,7 +87,7 @@ REFUSED = {
         ("--oscillator", "inertia_kg_m2=1,frequency_hz=1,damping_ratio=0.1", "--torque-n-m", "1", "--bands", "20"),
         "--bands is for a rig",
     ),
-    "fitted to nothing": (("mine.toml", "--fitted-mm", "0,4"), "name one with --against"),
+    "fitted to nothing": (("mine.toml", "--fitted-mm", "0, 4"), "name one with --against"),
     "no number": (
         ("mine.toml", "--against", "tuesday.nc", "--fitted-mm", "zero"),
         "zero or more, as 0,4,8",

@@ -56,7 +56,7 @@ def test_the_json_has_the_keys_of_the_reference(whole: Whole) -> None:
             "groups",
             "groups_done",
         ),
-        *("pretensions", "cycles", "journal", "recording", "bus"),
+        *("pretensions", "cycles", "journal", "recording", "bus", "doubts"),
     }
 
 
@@ -81,7 +81,7 @@ def test_a_whole_run_leaves_recording_and_journal_and_nothing_else(whole: Whole)
 
 def test_the_recording_of_a_whole_run_says_by_which_command_it_came(whole: Whole) -> None:
     attrs = load_recording(whole.folder / "recording.nc").attrs
-    assert attrs["source"] == "bench"
+    assert attrs["source"] == "emulator"
     assert attrs["command"] == f"sinew run {whole.folder}/tiny.toml --rig paper --port b --out {whole.folder}"
 
 

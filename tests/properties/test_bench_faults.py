@@ -119,7 +119,7 @@ def test_motors_left_alone_without_a_watchdog_are_found_out(
 def test_an_error_without_a_name_is_found_out(
     tension_n: Mapping[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Motor, "set_mode", lambda _motor, _mode: 1 / 0)
+    monkeypatch.setattr(Motor, "set_counts", lambda _motor, _block: 1 / 0)
     verdict = judge(scenario(), tension_n)
     assert any("raised ZeroDivisionError" in violation for violation in verdict.violations)
 

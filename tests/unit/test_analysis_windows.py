@@ -116,7 +116,7 @@ def test_eq_6_the_fundamental_and_the_lever_at_resonance_are_the_true_ones(
 ) -> None:
     """Between the points of a grid of 0.1 Hz, one of which would give a lever 0.3° too large."""
     peaks, fundamental, lever = true_peaks(PRETENSION[index], near)
-    one = results.isel(pretension=index)
+    one = results.isel(pretension_mm=index)
     assert float(one["paper_resonance_low_hz"]) - 0.01 < peaks < float(one["paper_resonance_high_hz"]) + 0.01
     assert float(one["resonance_low_hz"]) - 0.01 < fundamental < float(one["resonance_high_hz"]) + 0.01
     low, high = (float(one[f"drive_amplitude_at_resonance_{end}_rad"]) for end in ("low", "high"))

@@ -69,13 +69,15 @@ def test_a_line_fills_its_axis_and_points_keep_off_the_frame() -> None:
     ("estimate", "unit", "said"),
     [
         ({"value": 3.17712, "interval90": [3.1444, 3.2105]}, "Hz", "3.177 Hz (3.144 to 3.211)"),
-        ({"value": 0.05976, "interval90": [0.05549, 0.06402]}, "", "0.0598 (0.0555 to 0.0640)"),
+        ({"value": 0.05976, "interval90": [0.05549, 0.06402]}, "", "0.060 (0.055 to 0.064)"),
         ({"value": 120.4, "interval90": [90.0, 150.0]}, "N", "120 N (90 to 150)"),
         ({"value": 2.0, "interval90": [None, None]}, "mm", "2 mm"),
         ({"value": None, "interval90": [None, None]}, "mm", "–"),
     ],
 )
-def test_an_estimate_is_said_to_two_digits_of_its_interval(estimate: dict[str, Any], unit: str, said: str) -> None:
+def test_an_estimate_is_said_to_the_digits_that_its_interval_tells(
+    estimate: dict[str, Any], unit: str, said: str
+) -> None:
     assert quantity(estimate, unit) == said
 
 

@@ -162,7 +162,7 @@ def test_another_ending_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_command_prints_one_document_with_a_joint_for_each_pretension(capsys: pytest.CaptureFixture[str]) -> None:
-    status = main(["transfer", "paper", "--pretension-mm", "0,4", "--json"])
+    status = main(["transfer", "paper", "--pretension-mm", "0, 4", "--json"])
     document = json.loads(capsys.readouterr().out)
     assert status == 0
     assert [joint["pretension_mm"] for joint in document["joints"]] == [0, 4]
@@ -181,7 +181,7 @@ def test_the_command_prints_a_table_and_what_was_left_out(tmp_path: Path, capsys
 
 
 REFUSED = {
-    "no number": (("--pretension-mm", "a"), "'a' is no number; expected zero or more"),
+    "no number": (("--pretension-mm", "a"), "found 'a', expected a number (zero or more"),
     "pushing cables": (("--pretension-mm", "-1"), "cables cannot push"),
     "unknown gear": (("--gear", "worm"), "'worm', expected one of sliding, creeping"),
     "unknown mode": (("--mode", "velocity"), "'velocity', expected one of"),

@@ -267,18 +267,21 @@ def _peaks(response: Response, p: int, r: int) -> tuple[Peak, Peak, Peak]:
 
 def _paper_peak(response: Response, p: int, r: int) -> Peak:
     """Return the peak of the mean of peaks over the nominal drive (Eq. 6), at the fundamental's angles."""
-    ratio = response.columns["gain"][p, :, r] / response.columns["gain_harmonic"][p, :, r]
+    ratio = _peaks_over_fundamental(response, p, r)
     stds = (response.nominal_gain_std[p, :, r], response.nominal_phase_std[p, :, r])
     return find_peak(response.frequency_hz, response.nominal_transfer[p, :, r] * ratio, *stds)
+
+
+def _peaks_over_fundamental(response: Response, p: int, r: int) -> Floats:
+    """Return the mean of peaks over the fundamental, shape (f,); NaN where nothing swings."""
+    peaks, harmonic = response.columns["gain"][p, :, r], response.columns["gain_harmonic"][p, :, r]
+    return np.divide(peaks, harmonic, out=np.full_like(harmonic, np.nan), where=harmonic > 0)
 
 
 def _readings(response: Response, p: int, r: int, nominal: Peak, measured: Peak, crossing: Peak) -> dict[str, Reading]:
     """Return the readings of one pretension and repeat by name."""
     at = nominal.frequency_hz[0]
-    columns = {name: values[p, :, r] for name, values in response.columns.items()}
-    harmonic = columns["gain_harmonic"]
-    peaks = np.divide(columns["gain"], columns["gain_harmonic"], out=np.full_like(harmonic, np.nan), where=harmonic > 0)
-    ratio, ratio_std = _local(response.frequency_hz, peaks, at)
+    ratio, ratio_std = _local(response.frequency_hz, _peaks_over_fundamental(response, p, r), at)
     peak_std = math.hypot(nominal.gain[1] * ratio, nominal.gain[0] * ratio_std)
     drive = _drive_at(response, p, r, nominal)
     return {
@@ -322,7 +325,7 @@ def _drive_at(response: Response, p: int, r: int, peak: Peak) -> _DriveThere:
     """
     f, columns, where = response.frequency_hz, response.columns, peak.frequency_hz[0]
     size, own = columns["drive_amplitude_rad"][p, :, r], columns["drive_amplitude_std_rad"][p, :, r]
-    turn = np.angle(response.nominal_transfer[p, :, r] / response.transfer[p, :, r])
+    turn = np.angle(response.nominal_transfer[p, :, r] * response.transfer[p, :, r].conj())
     lever = size * np.exp(1j * turn)
     known = np.isfinite(lever)
     if not math.isfinite(where) or known.sum() < 4 or not f[known][0] <= where <= f[known][-1]:

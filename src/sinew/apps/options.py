@@ -96,7 +96,7 @@ def number_list(
     try:
         values = listed(text) if between == "," else [one_number(part) for part in text.split(between)]
     except ValueError as error:
-        raise SpecError(f"{option}: {error}; expected {expected}") from error
+        raise SpecError(f"{option} is {text!r}: {error} ({expected})") from error
     return [checked_number(option, value, expected, low=low, high=high, above=above, of="holds") for value in values]
 
 

@@ -7,6 +7,7 @@ keep the masters' end open ourselves, so that a master may come and go.
 import contextlib
 import fcntl
 import os
+import socket
 import struct
 import sys
 import termios
@@ -95,15 +96,34 @@ class PtyPort:
 
 
 def refuse_taken(link: Path) -> None:
-    """Raise FileError where something stands in the place of a link, except a link to nowhere that an emulator left."""
+    """Raise FileError where something stands in the place of a link, except a link that an emulator left when it was
+    killed: one that leads nowhere, or to a socket at which nobody listens."""
     if link.is_symlink():
-        if link.exists():
+        if link.exists() and not _is_left(link):
             raise FileError(
                 f"{link} leads to {link.readlink()}, which is there; expected a free name: "
                 "is another emulator running? stop it, remove the link, or choose another name"
             )
     elif link.exists():
         raise FileError(f"{link} is there already and is no link; choose another name, nothing is replaced")
+
+
+def _is_left(link: Path) -> bool:
+    """Return whether a link leads to a socket at which nobody listens any more."""
+    if not link.is_socket():
+        return False
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+        asking.settimeout(_ASKS_S)
+        try:
+            asking.connect(str(link.resolve()))
+        except ConnectionRefusedError:
+            return True
+        except OSError:
+            pass
+    return False
+
+
+_ASKS_S = 1.0
 
 
 def make_link(link: Path, terminal: str) -> None:

@@ -110,6 +110,8 @@ def split_list(text: str) -> list[str]:
             f"found {shown!r}, which is one number or two; write {_DECIMAL_COMMA.sub('.', shown)!r} for one, "
             f"{_DECIMAL_COMMA.sub(', ', shown)!r} for a list"
         )
+    if re.search(r"[,;]\s*[,;]", inner):
+        raise ValueError(f"found {inner!r}, where a number is missing between two commas")
     return [part for part in re.split(r"[,;\s]+", inner) if part]
 
 
