@@ -88,7 +88,7 @@ def test_a_row_opens_its_run_and_its_numbers_have_units_and_intervals(opened: Op
     page = opened(shown, "/runs")
     page.locator("td", has_text="soft").first.click()
     page.wait_for_url("**/runs/soft")
-    row = page.locator("tr", has_text="frequency of the largest gain").first
+    row = page.locator("tr", has_text="frequency of the largest fundamental").first
     assert " Hz (" in row.inner_text()
 
 

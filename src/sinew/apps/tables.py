@@ -85,7 +85,7 @@ def _print_resonance(rows: list[dict[str, Any]]) -> None:
             )
         )
     names = ("pretension/mm", "resonance/Hz", "90 % interval", "peak gain", "lag of 90°/Hz", "half-power/Hz")
-    print_table(names, cells, "resonance: frequency of the largest gain, lag of 90°, half-power width")
+    print_table(names, cells, "resonance: frequency of the largest fundamental, lag of 90°, half-power width")
 
 
 def _print_energy(energy: dict[str, Any]) -> None:

@@ -22,7 +22,8 @@ __all__ = ["recording_of", "results_of", "run_results"]
 _RESULTS, _VERSION = "results.json", 2
 
 _QUANTITIES = {
-    "resonance_hz": ("frequency of the largest gain", "Hz"),
+    "paper_resonance_hz": ("frequency of the largest mean of peaks (Eq. 6)", "Hz"),
+    "resonance_hz": ("frequency of the largest fundamental", "Hz"),
     "gain_peak": ("largest gain", ""),
     "phase_90_hz": ("frequency of 90° of lag", "Hz"),
     "gain_peak_measured_drive": ("largest gain over the measured lever", ""),
@@ -134,7 +135,7 @@ def _curves(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
 
     from sinew.apps.dashboard.work.live import mean_of, shared_delay
 
-    columns = {str(name): results[name].values for name in results.data_vars}
+    columns = {str(name): row.values for name, row in results.data_vars.items() if row.dims == results["gain"].dims}
     relative = columns["amplitude_std_rad"] / np.where(columns["amplitude_rad"] > 0, columns["amplitude_rad"], np.nan)
     columns["gain_std"] = columns["gain"] * relative
     frequencies = results["frequency_hz"].values
@@ -145,7 +146,7 @@ def _curves(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
             there = np.isfinite(columns["gain"][p, f])
             if not there.any():
                 continue
-            table = {name: values[p, f][None] for name, values in columns.items() if values.ndim == 3}
+            table = {name: values[p, f][None] for name, values in columns.items()}
             delay = shared_delay(table["phase_delay_std_rad"])
             share = float(np.max(table["saturated_share"][0, there]))
             curve["frequency_hz"].append(float(frequency))
