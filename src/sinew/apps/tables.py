@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import print_table
-from sinew.measure.estimate import number, pair, shown, span
+from sinew.measure.estimate import number, pair, shown, shown_interval, span
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -73,18 +73,16 @@ def _print_response(rows: list[dict[str, Any]], results: "xr.Dataset") -> None:
 def _print_resonance(rows: list[dict[str, Any]]) -> None:
     cells = []
     for row in rows:
-        low, high = row["resonance_hz"]["interval90"]
         cells.append(
             (
                 number(row["pretension_mm"]),
-                shown(row["resonance_hz"]),
-                span(low, high),
+                shown_interval(row["resonance_hz"]),
                 shown(row["gain_peak"]),
                 shown(row["phase_90_hz"]),
                 shown(row["half_power_width_hz"]),
             )
         )
-    names = ("pretension/mm", "resonance/Hz", "90 % interval", "peak gain", "lag of 90°/Hz", "half-power/Hz")
+    names = ("pretension/mm", "resonance/Hz (90 %)", "peak gain", "lag of 90°/Hz", "half-power/Hz")
     print_table(names, cells, "resonance: frequency of the largest fundamental, lag of 90°, half-power width")
 
 
