@@ -10,9 +10,6 @@ from sinew.hardware.errors import DeviceError, RegisterError
 from sinew.hardware.layout import lay_out
 from sinew.hardware.motor import RETRIES, Motor, name_hardware_errors
 from sinew.hardware.motor_registers import (
-    CURRENT_MODE,
-    EXTENDED_POSITION_MODE,
-    POSITION_MODE,
     XH430_W350,
     XM430_W350,
 )
@@ -195,33 +192,3 @@ def test_hardware_errors_have_the_names_of_the_manual() -> None:
 
 def test_a_bit_that_the_manual_does_not_have_is_still_told() -> None:
     assert name_hardware_errors(0b1000_0000) == ("bit 7",)
-
-
-def test_a_mode_is_set(motor: Motor) -> None:
-    motor.set_mode(CURRENT_MODE)
-    assert motor.get_count("operating_mode") == CURRENT_MODE
-
-
-def test_the_same_mode_is_not_written_again_so_nothing_is_reset(bench: Bench, motor: Motor) -> None:
-    bench.put(2, "profile_velocity", 7)
-    motor.set_mode(POSITION_MODE)
-    assert bench.get(2, "profile_velocity") == 7
-
-
-def test_the_same_mode_is_fine_with_the_torque_on(motor: Motor) -> None:
-    motor.torque_on()
-    motor.set_mode(POSITION_MODE)
-    assert motor.torque_is_on()
-
-
-def test_another_mode_is_refused_while_the_torque_is_on(motor: Motor) -> None:
-    motor.torque_on()
-    with pytest.raises(DeviceError, match=r"tendon 2 \(id 2\) has its torque on, expected off to change its mode"):
-        motor.set_mode(EXTENDED_POSITION_MODE)
-
-
-@pytest.mark.parametrize("mode", [4, 5])
-def test_a_homing_offset_is_refused_in_modes_of_many_turns(bench: Bench, motor: Motor, mode: int) -> None:
-    bench.put(2, "homing_offset", 100)
-    with pytest.raises(DeviceError, match=r"homing offset of 100 counts, expected 0: with one the motor moves"):
-        motor.set_mode(mode)

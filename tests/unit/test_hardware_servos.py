@@ -5,9 +5,10 @@ import math
 import pytest
 from tests.unit.emulator_stand_in import Bench, paper_rig
 
-from sinew.hardware.errors import DeviceError, RegisterError
+from sinew.hardware.errors import RegisterError
 from sinew.hardware.motor_registers import XH430_W350, XM430_W350
-from sinew.hardware.servos import DriveServo, TendonServo
+from sinew.hardware.servos import TENDON_MODES, DriveServo, TendonServo
+from sinew.plan.plan import TendonMode
 
 COUNT = math.tau / 4096
 AMPERE = 2.69e-3
@@ -28,6 +29,11 @@ def drive(bench: Bench, sign: int = 1, **more: float) -> DriveServo:
     return DriveServo(bench.bus, "drive", 5, XM430_W350, sign, **more)  # type: ignore[arg-type]
 
 
+def put_into(servo: TendonServo, mode: TendonMode) -> None:
+    """Write the operating mode that a plan calls so."""
+    servo.set_count("operating_mode", TENDON_MODES[mode])
+
+
 @both_ways
 def test_a_tendons_angle_grows_where_its_counts_pull(pull: int) -> None:
     bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)), tendon_counts=1000)
@@ -41,7 +47,7 @@ def test_a_tendons_angle_grows_where_its_counts_pull(pull: int) -> None:
 def test_a_tendons_current_is_positive_where_it_pulls(pull: int) -> None:
     bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)))
     servo = tendon(bench, pull)
-    servo.set_tendon_mode("current")
+    put_into(servo, "current")
     servo.torque_on()
     bench.plant.current[0] = 0.3
     bench.wait(0.01)
@@ -52,7 +58,7 @@ def test_a_tendons_current_is_positive_where_it_pulls(pull: int) -> None:
 def test_a_tendon_goes_to_its_goal_over_more_than_a_turn(pull: int) -> None:
     bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)))
     servo = tendon(bench, pull)
-    servo.set_tendon_mode("position")
+    put_into(servo, "position")
     servo.torque_on()
     goal = servo.angle() + 9.0
     servo.set_goal_angle(goal)
@@ -62,13 +68,13 @@ def test_a_tendon_goes_to_its_goal_over_more_than_a_turn(pull: int) -> None:
 
 @pytest.mark.parametrize(("mode", "register"), [("position", 4), ("position-with-current-limit", 5), ("current", 0)])
 def test_the_modes_of_a_plan_are_these_operating_modes(bench: Bench, mode, register: int) -> None:  # type: ignore[no-untyped-def]
-    tendon(bench).set_tendon_mode(mode)
+    put_into(tendon(bench), mode)
     assert bench.get(1, "operating_mode") == register
 
 
 def test_in_position_mode_the_output_is_limited_by_the_duty_of_that_stall_current(bench: Bench) -> None:
     servo = tendon(bench)
-    servo.set_tendon_mode("position")
+    put_into(servo, "position")
     servo.torque_on()
     servo.limit_output(0.65)  # half of 1.3 A
     assert bench.get(1, "goal_pwm") == int(0.5 / 0.00113)
@@ -76,7 +82,7 @@ def test_in_position_mode_the_output_is_limited_by_the_duty_of_that_stall_curren
 
 def test_a_higher_supply_needs_less_duty_for_the_same_current(bench: Bench) -> None:
     servo = tendon(bench, supply=14.4)
-    servo.set_tendon_mode("position")
+    put_into(servo, "position")
     servo.limit_output(0.65)
     assert bench.get(1, "goal_pwm") == int(0.5 / 1.2 / 0.00113)
 
@@ -84,7 +90,7 @@ def test_a_higher_supply_needs_less_duty_for_the_same_current(bench: Bench) -> N
 @pytest.mark.parametrize("mode", ["position-with-current-limit", "current"])
 def test_in_the_other_modes_the_output_is_limited_by_the_goal_current(bench: Bench, mode) -> None:  # type: ignore[no-untyped-def]
     servo = tendon(bench)
-    servo.set_tendon_mode(mode)
+    put_into(servo, mode)
     servo.torque_on()
     servo.set_count("goal_current", 300)
     servo.limit_output(0.269)
@@ -93,7 +99,7 @@ def test_in_the_other_modes_the_output_is_limited_by_the_goal_current(bench: Ben
 
 def test_a_limit_in_current_mode_never_raises_the_goal(bench: Bench) -> None:
     servo = tendon(bench)
-    servo.set_tendon_mode("current")
+    put_into(servo, "current")
     servo.torque_on()
     servo.set_goal_current(0.1)
     servo.limit_output(1.0)
@@ -102,7 +108,7 @@ def test_a_limit_in_current_mode_never_raises_the_goal(bench: Bench) -> None:
 
 def test_a_limit_in_current_mode_keeps_the_goals_sense(bench: Bench) -> None:
     servo = tendon(bench, -1)
-    servo.set_tendon_mode("current")
+    put_into(servo, "current")
     servo.torque_on()
     servo.set_goal_current(0.5)
     servo.limit_output(0.269)
@@ -114,7 +120,7 @@ def test_a_limit_in_current_mode_keeps_the_goals_sense(bench: Bench) -> None:
 )
 def test_an_infinite_limit_is_the_motors_own(bench: Bench, mode, register: str, most: int) -> None:  # type: ignore[no-untyped-def]
     servo = tendon(bench)
-    servo.set_tendon_mode(mode)
+    put_into(servo, mode)
     servo.limit_output(0.1)
     servo.limit_output(math.inf)
     assert bench.get(1, register) == most
@@ -174,10 +180,3 @@ def test_the_drives_output_is_limited_by_its_duty(bench: Bench) -> None:
     servo.torque_on()
     servo.limit_output(0.2)
     assert bench.get(5, "goal_pwm") == int(0.2 / 0.00113)
-
-
-def test_the_mode_of_a_tendon_under_torque_is_not_changed(bench: Bench) -> None:
-    servo = tendon(bench)
-    servo.torque_on()
-    with pytest.raises(DeviceError, match="expected off to change its mode"):
-        servo.set_tendon_mode("current")

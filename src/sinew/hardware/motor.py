@@ -11,8 +11,6 @@ from sinew.hardware.bus import Bus
 from sinew.hardware.errors import DeviceError
 from sinew.hardware.layout import lay_out
 from sinew.hardware.motor_registers import (
-    CURRENT_POSITION_MODE,
-    EXTENDED_POSITION_MODE,
     HARDWARE_ERRORS,
     MOTORS,
     WATCHDOG_TRIPPED,
@@ -173,25 +171,6 @@ class Motor:
     def hardware_errors(self) -> tuple[str, ...]:
         """Return the names of the hardware errors that the motor reports. Raises DeviceError."""
         return name_hardware_errors(self.get_count("hardware_error_status"))
-
-    def set_mode(self, mode: int) -> None:
-        """Set the operating mode, if it is another. That resets gains, profiles and goals, which stay where it is not.
-
-        What the motor then holds is another's business: `sinew.hardware.configuration`.
-
-        Raises DeviceError if the torque is on, or for modes 4 and 5 if there is a homing offset: with one the firmware
-        moves the motor when its watchdog stops it.
-        """
-        if mode in (EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE) and (offset := self.get_count("homing_offset")):
-            raise DeviceError(
-                f"{self._who()} has a homing offset of {offset} counts, expected 0: with one the motor moves when its "
-                "bus watchdog stops it; `sinew doctor --fix` removes it"
-            )
-        if self.get_count("operating_mode") == mode:
-            return
-        self.require_torque_off("to change its mode")
-        self.set_count("operating_mode", mode)
-        self._expect("operating_mode", mode)
 
     def _expect(self, register: str, count: int) -> None:
         if (found := self.get_count(register)) != count:

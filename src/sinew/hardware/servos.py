@@ -107,10 +107,6 @@ class TendonServo(Motor):
         """Tell the motor a current [A]. Raises DeviceError, or RegisterError beyond the rig's limit."""
         self.set_count("goal_current", self.goal_current.count(current))
 
-    def set_tendon_mode(self, mode: TendonMode) -> None:
-        """Set the operating mode that a plan calls so; errors as for `set_mode`."""
-        self.set_mode(TENDON_MODES[mode])
-
     def standstill_duty(self, current: float) -> float:
         """Return the share of the supply, 0 to 1 and more, that drives a current [A] through the motor at rest."""
         return current / self._stall_current
