@@ -11,7 +11,7 @@ from campaigns.coverage import DAMPINGS, PAPER_READINGS, Coverage, cubic_trials,
 
 pytestmark = pytest.mark.slow
 FAITHFUL = next(iter(PAPER_READINGS))
-each_damping = pytest.mark.parametrize("damping", DAMPINGS)
+each_damping = pytest.mark.parametrize("damping", DAMPINGS[::2])  # the campaign has them all
 
 
 @cache
