@@ -106,7 +106,7 @@ FAULTS = {
     "both": (("walk.csv", "--stride-hz", "0.7:1.1", "--yaw-deg", "7"), "not both"),
     "half of the numbers": (("--stride-hz", "0.7:1.1"), "belong together"),
     "a band backwards": (("--stride-hz", "1.1:0.7", "--yaw-deg", "7"), "0 < lowest <= highest"),
-    "a band in words": (("--stride-hz", "slow", "--yaw-deg", "7"), "expected LOW:HIGH"),
+    "a band in words": (("--stride-hz", "slow", "--yaw-deg", "7"), "expected a number (LOW:HIGH"),
     "an absent file": (("absent.csv",), "cannot read absent.csv"),
     "an unknown axis": (("walk.csv", "--up", "w"), "expected x, y or z"),
     "an angle and a sensor": (("walk.csv", "--yaw", "a", "--pelvis", "b"), "leave --pelvis and --trunk out"),

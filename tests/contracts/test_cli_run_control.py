@@ -51,6 +51,7 @@ def events(out: Path) -> list[tuple[str, str]]:
         return [(kind, sentence) for _, kind, sentence in journal.events()]
 
 
+@pytest.mark.slow
 def test_a_paused_run_goes_on_and_is_complete(
     ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -84,6 +85,7 @@ def test_a_run_ends_in_the_state_that_was_asked_for_and_not_in_the_declared_one(
     assert set(torques(bench.rig)) == {state == "hold"}
 
 
+@pytest.mark.slow
 def test_a_run_that_pauses_is_stopped(ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ask((PULLED_S, "pause"), (14.0, "stop"))
     told = run(capsys, plan, out)
@@ -102,6 +104,7 @@ def test_ctrl_backslash_freezes_all_motors_within_200_ms(
     assert document["frozen_ms"] < 200
 
 
+@pytest.mark.slow
 def test_an_emergency_while_a_run_lets_its_tension_down_freezes_all_motors(
     ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

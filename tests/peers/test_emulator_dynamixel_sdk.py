@@ -14,6 +14,8 @@ import pytest
 from tests.patience import Patience
 from tests.peers.emulated_port import emulated
 
+pytestmark = pytest.mark.slow
+
 sdk: Any = pytest.importorskip("dynamixel_sdk", reason="dynamixel-sdk is not installed")
 SUCCESS, TIMEOUT = sdk.COMM_SUCCESS, sdk.COMM_RX_TIMEOUT
 PACKETS = sdk.Protocol2PacketHandler()

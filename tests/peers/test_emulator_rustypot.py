@@ -9,6 +9,8 @@ import pytest
 from tests.patience import Patience
 from tests.peers.emulated_port import emulated
 
+pytestmark = pytest.mark.slow
+
 rustypot: Any = pytest.importorskip("rustypot", reason="rustypot is not installed")
 OPERATING_MODE, TORQUE, ERRORS, LED, PRESENT, PRESENT_POSITION, GOAL_POSITION = 11, 64, 70, 65, 126, 132, 116
 ALERT, DATA_LIMIT, ACCESS = 0x80, 6, 7

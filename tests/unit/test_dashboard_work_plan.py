@@ -15,6 +15,8 @@ from sinew.measure.errors import SpecError
 from sinew.plan.library import read_spec
 from sinew.plan.toml import dump_rig, load_rig, parse_plan
 
+pytestmark = pytest.mark.slow
+
 RIG = read_spec("rigs", "paper")
 PLAN = """
 name = "two"

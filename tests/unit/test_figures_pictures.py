@@ -24,6 +24,7 @@ def test_every_figure_has_a_caption_and_no_caption_lacks_its_figure() -> None:
     assert list(CAPTIONS) == list(FIGURES)
 
 
+@pytest.mark.slow
 def test_every_figure_is_written_in_every_format(tmp_path: Path) -> None:
     paths = draw_figures(recording(), results(), tmp_path / "new" / "figures")
     assert [p.name for p in paths] == [f"{name}.{ending}" for name in FIGURES for ending in ("png", "pdf")]

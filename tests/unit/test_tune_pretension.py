@@ -54,6 +54,7 @@ def test_the_pretension_of_a_nearly_linear_joint_brings_the_stiffness_that_inert
     assert math.sqrt((own + pull) / inertia) / (2 * math.pi) == pytest.approx(3.4, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_joint_resonates_where_it_was_asked_to_and_as_far_as_it_was_asked_to(tuned: Tuning) -> None:
     found = tuned.settings[1]
     assert found.feasible
