@@ -10,7 +10,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from campaigns.second_runs import Bench, End, KilledError, compare, draw_writes, plan_of
+from campaigns.second_runs import Bench, End, KilledError, compare, draw_pair, draw_writes, plan_of, try_pair
 
 from sinew.bench.stops import stop
 from sinew.plan.plan import TendonMode
@@ -33,7 +33,7 @@ def one_after_the_other(folder: Path) -> Iterator[tuple[str, dict[str, float]]]:
         early = end not in ("normal", "other software")
         if early:
             with suppress(KilledError):
-                bench.run(plan_of(mode), folder / f"{number} cut short", at_s=float(rng.uniform(1.0, 8.0)), act=end)
+                bench.run(plan_of(mode), folder / f"{number} cut short", at_s=float(rng.uniform(1.0, 16.0)), act=end)
         bench.leave_alone()
         bench.emulated.unplugged = False
         if end == "other software":
@@ -48,6 +48,13 @@ _HARMLESS = (
     "position_p_gain", "position_i_gain", "position_d_gain", "velocity_p_gain", "velocity_i_gain",
     "feedforward_1st_gain", "feedforward_2nd_gain", "bus_watchdog", "goal_position", "led",
 )  # fmt: skip
+
+
+def test_a_run_that_finds_the_joint_swinging_waits_until_it_rests() -> None:
+    pair = draw_pair(0, 137)  # killed while it swung the joint, then resumed: seen to take the swing for tilt
+    assert pair.end == "killed" and pair.way == "resume" and pair.end_s > 11.0
+    result = try_pair(pair)
+    assert result.outcome == "right", result
 
 
 def test_twenty_runs_in_a_row_measure_what_the_twin_says(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Every run begins from one known state: all of it is written and read back, and a write that is lost is refused."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -237,3 +238,25 @@ def test_a_register_that_changes_during_a_group_stops_the_run_and_the_group_does
 
 def test_a_recording_without_registers_has_none() -> None:
     assert read_registers(xr.Dataset()) == []
+
+
+@pytest.mark.parametrize("bias", [0.0, 0.3])
+def test_a_head_that_does_not_come_to_rest_is_refused_and_a_biased_gyroscope_is_not(
+    bias: float, tmp_path: Path
+) -> None:
+    bench = still_bench()
+    plant = bench.emulated.plant
+    plant.gyro, motion = (bias, 0.0, 0.0), plant.motion
+    swing = 0.0 if bias else 0.2
+
+    def swinging() -> object:
+        plant.gyro = (bias + swing * math.sin(20 * plant.time), 0.0, 0.0)
+        return motion()
+
+    plant.motion = swinging
+    if bias:  # the stand-in's tendons have no end, which is found after
+        assert bench.run(PLAN, tmp_path, TENSION).sentence.startswith("tendon 1 has travelled")
+    else:
+        with pytest.raises(StartError, match=r"still turns to and fro by 2\d\.\d °/s after 10 s"):
+            bench.run(PLAN, tmp_path, TENSION)
+    assert not any(state.torque for state in bench.emulated.states().values())

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
@@ -46,7 +46,7 @@ LIMIT_RESERVE_N = 5.0
 _ATTEMPTS = 3
 _LEVER_HOME_S = 1.5
 _BIAS_S = 0.5
-_RESTS_RATE = math.radians(3.0)
+_RESTS_SPREAD = math.radians(6.0)
 _RESTS_S = 0.5
 _RESTS_MOST_S = 10.0
 _LOOK_S = 0.02
@@ -150,6 +150,7 @@ class Runner:
                     lambda first: self._note_frozen(first) if asked() else None, emergency_asked=asked,
                 )  # fmt: skip
             if len(done) < report.groups:
+                self._await_start()
                 self._run_through_pauses()
             report.sentence = f"all {report.groups} groups are recorded"
         except StartError as refusal:  # of a register, before any torque
@@ -238,14 +239,31 @@ class Runner:
         self._mover = None
         self._say("resumed", "the tendons are pulled anew, and the run goes on from its last whole group")
 
+    def _await_start(self) -> None:
+        """Wait until the head rests: an end by force, or a hand, may have left it swinging. Raises StartError."""
+        try:
+            self._await_rest()
+        except LostError as trouble:
+            raise StartError(str(trouble)) from trouble
+
     def _await_rest(self) -> None:
-        """Wait until the joint that was let go swings no more, ten seconds at most."""
-        quiet, end = 0.0, self._clock.now() + _RESTS_MOST_S
-        while quiet < _RESTS_S and self._clock.now() < end:
+        """Wait until the head rests, ten seconds at most: what swings is taken for tilted, whatever its gyroscope's
+        bias. Raises LostError where it does not come to rest."""
+        seen: deque[tuple[float, float, float]] = deque(maxlen=round(_RESTS_S / _LOOK_S))
+        spread, end = math.inf, self._clock.now() + _RESTS_MOST_S
+        while not spread < _RESTS_SPREAD:
+            if self._clock.now() > end:
+                raise LostError(
+                    f"the head still turns to and fro by {math.degrees(spread):.1f} °/s after {_RESTS_MOST_S:.0f} s, "
+                    f"expected less than {math.degrees(_RESTS_SPREAD):g} °/s; let it come to rest, and start again"
+                )
             self.steering.check()
             self._clock.wait_until(self._clock.now() + _LOOK_S)
             imu = self._rig.read().imu
-            quiet = quiet + _LOOK_S if imu is not None and math.hypot(*imu.gyro) < _RESTS_RATE else 0.0
+            if imu is not None:
+                seen.append(imu.gyro)
+            if len(seen) == seen.maxlen:
+                spread = max(max(axis) - min(axis) for axis in zip(*seen, strict=True))
 
     def _run_all(self, done: frozenset[int] | set[int]) -> None:
         contact = self._power_up()

@@ -18,7 +18,7 @@ __all__ = ["LAPSES_S", "LEAVES_S", "Operators", "Ticket"]
 _MOST_TICKETS = 1000
 _PRESENT_S = 30.0
 
-LEAVES_S = 5.0
+LEAVES_S = 10.0
 """A page that says it leaves operates so long yet [s]: from one page to the next a tab leaves and comes back."""
 
 LAPSES_S = 150.0

@@ -3,10 +3,10 @@
 
 const config = JSON.parse(document.getElementById("sinew-config").textContent);
 const steering = `${location.protocol}//${location.hostname}:${config.steering_port}`;
-const DOUBLE_MS = 500, POLL_MS = 1000, ANSWER_MS = 5000, LOST_MS = 2000;
+const DOUBLE_MS = 500, POLL_MS = 1000, ANSWER_MS = 5000, LOST_MS = 2000, CLAIM_MS = 3000;
 const $ = (id) => document.getElementById(id);
 
-let ticket = null, number = 0, status = null, reachable = null, lastEscape = -Infinity, wasMine = false, handing = false, stopped = null;
+let ticket = null, number = 0, status = null, reachable = null, lastEscape = -Infinity, wasMine = false, handing = false, stopped = null, letGo = null;
 
 function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
@@ -26,8 +26,9 @@ async function ask(path, body, more = {}) {
     options.body = JSON.stringify(body);
   }
   const answer = await fetch(steering + path, options);
+  const text = await answer.text(); // one that breaks off is no answer, and is not taken for an empty one
   let said = {};
-  try { said = await answer.json(); } catch { /* an answer without a body */ }
+  try { said = JSON.parse(text); } catch { /* an answer without a body, or by whatever stands between */ }
   return { code: answer.status, said };
 }
 
@@ -39,7 +40,7 @@ try { [ticket, number, wasMine] = JSON.parse(sessionStorage.getItem("sinew-ticke
 
 async function takeTicket() {
   const { code, said } = await ask("/ticket", {});
-  if (code !== 200) { ticket = null; return code; }
+  if (code !== 200 || !said.ticket) { ticket = null; return code === 200 ? 502 : code; }
   ticket = said.ticket; number = said.number ?? 0;
   keep();
   claim();
@@ -142,7 +143,7 @@ async function login(token) {
     method: "POST", credentials: "same-origin", headers: { "content-type": "application/json" }, body: JSON.stringify({ token }),
   });
   const said = await answer.json().catch(() => ({}));
-  if (answer.ok) { await takeTicket(); poll(); return ""; }
+  if (answer.ok) { await takeTicket().catch(() => null); poll(); return ""; } // without one, the first command takes it
   return said.sentence ?? `The token was not accepted (${answer.status}).`;
 }
 
@@ -285,12 +286,19 @@ function tell(run, state, last, mine) {
   }
 }
 
+// On a slow line answers overtake each other: one that was asked for before the newest that came is of the past.
+let asked = 0, newest = 0;
 async function poll() {
+  const turn = asked += 1;
+  let code = null, said = null;
   try {
-    const { code, said } = await ask("/status", undefined, ticket ? { headers: { "x-sinew-ticket": ticket } } : {});
-    reachable = code < 500; status = code === 200 ? said : null;
-    if (code === 401) signIn("This page is for those who have its token.");
-  } catch { reachable = false; }
+    ({ code, said } = await ask("/status", undefined, ticket ? { headers: { "x-sinew-ticket": ticket } } : {}));
+  } catch { /* nothing came */ }
+  if (turn < newest) return;
+  newest = turn;
+  reachable = code !== null && code < 500;
+  if (code !== null) status = code === 200 ? said : null;
+  if (code === 401) signIn("This page is for those who have its token.");
   show();
 }
 
@@ -306,9 +314,10 @@ addEventListener("keydown", (event) => {
 
 // A page that is left says so; the next one of the same tab is heard of at once, and keeps control.
 addEventListener("pagehide", () => {
+  letGo?.();
   if (ticket !== null) navigator.sendBeacon(`${steering}/leave`, new Blob([JSON.stringify({ ticket })], { type: "text/plain" }));
 });
-addEventListener("pageshow", (event) => { if (event.persisted) poll(); });
+addEventListener("pageshow", async (event) => { if (event.persisted) { await claim(); poll(); } });
 
 // The box of the pages' library would lie over the stop; what it has to say is said among the notices.
 const box = $("popup");
@@ -333,22 +342,25 @@ window.Sinew = {
 document.body.append(voice, veil, dialog);
 new MutationObserver(gate).observe(document.body, { childList: true, subtree: true, attributes: true, attributeFilter: ["data-ready"] });
 
-// A tab that was duplicated has the ticket of the other: only one of them may keep it.
+// A tab that was duplicated has the ticket of the other: only one of them may keep it. The page before this one in the
+// same tab may hold it for a moment yet, so it is waited for.
 async function claim() {
   if (ticket === null || !navigator.locks) return;
   const held = ticket;
-  await new Promise((go) => navigator.locks.request(`sinew ${held}`, { ifAvailable: true }, (lock) => {
-    if (!lock) { ticket = null; number = 0; wasMine = false; go(); return undefined; }
+  await new Promise((go) => navigator.locks.request(`sinew ${held}`, { signal: AbortSignal.timeout(CLAIM_MS) }, () => {
     go();
-    return new Promise(() => {});
-  }).catch(go));
+    return new Promise((over) => { letGo = over; });
+  }).catch((trouble) => {
+    if (trouble.name === "TimeoutError" && ticket === held) { ticket = null; number = 0; wasMine = false; }
+    go();
+  }));
 }
 await claim();
 
 const given = new URLSearchParams(location.hash.slice(1)).get("token");
 if (given) {
   history.replaceState(null, "", location.pathname + location.search);
-  const trouble = await login(given);
+  const trouble = await login(given).catch((lost) => `The bench could not be reached (${lost.message}).`);
   if (trouble) signIn(trouble); else if (config.locked) location.reload();
 } else if (ticket === null) await takeTicket().catch(() => null);
 await poll();
