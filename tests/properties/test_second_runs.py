@@ -52,7 +52,8 @@ _HARMLESS = (
 
 def test_a_run_that_finds_the_joint_swinging_waits_until_it_rests() -> None:
     pair = draw_pair(0, 137)  # killed while it swung the joint, then resumed: seen to take the swing for tilt
-    assert pair.end == "killed" and pair.way == "resume" and pair.end_s > 11.0
+    assert (pair.end, pair.way) == ("killed", "resume")
+    assert pair.end_s > 11.0
     result = try_pair(pair)
     assert result.outcome == "right", result
 
