@@ -36,6 +36,7 @@ def sign_in_page(site: Site) -> str:
     """Return the HTML of the page that asks for the token, with the stop, which needs none on the serving machine."""
     form = SIGN_IN_PAGE.partition("<main>")[2].partition("</main>")[0]
     form = form.replace("<form>", '<form id="sinew-sign-in-form">')
+    form = form.replace("<button>", '<button class="sinew-button main">')
     script = SIGN_IN_PAGE.partition("<script>")[2].partition("</script>")[0]
     content = f'<div class="sinew-card sinew-sign-in">{form}</div><script>{script}</script>'
     return plain_page(site, "Sign in", content)
