@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from sinew.analysis.broadband import estimate_frequency_response
+from sinew.analysis.broadband.spectra import estimate_frequency_response
 
 __all__ = ["main"]
 

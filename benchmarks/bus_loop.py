@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 
 from benchmarks.sdk_bus import SdkMaster
 from sinew.apps.bench_run import open_rig
-from sinew.apps.realtime import keeping_time
+from sinew.apps.run_control import keeping_time
 from sinew.bench.errors import BenchError
+from sinew.bench.group import Swing
 from sinew.bench.guard import Guard, Watch
 from sinew.bench.journal import Journal
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
-from sinew.bench.motion import Swing
 from sinew.bench.pretension import MotorMap, pull_to_contact, set_pretension
 from sinew.bench.run import LIMIT_RESERVE_N
 from sinew.bench.sample import Sample

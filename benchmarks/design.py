@@ -10,12 +10,10 @@ from sinew.measure.extras import how_to_install
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import shear_modulus_of
 from sinew.predict.joints.material import list_materials, load_material
-from sinew.tune.design import drafts_of
-from sinew.tune.design_target import DesignTarget
+from sinew.tune.candidate import SHAPES, DesignTarget
+from sinew.tune.design import drafts_of, run_tasks
 from sinew.tune.proposal import propose
 from sinew.tune.search import blocks_of, search_block
-from sinew.tune.shapes import SHAPES
-from sinew.tune.tasks import run_tasks
 
 STARTS, EXACT, WORKERS = 64, 8, 2
 TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from sinew.identify.fit import fit
-from sinew.identify.record import Record, make_record
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.record import Record, make_record
 
 __all__ = ["NOISE", "TRUTH", "WINDOWS", "by_pysindy", "by_sinew", "errors", "main", "sweep_record"]
 

@@ -15,17 +15,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from campaigns.recovery import draw_rig, plans
-from sinew.identify.calibration import calibrate_rig
-from sinew.identify.calibration_rig import Source
+from sinew.identify.joint.calibration import Source, calibrate_rig
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.band import Band, band_of, crest
-from sinew.predict.branch import Branch
-from sinew.predict.drawn import drawn_branches
-from sinew.predict.draws import draw_rigs
+from sinew.predict.band import Band, band_of, crest, draw_rigs, drawn_branches
+from sinew.predict.curves.branch import Branch, sweep
+from sinew.predict.curves.prediction import Problem
 from sinew.predict.joint import joint_problem
-from sinew.predict.prediction import Problem
-from sinew.predict.sweep import sweep
 from sinew.twin.simulate import simulate
 
 __all__ = ["AT_HZ", "Trial", "main", "run_trial", "table"]

@@ -33,7 +33,7 @@ from sinew.analysis.analysis import analyse_recording
 from sinew.measure.netcdf import load_recording
 from sinew.measure.recording import segment_slices
 from sinew.plan.toml import load_rig, parse_plan
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import simulate
 
 PLAN = """

@@ -19,11 +19,11 @@ import numpy as np
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.branch import Branch, Prediction
+from sinew.predict.curves.branch import Branch, Prediction
+from sinew.predict.curves.prediction import predict
 from sinew.predict.joint import RESOLUTION, joint_problem
-from sinew.predict.prediction import predict
-from sinew.twin.effects import Effects
 from sinew.twin.integrate import Track
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 __all__ = ["BAND_HZ", "Drawn", "Outcome", "Trial", "draw", "main", "run_trials", "table"]

@@ -20,7 +20,7 @@ from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_plan
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import simulate
 
 PLAN = """

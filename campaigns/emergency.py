@@ -27,8 +27,7 @@ import numpy as np
 from sinew.bench.errors import StartError
 from sinew.bench.journal import Journal
 from sinew.bench.run import Runner
-from sinew.emulator.fault_spec import parse_fault
-from sinew.emulator.faults import Faults
+from sinew.emulator.faults import Faults, parse_fault
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.virtual import VirtualPort

@@ -18,17 +18,16 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import stats
 
-from sinew.analysis.energy import energy_of_repeat, estimate_energy
-from sinew.analysis.power import winding_resistance
-from sinew.analysis.resonance import read_resonances
-from sinew.analysis.response import estimate_response
-from sinew.analysis.trend import fit_line_trend, fit_swing_trend
-from sinew.measure.results import companions
+from sinew.analysis.signal.power import winding_resistance
+from sinew.analysis.sweep.energy import energy_of_repeat, estimate_energy, fit_line_trend, fit_swing_trend
+from sinew.analysis.sweep.resonance import read_resonances
+from sinew.analysis.sweep.response import estimate_response
+from sinew.measure.schema import companions
 from sinew.plan.plan import Group, Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_plan, load_rig
 from sinew.twin.balance import Balance, balance_lanes
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import Lanes, lane_parameters, record_tracks, simulate_tracks
 
 __all__ = ["EXACT_QUANTITIES", "Trial", "exact_energy", "main", "paper_sweep", "run_trial", "steady_truth", "table"]

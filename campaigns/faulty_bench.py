@@ -8,8 +8,7 @@ from tempfile import TemporaryDirectory
 from campaigns.scenario import Scenario, Timeline, plan_of, rig_of
 from campaigns.witness import TENDON_COUNTS, Witness
 from sinew.bench.journal import Journal
-from sinew.bench.report import RunReport
-from sinew.bench.run import Runner
+from sinew.bench.run import Runner, RunReport
 from sinew.bench.sample import Sample
 from sinew.emulator.faults import Faults
 from sinew.emulator.joint_plant import JointPlant

@@ -20,14 +20,13 @@ from campaigns.energy import paper_sweep
 from campaigns.tracked import track_plan, tracked
 from campaigns.tracking import expected_at
 from sinew.analysis.analysis import analyse_recording
-from sinew.analysis.cycle_mean import energy_between
-from sinew.analysis.motion_energy import MotionEnergy, energy_per_cycle
-from sinew.analysis.power import electrical_power, holding_power
+from sinew.analysis.signal.power import electrical_power, energy_between, holding_power
+from sinew.analysis.sweep.energy import MotionEnergy, energy_per_cycle
 from sinew.analysis.tracked import tracked_turns
 from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.tune.expected import ExpectedBackbone
+from sinew.tune.track.expected import ExpectedBackbone
 from sinew.twin.simulate import simulate
 
 __all__ = ["FIXED_MM", "Followed", "campaign_map", "follow", "main", "table"]

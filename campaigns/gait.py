@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from campaigns.walker import Walker, walk
-from sinew.analysis.gait_target import estimate_gait
 from sinew.measure.estimate import Estimate
+from sinew.tune.gait.target import estimate_gait
 
 __all__ = ["SETTINGS", "Count", "count", "main"]
 

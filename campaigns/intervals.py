@@ -21,11 +21,11 @@ from scipy import special
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
-from sinew.identify.bootstrap import bootstrap_repeats
-from sinew.identify.fit import fit
-from sinew.identify.posterior import sample_posterior
-from sinew.identify.profile import interval90
-from sinew.identify.record import Record, make_record
+from sinew.identify.oscillator.bootstrap import bootstrap_repeats
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.posterior import sample_posterior
+from sinew.identify.oscillator.profile import interval90
+from sinew.identify.oscillator.record import Record, make_record
 from sinew.measure.estimate import Estimate
 
 __all__ = ["SCENARIOS", "Row", "Scenario", "coverage", "main", "repeat_trial", "run_trial", "table"]

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import nnls
 
-from sinew.identify.record import Record, make_record
-from sinew.identify.track import DampingLaw
+from sinew.identify.oscillator.record import Record, make_record
+from sinew.identify.oscillator.track import DampingLaw
 
 __all__ = ["EXCITATIONS", "LAWS", "Kind", "Truth", "clean_record", "draw_truth", "noisy_record"]
 

@@ -18,12 +18,12 @@ import numpy as np
 
 from campaigns.law_signals import LAWS
 from sinew.apps.cli import main as command
-from sinew.identify.track import DampingLaw
+from sinew.identify.oscillator.track import DampingLaw
 from sinew.measure.netcdf import save_recording
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import simulate
 
 __all__ = ["Heard", "draw_rig", "main", "run_twin"]

@@ -20,13 +20,13 @@ from typing import Literal
 import numpy as np
 
 from campaigns.law_signals import EXCITATIONS, LAWS, Kind, Truth, clean_record, draw_truth, noisy_record
-from sinew.identify.comparison import Comparison, compare_laws
-from sinew.identify.fit import fit
-from sinew.identify.fitted import Fit
-from sinew.identify.held_out import split_record
-from sinew.identify.model import MODELS, Rest
-from sinew.identify.record import Record
-from sinew.identify.track import DampingLaw
+from sinew.identify.choice.comparison import Comparison, compare_laws
+from sinew.identify.choice.held_out import split_record
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.fitted import Fit
+from sinew.identify.oscillator.model import MODELS, Rest
+from sinew.identify.oscillator.record import Record
+from sinew.identify.oscillator.track import DampingLaw
 
 __all__ = ["Margin", "Outcome", "Verdict", "expected_margin", "main", "run_trial", "run_trials", "table"]
 

@@ -16,15 +16,13 @@ import numpy as np
 import xarray as xr
 
 from campaigns.recovery import draw_rig
-from sinew.identify.calibration import Calibration, calibrate_rig
-from sinew.identify.calibration_rig import Source
+from sinew.identify.joint.calibration import Calibration, Source, calibrate_rig
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_plan, load_rig
 from sinew.predict.against import Comparison, compare, measured_of
-from sinew.predict.joint import RESOLUTION, joint_problem
-from sinew.predict.lever import lever_problem
-from sinew.predict.prediction import predict
+from sinew.predict.curves.prediction import predict
+from sinew.predict.joint import RESOLUTION, joint_problem, lever_problem
 from sinew.twin.simulate import simulate
 
 __all__ = ["FITTED_MM", "FREQUENCY_SHARE", "GAIN_SHARE", "Outcome", "displaced", "main", "predicted", "run", "table"]

@@ -15,7 +15,7 @@ from time import perf_counter
 import numpy as np
 from scipy import stats
 
-from sinew.identify.joint_fit import fit_joint
+from sinew.identify.joint.fit import fit_joint
 from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from sinew.emulator.fault_spec import FaultSpec, random_fault
+from sinew.emulator.faults import FaultSpec, random_fault
 from sinew.plan.plan import Plan, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig, parse_plan

@@ -30,12 +30,10 @@ import xarray as xr
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.doubts import doubts_of
 from sinew.bench.conversion import recording_from_journal
-from sinew.bench.doctor import call_roll, examine_motors
-from sinew.bench.doctor_fixes import apply_fixes, list_fixes
+from sinew.bench.doctor import apply_fixes, call_roll, examine_motors, list_fixes
 from sinew.bench.errors import StartError
 from sinew.bench.journal import Journal
-from sinew.bench.report import RunReport
-from sinew.bench.run import Runner
+from sinew.bench.run import Runner, RunReport
 from sinew.bench.stops import stop
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
@@ -252,7 +250,7 @@ def _any_count(rng: np.random.Generator, row: Register) -> int:
 @cache
 def truth(mode: TendonMode) -> tuple[xr.Dataset, dict[float, float]]:
     """Return what the twin itself gives for the plan, and the tension of each tendon at rest [N]."""
-    from sinew.twin.effects import Effects
+    from sinew.twin.parameters import Effects
     from sinew.twin.simulate import rest_tension, simulate
 
     rig, plan = load_rig("paper"), plan_of(mode)

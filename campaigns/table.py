@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from campaigns.trial import Verdict
-from sinew.emulator.fault_spec import DRAWN_KINDS
+from sinew.emulator.faults import DRAWN_KINDS
 
 __all__ = ["OUTCOMES", "summary", "table", "text"]
 

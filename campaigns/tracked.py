@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from sinew.bench.conversion import recording_from_journal
 from sinew.bench.journal import Journal
-from sinew.bench.report import RunReport
-from sinew.bench.run import Runner
-from sinew.emulator.fault_spec import FaultSpec
-from sinew.emulator.faults import Faults
+from sinew.bench.run import Runner, RunReport
+from sinew.emulator.faults import Faults, FaultSpec
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.virtual import VirtualPort
@@ -29,9 +27,9 @@ from sinew.hardware.rig import Rig
 from sinew.plan.plan import Group, Plan, Pretension, Track
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
-from sinew.tune.expected import ExpectedBackbone
-from sinew.tune.planned import planned_tracker
-from sinew.tune.tracker import Tracker
+from sinew.tune.track.expected import ExpectedBackbone
+from sinew.tune.track.planned import planned_tracker
+from sinew.tune.track.tracker import Tracker
 from sinew.twin.simulate import rest_tension
 
 __all__ = ["Tracked", "track_plan", "tracked"]

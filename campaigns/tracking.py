@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from campaigns.tracked import Tracked, track_plan, tracked
-from sinew.emulator.fault_spec import parse_fault
+from sinew.emulator.faults import parse_fault
 from sinew.plan.plan import Sweep
 from sinew.plan.toml import load_plan, load_rig
-from sinew.tune.expected import ExpectedBackbone, expect_backbones
+from sinew.tune.track.expected import ExpectedBackbone, expect_backbones
 
 __all__ = ["Row", "broken", "follow_rows", "lock_rows", "main", "moving_rows", "rough_rows", "sweep_seconds", "table"]
 

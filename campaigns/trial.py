@@ -19,7 +19,7 @@ from campaigns.comparison import Comparison, compare
 from campaigns.faulty_bench import JOURNAL, FaultyBench, timeline_of
 from campaigns.scenario import Scenario
 from sinew.bench.errors import StartError
-from sinew.bench.report import RunReport
+from sinew.bench.run import RunReport
 from sinew.emulator.rig import MotorState
 
 __all__ = ["Verdict", "judge"]

@@ -3,7 +3,7 @@
 A reading is right if the truth had that value at the time it is filed under, give or take what the bench cannot know:
 
 * **When.** A motor's clock ticks in milliseconds, and an answer counts as fresh if it is within 3 ms of where that
-  clock should be (`sinew.hardware.clock_track`); a cycle's answers follow the drive's by at most the time of their
+  clock should be (`sinew.hardware.imu`); a cycle's answers follow the drive's by at most the time of their
   bytes. The sensor's samples lie, in a recording, on a line through the host's times, which is good to half a
   millisecond, and 1 ms is allowed; in the journal they have the 3 ms of the answer that brought them.
 * **How much.** An encoder tells whole counts, half a count either way, and the emulated mechanics, which tell an angle

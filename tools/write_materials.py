@@ -10,7 +10,7 @@ from pathlib import Path
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from sinew.predict.joints.tensile import fit_tensile, read_tensile
+from sinew.predict.joints.material import fit_tensile, read_tensile
 
 __all__ = ["CURVES", "main", "materials_text"]
 

@@ -19,18 +19,18 @@ from typer.testing import CliRunner
 from sinew.apps.cli import app
 from sinew.hardware.bus import Bus
 from sinew.hardware.configuration import KNOWN_STATE, Post
-from sinew.hardware.imu_registers import IMUS
 from sinew.hardware.motor_registers import (
     BAUD_RATES,
     EXTENDED_POSITION_MODE,
     HARDWARE_ERRORS,
+    IMUS,
     POSITION_MODE,
     XH430_W350,
     XM430_W350,
 )
 from sinew.hardware.registers import Register, RegisterTable
 from sinew.hardware.servos import DriveServo, TendonServo
-from sinew.measure import results, schema
+from sinew.measure import schema
 from sinew.plan.toml import load_rig
 from tools.tree import ROOT
 
@@ -99,7 +99,7 @@ says which samples are a segment's.
 
 
 def results_page() -> str:
-    """Return the page on results, from `sinew.measure.results`."""
+    """Return the page on results, from `sinew.measure.schema`."""
     groups: dict[str, dict[str, schema.Variable]] = {}
     titles = {
         ("pretension_mm", "frequency_hz", "repeat"): "Response, of every group of every repeat",
@@ -108,11 +108,11 @@ def results_page() -> str:
         ("pretension_mm",): "Resonance, over the repeats",
         ("frequency_hz",): "Axes",
     }
-    energy = {end for name in results.ENERGY_QUANTITIES for end in (name, *results.companions(name))}
-    for name, row in results.RESULT_VARIABLES.items():
+    energy = {end for name in schema.ENERGY_QUANTITIES for end in (name, *schema.companions(name))}
+    for name, row in schema.RESULT_VARIABLES.items():
         dims = ("frequency_hz",) if name in row.dims else row.dims
         title = titles[dims]
-        if name in results.POWER_COLUMNS:
+        if name in schema.POWER_COLUMNS:
             title = "Power, of every group of every repeat"
         elif name in energy:
             title = "Energy, over the repeats"
@@ -121,7 +121,7 @@ def results_page() -> str:
     return f"""{_NOTE}
 # Results
 
-Results are an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{results.RESULTS_SCHEMA}"`, over the
+Results are an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{schema.RESULTS_SCHEMA}"`, over the
 axes `pretension_mm`, `frequency_hz` and `repeat`, and of planned ring-downs `window_start_periods`, where the decay
 begins. All are index coordinates: `results.sel(pretension_mm=1)` is what
 was measured at 1 mm, wherever that stands, and a pretension that was not measured is refused;

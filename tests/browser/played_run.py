@@ -18,8 +18,8 @@ from tests.unit.bench_journal import Node, cycle
 from tests.unit.dashboard_journal import RIG_TEXT
 
 from sinew.apps.run_control import RunControl, listening
-from sinew.bench.health import Progress
 from sinew.bench.journal import Journal
+from sinew.bench.run import Progress
 from sinew.bench.steering import Steering
 from sinew.bench.stops import StopReport
 from sinew.measure.recording import Segment

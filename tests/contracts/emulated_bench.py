@@ -20,9 +20,8 @@ from sinew.emulator.plant import Plant
 from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.unloaded import Unloaded
 from sinew.emulator.virtual import VirtualPort
-from sinew.hardware import instructions as ask
-from sinew.hardware.codec import Instruction
-from sinew.hardware.decoder import Decoder
+from sinew.hardware import codec as ask
+from sinew.hardware.codec import Decoder, Instruction
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig
 

@@ -11,7 +11,7 @@ import xarray as xr
 from sinew.apps.analyse import decay_rows
 from sinew.apps.cli import main
 from sinew.measure.netcdf import load_dataset, load_recording
-from sinew.measure.results import validate_results
+from sinew.measure.schema import validate_results
 from sinew.plan.toml import dump_plan, load_plan
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -16,8 +16,7 @@ from sinew.measure.csv import import_csv
 from sinew.measure.estimate import Estimate
 from sinew.measure.extras import how_to_install
 from sinew.measure.netcdf import load_recording, save_recording
-from sinew.plan.library import list_shipped
-from sinew.plan.toml import dump_rig, load_plan, load_rig
+from sinew.plan.toml import dump_rig, list_shipped, load_plan, load_rig
 from sinew.twin.simulate import simulate
 
 ROOT = Path(__file__).parents[2]
@@ -56,7 +55,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             rmse={"gyro_rad_s": 0.01},
         )
 
-    monkeypatch.setattr("sinew.identify.calibration.fit_joint", fit)
+    monkeypatch.setattr("sinew.identify.joint.calibration.fit_joint", fit)
     return tmp_path
 
 

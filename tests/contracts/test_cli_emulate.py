@@ -15,7 +15,7 @@ from tests import patience
 from tests.patience import await_end, comes, communicate, until
 
 from sinew.apps.cli import main
-from sinew.emulator.fault_spec import FAULT_KINDS
+from sinew.emulator.faults import FAULT_KINDS
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.motor_registers import XH430_W350
 from sinew.hardware.serial_port import SerialPort

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from sinew.apps.cli import main
-from sinew.identify.calibration_rig import Source
-from sinew.identify.calibration_spread import calibrated_together
+from sinew.identify.joint.calibration import Source, calibrated_together
 from sinew.measure.netcdf import save_recording
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.toml import dump_rig, load_rig

@@ -11,7 +11,7 @@ import pytest
 from tests.contracts.emulated_bench import QUESTIONS, TINY, rig_file, virtual_port
 from tests.contracts.virtual_run import run, without_motor
 
-from sinew.emulator.protection import OVERLOAD
+from sinew.emulator.motor import OVERLOAD
 from sinew.emulator.rig import EmulatedRig
 
 

@@ -7,7 +7,7 @@ import pytest
 from tests.contracts.virtual_run import spoken
 
 from sinew.apps.cli import main
-from sinew.apps.screen import state_line
+from sinew.apps.run_control import state_line
 from sinew.measure.netcdf import load_recording
 
 REFUSED = {

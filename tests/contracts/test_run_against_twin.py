@@ -14,7 +14,7 @@ from tests.patience import finished
 from sinew.measure.netcdf import load_dataset, load_recording, save_recording
 from sinew.measure.recording import segment_slices
 from sinew.plan.toml import load_rig, parse_plan
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import simulate
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]

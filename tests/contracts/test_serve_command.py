@@ -18,7 +18,7 @@ from tests.contracts.serving import PATIENCE, RIG, TOKEN, free_port, plan, servi
 from tests.patience import await_end, comes, communicate
 
 from sinew.apps.cli import main
-from sinew.apps.dashboard.processes import Adopted
+from sinew.apps.dashboard.run_desk import Adopted
 from sinew.measure.extras import how_to_install
 
 

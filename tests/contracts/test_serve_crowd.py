@@ -13,7 +13,7 @@ import pytest
 from tests.contracts.serving import TOKEN, Served, serving, until
 from tests.patience import LONG_S
 
-from sinew.apps.dashboard import front
+from sinew.apps.dashboard import access as front
 
 CROWD = 1000
 

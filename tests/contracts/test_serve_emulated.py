@@ -12,8 +12,7 @@ from tests.contracts.emulated_bench import TINY, alone
 from tests.contracts.serving import PAGE, RIG, Served, serving, until
 
 from sinew.apps.dashboard.emergency import bring_to_rest
-from sinew.apps.dashboard.processes import sinew_command
-from sinew.apps.dashboard.run_folders import LOG
+from sinew.apps.dashboard.run_desk import LOG, sinew_command
 from sinew.apps.run_control import send_control
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]

@@ -8,7 +8,7 @@ import pytest
 from tests.contracts.serving import PATIENCE, Served, serving
 
 from sinew.apps.dashboard.access import SignedOut
-from sinew.apps.dashboard.names import BENCH, SIGNED_OUT
+from sinew.apps.dashboard.operators import BENCH, SIGNED_OUT
 
 
 @pytest.fixture

@@ -5,14 +5,19 @@ from pathlib import Path
 
 import pytest
 
-from sinew.hardware.codec import FastStatus, Instruction, Packet, Status, encode, fast_blocks
-from sinew.hardware.decoder import Decoder
-from sinew.hardware.instructions import (
+from sinew.hardware.codec import (
+    Decoder,
+    FastStatus,
+    Instruction,
+    Packet,
     Read,
+    Status,
     Write,
     action,
     bulk_read,
     bulk_write,
+    encode,
+    fast_blocks,
     ping,
     read,
     reads_of,

@@ -11,11 +11,11 @@ from campaigns.intervals import Row, coverage, repeat_trial, run_trial
 from scipy.stats import binom
 from tests.unit.identify_signals import OMEGA, dry_decay, motion, noisy, viscous
 
-from sinew.identify.fit import fit
-from sinew.identify.fitted import Fit
-from sinew.identify.posterior import Posterior, sample_posterior
-from sinew.identify.profile import interval90
-from sinew.identify.record import make_record
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.fitted import Fit
+from sinew.identify.oscillator.posterior import Posterior, sample_posterior
+from sinew.identify.oscillator.profile import interval90
+from sinew.identify.oscillator.record import make_record
 from sinew.measure.estimate import Estimate
 
 pytestmark = pytest.mark.slow

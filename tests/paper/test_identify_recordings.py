@@ -11,12 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sinew.identify.comparison import Comparison, compare
-from sinew.identify.fit import fit
-from sinew.identify.fitted import Fit
-from sinew.identify.held_out import split_record
-from sinew.identify.model import MODELS, get_model
-from sinew.identify.record import Record, make_record
+from sinew.identify.choice.comparison import Comparison, compare
+from sinew.identify.choice.held_out import split_record
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.fitted import Fit
+from sinew.identify.oscillator.model import MODELS, get_model
+from sinew.identify.oscillator.record import Record, make_record
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real recordings are not beside this repository")

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sinew.identify.response_levels import LevelDependence, resonance_by_level
-from sinew.identify.response_points import ResponsePoints, make_points
+from sinew.identify.stepped.curves import LevelDependence, resonance_by_level
+from sinew.identify.stepped.points import ResponsePoints, make_points
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "beam_stepped_sine"
 pytestmark = pytest.mark.skipif(

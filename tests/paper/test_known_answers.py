@@ -11,12 +11,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.analysis.ring_down import analyse_ring_down
+from sinew.analysis.decay.ring_down import analyse_ring_down
 from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, record_tracks, simulate_tracks
 
 SAMPLE_HZ = 200.0

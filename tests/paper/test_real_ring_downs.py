@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.special import ellipk
 
-from sinew.analysis.ring_down import RingDown, analyse_ring_down
+from sinew.analysis.decay.ring_down import RingDown, analyse_ring_down
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real recordings are not beside this repository")

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sinew.analysis.body_yaw import BodyMotion, body_motion
-from sinew.analysis.gait_bout import BoutGait
-from sinew.analysis.gait_target import WalkGait, estimate_gait, target_of_walks
 from sinew.measure.walk_file import read_walk
+from sinew.tune.gait.body_yaw import BodyMotion, body_motion
+from sinew.tune.gait.bout import BoutGait
+from sinew.tune.gait.target import WalkGait, estimate_gait, target_of_walks
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real recordings are not beside this repository")

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from tests.paper.test_real_ring_downs import DATA, SILICONE, beam, beam_record
 
-from sinew.identify.backbone import Backbone, fit_backbone
-from sinew.identify.decay_likelihood import FreeDecay, fit_free_decay
-from sinew.identify.modes import ModalDecay, fit_modes
+from sinew.identify.decay.backbone import Backbone, fit_backbone
+from sinew.identify.decay.decay_likelihood import FreeDecay, fit_free_decay
+from sinew.identify.decay.modes import ModalDecay, fit_modes
 
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real recordings are not beside this repository")
 

@@ -22,9 +22,9 @@ from campaigns.tracking import (
 )
 
 from sinew.analysis.tracked import tracked_point, tracked_turns
-from sinew.emulator.fault_spec import parse_fault
+from sinew.emulator.faults import parse_fault
 from sinew.plan.toml import load_plan, load_rig
-from sinew.tune.expected import ExpectedBackbone
+from sinew.tune.track.expected import ExpectedBackbone
 
 pytestmark = pytest.mark.slow
 

@@ -7,9 +7,8 @@ from sinew.plan.check import check_plan
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import shear_modulus_of
 from sinew.predict.joints.material import load_material
-from sinew.tune.confirmation import ENOUGH
-from sinew.tune.design import Effort, design_joints
-from sinew.tune.design_target import DesignTarget
+from sinew.tune.candidate import DesignTarget
+from sinew.tune.design import ENOUGH, Effort, design_joints
 from sinew.tune.proposal import plan_of
 
 RIG = load_rig("paper")

@@ -11,8 +11,20 @@ import pytest
 from tests.unit.hardware_line import Line, ManualClock, Slave
 
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.codec import Instruction, Status, encode
-from sinew.hardware.instructions import Read, bulk_read, ping, read, reboot, reg_write, sync_read, sync_write, write
+from sinew.hardware.codec import (
+    Instruction,
+    Read,
+    Status,
+    bulk_read,
+    encode,
+    ping,
+    read,
+    reboot,
+    reg_write,
+    sync_read,
+    sync_write,
+    write,
+)
 
 sdk: Any = pytest.importorskip("dynamixel_sdk", reason="dynamixel-sdk is not installed")
 SUCCESS = sdk.COMM_SUCCESS

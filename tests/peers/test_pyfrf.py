@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sinew.analysis.broadband import estimate_frequency_response
+from sinew.analysis.broadband.spectra import estimate_frequency_response
 
 pyFRF: Any = pytest.importorskip("pyFRF", reason="pyFRF is not installed")  # noqa: N816
 

@@ -16,7 +16,7 @@ from benchmarks.solid_cylinder import beam, deviation, lost_length, stiffness
 
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
-from sinew.predict.joints.ends import bonded_axial_factor
+from sinew.predict.joints.validity import bonded_axial_factor
 from sinew.twin.energy import silicone_energy
 from sinew.twin.parameters import Parameters
 from sinew.twin.simulate import lane_parameters

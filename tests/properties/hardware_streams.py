@@ -3,8 +3,7 @@
 import random
 from dataclasses import dataclass
 
-from sinew.hardware.codec import HEADER, FastStatus, Instruction, Packet, Status, crc16, encode
-from sinew.hardware.decoder import Decoder
+from sinew.hardware.codec import HEADER, Decoder, FastStatus, Instruction, Packet, Status, crc16, encode
 
 # Bits of packets that look like headers, stuffing and their beginnings, and what stands around them.
 PIECES = [

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import pytest
 from campaigns.emergency import PHASES, Case, draw_case, play, tensions
 
-from sinew.bench.freeze import Frozen
+from sinew.bench.stops import Frozen
 from sinew.hardware.rig import Rig
 from sinew.hardware.transport import Clock
 

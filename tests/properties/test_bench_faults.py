@@ -15,8 +15,8 @@ from campaigns.trial import judge
 from campaigns.witness import MOTOR_S, Truth, wrong_readings
 
 from sinew.bench.stops import StopReport
-from sinew.emulator.fault_spec import DRAWN_KINDS, parse_fault
-from sinew.hardware.clock_track import ClockTrack
+from sinew.emulator.faults import DRAWN_KINDS, parse_fault
+from sinew.hardware.imu import ClockTrack
 from sinew.hardware.motor import Motor
 from sinew.plan.toml import load_rig
 

@@ -9,20 +9,27 @@ from hypothesis import strategies as st
 from sinew.hardware.codec import (
     HEADER,
     LONGEST,
+    Decoder,
     FastStatus,
     Instruction,
     Packet,
+    Read,
     Status,
+    Write,
     add_stuffing,
+    bulk_read,
+    bulk_write,
     crc16,
     encode,
     fast_blocks,
     is_stuffed,
+    reads_of,
     remove_stuffing,
+    sync_read,
+    sync_write,
+    writes_of,
 )
-from sinew.hardware.decoder import Decoder
 from sinew.hardware.errors import PacketError
-from sinew.hardware.instructions import Read, Write, bulk_read, bulk_write, reads_of, sync_read, sync_write, writes_of
 
 # Bytes as they come near a header, three times as often as any byte.
 nasty = st.lists(st.sampled_from([0xFF, 0xFF, 0xFD, 0xFD, 0x00, 0x55]) | st.integers(0, 255), max_size=40).map(bytes)

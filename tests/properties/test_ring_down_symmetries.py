@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sinew.analysis.ring_down import analyse_ring_down
+from sinew.analysis.decay.ring_down import analyse_ring_down
 
 T = np.arange(300) / 100
 NOISE = 0.3 * np.random.default_rng(2).standard_normal(T.size)

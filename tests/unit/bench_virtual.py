@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sinew.bench.journal import Journal
-from sinew.bench.report import RunReport
-from sinew.bench.run import Runner
+from sinew.bench.run import Runner, RunReport
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.plant import Plant
 from sinew.emulator.rig import EmulatedRig

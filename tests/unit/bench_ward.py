@@ -2,9 +2,7 @@
 
 from tests.unit.emulator_stand_in import Bench, paper_rig
 
-from sinew.bench.doctor import call_roll, examine_motors
-from sinew.bench.doctor_fixes import apply_fixes, list_fixes
-from sinew.bench.finding import Finding, Severity
+from sinew.bench.doctor import Finding, Severity, apply_fixes, call_roll, examine_motors, list_fixes
 from sinew.hardware.rig import Rig
 
 

@@ -6,9 +6,8 @@ from sinew.emulator.plant import HornMotion, Law, Motion
 from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.plan.library import read_spec
 from sinew.plan.rig import RigSpec
-from sinew.plan.toml import parse_rig
+from sinew.plan.toml import parse_rig, read_spec
 
 FASTEST = 4.0  # rad/s, of every horn at full duty
 

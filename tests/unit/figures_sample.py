@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.ring_down import DECAY_WINDOWS
+from sinew.analysis.decay.ring_down import DECAY_WINDOWS
 from sinew.measure.recording import Segment, build_recording
-from sinew.measure.results import RESULT_VARIABLES, RESULTS_SCHEMA, companions, validate_results
+from sinew.measure.schema import RESULT_VARIABLES, RESULTS_SCHEMA, companions, validate_results
 
 AMPLITUDE_DEG = 20.0
 SETTLE_S, PERIODS, RECORD_S = 3.0, 5, 3.0

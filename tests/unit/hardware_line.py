@@ -3,9 +3,22 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from sinew.hardware.codec import BROADCAST, HEADER, Instruction, Status, crc16, encode
-from sinew.hardware.decoder import Decoder
-from sinew.hardware.instructions import ACTION, FAST_BULK_READ, FAST_SYNC_READ, PING, REBOOT, reads_of, writes_of
+from sinew.hardware.codec import (
+    ACTION,
+    BROADCAST,
+    FAST_BULK_READ,
+    FAST_SYNC_READ,
+    HEADER,
+    PING,
+    REBOOT,
+    Decoder,
+    Instruction,
+    Status,
+    crc16,
+    encode,
+    reads_of,
+    writes_of,
+)
 
 
 class ManualClock:

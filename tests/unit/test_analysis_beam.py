@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sinew.analysis.resonance import find_peak
+from sinew.analysis.sweep.resonance import find_peak
 
 FILE = Path(__file__).resolve().parents[3] / "shared" / "data" / "beam_stepped_sine" / "stepped_sine.csv"
 pytestmark = pytest.mark.skipif(

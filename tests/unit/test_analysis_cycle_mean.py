@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sinew.analysis.cycle_mean import cycle_mean, energy_between
+from sinew.analysis.signal.power import cycle_mean, energy_between
 
 
 @pytest.mark.parametrize("frequency_hz", [1.5, 3.1, 4.0, 6.0])

@@ -18,11 +18,11 @@ from tests.unit.ideal_motor import (
 )
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.analysis.motion_energy import energy_per_cycle
-from sinew.analysis.power import idle_power
+from sinew.analysis.signal.power import idle_power
+from sinew.analysis.sweep.energy import energy_per_cycle
 from sinew.measure.errors import RecordingError
 from sinew.measure.netcdf import load_dataset, save_dataset
-from sinew.measure.results import validate_results
+from sinew.measure.schema import validate_results
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,10 @@ from campaigns.walker import RATE_HZ, Walker, alike, walk, yaw_of
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from sinew.analysis.body_yaw import BodyMotion
-from sinew.analysis.gait_bout import fundamental
-from sinew.analysis.gait_target import WalkGait, estimate_gait, target_of_numbers, target_of_walks
-from sinew.analysis.stride_mean import mean_of_strides
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.tune.gait.body_yaw import BodyMotion
+from sinew.tune.gait.bout import fundamental, mean_of_strides
+from sinew.tune.gait.target import WalkGait, estimate_gait, target_of_numbers, target_of_walks
 
 Floats = NDArray[np.float64]
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from tests.unit.analysis_sweep import Joint
 
-from sinew.analysis.groups import split_by_drive
-from sinew.analysis.resonance import estimate_resonance
-from sinew.analysis.response import estimate_response
+from sinew.analysis.signal.groups import split_by_drive
+from sinew.analysis.sweep.resonance import estimate_resonance
+from sinew.analysis.sweep.response import estimate_response
 from sinew.measure.errors import RecordingError
-from sinew.measure.provenance import provenance
+from sinew.measure.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 
 JOINT = Joint(damping=0.1)

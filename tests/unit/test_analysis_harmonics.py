@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sinew.analysis.harmonics import fit_harmonics, refine_frequency, relative_noise, waveform
+from sinew.analysis.signal.harmonics import fit_harmonics, refine_frequency, relative_noise, waveform
 
 COEFFICIENT = np.array([2.0 - 1.0j, 0.1 + 0.05j, -0.2j, 0.03, 0.01 - 0.02j])
 

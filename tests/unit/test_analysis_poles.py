@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import signal
+from sinew.analysis.broadband.spectra.poles import PoleFit, fit_poles, fit_poles_of, read_pole
 
-from sinew.analysis.broadband import estimate_frequency_response
-from sinew.analysis.poles import PoleFit, fit_poles, fit_poles_of, read_pole
-from sinew.analysis.rational import fit_curve
+from sinew.analysis.broadband.spectra import estimate_frequency_response
+from sinew.analysis.sweep.rational import fit_curve
 from sinew.measure.errors import RecordingError
 
 BEAM = Path(__file__).resolve().parents[3] / "shared" / "data" / "beam_stepped_sine" / "stepped_sine.csv"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, gyro_chain, rig_with, sweep
 
-from sinew.analysis.portrait import phase_portrait
-from sinew.measure.provenance import provenance
+from sinew.analysis.sweep.portrait import phase_portrait
+from sinew.measure.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 
 

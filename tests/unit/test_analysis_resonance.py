@@ -5,9 +5,9 @@ import pytest
 from scipy.optimize import brentq
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
 
-from sinew.analysis.repeats import combine_repeats
-from sinew.analysis.resonance import Peak, estimate_resonance, find_crossing, find_peak
-from sinew.analysis.response import estimate_response
+from sinew.analysis.signal.repeats import combine_repeats
+from sinew.analysis.sweep.resonance import Peak, estimate_resonance, find_crossing, find_peak
+from sinew.analysis.sweep.response import estimate_response
 
 FREQUENCY_HZ = np.unique(np.round(np.r_[np.linspace(1.53, 5.97, 15), np.linspace(2.61, 3.91, 14)], 6))
 TRIALS = 200

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
 
-from sinew.analysis.response import DRIFT_THRESHOLD, estimate_response, response_dataset
+from sinew.analysis.sweep.response import DRIFT_THRESHOLD, estimate_response, response_dataset
 from sinew.measure.errors import RecordingError
 
 FREQUENCY_HZ = np.array([1.5, 2.0, 2.6, 2.9, 3.1, 3.2, 3.3, 3.5, 3.9, 4.6, 5.3, 6.0])

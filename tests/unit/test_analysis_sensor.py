@@ -5,7 +5,14 @@ import pytest
 from scipy import signal
 from tests.unit.analysis_sweep import SAMPLE_HZ, Joint, Sensing, gyro_chain, rig_with, sweep
 
-from sinew.analysis.sensor import DelayBudget, delay_budget, drive_chain, sample_rate, torsion_chain, torsion_delay
+from sinew.analysis.signal.sensor import (
+    DelayBudget,
+    delay_budget,
+    drive_chain,
+    sample_rate,
+    torsion_chain,
+    torsion_delay,
+)
 
 FREQUENCY_HZ = np.array([1.5, 3.0, 4.3, 6.0, 12.0])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
 
-from sinew.analysis.lissajous import fit_ellipse
-from sinew.analysis.torsion import integrate_rate, response_channel, steady_motion
+from sinew.analysis.signal.torsion import integrate_rate, response_channel, steady_motion
+from sinew.analysis.sweep.portrait import fit_ellipse
 from sinew.measure.errors import RecordingError
 
 JOINT = Joint(natural_hz=3.2, damping=0.08)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sinew.analysis.sensor import DelayBudget, drive_chain, torsion_chain
+from sinew.analysis.signal.sensor import DelayBudget, drive_chain, torsion_chain
 from sinew.analysis.tracked import tracked_point, tracked_turns
 from sinew.measure.errors import RecordingError
-from sinew.measure.provenance import provenance
+from sinew.measure.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 from sinew.plan.toml import load_rig
 

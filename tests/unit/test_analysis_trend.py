@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sinew.analysis.trend import fit_line_trend, fit_swing_trend
+from sinew.analysis.sweep.energy import fit_line_trend, fit_swing_trend
 
 HEAD, LEVER, ARMATURE = 0.005, 0.008, 0.009
 STIFFNESS, DAMPING = 4.5, 0.02

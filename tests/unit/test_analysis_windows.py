@@ -6,14 +6,14 @@ import xarray as xr
 from scipy.signal import find_peaks
 
 from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.decay.envelope import fit_envelope
+from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS, DECAY_WINDOWS, analyse_ring_downs
 from sinew.analysis.decay_windows import decay_windows, describe_windows, windows_agree
-from sinew.analysis.envelope import fit_envelope
-from sinew.analysis.resonance import MEANINGS, resonance_table
-from sinew.analysis.ring_down import DECAY_FROM_PERIODS, DECAY_WINDOWS, analyse_ring_downs
+from sinew.analysis.sweep.resonance import MEANINGS, resonance_table
 from sinew.measure.recording import Segment, build_recording
 from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep
 from sinew.plan.toml import load_rig
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate, simulate_tracks
 
 RIG = load_rig("paper")

@@ -23,9 +23,8 @@ from tests.unit.bench_journal import (
 )
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.analysis.harmonics import fit_harmonics
-from sinew.bench.conversion import convert, group_is_whole, recording_from_journal
-from sinew.bench.imu_series import imu_series, readings_at
+from sinew.analysis.signal.harmonics import fit_harmonics
+from sinew.bench.conversion import convert, group_is_whole, imu_series, readings_at, recording_from_journal
 from sinew.bench.journal import Journal
 from sinew.bench.sample import MISSING
 from sinew.measure.errors import FileError, RecordingError

@@ -3,9 +3,8 @@
 import pytest
 from tests.unit.bench_ward import Ward
 
-from sinew.bench.doctor_fixes import apply_fixes, list_fixes
+from sinew.bench.doctor import Finding, Fix, apply_fixes, list_fixes
 from sinew.bench.doctor_measures import examine_imu, time_loop
-from sinew.bench.finding import Finding, Fix
 from sinew.emulator.plant import Law
 
 

@@ -8,11 +8,9 @@ import pytest
 from tests.unit.bench_ward import Ward
 from tests.unit.emulator_stand_in import Bench, paper_rig
 
-from sinew.bench.doctor import examine_port, search_bauds
-from sinew.bench.doctor_fixes import apply_fixes, list_fixes
-from sinew.bench.finding import Fix
+from sinew.bench.doctor import Fix, apply_fixes, examine_port, list_fixes, search_bauds
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.latency_timer import LatencyTimer, find_latency_timer
+from sinew.hardware.serial_port import LatencyTimer, find_latency_timer
 
 
 @pytest.fixture

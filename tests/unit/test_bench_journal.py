@@ -17,8 +17,7 @@ from tests.unit.bench_journal import PLAN, PLAN_TEXT, RIG_TEXT, Node, cycles, wr
 
 from sinew.bench.journal import Journal
 from sinew.bench.journal_reader import JournalReader
-from sinew.bench.journal_tables import sample_columns, sample_row
-from sinew.bench.sample import MISSING, Sample
+from sinew.bench.sample import MISSING, Sample, sample_columns, sample_row
 from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
 

@@ -14,15 +14,14 @@ from sinew.analysis.analysis import analyse_recording
 from sinew.bench.conversion import recording_from_journal
 from sinew.bench.journal import Journal
 from sinew.bench.journal_reader import JournalReader
-from sinew.bench.report import RunReport
-from sinew.bench.run import Runner
+from sinew.bench.run import Runner, RunReport
 from sinew.bench.sample import Sample
 from sinew.bench.steering import Steering
 from sinew.measure.recording import segment_slices
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import rest_tension, simulate
 
 RIG = load_rig("paper")

@@ -9,13 +9,13 @@ import xarray as xr
 from tests.unit.bench_virtual import virtual_bench
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.analysis.harmonics import fit_harmonics
+from sinew.analysis.signal.harmonics import fit_harmonics
 from sinew.bench.conversion import recording_from_journal
-from sinew.bench.report import RunReport
+from sinew.bench.run import RunReport
 from sinew.measure.recording import iterate_segments, read_registers
 from sinew.plan.plan import Plan
 from sinew.plan.toml import load_rig, parse_plan
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import rest_tension, simulate
 
 pytestmark = pytest.mark.slow

@@ -13,8 +13,7 @@ from tests.unit.bench_virtual import VirtualBench, virtual_bench
 from sinew.bench.conversion import recording_from_journal
 from sinew.bench.journal import Journal
 from sinew.bench.journal_reader import JournalReader
-from sinew.bench.report import RunReport
-from sinew.bench.run import Runner
+from sinew.bench.run import Runner, RunReport
 from sinew.bench.tracking import MOVE_SPEED, DriveLaw
 from sinew.plan.plan import Group, Plan, Pretension, Track
 from sinew.plan.toml import dump_plan, dump_rig, load_rig

@@ -8,8 +8,7 @@ from tests.unit.bench_virtual import virtual_bench
 
 from sinew.bench.journal import Journal
 from sinew.bench.loop import WATCHDOG_S
-from sinew.bench.report import RunReport
-from sinew.bench.run import Runner
+from sinew.bench.run import Runner, RunReport
 from sinew.bench.sample import Sample
 from sinew.emulator.rig import EmulatedRig
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan

@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinew.apps.dashboard.operators import LAPSES_S, LEAVES_S, Operators
-from sinew.apps.dashboard.refusal import RefusedError
+from sinew.apps.dashboard.operators import LAPSES_S, LEAVES_S, Operators, RefusedError
 
 
 @given(st.lists(st.integers(-5, 30)))

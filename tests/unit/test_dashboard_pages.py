@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 from tests.patience import Patience
 
-from sinew.apps.dashboard.hub import Hub, Live
+from sinew.apps.dashboard.hub import Hub, Live, Ring
 from sinew.apps.dashboard.pages.curves import Curve, options_of
-from sinew.apps.dashboard.pages.quantity import quantity
+from sinew.apps.dashboard.pages.frame import quantity
 from sinew.apps.dashboard.results import Results
-from sinew.apps.dashboard.ring import Ring
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_plan, load_plan
 

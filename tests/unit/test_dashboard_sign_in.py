@@ -8,8 +8,7 @@ import httpx
 import pytest
 from starlette.applications import Starlette
 
-from sinew.apps.dashboard.access import Access
-from sinew.apps.dashboard.sign_in import SIGN_IN_PAGE, WINDOW_S, WRONG_MOST, Attempts, sign_in_routes
+from sinew.apps.dashboard.access import SIGN_IN_PAGE, WINDOW_S, WRONG_MOST, Access, Attempts, sign_in_routes
 
 ACCESS = Access("a-token-for-tests", "127.0.0.1", 8080)
 

@@ -3,9 +3,8 @@
 import pytest
 
 from sinew.apps.dashboard.work.form import fields_of, form_of, plan_from_form
-from sinew.plan.library import list_shipped
 from sinew.plan.plan import Plan
-from sinew.plan.toml import load_plan, parse_plan
+from sinew.plan.toml import list_shipped, load_plan, parse_plan
 
 SWEEP = {"name": "x", "pretension.pretension_mm": "0, 4, 8", "sweep.frequency_hz": "2, 3"}
 

@@ -8,12 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from sinew.apps.cli import app
-from sinew.apps.dashboard.work.prediction import prediction_for_plan
-from sinew.apps.dashboard.work.pretension import suggest_pretension
-from sinew.apps.dashboard.work.preview import preview_document
+from sinew.apps.dashboard.work.design import prediction_for_plan, preview_document, suggest_pretension
 from sinew.measure.errors import SpecError
-from sinew.plan.library import read_spec
-from sinew.plan.toml import dump_rig, load_rig, parse_plan
+from sinew.plan.toml import dump_rig, load_rig, parse_plan, read_spec
 
 pytestmark = pytest.mark.slow
 

@@ -11,8 +11,7 @@ from tests.unit.bench_journal import RIG_TEXT
 from tests.unit.dashboard_journal import DECAY_PER_S, GROUPS, PLAN_TEXT, run_folder
 
 from sinew.apps.dashboard.work import runs as runs_module
-from sinew.apps.dashboard.work.download import download
-from sinew.apps.dashboard.work.results import run_results
+from sinew.apps.dashboard.work.results import download, run_results
 from sinew.apps.dashboard.work.runs import list_runs, run_summary
 from sinew.bench.journal import Journal
 from sinew.measure.errors import FileError, SpecError

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from sinew.apps.dashboard.work.shelf import read_shelf, shelf
+from sinew.apps.dashboard.work.runs import read_shelf, shelf
 from sinew.measure.errors import SpecError
-from sinew.plan.library import list_shipped, read_spec
+from sinew.plan.toml import list_shipped, read_spec
 
 
 def test_what_ships_is_listed_with_a_line_on_what_it_is() -> None:

@@ -9,7 +9,7 @@ import pytest
 from tests.patience import LONG_S, until
 
 from sinew.apps.dashboard import worker as worker_module
-from sinew.apps.dashboard.work.shelf import shelf
+from sinew.apps.dashboard.work.runs import shelf
 from sinew.apps.dashboard.worker import CALLS, Call, Worker, WorkerError
 from sinew.measure.errors import SpecError
 

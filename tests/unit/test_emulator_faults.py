@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 from tests.unit.emulator_stand_in import StandIn
 
-from sinew.emulator.fault_spec import DRAWN_KINDS, FAULT_KINDS, FaultSpec, parse_fault, random_fault
-from sinew.emulator.faults import Faults, FaultyRig
+from sinew.emulator.faults import DRAWN_KINDS, FAULT_KINDS, Faults, FaultSpec, FaultyRig, parse_fault, random_fault
 from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.unloaded import Unloaded
 from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.errors import PortError
-from sinew.hardware.imu_registers import OPENCR_NODE
-from sinew.hardware.motor_registers import XH430_W350
+from sinew.hardware.motor_registers import OPENCR_NODE, XH430_W350
 from sinew.hardware.registers import Register, encode_raw
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig

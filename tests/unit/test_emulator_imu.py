@@ -8,10 +8,10 @@ import pytest
 from tests.unit.emulator_stand_in import StandIn, paper_rig
 
 from sinew.emulator.imu_node import ImuNode
-from sinew.emulator.mechanics import Mechanics
-from sinew.hardware import instructions as ask
+from sinew.emulator.plant import Mechanics
+from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction, Status
-from sinew.hardware.imu_registers import OPENCR_NODE
+from sinew.hardware.motor_registers import OPENCR_NODE
 from sinew.plan.rig import Imu
 
 GYRO_LSB, FORCE_LSB = math.radians(2000) / 32_768, 2 * 9.80665 / 32_768

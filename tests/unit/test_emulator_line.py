@@ -5,12 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.unit.emulator_stand_in import Bench, paper_rig
 
-from sinew.hardware import instructions as ask
+from sinew.hardware import codec as ask
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.codec import Status, encode
-from sinew.hardware.decoder import Decoder
-from sinew.hardware.instructions import Read, Write
-from sinew.hardware.reply import Outcome
+from sinew.hardware.codec import Decoder, Read, Status, Write, encode
+from sinew.hardware.transport import Outcome
 
 BYTE = 10e-6  # s at 1 Mbps
 TENDONS = [1, 2, 3, 4]

@@ -6,12 +6,12 @@ from hypothesis import strategies as st
 from tests.unit.emulator_motor_bench import ACCESS, LENGTH, UNKNOWN, M, running, say
 from tests.unit.emulator_stand_in import Bench, StandIn
 
-from sinew.emulator.mechanics import Horn, Mechanics
 from sinew.emulator.motor import Motor
-from sinew.hardware import instructions as ask
+from sinew.emulator.plant import Horn, Mechanics
+from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction, Status
 from sinew.hardware.motor_registers import XH430_W350
-from sinew.hardware.reply import Outcome
+from sinew.hardware.transport import Outcome
 
 
 def test_a_registered_write_waits_for_action() -> None:

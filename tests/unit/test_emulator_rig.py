@@ -6,9 +6,8 @@ import pytest
 from tests.unit.emulator_stand_in import Bench, StandIn, paper_rig
 
 from sinew.emulator.rig import EmulatedRig
-from sinew.hardware import instructions as ask
-from sinew.hardware.codec import encode
-from sinew.hardware.instructions import Read, Write
+from sinew.hardware import codec as ask
+from sinew.hardware.codec import Read, Write, encode
 from sinew.measure.errors import SpecError
 
 COUNT = math.tau / 4096

@@ -4,7 +4,7 @@ import math
 
 from tests.unit.emulator_stand_in import Bench
 
-from sinew.emulator.trips import WATCHED_S
+from sinew.emulator.rig import WATCHED_S
 
 UNIT = 0.02  # s
 

@@ -11,10 +11,10 @@ from matplotlib.collections import LineCollection
 from tests.unit.figures_pages import alternatives, asked_outside
 from tests.unit.figures_panels import drawn
 
-from sinew.figures.answers import ANSWER_FIGURES, draw_answer, draw_answers
-from sinew.figures.answers_page import write_answers
-from sinew.identify.answer import CANNOT_TELL, Answer, Cell, cannot_tell
 from sinew.measure.estimate import Estimate
+from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell
+from sinew.paper.answer_figures import ANSWER_FIGURES, draw_answer, draw_answers
+from sinew.paper.report import write_answers
 
 QUESTIONS = tuple(ANSWER_FIGURES)
 

@@ -6,8 +6,7 @@ from tests.unit.figures_drawn import panel, recording, results
 from tests.unit.figures_panels import labelled
 from tests.unit.figures_sample import SMALL, Joint, drive_share
 
-from sinew.figures.damping import draw_damping
-from sinew.figures.decay import linear_decay
+from sinew.figures.decay import draw_damping, linear_decay
 from sinew.figures.motion import Motion
 
 

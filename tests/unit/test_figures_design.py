@@ -5,9 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sinew.figures.design_curves import EndCurves, draw_design_curves
-from sinew.figures.design_front import draw_design_front
-from sinew.predict.branch import Branch
+from sinew.figures.design_page import EndCurves, draw_design_curves, draw_design_front
+from sinew.predict.curves.branch import Branch
 
 
 def joint(shape: str, energy: float, *, front: bool, feasible: bool = True) -> dict[str, Any]:

@@ -7,8 +7,7 @@ from tests.unit.figures_drawn import figures, panel, recording, results
 from tests.unit.figures_panels import drawn, labelled
 from tests.unit.figures_sample import SMALL, drive_share
 
-from sinew.figures.drive_amplitude import draw_drive_amplitude, triangle_ceiling
-from sinew.figures.drive_groups import draw_drive_groups
+from sinew.figures.drive_groups import draw_drive_amplitude, draw_drive_groups, triangle_ceiling
 from sinew.figures.lissajous import draw_lissajous
 from sinew.plan.toml import dump_rig, load_rig
 

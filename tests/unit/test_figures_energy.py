@@ -8,9 +8,9 @@ from tests.unit.ideal_motor import RIG, recorded
 
 from sinew.analysis.analysis import analyse_recording
 from sinew.figures.energy import draw_energy
-from sinew.figures.summary import summarise
 from sinew.figures.tables import measured_tables
-from sinew.measure.results import ENERGY_QUANTITIES
+from sinew.measure.schema import ENERGY_QUANTITIES
+from sinew.paper.summary import summarise
 
 
 @pytest.fixture(scope="module")

@@ -13,20 +13,15 @@ from tests.unit.figures_panels import drawn, labelled, smallest_type, titled
 from tests.unit.identify_signals import OMEGA, dry_decay, motion, noisy, viscous
 
 from sinew.figures.backbone import draw_backbone
-from sinew.figures.corner import draw_corner, ellipse
-from sinew.figures.fit_captions import FIT_CAPTIONS
-from sinew.figures.fit_cloud import Cloud, cloud_of
-from sinew.figures.fit_data import draw_fit
-from sinew.figures.fit_labels import axis_label, parameter_label, shown_unit, value_and_std
-from sinew.figures.fit_page import write_fit_page
-from sinew.figures.fit_trace import Trace, traces_of
+from sinew.figures.corner import Cloud, cloud_of, draw_corner, ellipse
+from sinew.figures.fit_data import Trace, axis_label, draw_fit, parameter_label, shown_unit, traces_of, value_and_std
+from sinew.figures.fit_page import FIT_CAPTIONS, write_fit_page
 from sinew.figures.residuals import autocorrelation, draw_residuals
-from sinew.identify.backbone import fit_backbone
-from sinew.identify.fit import fit
-from sinew.identify.fitted import Fit
-from sinew.identify.held_out import HeldOut, Split, fit_and_predict, split_record
-from sinew.identify.record import Record, make_record
-from sinew.identify.swing import swing_of
+from sinew.identify.choice.held_out import HeldOut, Split, fit_and_predict, split_record
+from sinew.identify.decay.backbone import fit_backbone
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.fitted import Fit, swing_of
+from sinew.identify.oscillator.record import Record, make_record
 
 TIME = np.arange(0, 6, 0.01)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from campaigns.walker import Walker, walk
 
-from sinew.analysis.gait_target import GaitTarget, estimate_gait, target_of_numbers, target_of_walks
 from sinew.figures.gait_yaw import GAIT_CAPTIONS, draw_gait_yaw
+from sinew.tune.gait.target import GaitTarget, estimate_gait, target_of_numbers, target_of_walks
 
 
 @pytest.fixture(scope="module")

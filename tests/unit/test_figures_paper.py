@@ -10,9 +10,9 @@ import pytest
 import xarray as xr
 from tests.unit.figures_sample import FULL, foreign_ring_down, sample_results
 
-from sinew.figures.paper import Row, paper_table, role_of
-from sinew.figures.summary import summarise
-from sinew.identify.paper_numbers import TARGETS
+from sinew.paper.numbers import TARGETS
+from sinew.paper.summary import summarise
+from sinew.paper.table import Row, paper_table, role_of
 from sinew.plan.toml import dump_rig, load_rig
 
 

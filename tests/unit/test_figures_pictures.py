@@ -8,12 +8,11 @@ from tests.unit.figures_drawn import figures, recording, results
 from tests.unit.figures_panels import drawn, smallest_type, titled
 from tests.unit.figures_sample import foreign_ring_down
 
-from sinew.figures.captions import CAPTIONS
 from sinew.figures.decay import draw_decay
-from sinew.figures.figures import FIGURES, build_figures, draw_figures
-from sinew.figures.spread import mean_and_spread
-from sinew.figures.style import few, frequency_colours, pretension_colours
+from sinew.figures.page import CAPTIONS
+from sinew.figures.style import few, frequency_colours, mean_and_spread, pretension_colours
 from sinew.measure.errors import FileError
+from sinew.paper.figures import FIGURES, build_figures, draw_figures
 
 
 def test_a_campaign_gives_every_figure_in_the_order_of_the_paper() -> None:

@@ -7,12 +7,17 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from sinew.figures.predicted import Curves, draw_predicted, stretches, upper_gain
-from sinew.figures.predicted_comparison import draw_comparison, shortened
-from sinew.figures.predicted_map import draw_predicted_map
-from sinew.figures.prediction_captions import PREDICTION_CAPTIONS
-from sinew.figures.prediction_page import write_prediction_page
-from sinew.predict.branch import Branch, Mark
+from sinew.figures.predicted import (
+    Curves,
+    draw_comparison,
+    draw_predicted,
+    draw_predicted_map,
+    shortened,
+    stretches,
+    upper_gain,
+)
+from sinew.figures.prediction_page import PREDICTION_CAPTIONS, write_prediction_page
+from sinew.predict.curves.branch import Branch, Mark
 
 
 def bent(shift_hz: float) -> Branch:

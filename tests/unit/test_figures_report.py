@@ -9,13 +9,13 @@ import xarray as xr
 from tests.unit.figures_pages import alternatives, asked_outside, outline
 from tests.unit.figures_sample import SMALL, foreign_ring_down, sample_recording, sample_results
 
-from sinew.figures.captions import CAPTIONS
-from sinew.figures.figures import draw_figures
-from sinew.figures.report import write_report
-from sinew.figures.shares import shares_plan
-from sinew.figures.summary import summarise
+from sinew.figures.page import CAPTIONS
 from sinew.figures.tables import Table, measured_tables, number, reaches
 from sinew.measure.errors import FileError
+from sinew.paper.figures import draw_figures
+from sinew.paper.report import write_report
+from sinew.paper.shares import shares_plan
+from sinew.paper.summary import summarise
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 

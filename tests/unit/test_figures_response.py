@@ -7,8 +7,7 @@ from tests.unit.figures_drawn import panel, results
 from tests.unit.figures_panels import drawn, labelled, titled
 from tests.unit.figures_sample import SMALL
 
-from sinew.figures.response import draw_response
-from sinew.figures.response_map import along_ridge, draw_response_map
+from sinew.figures.response import along_ridge, draw_response, draw_response_map
 
 
 def test_the_response_lines_are_means_over_repeats() -> None:

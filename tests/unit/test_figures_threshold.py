@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from tests.unit.figures_sample import SMALL, sample_results
 
-from sinew.figures.threshold import describe_threshold
+from sinew.paper.report import describe_threshold
 
 PRETENSION_MM = tuple(float(p) for p in range(17))
 

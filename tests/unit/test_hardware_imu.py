@@ -8,11 +8,10 @@ from tests.unit.emulator_stand_in import Bench, paper_rig
 from tests.unit.hardware_line import Line, ManualClock, Slave
 
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.clock_track import ClockTrack
 from sinew.hardware.errors import DeviceError
-from sinew.hardware.imu import Imu
-from sinew.hardware.imu_registers import OPENCR_NODE, TURTLEBOT3
-from sinew.hardware.reply import Outcome, Reply
+from sinew.hardware.imu import ClockTrack, Imu
+from sinew.hardware.motor_registers import OPENCR_NODE, TURTLEBOT3
+from sinew.hardware.transport import Outcome, Reply
 
 GYRO = math.radians(2000) / 32768
 FORCE = 2 * 9.80665 / 32768

@@ -7,12 +7,12 @@ from tests.unit.hardware_line import Line, ManualClock, Slave
 from sinew.emulator.motor import Motor as EmulatedMotor
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.errors import DeviceError, RegisterError
-from sinew.hardware.layout import lay_out
 from sinew.hardware.motor import RETRIES, Motor, name_hardware_errors
 from sinew.hardware.motor_registers import (
     XH430_W350,
     XM430_W350,
 )
+from sinew.hardware.registers import lay_out
 
 
 @pytest.fixture

@@ -9,12 +9,11 @@ import pytest
 import xarray as xr
 from tests.unit.identify_campaigns import RIG, SMALL, whole_campaign
 
-from sinew.identify.answer import Answer
-from sinew.identify.answer_hardening import answer_hardening
+from sinew.paper.answer import Answer
+from sinew.paper.answer_hardening import answer_hardening
 from sinew.plan.plan import Group, Plan, Sweep
-from sinew.twin.effects import Effects
 from sinew.twin.energy import potential
-from sinew.twin.parameters import Parameters
+from sinew.twin.parameters import Effects, Parameters
 from sinew.twin.simulate import lane_parameters, simulate
 
 ELASTIC = Effects().without("guide_friction", "silicone_loss")

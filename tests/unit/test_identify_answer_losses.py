@@ -7,15 +7,14 @@ import pytest
 from tests.unit.identify_campaigns import DECAYS, RIG
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.identify.answer import CANNOT_TELL, Answer
-from sinew.identify.answer_energy import energy_shares
-from sinew.identify.answer_losses import answer_losses
-from sinew.identify.certainty import Covariance
-from sinew.identify.joint_fitted import JointFit
+from sinew.identify.joint.fit import JointFit
+from sinew.identify.oscillator.certainty import Covariance
 from sinew.measure.estimate import Estimate
+from sinew.paper.answer import CANNOT_TELL, Answer
+from sinew.paper.answer_losses import answer_losses, energy_shares
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate
 
 

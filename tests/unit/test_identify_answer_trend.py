@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from sinew.analysis.repeats import pool_repeats
+from sinew.analysis.signal.repeats import pool_repeats
 from sinew.analysis.slope import detectable, fit_trend, ratio_interval
-from sinew.identify.answer import in_words
 from sinew.measure.estimate import Estimate
+from sinew.paper.answer import in_words
 
 
 def test_the_interval_of_a_pooled_mean_covers_nine_times_in_ten() -> None:

@@ -4,12 +4,12 @@ import pytest
 from tests.unit.identify_campaigns import DECAYS, RIG
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.identify.answer import CANNOT_TELL
-from sinew.identify.answer_constancy import answer_constancy
-from sinew.identify.answer_delay import answer_delay
-from sinew.identify.answer_hardening import answer_hardening
-from sinew.identify.answer_losses import answer_losses
-from sinew.identify.answer_saturation import answer_saturation
+from sinew.paper.answer import CANNOT_TELL
+from sinew.paper.answer_constancy import answer_constancy
+from sinew.paper.answer_delay import answer_delay
+from sinew.paper.answer_hardening import answer_hardening
+from sinew.paper.answer_losses import answer_losses
+from sinew.paper.answer_saturation import answer_saturation
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.twin.simulate import simulate
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tests.unit.identify_signals import motion, noisy, viscous
 
-from sinew.identify.bootstrap import Bootstrap, bootstrap_repeats
-from sinew.identify.fit import fit
-from sinew.identify.record import Record, make_record
+from sinew.identify.oscillator.bootstrap import Bootstrap, bootstrap_repeats
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.record import Record, make_record
 from sinew.measure.errors import SpecError
 
 TIME = np.arange(0, 1.5, 0.0125)

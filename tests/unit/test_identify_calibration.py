@@ -15,15 +15,13 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import norm, truncnorm
 
-from sinew.identify import calibration
-from sinew.identify.calibration import calibrate_rig, other_geometry
-from sinew.identify.calibration_rig import Source, calibrated_rig, with_intervals
-from sinew.identify.calibration_sampler import Draws, Effort, sample_posterior
-from sinew.identify.calibration_stiffness import rest_stiffness
-from sinew.identify.paper_numbers import FREE, TARGETS, Scale, is_met, misfit, rig_with, scale_of
-from sinew.identify.paper_posterior import PaperPosterior, summarise_draws
+from sinew.identify.joint import calibration
+from sinew.identify.joint.calibration import Source, calibrate_rig, calibrated_rig, other_geometry, with_intervals
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
+from sinew.paper.numbers import FREE, TARGETS, Scale, is_met, misfit, rig_with, scale_of
+from sinew.paper.posterior import PaperPosterior, rest_stiffness, summarise_draws
+from sinew.paper.sampler import Draws, Effort, sample_posterior
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig

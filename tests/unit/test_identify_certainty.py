@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sinew.identify.certainty import correlation, covariance, estimates, find_unidentifiable
-from sinew.identify.least_squares import Problem, solve
-from sinew.identify.profile import profile_interval
+from sinew.identify.oscillator.certainty import correlation, covariance, estimates, find_unidentifiable
+from sinew.identify.oscillator.least_squares import Problem, solve
+from sinew.identify.oscillator.profile import profile_interval
 from sinew.measure.errors import RecordingError
 
 X = np.linspace(0, 1, 400)

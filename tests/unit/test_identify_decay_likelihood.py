@@ -8,10 +8,14 @@ from scipy.optimize import check_grad
 from tests.unit.ring_down_signals import Decay, coloured, dry_friction, times
 from tests.unit.test_ring_down_intervals import peaks_of_raw_samples
 
-from sinew.analysis.ring_down import analyse_ring_down
-from sinew.identify.autoregressive import fit_likelihood
-from sinew.identify.decay_likelihood import FreeDecay, fit_free_decay
-from sinew.identify.oscillation import FreeOscillation, polynomials
+from sinew.analysis.decay.ring_down import analyse_ring_down
+from sinew.identify.decay.decay_likelihood import (
+    FreeDecay,
+    FreeOscillation,
+    fit_free_decay,
+    fit_likelihood,
+    polynomials,
+)
 from sinew.measure.errors import RecordingError
 
 NOISE_DEG = 0.3

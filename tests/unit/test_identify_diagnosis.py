@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
-from sinew.identify.diagnosis import refuse_hopeless, suspicions
-from sinew.identify.fit import fit
-from sinew.identify.record import Record, make_record
-from sinew.identify.start import dominant_omega, is_step
+from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.record import Record, make_record
+from sinew.identify.oscillator.start import dominant_omega, is_step
 
 TIME = np.arange(0, 5, 0.01)
 MASS = 1.3

@@ -5,10 +5,10 @@ import pytest
 from benchmarks.sweep_fit import sweep_record
 from tests.unit.identify_signals import OMEGA, chirp, dry_decay, motion, noisy, viscous
 
-from sinew.identify.fit import fit
-from sinew.identify.least_squares import solve
-from sinew.identify.record import make_record
-from sinew.identify.track import LOCAL, track, track_slopes
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.least_squares import solve
+from sinew.identify.oscillator.record import make_record
+from sinew.identify.oscillator.track import LOCAL, track, track_slopes
 from sinew.measure.errors import RecordingError, SpecError
 
 TIME = np.arange(0, 3, 0.01)
@@ -50,7 +50,7 @@ def test_the_rest_position_of_a_decay_is_not_taken_for_motion() -> None:
 def test_a_rest_position_that_drifts_is_followed() -> None:
     record = decay_record(0.1)
     moving = make_record(TIME, record.output + 0.05 * TIME / TIME[-1], output_unit="rad")
-    from sinew.identify.model import get_model
+    from sinew.identify.oscillator.model import get_model
 
     assert off(fit(moving, get_model("linear").resting("drift")).nuisance["drift"], 0.05) < 4
 
@@ -181,7 +181,7 @@ def test_a_loss_factor_is_found_again_from_the_twins_own_series() -> None:
 
 @pytest.mark.parametrize("damping", ["viscous", "coulomb", "loss-factor"])
 def test_the_derivatives_of_a_track_are_its_differences(damping) -> None:
-    from sinew.identify.grid import Scales, grid_of
+    from sinew.identify.oscillator.record import Scales, grid_of
 
     record = make_record(TIME, np.sin(TIME), 0.3 * np.sin(OMEGA * TIME), excitation="force")
     grid, _ = grid_of(record, Scales(OMEGA, 1.0, 1.0), "relative", stiff=True)

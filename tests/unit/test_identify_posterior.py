@@ -8,13 +8,18 @@ import numpy as np
 import pytest
 from tests.unit.identify_signals import motion, noisy, viscous
 
-from sinew.identify.certainty import covariance
-from sinew.identify.fit import fit
-from sinew.identify.fitted import Fit
-from sinew.identify.posterior import Posterior, sample_posterior
-from sinew.identify.posterior_chains import effective_number, split_r_hat
-from sinew.identify.posterior_density import density_of, log_density
-from sinew.identify.record import make_record
+from sinew.identify.oscillator.certainty import covariance
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.fitted import Fit
+from sinew.identify.oscillator.posterior import (
+    Posterior,
+    density_of,
+    effective_number,
+    log_density,
+    sample_posterior,
+    split_r_hat,
+)
+from sinew.identify.oscillator.record import make_record
 from sinew.measure.errors import SpecError
 
 TIME = np.arange(0, 1.2, 0.0075)
@@ -129,7 +134,7 @@ def test_without_numpyro_the_sentence_says_what_to_install(monkeypatch: pytest.M
 
 @pytest.mark.slow
 def test_importing_the_module_does_not_load_numpyro() -> None:
-    code = "import sys, sinew.identify.posterior; print('numpyro' in sys.modules)"
+    code = "import sys, sinew.identify.oscillator.posterior; print('numpyro' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from tests.unit.identify_signals import OMEGA, chirp, motion, noisy, viscous
 
-from sinew.identify.fit import fit
-from sinew.identify.fitted import Fit
-from sinew.identify.model import Model
-from sinew.identify.numbers import number_names, physical_numbers
-from sinew.identify.profile import interval90
-from sinew.identify.quantity import find_quantity
-from sinew.identify.record import make_record
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
+from sinew.identify.oscillator.model import Model
+from sinew.identify.oscillator.profile import find_quantity, interval90
+from sinew.identify.oscillator.record import make_record
 from sinew.measure.errors import SpecError
 
 TIME = np.arange(0, 6, 0.01)

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sinew.identify.diagnosis import _in_hand
-from sinew.identify.fit import fit
-from sinew.identify.held_out import split_record
-from sinew.identify.model import MODELS
-from sinew.identify.record import make_record
+from sinew.identify.choice.diagnosis import _in_hand
+from sinew.identify.choice.held_out import split_record
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.model import MODELS
+from sinew.identify.oscillator.record import make_record
 from sinew.measure.errors import RecordingError, SpecError
 
 T = np.arange(0, 6, 0.005)

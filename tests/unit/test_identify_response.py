@@ -7,12 +7,11 @@ import pytest
 from tests.unit.analysis_sweep import Joint, Sensing, rig_with, sweep
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
-from sinew.analysis.response import estimate_response
-from sinew.identify.fit import fit
-from sinew.identify.record import Record, make_record
-from sinew.identify.response_fit import fit_response
-from sinew.identify.response_points import ResponsePoints, make_points, points_of_response, response_points
-from sinew.identify.response_scatter import squeeze_scatter
+from sinew.analysis.sweep.response import estimate_response
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.record import Record, make_record
+from sinew.identify.stepped.fit import fit_response, squeeze_scatter
+from sinew.identify.stepped.points import ResponsePoints, make_points, points_of_response, response_points
 from sinew.measure.errors import RecordingError, SpecError
 
 INERTIA = 12.74e-3

@@ -7,13 +7,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from tests.unit.identify_signals import OMEGA
 
-from sinew.identify.response_balance import Laws
-from sinew.identify.response_branch import Drive, lagging, top_of_sweep
-from sinew.identify.response_fit import fit_response
-from sinew.identify.response_fitted import ResponseFit
-from sinew.identify.response_levels import resonance_by_level
-from sinew.identify.response_peak import backbone_of_response, peak_of_response
-from sinew.identify.response_points import ResponsePoints, make_points
+from sinew.identify.stepped.balance import Drive, Laws, lagging, top_of_sweep
+from sinew.identify.stepped.curves import backbone_of_response, peak_of_response, resonance_by_level
+from sinew.identify.stepped.fit import ResponseFit, fit_response
+from sinew.identify.stepped.points import ResponsePoints, make_points
 from sinew.measure.errors import SpecError
 
 INERTIA, CUBIC = 12.74e-3, 6.0

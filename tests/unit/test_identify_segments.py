@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
-from sinew.identify.comparison import Comparison
-from sinew.identify.fit import fit
-from sinew.identify.held_out import predict
-from sinew.identify.record import Record, make_record
-from sinew.identify.segment_comparison import compare_segments, varying_mechanics
+from sinew.identify.choice.comparison import Comparison, compare_segments, varying_mechanics
+from sinew.identify.choice.held_out import predict
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.record import Record, make_record
 from sinew.measure.errors import SpecError
 
 TIME = np.arange(0, 4, 0.01)

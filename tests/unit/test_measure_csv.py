@@ -10,8 +10,7 @@ from scipy import io
 
 from sinew.measure.csv import export_csv, import_csv
 from sinew.measure.errors import FileError, RecordingError, SinewError, TimeError, UnitError
-from sinew.measure.mat import export_mat
-from sinew.measure.provenance import provenance
+from sinew.measure.netcdf import export_mat, provenance
 from sinew.measure.recording import Segment, build_recording
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -11,14 +11,15 @@ import xarray as xr
 
 from sinew.measure.errors import FileError, SchemaError
 from sinew.measure.netcdf import (
+    content_hash,
     is_netcdf,
     load_dataset,
     load_recording,
+    provenance,
     save_dataset,
     save_recording,
     write_atomically,
 )
-from sinew.measure.provenance import content_hash, provenance
 from sinew.measure.recording import Segment, build_recording
 
 

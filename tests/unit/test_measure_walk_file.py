@@ -9,10 +9,10 @@ from campaigns.walker import RATE_HZ, Walker, phase_of, sensor_columns, yaw_of
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from sinew.analysis.body_yaw import body_motion
-from sinew.analysis.gait_target import estimate_gait
 from sinew.measure.errors import FileError, RecordingError, TimeError
 from sinew.measure.walk_file import Imu, MarkerPair, WalkColumns, read_walk
+from sinew.tune.gait.body_yaw import body_motion
+from sinew.tune.gait.target import estimate_gait
 
 Columns = dict[str, NDArray[np.float64]]
 

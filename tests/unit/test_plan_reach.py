@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sinew.plan.reach import drive_reach
+from sinew.plan.check import drive_reach
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 

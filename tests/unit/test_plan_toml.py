@@ -9,9 +9,8 @@ import pytest
 from pydantic import ValidationError
 
 from sinew.measure.errors import SpecError
-from sinew.plan.library import list_shipped
 from sinew.plan.plan import Plan, Pretension, Sweep
-from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig, parse_plan, parse_rig
+from sinew.plan.toml import dump_plan, dump_rig, list_shipped, load_plan, load_rig, parse_plan, parse_rig
 
 ROOT = Path(__file__).parents[2]
 # With fixed values, so that a recalibration of the shipped rig does not move the lines that these tests break.

@@ -6,8 +6,8 @@ import pytest
 from pydantic import ValidationError
 
 from sinew.measure.errors import SpecError
+from sinew.plan.rig import Wiring
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
-from sinew.plan.wiring import Wiring
 
 PAPER = load_rig("paper")
 TEXT = dump_rig(PAPER)

@@ -9,20 +9,18 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.lever import LeverMotion, measure_lever
+from sinew.analysis.signal.torsion import LeverMotion, measure_lever
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.recording import Segment, build_recording
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.against import Comparison, Reading, measured_of
-from sinew.predict.joint import RESOLUTION, joint_problem
-from sinew.predict.lever import lever_problem
-from sinew.predict.prediction import predict
-from sinew.predict.score import error_of, estimate_at, scores_of
-from sinew.predict.waves import Size
+from sinew.predict.against import Comparison, Reading, error_of, estimate_at, measured_of, scores_of
+from sinew.predict.curves.prediction import predict
+from sinew.predict.curves.waves import Size
+from sinew.predict.joint import RESOLUTION, joint_problem, lever_problem
 from sinew.twin.cache import configure
-from sinew.twin.effects import Effects
 from sinew.twin.energy import potential
+from sinew.twin.parameters import Effects
 from sinew.twin.prony import complex_stiffness
 
 configure()

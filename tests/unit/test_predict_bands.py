@@ -5,10 +5,9 @@ import pytest
 from scipy.stats import norm
 
 from sinew.predict.band import band_of, crest
-from sinew.predict.branch import Branch
+from sinew.predict.curves.branch import Branch, sweep
+from sinew.predict.curves.prediction import predict
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
-from sinew.predict.prediction import predict
-from sinew.predict.sweep import sweep
 from sinew.twin.cache import configure
 
 configure()

@@ -5,13 +5,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import pearsonr
 
-from sinew.identify.calibration_rig import Source, with_intervals
-from sinew.identify.calibration_spread import calibrated_together, with_ties
+from sinew.identify.joint.calibration import Source, calibrated_together, with_intervals, with_ties
 from sinew.measure.errors import SpecError
-from sinew.plan.calibrated import Calibrated
-from sinew.plan.rig import RigSpec
+from sinew.plan.rig import Calibrated, RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
-from sinew.predict.draws import carried_over, draw_rigs, spread_of
+from sinew.predict.band import carried_over, draw_rigs, spread_of
 
 RIG = load_rig("paper")
 RADIUS, BASE, TENSION = "tendons.head_radius", "tendons.base_radius", "tendons.first_contact_tension"

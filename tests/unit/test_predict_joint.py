@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from sinew.plan.toml import load_rig
+from sinew.predict.curves.prediction import predict
+from sinew.predict.curves.waves import Size, channels, grid, unknowns
 from sinew.predict.joint import FREE_LEVER, PRESCRIBED_LEVER, RESOLUTION, joint_problem
-from sinew.predict.prediction import predict
-from sinew.predict.waves import Size, channels, grid, unknowns
-from sinew.twin.effects import Effects
 from sinew.twin.energy import potential
 from sinew.twin.motion import State, rate
-from sinew.twin.parameters import Parameters
+from sinew.twin.parameters import Effects, Parameters
 from sinew.twin.prony import BRANCHES, complex_stiffness
 
 BAND_HZ = (1.0, 6.0)

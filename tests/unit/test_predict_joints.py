@@ -14,15 +14,21 @@ from sinew.measure.errors import RecordingError, SpecError
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
-from sinew.predict.draws import spread_of
+from sinew.predict.band import spread_of
 from sinew.predict.joint import joint_problem
-from sinew.predict.joints.buckling import compressive_load, euler_load, haringx_load, twisting_stretch
 from sinew.predict.joints.design import Design, design_rig, section_of, shear_modulus_of
-from sinew.predict.joints.ends import bonded_axial_factor, bonded_torsion_factor
-from sinew.predict.joints.loads import loads_of
-from sinew.predict.joints.material import list_materials, load_material
-from sinew.predict.joints.tensile import fit_tensile
-from sinew.predict.joints.validity import check_joint, largest_strain
+from sinew.predict.joints.material import fit_tensile, list_materials, load_material
+from sinew.predict.joints.validity import (
+    bonded_axial_factor,
+    bonded_torsion_factor,
+    check_joint,
+    compressive_load,
+    euler_load,
+    haringx_load,
+    largest_strain,
+    loads_of,
+    twisting_stretch,
+)
 from sinew.predict.sections.section import annulus_section, circle_section, ellipse_section, rectangle_section
 from sinew.twin.energy import silicone_energy, twist_rigidity
 from sinew.twin.parameters import from_rig

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from sinew.measure.errors import FileError, SpecError
-from sinew.predict.sections.moments import moments
-from sinew.predict.sections.outline import Outline, annulus, circle, ellipse, outline, rectangle, star
-from sinew.predict.sections.polygon_file import read_polygon
+from sinew.predict.sections.outline import (
+    Outline,
+    annulus,
+    circle,
+    ellipse,
+    moments,
+    outline,
+    read_polygon,
+    rectangle,
+    star,
+)
 from sinew.predict.sections.section import (
     annulus_section,
     circle_section,

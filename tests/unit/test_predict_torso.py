@@ -5,15 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from sinew.apps.design import _torso
-from sinew.apps.design_document import _assumptions
+from sinew.apps.design import _assumptions, _torso
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig
-from sinew.predict.joints.buckling import euler_load, haringx_load, mast_load
 from sinew.predict.joints.design import section_of, shear_modulus_of
-from sinew.predict.joints.loads import GRAVITY, Loads, Torso, loads_under
-from sinew.predict.joints.validity import Check, check_joint
-from sinew.tune.design_target import DesignTarget
+from sinew.predict.joints.validity import (
+    GRAVITY,
+    Check,
+    Loads,
+    Torso,
+    check_joint,
+    euler_load,
+    haringx_load,
+    loads_under,
+    mast_load,
+)
+from sinew.tune.candidate import DesignTarget
 
 RIG = load_rig("paper")
 REST = Loads(*(np.array([x]) for x in (50.0, 60.0, 0.95, 0.94, 0.3)))

@@ -13,10 +13,8 @@ from sinew.apps.cli import main
 from sinew.measure.errors import SpecError
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
-from sinew.predict.linear import LinearJoint, linear_joints
-from sinew.predict.state_space import StateSpace
-from sinew.predict.transfer_file import joint_document, write_transfer
-from sinew.twin.effects import Effects
+from sinew.predict.linear import LinearJoint, StateSpace, joint_document, linear_joints, write_transfer
+from sinew.twin.parameters import Effects
 from sinew.twin.prony import complex_stiffness, prony_shares
 from sinew.twin.simulate import lane_parameters
 

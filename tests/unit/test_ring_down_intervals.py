@@ -9,7 +9,7 @@ from scipy.optimize import curve_fit
 from scipy.signal import find_peaks
 from tests.unit.ring_down_signals import Decay, coloured, lever, times
 
-from sinew.analysis.ring_down import RingDown, analyse_ring_down
+from sinew.analysis.decay.ring_down import RingDown, analyse_ring_down
 
 DAMPINGS = (0.03, 0.08, 0.17, 0.25)
 TRIALS = 80

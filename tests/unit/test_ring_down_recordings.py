@@ -5,11 +5,11 @@ import pytest
 import xarray as xr
 from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, lever, times
 
-from sinew.analysis.ring_down import analyse_ring_downs
+from sinew.analysis.decay.ring_down import analyse_ring_downs
 from sinew.measure.errors import RecordingError
-from sinew.measure.provenance import provenance
+from sinew.measure.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
-from sinew.measure.results import RESULTS_SCHEMA, validate_results
+from sinew.measure.schema import RESULTS_SCHEMA, validate_results
 
 T = times(duration_s=3.0, sample_hz=200.0, before_s=2.0)
 SETTLE, RECORD = int((T < 0).sum()), int((T >= 0).sum())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, times
 
-from sinew.analysis.ring_down import analyse_ring_down
+from sinew.analysis.decay.ring_down import analyse_ring_down
 from sinew.measure.errors import RecordingError, TimeError
 
 T = times()

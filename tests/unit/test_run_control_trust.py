@@ -14,8 +14,7 @@ import psutil
 import pytest
 
 from sinew.apps import run_control
-from sinew.apps.dashboard.processes import adopt, adopt_from, read_pid, read_specs, write_pid
-from sinew.apps.dashboard.run_folders import PID, find_runs
+from sinew.apps.dashboard.run_desk import PID, adopt, adopt_from, find_runs, read_pid, read_specs, write_pid
 from sinew.apps.run_control import CONTROL, ControlError, listening, send_control
 from sinew.bench.steering import Steering
 from sinew.measure.errors import SpecError

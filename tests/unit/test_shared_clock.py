@@ -9,13 +9,9 @@ import pytest
 from tests.unit.test_emulator_pty import Bench
 
 from sinew.emulator import pty_server
-from sinew.emulator.clock_socket import ClockSocket
-from sinew.emulator.pty_port import PtyPort
-from sinew.emulator.pty_server import Port, PtyServer
-from sinew.emulator.socket_port import SocketPort
+from sinew.emulator.pty_server import ClockSocket, Port, PtyPort, PtyServer, SocketPort
 from sinew.hardware.errors import PortError
-from sinew.hardware.local_port import LocalPort
-from sinew.hardware.serial_port import SerialPort
+from sinew.hardware.serial_port import LocalPort, SerialPort
 from sinew.hardware.shared_clock import SharedClock, SharedPort, shared_clock
 from sinew.hardware.transport import MonotonicClock, Transport
 from sinew.measure.errors import FileError

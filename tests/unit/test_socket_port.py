@@ -7,9 +7,9 @@ from threading import Thread
 import pytest
 from tests.patience import LONG_S, until
 
-from sinew.emulator.socket_port import SocketPort
+from sinew.emulator.pty_server import SocketPort
 from sinew.hardware.errors import PortError
-from sinew.hardware.local_port import LocalPort
+from sinew.hardware.serial_port import LocalPort
 from sinew.hardware.transport import MonotonicClock
 from sinew.measure.errors import FileError
 

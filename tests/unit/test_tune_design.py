@@ -14,13 +14,10 @@ from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
 from sinew.predict.joints.validity import largest_strain
 from sinew.predict.sections.section import annulus_section
-from sinew.tune.candidate import SIZES, frame_of, judge, unpacked
-from sinew.tune.design_target import DesignTarget
-from sinew.tune.front import nondominated, spread_out
+from sinew.tune.candidate import SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
+from sinew.tune.design import nondominated, run_tasks, spread_out
 from sinew.tune.resonance import Swing, find_resonances
 from sinew.tune.search import blocks_of, search_block
-from sinew.tune.shapes import SHAPES
-from sinew.tune.tasks import run_tasks
 from sinew.twin.cache import configure
 
 RIG = load_rig("paper")

@@ -6,13 +6,20 @@ import math
 import numpy as np
 import pytest
 
-from sinew.tune.fundamental import Fundamental
-from sinew.tune.lock import Lock, LockRule
-from sinew.tune.mode import Mode, design_loop
-from sinew.tune.oscillator import Oscillator
-from sinew.tune.phase_loop import PhaseLoop, lag_error
-from sinew.tune.pretension_path import FASTEST_MM_S, Follow, Ramp
-from sinew.tune.swing_control import SwingControl
+from sinew.tune.track.tracker import (
+    FASTEST_MM_S,
+    Follow,
+    Fundamental,
+    Lock,
+    LockRule,
+    Mode,
+    Oscillator,
+    PhaseLoop,
+    Ramp,
+    SwingControl,
+    design_loop,
+    lag_error,
+)
 
 MODE = Mode(3.5, 0.07)
 

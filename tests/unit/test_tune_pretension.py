@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from sinew.measure.errors import SpecError
-from sinew.plan.calibrated import Calibrated
-from sinew.plan.rig import RigSpec
+from sinew.plan.rig import Calibrated, RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.draws import draw_rigs
+from sinew.predict.band import draw_rigs
 from sinew.tune.drive_load import drive_load
-from sinew.tune.pretension import Tuning, tune_pretension
-from sinew.tune.reachable import find_reachable
+from sinew.tune.pretension import Tuning, find_reachable, tune_pretension
 from sinew.tune.resonance import Swing, find_resonances
 
 RIG = load_rig("paper")

@@ -7,7 +7,7 @@ from sinew.measure.errors import SpecError
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 from sinew.twin.balance import Balance, balance_groups, balance_lanes
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters
 
 RIG = load_rig("paper")

@@ -13,10 +13,9 @@ from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.twin.cache import configure
-from sinew.twin.effects import Effects
 from sinew.twin.integrate import Track
 from sinew.twin.motion import State, dissipation, mechanical_energy, rate, state_at_rest
-from sinew.twin.parameters import Parameters
+from sinew.twin.parameters import Effects, Parameters
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 configure()

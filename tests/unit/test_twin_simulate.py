@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sinew.measure.provenance import content_hash
+from sinew.measure.netcdf import content_hash
 from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig, parse_rig
-from sinew.twin.effects import Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import peak_torsion, rest_tension, simulate
 
 PLAN = Plan(

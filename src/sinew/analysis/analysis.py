@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sinew.analysis.decay.ring_down import analyse_ring_downs
 from sinew.analysis.doubts import find_doubts
-from sinew.analysis.energy import estimate_energy
-from sinew.analysis.groups import split_by_drive
-from sinew.analysis.repeats import combine_repeats
-from sinew.analysis.resonance import FEWEST_FREQUENCIES, estimate_resonance, read_resonances
-from sinew.analysis.response import estimate_response, response_dataset
-from sinew.analysis.ring_down import analyse_ring_downs
-from sinew.analysis.torsion import drive_channel, response_channel
+from sinew.analysis.signal.groups import split_by_drive
+from sinew.analysis.signal.repeats import combine_repeats
+from sinew.analysis.signal.torsion import drive_channel, response_channel
+from sinew.analysis.sweep.energy import estimate_energy
+from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, estimate_resonance, read_resonances
+from sinew.analysis.sweep.response import estimate_response, response_dataset
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-from sinew.measure.provenance import content_hash, provenance
-from sinew.measure.results import RESULTS_SCHEMA, validate_results
+from sinew.measure.netcdf import content_hash, provenance
+from sinew.measure.schema import RESULTS_SCHEMA, validate_results
 from sinew.plan.rig import RigSpec
 
 __all__ = ["analyse_recording", "join_parts", "response_table_json"]

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.repeats import pool_repeats
+from sinew.analysis.signal.repeats import pool_repeats
 from sinew.analysis.slope import fit_trend
 from sinew.measure.estimate import Estimate
 

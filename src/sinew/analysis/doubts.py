@@ -19,11 +19,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.sensor import sample_rate
+from sinew.analysis.signal.sensor import sample_rate
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import number
 from sinew.measure.recording import Segment, iterate_segments
-from sinew.plan.reach import Reach, drive_reach
+from sinew.plan.check import Reach, drive_reach
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
 

@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.sensor import DelayBudget, delay_budget, drive_chain, torsion_chain
-from sinew.analysis.torsion import drive_channel, response_channel
+from sinew.analysis.signal.sensor import DelayBudget, delay_budget, drive_chain, torsion_chain
+from sinew.analysis.signal.torsion import drive_channel, response_channel
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import segment_slices

@@ -7,10 +7,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import print_json, remark, require_folder, write_json
-from sinew.apps.convert import read_csv
-from sinew.apps.cut import cut_recording
-from sinew.apps.options import ColumnDrive, ColumnResponse, ColumnTime, Gaps, Json, Settle, Start, Stop
+from sinew.apps.console import (
+    ColumnDrive,
+    ColumnResponse,
+    ColumnTime,
+    Gaps,
+    Json,
+    Settle,
+    Start,
+    Stop,
+    print_json,
+    remark,
+    require_folder,
+    write_json,
+)
+from sinew.apps.convert import cut_recording, read_csv
 from sinew.apps.tables import print_analysis
 from sinew.measure.errors import RecordingError, SpecError
 
@@ -151,7 +162,7 @@ def _sweep_part(results: "xr.Dataset") -> dict[str, Any]:
 
 def _energy_part(results: "xr.Dataset") -> dict[str, Any]:
     """Return what a swing costs, by pretension, and what the servos draw with their torque off (by data sheet)."""
-    from sinew.measure.results import ENERGY_QUANTITIES
+    from sinew.measure.schema import ENERGY_QUANTITIES
 
     idle = float(results.attrs.get("idle_power_w", math.nan))
     rows = _interval_rows(results, ENERGY_QUANTITIES)
@@ -175,7 +186,7 @@ def _interval_rows(results: "xr.Dataset", names: Sequence[str]) -> list[dict[str
     """Return one row for each pretension, each quantity with the standard deviation of its value and its interval."""
     import numpy as np
 
-    from sinew.measure.results import companions
+    from sinew.measure.schema import companions
 
     repeats = np.isfinite(results["gain"].values).any(axis=1).sum(axis=-1)
     rows = []
@@ -212,7 +223,7 @@ def decay_rows(results: "xr.Dataset") -> list[dict[str, Any]]:
     """
     import numpy as np
 
-    from sinew.analysis.repeats import combine_repeats
+    from sinew.analysis.signal.repeats import combine_repeats
     from sinew.measure.estimate import Estimate
 
     rows: list[dict[str, Any]] = [{"pretension_mm": float(p)} for p in results["pretension_mm"].values]
@@ -244,7 +255,7 @@ def _analyse_table(
         return _analyse_ring_down(recording, rig), {"recording.nc": recording}
     if "drive" not in recording and "drive_rad" not in recording:
         raise RecordingError("a sweep needs the drive beside the response; name its column with --drive COL[:unit]")
-    from sinew.analysis.groups import split_by_drive
+    from sinew.analysis.signal.groups import split_by_drive
 
     if settle is None:
         grouped = split_by_drive(recording)
@@ -258,7 +269,7 @@ def _analyse_table(
 
 def _analyse_ring_down(recording: "xr.Dataset", rig: str | None) -> dict[str, Any]:
     """Return the answer for the longest part of a record; parts come from `--gaps split`."""
-    from sinew.analysis.ring_down import analyse_ring_down, ring_down_json
+    from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json
     from sinew.measure.recording import segment_slices
     from sinew.plan.toml import load_rig
 

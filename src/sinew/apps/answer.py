@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.analyse import analyse_with, recording_rig
-from sinew.apps.console import print_json, print_table, progress_bar, remark, require_folder, write_json
-from sinew.apps.options import Json
+from sinew.apps.console import Json, print_json, print_table, progress_bar, remark, require_folder, write_json
 from sinew.apps.stored import stored_beyond, stored_results
 from sinew.measure.errors import FileError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sinew.identify.answer import Answer
+    from sinew.paper.answer import Answer
     from sinew.plan.rig import RigSpec
 
 __all__ = ["answer", "stored_answers"]
@@ -38,8 +37,8 @@ def answer(
     Writes answers.html, answers.json and the figures of the answers. results.nc and beyond.nc beside the recording are
     taken up where they belong to it. A whole campaign takes about a minute or two.
     """
-    from sinew.identify.answers import answer_questions
     from sinew.measure.netcdf import load_recording
+    from sinew.paper.answers import answer_questions
 
     if not file.is_file():
         raise FileError(
@@ -75,9 +74,9 @@ def _rebuild(file: Path, out: Path | None, rig: str | None) -> str:
 def _write(
     answers: "list[Answer]", recording: "xr.Dataset", rig: "RigSpec | None", folder: Path, rebuild: str
 ) -> dict[str, Any]:
-    from sinew.figures.answers import draw_answers
-    from sinew.figures.answers_page import write_answers
-    from sinew.measure.provenance import content_hash
+    from sinew.measure.netcdf import content_hash
+    from sinew.paper.answer_figures import draw_answers
+    from sinew.paper.report import write_answers
 
     figures = draw_answers(answers, folder / "figures")
     document = {
@@ -103,7 +102,7 @@ def stored_answers(path: Path, recording: "xr.Dataset") -> list[dict[str, Any]]:
 
     Empty where there is no such file or it cannot be read, and with a remark where it is another recording's.
     """
-    from sinew.measure.provenance import content_hash
+    from sinew.measure.netcdf import content_hash
 
     try:
         document = json_.loads(path.read_text(encoding="utf-8"))

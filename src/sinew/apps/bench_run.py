@@ -16,7 +16,7 @@ from sinew.apps.console import require_folder
 
 if TYPE_CHECKING:
     from sinew.bench.journal import Journal
-    from sinew.bench.report import RunReport
+    from sinew.bench.run import RunReport
     from sinew.hardware.rig import Rig as HardwareRig
     from sinew.hardware.transport import Clock, Transport
     from sinew.plan.plan import Plan
@@ -70,8 +70,7 @@ def open_rig(port: str, spec: "RigSpec", *, own_time: bool = False) -> "Iterator
     port: a serial port, or that of an emulated bench, terminal or socket, whose clock is shared where it has one.
     own_time: the computer's clock in any case, for who measures what the computer does.
     """
-    from sinew.hardware.local_port import LocalPort
-    from sinew.hardware.serial_port import SerialPort
+    from sinew.hardware.serial_port import LocalPort, SerialPort
     from sinew.hardware.shared_clock import SharedPort, shared_clock
     from sinew.hardware.transport import MonotonicClock
 

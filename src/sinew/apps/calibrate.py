@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import print_json, print_table, progress_bar, require_file, write_json
-from sinew.apps.options import Json
+from sinew.apps.console import Json, print_json, print_table, progress_bar, require_file, write_json
 from sinew.measure.errors import FileError, SpecError
 from sinew.measure.estimate import UNKNOWN, interval, number
 
 if TYPE_CHECKING:
-    from sinew.identify.calibration import Calibration
-    from sinew.identify.calibration_paper import PaperFit
-    from sinew.identify.paper_posterior import PaperPosterior
+    from sinew.identify.joint.calibration import Calibration
+    from sinew.paper.numbers import PaperFit
+    from sinew.paper.posterior import PaperPosterior
     from sinew.plan.rig import RigSpec
 
 __all__ = ["calibrate"]
@@ -94,8 +93,7 @@ def _from_recordings(rig: str, files: list[Path], out: Path, free: str | None, c
 
     before = load_rig(rig)
     loaded = [load_recording(file) for file in files]
-    from sinew.identify.calibration import calibrate_rig
-    from sinew.identify.calibration_rig import source_of
+    from sinew.identify.joint.calibration import calibrate_rig, source_of
     from sinew.twin.cache import configure
 
     configure()
@@ -112,10 +110,10 @@ def _from_recordings(rig: str, files: list[Path], out: Path, free: str | None, c
 def _from_paper(
     rig: str, out: Path, ranges: Path | None, posterior: Path | None, seed: int, command: list[str]
 ) -> dict[str, Any]:
-    from sinew.identify.calibration_paper import find_ranges, fit_paper
-    from sinew.identify.calibration_rig import with_intervals
-    from sinew.identify.calibration_sampler import require_sampler
-    from sinew.identify.paper_posterior import paper_posterior
+    from sinew.identify.joint.calibration import with_intervals
+    from sinew.paper.numbers import find_ranges, fit_paper
+    from sinew.paper.posterior import paper_posterior
+    from sinew.paper.sampler import require_sampler
     from sinew.plan.toml import load_rig
     from sinew.twin.cache import configure
 
@@ -192,7 +190,7 @@ def _paper_document(
     ranges: Path | None,
     posterior: Path | None,
 ) -> dict[str, Any]:
-    from sinew.identify.paper_numbers import FREE, TARGETS
+    from sinew.paper.numbers import FREE, TARGETS
 
     old, new = dict(before.parameters()), dict(after.parameters())
     told = [] if found is None else found.sentences()

@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from sinew.apps.console import print_json, print_table
-from sinew.apps.options import Json, PlanArgument, Rig
+from sinew.apps.console import Json, PlanArgument, Rig, print_json, print_table
 from sinew.measure.estimate import fixed
 
 if TYPE_CHECKING:

@@ -36,7 +36,7 @@ from sinew.apps import (
     transfer,
     tune,
 )
-from sinew.apps.options import NumbersCommand
+from sinew.apps.console import NumbersCommand
 from sinew.measure.errors import SinewError
 
 __all__ = ["app", "main"]

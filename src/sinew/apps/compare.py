@@ -6,10 +6,19 @@ from typing import Annotated, Any
 
 import typer
 
-from sinew.apps.console import print_json, print_table, progress_bar, require_folder
-from sinew.apps.options import Json
-from sinew.apps.predict_document import mark_cell, print_remarks
-from sinew.apps.predict_rig import Amplitude, Mode, Predicted, Pretension, RigAsked, Without, predict_rig, rig_asked
+from sinew.apps.console import Json, print_json, print_table, progress_bar, require_folder
+from sinew.apps.predict_rig import (
+    Amplitude,
+    Mode,
+    Predicted,
+    Pretension,
+    RigAsked,
+    Without,
+    mark_cell,
+    predict_rig,
+    print_remarks,
+    rig_asked,
+)
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import number
 

@@ -1,16 +1,20 @@
 """This is where the commands speak: results on stdout, progress and remarks on stderr, files whole or not at all."""
 
 import json
+import math
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from sinew.measure.errors import FileError
+import typer
+from typer.core import TyperCommand
 
-__all__ = ["print_json", "print_table", "progress_bar", "remark", "require_file", "require_folder", "write_json"]
+from sinew.measure.errors import FileError, SpecError
+from sinew.measure.units import number_list as listed
+from sinew.measure.units import one_number
 
 Progress = Callable[[float, float], None]
 
@@ -99,3 +103,100 @@ def require_file(path: Path) -> Path:
         raise FileError(f"cannot write {path}: it is a folder; name a file in it")
     require_folder(path.parent)
     return path
+
+
+# Arguments and options that several commands share, and what a number or a word on the command line may be.
+
+HIGHEST_HZ = 1000.0
+"""Highest frequency that anything may be asked at [Hz]: far above any joint, so that only a slip lies beyond."""
+
+LARGEST_DEG = 180.0
+"""Largest amplitude of an angle that may be asked for [deg]."""
+
+PlanArgument = Annotated[str, typer.Argument(metavar="PLAN", help="A plan: a TOML file, or the name of a shipped one.")]
+Rig = Annotated[str, typer.Option("--rig", metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of scatter, noise and jitter.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
+ColumnTime = Annotated[str | None, typer.Option("--time", metavar="COL[:unit]", help="Column of the time stamps.")]
+ColumnResponse = Annotated[
+    str | None,
+    typer.Option(
+        "--response", metavar="COL[:unit]", help="Column of the response; several are averaged: COL,COL:unit."
+    ),
+]
+ColumnDrive = Annotated[str | None, typer.Option("--drive", metavar="COL[:unit]", help="Column of the drive.")]
+Start = Annotated[float | None, typer.Option("--start", metavar="S", help="Take samples from this time on [s].")]
+Stop = Annotated[float | None, typer.Option("--stop", metavar="S", help="Take samples up to this time [s].")]
+Gaps = Annotated[str, typer.Option("--gaps", metavar="refuse|split", help="What to do where samples are missing.")]
+Settle = Annotated[
+    float | None,
+    typer.Option(
+        "--settle", metavar="S", help="Sweep: how long each group settles before it is measured [s]; else its half."
+    ),
+]
+
+
+class NumbersCommand(TyperCommand):
+    """A command that refuses what no option can mean: an empty word, and a number that is none or has no end."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        for index, word in enumerate(args):
+            if word == "" or (word.startswith("--") and word.endswith("=")):
+                before = args[index - 1] if word == "" and index else word.removesuffix("=")
+                raise SpecError(f"found nothing after {before or 'sinew'}, expected a value; write one or leave it out")
+        return list(super().parse_args(ctx, args))
+
+    def invoke(self, ctx: Any) -> Any:
+        for parameter in self.params:
+            value = ctx.params.get(parameter.name)
+            if isinstance(value, float) and not math.isfinite(value):
+                raise SpecError(f"{parameter.opts[0]} is {value:g}, expected a finite number")
+        return super().invoke(ctx)
+
+
+def number_list(
+    option: str,
+    text: str,
+    expected: str,
+    *,
+    between: str = ",",
+    low: float = -math.inf,
+    high: float = math.inf,
+    above: bool = False,
+) -> list[float]:
+    """Return the numbers of an option that takes several.
+
+    expected: what the words "expected ..." say. low, high: what each may be; above: low itself is not allowed.
+    Raises SpecError where one is no number, not finite, or outside.
+    """
+    try:
+        values = listed(text) if between == "," else [one_number(part) for part in text.split(between)]
+    except ValueError as error:
+        raise SpecError(f"{option} is {text!r}: {error} ({expected})") from error
+    return [checked_number(option, value, expected, low=low, high=high, above=above, of="holds") for value in values]
+
+
+def checked_number(
+    option: str,
+    value: float,
+    expected: str,
+    *,
+    low: float = -math.inf,
+    high: float = math.inf,
+    above: bool = False,
+    of: str = "is",
+) -> float:
+    """Return a number unchanged. Raises SpecError where it is not finite or lies outside low to high."""
+    if not math.isfinite(value) or not low <= value <= high or (above and value == low):
+        raise SpecError(f"{option} {of} {value:g}, expected {expected}")
+    return value
+
+
+def checked_band(band_hz: Sequence[float]) -> tuple[float, float]:
+    """Return --from-hz and --to-hz unchanged. Raises SpecError unless they are a band of positive frequencies."""
+    low, high = band_hz
+    if not 0 < low < high <= HIGHEST_HZ:
+        raise SpecError(
+            f"found a band from {low:g} to {high:g} Hz, expected 0 < --from-hz < --to-hz, up to {HIGHEST_HZ:g} Hz"
+        )
+    return low, high

@@ -1,24 +1,170 @@
 """This is where `sinew design` finds joints that resonate with a gait, and writes a rig and a plan for each."""
 
+import math
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import print_json, print_table, progress_bar, require_folder
-from sinew.apps.design_document import design_document
-from sinew.apps.joint_options import BASE_RIG
-from sinew.apps.options import Json
+from sinew.apps.console import Json, print_json, print_table, progress_bar, require_folder, write_json
+from sinew.apps.joint import BASE_RIG, write_rig
 from sinew.measure.errors import FileError, SpecError
 from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
-    from sinew.predict.joints.loads import Torso
-    from sinew.tune.design_target import DesignTarget
+    from sinew.predict.joints.validity import Torso
+    from sinew.tune.candidate import DesignTarget
 
-__all__ = ["design", "read_gait"]
+if TYPE_CHECKING:
+    from sinew.tune.candidate import DesignTarget
+    from sinew.tune.design import Confirmed, Designed, Effort
+    from sinew.tune.proposal import Proposal
+
+if TYPE_CHECKING:
+    from sinew.figures.design_page import EndCurves
+    from sinew.plan.plan import Plan
+    from sinew.tune.design import Designed
+    from sinew.tune.proposal import Proposal
+
+
+# Designed joints become the JSON document of `sinew design`.
+
+
+def design_document(found: "Designed", target: "DesignTarget", base: str, effort: "Effort") -> dict[str, Any]:
+    """Return what a search found, as JSON holds it."""
+    proposals = [
+        {**_joint(found.evaluated[i], bool(found.front[i])), **_proposal(found.evaluated[i], confirmed)}
+        for i, confirmed in zip(found.chosen, found.confirmed, strict=True)
+    ]
+    return {
+        "base": base,
+        "target": {
+            "stride_band_hz": list(target.band_hz),
+            "yaw_deg": target.yaw_deg,
+            "inertia_kg_m2": target.inertia,
+            "envelope_mm": [1e3 * target.diameter, 1e3 * target.length],
+            "torso_kg": None if target.torso is None else target.torso.mass,
+            "torso_centre_mm": None if target.torso is None else 1e3 * target.torso.centre,
+        },
+        "assumptions": _assumptions(target),
+        "effort": {**effort.__dict__},
+        "candidates": found.candidates,
+        "feasible": found.feasible,
+        "evaluated": [_joint(one, bool(on)) for one, on in zip(found.evaluated, found.front, strict=True)],
+        "proposals": proposals,
+        "sentences": [*_sentences(found, proposals), *_assumptions(target)],
+        "wall_s": {"search": found.search_s, "exact": found.exact_s, "confirm": found.confirm_s},
+    }
+
+
+def _joint(one: "Proposal", on_front: bool) -> dict[str, Any]:
+    return {
+        "name": one.rig.name,
+        "shape": one.draft.shape,
+        "material": one.draft.material,
+        "feasible": not one.faults,
+        "faults": list(one.faults),
+        "on_front": on_front,
+        "energy_j": one.energy,
+        "volume_cm3": 1e6 * one.volume,
+        "tension_n": one.tension,
+        "diameter_mm": 1e3 * one.diameter,
+        "envelope_length_mm": 1e3 * one.length,
+    }
+
+
+def _proposal(one: "Proposal", confirmed: "tuple[Confirmed, ...]") -> dict[str, Any]:
+    from sinew.predict.joints.design import section_of
+    from sinew.tune.design import ENOUGH
+
+    rig = one.rig
+    rows = [_confirmed(found) for found in confirmed]
+    return {
+        "section": section_of(rig).shape,
+        "length_mm": 1e3 * rig.silicone.length.value,
+        "tendon_circle_mm": 1e3 * rig.tendons.head_radius.value,
+        "lever_inertia_kg_m2": rig.inertia.lever.value,
+        "holding_a": one.holding_a,
+        "ends": [_end(one, i) for i in range(2)],
+        "validity": [
+            {"check": c.name, "value": c.value, "limit": c.limit, "holds": c.holds, "sentence": c.sentence}
+            for c in one.checks
+        ],
+        "confirmed": rows,
+        "is_confirmed": all(row["error"] is not None and abs(row["error"]) <= ENOUGH for row in rows),
+        "rig": None,
+        "plan": None,
+    }
+
+
+def _end(one: "Proposal", i: int) -> dict[str, float]:
+    at, load = one.ends[i], one.loads[i]
+    return {
+        "wanted_hz": one.draft.target.band_hz[i],
+        "frequency_hz": at.frequency_hz,
+        "pretension_mm": at.pretension_mm,
+        "command_deg": math.degrees(at.command),
+        "lever_deg": math.degrees(abs(at.lever)),
+        "torsion_deg": math.degrees(at.torsion),
+        "damping_ratio": one.damping_ratio[i],
+        "rest_tension_n": at.rest_tension,
+        "tension_n": at.tension,
+        "torque_n_m": load.torque,
+        "speed_rad_s": load.speed,
+        "duty": load.duty,
+        "current_a": load.current,
+        "work_j": load.work,
+        "energy_j": load.energy,
+    }
+
+
+def _confirmed(found: "Confirmed") -> dict[str, Any]:
+    def number(x: float) -> float | None:
+        return x if math.isfinite(x) else None
+
+    return {
+        "pretension_mm": found.pretension_mm,
+        "predicted_hz": number(found.predicted_hz),
+        "measured_hz": found.measured_hz.to_json(),
+        "peak_hz": found.peak_hz.to_json(),
+        "yaw_deg": number(found.yaw_deg),
+        "error": number(found.error),
+    }
+
+
+def _assumptions(target: "DesignTarget") -> list[str]:
+    """Return what is taken for granted of the torso, a sentence each."""
+    if target.torso is None:
+        return [
+            "assumed: nothing presses on the joint but its tendons; the weight of what sits on it is left out, for no "
+            "mass was given. Give it with --torso-kg, and buckling, strain, tension and tipping are checked under it"
+        ]
+    torso = target.torso
+    return [
+        f"assumed: {torso.mass:g} kg stand upright on the joint with their centre {1e3 * torso.centre:g} mm above the "
+        f"head plate and press with {torso.weight:.0f} N; pretension counts from the first contact under that weight; "
+        f"the head tilts no further than the rig allows. Candidates that fail under it are refused after the search, "
+        "which does not know of it; the swing's resonance is that without weight"
+    ]
+
+
+def _sentences(found: "Designed", proposals: list[dict[str, Any]]) -> list[str]:
+    told = [f"{found.feasible} of {found.candidates} candidates of the search keep every limit"]
+    fit = sum(not one.faults for one in found.evaluated)
+    told.append(f"{fit} of {len(found.evaluated)} that were computed exactly do, {int(found.front.sum())} undominated")
+    if not proposals:
+        told.append("no joint within these limits was found; allow a larger envelope, a narrower band or less yaw")
+        return told
+    sure = sum(one["is_confirmed"] for one in proposals)
+    told.append(f"{sure} of {len(proposals)} proposals resonate on the full twin within 3 % of what was predicted")
+    held = max(one["holding_a"] for one in proposals)
+    told.append(
+        f"holding the tendons takes up to {held:.2f} A of each tendon motor if its gear holds nothing; that is not in "
+        "the drive's energy"
+    )
+    return told
 
 
 def design(
@@ -84,8 +230,6 @@ def design(
         )
     document = design_document(found, target, base.name, effort)
     if out is not None:
-        from sinew.apps.design_pages import write_design
-
         words = ["sinew", "design", rig, "--stride-hz", f"{target.band_hz[0]:g}:{target.band_hz[1]:g}"]
         words += ["--yaw-deg", f"{target.yaw_deg:g}", "--inertia-kg-m2", f"{inertia:g}", "--envelope-mm", envelope]
         if target.torso is not None:
@@ -119,7 +263,7 @@ def read_gait(path: Path) -> tuple[tuple[float, float], float]:
 
 
 def _torso(mass: float | None, centre_mm: float | None) -> "Torso | None":
-    from sinew.predict.joints.loads import Torso
+    from sinew.predict.joints.validity import Torso
 
     if mass is None:
         if centre_mm is not None:
@@ -131,7 +275,7 @@ def _torso(mass: float | None, centre_mm: float | None) -> "Torso | None":
 def _target(
     stride: str | None, yaw: float | None, gait: Path | None, inertia: float, envelope: str, torso: "Torso | None"
 ) -> "DesignTarget":
-    from sinew.tune.design_target import DesignTarget
+    from sinew.tune.candidate import DesignTarget
 
     if (gait is None) == (stride is None and yaw is None) or (gait is None and (stride is None or yaw is None)):
         raise SpecError("expected --stride-hz LOW:HIGH with --yaw-deg, or --gait gait.json, and not both")
@@ -156,7 +300,7 @@ def _pair(text: str, mark: str, option: str, expected: str) -> tuple[float, floa
 
 
 def _shapes(text: str | None) -> list[str]:
-    from sinew.tune.shapes import SHAPES
+    from sinew.tune.candidate import SHAPES
 
     names = list(SHAPES) if text is None else list(dict.fromkeys(part.strip() for part in text.split(",")))
     for name in names:
@@ -196,3 +340,64 @@ def _print(document: dict[str, Any], out: Path | None) -> None:
         print(f"- {sentence}")
     if out is not None:
         print(f"page: {out / 'design.html'}")
+
+
+# Designed joints are written into a folder: rigs, plans, figures, one page.
+
+
+def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebuild: str) -> Path:
+    """Write proposal-N/rig.toml and plan.toml, figures, design.json and design.html; return the page.
+
+    document: gets the paths of rigs and plans. Raises FileError where the folder cannot be written.
+    """
+    from sinew.figures.design_page import draw_design_curves, draw_design_front, write_design_page
+    from sinew.figures.style import save_figure
+    from sinew.measure.netcdf import provenance
+    from sinew.tune.proposal import plan_of
+
+    curves = []
+    for rank, (i, row) in enumerate(zip(found.chosen, document["proposals"], strict=True), start=1):
+        one, place = found.evaluated[i], folder / f"proposal-{rank}"
+        plan = plan_of(one)
+        place.mkdir(parents=True, exist_ok=True)
+        write_rig(one.rig, place / "rig.toml")
+        _write_plan(plan, place / "plan.toml")
+        row["rig"], row["plan"] = (str(place / name) for name in ("rig.toml", "plan.toml"))
+        curves.append(_curves(one, plan, row))
+    figures = []
+    if document["evaluated"]:
+        figure = draw_design_front(document["evaluated"], document["proposals"])
+        figures += save_figure(figure, folder / "figures", "design_front", ("png", "pdf"))
+    if curves:
+        figure = draw_design_curves(curves, document["target"]["yaw_deg"])
+        figures += save_figure(figure, folder / "figures", "design_curves", ("png", "pdf"))
+    write_json(document, folder / "design.json")
+    return write_design_page(
+        folder / "design.html",
+        document,
+        figures=figures,
+        rebuild=rebuild,
+        origins=[("versions", str(provenance("twin")["versions"]))],
+    )
+
+
+def _write_plan(plan: "Plan", path: Path) -> None:
+    from sinew.measure.netcdf import write_atomically
+    from sinew.plan.toml import dump_plan
+
+    def write(temporary: Path) -> None:
+        temporary.write_text(dump_plan(plan), encoding="utf-8")
+
+    write_atomically(path, write)
+
+
+def _curves(one: "Proposal", plan: "Plan", row: dict[str, Any]) -> "EndCurves":
+    from sinew.figures.design_page import EndCurves
+    from sinew.predict.band import COARSE
+    from sinew.predict.curves.prediction import predict
+    from sinew.predict.joint import joint_problem
+
+    assert plan.sweep is not None
+    band = 0.8 * plan.sweep.frequency_hz[0], 1.1 * plan.sweep.frequency_hz[-1]
+    problem = joint_problem(one.rig, list(plan.pretension.pretension_mm), plan.sweep.amplitude_deg, band)
+    return EndCurves(row, predict(problem, band, COARSE).branches)

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.bench_run import Port, Wait, await_port, open_rig
-from sinew.apps.console import print_json, remark
-from sinew.apps.options import Json, Rig
+from sinew.apps.console import Json, Rig, print_json, remark
 
 if TYPE_CHECKING:
-    from sinew.bench.finding import Finding, Fix
+    from sinew.bench.doctor import Finding, Fix
     from sinew.hardware.bus import Bus
-    from sinew.hardware.latency_timer import LatencyTimer
     from sinew.hardware.rig import Rig as HardwareRig
+    from sinew.hardware.serial_port import LatencyTimer
     from sinew.hardware.transport import Clock
     from sinew.plan.rig import RigSpec
 
@@ -43,8 +42,8 @@ def doctor(
     and the latency timer of the adapter. Takes about 4 s. Exit status: 0 no fault, 1 a fault remains, 2 the port cannot
     be opened.
     """
-    from sinew.bench.doctor_fixes import list_fixes
-    from sinew.hardware.latency_timer import find_latency_timer
+    from sinew.bench.doctor import list_fixes
+    from sinew.hardware.serial_port import find_latency_timer
     from sinew.plan.toml import load_rig
 
     spec = load_rig(rig)
@@ -117,7 +116,7 @@ def _may_write(fixes: "Sequence[Fix]", yes: bool) -> bool:
 
 
 def _write(port: str, spec: "RigSpec", fixes: "Sequence[Fix]", timer: "LatencyTimer | None") -> "list[Finding]":
-    from sinew.bench.doctor_fixes import apply_fixes
+    from sinew.bench.doctor import apply_fixes
 
     with open_rig(port, spec, own_time=True) as (bench, clock):
         return apply_fixes(bench, clock, fixes, timer)

@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import require_file, write_json
-from sinew.apps.options import Json, Rig, Seed
-from sinew.apps.realtime import keeping_time
+from sinew.apps.console import Json, Rig, Seed, require_file, write_json
+from sinew.apps.run_control import keeping_time
 
 if TYPE_CHECKING:
     from sinew.emulator.faults import FaultyRig
     from sinew.emulator.plant import Plant
     from sinew.emulator.pty_server import Port, PtyServer
-    from sinew.emulator.trips import Trip
+    from sinew.emulator.rig import Trip
     from sinew.plan.rig import RigSpec
 
 __all__ = ["emulate", "found_bench"]
@@ -80,10 +79,8 @@ def emulate(
     flip, duplicate, truncate, delay (by=20ms). To the bench: unplug, brown-out (to=5V), imu-freeze, overload (motor=2),
     overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm), push (torque=0.5).
     """
-    from sinew.emulator.clock_socket import ClockSocket
-    from sinew.emulator.fault_spec import parse_fault  # numpy: not for --help
-    from sinew.emulator.pty_port import refuse_taken
-    from sinew.emulator.pty_server import PtyServer
+    from sinew.emulator.faults import parse_fault  # numpy: not for --help
+    from sinew.emulator.pty_server import ClockSocket, PtyServer, refuse_taken
     from sinew.hardware.transport import MonotonicClock
     from sinew.plan.toml import load_rig
 
@@ -115,7 +112,7 @@ def emulate(
 
 def found_bench(rig: "RigSpec", seed: int, faults: list[str]) -> "FaultyRig":
     """Return an emulated bench as it is found for a seed, ready to answer. Raises SpecError for a fault unknown."""
-    from sinew.emulator.fault_spec import parse_fault
+    from sinew.emulator.faults import parse_fault
 
     start = _start(rig, seed, None, None)
     return _warm_bench(rig, start, False, seed, None, [parse_fault(text) for text in faults])
@@ -123,8 +120,7 @@ def found_bench(rig: "RigSpec", seed: int, faults: list[str]) -> "FaultyRig":
 
 def _kind_of_port(rig: "RigSpec", socket: bool) -> "Callable[[Path], Port]":
     """Return what makes the port of a name. socket: whether it is a socket, else a pseudo-terminal."""
-    from sinew.emulator.pty_port import PtyPort
-    from sinew.emulator.socket_port import SocketPort
+    from sinew.emulator.pty_server import PtyPort, SocketPort
 
     return (lambda link: SocketPort(link, rig.wiring.baud)) if socket else PtyPort
 

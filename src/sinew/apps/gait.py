@@ -6,15 +6,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import print_json, print_table, remark, require_folder, write_json
-from sinew.apps.options import Json, Start, Stop, number_list
+from sinew.apps.console import (
+    Json,
+    Start,
+    Stop,
+    number_list,
+    print_json,
+    print_table,
+    remark,
+    require_folder,
+    write_json,
+)
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import fixed, number, pair
 
 if TYPE_CHECKING:
-    from sinew.analysis.gait_bout import BoutGait
-    from sinew.analysis.gait_target import GaitTarget
     from sinew.measure.estimate import Estimate
+    from sinew.tune.gait.bout import BoutGait
+    from sinew.tune.gait.target import GaitTarget
 
 __all__ = ["gait", "gait_document"]
 
@@ -140,9 +149,9 @@ def _of_files(
 ) -> tuple["GaitTarget", list[str]]:
     from dataclasses import replace
 
-    from sinew.analysis.body_yaw import body_motion
-    from sinew.analysis.gait_target import estimate_gait, target_of_walks
     from sinew.measure.walk_file import WalkColumns, read_walk
+    from sinew.tune.gait.body_yaw import body_motion
+    from sinew.tune.gait.target import estimate_gait, target_of_walks
 
     asked = WalkColumns(**columns)
     walks, notes = [], []
@@ -160,7 +169,7 @@ def _of_files(
 
 
 def _of_numbers(stride: str | None, yaw_deg: float | None) -> "GaitTarget":
-    from sinew.analysis.gait_target import target_of_numbers
+    from sinew.tune.gait.target import target_of_numbers
 
     if stride is None or yaw_deg is None:
         raise SpecError("--stride-hz and --yaw-deg belong together, as --stride-hz 0.7:1.1 --yaw-deg 7")

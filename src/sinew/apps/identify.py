@@ -2,11 +2,15 @@
 
 import re
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
-from sinew.apps.console import print_json, progress_bar, require_folder
+import typer
+
+from sinew.apps.console import ColumnTime, Json, print_json, print_table, progress_bar, require_folder
+from sinew.apps.identify_found import Found
 from sinew.apps.identify_input import (
     is_recording,
     recording_records,
@@ -15,35 +19,87 @@ from sinew.apps.identify_input import (
     table_record,
     unit_remarks,
 )
-from sinew.apps.identify_options import (
-    EXCITATIONS,
-    Bootstrap,
-    ColumnInput,
-    ColumnOutput,
-    DrawSeed,
-    ExcitationOption,
-    FileArgument,
-    ModelOption,
-    Out,
-    Posterior,
-    PretensionOption,
-    Profile,
-    Rate,
-    RigOption,
-    Test,
-    Train,
-)
-from sinew.apps.identify_table import print_found
-from sinew.apps.options import ColumnTime, Json
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import number, shown, span
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from sinew.apps.identify_found import Found
-    from sinew.identify.record import Excitation
+    from sinew.identify.oscillator.record import Excitation
 
-__all__ = ["identify"]
+
+# `sinew identify` speaks on a terminal.
+
+_TITLES = {
+    "profile": "by profile likelihood",
+    "posterior": "posterior",
+    "bootstrap": "by bootstrap over repeats",
+}
+
+
+def print_found(found: Found) -> None:
+    """Print the numbers, the models that were compared, and the sentences, the verdict first."""
+    document = found.document
+    both = {name: document[name] for name in ("natural_frequency_hz", "damping_ratio")}
+    _print_quantities(f"model {document['model']}", both | document["parameters"])
+    for key, title in _TITLES.items():
+        if document.get(key):
+            _print_quantities(title, document[key])
+    unit = "" if document["unit"] == "1" else f"/({document['unit']})"
+    if document["compared"]:
+        compared = [(row["model"], number(row["rmse_test"]), number(row["bic"])) for row in document["compared"]]
+        print_table(("compared", f"held-out rmse{unit}", "BIC"), compared)
+    verdict, *rest = found.sentences
+    print(f"{verdict[:1].upper()}{verdict[1:]}.")
+    train, test = document["rmse"]["train"], document["rmse"]["test"]
+    held = "" if test is None else f", {number(test)} where it was held out"
+    print(f"- residuals{unit}: {number(train)} rms where it was fitted{held}")
+    for sentence in (*rest, *document["unidentifiable"]):
+        print(f"- {sentence}")
+
+
+def _print_quantities(title: str, quantities: Mapping[str, Mapping[str, Any]]) -> None:
+    cells = [(name, shown(one), span(*(one["interval90"] or (None, None)))) for name, one in quantities.items()]
+    print_table((title, "value ± std", "90 % interval"), cells)
+
+
+# The arguments and options of `sinew identify` are spelt.
+
+EXCITATIONS = ("force", "torque", "base", "lever", "none")
+_MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|tendon|auto"
+
+FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")]
+ColumnInput = Annotated[str | None, typer.Option("--input", metavar="COL[:unit]", help="Column of what drives it.")]
+ColumnOutput = Annotated[str | None, typer.Option("--output", metavar="COL[:unit]", help="Column of how it moves.")]
+ExcitationOption = Annotated[
+    str | None,
+    typer.Option("--excitation", metavar="|".join(EXCITATIONS), help="What the input is; none is a free decay."),
+]
+ModelOption = Annotated[str, typer.Option("--model", metavar=_MODELS, help="What to fit.")]
+Train = Annotated[str | None, typer.Option("--train", metavar="A:B", help="Samples to fit: indices from 0, half open.")]
+Test = Annotated[str | None, typer.Option("--test", metavar="A:B", help="Samples to predict, held out of the fit.")]
+Rate = Annotated[
+    float | None, typer.Option("--rate", metavar="HZ", help="Samples per second, where there is no time column.")
+]
+PretensionOption = Annotated[
+    float | None, typer.Option("--pretension", metavar="MM", help="Of a rig's recording; else its smallest.")
+]
+RigOption = Annotated[
+    str | None, typer.Option("--rig", metavar="RIG", help="Where model tendon begins; else the recording's rig.")
+]
+Profile = Annotated[
+    bool, typer.Option("--profile", help="Add intervals of the nonlinear numbers by profile likelihood.")
+]
+Posterior = Annotated[
+    bool, typer.Option("--posterior", help="Add the posterior by NUTS: minutes; needs the extra posterior.")
+]
+Bootstrap = Annotated[
+    int | None,
+    typer.Option("--bootstrap", metavar="N", min=20, help="Of a rig's repeats: add intervals from N draws of them."),
+]
+DrawSeed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of posterior and bootstrap.")]
+Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for fit.json, fit.html and figures.")]
 
 
 def identify(
@@ -101,7 +157,7 @@ def identify(
     found = _find(asked)
     _add(found, asked.more)
     if out is not None:
-        from sinew.apps.identify_pages import write_pages
+        from sinew.apps.identify_found import write_pages
 
         with progress_bar("draw"):
             page = write_pages(found, out, about=asked.about, rebuild=asked.command(out), origins=asked.origins)
@@ -162,7 +218,7 @@ class _Asked:
     def origins(self) -> list[tuple[str, str]]:
         """Return what the numbers were made from: the file's hash and the versions."""
         from sinew.apps.stored import hash_file
-        from sinew.measure.provenance import provenance
+        from sinew.measure.netcdf import provenance
 
         versions = str(provenance("import")["versions"])
         return [("file", str(self.file)), ("SHA-256", hash_file(self.file)), ("versions", versions)]
@@ -248,7 +304,7 @@ def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Found":
 
 
 def _add(found: "Found", more: _More) -> None:
-    from sinew.apps.identify_more import add_bootstrap, add_posterior, add_profiles
+    from sinew.apps.identify_found import add_bootstrap, add_posterior, add_profiles
 
     if more.profile:
         with progress_bar("profiles") as progress:

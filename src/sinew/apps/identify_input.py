@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray as xr
 
-    from sinew.identify.record import Excitation, Record
+    from sinew.identify.oscillator.record import Excitation, Record
     from sinew.measure.recording import Segment
     from sinew.measure.timing import Timeline
     from sinew.plan.rig import RigSpec
@@ -127,7 +127,7 @@ def _read(
 ) -> "Record":
     import numpy as np
 
-    from sinew.identify.record import make_record
+    from sinew.identify.oscillator.record import make_record
     from sinew.measure.table import find_columns, numbers, read_table
     from sinew.measure.timing import straighten_times
     from sinew.measure.units import canonical_unit, convert, unit_in_name
@@ -195,8 +195,8 @@ def recording_records(
     there are none, its ring-downs. With repeats, four frequencies in all their repeats, grouped by frequency. Sensor
     delays are those of the recording's rig.
     """
-    from sinew.analysis.torsion import drive_channel, response_channel
-    from sinew.identify.record import make_record
+    from sinew.analysis.signal.torsion import drive_channel, response_channel
+    from sinew.identify.oscillator.record import make_record
     from sinew.measure.recording import iterate_segments
 
     response, drive = response_channel(recording), drive_channel(recording)
@@ -265,7 +265,7 @@ def _repeated(rows: list["Row"]) -> list["Row"]:
 
 def _delay(recording: "xr.Dataset", frequency_hz: float) -> float:
     """Return how much later the response's stamps are than the drive's [s], by the rig's delay budget."""
-    from sinew.analysis.sensor import delay_budget, torsion_delay
+    from sinew.analysis.signal.sensor import delay_budget, torsion_delay
     from sinew.plan.toml import parse_rig
 
     text = str(recording.attrs.get("rig", ""))

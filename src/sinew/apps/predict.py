@@ -1,27 +1,161 @@
 """This is where `sinew predict` turns an oscillator's numbers, or a rig, into its steady response over frequency."""
 
+import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from sinew.apps.console import print_json, remark
-from sinew.apps.joint_options import JointOptions, with_joint_options
-from sinew.apps.options import Json, checked_band, number_list
-from sinew.apps.predict_against import Against, FittedMm
-from sinew.apps.predict_backbone import print_backbones
-from sinew.apps.predict_bands import Bands, BandSeed
-from sinew.apps.predict_document import prediction_document, print_prediction
-from sinew.apps.predict_further import Further, print_further
-from sinew.apps.predict_joint import predict_joint
-from sinew.apps.predict_rig import Amplitude, Mode, Pretension, Without, rig_asked
+from sinew.apps.console import Json, checked_band, number_list, print_json, remark, require_file, require_folder
+from sinew.apps.joint import BASE_RIG, JointOptions, design_document, designed_rig, with_joint_options, write_rig
+from sinew.apps.predict_against import (
+    Against,
+    FittedMm,
+    Held,
+    asked_of,
+    hold_against,
+    measured_against,
+    millimetres,
+    print_against,
+)
+from sinew.apps.predict_bands import Bands, BandSeed, bands_document, print_bands
+from sinew.apps.predict_rig import (
+    Amplitude,
+    Mode,
+    Pretension,
+    RigAsked,
+    Without,
+    predict_rig,
+    prediction_document,
+    print_backbones,
+    print_prediction,
+    rig_asked,
+)
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
-    from sinew.predict.branch import Prediction
+    from sinew.predict.curves.branch import Prediction
 
-__all__ = ["predict"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from sinew.apps.predict_rig import Predicted, RigAsked
+
+
+# `sinew predict` is asked for more than curves: bands, and a recording to be held against.
+
+
+class Further(NamedTuple):
+    """What is asked beside the curves. bands: number of draws; seed: of them. against: a recording; fitted_mm: the
+    pretensions that the rig was fitted to. start, stop: of the band [Hz] as given."""
+
+    bands: int | None = None
+    seed: int = 0
+    against: Path | None = None
+    fitted_mm: str | None = None
+    start: float | None = None
+    stop: float | None = None
+
+    @property
+    def given(self) -> list[str]:
+        """Return the options that were given."""
+        named = {"--bands": self.bands, "--against": self.against, "--fitted-mm": self.fitted_mm}
+        return [option for option, value in named.items() if value is not None]
+
+    def words(self, asked: "RigAsked") -> list[str]:
+        """Return the command's words that ask for the same again. asked: of the rig, before a recording was read."""
+        bands = [] if self.bands is None else ["--bands", str(self.bands), "--seed", str(self.seed)]
+        against = [] if self.against is None else ["--against", str(self.against)]
+        fitted = [] if self.fitted_mm is None else ["--fitted-mm", self.fitted_mm]
+        if self.against is None:
+            return [*asked.words(), *bands]
+        off = [word for effect in asked.without for word in ("--without", effect)]
+        return [*off, *bands, *against, *fitted]
+
+    def held(self, rig: str | None) -> Held | None:
+        """Return the recording. rig: file or name. Raises SpecError, before long work, for what cannot be meant."""
+        if self.fitted_mm is not None:
+            if self.against is None:
+                raise SpecError("--fitted-mm is about a recording; name one with --against, or leave it out")
+            millimetres(self.fitted_mm)
+        if self.bands is not None:
+            from sinew.plan.toml import load_rig
+            from sinew.predict.band import spread_of
+
+            spread_of(load_rig(rig or BASE_RIG))
+        return None if self.against is None else measured_against(self.against, rig)
+
+    def asked(self, held: Held | None, asked: "RigAsked") -> "RigAsked":
+        """Return what is asked of the rig, at the recording's settings where there is one."""
+        return asked if held is None else asked_of(held, asked, self.start, self.stop)
+
+    def answered(
+        self, held: Held | None, found: "Predicted", base: str | None, *, drawn: bool
+    ) -> "tuple[dict[str, Any], dict[str, Figure]]":
+        """Return (keys of the document, figures by name; none unless drawn). base: file or name of the rig."""
+        document: dict[str, Any] = {}
+        figures: dict[str, Figure] = {}
+        if self.bands is not None:
+            keys, bands = bands_document(found, base, self.bands, self.seed)
+            document |= keys
+            if drawn:
+                from sinew.figures.predicted import Curves, draw_bands
+
+                asked, branches = found.asked, found.prediction.branches
+                curves = Curves(found.rig.name, tuple(asked.pretensions), branches, asked.amplitude_deg)
+                figures["predicted_bands"] = draw_bands(curves, bands)
+        if held is not None:
+            document["against"], comparison = hold_against(held, found, self.fitted_mm)
+            if drawn:
+                from sinew.figures.predicted_against import draw_against
+
+                figures["predicted_against"] = draw_against(comparison)
+        return document, figures
+
+
+def print_further(document: dict[str, Any]) -> None:
+    """Print the parts of a prediction that were asked for beside the curves."""
+    if "bands" in document:
+        print_bands(document)
+    if "against" in document:
+        print_against(document["against"])
+
+
+# `sinew predict` takes a rig, or makes one, and writes what it was asked to write.
+
+
+def predict_joint(
+    base: str | None, joint: JointOptions, asked: RigAsked, further: Further, out: Path | None
+) -> tuple[dict[str, Any], Callable[[], list[dict[str, Any]]]]:
+    """Return the document of a rig's prediction, and what gives its backbones; write files where `out` says so.
+
+    base: file or name of the rig. joint: what is changed in it. further: what is asked beside the curves. out: a folder
+    for figures and page, or a file ending in .toml for the rig alone.
+    """
+    alone = out is not None and out.suffix == ".toml"
+    if out is not None:
+        if alone:
+            require_file(out)
+        else:
+            require_folder(out)
+    held = further.held(base)
+    rig, design = designed_rig(base, joint)
+    found = predict_rig(rig, further.asked(held, asked))
+    more, figures = further.answered(held, found, base, drawn=out is not None and not alone)
+    document: dict[str, Any] = {"rig": rig.name, **found.document(), **more}
+    if design is not None:
+        document |= design_document(rig, design)
+    if out is not None and alone:
+        write_rig(rig, out)
+    elif out is not None:
+        from sinew.apps.predict_pages import write_prediction
+
+        words = ["sinew", "predict", *([base] if base else []), *joint.words()]
+        words += [*further.words(asked), "--out", str(out)]
+        write_prediction(found, document, out, shlex.join(words), figures)
+    return document, found.backbones
+
 
 Backbones = Callable[[], list[dict[str, Any]]]
 
@@ -128,9 +262,9 @@ def _oscillator(
     import math
     from functools import partial
 
-    from sinew.apps.predict_backbone import oscillator_backbones
+    from sinew.apps.predict_rig import oscillator_backbones
+    from sinew.predict.curves.prediction import predict as run
     from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
-    from sinew.predict.prediction import predict as run
     from sinew.twin.cache import configure
 
     values: dict[str, float] = {}

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import print_table
-from sinew.apps.options import number_list
+from sinew.apps.console import number_list, print_table
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -96,10 +95,9 @@ def asked_of(held: Held, asked: "RigAsked", start: float | None, stop: float | N
 def hold_against(held: Held, found: "Predicted", fitted_mm: str | None) -> "tuple[dict[str, Any], Comparison]":
     """Return (the key `against` of a prediction, the comparison)."""
     from sinew.predict.against import compare
-    from sinew.predict.joint import RESOLUTION
-    from sinew.predict.lever import lever_problem
-    from sinew.predict.prediction import predict
-    from sinew.twin.effects import Effects
+    from sinew.predict.curves.prediction import predict
+    from sinew.predict.joint import RESOLUTION, lever_problem
+    from sinew.twin.parameters import Effects
 
     measured, asked = held.measured, found.asked
     lever = None
@@ -121,7 +119,7 @@ def millimetres(text: str) -> list[float]:
 
 
 def _document(held: Held, comparison: "Comparison", fitted: tuple[float, ...], with_lever: bool) -> dict[str, Any]:
-    from sinew.predict.score import scores_of
+    from sinew.predict.against import scores_of
 
     scores = {
         subset: {_key(name): _score(name, one) for name, one in each.items()}
@@ -160,7 +158,7 @@ def _key(name: str) -> str:
 def _score(name: str, score: Any) -> dict[str, Any]:
     from math import degrees, isfinite
 
-    from sinew.predict.score import is_angle
+    from sinew.predict.against import is_angle
 
     def number(value: float, *, angle: bool) -> float | None:
         return None if not isfinite(value) else degrees(value) if angle else value
@@ -175,7 +173,7 @@ def _place(name: str, reading: Any, place: tuple[int, ...]) -> dict[str, Any] | 
     from math import degrees, isfinite
 
     from sinew.measure.estimate import Estimate
-    from sinew.predict.score import estimate_at, is_angle
+    from sinew.predict.against import estimate_at, is_angle
 
     measured, predicted, error = estimate_at(name, reading, place)
     if not (isfinite(measured.value) and isfinite(predicted)):

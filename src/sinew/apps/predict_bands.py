@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from sinew.apps.console import print_table, progress_bar
-from sinew.apps.joint_options import BASE_RIG
+from sinew.apps.joint import BASE_RIG
 from sinew.measure.estimate import span
 
 if TYPE_CHECKING:
@@ -34,9 +34,8 @@ def bands_document(found: "Predicted", base: str | None, count: int, seed: int) 
     Raises SpecError where nothing is known of how certain the rig's parameters are.
     """
     from sinew.plan.toml import load_rig
-    from sinew.predict.drawn import bands_of
-    from sinew.predict.draws import carried_over, draw_rigs
-    from sinew.twin.effects import Effects
+    from sinew.predict.band import bands_of, carried_over, draw_rigs
+    from sinew.twin.parameters import Effects
 
     asked = found.asked
     rig, changed = carried_over(load_rig(base or BASE_RIG), found.rig)

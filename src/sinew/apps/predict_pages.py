@@ -26,8 +26,7 @@ def write_prediction(
     rebuild: the command line that makes it again. more: further figures, by name. Raises FileError where the folder
     cannot be written.
     """
-    from sinew.figures.predicted import draw_predicted
-    from sinew.figures.predicted_map import draw_predicted_map
+    from sinew.figures.predicted import draw_predicted, draw_predicted_map
 
     curves = _curves(found)
     figures = {"predicted_response": draw_predicted(curves), "predicted_map": draw_predicted_map([curves])} | dict(more)
@@ -37,8 +36,7 @@ def write_prediction(
 
 def write_comparison(rigs: Sequence[Predicted], document: dict[str, Any], folder: Path, rebuild: str) -> Path:
     """Write comparison.json, figures and comparison.html into a folder; return the page."""
-    from sinew.figures.predicted_comparison import draw_comparison
-    from sinew.figures.predicted_map import draw_predicted_map
+    from sinew.figures.predicted import draw_comparison, draw_predicted_map
 
     curves = [_curves(found) for found in rigs]
     figures = {"predicted_comparison": draw_comparison(curves), "predicted_map": draw_predicted_map(curves)}
@@ -63,7 +61,7 @@ def _write(
 ) -> Path:
     from sinew.figures.prediction_page import write_prediction_page
     from sinew.figures.style import save_figure
-    from sinew.measure.provenance import provenance
+    from sinew.measure.netcdf import provenance
 
     paths = []
     for name, figure in figures.items():

@@ -4,31 +4,110 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, cast
 
 import typer
 
-from sinew.apps.options import LARGEST_DEG, checked_band, checked_number, number_list
-from sinew.apps.predict_document import prediction_document
+from sinew.apps.console import LARGEST_DEG, checked_band, checked_number, number_list, print_table
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sinew.plan.plan import TendonMode
     from sinew.plan.rig import RigSpec
-    from sinew.predict.branch import Prediction
+    from sinew.predict.curves.branch import Prediction
+    from sinew.predict.curves.prediction import Problem
     from sinew.predict.joints.validity import Check
-    from sinew.predict.prediction import Problem
 
-__all__ = [
-    "Amplitude",
-    "Mode",
-    "Predicted",
-    "Pretension",
-    "RigAsked",
-    "Without",
-    "check_mode",
-    "predict_rig",
-    "refuse_pretensions",
-    "rig_asked",
-]
+if TYPE_CHECKING:
+    from sinew.predict.curves.branch import Branch, Mark, Prediction
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from sinew.plan.plan import TendonMode
+    from sinew.plan.rig import RigSpec
+    from sinew.predict.curves.backbone import Backbone
+    from sinew.predict.curves.branch import Branch
+    from sinew.predict.describing import Equivalent
+    from sinew.predict.oscillator import Oscillator
+    from sinew.twin.parameters import Effects
+
+
+# A prediction becomes the JSON document of `sinew predict`, and the table that is printed of it.
+
+
+def _mark(mark: "Mark | None") -> dict[str, float] | None:
+    from math import degrees
+
+    if mark is None:
+        return None
+    return {"frequency_hz": mark.frequency_hz, "amplitude_deg": degrees(mark.amplitude)}
+
+
+def _branch(branch: "Branch", pretension_mm: float) -> dict[str, Any]:
+    import numpy as np
+
+    return {
+        "pretension_mm": pretension_mm if np.isfinite(pretension_mm) else None,
+        "frequency_hz": branch.frequency_hz.tolist(),
+        "amplitude_deg": np.degrees(branch.amplitude).tolist(),
+        "fundamental_deg": np.degrees(branch.fundamental).tolist(),
+        "phase_deg": np.degrees(branch.phase).tolist(),
+        "stable": branch.stable.tolist(),
+        "multiplier": branch.multiplier.tolist(),
+        "harmonic_shares": shares_document(branch),
+        "folds": [_mark(fold) for fold in branch.folds],
+        "peak": _mark(branch.peak),
+        "fundamental_peak": _mark(branch.fundamental_peak),
+        "phase_90": _mark(branch.phase_90),
+        "error": branch.error.tolist(),
+        "complete": branch.complete,
+        "message": branch.message,
+    }
+
+
+def prediction_document(prediction: "Prediction", pretensions: list[float]) -> dict[str, Any]:
+    """Return the document of a prediction. pretensions: of its branches [mm]; NaN for an oscillator."""
+    return {
+        "branches": [_branch(one, mm) for one, mm in zip(prediction.branches, pretensions, strict=True)],
+        "harmonics": prediction.harmonics,
+        "error_estimate": prediction.error_estimate,
+        "wall_s": prediction.wall_s,
+    }
+
+
+def mark_cell(mark: dict[str, float] | None) -> str:
+    """Return a marked point in words."""
+    return "-" if mark is None else f"{number(mark['frequency_hz'], unit='Hz')}, {number(mark['amplitude_deg'])}°"
+
+
+def print_prediction(document: dict[str, Any]) -> None:
+    """Print a row for each branch, and what is to be said of them."""
+    rows = []
+    for branch in document["branches"]:
+        pretension = branch["pretension_mm"]
+        folds = "; ".join(mark_cell(fold) for fold in branch["folds"]) or "none"
+        name = "-" if pretension is None else f"{pretension:g}"
+        steady = f"{sum(branch['stable'])} of {len(branch['stable'])}"
+        peaks = (mark_cell(branch[key]) for key in ("peak", "fundamental_peak", "phase_90"))
+        rows.append((name, *peaks, folds, steady))
+    head = ("pretension/mm", "peak (Eq. 6)", "peak of the fundamental", "90° of phase", "folds", "stable points")
+    print_table(head, rows)
+    print_remarks(document)
+    error = document["error_estimate"]
+    print(f"{document['harmonics']} harmonics, error estimate {error:.1e}, {document['wall_s'] * 1e3:.0f} ms")
+
+
+def print_remarks(document: dict[str, Any], *, faults_only: bool = False) -> None:
+    """Print what a curve did not reach, and what each assumption is worth; faults_only: those that do not hold."""
+    for branch in document["branches"]:
+        if not branch["complete"] or "not" in branch["message"]:
+            print(f"- {branch['message']}")
+    for check in document.get("validity", []):
+        if faults_only and check["holds"]:
+            continue
+        print(f"- {check['check']} {'holds' if check['holds'] else 'DOES NOT HOLD'}: {check['sentence']}")
+
 
 _MODES = ("position", "position-with-current-limit", "current")
 _BAND_HZ = (1.0, 6.0)
@@ -84,8 +163,7 @@ class Predicted(NamedTuple):
 
     def backbones(self) -> list[dict[str, Any]]:
         """Return the documents of its backbones."""
-        from sinew.apps.predict_backbone import rig_backbones
-        from sinew.twin.effects import Effects
+        from sinew.twin.parameters import Effects
 
         asked, effects = self.asked, Effects().without(*self.asked.without)
         mode = cast("TendonMode", asked.mode)
@@ -128,12 +206,11 @@ def predict_rig(rig: "RigSpec", asked: RigAsked) -> Predicted:
     """
     import numpy as np
 
+    from sinew.predict.curves.prediction import predict
     from sinew.predict.joint import RESOLUTION, joint_problem
-    from sinew.predict.joints.loads import loads_of
-    from sinew.predict.joints.validity import check_drive, check_joint, doubt_broken_curves
-    from sinew.predict.prediction import predict
+    from sinew.predict.joints.validity import check_drive, check_joint, doubt_broken_curves, loads_of
     from sinew.twin.cache import configure
-    from sinew.twin.effects import Effects
+    from sinew.twin.parameters import Effects
 
     refuse_pretensions(rig, asked.pretensions)
     configure()
@@ -146,3 +223,113 @@ def predict_rig(rig: "RigSpec", asked: RigAsked) -> Predicted:
     broken = [mm for mm, one in zip(asked.pretensions, prediction.branches, strict=True) if not one.complete]
     checks = [*doubt_broken_curves(checks, broken), *check_drive(rig, asked.amplitude_deg, asked.band_hz[1])]
     return Predicted(rig, asked, problem, prediction, checks)
+
+
+# `sinew predict` tells of backbones and of harmonics above the first.
+
+
+def _numbers(values: "NDArray[np.float64]") -> list[float | None]:
+    import numpy as np
+
+    return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def shares_document(branch: "Branch") -> dict[str, list[float | None]]:
+    """Return the harmonics from the second to the fifth as shares of the fundamental, by order."""
+    from sinew.predict.describing import harmonic_shares
+
+    return {str(order): _numbers(share) for order, share in harmonic_shares(branch).items()}
+
+
+def equivalent_document(equivalent: "Equivalent") -> dict[str, list[float | None]]:
+    """Return the spring and damper that take the fundamental's place."""
+    return {
+        "stiffness_n_m_rad": _numbers(equivalent.stiffness),
+        "damping_n_m_s_rad": _numbers(equivalent.damping),
+        "damping_ratio": _numbers(equivalent.damping_ratio),
+    }
+
+
+def _document(
+    backbone: "Backbone", pretension_mm: float | None, drive: dict[str, Any], equivalent: "Equivalent"
+) -> dict[str, Any]:
+    import numpy as np
+
+    curve = backbone.curve
+    return {
+        "pretension_mm": pretension_mm,
+        "frequency_hz": curve.frequency_hz.tolist(),
+        "amplitude_deg": np.degrees(curve.amplitude).tolist(),
+        "fundamental_deg": np.degrees(curve.fundamental).tolist(),
+        **drive,
+        **equivalent_document(equivalent),
+        "harmonic_shares": shares_document(curve),
+        "stable": curve.stable.tolist(),
+        "multiplier": curve.multiplier.tolist(),
+        "error": curve.error.tolist(),
+        "complete": curve.complete,
+        "message": curve.message,
+    }
+
+
+def oscillator_backbones(one: "Oscillator", band_hz: tuple[float, float]) -> list[dict[str, Any]]:
+    """Return the backbone of an oscillator up to its drive."""
+    import numpy as np
+
+    from sinew.predict.curves.backbone import follow_backbones
+    from sinew.predict.describing import equivalent_of_oscillator
+    from sinew.predict.oscillator import oscillator_problem, resolution_of
+
+    (backbone,) = follow_backbones(oscillator_problem([one], band_hz), band_hz, resolution_of([one]))
+    share = backbone.share
+    drive = {"torque_n_m": (share * one.torque).tolist()}
+    if one.base:
+        drive = {"base_deg": np.degrees(share * one.base).tolist()}
+    return [_document(backbone, None, drive, equivalent_of_oscillator(backbone.curve, one, share))]
+
+
+def rig_backbones(
+    rig: "RigSpec",
+    pretensions: list[float],
+    amplitude_deg: float,
+    band_hz: tuple[float, float],
+    mode: "TendonMode",
+    effects: "Effects",
+) -> list[dict[str, Any]]:
+    """Return the backbone of a rig at each pretension, up to an amplitude of the command."""
+    import numpy as np
+
+    from sinew.predict.curves.backbone import follow_backbones
+    from sinew.predict.describing import equivalent_of_rig
+    from sinew.predict.joint import RESOLUTION, joint_problem
+
+    problem = joint_problem(rig, pretensions, amplitude_deg, band_hz, mode=mode, effects=effects)
+    documents = []
+    for mm, backbone in zip(pretensions, follow_backbones(problem, band_hz, RESOLUTION), strict=True):
+        command = backbone.share * np.radians(amplitude_deg)
+        lever = backbone.curve.drive * (command if problem.equations.drive is None else 1.0)
+        drive = {
+            "command_deg": np.degrees(command).tolist(),
+            "lever_deg": np.degrees(np.abs(lever)).tolist(),
+        }
+        documents.append(_document(backbone, mm, drive, equivalent_of_rig(backbone.curve, lever, rig)))
+    return documents
+
+
+def print_backbones(backbones: list[dict[str, Any]]) -> None:
+    """Print where each backbone begins and ends."""
+
+    def cells(one: dict[str, Any], at: int) -> str:
+        ratio = one["damping_ratio"][at]
+        swing = f"{number(one['frequency_hz'][at], unit='Hz')}, {number(one['amplitude_deg'][at])}°"
+        return swing if ratio is None else f"{swing}, D {number(ratio, 3)}"
+
+    rows = []
+    for one in backbones:
+        name = "-" if one["pretension_mm"] is None else f"{one['pretension_mm']:g}"
+        ends = (cells(one, 0), cells(one, -1)) if one["frequency_hz"] else ("-", "-")
+        rows.append((name, *ends, str(len(one["frequency_hz"]))))
+    print_table(("pretension/mm", "weakest drive", "whole drive", "points"), rows, "backbone: response lags by 90°")
+    for one in backbones:
+        if not one["complete"]:
+            print(f"- {one['message']}")

@@ -12,8 +12,7 @@ import typer
 
 from sinew.apps.analyse import analyse_with, recording_rig
 from sinew.apps.answer import stored_answers
-from sinew.apps.console import print_json, print_table, progress_bar, require_folder, write_json
-from sinew.apps.options import Json, Rig, Seed
+from sinew.apps.console import Json, Rig, Seed, print_json, print_table, progress_bar, require_folder, write_json
 from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results, stored_times
 from sinew.measure.errors import FileError
 from sinew.measure.estimate import number, shown_interval
@@ -32,7 +31,7 @@ class _Campaign:
     """Everything that the pages of a campaign are made from.
 
     beyond: results of a sweep above the paper's 12 mm, or None. rig: None where none is known.
-    effects: what each effect of the twin adds, see `sinew.figures.shares`; empty where it was not measured.
+    effects: what each effect of the twin adds, see `sinew.paper.shares`; empty where it was not measured.
     rebuild: the command that makes all of it again.
     """
 
@@ -148,7 +147,7 @@ def _rebuild(recording: "xr.Dataset", folder: Path, rig: str | None) -> str:
 
 def _measure_effects(plan: "Plan", rig: "RigSpec", folder: Path) -> list[dict[str, Any]]:
     """Return the share of each effect, also written to effects.json; empty for a plan of other pretensions."""
-    from sinew.figures.shares import SHARE_PRETENSIONS_MM, effect_shares
+    from sinew.paper.shares import SHARE_PRETENSIONS_MM, effect_shares
 
     (folder / "effects.json").unlink(missing_ok=True)
     if not set(SHARE_PRETENSIONS_MM) <= set(plan.pretension.pretension_mm):
@@ -169,9 +168,9 @@ def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path) -> "x
 
 
 def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: float | None = None) -> dict[str, Any]:
-    from sinew.figures.figures import draw_figures
-    from sinew.figures.report import write_report
-    from sinew.figures.summary import summarise
+    from sinew.paper.figures import draw_figures
+    from sinew.paper.report import write_report
+    from sinew.paper.summary import summarise
 
     with progress_bar("draw"):
         workers = min(4, os.cpu_count() or 1)
@@ -202,8 +201,7 @@ def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: flo
 
 def _determination(rig: "RigSpec | None") -> dict[str, dict[str, Any]] | None:
     """Return how far the parameters of a shipped rig can move; None for any other rig, even one of the same name."""
-    from sinew.plan.library import list_shipped, read_ranges
-    from sinew.plan.toml import load_rig
+    from sinew.plan.toml import list_shipped, load_rig, read_ranges
 
     if rig is None or rig.name not in list_shipped("rigs") or load_rig(rig.name) != rig:
         return None
@@ -211,7 +209,7 @@ def _determination(rig: "RigSpec | None") -> dict[str, dict[str, Any]] | None:
 
 
 def _show(summary: dict[str, Any], folder: Path, *, json: bool) -> None:
-    from sinew.figures.paper import count_roles
+    from sinew.paper.table import count_roles
 
     if json:
         print_json(summary)

@@ -24,11 +24,8 @@ from sinew.apps.bench_run import (
     run_journal,
     source_of,
 )
-from sinew.apps.console import print_json, remark
-from sinew.apps.options import Json, PlanArgument, Rig
-from sinew.apps.realtime import keeping_time
-from sinew.apps.run_control import listening
-from sinew.apps.screen import showing
+from sinew.apps.console import Json, PlanArgument, Rig, print_json, remark
+from sinew.apps.run_control import keeping_time, listening, showing
 
 if TYPE_CHECKING:
     from sinew.plan.plan import Plan

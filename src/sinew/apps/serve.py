@@ -16,8 +16,7 @@ from urllib.parse import quote
 
 import typer
 
-from sinew.apps.console import remark
-from sinew.apps.options import Json, Seed
+from sinew.apps.console import Json, Seed, remark
 
 if TYPE_CHECKING:
     from sinew.apps.dashboard.access import Access

@@ -6,8 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from sinew.apps.console import print_json, progress_bar, require_file
-from sinew.apps.options import Json, PlanArgument, Rig, Seed
+from sinew.apps.console import Json, PlanArgument, Rig, Seed, print_json, progress_bar, require_file
 
 __all__ = ["simulate"]
 
@@ -31,7 +30,7 @@ def simulate(
     from sinew.measure.netcdf import save_recording
     from sinew.plan.check import refuse_beyond_limits
     from sinew.plan.toml import load_plan, load_rig
-    from sinew.twin.effects import Effects
+    from sinew.twin.parameters import Effects
     from sinew.twin.simulate import simulate as run
 
     plan_, rig_ = load_plan(plan), load_rig(rig)

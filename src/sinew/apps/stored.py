@@ -29,8 +29,7 @@ def stored_results(path: Path, recording: "xr.Dataset", rig: "RigSpec | None") -
 
     None without a remark where there is no such file.
     """
-    from sinew.measure.netcdf import load_results
-    from sinew.measure.provenance import content_hash
+    from sinew.measure.netcdf import content_hash, load_results
 
     if not path.is_file():
         return None
@@ -82,7 +81,7 @@ def stored_times(path: Path) -> dict[str, float]:
 
 
 def _is_of_rig(dataset: "xr.Dataset", rig: "RigSpec | None") -> bool:
-    from sinew.figures.rig import rig_of
+    from sinew.figures.motion import rig_of
 
     try:
         return rig_of(dataset) == rig

@@ -46,7 +46,7 @@ def _print_response(rows: list[dict[str, Any]], results: "xr.Dataset") -> None:
     """Print the essential columns of a sweep; all others are in the JSON document."""
     import numpy as np
 
-    from sinew.analysis.repeats import combine_repeats
+    from sinew.analysis.signal.repeats import combine_repeats
 
     gain = results["gain"].values
     scatter = combine_repeats(gain, np.full(gain.shape, np.nan)).std_of_value

@@ -5,8 +5,16 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from sinew.apps.console import print_json, print_table, require_file, require_folder
-from sinew.apps.options import LARGEST_DEG, Json, checked_band, number_list
+from sinew.apps.console import (
+    LARGEST_DEG,
+    Json,
+    checked_band,
+    number_list,
+    print_json,
+    print_table,
+    require_file,
+    require_folder,
+)
 from sinew.apps.predict_rig import refuse_pretensions
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import fixed, number
@@ -15,7 +23,7 @@ if TYPE_CHECKING:
     from sinew.plan.plan import TendonMode
     from sinew.plan.rig import RigSpec
     from sinew.predict.linear import Gear
-    from sinew.twin.effects import Effects
+    from sinew.twin.parameters import Effects
 
 __all__ = ["transfer"]
 
@@ -69,9 +77,8 @@ def transfer(
         (require_file if out.suffix else require_folder)(out)
 
     from sinew.plan.toml import load_rig
-    from sinew.predict.linear import linear_joints
-    from sinew.predict.transfer_file import joint_document, write_transfer
-    from sinew.twin.effects import Effects
+    from sinew.predict.linear import joint_document, linear_joints, write_transfer
+    from sinew.twin.parameters import Effects
 
     spec = load_rig(rig)
     refuse_pretensions(spec, pretensions)
@@ -119,10 +126,10 @@ def _describing(
 ) -> list[dict[str, Any]]:
     import math
 
-    from sinew.apps.predict_backbone import equivalent_document
+    from sinew.apps.predict_rig import equivalent_document
+    from sinew.predict.curves.prediction import predict
     from sinew.predict.describing import describing_function
     from sinew.predict.joint import RESOLUTION, joint_problem
-    from sinew.predict.prediction import predict
 
     lanes = [(mm, degrees) for mm in pretensions for degrees in amplitudes]
     problem = joint_problem(

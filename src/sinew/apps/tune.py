@@ -4,8 +4,16 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from sinew.apps.console import print_json, print_table, progress_bar
-from sinew.apps.options import HIGHEST_HZ, LARGEST_DEG, Json, checked_number, number_list
+from sinew.apps.console import (
+    HIGHEST_HZ,
+    LARGEST_DEG,
+    Json,
+    checked_number,
+    number_list,
+    print_json,
+    print_table,
+    progress_bar,
+)
 from sinew.apps.predict_rig import Mode, check_mode
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import fixed, number, shown_interval
@@ -13,9 +21,8 @@ from sinew.measure.estimate import fixed, number, shown_interval
 if TYPE_CHECKING:
     from sinew.plan.plan import TendonMode
     from sinew.plan.rig import RigSpec
-    from sinew.predict.draws import Draws
-    from sinew.tune.pretension import Setting, Tuning
-    from sinew.tune.reachable import Reachable
+    from sinew.predict.band import Draws
+    from sinew.tune.pretension import Reachable, Setting, Tuning
 
 __all__ = ["tune", "tuning_document"]
 
@@ -141,7 +148,7 @@ def _frequencies(text: str) -> list[float]:
 
 def _draws(rig: "RigSpec", bands: int | None, seed: int) -> "tuple[Draws | None, str]":
     """Return (draws where something is known of the rig's uncertainty, the sentence why there are none)."""
-    from sinew.predict.draws import draw_rigs
+    from sinew.predict.band import draw_rigs
 
     if bands == 0:
         return None, ""

@@ -3,24 +3,67 @@
 What takes time to measure, the sensor and the loop, is in `sinew.bench.doctor_measures`.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from typing import Literal
 
-from sinew.bench.finding import Finding, Fix
 from sinew.hardware.bus import Bus
-from sinew.hardware.configuration import Post, Setting, read_counts, unfit_settings
-from sinew.hardware.errors import HardwareError, PortError
+from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
+from sinew.hardware.errors import DeviceError, HardwareError, PortError
 from sinew.hardware.imu import Imu
-from sinew.hardware.imu_registers import IMUS
-from sinew.hardware.latency_timer import WANTED_MS, LatencyTimer
 from sinew.hardware.motor import Identity, Motor, name_hardware_errors
-from sinew.hardware.motor_registers import BAUD_RATES, MOTORS, WATCHDOG_TRIPPED
-from sinew.hardware.reply import Outcome
+from sinew.hardware.motor_registers import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
+from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
+from sinew.hardware.transport import Clock, Outcome
 from sinew.plan.rig import Limits
 
-__all__ = ["FAST_READS_FROM", "Roll", "call_roll", "examine_motors", "examine_port", "search_bauds"]
+# It is said what the doctor found: one fact, how bad it is, and what to do.
+
+Severity = Literal["ok", "note", "warning", "fault"]
+"""note: nothing is wrong. warning: a run works, worse than it could. fault: a run is refused, or would be wrong."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A safe setting that the doctor can write.
+
+    device: name of the motor, or "port". register: of the motor; "reboot" and "latency_timer" are none.
+    found, wanted: counts; of the timer milliseconds.
+    """
+
+    device: str
+    register: str
+    found: int
+    wanted: int
+
+    def __str__(self) -> str:
+        if self.register == "reboot":
+            return f"{self.device}: reboot, its torque being off"
+        return f"{self.device}: {self.register} from {self.found} to {self.wanted}"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One fact about a bench.
+
+    subject: the device, or "bus", "port", "loop". found, expected: texts, with units. advice: what to do; empty where
+    nothing is to be done. fix: what the doctor could write himself; None where it takes a person.
+    """
+
+    severity: Severity
+    subject: str
+    found: str
+    expected: str = ""
+    advice: str = ""
+    fix: Fix | None = None
+
+    @property
+    def fixable(self) -> bool:
+        """Whether the doctor can put it right himself."""
+        return self.fix is not None
+
 
 FAST_READS_FROM = 45
 """Firmware from which an X430 motor knows the fast reads of several devices."""
@@ -235,3 +278,71 @@ def _setting_finding(motor: Motor, setting: Setting) -> Finding:
 def _model_name(number: int) -> str:
     table = MOTORS.get(number) or IMUS.get(number)
     return table.model if table else f"model {number}"
+
+
+# The doctor puts right what he found: only safe settings, only with the torque off, and read back.
+
+_REBOOT_S = 1.0
+# What makes a motor answer, then what makes it listen, then the rest.
+_FIRST = ("status_return_level", "reboot", "bus_watchdog")
+
+
+def list_fixes(findings: Iterable[Finding]) -> list[Fix]:
+    """Return what the doctor could write, in the order in which it has to be."""
+    fixes = [finding.fix for finding in findings if finding.fix is not None]
+    return sorted(fixes, key=lambda fix: _FIRST.index(fix.register) if fix.register in _FIRST else len(_FIRST))
+
+
+def apply_fixes(rig: Rig, clock: Clock, fixes: Sequence[Fix], timer: LatencyTimer | None = None) -> list[Finding]:
+    """Write settings and read them back; return a finding for each: ok, or a warning that says why not.
+
+    A motor whose torque is on is left as it is. timer: of the port's adapter. Raises PortError if the port is gone.
+    """
+    motors = {motor.name: motor for motor in rig.motors}
+    return [_apply(rig, clock, fix, motors.get(fix.device), timer) for fix in fixes]
+
+
+def _apply(rig: Rig, clock: Clock, fix: Fix, motor: Motor | None, timer: LatencyTimer | None) -> Finding:
+    try:
+        if motor is not None:
+            _apply_to_motor(rig, clock, fix, motor)
+        elif timer is not None:
+            _set_timer(timer, fix.wanted)
+    except PortError as trouble:
+        if motor is not None:
+            raise
+        return Finding("warning", fix.device, str(trouble), str(fix.wanted))
+    except HardwareError as trouble:
+        return Finding("warning", fix.device, str(trouble), f"{fix.register} {fix.wanted}")
+    return Finding("ok", fix.device, f"{fix.register} is {fix.wanted} now" if fix.register != "reboot" else "rebooted")
+
+
+def _apply_to_motor(rig: Rig, clock: Clock, fix: Fix, motor: Motor) -> None:
+    if fix.register == "status_return_level":
+        answer_everything(motor)
+        return
+    motor.require_torque_off(f"to write {fix.register}" if fix.register != "reboot" else "to be rebooted")
+    if fix.register == "reboot":
+        _reboot(rig, clock, motor)
+    elif fix.register == "bus_watchdog":
+        motor.disarm_watchdog()
+    else:
+        motor.ensure_count(fix.register, fix.wanted)
+
+
+def _reboot(rig: Rig, clock: Clock, motor: Motor) -> None:
+    reply = rig.bus.reboot(motor.id)
+    if not reply.ok:
+        raise DeviceError(f"{motor.name} did not reboot: {reply}; switch its supply off and on")
+    clock.wait_until(clock.now() + _REBOOT_S)
+    rig.forget()
+    if errors := motor.hardware_errors():
+        raise DeviceError(
+            f"{motor.name} still reports {', '.join(errors)} after a reboot, expected nothing; replace it"
+        )
+
+
+def _set_timer(timer: LatencyTimer, wanted: int) -> None:
+    timer.write(wanted)
+    if (found := timer.read()) != wanted:
+        raise PortError(f"{timer.path} is {found} after {wanted} was written; expected {wanted} ms")

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sinew.bench.finding import Finding
+from sinew.bench.doctor import Finding
 from sinew.hardware.errors import HardwareError, PortError
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import Rig

@@ -15,9 +15,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self
 
-from sinew.bench.journal_tables import APPLICATION_ID, JOURNAL_VERSION, REGISTERS, insert_sample, sample_row, statements
 from sinew.bench.journal_writer import BatchWriter, cannot_write
-from sinew.bench.sample import MISSING, Sample
+from sinew.bench.sample import (
+    APPLICATION_ID,
+    JOURNAL_VERSION,
+    MISSING,
+    REGISTERS,
+    Sample,
+    insert_sample,
+    sample_row,
+    statements,
+)
 from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
 from sinew.plan.toml import parse_rig

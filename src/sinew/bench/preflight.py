@@ -7,9 +7,8 @@ from sinew.bench.errors import StartError
 from sinew.hardware.errors import HardwareError, PortError
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.motor import Motor
-from sinew.hardware.reply import Outcome, Reply
 from sinew.hardware.rig import Rig
-from sinew.hardware.transport import Clock
+from sinew.hardware.transport import Clock, Outcome, Reply
 from sinew.plan.plan import Plan
 from sinew.plan.rig import Limits
 

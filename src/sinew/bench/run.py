@@ -5,7 +5,8 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -14,19 +15,18 @@ from sinew.bench.conversion import group_is_whole
 from sinew.bench.errors import BenchError, LostError, PauseError, StartError, StoppedError
 from sinew.bench.group import pause, run_group
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
-from sinew.bench.health import Health, Progress
 from sinew.bench.journal import Journal
 from sinew.bench.listeners import Listener
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.preflight import refuse_unready
 from sinew.bench.pretension import Contact, MotorMap, Pretensioned, pull_to_contact, set_pretension
-from sinew.bench.report import RunReport
 from sinew.bench.sample import Sample
 from sinew.bench.settle import SettleRule
 from sinew.bench.steering import SafeState, Steering
 from sinew.bench.stops import StopReport, stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.bench.tracking import DriveLaw, Levelled, Mover, run_tracking
+from sinew.hardware.bus import Bus
 from sinew.hardware.configuration import prepare_goal
 from sinew.hardware.errors import HardwareError, PortError
 from sinew.hardware.motor import Motor
@@ -38,7 +38,105 @@ from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 from sinew.plan.plan import Group, Plan
 
-__all__ = ["LIMIT_RESERVE_N", "Runner"]
+# It is told once a second how a run fares: cycles, bus, temperatures, progress.
+
+HEALTH_S = 1.0
+"""Time between two reports [s]."""
+
+
+class Progress:
+    """How far a run is. state: what it is at, in words. done_s, total_s: of the plan [s]; group, groups: of the plan.
+
+    group counts from 0 and is None before the first. newest_s: time of the newest cycle, by the run's clock [s].
+    """
+
+    def __init__(self, groups: int, total_s: float) -> None:
+        self.state = "starting"
+        self.group: int | None = None
+        self.newest_s = 0.0
+        self.groups, self.total_s = groups, total_s
+        self._before = self._length = 0.0
+        self._began: float | None = None
+
+    def begin(self, group: int, before_s: float, length_s: float, now: float) -> None:
+        """Note that a group begins, after so much of the plan [s]."""
+        self.group, self._before, self._length, self._began = group, before_s, length_s, now
+
+    def end(self) -> None:
+        """Note that the group under way is over."""
+        self._before, self._began = self._before + self._length, None
+
+    def done_s(self, now: float) -> float:
+        """Return how much of the plan is done at a time of the run's clock [s]."""
+        under_way = 0.0 if self._began is None else min(self._length, max(0.0, now - self._began))
+        return self._before + under_way
+
+
+class Health:
+    """Gathers what is told, from the loop, the bus and the progress of a run."""
+
+    def __init__(self, loop: Loop, bus: Bus, progress: Progress) -> None:
+        self._loop, self._bus, self._progress = loop, bus, progress
+        self._celsius: dict[str, float] = {}
+        self._told = -math.inf
+        self._volts = math.nan
+
+    def take(self, now: float, supply_v: float) -> str | None:
+        """Take what the newest cycle told, at a time [s]; return a report as JSON when one is due, else None."""
+        reading = self._loop.last
+        if reading is not None and reading.climate is not None:
+            self._celsius[reading.climate.name] = reading.climate.temperature
+        self._volts, self._progress.newest_s = supply_v, now
+        if not now - self._told >= HEALTH_S:
+            return None
+        self._told = now
+        return json.dumps(self.document(now))
+
+    def document(self, now: float) -> dict[str, Any]:
+        """Return how the run fares at a time [s]."""
+        cycles, progress = self._loop.statistics, self._progress
+        return {
+            "state": progress.state,
+            "cycles": cycles.cycles,
+            "missed": cycles.missed,
+            "incomplete": cycles.incomplete,
+            "worst_late_ms": round(1e3 * cycles.worst_late_s, 3),
+            "busy_ms": round(1e3 * cycles.busy_s / max(1, cycles.cycles), 3),
+            "temperature_c": dict(sorted(self._celsius.items())),
+            "supply_v": None if math.isnan(self._volts) else round(self._volts, 2),
+            "bus": asdict(self._bus.statistics),
+            "done_s": round(progress.done_s(now), 2),
+            "total_s": round(progress.total_s, 2),
+            "group": progress.group,
+            "groups": progress.groups,
+        }
+
+
+# It is noted how a run ended.
+
+
+@dataclass(slots=True)
+class RunReport:
+    """How a run ended.
+
+    is_complete: every group of the plan is recorded. sentence: what ended it. stop: how the rig was left.
+    groups_done, groups: of the plan, those of earlier attempts included. loop: of the cycles. pretensions: as they came
+    out, in order. tracks: the last state of the law of each tracking group of this run, by its index in the plan.
+    pauses: what was said of each pause of the computer after which the run went on by itself.
+    halted_s: from the request that ended the run until all motors were frozen [s]; None where there was none.
+    """
+
+    groups: int
+    groups_done: int = 0
+    is_complete: bool = False
+    sentence: str = ""
+    stop: StopReport | None = None
+    loop: LoopStatistics = field(default_factory=LoopStatistics)
+    pretensions: list[Pretensioned] = field(default_factory=list)
+    tracks: dict[int, dict[str, float | bool | None]] = field(default_factory=dict)
+    pauses: list[str] = field(default_factory=list)
+    halted_s: float | None = None
+
 
 LIMIT_RESERVE_N = 5.0
 """Tension above that at rest at which a current-limited position loop yields [N]; as in the twin."""

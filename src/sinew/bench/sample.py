@@ -1,8 +1,7 @@
 """This is where one cycle of the bench is a row: what was asked, what every device answered, and when."""
 
-from dataclasses import dataclass
-
-__all__ = ["MISSING", "Sample"]
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, fields
 
 MISSING = float("nan")
 """Stands for a reading that a device did not give; the row is kept, and the recording leaves it out."""
@@ -40,3 +39,98 @@ class Sample:
     imu_counter_s: float = MISSING
     tendon_pwm: tuple[float, ...] = ()
     supply_v: float = MISSING
+
+
+# The tables of a journal are written down, and how a sample becomes a row of them.
+#
+# Every value stands in a column of its own, with its unit in its name, so that a journal can be read with nothing but
+# SQLite. A reading that did not come is NULL.
+
+APPLICATION_ID = 0x53694E77
+"""What tells a journal of Sinew from any other SQLite file."""
+
+JOURNAL_VERSION = 2
+"""Changes whenever a table does."""
+
+READABLE_VERSIONS = {1: ("tendon_pwm", "supply_v"), JOURNAL_VERSION: ()}
+"""Versions that can be read, and the fields of a sample that each had not yet."""
+
+REGISTERS = "registers of run "
+"""Key in the table `meta`, with the run's number behind it, of the motors' registers as JSON."""
+
+_TENDON = {"tendon_goal": "goal", "tendon_rad": "rad", "tendon_current_a": "current_a", "tendon_pwm": "pwm"}
+_AXES = {"gyro_rad_s": ("gyro", "rad_s"), "acceleration_m_s2": ("acceleration", "m_s2")}
+
+_TABLES = (
+    "CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL)",
+    # One row for each time that a run wrote here: its monotonic clock is its own.
+    "CREATE TABLE sessions (id INTEGER PRIMARY KEY, date TEXT NOT NULL)",
+    """CREATE TABLE segments (
+        id INTEGER PRIMARY KEY, session INTEGER NOT NULL, plan_group INTEGER, attempt INTEGER NOT NULL,
+        kind TEXT NOT NULL, pretension_mm REAL, frequency_hz REAL, amplitude_deg REAL, repeat INTEGER,
+        state TEXT NOT NULL, first_sample INTEGER NOT NULL, end_sample INTEGER, started_s REAL, ended_s REAL,
+        note TEXT NOT NULL)""",
+    "CREATE TABLE finished (plan_group INTEGER PRIMARY KEY, session INTEGER NOT NULL, attempt INTEGER NOT NULL)",
+    "CREATE TABLE events (id INTEGER PRIMARY KEY, session INTEGER NOT NULL, time_s REAL, date TEXT NOT NULL, "
+    "kind TEXT NOT NULL, sentence TEXT NOT NULL)",
+    "CREATE TABLE counts (session INTEGER NOT NULL, name TEXT NOT NULL, number REAL NOT NULL, "
+    "PRIMARY KEY (session, name))",
+)
+
+
+def sample_columns(tendons: int, without: Collection[str] = ()) -> tuple[str, ...]:
+    """Return the columns of a sample for so many tendons, in the order of `sample_row`.
+
+    without: fields of a sample to leave out, see `READABLE_VERSIONS`.
+    """
+    names: list[str] = []
+    for name in (field.name for field in fields(Sample) if field.name not in without):
+        if name in _TENDON:
+            names += [f"tendon_{i + 1}_{_TENDON[name]}" for i in range(tendons)]
+        elif name in _AXES:
+            what, unit = _AXES[name]
+            names += [f"{what}_{axis}_{unit}" for axis in "xyz"]
+        else:
+            names.append(name)
+    return tuple(names)
+
+
+def sample_row(sample: Sample) -> tuple[float, ...]:
+    """Return the numbers of a sample one after the other."""
+    # Written out, for it runs 200 times a second beside the control loop.
+    return (
+        sample.time_s,
+        sample.imu_time_s,
+        sample.drive_command_rad,
+        sample.drive_rad,
+        sample.drive_current_a,
+        sample.drive_pwm,
+        *sample.tendon_goal,
+        *sample.tendon_rad,
+        *sample.tendon_current_a,
+        *sample.gyro_rad_s,
+        *sample.acceleration_m_s2,
+        sample.tilt_rad,
+        sample.late_s,
+        sample.imu_counter_s,
+        *(sample.tendon_pwm or (MISSING,) * len(sample.tendon_rad)),
+        sample.supply_v,
+    )
+
+
+def insert_sample(tendons: int) -> str:
+    """Return the statement that takes (id, session, segment, *sample_row)."""
+    columns = sample_columns(tendons)
+    return (
+        f"INSERT INTO samples (id, session, segment, {', '.join(columns)}) "
+        f"VALUES ({', '.join('?' * (3 + len(columns)))})"
+    )
+
+
+def statements(tendons: int) -> Iterator[str]:
+    """Yield the statements that make the tables of a journal for so many tendons."""
+    yield f"PRAGMA application_id = {APPLICATION_ID}"
+    yield f"PRAGMA user_version = {JOURNAL_VERSION}"
+    yield from _TABLES
+    columns = ", ".join(f"{name} REAL" for name in sample_columns(tendons))
+    yield f"CREATE TABLE samples (id INTEGER PRIMARY KEY, session INTEGER NOT NULL, segment INTEGER, {columns})"

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 
 from sinew.emulator.control_table import DATA_LENGTH, ControlTable
-from sinew.hardware import instructions as ask
+from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction, Status
 
 __all__ = ["INSTRUCTION", "RESULT_FAIL", "Device"]

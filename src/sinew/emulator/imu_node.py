@@ -17,9 +17,9 @@ import numpy as np
 
 from sinew.emulator.control_table import ControlTable
 from sinew.emulator.device import INSTRUCTION, Device
-from sinew.emulator.mechanics import Mechanics
+from sinew.emulator.plant import Mechanics
 from sinew.hardware.codec import Instruction
-from sinew.hardware.imu_registers import EMULATED_FIRMWARE, OPENCR_NODE
+from sinew.hardware.motor_registers import EMULATED_FIRMWARE, OPENCR_NODE
 from sinew.plan.rig import Imu
 
 __all__ = ["SAMPLE_PERIOD", "ImuNode"]

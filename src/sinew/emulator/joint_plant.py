@@ -16,7 +16,7 @@ from sinew.plan.servo import FULL_DUTY_COUNTS, SERVOS
 from sinew.twin.cache import configure
 from sinew.twin.energy import span_lengths
 from sinew.twin.parameters import POSITION, from_rig
-from sinew.twin.sensors import GRAVITY
+from sinew.twin.simulate import GRAVITY
 from sinew.twin.statics import set_pretension
 
 __all__ = ["GEAR_HOLD", "TENDON_STALL_TORQUE", "JointPlant"]

@@ -15,9 +15,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from sinew.emulator.device import Device
-from sinew.hardware import instructions as ask
-from sinew.hardware.codec import BROADCAST, HEADER, LONGEST, STATUS, Instruction, Status, crc16, encode, wire_bytes
-from sinew.hardware.decoder import Decoder
+from sinew.hardware import codec as ask
+from sinew.hardware.codec import (
+    BROADCAST,
+    HEADER,
+    LONGEST,
+    STATUS,
+    Decoder,
+    Instruction,
+    Status,
+    crc16,
+    encode,
+    wire_bytes,
+)
 
 __all__ = ["Disturbance", "Line"]
 

@@ -3,18 +3,282 @@
 To whom it shares its clock with, time passes as `sinew.hardware.shared_clock` says; to all others by itself.
 """
 
+import contextlib
+import fcntl
 import math
+import os
 import select
+import selectors
+import shutil
+import socket
+import struct
+import sys
+import tempfile
+import termios
+import tty
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from sinew.emulator.clock_socket import Ask, ClockSocket
-from sinew.emulator.pty_port import PtyPort
-from sinew.hardware.shared_clock import PATIENCE_S, READ, WROTE
+from sinew.hardware.errors import PortError
+from sinew.hardware.shared_clock import ANSWER, ASK, HELLO, PATIENCE_S, READ, SUFFIX, WROTE
 from sinew.hardware.transport import Clock
+from sinew.measure.errors import FileError
 
-__all__ = ["HostEnd", "Port", "PtyServer", "Served"]
+# The emulated bench's end of the clock that it shares with its master; see `sinew.hardware.shared_clock`.
+
+
+class Ask(NamedTuple):
+    """What the master says: WROTE, WAIT or READ; its time [s], until when [s], how many bytes it has written so far."""
+
+    what: int
+    now: float
+    until: float
+    written: int
+
+
+class ClockSocket:
+    """A listening socket beside the port, with a link to it. One master is served; another is turned away.
+
+    port: name of the port. Raises FileError, PortError like `sinew.emulator.pty_server`.
+    """
+
+    def __init__(self, port: Path) -> None:
+        self.link = port.with_name(port.name + SUFFIX)
+        refuse_taken(self.link)
+        self._folder = Path(tempfile.mkdtemp(prefix="sinew-"))
+        self._path = str(self._folder / "clock")
+        self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._master: socket.socket | None = None
+        self._heard = b""
+        self._ready = selectors.DefaultSelector()
+        try:
+            self._listening.bind(self._path)
+            self._listening.listen(4)
+        except OSError as trouble:
+            self._close_ends()
+            raise PortError(f"no socket to be had ({trouble}); expected a system with Unix sockets") from trouble
+        self._listening.setblocking(False)
+        self._ready.register(self._listening, selectors.EVENT_READ)
+        try:
+            make_link(self.link, self._path)
+        except OSError as trouble:
+            self._close_ends()
+            raise FileError(
+                f"cannot link {self.link}: {trouble.strerror}; choose a folder that you may write"
+            ) from trouble
+
+    @property
+    def is_taken(self) -> bool:
+        """Whether a master shares the clock."""
+        return self._master is not None
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when a master has come, said something or left."""
+        return self._ready.fileno()
+
+    def wait(self, seconds: float) -> bool:
+        """Return whether there is something to look at; waits for it at most so long [s]."""
+        return bool(self._ready.select(seconds))
+
+    def greet(self, now: float, terminal: str) -> bool:
+        """Take a master that has come and tell it the time [s] and the terminal; return whether there is a new one."""
+        try:
+            newcomer, _ = self._listening.accept()
+        except OSError:
+            return False
+        if self._master is not None:
+            newcomer.close()
+            return False
+        newcomer.setblocking(False)
+        self._master, self._heard = newcomer, b""
+        self._ready.register(newcomer, selectors.EVENT_READ)
+        name = terminal.encode()
+        self._send(HELLO.pack(now, len(name)) + name)
+        return True
+
+    def ask(self) -> Ask | None:
+        """Return what the master says next, None where it says nothing or has left."""
+        if self._master is None:
+            return None
+        try:
+            data = self._master.recv(ASK.size - len(self._heard))
+        except BlockingIOError:
+            return None
+        except OSError:
+            data = b""
+        if not data:
+            self._part()
+            return None
+        self._heard += data
+        if len(self._heard) < ASK.size:
+            return None
+        heard, self._heard = self._heard, b""
+        return Ask(*ASK.unpack(heard))
+
+    def has_ended(self) -> bool:
+        """Return whether the master is gone, or has hung up behind what it still said."""
+        if self._master is None:
+            return True
+        try:
+            return self._master.recv(1, socket.MSG_PEEK) == b""
+        except BlockingIOError:
+            return False
+        except OSError:
+            return True
+
+    def answer(self, now: float, sent: int) -> None:
+        """Tell the master the time [s] and how many bytes were sent so far."""
+        self._send(ANSWER.pack(now, sent))
+
+    def close(self) -> None:
+        """Hang up and remove the link; may be called again."""
+        with contextlib.suppress(OSError):
+            if self.link.readlink() == Path(self._path):
+                self.link.unlink()
+        self._close_ends()
+
+    def _send(self, data: bytes) -> None:
+        try:
+            if self._master is not None:
+                self._master.sendall(data)
+        except OSError:
+            self._part()
+
+    def _part(self) -> None:
+        if self._master is not None:
+            self._ready.unregister(self._master)
+            self._master.close()
+            self._master = None
+
+    def _close_ends(self) -> None:
+        self._part()
+        self._ready.close()
+        self._listening.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+# A pseudo-terminal stands in for a serial port: a master opens its path like any other port.
+#
+# The link is a symbolic link of a name that the user chose to the terminal, whose own name changes from run to run. We
+# keep the masters' end open ourselves, so that a master may come and go.
+
+_AT_ONCE = 65536  # bytes
+# Linux: struct termios2 { c_iflag, c_oflag, c_cflag, c_lflag; c_line; c_cc[19]; c_ispeed, c_ospeed }, read by TCGETS2.
+# Its speeds are plain numbers, also of rates that have no constant of their own (4.5 Mbaud).
+_TCGETS2, _TERMIOS2 = 0x802C542A, struct.Struct("4I20s2I")
+
+
+class PtyPort:
+    """A pseudo-terminal with a link to it.
+
+    link: name of the port. Raises FileError where something stands there that is no stale link, or where the folder
+    takes no link; PortError where the system gives no pseudo-terminal.
+    """
+
+    def __init__(self, link: Path) -> None:
+        self.link = link
+        refuse_taken(link)
+        try:
+            self._ours, self._theirs = os.openpty()
+        except OSError as trouble:
+            raise PortError(f"no pseudo-terminal to be had ({trouble}); expected a system with /dev/pts") from trouble
+        tty.setraw(self._theirs)
+        os.set_blocking(self._ours, False)
+        self.terminal = os.ttyname(self._theirs)
+        try:
+            make_link(link, self.terminal)
+        except OSError as trouble:
+            self._close_ends()
+            raise FileError(f"cannot link {link}: {trouble.strerror}; choose a folder that you may write") from trouble
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when a master has sent something."""
+        return self._ours
+
+    def baud(self) -> int:
+        """Return the rate that the master has set [1/s]; 0 where it has hung up."""
+        if sys.platform == "linux":
+            return int(_TERMIOS2.unpack(fcntl.ioctl(self._theirs, _TCGETS2, bytes(_TERMIOS2.size)))[-1])
+        return int(termios.tcgetattr(self._theirs)[5])
+
+    def read(self) -> bytes:
+        """Return what masters have sent and nobody has read; b"" where there is nothing."""
+        try:
+            return os.read(self._ours, _AT_ONCE)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> int:
+        """Send bytes to the master; return how many the system took, fewer where nobody reads them."""
+        try:
+            return os.write(self._ours, data)
+        except BlockingIOError:
+            return 0
+
+    def release(self) -> None:
+        """Let others open the port after a master that took it for itself alone (TIOCEXCL).
+
+        The system would see to it when the last one closes it, but that is us. Locks of files (flock) are not touched.
+        """
+        fcntl.ioctl(self._theirs, termios.TIOCNXCL)
+
+    def forget(self) -> None:
+        """Drop what was sent and no master has read."""
+        termios.tcflush(self._theirs, termios.TCIFLUSH)
+
+    def close(self) -> None:
+        """Hang up and remove the link; a master that is still there sees the end of the file or EIO."""
+        with contextlib.suppress(OSError):
+            if self.link.readlink() == Path(self.terminal):
+                self.link.unlink()
+        self._close_ends()
+
+    def _close_ends(self) -> None:
+        os.close(self._ours)
+        os.close(self._theirs)
+
+
+def refuse_taken(link: Path) -> None:
+    """Raise FileError where something stands in the place of a link, except a link that an emulator left when it was
+    killed: one that leads nowhere, or to a socket at which nobody listens."""
+    if link.is_symlink():
+        if link.exists() and not _is_left(link):
+            raise FileError(
+                f"{link} leads to {link.readlink()}, which is there; expected a free name: "
+                "is another emulator running? stop it, remove the link, or choose another name"
+            )
+    elif link.exists():
+        raise FileError(f"{link} is there already and is no link; choose another name, nothing is replaced")
+
+
+def _is_left(link: Path) -> bool:
+    """Return whether a link leads to a socket at which nobody listens any more."""
+    if not link.is_socket():
+        return False
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+        asking.settimeout(_ASKS_S)
+        try:
+            asking.connect(str(link.resolve()))
+        except ConnectionRefusedError:
+            return True
+        except OSError:
+            pass
+    return False
+
+
+_ASKS_S = 1.0
+
+
+def make_link(link: Path, terminal: str) -> None:
+    """Make a link, or turn a stale one over, in one stroke. Raises OSError."""
+    if link.is_symlink():
+        fresh = link.with_name(f".{link.name}.{os.getpid()}")
+        fresh.symlink_to(terminal)
+        fresh.replace(link)
+    else:
+        link.symlink_to(terminal)
+
 
 _TICK = 1e-3
 """How long it sleeps at most [s]; in between the plant moves on, so that no answer has to wait for much of it."""
@@ -370,3 +634,115 @@ class PtyServer:
         if baud:
             self._rig.line.host_baud = baud
             self._rig.receive(data, self._heard)
+
+
+# A socket of this computer stands in for a serial port, for masters that keep time on a busy computer.
+#
+# Other programs than Sinew's cannot open it; for them there is `sinew.emulator.pty_server`. One master is served at a
+# time: it hears a plus sign first, the next one is turned away.
+
+
+class SocketPort:
+    """A listening socket with a link to it.
+
+    link: name of the port. host_baud: rate that a master's adapter is taken to have [1/s], for none is told.
+    Raises FileError where something stands there that is no stale link, or where the folder takes no link; PortError
+    where the system gives no socket.
+    """
+
+    def __init__(self, link: Path, host_baud: int) -> None:
+        self.link, self._baud = link, host_baud
+        refuse_taken(link)
+        self._folder = Path(tempfile.mkdtemp(prefix="sinew-"))  # paths of sockets are short, and nobody else's
+        self.terminal = str(self._folder / "port")
+        self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._master: socket.socket | None = None
+        self._ready = selectors.DefaultSelector()
+        try:
+            self._listening.bind(self.terminal)
+            self._listening.listen(4)
+        except OSError as trouble:
+            self._close_ends()
+            raise PortError(f"no socket to be had ({trouble}); expected a system with Unix sockets") from trouble
+        self._listening.setblocking(False)
+        self._ready.register(self._listening, selectors.EVENT_READ)
+        try:
+            make_link(link, self.terminal)
+        except OSError as trouble:
+            self._close_ends()
+            raise FileError(f"cannot link {link}: {trouble.strerror}; choose a folder that you may write") from trouble
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when a master has come or sent something."""
+        return self._ready.fileno()
+
+    def baud(self) -> int:
+        """Return the rate that a master is taken to have set [1/s]; 0 where there is none."""
+        return self._baud if self._master is not None else 0
+
+    def read(self) -> bytes:
+        """Return what the master has sent and nobody has read; b"" where there is nothing."""
+        self._greet()
+        if self._master is None:
+            return b""
+        try:
+            data = self._master.recv(_AT_ONCE)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._part()
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Send bytes to the master; return how many the system took, all of them where there is no master."""
+        if self._master is None:
+            return len(data)
+        try:
+            return self._master.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            self._part()
+            return len(data)
+
+    def release(self) -> None:
+        """Do nothing: a master that has left holds nothing."""
+
+    def forget(self) -> None:
+        """Do nothing: every master has a connection of its own."""
+
+    def close(self) -> None:
+        """Hang up and remove the link; a master that is still there sees the end."""
+        with contextlib.suppress(OSError):
+            if self.link.readlink() == Path(self.terminal):
+                self.link.unlink()
+        self._close_ends()
+
+    def _greet(self) -> None:
+        """Serve who has come, or turn it away while another is served."""
+        try:
+            newcomer, _ = self._listening.accept()
+        except OSError:
+            return
+        if self._master is not None:
+            newcomer.close()
+            return
+        newcomer.setblocking(False)
+        self._master = newcomer
+        self._ready.register(newcomer, selectors.EVENT_READ)
+        with contextlib.suppress(OSError):
+            newcomer.send(b"+")
+
+    def _part(self) -> None:
+        if self._master is not None:
+            self._ready.unregister(self._master)
+            self._master.close()
+            self._master = None
+
+    def _close_ends(self) -> None:
+        self._part()
+        self._ready.close()
+        self._listening.close()
+        shutil.rmtree(self._folder, ignore_errors=True)

@@ -4,11 +4,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.figures.fit_labels import axis_label, shown_unit
+from sinew.figures.fit_data import axis_label, shown_unit
 from sinew.figures.style import ACCENT, GREEN, Floats, in_style, new_figure, note_panel
-from sinew.identify.backbone import Backbone
-from sinew.identify.joint_fitted import JointFit
-from sinew.identify.swing import Swing
+from sinew.identify.decay.backbone import Backbone
+from sinew.identify.joint.fit import JointFit
+from sinew.identify.oscillator.fitted import Swing
 
 __all__ = ["draw_backbone", "draw_over_pretension"]
 

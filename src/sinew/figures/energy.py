@@ -7,18 +7,17 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.analysis.energy import cost_of_swing
-from sinew.analysis.power import winding_resistance
-from sinew.analysis.trend import fit_swing_trend
+from sinew.analysis.signal.power import winding_resistance
+from sinew.analysis.sweep.energy import cost_of_swing, fit_swing_trend
+from sinew.figures.motion import rig_of
 from sinew.figures.response import draw_tubes
-from sinew.figures.rig import rig_of
-from sinew.figures.spread import mean_and_spread
 from sinew.figures.style import (
     GREY,
     INK,
     Floats,
     few,
     in_style,
+    mean_and_spread,
     new_figure,
     note_panel,
     pretension_bar,

@@ -1,6 +1,9 @@
 """This is where a fit is drawn against its data: the whole record, what was held out, and two close-ups."""
 
+import math
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -9,11 +12,141 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sinew.figures.fit_labels import axis_label, shown_unit
-from sinew.figures.fit_trace import Trace
-from sinew.figures.style import ACCENT, GREY, INK, RED, few, in_style, new_figure, note_panel
+from sinew.figures.style import ACCENT, GREY, INK, RED, Floats, few, in_style, new_figure, note_panel
+from sinew.identify.choice.held_out import HeldOut, Split
+from sinew.identify.joint.fit import JointFit
+from sinew.identify.oscillator.fitted import Fit
+from sinew.identify.oscillator.record import Record
+from sinew.identify.oscillator.start import dominant_omega
+from sinew.measure.estimate import pair, typeset
 
-__all__ = ["draw_fit"]
+# What a fit found gets the words and units that a figure shows.
+
+_SHOWN: dict[str, tuple[float, str]] = {
+    "rad": (180 / math.pi, "degrees"),
+    "rad/s": (180 / math.pi, "degrees/s"),
+    "rad/s2": (180 / math.pi, "degrees/s²"),
+    "m": (1e3, "mm"),
+    "m/s2": (1.0, "m/s²"),
+    "N*m": (1.0, "N m"),
+    "1": (1.0, ""),
+}
+_UNITS = {
+    "n": "N", "m": "m", "kg": "kg", "s": "s", "rad": "rad", "v": "V", "a": "A", "pa": "Pa", "mm": "mm", "hz": "Hz",
+}  # fmt: skip
+_WORDS = {"coulomb": "dry friction", "quadratic": "quadratic term", "cubic": "cubic term"}
+_POWERS = {"2": "²", "3": "³"}
+
+
+def shown_unit(unit: str) -> tuple[float, str]:
+    """Return what a number in an SI unit is multiplied by for a figure, and the unit that is written there."""
+    return _SHOWN.get(unit, (1.0, unit.replace("*", " ").replace("2", "²").replace("3", "³")))
+
+
+def axis_label(quantity: str, unit: str) -> str:
+    """Return the label of an axis for a quantity that is held in an SI unit: "output in degrees"."""
+    shown = shown_unit(unit)[1]
+    return f"{quantity} in {shown}" if shown else quantity
+
+
+def parameter_label(name: str) -> tuple[str, str]:
+    """Return words and unit of a parameter from its name: "stiffness_n_m_per_rad" gives ("stiffness", "N m/rad")."""
+    found = re.fullmatch(r"(?P<stem>[^\[]*)(?P<group>\[.*\])?", name)
+    assert found is not None
+    tokens, group = re.split(r"[_.]", found["stem"]), found["group"] or ""
+    first = len(tokens)
+    while first > 1 and (tokens[first - 1] == "per" or _unit(tokens[first - 1])):
+        first -= 1
+    words = _WORDS.get(tokens[0], " ".join(tokens[:first])) + (f" {group[1:-1]}" if group else "")
+    above, _, below = " ".join(tokens[first:]).partition("per")
+    top, bottom = ([_unit(token) for token in part.split()] for part in (above, below))
+    if not bottom:
+        return words, " ".join(top)
+    under = f"({' '.join(bottom)})" if len(bottom) > 1 else bottom[0]
+    return words, f"{' '.join(top) or '1'}/{under}"
+
+
+def _unit(token: str) -> str:
+    """Return a unit as print has it from its token in a name ("s2" gives "s²"); empty for what is no unit."""
+    plain, power = (token[:-1], token[-1]) if token[-1:] in _POWERS else (token, "")
+    return _UNITS[plain] + _POWERS.get(power, "") if plain in _UNITS else ""
+
+
+def value_and_std(value: float, std: float) -> str:
+    """Return "value ± std" with the digits that the std gives, the value alone where the std is not known."""
+    return typeset(pair(value, std))
+
+
+# A fit is laid out for drawing: measured and fitted output of each stretch, and what was held out.
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One stretch of an experiment and what a fit makes of it.
+
+    time_s, measured, fitted: shape (n,), the latter two in `unit`. held: which samples were held out, shape (n,).
+    unit: of the output, SI. title: its condition, empty where there is one stretch only.
+    """
+
+    time_s: Floats
+    measured: Floats
+    fitted: Floats
+    held: NDArray[np.bool_]
+    unit: str
+    title: str = ""
+
+    @property
+    def residual(self) -> Floats:
+        """Return measured less fitted, shape (n,)."""
+        return self.measured - self.fitted
+
+
+def traces_of(fit: Fit, split: Split | None = None, held_out: HeldOut | None = None) -> list[Trace]:
+    """Return the stretches of a fit, in order of time.
+
+    split, held_out: of a fit to one record, what was held out and how it was predicted. Where blocks were held out to
+    compare models and then fitted too, they count as held out, and the prediction is that of the fit without them.
+    """
+    many = len(fit.records) > 1
+    found = [
+        Trace(record.time_s, record.output, fitted, ~kept, record.output_unit, _title(record) if many else "")
+        for record, fitted, kept in zip(fit.records, fit.predicted, fit.kept, strict=True)
+    ]
+    if split is None or held_out is None:
+        return found
+    if split.interleaved:
+        without = held_out.fit.predicted[0]
+        return [replace(found[0], fitted=np.where(split.tested, without, found[0].fitted), held=split.tested)]
+    if split.apart is not None:
+        apart = split.apart
+        every = np.ones(apart.size, dtype=bool)
+        found.insert(0, Trace(apart.time_s, apart.output, apart.output - held_out.residual, every, apart.output_unit))
+    return _joined(found)
+
+
+def _title(record: Record) -> str:
+    """Return the group of a record and, where the group does not tell it, how fast it swings."""
+    if record.group.endswith("Hz"):
+        return record.group
+    leading = record if record.input is None else replace(record, output=record.input)
+    return f"{record.group}, {dominant_omega(leading) / (2 * np.pi):.2f} Hz".removeprefix(", ")
+
+
+def _joined(traces: Sequence[Trace]) -> list[Trace]:
+    return sorted(traces, key=lambda trace: float(trace.time_s[0]))
+
+
+def traces_of_joint(joint: JointFit) -> list[Trace]:
+    """Return the segments of a fit of the tendon joint, without the samples at their ends that were not fitted."""
+    found = []
+    for one in joint.segments:
+        kept = one.kept
+        drive = f", {one.frequency_hz:.3g} Hz" if np.isfinite(one.frequency_hz) else ""
+        title = f"{one.pretension_mm:g} mm{drive}"
+        held = np.zeros(int(kept.sum()), dtype=bool)
+        found.append(Trace(one.time_s[kept], one.measured[kept], one.predicted[kept], held, "rad/s", title))
+    return found
+
 
 _CLOSE_PERIODS = 5.0
 _SHADE = "#f3e3c3"

@@ -4,10 +4,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.analysis.gait_bout import BoutGait
-from sinew.analysis.gait_target import GaitTarget
-from sinew.figures.captions import Caption
+from sinew.figures.page import Caption
 from sinew.figures.style import GREY, INK, MARKERS, frequency_colours, in_style, new_figure, note_panel
+from sinew.tune.gait.bout import BoutGait
+from sinew.tune.gait.target import GaitTarget
 
 __all__ = ["GAIT_CAPTIONS", "draw_gait_yaw"]
 

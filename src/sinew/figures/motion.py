@@ -1,30 +1,36 @@
 """This is where a stretch of a recording becomes what a picture shows: drive, torsion and torsion rate over time."""
 
+import functools
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.lissajous import Ellipse, fit_ellipse
-from sinew.analysis.sensor import delay_budget, torsion_delay
-from sinew.analysis.torsion import drive_channel, integrate_rate, response_channel, steady_motion
-from sinew.figures.rig import rig_of
+from sinew.analysis.signal.sensor import delay_budget, torsion_delay
+from sinew.analysis.signal.torsion import drive_channel, integrate_rate, response_channel, steady_motion
+from sinew.analysis.sweep.portrait import Ellipse, fit_ellipse
 from sinew.figures.style import Floats
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.schema import SegmentKind
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_rig
 
-__all__ = [
-    "Group",
-    "Motion",
-    "at_pretension",
-    "drive_of",
-    "ellipse_of",
-    "groups_of",
-    "motion_of",
-    "nearest",
-    "released_motion",
-]
+# Figures read the rig that a dataset was made with.
+
+
+def rig_of(dataset: xr.Dataset) -> RigSpec | None:
+    """Return the rig in the attributes of a recording or of results, None where there is none.
+
+    Raises SpecError where there is one and it is not valid.
+    """
+    text = str(dataset.attrs.get("rig", ""))
+    return _parsed(text) if text.strip() else None
+
+
+@functools.lru_cache(maxsize=4)
+def _parsed(text: str) -> RigSpec:
+    return parse_rig(text)
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,26 @@
 """This is where a predicted response is drawn: amplitude and phase over frequency, through folds, with stability."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib import patheffects
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
+from sinew.figures.response import along_ridge
 from sinew.figures.style import (
+    ACCENT,
+    GREEN,
     GREY,
     INK,
+    MARKERS,
+    RED,
     Floats,
     few,
     in_style,
@@ -21,9 +29,8 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
-from sinew.predict.branch import Branch
-
-__all__ = ["Curves", "draw_gains", "draw_predicted", "stretches", "upper_gain"]
+from sinew.predict.band import Band, Tube
+from sinew.predict.curves.branch import Branch
 
 _STABLE: dict[str, Any] = {"linestyle": "-", "linewidth": 1.3}
 _UNSTABLE: dict[str, Any] = {"linestyle": (0, (1.2, 1.4)), "linewidth": 1.1}
@@ -145,3 +152,185 @@ def _add_key(axes: Axes, curves: Curves) -> None:
         Line2D([], [], color=INK, linestyle="none", marker="D", markersize=3.5, label="fold"),
     ]
     axes.legend(handles=keys, loc="upper right")
+
+
+# The bands of a prediction are drawn: how far a calibrated rig's curves can be off.
+
+
+@in_style
+def draw_bands(curves: Curves, bands: Sequence[Band]) -> Figure:
+    """Return gain and lag over frequency with 90 % bands, and the half width of the gain's band.
+
+    Bands are of what a sweep with growing frequency meets; where draws have folds, dashed edges are of the sweep down.
+    """
+    figure = new_figure(3.2)
+    left, middle, right = figure.subplots(1, 3)
+    colours = pretension_colours(curves.pretension_mm)
+    for band, colour in zip(bands, colours, strict=True):
+        f, (amplitude, phase) = band.frequency_hz, band.up
+        _draw_tube(left, f, amplitude, colour, float(curves.gain(1.0)))
+        _draw_tube(middle, f, phase, colour, 180 / np.pi)
+        if band.folded:
+            for edge in (band.down[0].low, band.down[0].high):
+                left.plot(f, curves.gain(edge), color=colour, linewidth=0.7, linestyle=(0, (3, 2)))
+        right.plot(f, 50 * (amplitude.high - amplitude.low) / amplitude.median, color=colour, linewidth=1.1)
+    left.axhline(1.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
+    left.set(ylabel="gain: torsion amplitude / command", ylim=(0, None))
+    middle.set(ylabel="lag of torsion behind lever in degrees")
+    right.set(ylabel="half width of the gain's band in %", ylim=(0, None))
+    for axes, letter, text in ((left, "a", "amplitude"), (middle, "b", "phase"), (right, "c", "certainty")):
+        axes.set_xlabel("drive frequency in Hz")
+        axes.margins(x=0)
+        note_panel(axes, letter, text)
+    pretension_bar(figure, (left, middle, right), np.array(curves.pretension_mm))
+    return figure
+
+
+def _draw_tube(axes: Axes, frequency_hz: Floats, tube: Tube, colour: Floats, factor: float) -> None:
+    axes.fill_between(frequency_hz, factor * tube.low, factor * tube.high, color=colour, alpha=0.35, linewidth=0)
+    axes.plot(frequency_hz, factor * tube.median, color=colour, linewidth=0.9)
+
+
+# The predicted responses of several rigs are drawn beside each other.
+
+_COLOURS = (ACCENT, RED, GREEN, "#7a4fa3", "#b8690b", "#4d4d4d", "#008b8b")
+_ACROSS = 3
+_CHARACTERS = 69
+
+
+@in_style
+def draw_comparison(rigs: list[Curves]) -> Figure:
+    """Return resonance, peak gain over pretension for all rigs, and below them each rig's curves on equal axes."""
+    across = min(_ACROSS, max(2, len(rigs)))
+    rows = -(-len(rigs) // across)
+    heights = [2.4 + 0.1 * len(rigs), 2.4 * rows]
+    figure = new_figure(sum(heights))
+    above, below = np.ravel(figure.subfigures(2, 1, squeeze=False, height_ratios=heights))
+    left, right = above.subplots(1, 2)
+    _draw_marks(left, rigs, "frequency_hz")
+    left.set(xlabel="pretension in mm", ylabel="resonance in Hz")
+    _draw_marks(right, rigs, "gain")
+    right.set(xlabel="pretension in mm", ylabel="gain at resonance", ylim=(0, None))
+    note_panel(left, "a", "resonance")
+    note_panel(right, "b", "gain at resonance")
+    above.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=1 if len(rigs) > 4 else 2)
+    panels = below.subplots(rows, across, sharex=True, sharey=True, squeeze=False).ravel()
+    for i, (axes, curves) in enumerate(zip(panels, rigs, strict=False)):
+        draw_gains(axes, curves)
+        note_panel(axes, chr(ord("c") + i), shortened(curves.name, across))
+        axes.set_ylabel("gain")
+    panels[0].set_ylim(0, None)
+    label_outer(list(panels), len(rigs), across)
+    pretensions = np.unique(np.concatenate([curves.pretension_mm for curves in rigs]))
+    pretension_bar(below, list(panels[: len(rigs)]), pretensions)
+    return figure
+
+
+def shortened(name: str, across: int) -> str:
+    """Return a rig's name, cut to what fits above one of so many panels in a row."""
+    most = _CHARACTERS // across
+    return name if len(name) <= most else f"{name[: most - 1].rstrip(' ,')}…"
+
+
+def label_outer(panels: list[Axes], count: int, across: int) -> None:
+    """Label the axes at the left and at the bottom of a grid of which the first `count` panels are used."""
+    for i, axes in enumerate(panels):
+        axes.set_visible(i < count)
+        axes.tick_params(labelbottom=i + across >= count, labelleft=i % across == 0)
+        if i + across < count:
+            axes.set_xlabel("")
+        if i % across:
+            axes.set_ylabel("")
+
+
+def _draw_marks(axes: Axes, rigs: list[Curves], what: str) -> None:
+    """Draw frequency or gain of the peaks over pretension, a line for each rig."""
+    for i, curves in enumerate(rigs):
+        values = [
+            np.nan
+            if b.peak is None
+            else float(b.peak.frequency_hz if what == "frequency_hz" else curves.gain(b.peak.amplitude))
+            for b in curves.branches
+        ]
+        order = np.argsort(curves.pretension_mm)
+        axes.plot(
+            np.asarray(curves.pretension_mm)[order],
+            np.asarray(values)[order],
+            color=_COLOURS[i % len(_COLOURS)],
+            marker=MARKERS[i % len(MARKERS)],
+            markeredgecolor="white",
+            markeredgewidth=0.5,
+            label=curves.name,
+        )
+    axes.tick_params(colors=INK)
+
+
+# The predicted gain is drawn over frequency and pretension, a map for each rig.
+
+_MAP_COLOURS = "cividis"
+_FREQUENCIES = 241
+_LEVELS = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 7.0, 10.0)
+_MAP_ACROSS = 2
+_ONE_ROW = 3
+_FEWEST = 3
+
+
+@in_style
+def draw_predicted_map(rigs: list[Curves]) -> Figure | None:
+    """Return the largest stable gain over frequency and pretension, on one scale of colour, or None where fewer than
+    three pretensions were predicted.
+
+    The red line with rings is the ridge: the resonance at each predicted pretension. Between pretensions the map
+    follows it.
+    """
+    rigs = [curves for curves in rigs if len(set(curves.pretension_mm)) >= _FEWEST]
+    if not rigs:
+        return None
+    across = len(rigs) if len(rigs) <= _ONE_ROW else _MAP_ACROSS
+    rows = -(-len(rigs) // across)
+    figure = new_figure(2.7 * rows + 0.2, 7.1 if across > 1 else 4.6)
+    panels = figure.subplots(rows, across, sharex=True, sharey=True, squeeze=False).ravel()
+    maps = [_map(curves) for curves in rigs]
+    top = max(float(np.nanmax(gain)) for *_, gain in maps)
+    for i, (axes, curves, found) in enumerate(zip(panels, rigs, maps, strict=False)):
+        last = _draw(axes, *found, top)
+        ridge = np.array([np.nan if b.peak is None else b.peak.frequency_hz for b in curves.branches])
+        order = np.argsort(curves.pretension_mm)
+        where = (ridge[order], np.asarray(curves.pretension_mm)[order])
+        halo = [patheffects.withStroke(linewidth=3.0, foreground="white")]
+        axes.plot(*where, color=RED, linewidth=1.6, path_effects=halo, zorder=4)
+        axes.plot(*where, "o", color="white", markersize=3, markeredgecolor=INK, zorder=5, clip_on=False)
+        note_panel(axes, chr(ord("a") + i) if len(rigs) > 1 else "", shortened(curves.name, across))
+        axes.set(xlabel="drive frequency in Hz", ylabel="pretension in mm")
+    label_outer(list(panels), len(rigs), across)
+    bar = figure.colorbar(last, ax=list(panels[: len(rigs)]), label="gain", aspect=28, pad=0.02)
+    bar.outline.set_visible(False)
+    return figure
+
+
+def _map(curves: Curves) -> tuple[Floats, Floats, Floats]:
+    """Return frequency [Hz], pretension [mm] and gain, all (p, s), on a mesh along the ridge."""
+    order = np.argsort(curves.pretension_mm)
+    pretension = np.asarray(curves.pretension_mm)[order]
+    branches = [curves.branches[i] for i in order]
+    low = max(float(b.frequency_hz.min()) for b in branches)
+    high = min(float(b.frequency_hz.max()) for b in branches)
+    frequency = np.linspace(low, high, _FREQUENCIES)
+    ordered = Curves(curves.name, tuple(pretension.tolist()), tuple(branches), curves.amplitude_deg)
+    ridge = np.array([np.nan if b.peak is None else b.peak.frequency_hz for b in branches])
+    fine = np.linspace(pretension[0], pretension[-1], 4 * (len(pretension) - 1) + 1)
+    x, gain = along_ridge(frequency, upper_gain(ordered, frequency), ridge)
+    across = [np.array([np.interp(fine, pretension, column) for column in values.T]).T for values in (x, gain)]
+    return across[0], np.broadcast_to(fine[:, None], across[0].shape), across[1]
+
+
+def _draw(axes: Axes, x: Floats, y: Floats, gain: Floats, top: float) -> QuadMesh:
+    axes.grid(False)
+    mesh = axes.pcolormesh(x, y, gain, cmap=_MAP_COLOURS, vmin=0, vmax=top, shading="gouraud", rasterized=True)
+    levels = [level for level in _LEVELS if np.nanmin(gain) < level < np.nanmax(gain)]
+    if levels:
+        lines = axes.contour(x, y, gain, levels=levels, colors="white", linewidths=0.6)
+        told = [level for level in levels if level <= 0.45 * top]  # the others are too close for a number between them
+        for text in axes.clabel(lines, levels=told, fmt="%g", fontsize=8):
+            text.set_path_effects([patheffects.withStroke(linewidth=1.2, foreground="#333333")])
+    return mesh

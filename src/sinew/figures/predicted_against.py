@@ -21,8 +21,7 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
-from sinew.predict.against import Comparison, Reading
-from sinew.predict.score import error_of
+from sinew.predict.against import Comparison, Reading, error_of
 
 __all__ = ["draw_against"]
 

@@ -6,8 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.figures.fit_labels import axis_label, shown_unit
-from sinew.figures.fit_trace import Trace
+from sinew.figures.fit_data import Trace, axis_label, shown_unit
 from sinew.figures.style import ACCENT, GREY, INK, RED, Floats, in_style, new_figure, note_panel
 
 __all__ = ["autocorrelation", "draw_residuals"]

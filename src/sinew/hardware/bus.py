@@ -9,11 +9,19 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from sinew.hardware import instructions as ask
-from sinew.hardware.codec import BROADCAST, FastStatus, Instruction, Packet, Status, encode, fast_blocks, wire_bytes
-from sinew.hardware.decoder import Decoder
-from sinew.hardware.reply import Outcome, Reply
-from sinew.hardware.transport import Clock, Transport
+from sinew.hardware import codec as ask
+from sinew.hardware.codec import (
+    BROADCAST,
+    Decoder,
+    FastStatus,
+    Instruction,
+    Packet,
+    Status,
+    encode,
+    fast_blocks,
+    wire_bytes,
+)
+from sinew.hardware.transport import Clock, Outcome, Reply, Transport
 
 __all__ = ["Bus", "BusTiming", "Statistics"]
 

@@ -11,30 +11,12 @@ to one Fast Sync or Fast Bulk Read, is not stuffed, and each device's CRC runs o
 Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0". Bytes in, bytes out: nothing here knows a port or the time.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from struct import unpack_from
 
 from sinew.hardware.errors import PacketError
-
-__all__ = [
-    "BROADCAST",
-    "HEADER",
-    "HIGHEST_ID",
-    "LONGEST",
-    "STATUS",
-    "FastStatus",
-    "Instruction",
-    "Packet",
-    "Status",
-    "add_stuffing",
-    "crc16",
-    "encode",
-    "fast_blocks",
-    "is_stuffed",
-    "remove_stuffing",
-    "wire_bytes",
-]
 
 HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
@@ -212,3 +194,282 @@ def _low_high(number: int) -> tuple[int, int]:
 def _refuse(bad: bool, found: str, expected: str = f"at least 4 bytes and at most {LONGEST}") -> None:
     if bad:
         raise PacketError(f"cannot send {found}; expected {expected}")
+
+
+# A stream of bytes becomes packets again, whatever has happened to it on the way.
+#
+# The decoder believes a packet only if header, length, stuffing and CRC agree. It looks for the next header in every
+# byte that no packet has used up, also in those of a packet that turned out broken: garbage costs no packet after it.
+
+_BEFORE_BODY = 7  # header, id and length
+_BROKEN, _INCOMPLETE = "broken", "incomplete"
+
+
+@dataclass(slots=True)
+class _Found:
+    """A packet and where in the buffer it ends."""
+
+    packet: Packet
+    stop: int
+
+
+class Decoder:
+    """Turns chunks of bytes into packets; no input makes it raise, and it never holds more than one packet's bytes.
+
+    A header that appears inside a stuffed packet proves that packet broken, and the decoder goes over to the new one at
+    once. Inside a fast status, which is not stuffed, it may be data: then both are followed, and the one that is whole
+    and has the right CRC first wins.
+
+    crc_errors: packets of full length whose CRC was wrong.
+    discarded: bytes that belonged to no packet.
+    """
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+        self.crc_errors = 0
+        self.discarded = 0
+
+    @property
+    def rest(self) -> bytes:
+        """The bytes kept because they may be the beginning of a packet."""
+        return bytes(self._buffer)
+
+    def reset(self) -> None:
+        """Forget the bytes kept: what comes now has nothing to do with them."""
+        self._drop(len(self._buffer))
+
+    def feed(self, data: bytes) -> list[Packet]:
+        """Return the packets that these bytes complete, in the order of the stream."""
+        self._buffer += data
+        packets: list[Packet] = []
+        while (found := self._next()) is not None:
+            packets.append(found)
+        return packets
+
+    def _next(self) -> Packet | None:
+        """Return the next whole packet and drop the bytes up to its end; drop what cannot become one."""
+        buffer = self._buffer
+        if not buffer:
+            return None
+        pending: int | None = None
+        at = buffer.find(HEADER)
+        while at >= 0:
+            found = self._look(at, counting=pending is None)
+            if isinstance(found, _Found):
+                self._drop(at)
+                del buffer[: found.stop - at]
+                return found.packet
+            if found is _INCOMPLETE and pending is None:
+                pending = at
+            at = buffer.find(HEADER, at + 1)
+        self._drop(self._beginning() if pending is None else pending)
+        return None
+
+    def _beginning(self) -> int:
+        """Return where a header begins that the end of the buffer cuts off; the end where there is none."""
+        size = len(self._buffer)
+        for kept in range(min(3, size), 0, -1):
+            if self._buffer.endswith(HEADER[:kept]):
+                return size - kept
+        return size
+
+    def _look(self, at: int, *, counting: bool) -> _Found | str:
+        """Return the packet whose header is at `at`, or why there is none (yet).
+
+        counting: whether a wrong CRC is news; inside a pending packet the same bytes are looked at again and again.
+        """
+        buffer = self._buffer
+        body = at + _BEFORE_BODY
+        if len(buffer) <= body:
+            return _INCOMPLETE
+        device, length, code = buffer[at + 4], buffer[at + 5] | buffer[at + 6] << 8, buffer[body]
+        known = device <= HIGHEST_ID or device == BROADCAST
+        fast = device == BROADCAST and code == STATUS
+        shortest = 5 if fast else 4 if code == STATUS else 3
+        if not known or not shortest <= length <= LONGEST:
+            return _BROKEN
+        stop = body + length
+        whole = len(buffer) >= stop
+        if not fast and not is_stuffed(buffer[body : min(stop - 2, len(buffer))], whole=whole):
+            return _BROKEN
+        if not whole:
+            return _INCOMPLETE
+        if crc16(buffer[at : stop - 2]) != buffer[stop - 2] | buffer[stop - 1] << 8:
+            self.crc_errors += counting
+            return _BROKEN
+        if fast:
+            return _Found(FastStatus(bytes(buffer[body + 1 : stop])), stop)
+        params = remove_stuffing(bytes(buffer[body : stop - 2]))
+        if code == STATUS:
+            return _Found(Status(device, params[1], params[2:]), stop)
+        return _Found(Instruction(device, code, params[1:]), stop)
+
+    def _drop(self, size: int) -> None:
+        self.discarded += size
+        del self._buffer[:size]
+
+
+# The instructions of the protocol are written and read: what is asked of whom.
+#
+# The builders are the master's side, the readers `reads_of` and `writes_of` the device's. A device must expect
+# anything, so the readers return None for parameters that make no sense and never raise.
+#
+# Addresses and lengths are 16-bit numbers, low byte first. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0".
+
+PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT, CLEAR = 0x01, 0x02, 0x03, 0x04, 0x05, 0x06, 0x08, 0x10
+SYNC_READ, SYNC_WRITE, FAST_SYNC_READ = 0x82, 0x83, 0x8A
+BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x92, 0x93, 0x9A
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """`length` bytes from `address` on are asked from device `id`."""
+
+    id: int
+    address: int
+    length: int
+
+
+@dataclass(frozen=True, slots=True)
+class Write:
+    """`data` is to be stored from `address` on in device `id`."""
+
+    id: int
+    address: int
+    data: bytes
+
+
+def ping(device: int = BROADCAST) -> Instruction:
+    """Return the question who is there, to one or to all; the answer holds model number (2 bytes) and firmware (1)."""
+    return Instruction(device, PING)
+
+
+def read(device: int, address: int, length: int) -> Instruction:
+    """Return the question for `length` bytes from `address` on."""
+    return Instruction(device, READ, _span(address, length))
+
+
+def write(device: int, address: int, data: bytes) -> Instruction:
+    """Return the order to store `data` from `address` on; nobody answers to one for all."""
+    return Instruction(device, WRITE, _span(address, len(data))[:2] + data)
+
+
+def reg_write(device: int, address: int, data: bytes) -> Instruction:
+    """Return the order to keep `data` ready until `action`."""
+    return Instruction(device, REG_WRITE, _span(address, len(data))[:2] + data)
+
+
+def action(device: int = BROADCAST) -> Instruction:
+    """Return the order to carry out what `reg_write` left ready."""
+    return Instruction(device, ACTION)
+
+
+def reboot(device: int) -> Instruction:
+    """Return the order to start anew: the only way out of a shutdown."""
+    return Instruction(device, REBOOT)
+
+
+def sync_read(address: int, length: int, devices: Sequence[int], *, fast: bool = False) -> Instruction:
+    """Return the question for the same bytes of several devices, which answer in this order.
+
+    fast: they answer in one packet together (X430 motors from firmware 45 on).
+    """
+    return Instruction(
+        BROADCAST, FAST_SYNC_READ if fast else SYNC_READ, _span(address, length) + bytes(_distinct(devices))
+    )
+
+
+def sync_write(address: int, data: Mapping[int, bytes]) -> Instruction:
+    """Return the order to several devices to store their `data`, all of one length, from `address` on."""
+    _distinct(data)
+    lengths = {len(part) for part in data.values()}
+    if len(lengths) != 1:
+        raise PacketError(f"cannot send a sync write with data of {sorted(lengths)} bytes; expected one length for all")
+    body = b"".join(bytes((device,)) + part for device, part in data.items())
+    return Instruction(BROADCAST, SYNC_WRITE, _span(address, lengths.pop()) + body)
+
+
+def bulk_read(reads: Sequence[Read], *, fast: bool = False) -> Instruction:
+    """Return the question for other bytes of each device, which answer in this order, each device once at most.
+
+    fast: they answer in one packet together (X430 motors from firmware 45 on).
+    """
+    _distinct(part.id for part in reads)
+    body = b"".join(bytes((part.id,)) + _span(part.address, part.length) for part in reads)
+    return Instruction(BROADCAST, FAST_BULK_READ if fast else BULK_READ, body)
+
+
+def bulk_write(writes: Sequence[Write]) -> Instruction:
+    """Return the order to several devices to store their data at their addresses, each device once at most."""
+    _distinct(part.id for part in writes)
+    body = b"".join(bytes((part.id,)) + _span(part.address, len(part.data)) + part.data for part in writes)
+    return Instruction(BROADCAST, BULK_WRITE, body)
+
+
+def reads_of(instruction: Instruction) -> tuple[Read, ...] | None:
+    """Return what an instruction asks to be read, in the order of the answers; None if it asks nothing sensible.
+
+    A plain read to all devices keeps the broadcast id; nobody answers it.
+    """
+    p = instruction.params
+    match instruction.code:
+        case 0x02 if len(p) == 4:
+            return (Read(instruction.id, *_span_of(p)),)
+        case 0x82 | 0x8A if len(p) > 4 and _are_devices(p[4:]):
+            return tuple(Read(device, *_span_of(p)) for device in p[4:])
+        case 0x92 | 0x9A if p and len(p) % 5 == 0 and _are_devices(p[::5]):
+            return tuple(Read(p[at], *_span_of(p[at + 1 : at + 5])) for at in range(0, len(p), 5))
+    return None
+
+
+def writes_of(instruction: Instruction) -> tuple[Write, ...] | None:
+    """Return what an instruction asks to be stored; None if it asks nothing sensible."""
+    p = instruction.params
+    match instruction.code:
+        case 0x03 | 0x04 if len(p) > 2:
+            return (Write(instruction.id, p[0] | p[1] << 8, p[2:]),)
+        case 0x83 if len(p) > 4:
+            address, length = _span_of(p)
+            each = 1 + length
+            if not length or (len(p) - 4) % each or not _are_devices(p[4::each]):
+                return None
+            return tuple(Write(p[at], address, p[at + 1 : at + each]) for at in range(4, len(p), each))
+        case 0x93:
+            return _bulk_writes(p)
+    return None
+
+
+def _bulk_writes(p: bytes) -> tuple[Write, ...] | None:
+    writes: list[Write] = []
+    at = 0
+    while at < len(p):
+        if len(p) < at + 5:
+            return None
+        address, length = _span_of(p[at + 1 : at + 5])
+        data = p[at + 5 : at + 5 + length]
+        if not length or len(data) < length:
+            return None
+        writes.append(Write(p[at], address, data))
+        at += 5 + length
+    return tuple(writes) if writes and _are_devices(bytes(part.id for part in writes)) else None
+
+
+def _span(address: int, length: int) -> bytes:
+    if not 0 <= address <= 0xFFFF or not 1 <= length <= 0xFFFF:
+        raise PacketError(f"cannot ask for {length} bytes at address {address}; expected 16-bit numbers, length >= 1")
+    return bytes((address & 0xFF, address >> 8, length & 0xFF, length >> 8))
+
+
+def _span_of(p: bytes) -> tuple[int, int]:
+    return p[0] | p[1] << 8, p[2] | p[3] << 8
+
+
+def _are_devices(ids: bytes) -> bool:
+    return max(ids) <= HIGHEST_ID and len(set(ids)) == len(ids)
+
+
+def _distinct(devices: Iterable[int]) -> list[int]:
+    ids = list(devices)
+    if not ids or len(set(ids)) != len(ids) or not all(0 <= device <= HIGHEST_ID for device in ids):
+        raise PacketError(f"cannot address devices {ids} together; expected different ids from 0 to {HIGHEST_ID}")
+    return ids

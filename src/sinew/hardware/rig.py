@@ -10,8 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from sinew.hardware.bus import Bus
-from sinew.hardware.clock_track import ClockTrack
-from sinew.hardware.codec import wire_bytes
+from sinew.hardware.codec import Read, Write, wire_bytes
 from sinew.hardware.configuration import (
     Post,
     answer_everything,
@@ -21,16 +20,12 @@ from sinew.hardware.configuration import (
     registers_read,
 )
 from sinew.hardware.errors import DeviceError, RegisterError
-from sinew.hardware.imu import Imu, ImuReading
-from sinew.hardware.imu_registers import IMUS
-from sinew.hardware.instructions import Read, Write
-from sinew.hardware.layout import lay_out
+from sinew.hardware.imu import ClockTrack, Imu, ImuReading
 from sinew.hardware.motor import Motor
-from sinew.hardware.motor_registers import CURRENT_POSITION_MODE, MOTORS, POSITION_MODE
-from sinew.hardware.registers import RegisterTable
-from sinew.hardware.reply import Reply
+from sinew.hardware.motor_registers import CURRENT_POSITION_MODE, IMUS, MOTORS, POSITION_MODE
+from sinew.hardware.registers import RegisterTable, lay_out
 from sinew.hardware.servos import TENDON_MODES, DriveServo, TendonServo
-from sinew.hardware.transport import Clock
+from sinew.hardware.transport import Clock, Reply
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 

@@ -2,13 +2,13 @@
 
 import os
 import select
+import socket
 import termios
+from pathlib import Path
 from typing import Any
 
 from sinew.hardware.errors import PortError
 from sinew.hardware.transport import Clock
-
-__all__ = ["SerialPort"]
 
 _AT_ONCE = 4096  # bytes
 
@@ -70,3 +70,112 @@ class SerialPort:
 
     def _gone(self, why: object) -> PortError:
         return PortError(f"lost {self._path} ({why}); expected an open port; check plug and power, then start again")
+
+
+# A socket of this computer becomes a transport: the way to an emulated bench that keeps time.
+#
+# A pseudo-terminal passes bytes on by a worker of the kernel, which on a busy computer waits its turn behind whatever
+# computes, for 50 ms and more; a real bench would count as lost. A socket has no such worker.
+
+_OPENS_S = 5.0  # on a busy computer
+
+
+class LocalPort:
+    """A Unix socket at which `sinew emulate --socket` listens.
+
+    path: of the socket, or of a link to it. clock: the one that deadlines are told by.
+    Raises PortError if nobody listens there, or another master is served.
+    """
+
+    def __init__(self, path: str, clock: Clock) -> None:
+        self._path, self._clock = path, clock
+        self._socket: socket.socket | None = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self._socket.settimeout(_OPENS_S)
+            self._socket.connect(os.path.realpath(path))
+            if self._socket.recv(1) != b"+":
+                raise OSError("another master is served")
+        except OSError as trouble:
+            self.close()
+            raise PortError(
+                f"cannot open {path} ({trouble.strerror or trouble}); expected an emulated bench that nobody uses; is "
+                "`sinew emulate --socket` running?"
+            ) from trouble
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; raises PortError if the other end is gone."""
+        try:
+            self._open().sendall(data)
+        except OSError as trouble:
+            raise self._gone(trouble) from trouble
+
+    def read(self, deadline: float) -> bytes:
+        """Return what has arrived, waiting for at least a byte until `deadline` [s]; then b"".
+
+        Raises PortError if the other end is gone.
+        """
+        opened = self._open()
+        try:
+            ready, _, _ = select.select([opened], [], [], max(0.0, deadline - self._clock.now()))
+            data = opened.recv(_AT_ONCE) if ready else b""
+        except OSError as trouble:
+            raise self._gone(trouble) from trouble
+        if ready and not data:
+            raise self._gone("nothing there any more")
+        return data
+
+    def close(self) -> None:
+        """Give the port back; may be called again."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _open(self) -> socket.socket:
+        if self._socket is None:
+            raise self._gone("closed")
+        return self._socket
+
+    def _gone(self, why: object) -> PortError:
+        return PortError(f"lost {self._path} ({why}); expected an emulated bench; is it running? then start again")
+
+
+# The latency timer of a USB adapter is read and set: how long it gathers bytes before it passes them on.
+#
+# Adapters with an FTDI chip come with 16 ms, three cycles of the bench; 1 ms is what it needs. Linux shows the timer as
+# a file. Boards that are a modem by themselves (ttyACM, such as an OpenCR) and pseudo-terminals have none.
+
+WANTED_MS = 1
+_SYSTEM = Path("/sys/bus/usb-serial/devices")
+
+
+class LatencyTimer:
+    """The timer of one adapter. path: of the file that shows it."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def read(self) -> int:
+        """Return the time [ms]. Raises PortError if it cannot be read."""
+        try:
+            return int(self.path.read_text(encoding="ascii"))
+        except (OSError, ValueError) as trouble:
+            raise PortError(f"cannot read {self.path} ({trouble}); expected a time in ms") from trouble
+
+    def write(self, milliseconds: int) -> None:
+        """Set the time [ms] until the adapter is unplugged. Raises PortError without the right to."""
+        try:
+            self.path.write_text(f"{milliseconds}\n", encoding="ascii")
+        except OSError as trouble:
+            raise PortError(
+                f"cannot write {self.path} ({trouble.strerror or trouble}); "
+                f"as administrator: echo {milliseconds} > {self.path}"
+            ) from trouble
+
+
+def find_latency_timer(port: str, system: Path = _SYSTEM) -> LatencyTimer | None:
+    """Return the timer of the adapter behind a port, or None where there is none.
+
+    port: its path; a link such as those in /dev/serial/by-id is followed. system: where the adapters are listed.
+    """
+    path = system / Path(port).resolve().name / "latency_timer"
+    return LatencyTimer(path) if path.is_file() else None

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from sinew.measure.doors import as_path, as_seconds
 from sinew.measure.errors import RecordingError, TimeError, UnitError
-from sinew.measure.netcdf import write_atomically
-from sinew.measure.provenance import provenance
+from sinew.measure.netcdf import provenance, write_atomically
 from sinew.measure.recording import Segment, build_recording
 from sinew.measure.schema import SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
 from sinew.measure.table import Table, find_columns, numbers, read_table

@@ -1,30 +1,78 @@
 """This is where datasets become NetCDF files and come back, whole or not at all."""
 
+import hashlib
 import math
 import os
+import platform
+import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
+from scipy import io
 
+from sinew import __version__
 from sinew.measure.doors import as_path
 from sinew.measure.errors import FileError, SchemaError
 from sinew.measure.memory import most_bytes
-from sinew.measure.provenance import content_hash
-from sinew.measure.results import upgrade_results, validate_results
-from sinew.measure.schema import validate_recording
+from sinew.measure.recording import segment_slices
+from sinew.measure.schema import SEGMENT_VARIABLES, upgrade_results, validate_recording, validate_results
 
-__all__ = [
-    "is_netcdf",
-    "load_dataset",
-    "load_recording",
-    "load_results",
-    "save_dataset",
-    "save_recording",
-    "write_atomically",
-]
+# A dataset says what it was made from: rig, plan, versions, seed and content hash.
+
+_PACKAGES = ("numpy", "scipy", "xarray", "jax")
+# The command names files and folders; the same data made elsewhere are the same data.
+_UNHASHED = ("content_hash", "command")
+
+
+def provenance(source: str, *, rig: str = "", plan: str = "", seed: int | None = None, **more: Any) -> dict[str, Any]:
+    """Return the attributes that every dataset of Sinew carries.
+
+    source: twin, emulator, bench or import.
+    rig, plan: their TOML texts, whole; empty where there is none.
+    seed: of the random numbers, or None.
+    """
+    versions = [f"sinew {__version__}", f"python {platform.python_version()}"]
+    for package in _PACKAGES:
+        try:
+            versions.append(f"{package} {version(package)}")
+        except PackageNotFoundError:
+            continue
+    return {
+        "source": source,
+        "rig": rig,
+        "plan": plan,
+        "versions": "; ".join(versions),
+        "seed": -1 if seed is None else int(seed),
+        **more,
+    }
+
+
+def content_hash(dataset: xr.Dataset) -> str:
+    """Return the SHA-256 over names, dimensions, types, values and attributes of a dataset, as hexadecimal text."""
+    digest = hashlib.sha256()
+    for name in sorted(map(str, dataset.variables)):
+        variable = dataset[name]
+        digest.update(f"{name}{variable.dims}{variable.shape}".encode())
+        values = variable.values
+        if values.dtype.kind in "OUST":
+            digest.update("\0".join(map(str, values.ravel())).encode())
+        else:
+            digest.update(values.dtype.str.encode())
+            digest.update(np.ascontiguousarray(values).tobytes())
+        digest.update(_attributes_text(variable.attrs).encode())
+    digest.update(_attributes_text(dataset.attrs).encode())
+    return digest.hexdigest()
+
+
+def _attributes_text(attrs: Mapping[Any, Any]) -> str:
+    """Return attributes as one text, the same before and after a file turned lists into arrays."""
+    rows = ((str(key), np.atleast_1d(attrs[key]).tolist()) for key in sorted(attrs, key=str) if key not in _UNHASHED)
+    return "\0".join(f"{key}={values}" for key, values in rows)
 
 
 def write_atomically(path: Path | str, write: Callable[[Path], None]) -> None:
@@ -165,3 +213,50 @@ def load_results(path: Path | str) -> xr.Dataset:
         return validate_results(load_dataset(path))
     except SchemaError as error:
         raise SchemaError(f"{path}: {error}") from error
+
+
+# Recordings become MATLAB files.
+
+_LONGEST_NAME = 63
+
+
+def export_mat(recording: xr.Dataset, path: Path | str) -> None:
+    """Write a recording as a MATLAB 5 file, atomically.
+
+    The file holds one variable for each channel, a row for each sample, by its name in the schema; `segments`, a struct
+    with a column for each property of the segments and the numbers of their first and last sample, counted from 1;
+    `units`, a struct from name to unit; and `attributes`, the provenance as text.
+    Raises SchemaError where it is not a recording, FileError where the file cannot be written.
+    """
+    validate_recording(recording)
+    channels = [name for name in map(str, recording.data_vars) if name not in SEGMENT_VARIABLES]
+    slices = segment_slices(recording)
+    segments: dict[str, Any] = {name: _matlab_values(recording[name].values) for name in SEGMENT_VARIABLES}
+    segments["first"] = _matlab_values(np.array([s.start + 1 for s in slices], dtype=float))
+    segments["last"] = _matlab_values(np.array([s.stop for s in slices], dtype=float))
+    units = {name: str(recording[name].attrs.get("units", "")) for name in [*channels, *SEGMENT_VARIABLES]}
+    content = {
+        **{name: _matlab_values(recording[name].values) for name in channels},
+        "segments": segments,
+        "units": units,
+        "attributes": {_matlab_name(str(key)): str(value) for key, value in recording.attrs.items()},
+    }
+    write_atomically(path, lambda temporary: _save(temporary, content))
+
+
+def _save(path: Path, content: dict[str, Any]) -> None:
+    io.savemat(str(path), content, appendmat=False, format="5", long_field_names=True, do_compression=True)
+
+
+def _matlab_values(values: Any) -> Any:
+    """Return what MATLAB should see: a column of doubles for numbers, a column cell array for text."""
+    if values.dtype.kind in "fiub":
+        return np.asarray(values, dtype=float).reshape(len(values), -1)
+    cells = np.empty((len(values), 1), dtype=object)
+    cells[:, 0] = [str(value) for value in values]
+    return cells
+
+
+def _matlab_name(text: str) -> str:
+    name = re.sub(r"\W", "_", text, flags=re.ASCII)
+    return (name if name[:1].isalpha() else f"x_{name}")[:_LONGEST_NAME]

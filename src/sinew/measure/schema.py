@@ -11,18 +11,10 @@ from typing import Literal, get_args
 
 import numpy as np
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import SchemaError
-
-__all__ = [
-    "RECORDING_SCHEMA",
-    "SAMPLE_VARIABLES",
-    "SEGMENT_VARIABLES",
-    "SegmentKind",
-    "Variable",
-    "validate_recording",
-]
 
 RECORDING_SCHEMA = "sinew-recording-1"
 
@@ -140,3 +132,224 @@ def _check_times(recording: xr.Dataset) -> None:
     bad = np.flatnonzero(inside & (steps <= 0))
     if bad.size:
         raise SchemaError(f"time_s does not increase at sample {int(bad[0]) + 1}")
+
+
+# The shape of analysed results: what it holds, its check, and how results of the older shape are brought to it.
+#
+# Results are an `xarray.Dataset` over the axes `pretension_mm` (p), `frequency_hz` (f) and `repeat` (r), each of them
+# an index coordinate of its own name: `results.sel(pretension_mm=1)` is 1 mm, whatever its position. A part that a
+# recording cannot give (no sweep, no ring-down) is absent as a whole; a single missing measurement is NaN. A quantity
+# `q` with an interval has the companions `q_std`, `q_low`, `q_high` (standard deviation of the value over repeats,
+# and ends of the 90 % interval), the suffix standing before the unit: `resonance_std_hz`.
+
+RESULTS_SCHEMA = "sinew-results-2"
+
+_WITHOUT_COORDINATES = "sinew-results-1"
+
+_P, _PR, _PFR = ("pretension_mm",), ("pretension_mm", "repeat"), ("pretension_mm", "frequency_hz", "repeat")
+_PRW = ("pretension_mm", "repeat", "window_start_periods")
+
+_COORDINATES = {
+    "pretension_mm": Variable(_P, "mm", "commanded pretension"),
+    "frequency_hz": Variable(("frequency_hz",), "Hz", "commanded drive frequency"),
+    "repeat": Variable(("repeat",), "1", "number of the repetition, from 1; the segments of a recording count from 0"),
+    "window_start_periods": Variable(
+        ("window_start_periods",), "1", "start of the decay after the stop, in periods of the drive"
+    ),
+}
+
+_RESPONSE = {
+    "amplitude_rad": Variable(_PFR, "rad", "torsion amplitude, fundamental by least squares"),
+    "amplitude_std_rad": Variable(_PFR, "rad", "standard deviation of the fundamental"),
+    "amplitude_peaks_rad": Variable(_PFR, "rad", "torsion amplitude, mean of both-sided peaks (paper)"),
+    "drive_amplitude_rad": Variable(_PFR, "rad", "measured drive amplitude, fundamental"),
+    "drive_amplitude_std_rad": Variable(_PFR, "rad", "standard deviation of the drive amplitude"),
+    "gain": Variable(_PFR, "1", "mean of peaks over nominal drive amplitude (paper Eq. 6)"),
+    "gain_harmonic": Variable(_PFR, "1", "fundamental over nominal drive amplitude"),
+    "gain_measured_drive": Variable(_PFR, "1", "fundamental over measured drive amplitude"),
+    "gain_measured_drive_std": Variable(_PFR, "1", "standard deviation of the gain by measured drive"),
+    "phase_lag_rad": Variable(_PFR, "rad", "lag of the torsion behind the drive, delay budget corrected, positive lag"),
+    "phase_std_rad": Variable(_PFR, "rad", "standard deviation of the lag from noise"),
+    "phase_delay_std_rad": Variable(_PFR, "rad", "standard uncertainty of the lag from the delay budget"),
+    "lissajous_phase_rad": Variable(_PFR, "rad", "lag from the area and extent of the Lissajous ellipse"),
+    "distortion": Variable(_PFR, "1", "harmonics 2 to 5 over fundamental of the torsion"),
+    "drive_distortion": Variable(_PFR, "1", "harmonics 2 to 5 over fundamental of the drive"),
+    "settled": Variable(_PFR, "1", "1 where the amplitude had stopped changing, else 0"),
+    "drift_per_period": Variable(_PFR, "1", "relative change of amplitude per period inside the group"),
+    "saturated_share": Variable(_PFR, "1", "share of samples with the drive's duty at its limit"),
+    "drive_current_rms_a": Variable(_PFR, "A", "root mean square of the drive current"),
+}
+
+_POWER = {
+    "drive_power_w": Variable(_PFR, "W", "electrical power of the drive, mean over whole cycles"),
+    "drive_power_std_w": Variable(_PFR, "W", "standard deviation of that mean, from what is not periodic"),
+    "drive_drawn_w": Variable(_PFR, "W", "the same with what the motor gives back counted as lost"),
+    "drive_copper_w": Variable(_PFR, "W", "of it: lost in winding and bridge, R i²"),
+    "drive_mechanical_w": Variable(_PFR, "W", "of it: mechanical power into the joint, from the motion"),
+    "holding_power_w": Variable(_PFR, "W", "electrical power of all tendon motors"),
+}
+
+POWER_COLUMNS = frozenset(_POWER)
+"""What results hold only where duty and current of the drive were recorded and a rig is known."""
+
+_RING_DOWN = {
+    "paper_decay_rate_per_s": Variable(_PR, "1/s", "λ of the peak envelope (paper)"),
+    "paper_omega_rad_s": Variable(_PR, "rad/s", "mean angular frequency ⟨ω⟩ of the decay (paper)"),
+    "paper_lehr_damping": Variable(_PR, "1", "λ/⟨ω⟩ (paper Eq. 7)"),
+    "paper_quality": Variable(_PR, "1", "quality factor 1/(2 D) (paper Eq. 8)"),
+    "paper_damping_n_m_s_rad": Variable(_PR, "N*m*s/rad", "d = 2 λ I (paper Eq. 9)"),
+    "paper_stiffness_n_m_rad": Variable(_PR, "N*m/rad", "k = ω² I (paper Eq. 10)"),
+    "decay_start_s": Variable(_PR, "s", "start of the decay that was fitted, from the start of its segment"),
+    "decay_rate_per_s": Variable(_PR, "1/s", "λ of the time-domain fit"),
+    "decay_rate_std_per_s": Variable(_PR, "1/s", "standard deviation of λ"),
+    "decay_frequency_hz": Variable(_PR, "Hz", "damped frequency of the time-domain fit"),
+    "decay_frequency_std_hz": Variable(_PR, "Hz", "standard deviation of the damped frequency"),
+    "damping_ratio": Variable(_PR, "1", "λ/sqrt(ω_d² + λ²) of the time-domain fit"),
+    "damping_ratio_std": Variable(_PR, "1", "standard deviation of the damping ratio"),
+    "rest_drift": Variable(_PR, "*", "drift of the rest position over the decay, unit of the response"),
+    "exponential": Variable(_PR, "1", "1 where the decay is exponential within its noise, else 0"),
+}
+
+_WINDOWS = {
+    "window_decay_rate_per_s": Variable(_PRW, "1/s", "λ of the peak envelope from that start on"),
+    "window_omega_rad_s": Variable(_PRW, "rad/s", "⟨ω⟩ of the peaks from that start on"),
+    "window_lehr_damping": Variable(_PRW, "1", "λ/⟨ω⟩ (paper Eq. 7) from that start on"),
+}
+
+
+_SUFFIXES = {"1": "", "Hz": "_hz", "rad": "_rad", "W": "_w", "J": "_j", "A": "_a", "J/rad2": "_j_rad2"}
+
+
+def _with_interval(name: str, unit: str, meaning: str) -> dict[str, Variable]:
+    suffix = _SUFFIXES[unit]
+    stem = name.removesuffix(suffix)
+    rows = {name: Variable(_P, unit, meaning)}
+    for extra, text in (("std", "standard deviation over repeats"), ("low", "low end"), ("high", "high end")):
+        rows[f"{stem}_{extra}{suffix}"] = Variable(_P, unit, f"{meaning}: {text}")
+    return rows
+
+
+_RESONANCE = {
+    **_with_interval("paper_resonance_hz", "Hz", "frequency of the largest mean of peaks by nominal drive (Eq. 6)"),
+    **_with_interval("paper_gain_peak", "1", "largest mean of peaks over nominal drive (Eq. 6)"),
+    **_with_interval("resonance_hz", "Hz", "frequency of the largest fundamental by nominal drive"),
+    **_with_interval("gain_peak", "1", "largest fundamental by nominal drive, scaled to the mean of peaks there"),
+    **_with_interval("gain_peak_measured_drive", "1", "largest gain by measured drive"),
+    **_with_interval("resonance_measured_drive_hz", "Hz", "frequency of the largest gain by measured drive"),
+    **_with_interval("phase_90_hz", "Hz", "frequency at which the lag passes 90°"),
+    **_with_interval("half_power_width_hz", "Hz", "width of the gain by measured drive at peak/sqrt(2)"),
+    **_with_interval("drive_amplitude_at_resonance_rad", "rad", "measured drive amplitude at resonance_hz"),
+}
+
+_ENERGY = {
+    **_with_interval("drive_power_at_resonance_w", "W", "electrical power of the drive at resonance_hz"),
+    **_with_interval("copper_at_resonance_w", "W", "of it: copper"),
+    **_with_interval("gear_at_resonance_w", "W", "of it: gear and friction, what copper and mechanical power leave"),
+    **_with_interval("mechanical_at_resonance_w", "W", "of it: mechanical power into the joint"),
+    **_with_interval("holding_at_resonance_w", "W", "electrical power of all tendon motors at resonance_hz"),
+    **_with_interval("rest_power_w", "W", "electrical power of all motors while the lever rests at its zero"),
+    **_with_interval("energy_per_cycle_at_resonance_j", "J", "energy of the drive per cycle at resonance_hz"),
+    **_with_interval("swing_cost_at_resonance_j_rad2", "J/rad2", "energy per cycle over squared torsion amplitude"),
+    **_with_interval("trend_cost_at_resonance_j_rad2", "J/rad2", "the same without what spring and inertia save"),
+    **_with_interval("energy_reduction", "1", "reduction of the energy per cycle at resonance_hz against the trend"),
+    **_with_interval("energy_reduction_with_holding", "1", "the same with the tendon motors' power added"),
+    **_with_interval("current_reduction", "1", "reduction of the drive's current at resonance_hz against the trend"),
+    **_with_interval("break_even_rad", "rad", "torsion amplitude at which the reduction pays for the tendon motors"),
+    **_with_interval("cheapest_hz", "Hz", "frequency of the least energy per cycle and squared torsion amplitude"),
+    **_with_interval("swing_cost_at_cheapest_j_rad2", "J/rad2", "that least energy"),
+    **_with_interval("cheapest_reduction", "1", "reduction of the energy per cycle at cheapest_hz"),
+    **_with_interval("line_current_a", "A", "current at resonance_hz on a line through those off resonance (paper)"),
+    **_with_interval("line_reduction", "1", "reduction of the current against that line (paper); negative: more"),
+}
+
+ENERGY_QUANTITIES = tuple(list(_ENERGY)[::4])
+"""The quantities of the energy part, without their companions."""
+
+RESULT_VARIABLES: dict[str, Variable] = {
+    **_COORDINATES,
+    **_RESPONSE,
+    **_POWER,
+    **_RESONANCE,
+    **_ENERGY,
+    **_RING_DOWN,
+    **_WINDOWS,
+}
+
+
+def companions(name: str) -> tuple[str, str, str]:
+    """Return the names of a quantity's standard deviation and of the ends of its interval."""
+    suffix = _SUFFIXES[RESULT_VARIABLES[name].unit]
+    stem = name.removesuffix(suffix)
+    return f"{stem}_std{suffix}", f"{stem}_low{suffix}", f"{stem}_high{suffix}"
+
+
+def result_axis(name: str, values: ArrayLike) -> tuple[tuple[str, ...], ArrayLike, dict[str, str]]:
+    """Return an axis of results, by its name in the schema, as what `xr.Dataset` takes for a coordinate.
+
+    values: its marks in the axis' unit, finite and each once.
+    """
+    row = _COORDINATES[name]
+    return row.dims, values, {"units": row.unit, "long_name": row.meaning}
+
+
+def upgrade_results(results: xr.Dataset) -> xr.Dataset:
+    """Return results of schema sinew-results-1, whose axes had no coordinates, in today's shape; others unchanged.
+
+    No number moves; what was not asked then is NaN. `pretension` and `frequency` become the index coordinates
+    `pretension_mm` and `frequency_hz`, and the repeats are counted from 1. What is not as that schema said is left
+    for `validate_results` to name.
+    """
+    if results.attrs.get("schema") != _WITHOUT_COORDINATES:
+        return results
+    marks = {
+        new: results[new].values
+        for old, new in (("pretension", "pretension_mm"), ("frequency", "frequency_hz"))
+        if new in results and results[new].dims == (old,)
+    }
+    if "repeat" in results.dims:
+        marks["repeat"] = np.arange(1, results.sizes["repeat"] + 1)
+    others = results.drop_vars([name for name in marks if name in results.variables])
+    renamed = others.rename_dims({new.rpartition("_")[0]: new for new in marks if new != "repeat"})
+    here = {name: result_axis(name, values) for name, values in marks.items()}
+    upgraded = renamed.assign_coords(here).assign_attrs(schema=RESULTS_SCHEMA)
+    if "resonance_hz" in upgraded:  # the peak of Eq. 6 stood nowhere then: it is not known
+        unknown = np.full(upgraded.sizes["pretension_mm"], np.nan)
+        upgraded = upgraded.assign(
+            {
+                name: (row.dims, unknown, {"units": row.unit, "long_name": row.meaning})
+                for name, row in _RESONANCE.items()
+                if name not in upgraded
+            }
+        )
+    return upgraded
+
+
+def validate_results(results: xr.Dataset) -> xr.Dataset:
+    """Return the results unchanged if they keep the schema. Raises SchemaError with one sentence."""
+    schema = as_dataset(results, "results").attrs.get("schema")
+    if schema != RESULTS_SCHEMA:
+        raise SchemaError(f"these are not results of schema {RESULTS_SCHEMA!r} (found {schema!r})")
+    for name in map(str, results.dims):
+        if name not in results.indexes:
+            raise SchemaError(
+                f"the axis {name!r} of these results has no coordinate, so that no place in it has a name"
+            )
+        marks = results[name].values
+        if not np.isfinite(marks).all() or np.unique(marks).size != marks.size:
+            raise SchemaError(f"the axis {name!r} of these results holds a mark twice, NaN or infinity: {marks}")
+    for name in map(str, results.variables):
+        row = RESULT_VARIABLES.get(name)
+        if row is None:
+            raise SchemaError(f"unknown result variable {name!r}")
+        if results[name].dims != row.dims:
+            raise SchemaError(f"result variable {name!r} has dimensions {results[name].dims}, expected {row.dims}")
+        unit = results[name].attrs.get("units", "")
+        if row.unit not in ("*", unit):
+            raise SchemaError(f"result variable {name!r} has unit {unit!r}, expected {row.unit!r}")
+    for part in (_RESPONSE, _POWER, _RESONANCE, _ENERGY, _RING_DOWN, _WINDOWS):
+        missing = [name for name in part if name not in results]
+        if missing and len(missing) < len(part):
+            raise SchemaError(
+                f"results lack {missing[0]!r}, which belongs beside {next(n for n in part if n in results)!r}"
+            )
+    return results

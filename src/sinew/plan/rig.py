@@ -1,16 +1,157 @@
 """This is where a test bed is described: every parameter with value, unit, origin and bounds."""
 
-from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Self
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from sinew.plan.calibrated import Calibrated
-from sinew.plan.cross_section import CrossSection
 from sinew.plan.parameter import Parameter, not_negative, positive, signed
-from sinew.plan.wiring import Wiring
 
-__all__ = ["Bus", "Drive", "Imu", "Inertia", "Limits", "Repeatability", "RigSpec", "Silicone", "Tendons"]
+# It is written which device of the bus is which part of the rig, and which way round it is mounted.
+
+Id = Annotated[int, Field(ge=0, le=252)]
+Sign = Literal[1, -1]
+Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+
+_POSSIBLE_TURNS = 1_048_575  # counts of goal_position, either way
+
+
+class Wiring(BaseModel):
+    """Ids, models, signs and zero of the devices on the bus.
+
+    baud: of the bus [1/s]. tendon_ids, drive_id, imu_id: of the devices; tendon motors in the order of the tendons.
+    tendon_model, drive_model, imu_model: as the register tables are called.
+    tendon_pull: 1 where more counts of the encoder pull the tendon, -1 where they let it go.
+    drive_sign: 1 where more counts turn the lever positively against the head, else -1.
+    drive_zero_counts: encoder reading with the lever in its middle.
+    imu_axes: the axes of the chip that point along x, y and z of the head's frame H; together right-handed.
+    latency_ms: of port, driver and operating system; how much longer than on the wire an answer may take.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    baud: int = Field(default=1_000_000, gt=0)
+    tendon_ids: Annotated[tuple[Id, ...], Field(min_length=2, max_length=12)] = (1, 2, 3, 4)
+    drive_id: Id = 5
+    imu_id: Id = 200
+    tendon_model: str = "XH430-W350"
+    drive_model: str = "XM430-W350"
+    imu_model: str = "OpenCR node"
+    tendon_pull: tuple[Sign, ...] = (1, 1, 1, 1)
+    drive_sign: Sign = 1
+    drive_zero_counts: int = Field(default=2048, ge=-_POSSIBLE_TURNS, le=_POSSIBLE_TURNS)
+    imu_axes: tuple[Axis, Axis, Axis] = ("+x", "+y", "+z")
+    latency_ms: float = Field(default=4.0, gt=0, le=1000)
+
+    @classmethod
+    def of(cls, tendons: int) -> "Wiring":
+        """Return the wiring of a bench with so many tendons and ids counted from 1; as assumed where a rig has none."""
+        ids = tuple(range(1, tendons + 1))
+        return cls(tendon_ids=ids, drive_id=tendons + 1, tendon_pull=(1,) * tendons)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        ids = (*self.tendon_ids, self.drive_id, self.imu_id)
+        doubled = [device for device, times in Counter(ids).items() if times > 1]
+        if doubled:
+            raise ValueError(f"id {doubled[0]} stands for two devices; expected a different id for each")
+        if len(self.tendon_pull) != len(self.tendon_ids):
+            raise ValueError(
+                f"tendon_pull has {len(self.tendon_pull)} signs for {len(self.tendon_ids)} tendon_ids; "
+                "expected one for each"
+            )
+        if _handedness(self.imu_axes) != 1:
+            raise ValueError(
+                f"imu_axes {', '.join(self.imu_axes)} are no right-handed frame; "
+                "expected each of x, y and z once, and z where x turned to y points"
+            )
+        return self
+
+
+def _handedness(axes: tuple[Axis, Axis, Axis]) -> int:
+    """Return the determinant of the rotation: 1 right-handed, -1 left-handed, 0 where an axis is missing."""
+    letters = "".join(axis[1] for axis in axes)
+    sign = {"xyz": 1, "yzx": 1, "zxy": 1, "xzy": -1, "zyx": -1, "yxz": -1}.get(letters, 0)
+    return -sign if sum(axis[0] == "-" for axis in axes) % 2 else sign
+
+
+# A rig says what it was calibrated from, and how its calibrated parameters vary together.
+
+NotNegative = Annotated[float, Field(ge=0)]
+Correlation = Annotated[float, Field(ge=-1, le=1)]
+
+
+class Calibrated(BaseModel):
+    """The joint uncertainty of a rig's calibrated parameters, k of them, and where it is from.
+
+    recordings: file and beginning of the content hash of each. pretension_mm: at which they were made, increasing.
+    parameters: dotted names. std: standard deviations, in the unit that the rig keeps each parameter in (SI), (k,).
+    correlation: rows of its lower triangle, the diagonal of ones among them: row i has i + 1 numbers.
+
+    The parameters' uncertainty is a normal distribution about the rig's values with covariance
+    std_i · std_j · correlation_ij. What is tied (the head's inertia to the lever's) is correlated by 1 or -1.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    recordings: tuple[str, ...] = ()
+    pretension_mm: tuple[NotNegative, ...] = ()
+    parameters: tuple[str, ...] = Field(min_length=1)
+    std: tuple[NotNegative, ...]
+    correlation: tuple[tuple[Correlation, ...], ...]
+
+    def only(self, names: Collection[str]) -> "Calibrated | None":
+        """Return the same of some parameters alone, None where none of them is among these."""
+        index = [i for i, name in enumerate(self.parameters) if name in names]
+        if not index:
+            return None
+        return Calibrated(
+            recordings=self.recordings,
+            pretension_mm=self.pretension_mm,
+            parameters=tuple(self.parameters[i] for i in index),
+            std=tuple(self.std[i] for i in index),
+            correlation=tuple(tuple(self.correlation[i][j] for j in index if j <= i) for i in index),
+        )
+
+    @model_validator(mode="after")
+    def _sizes_agree(self) -> Self:
+        count = len(self.parameters)
+        if len(set(self.parameters)) != count:
+            raise ValueError("parameters lists a name twice; list each once")
+        if len(self.std) != count:
+            raise ValueError(f"std has {len(self.std)} numbers, expected one for each of {count} parameters")
+        if [len(row) for row in self.correlation] != list(range(1, count + 1)):
+            raise ValueError(f"correlation must have {count} rows of 1 to {count} numbers, its lower triangle")
+        if any(row[-1] != 1 for row in self.correlation):
+            raise ValueError("correlation must end each row with 1, its diagonal")
+        return self
+
+
+# The cross-section of a silicone is described that is no solid circle.
+
+
+class CrossSection(BaseModel):
+    """What the equations need of a section, instead of the solid circle that the silicone's diameter stands for.
+
+    shape: in words. area [m²]. torsion_constant: St Venant's J [m⁴], which with the silicone's G·J sets G, hence the
+    axial stiffness. least_moment, greatest_moment: principal second moments [m⁴]; their sum is the polar moment.
+    warping_constant [m⁶]. perimeter: of all edges [m]. shear_arm: the largest shear strain per twist [m]; left out
+    where a re-entrant corner makes it unbounded.
+    The equations take area and torsion constant; the others tell what the prediction is worth.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    shape: str = Field(min_length=1)
+    area: Annotated[Parameter, positive("m^2")]
+    torsion_constant: Annotated[Parameter, positive("m^4")]
+    least_moment: Annotated[Parameter, positive("m^4")]
+    greatest_moment: Annotated[Parameter, positive("m^4")]
+    warping_constant: Annotated[Parameter, not_negative("m^6")]
+    perimeter: Annotated[Parameter, positive("m")]
+    shear_arm: Annotated[Parameter, positive("m")] | None = None
+
 
 _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 Positive = Annotated[float, Field(gt=0)]

@@ -1,23 +1,182 @@
 """This is where rigs and plans become TOML files and come back, number for number."""
 
+import difflib
+import json
 import math
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import tomli_w
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
 from sinew.measure.errors import SpecError
-from sinew.plan.complaint import complaint
-from sinew.plan.library import read_spec
 from sinew.plan.parameter import Parameter, converted
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 
-__all__ = ["dump_plan", "dump_rig", "load_plan", "load_rig", "parse_plan", "parse_rig"]
+# The rigs and plans that ship with Sinew are found, and where a name becomes a text.
+
+Shelf = Literal["rigs", "plans"]
+
+
+def list_shipped(shelf: Shelf) -> list[str]:
+    """Return the names of the rigs or plans that ship with Sinew, in alphabetical order."""
+    entries = files("sinew").joinpath(shelf).iterdir()
+    return sorted(entry.name.removesuffix(".toml") for entry in entries if entry.name.endswith(".toml"))
+
+
+def read_spec(shelf: Shelf, path_or_name: str | Path) -> str:
+    """Return the text of a rig or plan: of the file at a path, else of the shipped one of that name.
+
+    path_or_name: `paper`, `paper.toml`, `rigs/paper.toml`, or the path of a file. A file that exists comes first.
+    Raises SpecError where there is neither, or where the file is not UTF-8 text.
+    """
+    path = Path(path_or_name)
+    if path.is_file():
+        return _read(path)
+    what = shelf.removesuffix("s")
+    if path.exists():
+        raise SpecError(f"{path} is not a file; expected a {what} as a TOML file")
+    name, shipped = path.name.removesuffix(".toml"), list_shipped(shelf)
+    if str(path.parent) in (".", shelf) and name in shipped:
+        return files("sinew").joinpath(shelf, f"{name}.toml").read_text(encoding="utf-8")
+    close = difflib.get_close_matches(name, shipped, n=1)
+    advice = f"; did you mean {close[0]}?" if close else ""
+    raise SpecError(f"no {what} {path_or_name}: found no such file, and Sinew ships {', '.join(shipped)}{advice}")
+
+
+def read_ranges(rig: str) -> dict[str, dict[str, Any]] | None:
+    """Return how far each calibrated parameter of a shipped rig can move, by dotted name; None where it is not known.
+
+    A row is `{"value", "unit", "bounds": [low, high], "alone": [low, high], "together": [low, high]}`, as the
+    calibration writes it beside the rig.
+    """
+    path = files("sinew").joinpath("rigs", f"{rig}-ranges.json")
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise SpecError(f"{path} is not text (byte {error.start}); expected TOML in UTF-8") from error
+    except OSError as error:
+        raise SpecError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+# A failed validation becomes one sentence: key path, what was found, what was expected.
+
+_PARAMETER = "{ value, unit, origin, bounds }"
+_PLAIN = {"int": "a whole number", "float": "a number", "str": "a text", "tuple": "a list of numbers"}
+_PREFIX = re.compile(r"^(Input|String|Tuple|List|Value) should (be |have )?")
+
+
+def complaint(error: ValidationError, model: type[BaseModel], what: str) -> str:
+    """Return one sentence on the first fault of a rig or plan, and how many more there are.
+
+    what: "rig" or "plan". Unknown keys come first, because a misspelt key is also missing under its right name.
+    """
+    faults = error.errors(include_url=False)
+    unknown = [fault for fault in faults if fault["type"] == "extra_forbidden"]
+    first = (unknown or faults)[0]
+    sentence, meant = _sentence(first, model, what)
+    more = len(faults) - 1
+    if meant is not None and any(f["type"] == "missing" and f["loc"] == (*first["loc"][:-1], meant) for f in faults):
+        more -= 1
+    if more:
+        sentence += f" (and {more} more fault{'s' if more > 1 else ''})"
+    return " ".join(sentence.split())
+
+
+def fault_sentence(fault: ErrorDetails, model: type[BaseModel], what: str) -> str:
+    """Return the sentence on one fault of a rig or plan. what: "rig" or "plan"."""
+    return " ".join(_sentence(fault, model, what)[0].split())
+
+
+def _sentence(fault: ErrorDetails, model: type[BaseModel], what: str) -> tuple[str, str | None]:
+    where = _dotted(fault["loc"])
+    if fault["type"] == "extra_forbidden":
+        meant = _meant(fault["loc"], model)
+        return f"unknown {what} key {where}; {_advice(fault['loc'], model, meant)}", meant
+    if fault["type"] == "missing":
+        return f"{what} key {where} is missing; expected {_expected(fault, model)}", None
+    if fault["type"] == "value_error":
+        message = str(fault["msg"]).removeprefix("Value error, ")
+        return (f"{what} key {where}: {message}" if where else f"{what}: {message}"), None
+    return f"{what} key {where}: found {_shown(fault['input'])}, expected {_expected(fault, model)}", None
+
+
+def _dotted(location: tuple[int | str, ...]) -> str:
+    text = ""
+    for part in location:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return text.removeprefix(".")
+
+
+def _inner_model(annotation: Any) -> type[BaseModel] | None:
+    for candidate in (annotation, *get_args(annotation)):
+        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+            return candidate
+    return None
+
+
+def _model_at(location: tuple[int | str, ...], model: type[BaseModel]) -> type[BaseModel] | None:
+    found: type[BaseModel] | None = model
+    for part in location:
+        if found is None or part not in found.model_fields:
+            return None
+        found = _inner_model(found.model_fields[str(part)].annotation)
+    return found
+
+
+def _meant(location: tuple[int | str, ...], model: type[BaseModel]) -> str | None:
+    parent = _model_at(location[:-1], model)
+    close = difflib.get_close_matches(str(location[-1]), parent.model_fields if parent else (), n=1)
+    return close[0] if close else None
+
+
+def _advice(location: tuple[int | str, ...], model: type[BaseModel], meant: str | None) -> str:
+    if meant is not None:
+        return f"did you mean {meant}?"
+    elsewhere = [dotted for dotted in _keys(model) if dotted.rsplit(".", 1)[-1] == location[-1]]
+    if elsewhere:
+        return f"did you mean {elsewhere[0]}?"
+    parent = _model_at(location[:-1], model)
+    return f"expected one of {', '.join(parent.model_fields if parent else ())}"
+
+
+def _keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    for name, field in model.model_fields.items():
+        yield prefix + name
+        inner = _inner_model(field.annotation)
+        if inner is not None and inner is not Parameter:
+            yield from _keys(inner, f"{prefix}{name}.")
+
+
+def _expected(fault: ErrorDetails, model: type[BaseModel]) -> str:
+    inner = _model_at(fault["loc"], model)
+    if inner is Parameter:
+        return _PARAMETER
+    if inner is not None:
+        return f"a section [{_dotted(fault['loc'])}] with {', '.join(inner.model_fields)}"
+    if fault["type"] == "missing":
+        parent = _model_at(fault["loc"][:-1], model)
+        field = parent.model_fields.get(str(fault["loc"][-1])) if parent else None
+        return _PLAIN.get(getattr(field and field.annotation, "__name__", ""), "a value")
+    return _PREFIX.sub("", str(fault["msg"])).replace(" after validation", "")
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, Mapping):
+        return "a section"
+    text = repr(list(value)) if isinstance(value, tuple) else repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
 
 MOST_CHARACTERS = 256 * 1024
 """A longer text is no rig and no plan: the longest that Sinew writes, with a calibration, has a tenth of it."""

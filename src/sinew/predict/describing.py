@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.plan.rig import RigSpec
-from sinew.predict.branch import Branch
+from sinew.predict.curves.branch import Branch
 from sinew.predict.oscillator import Oscillator
 
 __all__ = [

@@ -9,28 +9,27 @@ Torsion, lever and bristle change sign together where the guides stand evenly on
 not: half a period is enough.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.analysis.signal.torsion import LeverMotion
+from sinew.measure.errors import RecordingError
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
-from sinew.predict.balance import Lane
-from sinew.predict.continuation import Stride
-from sinew.predict.landmark import Search
-from sinew.predict.prediction import Problem, Resolution
-from sinew.predict.waves import Coordinate, Equations, Size
+from sinew.predict.curves.balance import Lane
+from sinew.predict.curves.continuation import Stride
+from sinew.predict.curves.landmark import Search
+from sinew.predict.curves.prediction import Problem, Resolution
+from sinew.predict.curves.waves import Coordinate, Equations, Size
 from sinew.twin.drive import commanded_angle
-from sinew.twin.effects import Effects
 from sinew.twin.motion import State, rate
-from sinew.twin.parameters import Parameters
+from sinew.twin.parameters import Effects, Parameters
 from sinew.twin.prony import BRANCHES, relaxation_times
 from sinew.twin.simulate import lane_parameters
-
-__all__ = ["FREE_LEVER", "PRESCRIBED_LEVER", "RESOLUTION", "joint_problem"]
 
 RESOLUTION = Resolution(
     ((Size(7, 64), Size(19, 256)), (Size(19, 128), Size(39, 512))),
@@ -110,3 +109,76 @@ def joint_problem(
     width = np.full(pretension.shape, 2 * np.pi * (band_hz[1] - band_hz[0]))
     lane = Lane(p, np.stack(columns, axis=1), width)  # type: ignore[arg-type]
     return Problem(equations, lane, np.stack(rest, axis=1), _weakened)
+
+
+# The joint is driven by a measured lever: its waveform is taken over frequency as it was measured.
+#
+# The lever turns by θ = a (sin Ωt + Re Σ s_h exp(jhΩt)); between the measured frequencies a and s_h are linear,
+# outside them constant. The servo has no part in that, so what is predicted is the joint alone. The twin's equations
+# with a pure sine give φ̈; as nothing but the lever's inertia I_l couples, its harmonics change that by -I_l/(I_h +
+# I_l) times their acceleration.
+
+Array = NDArray[np.float64]
+
+
+class _Measured(NamedTuple):
+    """p: of the joint. omega: of the measured points [rad/s], (k,); amplitude of the lever there [rad], (k,), and its
+    harmonics' shares, real and imaginary part, each (h, k), of the orders (h,)."""
+
+    p: Parameters
+    omega: jax.Array
+    amplitude: jax.Array
+    real: jax.Array
+    imaginary: jax.Array
+    orders: jax.Array
+
+
+def _rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Measured) -> jax.Array:
+    def at(values: jax.Array) -> jax.Array:
+        return jnp.interp(omega, p.omega, values)
+
+    amplitude = at(p.amplitude)
+    sine = PRESCRIBED_LEVER.rates(u, phase, omega, p.p._replace(amplitude=amplitude))
+    real, imaginary = jax.vmap(at)(p.real), jax.vmap(at)(p.imaginary)
+    wave = real * jnp.cos(p.orders * phase) - imaginary * jnp.sin(p.orders * phase)
+    acceleration = -amplitude * omega**2 * jnp.sum(p.orders**2 * wave)
+    return sine.at[0].add(-p.p.lever / (p.p.head + p.p.lever) * acceleration)
+
+
+MEASURED_LEVER = Equations(PRESCRIBED_LEVER.coordinates, _rates)
+"""The lever moves as it was measured."""
+
+
+def _lever_weakened(p: _Measured, share: float) -> _Measured:
+    return p._replace(amplitude=p.amplitude * share)
+
+
+def lever_problem(
+    rig: RigSpec,
+    lever: LeverMotion,
+    band_hz: tuple[float, float],
+    *,
+    mode: TendonMode = "position",
+    effects: Effects | None = None,
+) -> Problem:
+    """Return the problem of a rig's joint under a measured lever, one lane for each of its pretensions.
+
+    Raises RecordingError for a pretension at which the lever was not measured.
+    """
+    effects = (effects or Effects()).without("drive_dynamics")
+    lanes, count = lever.amplitude.shape
+    amplitude, shares = np.empty((lanes, count)), np.zeros((lanes, lever.orders.size, count), dtype=complex)
+    for row, pretension in enumerate(lever.pretension_mm):
+        known = np.isfinite(lever.amplitude[row])
+        if not known.any():
+            raise RecordingError(f"at {pretension:g} mm the recording has no motion of the lever; leave that out")
+        there = lever.frequency_hz[known]
+        amplitude[row] = np.interp(lever.frequency_hz, there, lever.amplitude[row, known])
+        for i in range(lever.orders.size):
+            shares[row, i] = np.interp(lever.frequency_hz, there, lever.shares[row, known, i])
+    largest = np.degrees(amplitude.max(axis=1))
+    problem = joint_problem(rig, lever.pretension_mm, largest, band_hz, mode=mode, effects=effects)
+    omega = np.broadcast_to(2 * np.pi * lever.frequency_hz, amplitude.shape).copy()
+    orders = np.broadcast_to(lever.orders.astype(float), (lanes, lever.orders.size)).copy()
+    measured = _Measured(problem.lane.p, omega, amplitude, shares.real.copy(), shares.imag.copy(), orders)  # type: ignore[arg-type]
+    return Problem(MEASURED_LEVER, problem.lane._replace(p=measured), problem.rest, _lever_weakened)

@@ -14,8 +14,11 @@ What is not smooth at rest is not linearised tacitly:
 Shortening moves the torsion only to second order (tendons lengthen either way), so it leaves both systems.
 """
 
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any, Literal
 
 import jax
@@ -23,20 +26,127 @@ import jax.flatten_util
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy import io
+from scipy.linalg import null_space
 
+from sinew.measure.errors import SpecError
+from sinew.measure.netcdf import write_atomically
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
-from sinew.predict.state_space import StateSpace
-from sinew.twin.effects import Effects
 from sinew.twin.energy import tendon_stretch, tendon_tension, total_tension
 from sinew.twin.motion import State, derivative, free_lever_acceleration, rate, state_at_rest
-from sinew.twin.parameters import Parameters
+from sinew.twin.parameters import Effects, Parameters
 from sinew.twin.prony import BRANCHES
 from sinew.twin.simulate import lane_parameters
 
-__all__ = ["GEARS", "Gear", "LinearJoint", "linear_joints"]
+# A linear system is kept as a state space, and asked for poles, zeros, gains and frequency response.
+#
+#     ẋ = A x + B u,        y = C x + D u,        G(s) = C (s - A)⁻¹ B + D
+#
+# Plain arrays: `control.ss` of python-control and `ss` of MATLAB read (A, B, C, D) as they are.
 
 Array = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+_NO_GAIN = 1e-12
+_ORIGIN = 1e-6
+"""A double root at the origin comes out of the eigenvalues as far from it as the root of their rounding."""
+
+
+@dataclass(frozen=True)
+class Pole:
+    """A pole or zero s [1/s]; frequency |s|/2π [Hz] and damping ratio -Re s/|s|, which is one on the negative real
+    axis and zero at the origin."""
+
+    s: complex
+
+    @property
+    def frequency_hz(self) -> float:
+        """Return |s|/2π [Hz], the undamped frequency."""
+        return float(abs(self.s) / (2 * np.pi))
+
+    @property
+    def damping_ratio(self) -> float:
+        """Return -Re s/|s| [1]."""
+        return float(-self.s.real / abs(self.s)) if self.s != 0 else 0.0
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One input and one output: G(s) = gain Π(s - zeros)/Π(s - poles); static: G(0)."""
+
+    input: str
+    output: str
+    zeros: tuple[Pole, ...]
+    gain: float
+    static: float
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """A linear system in SI. a (n, n), b (n, i), c (o, n), d (o, i); states (n), inputs (i), outputs (o): names with
+    their units."""
+
+    a: Array
+    b: Array
+    c: Array
+    d: Array
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def poles(self) -> tuple[Pole, ...]:
+        """Return the poles, the slowest first."""
+        return _sorted(np.linalg.eigvals(self.a).astype(complex))
+
+    def response(self, frequency_hz: Array | list[float]) -> Complexes:
+        """Return G(jω) at frequencies [Hz], shape (f, o, i)."""
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
+        matrix = s[:, None, None] * np.eye(len(self.a)) - self.a
+        inner = np.linalg.solve(matrix, np.broadcast_to(self.b.astype(complex), (s.size, *self.b.shape)))
+        return np.asarray(self.c @ inner + self.d)
+
+    def channel(self, output: str, source: str) -> Channel:
+        """Return zeros and gains from an input, by name, to an output."""
+        i, o = self.inputs.index(source), self.outputs.index(output)
+        b, c, d = self.b[:, i], self.c[o], float(self.d[o, i])
+        zeros, gain = _zeros(self.a, b, c, d)
+        static = float(d - c @ np.linalg.solve(self.a, b))
+        return Channel(source, output, _sorted(zeros), gain, static)
+
+
+def _sorted(roots: Complexes) -> tuple[Pole, ...]:
+    """Return roots, the smallest first; those that rounding has moved away from the origin are put back."""
+    small = _ORIGIN * np.max(np.abs(roots), initial=0.0)
+    clean = [complex(root) if abs(root) > small else 0j for root in roots]
+    return tuple(Pole(s) for s in sorted(clean, key=lambda s: (round(abs(s), 9), s.imag)))
+
+
+def _zeros(a: Array, b: Array, c: Array, d: float) -> tuple[Complexes, float]:
+    """Return (finite zeros, gain) of one channel.
+
+    With r the first number for which h = C Aʳ⁻¹ B is not zero, feedback u = -C Aʳ x / h keeps the output at zero for
+    ever on the space where C, C A, ... C Aʳ⁻¹ vanish; the zeros are the poles of what goes on there. No root at
+    infinity has to be told from a large one, as it would in the pencil of the system matrix.
+    """
+    rows: list[Array] = []
+    row, gain = c, d
+    scale = float(np.linalg.norm(c) * np.linalg.norm(b)) + abs(d)
+    while abs(gain) <= _NO_GAIN * scale:
+        if len(rows) == len(a):
+            return np.zeros(0, dtype=complex), 0.0
+        rows.append(row)
+        gain = float(row @ b)
+        row = row @ a
+        scale = float(np.linalg.norm(rows[-1]) * np.linalg.norm(b))
+    inner = a - np.outer(b, row) / gain
+    if not rows:
+        return np.linalg.eigvals(inner).astype(complex), gain
+    unit = np.stack([one / np.linalg.norm(one) for one in rows])
+    rest = null_space(unit)
+    return np.linalg.eigvals(rest.T @ inner @ rest).astype(complex), gain
+
+
 Gear = Literal["sliding", "creeping"]
 
 GEARS: tuple[Gear, ...] = ("sliding", "creeping")
@@ -218,3 +328,86 @@ def linear_joints(
             )
         )
     return tuple(joints)
+
+
+# Linear joints become files: JSON for python-control and everybody else, MAT for MATLAB.
+
+_SYSTEMS = ("drive", "lever")
+
+
+def _pole(pole: Pole) -> dict[str, float]:
+    return {
+        "real_per_s": pole.s.real,
+        "imag_per_s": pole.s.imag,
+        "frequency_hz": pole.frequency_hz,
+        "damping_ratio": pole.damping_ratio,
+    }
+
+
+def _channel(channel: Channel) -> dict[str, Any]:
+    return {
+        "input": channel.input,
+        "output": channel.output,
+        "zeros": [_pole(zero) for zero in channel.zeros],
+        "gain": channel.gain,
+        "static_gain": channel.static,
+    }
+
+
+def system_document(system: StateSpace) -> dict[str, Any]:
+    """Return a state space as numbers and lists: its matrices, names, poles, and zeros and gains of its channels."""
+    return {
+        **{name: getattr(system, name).tolist() for name in ("a", "b", "c", "d")},
+        **{name: list(getattr(system, name)) for name in ("states", "inputs", "outputs")},
+        "poles": [_pole(pole) for pole in system.poles()],
+        "channels": [_channel(system.channel(o, i)) for i in system.inputs for o in system.outputs],
+    }
+
+
+def joint_document(joint: LinearJoint) -> dict[str, Any]:
+    """Return a linear joint as numbers, lists and sentences."""
+    return {
+        "pretension_mm": joint.pretension_mm,
+        "tension_n": joint.tension,
+        "guide_stiffness_n_m_rad": joint.guide_stiffness,
+        "notes": list(joint.notes),
+        **{name: system_document(getattr(joint, name)) for name in _SYSTEMS},
+    }
+
+
+def _cells(values: Sequence[Any]) -> Any:
+    cells = np.empty((len(values), 1), dtype=object)
+    cells[:, 0] = values
+    return cells
+
+
+def _matlab(joints: Sequence[LinearJoint]) -> dict[str, Any]:
+    """Return the variables of a MAT file: `pretension_mm`, a column, and for each system a struct with the cells A, B,
+    C, D, a row for each pretension, and the names of states, inputs and outputs."""
+    content: dict[str, Any] = {"pretension_mm": np.array([[joint.pretension_mm] for joint in joints])}
+    for name in _SYSTEMS:
+        systems: list[StateSpace] = [getattr(joint, name) for joint in joints]
+        content[name] = {key.upper(): _cells([getattr(s, key) for s in systems]) for key in ("a", "b", "c", "d")}
+        content[name] |= {key: _cells(list(getattr(systems[0], key))) for key in ("states", "inputs", "outputs")}
+    return content
+
+
+def write_transfer(joints: Sequence[LinearJoint], document: Any, path: Path) -> tuple[Path, ...]:
+    """Write linear joints, atomically, and return the files.
+
+    path: ends with .mat or .json for one file; else a folder, for `transfer.json` and `transfer.mat`.
+    document: what the JSON file holds. Raises SpecError for another ending, FileError where nothing can be written.
+    """
+    if path.suffix and path.suffix not in (".mat", ".json"):
+        raise SpecError(f"--out is {path}, expected a name that ends with .json or .mat, or a folder")
+    files = (path,) if path.suffix else (path / "transfer.json", path / "transfer.mat")
+
+    def write_json(temporary: Path) -> None:
+        temporary.write_text(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
+
+    def write_mat(temporary: Path) -> None:
+        io.savemat(str(temporary), _matlab(joints), appendmat=False, format="5", long_field_names=True)
+
+    for file in files:
+        write_atomically(file, write_mat if file.suffix == ".mat" else write_json)
+    return files

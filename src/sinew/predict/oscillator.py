@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
-from sinew.predict.balance import Lane
-from sinew.predict.prediction import Problem, Resolution
-from sinew.predict.waves import Coordinate, Equations, Size
+from sinew.predict.curves.balance import Lane
+from sinew.predict.curves.prediction import Problem, Resolution
+from sinew.predict.curves.waves import Coordinate, Equations, Size
 
 __all__ = [
     "LOPSIDED",

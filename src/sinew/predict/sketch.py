@@ -14,18 +14,23 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.predict.amplitude import drive_phasor, half_range, lag_product, phasors
-from sinew.predict.balance import Lane
 from sinew.predict.band import crest
-from sinew.predict.branch import Branch, Mark, Prediction
-from sinew.predict.continuation import OUTSIDE, Stride
-from sinew.predict.curve_guess import guesses
-from sinew.predict.examination import maps_of, rows_of
-from sinew.predict.floquet import largest_multiplier
+from sinew.predict.curves.balance import Lane
+from sinew.predict.curves.branch import Branch, Mark, Prediction
+from sinew.predict.curves.continuation import OUTSIDE, Stride
+from sinew.predict.curves.examination import (
+    drive_phasor,
+    half_range,
+    lag_product,
+    largest_multiplier,
+    maps_of,
+    phasors,
+    rows_of,
+)
+from sinew.predict.curves.landmark import FOLD, QUARTER, guesses
+from sinew.predict.curves.prediction import ENDS, Problem, first_curves, wrapped_lag
+from sinew.predict.curves.waves import Equations, Size, orders
 from sinew.predict.joint import RESOLUTION
-from sinew.predict.landmark import FOLD, QUARTER
-from sinew.predict.prediction import ENDS, Problem, first_curves, wrapped_lag
-from sinew.predict.waves import Equations, Size, orders
 
 __all__ = ["SKETCH_ERROR", "sketch"]
 

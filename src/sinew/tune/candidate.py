@@ -5,21 +5,174 @@ no variables of the search: the shortening at which it resonates at an end of th
 the sizes by the implicit function theorem. All forces are those of the twin.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
+from sinew.measure.errors import SpecError
 from sinew.plan.rig import RigSpec
-from sinew.predict.joints.ends import LOST
-from sinew.predict.joints.validity import CLOSE, SLENDER, STRAIN
-from sinew.tune.design_target import DesignTarget
+from sinew.predict.joints.validity import CLOSE, LOST, SLENDER, STRAIN, Torso
+from sinew.predict.sections.section import (
+    Section,
+    annulus_section,
+    circle_section,
+    ellipse_section,
+    rectangle_section,
+)
 from sinew.tune.drive_load import load_of_swing
-from sinew.tune.shapes import SHAPES, Form
 from sinew.tune.swing_stiffness import as_one_tendon, held_at, peak_tension, swing_loss, swing_stiffness
 from sinew.twin.parameters import Parameters, from_rig
 
-__all__ = ["GUIDE", "OBJECTIVES", "SIZES", "Frame", "Judged", "Sizes", "frame_of", "judge", "unpacked"]
+# Cross-sections are closed formulas of two sizes, so that a search can follow their slopes.
+#
+# The same formulas as in `sinew.predict.sections`, which a proposal is computed with in the end; the rectangle's
+# torsion is Saint-Venant's series here and finite elements there (Timoshenko and Goodier, Theory of Elasticity,
+# chapter 10).
+
+_ODD = (1.0, 3.0, 5.0, 7.0, 9.0)
+
+
+class Form(NamedTuple):
+    """diameter of the circle around it [m], area [m²], perimeter [m], torsion_constant, polar and least moment [m⁴],
+    warping_constant [m⁶], shear_arm [m]: as in `sinew.predict.sections.section.Section`."""
+
+    diameter: jax.Array
+    area: jax.Array
+    perimeter: jax.Array
+    torsion_constant: jax.Array
+    polar: jax.Array
+    least: jax.Array
+    warping_constant: jax.Array
+    shear_arm: jax.Array
+
+
+class Shape(NamedTuple):
+    """form: from the larger size [m] and the ratio of the smaller to it. ratio: its least and greatest value; equal
+    where there is none. section: the exact one of the same sizes."""
+
+    name: str
+    form: Callable[[jax.Array, jax.Array], Form]
+    ratio: tuple[float, float]
+    section: Callable[[float, float], Section]
+
+
+def _circle(size: jax.Array, _: jax.Array) -> Form:
+    return _annulus(size, jnp.zeros_like(size))
+
+
+def _annulus(size: jax.Array, ratio: jax.Array) -> Form:
+    inner = ratio * size
+    polar = jnp.pi * (size**4 - inner**4) / 32
+    area = jnp.pi * (size**2 - inner**2) / 4
+    return Form(size, area, jnp.pi * (size + inner), polar, polar, polar / 2, jnp.zeros_like(size), size / 2)
+
+
+def _ellipse(size: jax.Array, ratio: jax.Array) -> Form:
+    a, b = size / 2, ratio * size / 2
+    squares = a**2 + b**2
+    h = ((a - b) / (a + b)) ** 2
+    perimeter = jnp.pi * (a + b) * (1 + 3 * h / (10 + jnp.sqrt(4 - 3 * h)))  # Ramanujan, within 5e-5 here
+    return Form(
+        size,
+        jnp.pi * a * b,
+        perimeter,
+        jnp.pi * (a * b) ** 3 / squares,
+        jnp.pi * a * b * squares / 4,
+        jnp.pi * a * b**3 / 4,
+        ((a**2 - b**2) / squares) ** 2 * jnp.pi * (a * b) ** 3 / 24,
+        2 * a**2 * b / squares,
+    )
+
+
+def _rectangle(size: jax.Array, ratio: jax.Array) -> Form:
+    a, b = size, ratio * size
+    turns = [jnp.pi * n * a / (2 * b) for n in _ODD]
+    series = sum(jnp.tanh(turn) / n**5 for n, turn in zip(_ODD, turns, strict=True))
+    peak = sum(1 / (n**2 * jnp.cosh(turn)) for n, turn in zip(_ODD, turns, strict=True))
+    return Form(
+        size * jnp.sqrt(1 + ratio**2),
+        a * b,
+        2 * (a + b),
+        a * b**3 * (1 / 3 - 64 / jnp.pi**5 * (b / a) * series),
+        a * b * (a**2 + b**2) / 12,
+        a * b**3 / 12,
+        (a * b) ** 3 / 144 * (1 - ratio**2) ** 2,  # of a thin one; a square warps hardly
+        b * (1 - 8 / jnp.pi**2 * peak),
+    )
+
+
+def _in_half_mm(length: float) -> float:
+    return round(2000 * length) / 2000
+
+
+SHAPES = {
+    shape.name: shape
+    for shape in (
+        Shape("circle", _circle, (1.0, 1.0), lambda d, _: circle_section(_in_half_mm(d))),
+        Shape("annulus", _annulus, (0.2, 0.85), lambda d, q: annulus_section(_in_half_mm(d), _in_half_mm(q * d))),
+        Shape("ellipse", _ellipse, (0.35, 0.9), lambda d, q: ellipse_section(_in_half_mm(d), _in_half_mm(q * d))),
+        Shape("rectangle", _rectangle, (0.35, 1.0), lambda d, q: rectangle_section(_in_half_mm(d), _in_half_mm(q * d))),
+    )
+}
+"""Shapes that a design is searched among; sizes of the exact section are rounded to half a millimetre."""
+
+
+# It is said what a joint is to be designed for: a gait, an inertia, and the room that there is.
+
+_FASTEST_HZ = 100.0
+
+
+@dataclass(frozen=True)
+class DesignTarget:
+    """What a joint has to do and may not exceed.
+
+    band_hz: lowest and highest stride frequency [Hz], at which it has to resonate. yaw_deg: amplitude of the torsion
+    there. inertia: of what sits on it, about its axis, without the lever that drives it [kg m²].
+    diameter, length: of the largest envelope [m]; guides stand out by `GUIDE` beyond their circle.
+    lever_share: largest inertia of the lever as a share of `inertia`. least_damping: smallest D [1] at both ends: a
+    stride that comes 2 D beside the last one still lies within the half-power width. wander: share of its frequency
+    that the rig's repeatability of pretension may move the resonance by. torso: mass and place of what sits on it;
+    None leaves its weight out.
+    Raises SpecError where a number cannot be meant.
+    """
+
+    band_hz: tuple[float, float]
+    yaw_deg: float
+    inertia: float
+    diameter: float = 0.20
+    length: float = 0.25
+    lever_share: float = 0.15
+    least_damping: float = 0.01
+    wander: float = 0.01
+    torso: Torso | None = None
+
+    def __post_init__(self) -> None:
+        low, high = self.band_hz
+        if not 0 < low < high <= _FASTEST_HZ:
+            raise SpecError(
+                f"found a stride band of {low:g} to {high:g} Hz, expected 0 < lowest < highest, as 0.7:1.1, up to "
+                f"{_FASTEST_HZ:g} Hz"
+            )
+        if not 0 < self.yaw_deg <= 45:
+            raise SpecError(f"found a yaw of {self.yaw_deg:g}°, expected an amplitude above 0 and up to 45°")
+        if not 1e-4 <= self.inertia <= 10:
+            raise SpecError(f"found an inertia of {self.inertia:g} kg m², expected 0.0001 to 10")
+        if not (0.03 <= self.diameter <= 1 and 0.03 <= self.length <= 2):
+            raise SpecError(
+                f"found an envelope of {1e3 * self.diameter:g} by {1e3 * self.length:g} mm, expected a diameter of 30 "
+                "to 1000 mm and a length of 30 to 2000 mm"
+            )
+        if self.torso is not None and not (0 < self.torso.mass <= 500 and 0 <= self.torso.centre <= 3):
+            raise SpecError(
+                f"found a torso of {self.torso.mass:g} kg with its centre {1e3 * self.torso.centre:g} mm above the "
+                "joint, expected above 0 and up to 500 kg, and 0 to 3000 mm"
+            )
+        if not 0.005 <= self.lever_share <= 1:
+            raise SpecError(f"found a lever of {self.lever_share:g} of the inertia, expected a share of 0.005 to 1")
+
 
 SIZES = ("size", "ratio", "length", "circle", "lever")
 """What is searched: larger size of the section [m], ratio of the smaller one, length [m], radius of the guides' circle

@@ -1,24 +1,202 @@
 """This is where a joint is designed: search, exact evaluation, front, distinct proposals, confirmation on the twin."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
+from sinew import __version__
+from sinew.analysis.analysis import analyse_recording
+from sinew.measure.errors import SpecError
+from sinew.measure.estimate import Estimate
+from sinew.measure.extras import how_to_install
+from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig
-from sinew.tune.confirmation import Confirmed, Request, confirm
-from sinew.tune.design_target import DesignTarget
-from sinew.tune.front import nondominated, spread_out
-from sinew.tune.proposal import Draft, Proposal, propose
+from sinew.tune.candidate import DesignTarget
+from sinew.tune.proposal import Draft, Proposal, plan_of, propose
+from sinew.tune.resonance import Swing, find_resonances
 from sinew.tune.search import Found, blocks_of, search_block
-from sinew.tune.tasks import run_tasks
+from sinew.twin.cache import configure
+from sinew.twin.simulate import simulate
 
-__all__ = ["Designed", "Effort", "design_joints", "drafts_of", "select"]
+# A proposal is run on the full twin, and what comes out is held against what was predicted of it.
+
+ENOUGH = 0.03
+"""Share by which the twin's resonance may be off the predicted one."""
+
+
+class Request(NamedTuple):
+    """A proposal to confirm, and the seed of the twin's scatter and noise."""
+
+    proposal: Proposal
+    seed: int
+
+
+class Confirmed(NamedTuple):
+    """One end of the band. predicted_hz, measured_hz: 90° of lag behind the measured lever, at the plan's command;
+    peak_hz: of the measured gain. yaw_deg: half of peak to peak at that peak. error: share by which measured is off."""
+
+    pretension_mm: float
+    predicted_hz: float
+    measured_hz: Estimate
+    peak_hz: Estimate
+    yaw_deg: float
+    error: float
+
+
+def confirm(request: Request) -> tuple[Confirmed, ...]:
+    """Return what the full twin, with sensors, scatter and noise, says of a proposal at both ends of the band.
+
+    Its plan runs with one repeat; the recording is analysed as one of a bench would be.
+    """
+    configure()
+    proposal, seed = request
+    plan = _once(plan_of(proposal))
+    assert plan.sweep is not None
+    results = analyse_recording(simulate(plan, proposal.rig, seed=seed), proposal.rig)
+    swing = Swing(command_deg=plan.sweep.amplitude_deg)
+    pretensions = plan.pretension.pretension_mm
+    band = 0.75 * plan.sweep.frequency_hz[0], 1.2 * plan.sweep.frequency_hz[-1]
+    predicted = find_resonances(proposal.rig, pretensions, swing, band_hz=band)
+    told = []
+    for i, (mm, one) in enumerate(zip(pretensions, predicted, strict=True)):
+        at = results.isel(pretension_mm=i)
+        measured, peak = (_estimate(at, name) for name in ("phase_90_hz", "resonance_hz"))
+        wanted = math.nan if one is None else one.frequency_hz
+        yaw = float(at["gain_peak"]) * plan.sweep.amplitude_deg
+        told.append(Confirmed(mm, wanted, measured, peak, yaw, measured.value / wanted - 1))
+    return tuple(told)
+
+
+def _estimate(at: xr.Dataset, name: str) -> Estimate:
+    stem = name.removesuffix("_hz")
+    return Estimate(*(float(at[key]) for key in (name, f"{stem}_std_hz", f"{stem}_low_hz", f"{stem}_high_hz")))
+
+
+def _once(plan: Plan) -> Plan:
+    """Return a plan whose sweep is measured once."""
+    assert plan.sweep is not None
+    return plan.model_copy(update={"sweep": plan.sweep.model_copy(update={"repeats": 1})})
+
+
+# Candidates are compared in several objectives: who is dominated, and which few stand for the rest.
 
 Array = NDArray[np.float64]
+
+
+def nondominated(objectives: Array) -> NDArray[np.bool_]:
+    """Return which rows (n, k) no other row is at least as small as in every objective and smaller in one, (n,).
+
+    Of equal rows the first stays.
+    """
+    kept = np.ones(len(objectives), dtype=bool)
+    for i, row in enumerate(objectives):
+        less = np.all(objectives <= row, axis=1)
+        smaller = np.any(objectives < row, axis=1) | (np.arange(len(objectives)) < i)
+        kept[i] = not np.any(less & smaller)
+    return kept
+
+
+def spread_out(objectives: Array, count: int, begin: Sequence[int] = ()) -> list[int]:
+    """Return at most `count` rows (n, k) that lie far apart in the logarithms of the objectives, in order of choice.
+
+    begin: rows that are taken first. Then comes the row that is best in all together, and after it always the one
+    that is farthest from those that were taken.
+    """
+    if not len(objectives):
+        return []
+    place = np.log(objectives)
+    place = (place - place.min(axis=0)) / np.maximum(np.ptp(place, axis=0), 1e-12)
+    taken = list(begin) or [int(np.argmin(place.sum(axis=1)))]
+    apart = np.min([np.linalg.norm(place - place[i], axis=1) for i in taken], axis=0)
+    while len(taken) < min(count, len(objectives)):
+        best = int(np.argmax(apart))
+        if apart[best] <= 0:
+            break
+        taken.append(best)
+        apart = np.minimum(apart, np.linalg.norm(place - place[best], axis=1))
+    return taken[:count]
+
+
+# Tasks are run one after the other, or on the workers of a Dask cluster, with the same results.
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_TIMEOUT = "20s"
+
+
+def run_tasks(
+    function: Callable[[T], R],
+    tasks: Sequence[T],
+    scheduler: str | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> list[R]:
+    """Return the result of every task, in their order.
+
+    function: of a module, so that a worker finds it. scheduler: address of a Dask scheduler, `tcp://host:8786`; None
+    runs here. progress: called with (done, total). Raises SpecError where the cluster cannot be used.
+    """
+    if scheduler is not None:
+        return _on_cluster(function, tasks, scheduler, progress)
+    found = []
+    for task in tasks:
+        found.append(function(task))
+        if progress is not None:
+            progress(len(found), len(tasks))
+    return found
+
+
+def _on_cluster(
+    function: Callable[[T], R],
+    tasks: Sequence[T],
+    address: str,
+    progress: Callable[[float, float], None] | None,
+) -> list[R]:
+    try:
+        from distributed import Client, as_completed
+    except ImportError as error:
+        raise SpecError(f"--scheduler needs dask.distributed; install it: {how_to_install('cluster')}") from error
+    try:
+        client = Client(address, timeout=_TIMEOUT, set_as_default=False)
+    except (OSError, ValueError) as error:  # a timeout is an OSError
+        raise SpecError(
+            f"found no Dask scheduler at {address}; start one (dask scheduler) and give its address, as tcp://host:8786"
+        ) from error
+    with client:
+        _refuse_workers(client, address)
+        futures = client.map(function, list(tasks), pure=False)
+        for done, _ in enumerate(as_completed(futures, loop=client.loop), start=1):
+            if progress is not None:
+                progress(done, len(tasks))
+        found: list[R] = client.gather(futures)
+        return found
+
+
+def _refuse_workers(client: Any, address: str) -> None:
+    """Raise SpecError unless there are workers and all have this version of Sinew."""
+    try:
+        versions: dict[str, str] = client.run(_version)
+    except ImportError as error:
+        raise SpecError(f"the workers of {address} have no Sinew; install {__version__} there") from error
+    if not versions:
+        raise SpecError(f"the scheduler at {address} has no workers; start some (dask worker {address})")
+    others = sorted({found for found in versions.values() if found != __version__})
+    if others:
+        raise SpecError(
+            f"workers of {address} have Sinew {', '.join(others)}, expected {__version__}; install it there"
+        )
+
+
+def _version() -> str:
+    return __version__
+
 
 _OTHER_LENGTH = 1.5
 

@@ -13,15 +13,12 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
 from sinew.predict.joint import joint_problem
 from sinew.predict.joints.design import Design, design_rig
-from sinew.predict.joints.loads import loads_of
 from sinew.predict.joints.material import list_materials, load_material
-from sinew.predict.joints.validity import Check, check_joint
-from sinew.tune.candidate import GUIDE
-from sinew.tune.design_target import DesignTarget
+from sinew.predict.joints.validity import Check, check_joint, loads_of
+from sinew.tune.candidate import GUIDE, SHAPES, DesignTarget
 from sinew.tune.drive_load import DriveLoad, drive_load
-from sinew.tune.reachable import stresses_of
+from sinew.tune.pretension import stresses_of
 from sinew.tune.resonance import Resonance, Swing, resonances_at
-from sinew.tune.shapes import SHAPES
 from sinew.twin.cache import configure
 
 __all__ = ["Draft", "Proposal", "plan_of", "propose"]

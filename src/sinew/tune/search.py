@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.plan.toml import parse_rig
-from sinew.tune.candidate import OBJECTIVES, SIZES, Frame, frame_of, judge, unpacked
-from sinew.tune.design_target import DesignTarget
+from sinew.tune.candidate import OBJECTIVES, SIZES, DesignTarget, Frame, frame_of, judge, unpacked
 from sinew.twin.cache import configure
 
 __all__ = ["Block", "Found", "blocks_of", "search_block"]

@@ -12,26 +12,32 @@ import asyncio
 import hashlib
 import hmac
 import ipaddress
+import json
+import logging
 import os
 import re
+import resource
 import secrets
 import time
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlsplit
 
+import h11
+import uvicorn
 from itsdangerous import BadData, TimestampSigner
 from starlette.datastructures import MutableHeaders
-from starlette.requests import HTTPConnection
+from starlette.requests import HTTPConnection, Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.routing import Route
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-__all__ = ["IDLE_S", "LONGEST_S", "RENEWED_S", "Access", "Gate", "Session", "SignedOut", "new_token"]
 
 IDLE_S = 12 * 3600.0
 """A session that no page has used for so long is over [s]."""
@@ -573,3 +579,250 @@ def _guarding(send: "Send", policy: str, nonce: str) -> "Send":
         await send(message)
 
     return send_guarded
+
+
+# Signing in and out: a viewer shows the token and gets a session, or ends it.
+#
+# `sinew serve` prints an address that ends in `#token=...`. What follows the `#` never leaves the browser, so the token
+# stands in no request line and no log; the page's script posts it once and takes it out of the address.
+
+WRONG_MOST = 10
+"""So many wrong tokens of one source are answered as such in a window."""
+
+WINDOW_S = 60.0
+"""Length of a window [s]."""
+
+_MOST_SOURCES = 1024
+
+SIGN_IN_PAGE = """\
+<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Sinew: sign in</title>
+<style>
+:root { color-scheme: light dark; font: 1rem/1.5 system-ui, sans-serif; }
+main { max-width: 26rem; margin: 12vh auto; padding: 0 1rem; }
+label, input, button { display: block; width: 100%; box-sizing: border-box; font: inherit; }
+input, button { margin: .25rem 0 1rem; padding: .6rem; }
+</style>
+</head>
+<body>
+<main>
+<h1>Sinew</h1>
+<p>Sign in with the token that <code>sinew serve</code> printed.</p>
+<form>
+<label for="token">Token</label>
+<input id="token" type="password" autocomplete="off" required>
+<button>Sign in</button>
+<p id="said" role="status"></p>
+</form>
+</main>
+<script>
+const form = document.querySelector("form"), said = document.getElementById("said");
+async function signIn(token) {
+  try {
+    const answer = await fetch("/login", {
+      method: "POST", headers: {"Content-Type": "application/json"}, body: JSON.stringify({token}),
+    });
+    if (answer.ok) location.replace(location.pathname === "/login" ? "/" : location.pathname);
+    else said.textContent = (await answer.json()).sentence;
+  } catch { said.textContent = "the dashboard does not answer; is sinew serve running?"; }
+}
+form.addEventListener("submit", event => {
+  event.preventDefault();
+  signIn(document.getElementById("token").value.trim());
+});
+const given = new URLSearchParams(location.hash.slice(1)).get("token");
+if (given) { history.replaceState(null, "", location.pathname); signIn(given); }
+</script>
+</body>
+</html>
+"""
+"""HTML of a page that asks for the token, or takes it from the address's fragment."""
+
+
+class Attempts:
+    """How many wrong tokens came of late from each source. clock: monotonic [s].
+
+    This keeps guessing from being cheap and from filling the day. It is no lock: a right token is always taken, or
+    whoever sends wrong ones could keep its owner from the stop. One of 20 characters and more is not found by trying.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._wrong: OrderedDict[str, tuple[int, float]] = OrderedDict()
+
+    def wait_s(self, source: str) -> float:
+        """Return how long a source waits until a wrong token of it is answered as such again [s]; 0 where it is now."""
+        wrong, began = self._wrong.get(source, (0, 0.0))
+        left = began + WINDOW_S - self._clock()
+        return left if wrong >= WRONG_MOST and left > 0 else 0.0
+
+    def note_wrong(self, source: str) -> None:
+        """Count a wrong token; the first one after a window begins the next. The oldest source is forgotten."""
+        now = self._clock()
+        wrong, began = self._wrong.pop(source, (0, now))
+        self._wrong[source] = (wrong + 1, began) if now < began + WINDOW_S else (1, now)
+        if len(self._wrong) > _MOST_SOURCES:
+            self._wrong.popitem(last=False)
+
+
+def sign_in_routes(access: Access, attempts: Attempts | None = None) -> list[Route]:
+    """Return the routes GET /login (a page), POST /login {"token": ...} (sets the cookie) and POST /logout.
+
+    A session that is signed out is over for both servers, wherever its cookie was copied to.
+    """
+    counted = attempts or Attempts()
+
+    async def sign_in(request: Request) -> Response:
+        given = _given_token(await request.body())
+        if given is None:
+            return _refused(400, 'found no token, expected {"token": "..."}')
+        if not access.token_is_right(given):
+            return refuse_wrong(request)
+        answer = JSONResponse({"ok": True, "sentence": "signed in"})
+        access.set_cookie(answer, request, access.new_session())
+        return answer
+
+    def refuse_wrong(request: Request) -> Response:
+        source = access.source(request)
+        if not access.is_at_machine(request):
+            if (wait_s := counted.wait_s(source)) > 0:
+                sentence = f"too many wrong tokens; try again in {wait_s:.0f} s"
+                return _refused(429, sentence, {"Retry-After": str(int(wait_s) + 1)})
+            counted.note_wrong(source)
+        return _refused(401, "this is not the token; copy the one that `sinew serve` printed")
+
+    async def sign_out(request: Request) -> Response:
+        answer = JSONResponse({"ok": True, "sentence": "signed out"})
+        try:
+            access.end_session(request)
+        except OSError as trouble:
+            sentence = f"signed out here, but the bench was not told ({trouble.strerror}); end `sinew serve` to be sure"
+            answer = _refused(500, sentence)
+        access.set_cookie(answer, request, "")
+        return answer
+
+    async def page(_request: Request) -> Response:
+        return HTMLResponse(SIGN_IN_PAGE)
+
+    return [
+        Route("/login", page, methods=["GET"]),
+        Route("/login", sign_in, methods=["POST"]),
+        Route("/logout", sign_out, methods=["POST"]),
+    ]
+
+
+def _given_token(body: bytes) -> str | None:
+    try:
+        told = json.loads(body)
+    except (ValueError, RecursionError):
+        return None
+    given = told.get("token") if isinstance(told, dict) else None
+    return given if isinstance(given, str) else None
+
+
+def _refused(status: int, sentence: str, headers: dict[str, str] | None = None) -> JSONResponse:
+    return JSONResponse({"ok": False, "sentence": sentence}, status, headers)
+
+
+# Uvicorn is told how patient it may be: idle, dripping or countless connections keep nobody out.
+#
+# uvicorn waits for the first request of a connection for ever. Here a connection that has not sent a whole head
+# within a few seconds is closed, and where there are too many, the idle one that was there longest makes room for the
+# newcomer.
+
+HEAD_S = 10.0
+"""Within so long a whole head must be here [s]."""
+
+MOST_OPEN = 700
+"""Open connections, those of the idle included.
+
+With what else is open that stays well below 1024, where select() ends, by which a serial port is read: a port that is
+opened while a crowd is here must get a lower number.
+"""
+
+AT_ONCE = 64
+"""So many newcomers are taken before those that make room have left."""
+
+_MOST_HEAD = 16 * 1024  # bytes
+_FILES = 1024
+_KEEP_ALIVE_S = 5
+
+
+class PatientProtocol(H11Protocol):
+    """HTTP/1.1 of uvicorn for one connection, with an end to its patience."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take a new connection; where there are too many, drop the one that has been idle longest."""
+        super().connection_made(transport)
+        self.made = time.monotonic()
+        self._head_timer: asyncio.TimerHandle | None = None
+        self._await_head()
+        staying = [each for each in self.connections if isinstance(each, PatientProtocol) and not each.is_leaving()]
+        if len(staying) > MOST_OPEN:
+            idle = [each for each in staying if each.is_idle() and each is not self]
+            min(idle, key=lambda each: each.made, default=self).transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        """Take what has come; the patience with a head begins with its first byte, and drops do not renew it."""
+        super().data_received(data)
+        if self.conn.their_state is h11.IDLE:
+            self._await_head()
+        else:
+            self._forget_head()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Let go of a connection that is over."""
+        self._forget_head()
+        super().connection_lost(exc)
+
+    def is_leaving(self) -> bool:
+        """Return whether it is being closed."""
+        return self.transport.is_closing()
+
+    def is_idle(self) -> bool:
+        """Return whether no request is under way."""
+        return self.cycle is None or self.cycle.response_complete
+
+    def _await_head(self) -> None:
+        if self._head_timer is None:
+            self._head_timer = self.loop.call_later(HEAD_S, self.transport.abort)
+
+    def _forget_head(self) -> None:
+        if self._head_timer is not None:
+            self._head_timer.cancel()
+            self._head_timer = None
+
+
+def server_config(app: Any, **settings: Any) -> uvicorn.Config:
+    """Return uvicorn's settings for an application: small heads and messages, no logs of requests, no trust in proxies.
+
+    settings: what is to be otherwise, as uvicorn.Config takes it; `ws="none"` where there are no web sockets.
+    """
+    for name in ("uvicorn.error", "uvicorn.access"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    chosen: dict[str, Any] = {
+        "http": PatientProtocol,
+        "log_config": None,
+        "access_log": False,
+        "server_header": False,
+        "proxy_headers": False,
+        "timeout_keep_alive": _KEEP_ALIVE_S,
+        "timeout_graceful_shutdown": 2,
+        "h11_max_incomplete_event_size": _MOST_HEAD,
+        "ws_max_size": 256 * 1024,
+        "backlog": AT_ONCE,
+        "lifespan": "off",
+    }
+    return uvicorn.Config(app, **(chosen | settings))
+
+
+def raise_file_limit() -> None:
+    """Let this process open the files that `MOST_OPEN` connections are, where the system begins with fewer."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    enough = _FILES if hard == resource.RLIM_INFINITY else min(hard, _FILES)
+    if soft < enough:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (enough, hard))

@@ -13,10 +13,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 from sinew.apps.bench_run import open_rig
-from sinew.apps.dashboard.processes import await_end
-from sinew.apps.dashboard.run_folders import Control, Run
+from sinew.apps.dashboard.run_desk import Control, Run, await_end
 from sinew.bench.stops import StopReport, stop
-from sinew.hardware import local_port as _local_port  # noqa: F401 - open_rig imports it late
+from sinew.hardware import serial_port as _local_port  # noqa: F401 - open_rig imports it late
 from sinew.hardware import serial_port as _serial_port  # noqa: F401
 from sinew.hardware import shared_clock as _shared_clock  # noqa: F401
 from sinew.hardware.errors import PortError

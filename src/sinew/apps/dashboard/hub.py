@@ -21,17 +21,184 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.apps.bench_run import JOURNAL
-from sinew.apps.dashboard.channels import Channel, LiveChannels
-from sinew.apps.dashboard.drawn_rig import drawn_rig
-from sinew.apps.dashboard.names import unlinked
-from sinew.apps.dashboard.ring import Ring
-from sinew.apps.dashboard.tail import JournalTail, News
+from sinew.apps.dashboard.operators import unlinked
+from sinew.bench.journal_reader import JournalReader, Stretch
 from sinew.measure.errors import FileError
+from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
 
-__all__ = ["FRAME_S", "Hub", "Live"]
+# A rig becomes what a page draws of it: its shape, its traces, the limit of its tendons.
+
+
+def drawn_rig(rig: RigSpec) -> dict[str, Any]:
+    """Return what a page draws of a rig, for JSON.
+
+    `shape`: lengths in those of the silicone, and the number of tendons; `labels` of the traces by key;
+    `tension_limit_n` [N].
+    """
+    length = rig.silicone.length.value
+    circle = rig.tendons.head_radius.value / length
+    radius = 0.5 * rig.silicone.diameter.value / length
+    shape = {
+        "length": 1.0,
+        "radius": radius,
+        "circle": max(circle, radius + 0.04),  # tendons that run inside the silicone would not be seen
+        "plate": max(circle, radius) + 0.16,
+        "lever": 1.2 * max(circle, radius) + 0.3,
+        "tendons": rig.tendons.count,
+    }
+    labels = {channel.key: channel.label for channel in LiveChannels(rig).channels}
+    return {"shape": shape, "labels": labels, "tension_limit_n": rig.limits.tension_n}
+
+
+# The samples of a journal become what the oscilloscope shows, in the units of a screen.
 
 Floats = NDArray[np.float64]
+
+_MEMORY_S = 3.0  # of the live torsion: long against a turn, short against a drift
+_LONG_STEP_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A trace: its key, the label and the unit that stand beside it."""
+
+    key: str
+    label: str
+    unit: str
+
+
+class LiveChannels:
+    """Turns rows of a run's journal into traces, batch after batch.
+
+    The torsion is the gyroscope's rate, integrated by trapezoids with a leak of 3 s that takes the drift out: at 3 Hz
+    it leads by 1° and is for the eye alone; what is measured comes from `sinew.analysis`.
+    """
+
+    def __init__(self, rig: RigSpec) -> None:
+        self._tendons = rig.tendons.count
+        self._force = rig.tendons.torque_constant.value / rig.tendons.pulley_radius.value
+        self._radius = rig.tendons.pulley_radius.value
+        self.channels = (
+            Channel("drive_command", "lever, command", "°"),
+            Channel("drive", "lever θ", "°"),
+            Channel("torsion", "torsion φ", "°"),
+            Channel("drive_current", "drive current", "A"),
+            *(Channel(f"tendon_{i + 1}_current", f"current of tendon {i + 1}", "A") for i in range(self._tendons)),
+            Channel("tilt", "tilt", "°"),
+        )
+        self._torsion, self._rate, self._time = 0.0, math.nan, math.nan
+
+    def take(self, rows: dict[str, Floats]) -> Floats:
+        """Return the traces (c, n), in the order of `channels`, of rows as `JournalReader.samples` gives them."""
+        tendons = [rows[f"tendon_{i + 1}_current_a"] for i in range(self._tendons)]
+        return np.stack(
+            [
+                np.degrees(rows["drive_command_rad"]),
+                np.degrees(rows["drive_rad"]),
+                np.degrees(self._integrate(rows["time_s"], rows["gyro_x_rad_s"])),
+                rows["drive_current_a"],
+                *tendons,
+                np.degrees(rows["tilt_rad"]),
+            ]
+        )
+
+    def tensions(self, traces: Floats) -> list[float]:
+        """Return the tension of each tendon [N] at the newest row of some traces, from its motor's current."""
+        currents = traces[4 : 4 + self._tendons, -1]
+        return [float(max(0.0, current) * self._force) if np.isfinite(current) else math.nan for current in currents]
+
+    def _integrate(self, time: Floats, rate: Floats) -> Floats:
+        out = np.empty(time.size)
+        for i, (now, value) in enumerate(zip(time.tolist(), rate.tolist(), strict=True)):
+            step = now - self._time
+            if math.isfinite(value) and math.isfinite(self._rate) and 0.0 < step < _LONG_STEP_S:
+                self._torsion += 0.5 * (value + self._rate) * step
+                self._torsion *= math.exp(-step / _MEMORY_S)
+            if math.isfinite(now):
+                self._time = now
+            if math.isfinite(value):
+                self._rate = value
+            out[i] = self._torsion
+        return out
+
+
+class Ring:
+    """The newest columns of a table that goes on.
+
+    rows: how many rows a column has. capacity: how many columns are kept. count: columns put so far; a column's number
+    is its place in that count, and stays.
+    """
+
+    def __init__(self, rows: int, capacity: int) -> None:
+        self._table = np.full((rows, capacity), np.nan)
+        self.count = 0
+
+    @property
+    def oldest(self) -> int:
+        """Number of the oldest column that is kept."""
+        return max(0, self.count - self._table.shape[1])
+
+    def put(self, columns: Floats) -> None:
+        """Add columns (rows, n); the oldest make room."""
+        capacity = self._table.shape[1]
+        kept = columns[:, -capacity:]
+        first = self.count + columns.shape[1] - kept.shape[1]
+        self._table[:, np.arange(first, first + kept.shape[1]) % capacity] = kept
+        self.count += columns.shape[1]
+
+    def get(self, first: int, end: int) -> Floats:
+        """Return the columns with numbers in [first, end), those that are still kept."""
+        first, end = max(first, self.oldest), min(end, self.count)
+        return self._table[:, np.arange(first, max(first, end)) % self._table.shape[1]]
+
+
+_MOST_ROWS = 4000
+
+
+@dataclass(frozen=True)
+class News:
+    """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events as (id, kind,
+    sentence); the segment that was begun last, or None; how many groups are finished."""
+
+    rows: dict[str, Floats]
+    events: list[tuple[int, str, str]]
+    segment: Stretch | None
+    groups_done: int
+
+
+class JournalTail:
+    """Follows one journal.
+
+    path: of the journal. backlog: how many of the samples that there are already are read first.
+    Every look is a short read transaction of its own, which keeps nothing from whoever writes. Raises FileError where
+    it is no journal; sqlite3.OperationalError may come from a look at a disk that fails.
+    """
+
+    def __init__(self, path: Path, backlog: int = 0) -> None:
+        self._reader = JournalReader(path)
+        self.plan_toml, self.rig_toml = self._reader.plan_toml, self._reader.rig_toml
+        self.found = self._reader.last_sample()  # what was there before we came
+        self._last = max(0, self.found - backlog)
+        self._event = 0
+        source = self._reader.attrs.get("source")
+        self.source = None if source is None else str(source)
+
+    def look(self) -> News:
+        """Return what is new, at most 4000 rows at a time."""
+        reader = self._reader
+        end = min(reader.last_sample(), self._last + _MOST_ROWS)
+        rows = reader.samples(self._last + 1, end + 1) if end > self._last else {}
+        self._last = max(self._last, end)
+        events = reader.events_after(self._event)
+        if events:
+            self._event = events[-1][0]
+        return News(rows, events, reader.newest_stretch(), reader.count_finished())
+
+    def close(self) -> None:
+        """Give the file back."""
+        self._reader.close()
+
 
 FRAME_S = 0.04
 """Time between two frames [s]."""

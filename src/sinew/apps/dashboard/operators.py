@@ -6,14 +6,33 @@ gives that up, its page is closed or falls silent, or another takes over, which 
 happens by the way.
 """
 
+import os
+import re
 import secrets
+import stat
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
 
-from sinew.apps.dashboard.refusal import RefusedError
+from sinew.measure.errors import FileError, SinewError
 
-__all__ = ["LAPSES_S", "LEAVES_S", "Operators", "Ticket"]
+# A command that is not carried out says why.
+
+
+class RefusedError(SinewError):
+    """A command is not carried out.
+
+    status: of HTTP, 4xx: 403 not allowed, 409 not now, 422 not valid. more: what else is answered: ticket, False where
+    a page needs another; number, the last one that was heard.
+    """
+
+    def __init__(self, status: int, sentence: str, **more: int) -> None:
+        super().__init__(sentence)
+        self.status, self.more = status, more
+
 
 _MOST_TICKETS = 1000
 _PRESENT_S = 30.0
@@ -125,3 +144,73 @@ class Operators:
             return None
         mine = asking is not None and secrets.compare_digest(self._operator.id.encode(), asking.encode())
         return {"name": self._operator.name, "since": self._since, "mine": mine}
+
+
+# The folder of runs from outside: what a run may be called, what is ours, and reading that no link leads astray.
+#
+# A run's folder may have been copied or planted with links in it. Whoever looks at the pages would read through them
+# what the server may read. So a folder that is a link, or has one among its files, is not read, and files are opened
+# part by part without following any.
+
+BENCH = ".bench"
+"""Folder of what belongs to the bench and to no run."""
+
+SIGNED_OUT = "signed-out"
+"""Name of the file in it that lists the sessions that were ended."""
+
+SHELVES = ("rigs", "plans")
+"""Folders that hold the lab's own rigs and plans, and no run."""
+
+CACHE = ".dashboard"
+"""Folder in a run's own for what can be made anew."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
+
+
+def is_run_name(name: object) -> bool:
+    """Return whether this is up to 80 letters, digits, '.', '_' or '-', the first a letter or a digit, and no shelf."""
+    return isinstance(name, str) and _NAME.fullmatch(name) is not None and name.lower() not in SHELVES
+
+
+def unlinked(folder: Path) -> Path:
+    """Return a run's folder, if neither it nor what lies in it is a link. Raises FileError for one that is."""
+    found = folder.name if folder.is_symlink() else None
+    for place in (folder, folder / CACHE):
+        with suppress(OSError), os.scandir(place) as entries:  # what is not there is for others to say
+            found = found or next((entry.name for entry in entries if entry.is_symlink()), None)
+    if found is not None:
+        raise FileError(f"{folder.name}: {found} is a link, which is not followed; put the file itself there")
+    return folder
+
+
+def open_inside(root: Path, path: Path) -> BinaryIO:
+    """Return a file below a folder, opened for reading through no link, whatever is exchanged meanwhile.
+
+    root: may be a link itself. Raises FileError where a part of the path is a link or leads out, or there is no file.
+    """
+    handle = os.open(root, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        parts = path.relative_to(root).parts
+        if not parts or ".." in parts:
+            raise FileError(f"{path} does not lie in {root}")
+        for part in parts[:-1]:
+            below = os.open(part, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=handle)
+            os.close(handle)
+            handle = below
+        file = os.open(parts[-1], os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK, dir_fd=handle)
+    except (OSError, ValueError) as error:
+        raise FileError(f"cannot read {path.name} of {path.parent.name}: it is absent, or a link") from error
+    finally:
+        os.close(handle)
+    if not stat.S_ISREG(os.fstat(file).st_mode):
+        os.close(file)
+        raise FileError(f"{path.name} of {path.parent.name} is no file")
+    return os.fdopen(file, "rb")
+
+
+@contextmanager
+def held_inside(root: Path, path: Path) -> Iterator[Path]:
+    """Give a name under which a file below a folder can be opened, the one that was found through no link."""
+    with open_inside(root, path) as file:
+        held = Path(f"/dev/fd/{file.fileno()}")
+        yield held if held.exists() else path

@@ -25,22 +25,19 @@ from nicegui import ui
 from starlette.responses import HTMLResponse
 from starlette.routing import Route
 
-from sinew.apps.dashboard.access import Access, Gate, SignedOut
-from sinew.apps.dashboard.front import server_config
+from sinew.apps.dashboard.access import Access, Gate, SignedOut, server_config, sign_in_routes
 from sinew.apps.dashboard.hub import Hub
-from sinew.apps.dashboard.names import BENCH, SIGNED_OUT, is_run_name, open_inside, unlinked
+from sinew.apps.dashboard.operators import BENCH, SIGNED_OUT, is_run_name, open_inside, unlinked
 from sinew.apps.dashboard.pages.design import add_design_page
 from sinew.apps.dashboard.pages.errors import add_error_pages, sign_in_page
+from sinew.apps.dashboard.pages.frame import Site
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
 from sinew.apps.dashboard.pages.runs import add_runs_pages
-from sinew.apps.dashboard.pages.site import Site
 from sinew.apps.dashboard.results import Results
-from sinew.apps.dashboard.sign_in import sign_in_routes
 from sinew.apps.dashboard.stream import serve_stream
-from sinew.apps.dashboard.work.download import FILES
-from sinew.apps.dashboard.work_desk import Work
-from sinew.apps.dashboard.worker import Worker
+from sinew.apps.dashboard.work.results import FILES
+from sinew.apps.dashboard.worker import Work, Worker
 from sinew.measure.errors import SinewError
 
 __all__ = ["Config", "main", "make_app", "serve"]

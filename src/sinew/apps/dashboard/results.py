@@ -7,7 +7,7 @@ from typing import Any
 
 from sinew.apps.bench_run import JOURNAL
 from sinew.apps.dashboard.hub import Hub, Live
-from sinew.apps.dashboard.work_desk import Work
+from sinew.apps.dashboard.worker import Work
 from sinew.measure.errors import SinewError
 from sinew.plan.toml import parse_plan
 

@@ -4,33 +4,383 @@ A run is a process of its own that outlives us. What it is told goes through its
 into its journal without us.
 """
 
+import json
+import os
+import resource
+import select
 import signal
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from sinew.apps.dashboard.processes import UNKNOWN, end_process, read_specs, spawn, write_pid
-from sinew.apps.dashboard.refusal import RefusedError
-from sinew.apps.dashboard.run_folders import (
-    LOG,
-    PID,
-    RESUMED,
-    Control,
-    Run,
-    ending_of,
-    find_runs,
-    make_folder,
-    run_words,
-    texts_to_go_on,
-    told_at_end,
-)
-from sinew.apps.run_control import CONTROL
+import psutil
+
+from sinew.apps.bench_run import JOURNAL
+from sinew.apps.dashboard.operators import RefusedError, is_run_name, open_inside, unlinked
+from sinew.apps.run_control import CONTROL, own_text
+from sinew.bench.journal_reader import JournalReader, summarise_journal
 from sinew.measure.errors import SinewError, SpecError
 from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan, parse_rig
 
-__all__ = ["RunDesk"]
+# Other processes that the dashboard holds on to: those it began, and those that a steward before it began.
+
+UNKNOWN = 1 << 16
+"""Stands for an exit status that nobody can tell."""
+
+_PROCESSES_LOOK_S = 0.005
+_READ_S, _READ_CPU_S = 120.0, 20
+_READ_BYTES = 1 << 30
+_READ_HERE = 48 * 1024  # characters; a rig with a calibration has some twelve thousand
+_BEGAN_S = 2.0  # the system counts from its own start, whose date moves a little with the clock
+
+
+class Process(Protocol):
+    """A process that may be looked at and ended; `subprocess.Popen` is one."""
+
+    @property
+    def pid(self) -> int:
+        """Return its number."""
+
+    def poll(self) -> int | None:
+        """Return its exit status, or None while it goes on."""
+
+    def send_signal(self, sig: int) -> None:
+        """Send it a signal, where it goes on."""
+
+
+class Adopted:
+    """A process that is not our child, so that its exit status stays unknown.
+
+    A number may be given to another process once its owner is gone. Where the system has descriptors of processes
+    (Linux), one keeps us from ending the wrong one.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._file = os.pidfd_open(pid) if sys.platform == "linux" else None
+
+    @property
+    def pid(self) -> int:
+        """Return its number."""
+        return self._pid
+
+    def poll(self) -> int | None:
+        """Return `UNKNOWN` once it has ended, else None."""
+        if self._file is not None:
+            ready = select.poll()
+            ready.register(self._file, select.POLLIN)
+            return UNKNOWN if ready.poll(0) else None
+        try:
+            os.kill(self._pid, 0)
+        except ProcessLookupError:
+            return UNKNOWN
+        return None
+
+    def send_signal(self, sig: int) -> None:
+        """Send it a signal, where it goes on."""
+        with suppress(ProcessLookupError):
+            if self._file is not None:
+                signal.pidfd_send_signal(self._file, sig)
+            else:
+                os.kill(self._pid, sig)
+
+    def close(self) -> None:
+        """Let go of it; it goes on."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+
+def sinew_command(*words: str) -> list[str]:
+    """Return the command line of a `sinew` command under this interpreter, without what lies in the present folder."""
+    return [sys.executable, "-P", "-c", "import sys; from sinew.apps.cli import main; sys.exit(main())", *words]
+
+
+def spawn(command: Sequence[str], log: Path) -> "subprocess.Popen[bytes]":
+    """Begin a process that outlives us and our terminal; what it says goes into a file."""
+    with log.open("ab") as file:
+        return subprocess.Popen(
+            list(command), stdin=subprocess.DEVNULL, stdout=file, stderr=subprocess.STDOUT, start_new_session=True
+        )
+
+
+def read_specs(plan: str, rig: str) -> tuple[str, RigSpec]:
+    """Return the name of the plan and the rig that two texts hold; long ones are read by a process of its own.
+
+    What others wrote may keep its reader busy, or fill its memory; whoever answers for the stop reads no more of it
+    than takes some hundredths of a second. Raises SpecError where a text is none, or its reader takes too long.
+    """
+    if len(plan) + len(rig) <= _READ_HERE:
+        return parse_plan(plan, "the plan").name, parse_rig(rig, "the rig")
+    asked = json.dumps({"plan": plan, "rig": rig})
+    command = [sys.executable, "-P", "-c", f"from {__name__} import answer_specs; answer_specs()"]
+    try:
+        done = subprocess.run(command, input=asked, capture_output=True, text=True, timeout=_READ_S, check=False)
+        told = json.loads(done.stdout)
+    except (subprocess.TimeoutExpired, ValueError, OSError) as trouble:
+        raise SpecError("the plan or the rig takes too long or too much memory to read; make it shorter") from trouble
+    if "trouble" in told:
+        raise SpecError(told["trouble"])
+    return told["plan"], RigSpec.model_validate_json(told["rig"])
+
+
+def answer_specs() -> None:
+    """Read what `read_specs` asks on stdin, and answer on stdout."""
+    for what, most in ((resource.RLIMIT_DATA, _READ_BYTES), (resource.RLIMIT_CPU, _READ_CPU_S)):
+        _, hard = resource.getrlimit(what)
+        resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+    asked = json.load(sys.stdin)
+    try:
+        plan, rig = parse_plan(asked["plan"], "the plan"), parse_rig(asked["rig"], "the rig")
+        told = {"plan": plan.name, "rig": rig.model_dump_json()}
+    except SpecError as trouble:
+        told = {"trouble": str(trouble)}
+    print(json.dumps(told))
+
+
+def write_pid(file: Path, pid: int) -> None:
+    """Write down which process belongs to a folder, and when it began, for a steward after us. Raises OSError."""
+    try:
+        began = psutil.Process(pid).create_time()
+    except psutil.Error as error:
+        raise OSError(f"process {pid} is gone: {error}") from error
+    file.unlink(missing_ok=True)
+    with file.open("x", encoding="utf-8") as made:
+        made.write(f"{pid} {began!r}\n")
+
+
+def read_pid(file: Path) -> tuple[int, float] | None:
+    """Return (number, begin [s since 1970]) of the process in a file of ours, or None where there is none."""
+    try:
+        pid, began = own_text(file).split()
+        return int(pid), float(began)
+    except (OSError, ValueError):
+        return None
+
+
+def adopt(pid: int, words: Sequence[str], began: float | None = None) -> Adopted | None:
+    """Return the process of that number; None where it is gone, another one has the number, or it is not our own.
+
+    words: each an argument of its command line. began: when it began [s since 1970]; None where the number comes from
+    the system, and not out of a file.
+    """
+    if pid <= 1:
+        return None
+    try:
+        process = Adopted(
+            pid
+        )  # from here on the number cannot come to mean another one where the system has descriptors
+    except OSError:
+        return None
+    if process.poll() is None and _is_ours(pid, words, began):
+        return process
+    process.close()
+    return None
+
+
+def adopt_from(file: Path, words: Sequence[str]) -> Adopted | None:
+    """Return the process that a file of ours names, as `adopt` does."""
+    named = read_pid(file)
+    return None if named is None else adopt(named[0], words, named[1])
+
+
+def _is_ours(pid: int, words: Sequence[str], began: float | None) -> bool:
+    try:
+        process = psutil.Process(pid)
+        is_same = began is None or abs(process.create_time() - began) < _BEGAN_S
+        return is_same and process.uids().real == os.getuid() and set(words) <= set(process.cmdline())
+    except psutil.Error:
+        return False
+
+
+def await_end(process: Process, seconds: float) -> bool:
+    """Return whether a process ends within so many seconds."""
+    end = time.monotonic() + seconds
+    while process.poll() is None:
+        if time.monotonic() >= end:
+            return False
+        time.sleep(_PROCESSES_LOOK_S)
+    return True
+
+
+def end_process(process: Process, seconds: float, first: int = signal.SIGTERM) -> None:
+    """End a process: politely, and by force after so many seconds."""
+    process.send_signal(first)
+    if not await_end(process, seconds):
+        process.send_signal(signal.SIGKILL)
+        await_end(process, 1.0)
+
+
+# A run gets its folder, and where runs that are under way are found again.
+
+PID = "run.pid"
+"""Name of the file in a run's folder that holds the number of its process."""
+
+LOG = "run.log"
+"""Name of the file in a run's folder that holds what it said."""
+
+_MOST_LOG = 256 * 1024  # bytes of its end
+
+RESUMED = "--- the run is taken up again ---"
+"""Line of a run's log between what it said before and after it was taken up again."""
+
+Control = Callable[..., dict[str, Any]]
+"""What asks a run for something: (folder, command, timeout_s) -> answer; raises a SinewError if nobody listens."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that was begun here, or by a steward before. started: [s since 1970]."""
+
+    name: str
+    folder: Path
+    process: Process
+    started: float
+    plan: str
+    rig: str
+    spec: RigSpec
+
+
+def make_folder(runs: Path, name: str, plan: str, rig: str) -> Path:
+    """Return the new folder of a run, with the texts of its plan and rig in it.
+
+    Raises RefusedError where the name is none (422), is in use (409) or the disk takes no folder (409).
+    """
+    if not is_run_name(name):
+        raise RefusedError(
+            422,
+            f"found {name[:100]!r} for a run's name, expected up to 80 letters, digits, '.', '_' or '-', "
+            "the first a letter or a digit",
+        )
+    folder = runs / name
+    try:
+        folder.mkdir()
+        (folder / "plan.toml").write_text(plan, encoding="utf-8")
+        (folder / "rig.toml").write_text(rig, encoding="utf-8")
+    except FileExistsError:
+        raise RefusedError(409, f"there is a run {name} already; choose another name") from None
+    except OSError as error:
+        raise RefusedError(
+            409, f"cannot write {folder}: {error.strerror}; make space, or choose other --runs"
+        ) from error
+    return folder
+
+
+def run_words(folder: Path, port: str) -> list[str]:
+    """Return what stands behind `sinew` to run what lies in a folder on the bench behind a port."""
+    texts = (str(folder / "plan.toml"), "--rig", str(folder / "rig.toml"))
+    return ["run", *texts, "--port", port, "--out", str(folder), "--json"]
+
+
+def find_runs(runs: Path, control: Control) -> Iterator[Run]:
+    """Give the runs below a folder that are under way: those that answer, and those whose process is there."""
+    for folder in sorted({file.parent for name in (CONTROL, PID) for file in runs.glob(f"[!.]*/{name}")}):
+        if not _is_unlinked(folder):
+            continue
+        process = adopt_from(folder / PID, [str(folder)]) or _answering(folder, control)
+        if process is None:
+            continue
+        try:
+            plan_name, spec = read_specs(*_texts(folder))
+        except SinewError:
+            continue
+        began = folder / "plan.toml" if (folder / "plan.toml").exists() else folder / CONTROL
+        started = began.stat().st_mtime
+        yield Run(folder.name, folder, process, started, plan_name, spec.name, spec)
+
+
+def _is_unlinked(folder: Path) -> bool:
+    try:
+        return unlinked(folder) is folder
+    except SinewError:
+        return False
+
+
+def told_at_end(folder: Path) -> str | None:
+    """Return how a run that has ended says that it ended, or None where it said nothing."""
+    try:
+        with open_inside(folder.parent, folder / LOG) as file:
+            file.seek(max(0, os.fstat(file.fileno()).st_size - _MOST_LOG))
+            lines = file.read(_MOST_LOG).decode("utf-8", "replace").splitlines()
+    except (OSError, SinewError):
+        return None
+    lines = lines[max((number + 1 for number, line in enumerate(lines) if line == RESUMED), default=0) :]
+    starts = [number for number, line in enumerate(lines) if line == "{"]
+    if starts:
+        try:
+            told, _ = json.JSONDecoder().raw_decode("\n".join(lines[starts[-1] :]))
+            return f"{told['ended']}; {told['left']}"
+        except (ValueError, KeyError, TypeError):
+            pass
+    said = [line.strip() for line in lines if line.strip()]
+    return said[-1].removeprefix("sinew: ") if said else None
+
+
+def ending_of(folder: Path) -> dict[str, Any]:
+    """Return how far a run came that has ended: whether it is `complete`, `can_resume`, `groups_done`, `groups`.
+
+    Where it left no journal nothing has moved: there is nothing to go on with, and the two numbers are None.
+    """
+    try:
+        journal = summarise_journal(folder / JOURNAL)
+        groups = len(parse_plan(journal.plan_toml, "the journal's plan").groups())
+    except SinewError:
+        return {"complete": False, "can_resume": False, "groups_done": None, "groups": None}
+    done = journal.finished
+    return {"complete": done >= groups, "can_resume": done < groups, "groups_done": done, "groups": groups}
+
+
+def texts_to_go_on(runs: Path, name: str) -> tuple[Path, str, str]:
+    """Return the folder of a run that ended early, and its plan and rig, which lie in it as files afterwards.
+
+    Raises RefusedError where there is no such run (404), or nothing of it is left to do (409).
+    """
+    folder = runs / name
+    if not is_run_name(name) or not _is_unlinked(folder) or not (folder / JOURNAL).is_file():
+        raise RefusedError(404, "found no run of that name to go on with; the page Runs lists them")
+    if not ending_of(folder)["can_resume"]:
+        raise RefusedError(409, f"nothing of the run {name} is left to do; start another")
+    try:
+        texts = _texts(folder)
+        for file, text in zip(("plan.toml", "rig.toml"), texts, strict=True):
+            if not (folder / file).exists():
+                (folder / file).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RefusedError(409, f"cannot write into {folder}: {error.strerror}; make space") from error
+    except SinewError as error:
+        raise RefusedError(409, str(error)) from error
+    return folder, *texts
+
+
+def _texts(folder: Path) -> tuple[str, str]:
+    """Return plan and rig of a run: their files, or what its journal holds where it was begun in a terminal.
+
+    Raises FileError where there are neither.
+    """
+    try:
+        plan, rig = (folder / name for name in ("plan.toml", "rig.toml"))
+        return plan.read_text(encoding="utf-8"), rig.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        with JournalReader(folder / JOURNAL) as journal:
+            return journal.plan_toml, journal.rig_toml
+
+
+def _answering(folder: Path, control: Control) -> Process | None:
+    if not (folder / CONTROL).exists():
+        return None
+    try:
+        pid = control(folder, "status", timeout_s=0.5).get("peer")  # as the system has it, whatever the answer says
+    except SinewError:
+        return None
+    return adopt(pid, []) if isinstance(pid, int) else None
+
 
 _LOOK_S = 0.1
 _ASK_EVERY = 10  # looks

@@ -6,35 +6,422 @@ goes on, an emulator too, and the next steward finds both.
 
 import asyncio
 import fcntl
+import json
+import select
+import signal
 import socket
+import subprocess
 import threading
 import time
-from collections.abc import Awaitable, Callable
-from contextlib import ExitStack
+from collections import deque
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, Protocol
 
 import uvicorn
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.applications import Starlette
+from starlette.middleware.cors import CORSMiddleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp
 
 from sinew import __version__
-from sinew.apps.dashboard.access import Access, SignedOut
-from sinew.apps.dashboard.bench_emulator import BenchEmulator
+from sinew.apps.dashboard.access import Access, Gate, SignedOut, raise_file_limit, server_config
 from sinew.apps.dashboard.emergency import Emergency, Order, Outcome, Rest, bring_to_rest
-from sinew.apps.dashboard.front import raise_file_limit, server_config
-from sinew.apps.dashboard.names import BENCH, SIGNED_OUT
-from sinew.apps.dashboard.operators import Operators
-from sinew.apps.dashboard.page_process import PageProcess
-from sinew.apps.dashboard.processes import end_process, sinew_command
-from sinew.apps.dashboard.refusal import RefusedError
-from sinew.apps.dashboard.run_desk import RunDesk
-from sinew.apps.dashboard.run_folders import Control
-from sinew.apps.dashboard.steering import steering_app
-from sinew.apps.run_control import send_control
+from sinew.apps.dashboard.operators import BENCH, SIGNED_OUT, Operators, RefusedError, Ticket
+from sinew.apps.dashboard.run_desk import (
+    Adopted,
+    Control,
+    Process,
+    RunDesk,
+    adopt_from,
+    end_process,
+    sinew_command,
+    write_pid,
+)
+from sinew.apps.run_control import forget_socket, send_control
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.toml import load_rig
 
-__all__ = ["Settings", "Steward", "page_command"]
+# The dashboard gets an emulated bench to play with, or finds the one that a steward before it began.
+
+_READY_S = 90.0
+_END_S = 5.0
+_PID, _RIG = "emulator.pid", "rig"
+
+
+class BenchEmulator:
+    """`sinew emulate` in a process of its own. folder: for its link, its log and what truly happened (truth.json)."""
+
+    def __init__(self, folder: Path, command: Callable[..., list[str]]) -> None:
+        self._folder, self._command = folder, command
+        self._process: Process | None = None
+
+    @property
+    def port(self) -> str:
+        """The name of its port."""
+        return str(self._folder / "port")
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the emulator goes on."""
+        return self._process is not None and self._process.poll() is None
+
+    def open(self, rig: str, seed: int) -> bool:
+        """Begin the emulator, or take over one that is there; return whether it was there.
+
+        rig: TOML file or name. Raises FileError where it does not get ready, or plays another rig.
+        """
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._process = self._found(rig)
+        if self._process is not None:
+            return True
+        link = Path(self.port)
+        if link.is_symlink():
+            # Its emulator is gone; what it leads to may be somebody else's terminal by now.
+            forget_socket(link.readlink())
+            link.unlink()
+        self._begin(rig, seed)
+        return False
+
+    def close(self) -> None:
+        """End the emulator."""
+        if self._process is not None:
+            end_process(self._process, _END_S)
+            (self._folder / _PID).unlink(missing_ok=True)
+
+    def _found(self, rig: str) -> Adopted | None:
+        process = adopt_from(self._folder / _PID, ["emulate", self.port])
+        if process is None or not Path(self.port).exists():
+            return None
+        playing = (self._folder / _RIG).read_text(encoding="utf-8") if (self._folder / _RIG).exists() else ""
+        if playing != rig:
+            process.close()
+            raise FileError(
+                f"an emulator plays the rig {playing} on {self.port} already, expected {rig}; "
+                f"serve with --rig {playing}, or end process {process.pid}"
+            )
+        return process
+
+    def _begin(self, rig: str, seed: int) -> None:
+        truth = str(self._folder / "truth.json")
+        words = (
+            "emulate",
+            "--link",
+            self.port,
+            "--socket",
+            "--rig",
+            rig,
+            "--seed",
+            str(seed),
+            "--truth",
+            truth,
+            "--json",
+        )
+        log = self._folder / "emulator.log"
+        with log.open("wb") as file:
+            process = subprocess.Popen(
+                self._command(*words),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=file,
+                start_new_session=True,
+            )
+        self._process = process
+        write_pid(self._folder / _PID, process.pid)
+        (self._folder / _RIG).write_text(rig, encoding="utf-8")
+        if not _is_ready(process):
+            self.close()
+            said = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+            raise FileError(f"the emulator does not get ready: {said[-1] if said else 'it says nothing'}; see {log}")
+
+
+def _is_ready(process: "subprocess.Popen[bytes]") -> bool:
+    assert process.stdout is not None
+    with process.stdout as out:
+        end = time.monotonic() + _READY_S
+        if not select.select([out], [], [], max(0.0, end - time.monotonic()))[0]:
+            process.send_signal(signal.SIGKILL)
+            return False
+        try:
+            return isinstance(json.loads(out.readline()), dict)
+        except ValueError:
+            return False
+
+
+# The page server is kept alive: a process that may fall over without anything moving.
+#
+# It gets what it needs to know as one line of JSON on its stdin, for arguments and environments can be read by others;
+# that its stdin ends is its sign that nobody needs it any more.
+
+MOST_RESTARTS = 5
+"""So often it is begun anew within `WITHIN_S`; then it rests until the oldest time is that long ago."""
+
+WITHIN_S = 60.0
+"""See `MOST_RESTARTS` [s]."""
+
+_PROCESS_LOOK_S = 0.1
+_PATIENCE_S = 3.0
+_REST_S = 0.3  # before it is begun anew
+
+
+class PageProcess:
+    """The page server, begun again when it dies.
+
+    command: what begins it. config: what it is told. address: where it listens, (host, port). log: for what it says.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str],
+        config: dict[str, Any],
+        address: tuple[str, int],
+        log: Path,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._command, self._config, self._address, self._log = list(command), config, address, log
+        self._clock = clock
+        self._begun: deque[float] = deque()
+        self._over = threading.Event()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._thread = threading.Thread(target=self._keep, name="page", daemon=True)
+        self.state = "starting"
+
+    def open(self) -> None:
+        """Begin the page server, and watch it from now on."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the page server: its stdin ends, and after a while it is ended by force."""
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        if self._process is not None:
+            assert self._process.stdin is not None
+            self._process.stdin.close()
+            try:
+                self._process.wait(_PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                end_process(self._process, _PATIENCE_S)
+
+    @property
+    def pid(self) -> int | None:
+        """The number of its process, or None where there is none."""
+        process = self._process
+        return process.pid if process is not None and process.poll() is None else None
+
+    def _keep(self) -> None:
+        while not self._over.is_set():
+            if self._process is None or self._process.poll() is not None:
+                self._begin_again()
+            elif self.state == "starting" and self._answers():
+                self.state = "up"
+            self._over.wait(_PROCESS_LOOK_S)
+
+    def _begin_again(self) -> None:
+        now = self._clock()
+        while self._begun and now - self._begun[0] >= WITHIN_S:
+            self._begun.popleft()
+        if len(self._begun) > MOST_RESTARTS:
+            self.state = "down"
+            return
+        self.state = "starting"
+        if self._process is not None:
+            assert self._process.stdin is not None
+            self._process.stdin.close()
+            self._over.wait(_REST_S)
+        self._begun.append(now)
+        try:
+            self._process = self._begin()
+        except OSError:
+            self._process = None
+
+    def _begin(self) -> "subprocess.Popen[bytes]":
+        with self._log.open("ab") as log:
+            # Unbuffered: what a process that has died did not take is not tried again when its stdin is closed.
+            process = subprocess.Popen(
+                self._command,
+                bufsize=0,
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        assert process.stdin is not None
+        with suppress(BrokenPipeError):  # it has died already, which is seen at the next look
+            process.stdin.write(json.dumps(self._config).encode() + b"\n")
+        return process
+
+    def _answers(self) -> bool:
+        try:
+            with socket.create_connection(self._address, timeout=_PROCESS_LOOK_S):
+                return True
+        except OSError:
+            return False
+
+
+# Commands to the bench arrive: an application of a few lines, on a port of its own, beside the page.
+#
+# The page's server draws, streams and computes, and may be busy. Nothing of that happens here: what may block runs in
+# threads, and the emergency stop in one that is kept for it.
+
+TICKET_HEADER = "X-Sinew-Ticket"
+"""Header in which a page says who it is when it asks for the status; the query `ticket` does, too."""
+
+_Text = Annotated[str, Field(max_length=256 * 1024)]
+
+
+class SteeringCommand(BaseModel):
+    """What a page says, and in which order. number: greater than that of its last command."""
+
+    model_config = ConfigDict(frozen=True, strict=True)
+
+    ticket: Annotated[str, Field(max_length=64)]
+    number: Annotated[int, Field(ge=1, le=2**53)]
+    command: Literal["take", "give", "start", "continue", "pause", "resume", "hold", "release", "stop"]
+    plan: _Text | None = None
+    rig: _Text | None = None
+    name: _Text | None = None
+
+
+class Helm(Protocol):
+    """What steers: the steward. Everything but `emergency` may block."""
+
+    @property
+    def operators(self) -> Operators:
+        """Return who looks on and who operates."""
+
+    def status(self, asking: str | None) -> dict[str, Any]:
+        """Return what is going on, as seen by a ticket; never blocks."""
+
+    def start(self, name: str, plan: str, rig: str) -> str:
+        """Begin a run. Raises RefusedError."""
+
+    def go_on(self, name: str) -> str:
+        """Go on with a run that ended early. Raises RefusedError."""
+
+    def tell(self, command: str) -> str:
+        """Tell the run something. Raises RefusedError."""
+
+    def emergency(self) -> Awaitable[Outcome]:
+        """Bring the bench to rest at once."""
+
+
+def steering_app(access: Access, helm: Helm) -> ASGIApp:
+    """Return the application of the steering port: POST /ticket, POST /leave, POST /command, GET /status.
+
+    Answers are JSON, {"ok", "sentence", ...} and a status of 4xx where a command is not carried out.
+    """
+    desk = _Desk(access, helm)
+    routes = [
+        Route("/ticket", _signed_in(access, desk.ticket), methods=["POST"]),
+        Route("/leave", _signed_in(access, desk.leave), methods=["POST"]),
+        Route("/command", desk.command, methods=["POST"]),
+        Route("/status", desk.status, methods=["GET"]),
+    ]
+    gate = Gate(
+        Starlette(routes=routes), access, must_sign_in=access.must_sign_in, free=("/command",), urgent=("/command",)
+    )
+    return CORSMiddleware(
+        gate,
+        allow_origins=access.origins(),
+        allow_credentials=True,
+        allow_methods=["GET", "POST"],
+        allow_headers=["Content-Type", "Authorization", TICKET_HEADER],
+    )
+
+
+class _Desk:
+    """What is behind the routes."""
+
+    def __init__(self, access: Access, helm: Helm) -> None:
+        self._access, self._helm = access, helm
+
+    async def ticket(self, _request: Request) -> Response:
+        ticket = self._helm.operators.give_ticket()
+        return JSONResponse({"ok": True, "ticket": ticket.id, "number": 0, "name": ticket.name})
+
+    async def leave(self, request: Request) -> Response:
+        """Hear that a page is closed; a browser says so in passing, and waits for no answer."""
+        try:
+            ticket = json.loads(await request.body())["ticket"]
+        except (ValueError, RecursionError, KeyError, TypeError):
+            return _said(400, "found no ticket, expected that of the page that is left")
+        self._helm.operators.leave(str(ticket))
+        return _said(200, "the page is left")
+
+    async def status(self, request: Request) -> Response:
+        asking = request.headers.get(TICKET_HEADER) or request.query_params.get("ticket")
+        told = self._helm.status(asking)
+        may = {"signed_in": self._access.is_signed_in(request), "may_stop": self._access.may_stop(request)}
+        answer = JSONResponse(told | may)
+        self._access.keep_session(answer, request)
+        return answer
+
+    async def command(self, request: Request) -> Response:
+        told: object = None
+        if self._access.may_stop(request):
+            with suppress(ValueError, RecursionError):
+                told = json.loads(await request.body())
+            if isinstance(told, dict) and told.get("command") == "emergency":
+                # Whoever is signed in or sits here may stop the bench, however old the page: twice harms nobody.
+                outcome = await asyncio.shield(self._helm.emergency())
+                return _said(200 if outcome.is_safe else 409, outcome.sentence, took_ms=1e3 * outcome.took)
+        if not self._access.is_signed_in(request):
+            return _nobody()
+        if not isinstance(told, dict):
+            return _said(400, "found no JSON object, expected a command")
+        try:
+            command = SteeringCommand.model_validate(told)
+            ticket = self._helm.operators.admit(command.ticket, command.number)
+            return _said(200, await self._carry_out(command, ticket))
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_input=False)[0]
+            where = ".".join(map(str, first["loc"])) or "the command"
+            return _said(422, f"{where}: {first['msg']}")
+        except RefusedError as refusal:
+            return _said(refusal.status, str(refusal), **refusal.more)
+
+    async def _carry_out(self, command: SteeringCommand, ticket: Ticket) -> str:
+        operators = self._helm.operators
+        if command.command == "take":
+            return operators.take(ticket)
+        if command.command == "give":
+            return operators.give(ticket)
+        operators.require_operator(ticket)
+        if command.command == "continue":
+            if command.name is None:
+                raise RefusedError(422, "found no name; expected that of the run to go on with")
+            return await asyncio.to_thread(self._helm.go_on, command.name)
+        if command.command != "start":
+            return await asyncio.to_thread(self._helm.tell, command.command)
+        if command.plan is None or command.rig is None or command.name is None:
+            raise RefusedError(422, "found a start without plan, rig or name; expected all three")
+        return await asyncio.to_thread(self._helm.start, command.name, command.plan, command.rig)
+
+
+def _signed_in(access: Access, answer: Callable[[Request], Awaitable[Response]]) -> Callable[..., Awaitable[Response]]:
+    """Return an endpoint that only those get to who are signed in, also where looking takes no token."""
+
+    async def endpoint(request: Request) -> Response:
+        if not access.is_signed_in(request):
+            return _nobody()
+        return await answer(request)
+
+    return endpoint
+
+
+def _nobody() -> Response:
+    return _said(401, "nobody is signed in; sign in with the token that `sinew serve` printed")
+
+
+def _said(status: int, sentence: str, **more: object) -> Response:
+    return JSONResponse({"ok": status < 400, "sentence": sentence, **more}, status)
+
 
 _LOCK, _PAGE_LOG = "steward.lock", "page.log"
 _RUN_ENDS_S = 10.0

@@ -13,17 +13,15 @@ import resource
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing import get_context, parent_process
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from sinew.measure.errors import SinewError
-
-__all__ = ["CALLS", "Call", "Worker", "WorkerError"]
 
 _WORK = "sinew.apps.dashboard.work"
 _NICE = 10
@@ -208,3 +206,18 @@ class Worker:
         """End all processes at once."""
         for lane in self._lanes.values():
             lane.end()
+
+
+# It is said what the pages ask of whoever computes for them.
+
+
+class Work(Protocol):
+    """Runs what takes long, or needs JAX, in another process."""
+
+    def warm_up(self) -> None:
+        """Begin to compile what sliders need; returns at once."""
+        ...
+
+    def call(self, name: str, *arguments: Any, key: str | None = None) -> Awaitable[Any]:
+        """Return what a function of `sinew.apps.dashboard.work` returns; with a key only the latest request runs."""
+        ...

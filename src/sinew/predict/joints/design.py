@@ -6,9 +6,9 @@ from typing import Any
 from pydantic import ValidationError
 
 from sinew.measure.errors import SpecError
-from sinew.plan.complaint import complaint
 from sinew.plan.rig import RigSpec
-from sinew.predict.draws import carried_over
+from sinew.plan.toml import complaint
+from sinew.predict.band import carried_over
 from sinew.predict.joints.material import Material
 from sinew.predict.sections.section import Section, circle_section
 

@@ -5,11 +5,14 @@ import functools
 import tomllib
 from dataclasses import dataclass
 from importlib.resources import files
+from pathlib import Path
 
-from sinew.measure.errors import SpecError
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from sinew.measure.errors import FileError, RecordingError, SpecError
 from sinew.measure.estimate import Estimate
-
-__all__ = ["Material", "list_materials", "load_material"]
 
 
 @dataclass(frozen=True)
@@ -51,3 +54,89 @@ def load_material(name: str) -> Material:
     close = difflib.get_close_matches(plain, table, n=1)
     advice = f"; did you mean {close[0]}?" if close else ""
     raise SpecError(f"unknown material {name!r}, known are {', '.join(table)}{advice}")
+
+
+# A measured tensile curve becomes a shear modulus with what is known of its scatter.
+#
+# An incompressible neo-Hookean bar has the engineering stress σ = G (λ - 1/λ²), so that E = 3 G at small strain. A
+# gripped specimen begins to carry only after some slack ε₀, hence λ = (1 + ε)/(1 + ε₀).
+
+Array = NDArray[np.float64]
+
+FIT_STRAIN = 0.3
+"""Engineering strain up to which the small-strain modulus is fitted."""
+
+SECANT_STRAIN = 1.0
+"""Engineering strain at which the secant modulus is taken."""
+
+_WIDER = 0.5
+_FEWEST = 6
+
+
+@dataclass(frozen=True)
+class Tensile:
+    """What a tensile curve tells. shear_modulus: G at small strain [Pa]; its standard deviation is how far other fits
+    of the same curve lie, not how far specimens differ. secant: σ/(λ - 1/λ²) at 100 % strain [Pa]. slack: ε₀ [1]."""
+
+    shear_modulus: Estimate
+    secant: float
+    slack: float
+
+
+def read_tensile(path: Path) -> tuple[Array, Array]:
+    """Return engineering strain [1] and stress [Pa] of a file of the Soft Robotics Materials Database.
+
+    The file has semicolons, a header block, and columns of time, true strain and stress, engineering strain and
+    stress, in MPa. Raises FileError where it cannot be read or holds no such rows.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+    begin = next((i for i, line in enumerate(lines) if line.startswith("Time (s)")), None)
+    if begin is None:
+        raise FileError(f"{path} has no row that begins with 'Time (s)'; expected a curve of that database")
+    rows = [line.split(";") for line in lines[begin + 1 :] if line.strip(" ;")]
+    table = np.array([[float(cell) for cell in row[:5]] for row in rows])
+    return table[:, 3], 1e6 * table[:, 4]
+
+
+def fit_tensile(strain: Array, stress: Array) -> Tensile:
+    """Return the moduli of a curve of engineering strain [1] and stress [Pa].
+
+    G is fitted with slack up to `FIT_STRAIN`. Its standard deviation is the root mean square by which three other
+    readings of the curve differ from it: without slack; with slack up to 50 %; a third of the straight slope.
+    Raises RecordingError where fewer than six samples lie below that strain, or none beyond `SECANT_STRAIN`.
+    """
+    low = strain <= FIT_STRAIN
+    if np.sum(low) < _FEWEST or strain.max() < SECANT_STRAIN:
+        raise RecordingError(
+            f"a tensile curve with {np.sum(low)} samples up to {FIT_STRAIN:.0%} strain and none beyond "
+            f"{strain.max():.0%}; expected {_FEWEST} and {SECANT_STRAIN:.0%}"
+        )
+    modulus, slack = _with_slack(strain[low], stress[low])
+    wide = strain <= _WIDER
+    law = _law(1 + strain[low])
+    others = [
+        float(law @ stress[low] / (law @ law)),
+        _with_slack(strain[wide], stress[wide])[0],
+        float(np.polyfit(strain[low], stress[low], 1)[0]) / 3,
+    ]
+    std = float(np.sqrt(np.mean((np.array(others) - modulus) ** 2)))
+    stretch = 1 + SECANT_STRAIN
+    secant = float(np.interp(SECANT_STRAIN, strain, stress) / _law(np.array(stretch)))
+    return Tensile(Estimate.normal(modulus, std), secant, slack)
+
+
+def _law(stretch: Array) -> Array:
+    return np.asarray(stretch - stretch**-2)
+
+
+def _with_slack(strain: Array, stress: Array) -> tuple[float, float]:
+    scale = float(np.max(np.abs(stress)))
+
+    def residual(x: Array) -> Array:
+        return np.asarray(x[0] * _law((1 + strain) / (1 + x[1])) - stress / scale)
+
+    found = least_squares(residual, [1.0, 0.0], xtol=1e-12, ftol=1e-12, gtol=1e-12).x
+    return float(found[0] * scale), float(found[1])

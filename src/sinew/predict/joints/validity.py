@@ -2,17 +2,211 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
 
 from sinew.plan.rig import RigSpec
-from sinew.predict.joints.buckling import compressive_load, euler_load, haringx_load, mast_load, twisting_stretch
+from sinew.predict.curves.prediction import Problem
 from sinew.predict.joints.design import section_of, shear_modulus_of
-from sinew.predict.joints.ends import bonded_axial_factor, bonded_torsion_factor
-from sinew.predict.joints.loads import Loads, Torso, loads_under
 from sinew.predict.sections.section import Section
+from sinew.twin.energy import potential, tendon_stretch, tendon_tension
+from sinew.twin.parameters import Parameters
 
-__all__ = ["Check", "check_drive", "check_joint", "doubt_broken_curves", "largest_strain"]
+# A predicted joint's tensions and compression are found, at rest and where it twists most.
+
+Array = NDArray[np.float64]
+
+_STEPS = 12
+
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s²]."""
+
+
+@dataclass(frozen=True)
+class Torso:
+    """What sits on a joint and presses on it. mass [kg]; centre: height of its centre above the head plate [m]."""
+
+    mass: float
+    centre: float = 0.25
+
+    @property
+    def weight(self) -> float:
+        """Return its weight [N]."""
+        return self.mass * GRAVITY
+
+    def moment(self, tilt_deg: float) -> float:
+        """Return the moment by which it wants to tip over where the head is tilted by so much [N m]."""
+        return self.weight * self.centre * math.sin(math.radians(tilt_deg))
+
+
+class Loads(NamedTuple):
+    """By lane: tension of one tendon at rest and at the largest torsion [N], stretch λ at rest and at that torsion [1],
+    and that torsion [rad]."""
+
+    rest_tension: Array
+    tension: Array
+    rest_stretch: Array
+    stretch: Array
+    torsion: Array
+
+
+def loads_of(problem: Problem, torsion: Array) -> Loads:
+    """Return the loads of a rig's lanes at rest and, statically, at a torsion (lane,) [rad].
+
+    At that torsion the head has sunk to where the relaxed axial force vanishes; inertia of the head, the silicone's
+    memory and friction are left out.
+    """
+    p: Parameters = problem.lane.p
+    rest = problem.rest[:, 1]
+    sunk = _sunk(torsion, rest, p)
+    length = np.asarray(p.length)
+    return Loads(
+        _loads_tension(np.zeros_like(rest), rest, p),
+        _loads_tension(torsion, sunk, p),
+        1 - rest / length,
+        1 - sunk / length,
+        torsion,
+    )
+
+
+def loads_under(loads: Loads, torso: Torso, shear_rigidity: float, guides: tuple[int, float], tilt_deg: float) -> Loads:
+    """Return the loads with a torso's weight on the joint.
+
+    shear_rigidity: G A of the silicone [N]. guides: number of tendons and radius of their circle [m]. tilt_deg: how far
+    the head may tilt. The silicone carries the weight on top of the tendons, G A (1/λ² - λ) = ΣT + m g, and is
+    shortened by it; pretension counts from the first contact with the torso on the joint, so that the weight alone
+    changes no tension. The moment of the tilted torso is held by the tendons: at most 2 M/(n r) more in one of them.
+    """
+    count, radius = guides
+    more = 2 * torso.moment(tilt_deg) / (count * radius)
+
+    def pressed(stretch: Array) -> Array:
+        return np.array([_stretch_under(float(one), torso.weight / shear_rigidity) for one in stretch])
+
+    return loads._replace(
+        rest_tension=loads.rest_tension + more,
+        tension=loads.tension + more,
+        rest_stretch=pressed(loads.rest_stretch),
+        stretch=pressed(loads.stretch),
+    )
+
+
+def _stretch_under(stretch: float, more: float) -> float:
+    """Return the stretch under an additional load, as a share of G A."""
+    load = stretch**-2 - stretch + more
+    return float(optimize.brentq(lambda x: x**-2 - x - load, 1e-3, 2.0))
+
+
+def _loads_tension(torsion: Array, shortening: Array, p: Parameters) -> Array:
+    each = [tendon_tension(s, p) for s in tendon_stretch(jnp.asarray(torsion), jnp.asarray(shortening), p)]
+    return np.asarray(jnp.max(jnp.stack(each), axis=0))
+
+
+def _sunk(torsion: Array, start: Array, p: Parameters) -> Array:
+    """Return the shortening at which ∂V/∂x = 0 at a torsion, by Newton's method in each lane."""
+    return np.asarray(_relaxed(jnp.asarray(torsion), jnp.asarray(start), p), dtype=float)
+
+
+@jax.jit
+def _relaxed(torsion: jax.Array, start: jax.Array, p: Parameters) -> jax.Array:
+    def total(x: jax.Array) -> jax.Array:
+        return jnp.sum(potential(torsion, x, p))
+
+    def slope(x: jax.Array) -> jax.Array:
+        return jnp.asarray(jax.grad(total)(x))
+
+    def step(x: jax.Array, _: None) -> tuple[jax.Array, None]:
+        force, stiffness = jax.jvp(slope, (x,), (jnp.ones_like(x),))
+        return x - force / stiffness, None
+
+    return jax.lax.scan(step, start, None, length=_STEPS)[0]
+
+
+# It is estimated how much the plates at its ends stiffen a silicone that is bonded to them.
+
+LOST = 0.163
+"""Length that bonded ends take from a slender cylinder, in diameters: finite elements, `python -m benchmarks solid`."""
+
+
+def bonded_axial_factor(area: float, perimeter: float, length: float) -> float:
+    """Return by how much bonded ends raise the axial stiffness 3 G A/L of an incompressible block.
+
+    A slender one is as stiff as one that is shorter by 0.163 diameters, 1/(1 - 0.163 d/L), with d = 4 A/P: for a circle
+    within 0.3 % from a length of one width on. A squat one follows 1 + 2 S² with S = A/(P L), loaded area over the one
+    that is free to bulge (Gent and Lindley, Proc. Inst. Mech. Eng. 173, 1959). The larger of both holds.
+    area [m²], perimeter of all edges [m], length [m].
+    """
+    shape = area / (perimeter * length)
+    left = 1 - LOST * 4 * shape
+    return max(1 + 2 * shape**2, 1 / left if left > 0.5 else 0.0)
+
+
+def bonded_torsion_factor(torsion_constant: float, warping_constant: float, length: float) -> float:
+    """Return by how much ends that hold the warping raise the torsional stiffness G J/L: 1/(1 - tanh(h)/h).
+
+    h = L/2 · sqrt(G J/(E I_w)) with E = 3 G. Vlasov's theory of restrained warping (Timoshenko and Gere, Theory of
+    Elastic Stability, section 5.3); one for a section that does not warp. Arguments in m⁴, m⁶ and m.
+    """
+    if warping_constant <= 1e-12 * torsion_constant * length**2:
+        return 1.0
+    h = 0.5 * length * np.sqrt(torsion_constant / (3 * warping_constant))
+    return float(1 / (1 - np.tanh(h) / h))
+
+
+# The load is found at which tendons make a joint buckle, sideways or by twisting.
+#
+# Sideways: tendons run straight from guides on the head to guides on the base, so that their pull always points to
+# the base. With motors that hold a position they keep the head from tilting as well, the column is held at both ends
+# and P = 4 π² E I/L². With motors that hold a current nothing but the silicone keeps the head from tilting; a load
+# whose line passes through the foot of a clamped column gives P = π² E I/L² (Timoshenko and Gere, Theory of Elastic
+# Stability, chapter 2). Rubber columns are short and shear as well: Haringx's formula.
+#
+# By twisting: compression lets a section twist more easily (Wagner). For an incompressible neo-Hookean bar at the
+# stretch λ the torsional stiffness is (G/L) (I_p/λ - (I_p - J)/λ⁴) (`sinew.twin.energy.twist_rigidity`), which
+# vanishes where λ³ = 1 - J/I_p; for slight compression that is Wagner's P = G J A/I_p.
+
+
+def euler_load(bending_rigidity: float, length: float, *, tilt_held: bool) -> float:
+    """Return the critical load [N] of a joint without shear: E I [N m²], length [m]; tilt_held: by the tendons."""
+    return float((4 if tilt_held else 1) * np.pi**2 * bending_rigidity / length**2)
+
+
+def mast_load(bending_rigidity: float, length: float, height: float) -> float:
+    """Return the weight [N] at which a clamped column with a rigid mast on it falls over, without shear.
+
+    height: of the weight above the column's end [m]. The root of k h tan(k L) = 1, P = k² E I (0 < k L < π/2); a height
+    of nothing gives π² E I/(4 L²), Euler's free end.
+    """
+    if height <= 0:
+        return float(np.pi**2 * bending_rigidity / (4 * length**2))
+    ratio = height / length
+    turn = optimize.brentq(lambda x: ratio * x * np.sin(x) - np.cos(x), 0.0, np.pi / 2)
+    return float((turn / length) ** 2 * bending_rigidity)
+
+
+def haringx_load(euler: float, shear_rigidity: float) -> float:
+    """Return the critical load [N] of a column that shears as well: ½ G A (sqrt(1 + 4 P_E/(G A)) - 1).
+
+    Haringx, Philips Research Reports 3 and 4 (1948, 1949), as used for rubber springs. shear_rigidity: G A [N].
+    """
+    return float(0.5 * shear_rigidity * (np.sqrt(1 + 4 * euler / shear_rigidity) - 1))
+
+
+def twisting_stretch(torsion_constant: float, polar_moment: float) -> float:
+    """Return the stretch λ at which the torsional stiffness of the silicone vanishes; 0 for a circle."""
+    return float(np.cbrt(max(0.0, 1 - torsion_constant / polar_moment)))
+
+
+def compressive_load(shear_rigidity: float, stretch: float) -> float:
+    """Return the load [N] that compresses a neo-Hookean bar to a stretch λ: G A (1/λ² - λ)."""
+    return shear_rigidity * (stretch**-2 - stretch)
+
 
 SLENDER = 1.0
 """Length over the diameter of the circle around the section, below which a joint is no beam at all."""

@@ -6,8 +6,7 @@ import numpy as np
 from scipy.special import ellipe
 
 from sinew.measure.errors import SpecError
-from sinew.predict.sections.moments import moments
-from sinew.predict.sections.outline import Outline, rectangle, star
+from sinew.predict.sections.outline import Outline, moments, rectangle, star
 
 __all__ = [
     "Section",

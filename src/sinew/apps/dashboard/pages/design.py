@@ -6,9 +6,7 @@ from typing import Any
 from nicegui import ui
 
 from sinew.apps.dashboard.pages.curves import Curve, Curves
-from sinew.apps.dashboard.pages.frame import card, empty, framed
-from sinew.apps.dashboard.pages.quantity import quantity
-from sinew.apps.dashboard.pages.site import Site
+from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, quantity
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig

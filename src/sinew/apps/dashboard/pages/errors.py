@@ -4,9 +4,8 @@ from nicegui import app, core, ui
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
-from sinew.apps.dashboard.pages.frame import framed, plain_page
-from sinew.apps.dashboard.pages.site import Site
-from sinew.apps.dashboard.sign_in import SIGN_IN_PAGE
+from sinew.apps.dashboard.access import SIGN_IN_PAGE
+from sinew.apps.dashboard.pages.frame import Site, framed, plain_page
 
 _MISSING = """<div class="sinew-card"><h1>There is no such page</h1>
 <p>The address may be mistyped, or of a run that was moved.</p>

@@ -7,13 +7,45 @@ still loading, on one that does not exist, and on one whose server is gone.
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from nicegui import ui
 
-from sinew.apps.dashboard.pages.site import Site
+from sinew.apps.dashboard.hub import Hub
+from sinew.apps.dashboard.results import Results
+from sinew.apps.dashboard.work.runs import read_shelf
+from sinew.apps.dashboard.worker import Work
+from sinew.measure.estimate import shown_interval, typeset
+from sinew.plan.toml import read_spec
 
-__all__ = ["card", "choice", "empty", "framed", "live_card", "plain_page", "script"]
+# The pages find what they share: folders, hub, worker, access.
+
+
+@dataclass
+class Site:
+    """What all pages share.
+
+    runs: folder of the runs. rig: name or file of the rig that is offered first. bench: "emulator", "port" or None.
+    steering_port: where the browser sends commands. is_locked: whether even watching needs the token.
+    results: analysed groups of the run under way, and its prediction, see `sinew.apps.dashboard.results`.
+    """
+
+    runs: Path
+    rig: str
+    bench: str | None
+    steering_port: int
+    is_locked: bool
+    version: str
+    hub: Hub
+    work: Work
+    results: Results
+
+    def rig_text(self, name: str) -> str:
+        """Return the TOML text of the rig that is offered first, or of one on the shelf. Raises SpecError."""
+        return read_spec("rigs", name) if name == self.rig else read_shelf("rigs", name, self.runs)
+
 
 _PAGES = (("Live", "/"), ("Plan", "/plan"), ("Runs", "/runs"), ("Design", "/design"))
 _BUTTONS = (
@@ -123,3 +155,11 @@ def script(name: str, data: Any) -> None:
 def _data(name: str, data: Any) -> str:
     text = json.dumps(data, ensure_ascii=True, allow_nan=False).replace("<", "\\u003c")
     return f'<script id="{name}" type="application/json">{text}</script>'
+
+
+# Estimates in the words of a page.
+
+
+def quantity(estimate: dict[str, Any], unit: str) -> str:
+    """Return an estimate as a page says it: value and 90 % interval with unit, its digits by its uncertainty."""
+    return typeset(shown_interval(estimate, unit))

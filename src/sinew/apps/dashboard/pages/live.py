@@ -4,11 +4,9 @@ from typing import Any
 
 from nicegui import ui
 
-from sinew.apps.dashboard.drawn_rig import drawn_rig
+from sinew.apps.dashboard.hub import drawn_rig
 from sinew.apps.dashboard.pages.curves import Curves
-from sinew.apps.dashboard.pages.frame import card, choice, empty, framed, live_card, script
-from sinew.apps.dashboard.pages.quantity import quantity
-from sinew.apps.dashboard.pages.site import Site
+from sinew.apps.dashboard.pages.frame import Site, card, choice, empty, framed, live_card, quantity, script
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 

@@ -9,10 +9,14 @@ from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
-    from sinew.predict.branch import Branch, Mark, Prediction
+    from sinew.predict.curves.branch import Branch, Mark, Prediction
     from sinew.predict.joints.validity import Check
 
-__all__ = ["base_rig", "changed_rig", "curve_document", "design_curves", "sketch_curves", "warm_up"]
+if TYPE_CHECKING:
+    from sinew.plan.plan import Plan
+    from sinew.predict.band import Band
+    from sinew.predict.curves.branch import Branch
+
 
 _ROUND, _FLAT = {"outer_mm", "inner_mm"}, {"width_mm", "height_mm"}
 _WARM = ((0.0, 20.0), (6.0, 20.0))
@@ -84,7 +88,7 @@ def changed_rig(base: "RigSpec", changes: Mapping[str, float | str | None]) -> "
     `loss_factor`, `tendons`, `first_contact_n`; `section` where another shape is meant. None leaves a part as it is.
     Raises SpecError for an unknown name, and where a number cannot be meant.
     """
-    from sinew.apps.joint_options import JointOptions, design_of
+    from sinew.apps.joint import JointOptions, design_of
     from sinew.predict.joints.design import design_rig
 
     given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
@@ -134,10 +138,9 @@ def _predicted(
     """Return (prediction, checks of what is assumed)."""
     import numpy as np
 
+    from sinew.predict.curves.prediction import predict
     from sinew.predict.joint import RESOLUTION, joint_problem
-    from sinew.predict.joints.loads import loads_of
-    from sinew.predict.joints.validity import check_joint
-    from sinew.predict.prediction import predict
+    from sinew.predict.joints.validity import check_joint, loads_of
     from sinew.predict.sketch import sketch
     from sinew.twin.cache import configure
 
@@ -174,3 +177,146 @@ def curve_document(branch: "Branch", nominal: float) -> dict[str, Any]:
         "complete": branch.complete,
         "message": branch.message,
     }
+
+
+# A plan's curves are foretold, for what is measured to be held against.
+
+_ROOM = 0.4
+_SEED = 0
+
+
+def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[str, Any]:
+    """Return the predicted response at each pretension of a plan, over the frequencies that it drives.
+
+    draws: rigs drawn from what is known of the rig's parameters, for 90 % bands; 0 for none.
+
+    `curves`: in the plan's order of pretensions `pretension_mm`, and over the curve's points, which go through its
+    folds, `frequency_hz`, `gain` (half of peak to peak over the commanded amplitude, what the analysis calls gain),
+    `gain_measured_drive` (fundamentals, over the lever), `phase` (lag behind the lever [deg]), `stable`; `peak`,
+    `phase_90` and `folds` as of `design_curves`. With bands also `gain_low`, `gain_high`, `phase_low`, `phase_high`:
+    of what a sweep up or one down meets; None where no draw has a curve. `can_have_bands`: whether the rig holds
+    intervals. `amplitude_deg`: of the command. `remarks`: sentences on the bands.
+    Raises SpecError where a text is no plan or no rig.
+    """
+    import numpy as np
+
+    from sinew.plan.toml import parse_plan, parse_rig
+    from sinew.predict.band import bands_of, draw_rigs, spread_of
+    from sinew.predict.curves.prediction import predict
+    from sinew.predict.joint import RESOLUTION, joint_problem
+    from sinew.twin.cache import configure
+
+    configure()
+    plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
+    pretensions, mode = list(plan.pretension.pretension_mm), plan.pretension.mode
+    amplitude_deg, band_hz = _driven(plan)
+    prediction = predict(joint_problem(rig, pretensions, amplitude_deg, band_hz, mode=mode), band_hz, RESOLUTION)
+    nominal = math.radians(amplitude_deg)
+    curves = []
+    for pretension, branch in zip(pretensions, prediction.branches, strict=True):
+        curve = curve_document(branch, nominal)
+        curves.append({"pretension_mm": pretension, **curve, "phase": curve.pop("phase_deg")})
+    found: dict[str, Any] = {"curves": curves, "amplitude_deg": amplitude_deg, "remarks": []}
+    try:
+        spread_of(rig)
+    except SpecError as nothing_known:
+        return found | {"can_have_bands": False, "remarks": [str(nothing_known)]}
+    if draws > 1:
+        drawn = draw_rigs(rig, draws, _SEED)
+        bands = bands_of(prediction, rig, drawn, pretensions, amplitude_deg, band_hz, mode=mode)
+        for curve, branch, band in zip(curves, prediction.branches, bands, strict=True):
+            for name, place, scale in (("gain", 0, 1 / nominal), ("phase", 1, float(np.degrees(1.0)))):
+                low, high = _ends(branch, band, place)
+                curve[f"{name}_low"], curve[f"{name}_high"] = _numbers(low * scale), _numbers(high * scale)
+        found["remarks"] = list(drawn.remarks)
+    return found | {"can_have_bands": True}
+
+
+def _driven(plan: "Plan") -> tuple[float, tuple[float, float]]:
+    """Return (amplitude of the command [deg], lowest and highest frequency [Hz]) that a plan drives with."""
+    if plan.sweep is not None:
+        low, high, amplitude = plan.sweep.frequency_hz[0], plan.sweep.frequency_hz[-1], plan.sweep.amplitude_deg
+    elif plan.track is not None:
+        low, high, amplitude = plan.track.low_hz, plan.track.high_hz, max(plan.track.amplitude_deg)
+    else:
+        assert plan.ring_down is not None
+        low, high = min(plan.ring_down.frequency_hz), max(plan.ring_down.frequency_hz)
+        amplitude = plan.ring_down.amplitude_deg
+    if high < low * (1 + _ROOM):
+        return amplitude, (low / (1 + _ROOM), high * (1 + _ROOM))
+    return amplitude, (low, high)
+
+
+def _ends(branch: "Branch", band: "Band", place: int) -> Any:
+    """Return the ends of a band at the points of its curve, (2, n); place: 0 amplitude [rad], 1 lag [rad]."""
+    import numpy as np
+
+    up, down = band.up[place], band.down[place]
+    low, high = np.fmin(up.low, down.low), np.fmax(up.high, down.high)
+    return np.array([np.interp(branch.frequency_hz, band.frequency_hz, end) for end in (low, high)])
+
+
+def _numbers(values: Any) -> list[float | None]:
+    return [float(one) if math.isfinite(one) else None for one in values]
+
+
+# A pretension is suggested for a wanted resonance.
+
+_DRAWS = 40
+
+
+def suggest_pretension(
+    rig: str,
+    changes: Mapping[str, float | str | None],
+    wanted_hz: float,
+    amplitude_deg: float | None = None,
+    yaw_deg: float | None = None,
+    draws: int = _DRAWS,
+) -> dict[str, Any]:
+    """Return the pretension at which a joint resonates at a wanted frequency, or why there is none.
+
+    rig, changes: as for `design_curves`. amplitude_deg: of the command, 20 where neither is given; yaw_deg: of the
+    torsion instead. draws: for the intervals, where something is known of the rig's uncertainty; 0 for none.
+
+    `pretension_mm` and `frequency_hz`: `{"value", "std", "interval90"}`, None where it is out of reach; `sentence`: in
+    words, also why not; `range`: pretensions, frequencies and what limits them; `remarks`: sentences on the intervals;
+    and what else `sinew tune --json` says of one setting. Raises SpecError where a number cannot be meant.
+    """
+    from sinew.apps.tune import tuning_document
+    from sinew.predict.band import draw_rigs
+    from sinew.tune.pretension import tune_pretension
+    from sinew.tune.resonance import Swing
+    from sinew.twin.cache import configure
+
+    if amplitude_deg is not None and yaw_deg is not None:
+        raise SpecError("found an amplitude of the command and one of the torsion, expected one of them")
+    configure()
+    made = changed_rig(base_rig(rig), changes)
+    command_deg = 20.0 if amplitude_deg is None else float(amplitude_deg)
+    swing = Swing(yaw_deg=float(yaw_deg)) if yaw_deg is not None else Swing(command_deg=command_deg)
+    known = made.calibration is not None or any(one.interval90 is not None for _, one in made.parameters())
+    drawn = draw_rigs(made, draws, 0) if draws > 1 and known else None
+    document = tuning_document(tune_pretension(made, [float(wanted_hz)], swing, draws=drawn))
+    remarks = list(document["remarks"])
+    if not known:
+        remarks.append(f"the rig {made.name} holds no intervals, so nothing is known of how far this can be off")
+    none: dict[str, Any] = {"pretension_mm": None, "frequency_hz": None}
+    return {**none, **document["settings"][0], "range": document["range"], "remarks": remarks}
+
+
+# A plan is previewed for its page: what `sinew check --json` says of it.
+
+
+def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[str, Any]:
+    """Return what `sinew check --json` says of a plan on a rig, further `refusals` and `warnings` as sentences.
+
+    plan_toml, rig_toml: texts. swing: simulate the plan for its largest torsions, which takes seconds where it is long.
+    A plan that breaks a limit is an answer, with `ok` false. Raises SpecError where a text is no plan or no rig.
+    """
+    from sinew.apps.check import preview_plan, told_preview
+    from sinew.plan.toml import parse_plan, parse_rig
+
+    plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
+    preview = preview_plan(plan, rig, swing=swing)
+    warnings = [finding.sentence for finding in preview.findings if finding.severity == "warn"]
+    return {**told_preview(plan, rig, preview), "refusals": list(preview.refusals), "warnings": warnings}

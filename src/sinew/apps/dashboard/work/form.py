@@ -11,9 +11,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from sinew.measure.units import one_number, split_list
-from sinew.plan.complaint import fault_sentence
 from sinew.plan.plan import Plan
-from sinew.plan.toml import dump_plan
+from sinew.plan.toml import dump_plan, fault_sentence
 
 __all__ = ["fields_of", "form_of", "plan_from_form"]
 

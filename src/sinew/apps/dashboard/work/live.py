@@ -5,7 +5,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sinew.apps.dashboard.names import unlinked
+from sinew.apps.dashboard.operators import unlinked
 from sinew.measure.errors import SinewError
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ def _steady(recording: "xr.Dataset", rig: "RigSpec") -> dict[Place, dict[str, fl
     """Return the numbers of each pretension [mm] and frequency [Hz] that could be analysed."""
     import numpy as np
 
-    from sinew.analysis.response import estimate_response
+    from sinew.analysis.sweep.response import estimate_response
 
     response = estimate_response(recording, rig)
     columns = response.columns | {"gain_std": response.nominal_gain_std * response.columns["gain"]}
@@ -152,7 +152,7 @@ def _decays(recording: "xr.Dataset", rig: "RigSpec") -> dict[Place, dict[str, fl
     """Return the numbers of each pretension [mm] and repeat that could be analysed."""
     import numpy as np
 
-    from sinew.analysis.ring_down import analyse_ring_downs
+    from sinew.analysis.decay.ring_down import analyse_ring_downs
 
     results = analyse_ring_downs(recording, rig.inertia.head.value + rig.inertia.lever.value)
     found = {}
@@ -221,7 +221,7 @@ def shared_delay(delays: "NDArray[Any]") -> float:
 
 def mean_of(values: "NDArray[Any]", stds: "NDArray[Any]", shared: float = 0.0, scale: float = 1.0) -> dict[str, Any]:
     """Return the mean over repeats (1, r) with its interval. shared: standard uncertainty that all repeats share."""
-    from sinew.analysis.repeats import combine_repeats
+    from sinew.analysis.signal.repeats import combine_repeats
     from sinew.measure.estimate import Estimate
 
     mean = combine_repeats(values, stds, systematic=shared)

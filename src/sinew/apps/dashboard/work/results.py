@@ -2,22 +2,22 @@
 
 import json
 import math
-from collections.abc import Iterator
+import zipfile
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sinew.apps.bench_run import JOURNAL
-from sinew.apps.dashboard.names import CACHE, held_inside, unlinked
+from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
 from sinew.apps.dashboard.work.live import LiveResults
 from sinew.apps.dashboard.work.runs import RECORDING
-from sinew.bench.journal_summary import is_being_written
-from sinew.measure.errors import FileError, SinewError
+from sinew.bench.journal_reader import is_being_written
+from sinew.measure.errors import FileError, SinewError, SpecError
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["recording_of", "results_of", "run_results"]
 
 _RESULTS, _VERSION = "results.json", 2
 
@@ -197,3 +197,63 @@ def _of_constants(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
             values = results[quantity].values[p][None]
             if np.isfinite(values).any():
                 yield _row(float(pretension), quantity, mean_of(values, np.full(values.shape, np.nan)))
+
+
+# A run's files are made for who takes them along.
+
+FILES = {"recording": "recording.nc", "csv": "csv.zip", "mat": "recording.mat", "report": "report.html"}
+"""What can be had, and the name of its file."""
+
+
+def download(folder: Path | str, kind: str) -> Path:
+    """Return where a run's recording, CSV table (zipped), MATLAB file or report is, made where it is not yet.
+
+    Made files lie in the cache of the run's folder; one that is older than its recording is made anew, whole or not
+    at all. Raises SpecError for an unknown kind; FileError and RecordingError as `recording_of`.
+    """
+    folder = Path(folder)
+    if kind not in FILES:
+        raise SpecError(f"found a file of kind {kind!r}, expected one of {', '.join(FILES)}")
+    recording = recording_of(folder)
+    if kind == "recording":
+        return recording
+    path = folder / CACHE / FILES[kind]
+    if path.is_file() and path.stat().st_mtime_ns >= recording.stat().st_mtime_ns:
+        return path
+    make: dict[str, Callable[[Path, Path], None]] = {"csv": _csv, "mat": _mat, "report": _report}
+    make[kind](folder, path)
+    return path
+
+
+def _csv(folder: Path, path: Path) -> None:
+    from sinew.measure.csv import export_csv
+    from sinew.measure.netcdf import write_atomically
+
+    table = path.with_name(f".{folder.name}.csv")
+    export_csv(load_own(folder), table)
+
+    def write(temporary: Path) -> None:
+        with zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as packed:
+            packed.write(table, f"{folder.name}.csv")
+
+    try:
+        write_atomically(path, write)
+    finally:
+        table.unlink(missing_ok=True)
+
+
+def _mat(folder: Path, path: Path) -> None:
+    from sinew.measure.netcdf import export_mat
+
+    export_mat(load_own(folder), path)
+
+
+def _report(folder: Path, path: Path) -> None:
+    from sinew.apps.analyse import recording_rig
+    from sinew.paper.figures import draw_figures
+    from sinew.paper.report import write_report
+
+    recording, results = results_of(folder)
+    figures = draw_figures(recording, results, path.with_name("figures"), formats=("png",))
+    rebuild = str(recording.attrs.get("command", ""))
+    write_report(path.parent, results=results, figures=figures, rig=recording_rig(recording, None), rebuild=rebuild)

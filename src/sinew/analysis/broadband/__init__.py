@@ -1,0 +1,1 @@
+"""Records with a broad spectrum: frequency responses, and the poles in them."""

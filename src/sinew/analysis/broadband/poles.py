@@ -1,0 +1,308 @@
+"""This is where a frequency response with errors becomes natural frequencies and damping ratios with intervals."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg, optimize
+
+from sinew.analysis.broadband.spectra import FrequencyResponse
+from sinew.analysis.sweep.rational import RationalCurve, parameter_spread
+from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import Estimate
+
+__all__ = ["PoleFit", "ResponseMode", "fit_poles", "fit_poles_of", "read_pole"]
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+_RELOCATIONS = 30
+_NARROW = 4.0  # bins: a resonance less wide is smeared by the window of its spectra
+_MISFIT = 1.5  # times the stated noise: more is not chance but another shape
+
+
+@dataclass(frozen=True)
+class ResponseMode:
+    """One mode: natural_frequency_hz (undamped) and damping_ratio, of the pole s = ω_n(-ζ ± j sqrt(1 - ζ²))."""
+
+    natural_frequency_hz: Estimate
+    damping_ratio: Estimate
+
+
+@dataclass(frozen=True)
+class PoleFit:
+    """A response as a sum of modes, H = c + Σ r/(s - p) + q/(s - p*) with s = j f/centre_hz.
+
+    modes: by rising frequency. covariance: of (f_1 [Hz], ζ_1, f_2, ...), shape (2m, 2m); degrees_of_freedom: of the
+    intervals. parameters: f_1/centre, ζ_1, ..., then real and imaginary parts of r_1, q_1, ..., c.
+    misfit: root mean square of the residual in stated standard deviations; message: what to beware of, or empty.
+    """
+
+    modes: tuple[ResponseMode, ...]
+    covariance: Floats
+    degrees_of_freedom: float
+    misfit: float
+    message: str
+    centre_hz: float
+    parameters: Floats
+
+    def response(self, frequency_hz: Floats) -> Complexes:
+        """Return the fitted response at the frequencies, shape (f,)."""
+        s = 1j * np.asarray(frequency_hz, dtype=float) / self.centre_hz
+        count = len(self.modes)
+        linear = self.parameters[2 * count :]
+        return np.asarray(_basis(s, self.parameters[: 2 * count], np.ones(1)) @ (linear[0::2] + 1j * linear[1::2]))
+
+
+def _pole(natural: Floats, damping: Floats) -> Complexes:
+    """Return the poles; beyond critical damping both are real, and the first is the slower."""
+    return np.asarray(natural * (-damping + 1j * np.sqrt((1.0 - damping**2).astype(complex))))
+
+
+def _basis(s: Complexes, shape: Floats, lag_window: Floats, slope: bool = False) -> Complexes:
+    """Return 1/(s - p) and 1/(s - p*) of each mode in turn, then ones, shape (f, 2m + 1); with `slope` d/dp of them.
+
+    lag_window: α_k ω_cᵏ of A(τ) = Σ α_k τᵏ; exp(pτ) A(τ) has the transform Σ α_k k!/(s - p)ᵏ⁺¹.
+    """
+    pole = _pole(shape[0::2], shape[1::2])
+    inverse = 1.0 / np.stack([s[:, None] - pole, s[:, None] - np.conj(pole)], axis=2).reshape(s.size, -1)
+    columns = np.zeros_like(inverse)
+    for k, alpha in enumerate(lag_window):
+        factor = alpha * math.factorial(k + slope)
+        columns += factor * inverse ** (k + 1 + slope)
+    return np.concatenate([columns, np.full((s.size, 1), 0.0 if slope else 1.0)], axis=1)
+
+
+@dataclass(frozen=True)
+class _Points:
+    """The response at s = j f/centre with weights of the size and the angle of its relative residual, shape (f,)."""
+
+    s: Complexes
+    response: Complexes
+    size_weight: Floats
+    angle_weight: Floats
+    lag_window: Floats
+
+    def basis(self, shape: Floats) -> Complexes:
+        return _basis(self.s, shape, self.lag_window)
+
+    def weighted(self, values: Complexes) -> Floats:
+        """Return complex columns (f, k) as real ones (2f, k)."""
+        relative = values / self.response[:, None]
+        return np.concatenate([self.size_weight[:, None] * relative.real, self.angle_weight[:, None] * relative.imag])
+
+    def real_columns(self, basis: Complexes) -> Floats:
+        """Return the weighted columns of the real and the imaginary part of each coefficient in turn, (2f, 2k)."""
+        return self.weighted(np.stack([basis, 1j * basis], axis=2).reshape(basis.shape[0], -1))
+
+    @property
+    def target(self) -> Floats:
+        return self.weighted(self.response[:, None])[:, 0]
+
+
+def fit_poles(
+    frequency_hz: Floats,
+    response: Complexes,
+    size_std: Floats,
+    angle_std: Floats,
+    *,
+    modes: int = 1,
+    bin_correlation: Floats | None = None,
+    lag_window: Floats | None = None,
+) -> PoleFit:
+    """Return the weighted least-squares fit of `modes` modes to complex points, all arguments of shape (f,).
+
+    size_std: relative standard deviation of the response's size; angle_std: of its angle [rad].
+    bin_correlation: of errors 0, 1, 2, ... points apart (`FrequencyResponse`); None where they are independent.
+    lag_window: α of what segments do to the impulse response (`FrequencyResponse`); None where the points are steady
+        responses. It undoes the smearing of a resonance some bins wide, which makes D too large.
+
+    Residues and the constant are free complex numbers, so any output by any input will do, with a constant delay too;
+    for one mode this is the curve of `sinew.analysis.sweep.rational`. Start: vector fitting (Gustavsen and Semlyen,
+    IEEE Trans. Power Delivery 14, 1999); then Levenberg-Marquardt on the weighted residual. The covariance is the
+    sandwich for correlated bins, times the squared misfit where that exceeds one.
+    Raises RecordingError where there are too few points, or no such fit.
+    """
+    f, points = _points(frequency_hz, response, size_std, angle_std, modes, lag_window)
+    centre = float(0.5 * (f[0] + f[-1]))
+
+    def residual(p: Floats) -> Floats:
+        return _residual(p, points, modes)
+
+    def jacobian(p: Floats) -> Floats:
+        return _jacobian(p, points, modes)
+
+    start = _relocated(points, modes)
+    found = optimize.least_squares(residual, start, jac=jacobian, method="lm", x_scale="jac", max_nfev=200)
+    order = np.argsort(np.abs(found.x[0 : 2 * modes : 2]))
+    parameters = _sorted(np.asarray(found.x), order)
+    natural, damping = parameters[0 : 2 * modes : 2], parameters[1 : 2 * modes : 2]
+    if not found.success or not np.isfinite(parameters).all() or (damping <= 0).any() or (damping >= 1).any():
+        raise RecordingError(
+            f"no {modes} damped modes fit the response between {f[0]:g} and {f[-1]:g} Hz; choose the band around the "
+            "resonance, or another number of modes"
+        )
+    covariance, freedom, misfit = _covariance(parameters, points, modes, bin_correlation)
+    scale = np.tile([centre, 1.0], modes)
+    covariance = covariance[: 2 * modes, : 2 * modes] * np.outer(scale, scale)
+    std = np.sqrt(np.diag(covariance))
+    found_modes = tuple(
+        ResponseMode(
+            Estimate.student(float(natural[m]) * centre, float(std[2 * m]), freedom),
+            Estimate.student(float(damping[m]), float(std[2 * m + 1]), freedom),
+        )
+        for m in range(modes)
+    )
+    message = _warning(natural * centre, damping, f, misfit, bin_correlation is not None)
+    return PoleFit(found_modes, covariance, freedom, misfit, message, centre, parameters)
+
+
+def _points(
+    frequency_hz: Floats,
+    response: Complexes,
+    size_std: Floats,
+    angle_std: Floats,
+    modes: int,
+    lag_window: Floats | None,
+) -> tuple[Floats, _Points]:
+    """Return the frequencies at which everything is known, and what is fitted there."""
+    known = np.isfinite(response) & np.isfinite(size_std) & np.isfinite(angle_std) & (np.abs(response) > 0)
+    f = np.asarray(frequency_hz[known], dtype=float)
+    fewest = 3 * modes + 2
+    if f.size < fewest:
+        what = "one mode" if modes == 1 else f"{modes} modes"
+        raise RecordingError(
+            f"too few frequencies for {what}: found {f.size}, expected at least {fewest}; measure more"
+        )
+    weights: list[Floats] = []
+    for std in (size_std[known], angle_std[known]):
+        weights.append(1.0 / np.maximum(std, max(1e-3 * float(np.median(std)), 1e-12)))
+    centre = 0.5 * float(f[0] + f[-1])
+    powers = np.ones(1) if lag_window is None else lag_window / (2.0 * np.pi * centre) ** np.arange(lag_window.size)
+    return f, _Points(
+        np.asarray(1j * f / centre), np.asarray(response[known], dtype=complex), weights[0], weights[1], powers
+    )
+
+
+def fit_poles_of(response: FrequencyResponse, low_hz: float, high_hz: float, *, modes: int = 1) -> PoleFit:
+    """Return the modes of H1 of a broadband record in a band, with its random errors; raises as `fit_poles`."""
+    inside = response.between(low_hz, high_hz)
+    errors = response.relative_std[inside], response.phase_std_rad[inside]
+    frequency, h1 = response.frequency_hz[inside], response.h1[inside]
+    return fit_poles(
+        frequency,
+        h1,
+        *errors,
+        modes=modes,
+        bin_correlation=response.bin_correlation,
+        lag_window=response.lag_window,
+    )
+
+
+def read_pole(curve: RationalCurve) -> ResponseMode:
+    """Return the mode of a rational curve, whose denominator a - (u² - 1)/w + jbu is zero at the pole s = ju.
+
+    ω_n = centre sqrt(1 + aw) and ζ = bw/(2 sqrt(1 + aw)); deviations by the spread of the parameters, as for a peak.
+    """
+    w = curve.half_width_hz / curve.centre_hz
+    spread = parameter_spread(curve)
+    root = np.sqrt(np.maximum(1.0 + w * spread[:, 0], 1e-12))
+    natural = _spread_estimate(curve, curve.centre_hz * root)
+    return ResponseMode(natural, _spread_estimate(curve, 0.5 * w * spread[:, 1] / root))
+
+
+def _spread_estimate(curve: RationalCurve, values: Floats) -> Estimate:
+    shares = (0.25 * (values[1:17] - values[17:]) ** 2).reshape(2, 8).sum(axis=1)
+    variance = float(shares.sum())
+    spent = float((shares**2 / np.asarray(curve.degrees_of_freedom)).sum())
+    return Estimate.student(float(values[0]), math.sqrt(variance), variance**2 / spent if spent > 0 else 1e6)
+
+
+def _relocated(points: _Points, modes: int) -> Floats:
+    """Return the parameters that vector fitting ends at, poles moved to the zeros of its scaling function."""
+    u = points.s.imag
+    span = float(u[-1] - u[0])
+    pole = 1j * np.linspace(u[0] + span / (2 * modes), u[-1] - span / (2 * modes), modes) - 0.02 * span
+    for _ in range(_RELOCATIONS):
+        ones = np.ones((u.size, 1))
+        near, far = 1.0 / (points.s[:, None] - pole), 1.0 / (points.s[:, None] - np.conj(pole))
+        paired = np.stack([near + far, 1j * (near - far)], axis=2).reshape(u.size, -1)
+        own = points.real_columns(np.concatenate([near, far, ones], axis=1))
+        design = np.concatenate([own, points.weighted(-points.response[:, None] * paired)], axis=1)
+        scaling = _solve(design, points.target)[-2 * modes :]
+        moved = linalg.block_diag(*[np.array([[p.real, p.imag], [-p.imag, p.real]]) for p in pole])
+        zeros = np.linalg.eigvals(moved - np.outer(np.tile([2.0, 0.0], modes), scaling))
+        upper = zeros[np.argsort(-zeros.imag)][:modes]
+        pole = -np.abs(upper.real) + 1j * np.maximum(np.abs(upper.imag), 1e-6)
+    shape = np.stack([np.abs(pole), -pole.real / np.abs(pole)], axis=1).ravel()
+    return np.concatenate([shape, _solve(points.real_columns(points.basis(shape)), points.target)])
+
+
+def _solve(design: Floats, target: Floats) -> Floats:
+    scale = np.linalg.norm(design, axis=0)
+    scale[scale == 0] = 1.0
+    return np.asarray(np.linalg.lstsq(design / scale, target, rcond=1e-13)[0] / scale)
+
+
+def _residual(parameters: Floats, points: _Points, modes: int) -> Floats:
+    linear = parameters[2 * modes :]
+    model = points.basis(parameters[: 2 * modes]) @ (linear[0::2] + 1j * linear[1::2])
+    return points.weighted((model - points.response)[:, None])[:, 0]
+
+
+def _jacobian(parameters: Floats, points: _Points, modes: int) -> Floats:
+    shape, linear = parameters[: 2 * modes], parameters[2 * modes :]
+    coefficients = linear[0::2] + 1j * linear[1::2]
+    basis, slopes = points.basis(shape), _basis(points.s, shape, points.lag_window, slope=True)
+    natural, damping = shape[0::2], shape[1::2]
+    pole = _pole(natural, damping)
+    turn = natural * (-1.0 - 1j * damping / np.sqrt((1.0 - damping**2).astype(complex)))
+    columns = []
+    for m in range(modes):
+        near, far = (coefficients[k] * slopes[:, k] for k in (2 * m, 2 * m + 1))
+        for slope in (pole[m] / natural[m], turn[m]):
+            columns.append(near * slope + far * np.conj(slope))
+    return np.concatenate([points.weighted(np.stack(columns, axis=1)), points.real_columns(basis)], axis=1)
+
+
+def _covariance(
+    parameters: Floats, points: _Points, modes: int, bin_correlation: Floats | None
+) -> tuple[Floats, float, float]:
+    """Return (covariance, degrees of freedom, misfit), the sandwich where neighbouring errors are correlated."""
+    jacobian, residual = _jacobian(parameters, points, modes), _residual(parameters, points, modes)
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    scaled, count = jacobian / scale, points.s.size
+    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
+    lags = np.ones(1) if bin_correlation is None else np.asarray(bin_correlation)[:count]
+    middle = scaled.T @ scaled
+    for k, correlation in enumerate(lags[1:], start=1):
+        for half in (scaled[:count], scaled[count:]):
+            lagged = half[k:].T @ half[:-k]
+            middle = middle + correlation * (lagged + lagged.T)
+    effective = 2.0 * count / float(1.0 + 2.0 * np.sum(lags[1:] ** 2))
+    freedom = max(effective - parameters.size, 1.0)
+    misfit = math.sqrt(float(residual @ residual) / max(2 * count - parameters.size, 1))
+    covariance = inverse @ middle @ inverse * max(misfit, 1.0) ** 2
+    return np.asarray(covariance / np.outer(scale, scale), dtype=float), freedom, misfit
+
+
+def _sorted(parameters: Floats, order: NDArray[np.intp]) -> Floats:
+    modes = order.size
+    shape = parameters[: 2 * modes].reshape(modes, 2)[order]
+    linear = parameters[2 * modes : -2].reshape(modes, 4)[order]
+    return np.concatenate([shape.ravel(), linear.ravel(), parameters[-2:]])
+
+
+def _warning(natural_hz: Floats, damping: Floats, f: Floats, misfit: float, is_spectrum: bool) -> str:
+    said = []
+    if misfit > _MISFIT:
+        said.append(f"the modes miss the points by {misfit:.2g} times their stated errors; the intervals are widened")
+    bins = 2.0 * damping * natural_hz / float(np.median(np.diff(f)))
+    if is_spectrum and bins.min() < _NARROW:
+        said.append(f"a resonance is {bins.min():.1f} bins wide, smeared too much; take longer segments")
+    outside = (natural_hz < f[0]) | (natural_hz > f[-1])
+    if outside.any():
+        said.append(f"the mode at {natural_hz[outside][0]:.4g} Hz lies outside the band")
+    return "; ".join(said)

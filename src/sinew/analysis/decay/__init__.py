@@ -1,0 +1,1 @@
+"""Free decays: where they start, their peaks, envelope, frequency and damping."""

@@ -1,0 +1,329 @@
+"""This is where the free decay in a record is found and fitted, whatever came before it."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import interpolate
+
+from sinew.analysis.decay.decay_fit import DecayFit, fit_decay, fit_decay_and_rest
+from sinew.analysis.decay.peaks import Peaks, find_peaks, noise_level
+from sinew.measure.doors import as_numbers, as_seconds
+from sinew.measure.errors import RecordingError, TimeError
+
+# The free decay begins: after a rest, a hold, a hand's release or a forced oscillation.
+
+Array = NDArray[np.float64]
+
+_BEFORE, _AFTER = 6, 8  # swings looked at on both sides of a possible stop of the drive
+_FLAT = 0.35  # forced: before the stop the swings shrink by less than this share of what they do after it
+_EVIDENCE = 20.0  # fall of chi² that a kink must bring, against one straight line
+_TOLERANCE = 0.02  # relative scatter of swings that is no evidence of anything
+_LONG = 1.8  # times the next half period: longer than any free swing but one from the top of a pendulum
+_STILL = 0.25  # of a swing: less motion in the half cycle before is a hold
+_STEEP = 2.5  # times the shrinking that follows
+_DRIVE_NOISE = 10.0  # times its noise: a drive that moves less has not moved
+_LAST_DRIVE_SWING = 0.3  # of the largest: smaller swings of the drive are parasitic motion after its stop
+
+
+def first_free_peak(time_s: Array, values: Array, peaks: Peaks) -> int:
+    """Return the index of the first peak from which the oscillation decays freely.
+
+    time_s, values: shape (n,), the signal the peaks were found in.
+
+    Without anything before it that is the start of the largest swing. Behind a forced oscillation it is the kink of
+    the logarithm of the swings, from level or growing to shrinking (two straight lines against one, the last such kink
+    of large swings). Behind a hold or a release by hand the swing out of the hold is left out: the release takes time.
+    """
+    swing = peaks.swing
+    first = int(np.argmax(swing))
+    kink = _kink(swing, np.sqrt(2.0) * peaks.value_std)
+    if kink is not None:
+        first = max(first, kink)
+    while first + 1 < swing.size and _is_released(time_s, values, peaks, first):
+        first += 1
+    return first
+
+
+def _kink(swing: Array, noise: float) -> int | None:
+    """Return the index of the first peak surely behind the last evident kink of the swings' logarithm, or None.
+
+    A drive that stops at peak j leaves swing j - 1 whole and swing j between whole and shrunk, so the lines meet near
+    j - 1/2. The kink is sought in steps of a half and rounded up by one peak: half a cycle lost can be won back by
+    agreement with the fit, one that was driven spoils it.
+    """
+    found: int | None = None
+    best = _EVIDENCE
+    logs = np.log(np.maximum(swing, 1e-300))
+    weight = 1.0 / np.hypot(noise / np.maximum(swing, 1e-300), _TOLERANCE)
+    for kink in np.arange(1.5, swing.size - 1.5, 0.5):
+        if swing[int(kink)] < 0.25 * swing.max():
+            continue
+        low, high = max(0, int(np.ceil(kink)) - _BEFORE), min(swing.size, int(kink) + _AFTER + 1)
+        x, y, w = np.arange(low, high) - kink, logs[low:high], weight[low:high]
+        line = np.stack([w, x * w], axis=1)
+        bent = np.stack([w, np.minimum(x, 0.0) * w, np.maximum(x, 0.0) * w], axis=1)
+        straight = np.linalg.lstsq(line, y * w, rcond=None)[0]
+        broken = np.linalg.lstsq(bent, y * w, rcond=None)[0]
+        gain = float(np.sum((y * w - line @ straight) ** 2) - np.sum((y * w - bent @ broken) ** 2))
+        before, after = -broken[1], -broken[2]
+        if after > 0.5 * _TOLERANCE and before < _FLAT * after and gain > best:
+            best, found = gain, int(np.ceil(kink + 1.5))
+    return found
+
+
+def _is_released(time_s: Array, values: Array, peaks: Peaks, first: int) -> bool:
+    """Return whether the swing from this peak is the release itself, out of a hold or a hand, and not yet free.
+
+    Signs: nothing moved in the half cycle before, or the swing lasts far longer than the next, or it shrinks far more
+    than those that follow.
+    """
+    here = peaks.time_s[first]
+    halves = np.diff(peaks.time_s)[first : first + 3]
+    swing = peaks.swing[first : first + 4]
+    if halves.size > 1 and halves[0] > _LONG * halves[1]:
+        return True
+    half = float(halves[-1])
+    before = values[(time_s >= here - half) & (time_s <= here - 0.1 * half)]
+    if here - half > time_s[0] and before.size > 1 and np.ptp(before) < _STILL * swing[0] + 6.0 * peaks.noise:
+        return True
+    if swing.size < 4:
+        return False
+    fall = -np.diff(np.log(swing))
+    noise = 2.0 * peaks.value_std / float(swing[-1])
+    return bool(fall[0] > _STEEP * max(float(fall[1:].mean()), 0.0) + max(_TOLERANCE, 5.0 * noise))
+
+
+def drive_stop(time_s: Array, drive: Array) -> float:
+    """Return the time at which the drive stopped [s]: its zero crossing after the last large swing.
+
+    drive: shape (n,), any unit. Small motion of the lever after the stop (below 30 % of the largest swing) is
+    parasitic, as in the paper (section 4.2). Returns the first time where the drive never moved more than its noise.
+    Raises RecordingError where it still moves at the end.
+    """
+    rest = float(np.median(drive[-max(3, drive.size // 20) :]))
+    motion = np.abs(drive - rest)
+    amplitude = float(motion.max())
+    if amplitude <= max(1e-9 * max(1.0, abs(rest)), _DRIVE_NOISE * noise_level(drive)):
+        return float(time_s[0])
+    large = np.flatnonzero(motion > _LAST_DRIVE_SWING * amplitude)
+    last = int(large[-1])
+    if last >= drive.size - 3:
+        raise RecordingError(
+            "the drive still moves at the end; a ring-down needs the record of the decay after its stop"
+        )
+    after = drive[last:] - rest
+    crossing = np.flatnonzero(after * np.sign(after[0]) <= 0.02 * amplitude)
+    return float(time_s[last + (int(crossing[0]) if crossing.size else 0)])
+
+
+_HALF_CYCLES = 3.0  # a decay must last at least so long
+_WINDOW = 6.0  # time constants of the fit: later there is only noise, which tells how coloured it is
+_SAMPLES_PER_HALF = 20  # of the fit, where the record has at least twice as many
+_SMALLEST, _LARGEST = 1e-100, 1e100  # of a response: beyond, squares and their products leave the floating point
+_JITTER = 0.4  # of a step, between the longest and the shortest
+_LARGEST_GAP = 5.0  # steps between samples
+_SETTLE = 0.2  # half periods after the drive's stop before the decay is taken for free: jerk and sensor delay
+_STEADY = 0.05  # of the whole fall of ln(swing): less in the first half is a drive that ran on
+_WON_BACK = 2.0  # half periods by which the start may move back where the samples agree with the fit
+
+
+def checked_record(
+    time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
+) -> tuple[Array, Array, Array | None]:
+    """Return time, response and drive as arrays of shape (n,), or raise RecordingError with what is wrong."""
+    t, x = as_seconds(time_s), as_numbers(response, "response")
+    lever = None if drive is None else as_numbers(drive, "drive")
+    for name, values in (("response", x), ("drive", lever)):
+        if values is not None and (values.ndim != 1 or values.shape != t.shape):
+            raise RecordingError(
+                f"time has shape {t.shape} and {name} {values.shape}; expected one column of equal length each"
+            )
+        if values is not None and not np.isfinite(values).all():
+            where = int(np.argmin(np.isfinite(values)))
+            raise RecordingError(
+                f"the {name} holds NaN or infinity (first at sample {where}); cut the record or mend it"
+            )
+    for name, values in (("response", x), ("drive", lever)):
+        largest = 0.0 if values is None or not values.size else float(np.abs(values).max())
+        if largest and not _SMALLEST <= largest <= _LARGEST:
+            raise RecordingError(
+                f"the {name} reaches {largest:.3g}, which no sensor measures; expected {_SMALLEST:g} to {_LARGEST:g}; "
+                "check its column and unit"
+            )
+    if t.size < 16:
+        raise RecordingError(
+            f"ring-down too short: {t.size} samples; record at least {_HALF_CYCLES:.0f} half cycles, 8 samples each"
+        )
+    steps = np.diff(t)
+    if not np.isfinite(t).all() or steps.min() <= 0:
+        raise TimeError("time does not increase everywhere; sort the record or use its sample index")
+    if steps.max() > _LARGEST_GAP * np.median(steps):
+        where = int(np.argmax(steps))
+        raise TimeError(
+            f"gap of {steps[where]:.3g} s after {t[where]:.3f} s; analyse the part behind it (--start) alone"
+        )
+    return t, x, lever
+
+
+def evenly(t: Array, x: Array, lever: Array | None) -> tuple[Array, Array, Array | None, float]:
+    """Return the record on the time base that its samples tell, even or that of the stamps, and its scale's std.
+
+    A host's stamps jitter where the sampling does not, and the other way round; the wrong base adds noise where the
+    response moves fast, which is where a decay tells its frequency. Jitter of up to a step is told apart by whether
+    the fifth differences of the response follow velocity × (stamp - even time). Uneven sampling whose steps differ by
+    more than 40 % is interpolated (cubic spline; a straight one would add 0.07 % of the amplitude as noise), since
+    filters and noise spectra need even samples; the fit bears a little jitter. The last number is the relative standard
+    deviation of the even base's step, from the jitter of the stamps it was drawn through.
+    """
+    steps = np.diff(t)
+    step = float(np.median(steps))
+    index = np.arange(t.size)
+    slope, origin = np.polyfit(index, t, 1)
+    even = slope * index + origin
+    late = t - even
+    if np.abs(late).max() < step:
+        follows = np.diff(np.gradient(x, slope) * late, 5)
+        if float(follows @ np.diff(x, 5)) < 0.5 * float(follows @ follows):
+            clock = float(late.std()) * np.sqrt(12.0 / t.size) / float(t[-1] - t[0])
+            return np.asarray(even, dtype=float), x, lever, clock
+    if np.ptp(steps) <= _JITTER * step:
+        return t, x, lever, 0.0
+    even = np.linspace(t[0], t[-1], t.size)
+    response = np.asarray(interpolate.CubicSpline(t, x)(even), dtype=float)
+    return even, response, None if lever is None else np.interp(even, t, lever), 0.0
+
+
+def free_decay(
+    t: Array, x: Array, lever: Array | None, free_from_s: float | None = None
+) -> tuple[DecayFit, Array, Array, Peaks]:
+    """Return (direct fit, times and samples it was fitted to, peaks of the same stretch).
+
+    t, x: shape (n,), even time base; lever: the drive, shape (n,), or None where it was not measured.
+    free_from_s: where the decay is known to be free; None to seek it.
+    Raises RecordingError where the free decay is too short, or is none.
+    """
+    if free_from_s is not None:
+        after = int(np.searchsorted(t, free_from_s))
+    else:
+        after = 0 if lever is None else int(np.searchsorted(t, drive_stop(t, lever)))
+    if t.size - after < 16:
+        raise RecordingError(f"ring-down too short: {t.size - after} samples after the drive stopped; record longer")
+    peaks = find_peaks(t[after:], x[after:])
+    half = peaks.half_period_s
+    if free_from_s is not None:
+        first, start, earliest = 0, float(t[after]), float(t[after])
+    elif lever is None:
+        first = first_free_peak(t, x, peaks)
+        start = float(peaks.time_s[first])
+        earliest = max(float(t[0]), start - _WON_BACK * half)
+    else:
+        first = int(np.argmax(peaks.swing))
+        start = earliest = float(t[after]) + _SETTLE * half * (after > 0)
+    _check_length(t, peaks, first, start)
+    guess = _guess(peaks, first)
+    stop = min(float(t[-1]), start + max(_WINDOW / max(guess[0], 1e-9), 6.0 * half))
+    t, x = block_means(t, x, half)
+    inside = _within(t, start, stop)
+    fit = fit_decay_and_rest(t[inside], x[inside], guess)
+    fit = _won_back(t, x, fit, earliest, peaks)
+    _check_decay(fit, peaks, first)
+    inside, margin = _within(t, fit.start_s, stop), 0.05 * half
+    return fit, t[inside], x[inside], peaks.between(min(fit.start_s, start) - margin, stop + margin)
+
+
+def _within(t: Array, start: float, stop: float) -> NDArray[np.bool_]:
+    return np.asarray((t >= start - 1e-9) & (t <= stop + 1e-9))
+
+
+def block_means(t: Array, x: Array, half: float) -> tuple[Array, Array]:
+    """Return means over blocks of samples that leave 20 or more per half period; loses nothing of the poles."""
+    size = int(half / (_SAMPLES_PER_HALF * float(t[1] - t[0])))
+    if size < 2:
+        return t, x
+    count = t.size // size
+    return (
+        np.asarray(t[: count * size].reshape(count, size).mean(axis=1)),
+        np.asarray(x[: count * size].reshape(count, size).mean(axis=1)),
+    )
+
+
+def _guess(peaks: Peaks, first: int) -> tuple[float, float]:
+    """Return (λ, ω) from the swings after the first free peak, weighted by size."""
+    swing = peaks.swing[first:]
+    middle = 0.5 * (peaks.time_s[first:-1] + peaks.time_s[first + 1 :])
+    solid = swing > max(0.05 * swing[0], 4.0 * peaks.value_std)
+    solid[:2] = True
+    rate = -float(np.polyfit(middle[solid], np.log(swing[solid]), 1, w=swing[solid])[0])
+    spacing = np.diff(peaks.time_s[first:])[solid]
+    return rate, float(np.pi / np.average(spacing, weights=swing[solid]))
+
+
+def _check_length(t: Array, peaks: Peaks, first: int, start: float) -> None:
+    half, swing = peaks.half_period_s, peaks.swing
+    if swing.size - first < 2 or t[-1] - start < _HALF_CYCLES * half:
+        if (
+            first >= 2
+            and swing[first] > 1.3 * float(np.median(swing[:first]))
+            and t[-1] - peaks.time_s[-1] < 3.0 * half
+        ):
+            raise RecordingError(
+                "the oscillation grows instead of decaying; a ring-down needs the part after its drive stopped"
+            )
+        raise RecordingError(
+            f"ring-down too short: {max(t[-1] - start, 0.0) / half:.1f} half cycles of free decay after {start:.3f} s, "
+            f"at least {_HALF_CYCLES:.0f} are needed; record longer or start from a larger amplitude"
+        )
+
+
+def _check_decay(fit: DecayFit, peaks: Peaks, first: int) -> None:
+    rate, std = fit.decay_rate_per_s, float(np.sqrt(fit.pole_covariance()[0, 0]))
+    ratio = peaks.swing[-1] / peaks.swing[first]
+    if rate <= 0 and ratio > 1.1:
+        raise RecordingError(
+            "the oscillation grows instead of decaying; a ring-down needs the part after its drive stopped"
+        )
+    if _steady_to_the_end(peaks.swing[first:]):
+        raise RecordingError(
+            "ring-down too short: the oscillation is steady until shortly before the end; record at least "
+            f"{_HALF_CYCLES:.0f} half cycles after the drive stopped"
+        )
+    if rate <= 2.0 * std:
+        raise RecordingError(
+            f"no decay found: the oscillation has λ = {rate:.3g} ± {std:.2g} 1/s; a ring-down needs the part after its "
+            "drive stopped"
+        )
+
+
+def _steady_to_the_end(swing: Array) -> bool:
+    half = swing.size // 2
+    if half < 3:
+        return False
+    whole = float(np.log(swing[0] / swing[-1]))
+    early = float(np.log(swing[:2].mean() / swing[half - 1 : half + 1].mean()))
+    return whole > 0.1 and early < _STEADY * whole
+
+
+def _won_back(t: Array, x: Array, fit: DecayFit, earliest: float, peaks: Peaks) -> DecayFit:
+    """Return the fit begun earlier, by steps of a quarter half period, as far as the samples agree with it.
+
+    Agreement: the mean squared deviation of a step stays within three standard deviations of the noise's, and twice
+    those of the extrapolated fit. Where it ends, the last step that agreed is given back: part of it may be driven.
+    """
+    begin, end = (int(np.searchsorted(t, time - 1e-9)) for time in (earliest, fit.start_s))
+    last = end + fit.residual.size
+    size = max(3, int(0.25 * peaks.half_period_s / float(t[1] - t[0])))
+    fits = [fit]
+    while end - begin >= 3:
+        low = max(begin, end - size)
+        chunk, noise = t[low:end], min(float(np.mean(fits[-1].residual ** 2)), 4.0 * peaks.noise**2)
+        off = x[low:end] - fits[-1].model(chunk)
+        colour = fits[-1].residual.size / (fits[-1].degrees_of_freedom + fits[-1].parameters.size)
+        allowed = (1.0 + 3.0 * np.sqrt(2.0 * colour / chunk.size)) * noise + 4.0 * float(
+            fits[-1].model_variance(chunk).mean()
+        )
+        if float(np.mean(off**2)) > allowed + (0.005 * fits[-1].amplitude) ** 2:
+            return fits[max(0, len(fits) - 2)]
+        end = low
+        guess = fits[-1].decay_rate_per_s, fits[-1].omega_rad_s
+        relaxing = float(np.exp(fit.parameters[7])) if fit.relaxing else None
+        fits.append(fit_decay(t[end:last], x[end:last], guess, relaxing=relaxing))
+    return fits[-1]

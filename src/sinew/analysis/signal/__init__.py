@@ -1,0 +1,1 @@
+"""What every record goes through: sensors, groups, repeats, harmonics, coloured noise, power."""

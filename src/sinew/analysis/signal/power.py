@@ -1,0 +1,182 @@
+"""This is where duty, current and voltage of the servos become power: the drive's, and what holding costs."""
+
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sinew.measure.recording import iterate_segments
+from sinew.plan.rig import RigSpec
+from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
+
+# A periodic signal gets its mean over a cycle, from samples that hold no whole number of cycles.
+
+Floats = NDArray[np.float64]
+
+_HARMONICS = 5
+_NYQUIST_SHARE = 0.45
+
+
+def cycle_mean(time_s: Floats, signal: Floats, frequency_hz: Floats) -> tuple[Floats, Floats]:
+    """Return the means of q periodic signals of s records and their standard deviations, each (s, q).
+
+    time_s: stamps as they are, (s, n). signal: (s, q, n). frequency_hz: at which the signals repeat, (s,); of a power
+    that is twice the drive's.
+    Least squares with a mean, a slope and up to five harmonics: a plain mean would keep what the last, broken cycle
+    holds. The standard deviation is that of white noise of the residual's size, and of the slope over the record
+    where it is more than three times its own noise.
+    Records of fewer samples than coefficients give NaN.
+    """
+    records, samples = time_s.shape
+    span = time_s[:, -1:] - time_s[:, :1]
+    rate = samples / float(span.max())
+    count = int(min(_HARMONICS, _NYQUIST_SHARE * rate / float(frequency_hz.max())))
+    if samples < 2 * count + 3:
+        return (np.full((records, signal.shape[1]), np.nan),) * 2
+    ramp = (time_s - time_s.mean(axis=1, keepdims=True)) / span
+    turn = np.exp(2j * np.pi * frequency_hz[:, None] * (time_s - time_s[:, :1]))
+    waves = [turn**h for h in range(1, count + 1)]
+    parts = [np.ones_like(ramp), ramp, *(w.real for w in waves), *(w.imag for w in waves)]
+    design = np.stack(parts, axis=2)
+    normal = np.linalg.inv(design.transpose(0, 2, 1) @ design)
+    solution = normal @ (design.transpose(0, 2, 1) @ signal.transpose(0, 2, 1))
+    residual = signal.transpose(0, 2, 1) - design @ solution
+    variance = (residual**2).sum(axis=1) / max(1, samples - design.shape[2])
+    slope = solution[:, 1] ** 2
+    drift = np.where(slope > 9.0 * variance * normal[:, 1:2, 1], slope, 0.0)
+    std = np.sqrt(variance * normal[:, :1, 0] + drift / 12.0)
+    return solution[:, 0], std
+
+
+def energy_between(time_s: Floats, power_w: Floats, edges_s: Floats) -> Floats:
+    """Return the energy [J] between successive times, (e - 1,): of the cycles of a motion whose frequency moves.
+
+    time_s, power_w: (n,). edges_s: where cycles begin and end, (e,), inside the record. Trapezoidal rule on the actual
+    stamps, with the power at the edges linear between samples.
+    """
+    steps = 0.5 * (power_w[1:] + power_w[:-1]) * np.diff(time_s)
+    total = np.concatenate([[0.0], np.cumsum(steps)])
+    place = np.clip(np.searchsorted(time_s, edges_s, side="right") - 1, 0, time_s.size - 2)
+    begin, height = time_s[place], power_w[place]
+    inside = edges_s - begin
+    slope = (power_w[place + 1] - height) / (time_s[place + 1] - begin)
+    at_edges = total[place] + inside * (height + 0.5 * slope * inside)
+    return np.diff(at_edges)
+
+
+def winding_resistance(rig: RigSpec) -> float:
+    """Return the drive's resistance [Ω], winding, brushes and bridge: nominal voltage over stall current."""
+    return rig.drive.nominal_voltage.value / rig.drive.stall_current.value
+
+
+def idle_power(rig: RigSpec) -> float | None:
+    """Return what all servos draw with their torque off [W], by data sheet: no register tells it.
+
+    Standby current times supply voltage, of the tendons' servos and the drive's; None for a model that is not known.
+    """
+    models = [rig.wiring.tendon_model] * rig.tendons.count + [rig.wiring.drive_model]
+    servos = [servo_of(model) for model in models]
+    currents = [servo.standby_current for servo in servos if servo is not None]
+    return sum(currents) * rig.drive.supply_voltage.value if len(currents) == len(models) else None
+
+
+def supply_uncertainty(recording: xr.Dataset, rig: RigSpec) -> float:
+    """Return the relative standard uncertainty of the voltage: of its register's unit, or of the rig's value.
+
+    A rig's value without an interval counts as exact.
+    """
+    if "supply_v" in recording:
+        return VOLTAGE_LSB / math.sqrt(12.0) / float(recording["supply_v"].values.mean())
+    voltage = rig.drive.supply_voltage
+    if voltage.interval90 is None:
+        return 0.0
+    return float(np.ptp(voltage.interval90)) / (2 * 1.6448536269514722) / voltage.value
+
+
+def electrical_power(recording: xr.Dataset, rig: RigSpec) -> Floats | None:
+    """Return the drive's electrical power at every sample [W], (sample,), None where duty or current was not recorded.
+
+    Duty times supply voltage times current, where Present Current is the motor's own: see docs/explanation/energy.md.
+    """
+    if "drive_pwm" not in recording or "drive_current_a" not in recording:
+        return None
+    power = recording["drive_pwm"].values.astype(float) * recording["drive_current_a"].values
+    return np.asarray(power * _supply(recording, rig, slice(None)))
+
+
+def holding_power(recording: xr.Dataset, rig: RigSpec) -> Floats | None:
+    """Return the electrical power of all tendon motors at every sample [W], (sample,); None without currents."""
+    samples = np.arange(recording.sizes["sample"])[None]
+    found = _holding(recording, rig, samples, _supply(recording, rig, samples))
+    return None if found is None else found[0]
+
+
+def rest_power(recording: xr.Dataset, rig: RigSpec) -> dict[tuple[float, int], tuple[float, float]]:
+    """Return (mean, standard deviation) of all motors' electrical power in the idle segments [W].
+
+    By (pretension [mm], repeat). Tendon motors hold, the lever stays at its zero. At rest the currents hardly move, so
+    that rounding does not average out: the deviation is that of the registers' units. Empty where duty or current of
+    the drive was not recorded.
+    """
+    drive = electrical_power(recording, rig)
+    if drive is None:
+        return {}
+    found: dict[tuple[float, int], list[float]] = {}
+    for _, segment, where in iterate_segments(recording, "idle"):
+        if not math.isfinite(segment.pretension_mm):
+            continue
+        samples = np.arange(where.start, where.stop)[None]
+        holding = _holding(recording, rig, samples, _supply(recording, rig, samples))
+        mean = float(drive[where].mean()) + (0.0 if holding is None else float(holding.mean()))
+        found.setdefault((segment.pretension_mm, segment.repeat), []).append(mean)
+    servo = servo_of(rig.wiring.tendon_model) or SERVOS["XH430-W350"]
+    unit = rig.tendons.current_lsb.value / math.sqrt(12.0)
+
+    def std(watts: float) -> float:
+        # n equal motors at R i² each: d(n R i²) = 2 R i √n di, with n R i² = watts
+        return 2.0 * math.sqrt(max(0.0, watts) * servo.resistance) * unit
+
+    return {pair: (float(np.mean(means)), std(float(np.mean(means)))) for pair, means in found.items()}
+
+
+def power_columns(
+    recording: xr.Dataset, samples: NDArray[np.int64], frequency_hz: Floats, rig: RigSpec | None
+) -> dict[str, NDArray[Any]]:
+    """Return the power columns of the result schema of steady segments of one length, each (s,), by name.
+
+    samples: numbers of the segments' samples, (s, n). frequency_hz: of their drive, (s,).
+    Empty without a rig (no resistance and no voltage are known), and where duty or current of the drive was not
+    recorded. drive_mechanical_w is not among them: it comes from the motion.
+    """
+    if rig is None or "drive_pwm" not in recording or "drive_current_a" not in recording:
+        return {}
+    supply = _supply(recording, rig, samples)
+    current = recording["drive_current_a"].values[samples].astype(float)
+    power = recording["drive_pwm"].values[samples] * supply * current
+    signals = [power, np.maximum(power, 0.0), winding_resistance(rig) * current**2]
+    holding = _holding(recording, rig, samples, supply)
+    signals += [] if holding is None else [holding]
+    time = recording["time_s"].values[samples]
+    mean, std = cycle_mean(time, np.stack(signals, axis=1), 2.0 * frequency_hz)
+    names = ("drive_power_w", "drive_drawn_w", "drive_copper_w", "holding_power_w")
+    columns = dict(zip(names, mean.T, strict=False))
+    return columns | {"drive_power_std_w": std[:, 0]}
+
+
+def _supply(recording: xr.Dataset, rig: RigSpec, samples: Any) -> Any:
+    if "supply_v" not in recording:
+        return rig.drive.supply_voltage.value
+    return recording["supply_v"].values[samples].astype(float)
+
+
+def _holding(recording: xr.Dataset, rig: RigSpec, samples: NDArray[np.int64], supply: Any) -> Floats | None:
+    """Return the tendon motors' electrical power, all together [W], (s, n): duty, or else resistance, times current."""
+    if "tendon_current_a" not in recording:
+        return None
+    current = recording["tendon_current_a"].values[samples].astype(float)
+    if "tendon_pwm" in recording:
+        return np.asarray((recording["tendon_pwm"].values[samples] * current).sum(axis=2) * supply)
+    servo = servo_of(rig.wiring.tendon_model) or SERVOS["XH430-W350"]
+    return np.asarray(servo.resistance * (current**2).sum(axis=2))

@@ -1,0 +1,1 @@
+"""Stepped sines: amplitude response, resonance, saturation, energy, phase portraits."""

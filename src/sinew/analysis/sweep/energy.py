@@ -1,0 +1,377 @@
+"""This is where a sweep says what a swing costs: at resonance, against the trend off it, and where it costs least."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import Akima1DInterpolator, CubicSpline, RegularGridInterpolator
+from scipy.optimize import nnls
+
+from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty, winding_resistance
+from sinew.analysis.signal.repeats import combine_repeats
+from sinew.analysis.sweep.resonance import store_interval
+from sinew.analysis.sweep.response import Response
+from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import Estimate
+from sinew.measure.schema import ENERGY_QUANTITIES
+from sinew.plan.rig import RigSpec
+
+# The current that a swing needs is parted into spring, inertia and what the two save each other.
+
+Floats = NDArray[np.float64]
+
+FEWEST_POINTS = 6
+"""Frequencies that a trend needs at least."""
+
+_ROUNDS = 30
+_BAND = (0.8, 1.25)
+
+
+@dataclass(frozen=True)
+class SwingTrend:
+    """Squared current (root mean square) over squared torsion amplitude: s + n f⁴ - c f² + q/φ₁².
+
+    spring s [A²/rad²], inertia n [A² s⁴/rad²], saved c [A² s²/rad²], friction q [A²]; none is negative.
+    saved_std: of c, from the residual. misfit: root mean square of the residual over the trend.
+    """
+
+    spring: float
+    inertia: float
+    saved: float
+    friction: float
+    saved_std: float
+    misfit: float
+
+    def squared_saving(self, frequency_hz: Floats) -> Floats:
+        """Return c f² [A²/rad²]: by how much spring and inertia together need less than each for itself."""
+        return self.saved * frequency_hz**2
+
+
+def fit_swing_trend(frequency_hz: Floats, current_a: Floats, torsion_rad: Floats) -> SwingTrend | None:
+    """Return the trend of the current that a swing of the head needs; None with fewer than six usable frequencies.
+
+    frequency_hz, current_a (root mean square), torsion_rad (amplitude): shape (f,); what is not finite is left out.
+
+    Away from resonance the drive's torque fights the spring or the inertia: per swing it is a constant, or goes with
+    f². Both are in antiphase, so that torque squared holds s + n f⁴ and twice their product with a minus: what the two
+    save each other, which is all there is to resonance. For a linear viscous joint this form is exact. Coulomb
+    friction adds a current of its own, whatever the swing: q/φ₁².
+    Non-negative least squares, with the deviations taken relative to the trend s + n f⁴ + q/φ₁², so that the flanks
+    and the resonance count alike.
+    """
+    valid = np.isfinite(frequency_hz) & np.isfinite(current_a) & np.isfinite(torsion_rad) & (torsion_rad > 0)
+    if valid.sum() < FEWEST_POINTS:
+        return None
+    f, swing = frequency_hz[valid], torsion_rad[valid]
+    wanted = (current_a[valid] / swing) ** 2
+    design = np.stack([np.ones_like(f), f**4, -(f**2), swing**-2], axis=1)
+    without = wanted
+    terms = np.zeros(4)
+    for _ in range(_ROUNDS):
+        weight = 1.0 / without
+        scale = np.linalg.norm(design * weight[:, None], axis=0)
+        terms = nnls(design * weight[:, None] / scale, wanted * weight)[0] / scale
+        moved = wanted + terms[2] * f**2
+        if np.allclose(moved, without, rtol=1e-9):
+            break
+        without = moved
+    residual = (wanted - design @ terms) / without
+    used = terms > 0
+    weighted = design[:, used] / without[:, None]
+    freedom = max(1, f.size - int(used.sum()))
+    covariance = np.linalg.pinv(weighted.T @ weighted) * float(residual @ residual) / freedom
+    place = int(used[:2].sum())
+    std = float(np.sqrt(covariance[place, place])) if used[2] else 0.0
+    spring, inertia, saved, friction = map(float, terms)
+    return SwingTrend(spring, inertia, saved, friction, std, float(np.sqrt(np.mean(residual**2))))
+
+
+@dataclass(frozen=True)
+class LineTrend:
+    """A straight line a + b f through the current off resonance: intercept [A], slope [A/Hz]."""
+
+    intercept: float
+    slope: float
+
+    def current(self, frequency_hz: float) -> float:
+        """Return the line at a frequency [A]."""
+        return self.intercept + self.slope * frequency_hz
+
+
+def fit_line_trend(frequency_hz: Floats, current_a: Floats, resonance_hz: float) -> LineTrend | None:
+    """Return the paper's linear increase: a line by least squares through what was measured off resonance.
+
+    Off resonance: outside 0.8 to 1.25 times the resonance. None where fewer than two frequencies lie on either side.
+    """
+    valid = np.isfinite(frequency_hz) & np.isfinite(current_a)
+    f, current = frequency_hz[valid], current_a[valid]
+    below, above = f < _BAND[0] * resonance_hz, f > _BAND[1] * resonance_hz
+    if not np.isfinite(resonance_hz) or below.sum() < 2 or above.sum() < 2:
+        return None
+    off = below | above
+    slope, intercept = np.polyfit(f[off], current[off], 1)
+    return LineTrend(float(intercept), float(slope))
+
+
+_FINE = 4001
+_FROM_POWER = tuple(
+    name
+    for name in ENERGY_QUANTITIES
+    if name.endswith(("_w", "_j", "_j_rad2")) and not name.startswith(("copper", "mechanical"))
+)
+_FROM_TREND = (
+    "trend_cost_at_resonance_j_rad2",
+    "energy_reduction",
+    "energy_reduction_with_holding",
+    "current_reduction",
+    "break_even_rad",
+    "cheapest_reduction",
+)
+_NEEDED = ("drive_power_w", "drive_copper_w", "drive_mechanical_w", "drive_current_rms_a", "amplitude_rad")
+
+
+def cost_of_swing(power_w: Floats, frequency_hz: Floats, torsion_rad: Floats) -> Floats:
+    """Return the energy per cycle for one radian of torsion amplitude [J/rad²], elementwise: P/(f φ₁²)."""
+    return np.asarray(power_w / (frequency_hz * torsion_rad**2))
+
+
+def estimate_energy(
+    recording: xr.Dataset, response: Response, resonance_hz: Floats, rig: RigSpec | None
+) -> xr.Dataset | None:
+    """Return the energy part of the results, over pretension with `_std`, `_low`, `_high`; None where nothing is known.
+
+    resonance_hz: of every pretension and repeat, (p, r): by nominal drive. Each repeat is read at its own resonance;
+    repeats are combined by Student's t. What they share is added: the voltage's uncertainty, how far two readings
+    between the measured frequencies differ, and what the trend's residual leaves open. The attribute
+    `idle_power_w` is what all servos draw with their torque off, by data sheet; NaN where it is not known.
+    docs/explanation/energy.md says what each number means.
+    """
+    columns = response.columns
+    if rig is None or not np.isfinite(columns["drive_power_w"]).any():
+        return None
+    shape = resonance_hz.shape
+    value, std, misfit = ({name: np.full(shape, np.nan) for name in ENERGY_QUANTITIES} for _ in range(3))
+    resistance = winding_resistance(rig)
+    for p, r in np.ndindex(*shape):
+        mine = {name: values[p, :, r] for name, values in columns.items()}
+        at = float(resonance_hz[p, r])
+        found = energy_of_repeat(response.frequency_hz, mine, at, resistance)
+        other = energy_of_repeat(response.frequency_hz, mine, at, resistance, second=True)
+        for name, (number, own) in found.items():
+            value[name][p, r], std[name][p, r] = number, own
+            misfit[name][p, r] = abs(number - other[name][0]) if name in other else math.nan
+    for (pretension, repeat), watts in rest_power(recording, rig).items():
+        rows = np.flatnonzero(response.pretension_mm == pretension)
+        if rows.size and repeat < shape[1]:
+            value["rest_power_w"][rows[0], repeat], std["rest_power_w"][rows[0], repeat] = watts
+    volts = _of_voltage(value, supply_uncertainty(recording, rig))
+    idle = idle_power(rig)
+    out = xr.Dataset(attrs={"idle_power_w": math.nan if idle is None else idle})
+    for name in ENERGY_QUANTITIES:
+        grid = np.hypot(_mean(misfit[name]), volts.get(name, 0.0))
+        alone = np.isfinite(value[name]).sum(axis=1) == 1  # its own deviation holds the trend's already
+        of_trend = np.where(alone | (name not in _FROM_TREND), 0.0, _mean(std[name]))
+        shared = np.hypot(grid, of_trend)
+        store_interval(out, name, combine_repeats(value[name], std[name], np.inf, shared))
+    return out
+
+
+def _mean(values: Floats) -> Floats:
+    """Return the mean over repeats, zero where there is none."""
+    valid = np.isfinite(values)
+    return np.asarray(np.where(valid, values, 0.0).sum(axis=1) / np.maximum(valid.sum(axis=1), 1))
+
+
+def _of_voltage(value: Mapping[str, Floats], volts: float) -> dict[str, Floats]:
+    """Return the standard uncertainties from that of the voltage (relative), each (p,); repeats share them."""
+    shared = {name: volts * np.abs(_mean(value[name])) for name in _FROM_POWER}
+    shared["gear_at_resonance_w"] = volts * _mean(value["drive_power_at_resonance_w"])
+    for name in ("energy_reduction", "energy_reduction_with_holding", "cheapest_reduction"):
+        left = 1.0 - _mean(value[name])
+        shared[name] = volts * np.abs(left * (1.0 - left))
+    return shared
+
+
+def energy_of_repeat(
+    frequency_hz: Floats,
+    columns: Mapping[str, Floats],
+    resonance_hz: float,
+    resistance: float,
+    *,
+    second: bool = False,
+) -> dict[str, tuple[float, float]]:
+    """Return (value, standard deviation) of the energy quantities of one sweep, by name; those that it cannot say fail.
+
+    columns: of the result schema, each (f,). resistance: of the drive [Ω]. Between measured frequencies a cubic spline
+    is read. second: the other reading, whose difference says how much the grid leaves open: Akima's spline, and a
+    parabola through the five points around the cheapest.
+    """
+    valid = np.isfinite([columns[name] for name in _NEEDED]).all(axis=0) & (columns["amplitude_rad"] > 0)
+    f = frequency_hz[valid]
+    if f.size < FEWEST_POINTS or not columns["drive_power_w"][valid].any():  # or a lever that no servo moved
+        return {}
+    sweep = _Sweep(f, {name: values[valid] for name, values in columns.items()}, second)
+    trend = fit_swing_trend(f, sweep.columns["drive_current_rms_a"], sweep.columns["amplitude_rad"])
+    assert trend is not None, "there are frequencies enough"
+    out = _at_resonance(sweep, resonance_hz)
+    saved = (trend.saved, trend.saved_std)
+    if out:
+        out |= _against_trend(sweep, resonance_hz, resistance, saved)
+    cheapest = sweep.cheapest()
+    if math.isfinite(cheapest):
+        power, own, swing = sweep.power(cheapest)
+        saving = resistance * cheapest**2 * swing**2
+        cost = power / (cheapest * swing**2)
+        out["cheapest_hz"] = (cheapest, 0.0)
+        out["swing_cost_at_cheapest_j_rad2"] = (cost, cost * own / power)
+        out["cheapest_reduction"] = _reduction(power, own, saving * saved[0], saving * saved[1])
+    line = fit_line_trend(f, sweep.columns["drive_current_rms_a"], resonance_hz)
+    if line is not None and out:
+        expected = line.current(resonance_hz)
+        out["line_current_a"] = (expected, 0.0)
+        out["line_reduction"] = (1.0 - sweep.at("drive_current_rms_a", resonance_hz) / expected, 0.0)
+    return out
+
+
+@dataclass(frozen=True)
+class _Sweep:
+    """Columns of one sweep by name, (f,), all finite where they are needed."""
+
+    f: Floats
+    columns: Mapping[str, Floats]
+    second: bool = False
+
+    def at(self, name: str, where: float) -> float:
+        values = self.columns[name]
+        known = np.isfinite(values)
+        if known.sum() < 4 or not self.f[0] <= where <= self.f[-1]:
+            return math.nan
+        curve = Akima1DInterpolator if self.second else CubicSpline
+        return float(curve(self.f[known], values[known])(where))
+
+    def power(self, where: float) -> tuple[float, float, float]:
+        """Return electrical power, its standard deviation, and torsion amplitude at a frequency."""
+        own = float(np.interp(where, self.f, np.nan_to_num(self.columns["drive_power_std_w"])))
+        return self.at("drive_power_w", where), own, self.at("amplitude_rad", where)
+
+    def cheapest(self) -> float:
+        """Return the frequency of the least energy per cycle and squared swing [Hz], NaN at the edge of the sweep."""
+        cost = np.log(cost_of_swing(self.columns["drive_power_w"], self.f, self.columns["amplitude_rad"]))
+        if self.second:
+            least = int(np.argmin(cost))
+            near = slice(max(0, least - 2), least + 3)
+            bend, slope, _ = np.polyfit(self.f[near] - self.f[least], cost[near], 2)
+            return float(self.f[least] - 0.5 * slope / bend) if bend > 0 else math.nan
+        fine = np.linspace(self.f[0], self.f[-1], _FINE)
+        place = int(np.argmin(CubicSpline(self.f, cost)(fine)))
+        return float(fine[place]) if 0 < place < _FINE - 1 else math.nan
+
+
+def _reduction(power: float, own: float, saving: float, saving_std: float) -> tuple[float, float]:
+    """Return 1 - P/(P + S) and its standard deviation."""
+    whole = power + saving
+    return saving / whole, math.hypot(saving * own, power * saving_std) / whole**2
+
+
+def _at_resonance(sweep: _Sweep, where: float) -> dict[str, tuple[float, float]]:
+    if not math.isfinite(where) or not sweep.f[0] <= where <= sweep.f[-1]:
+        return {}
+    power, own, swing = sweep.power(where)
+    copper, mechanical = sweep.at("drive_copper_w", where), sweep.at("drive_mechanical_w", where)
+    holding = sweep.at("holding_power_w", where)
+    relative = own / power
+    cost = power / (where * swing**2)
+    return {
+        "drive_power_at_resonance_w": (power, own),
+        "copper_at_resonance_w": (copper, copper * relative),
+        "gear_at_resonance_w": (power - copper - mechanical, own),
+        "mechanical_at_resonance_w": (mechanical, mechanical * relative),
+        "holding_at_resonance_w": (holding, 0.0),
+        "energy_per_cycle_at_resonance_j": (power / where, own / where),
+        "swing_cost_at_resonance_j_rad2": (cost, cost * relative),
+    }
+
+
+def _against_trend(
+    sweep: _Sweep, where: float, resistance: float, saved: tuple[float, float]
+) -> dict[str, tuple[float, float]]:
+    power, own, swing = sweep.power(where)
+    current, holding = sweep.at("drive_current_rms_a", where), sweep.at("holding_power_w", where)
+    square = where**2 * swing**2
+    saving, saving_std = (resistance * square * x for x in saved)
+    trend = (power + saving) / (where * swing**2)
+    total = math.sqrt(current**2 + saved[0] * square)
+    out = {
+        "trend_cost_at_resonance_j_rad2": (trend, math.hypot(own, saving_std) / (where * swing**2)),
+        "energy_reduction": _reduction(power, own, saving, saving_std),
+        "current_reduction": (1.0 - current / total, 0.5 * current * square * saved[1] / total**3),
+    }
+    if math.isfinite(holding):
+        less = 1.0 - (power + holding) / (power + saving)
+        spread = math.hypot((saving - holding) * own, (power + holding) * saving_std) / (power + saving) ** 2
+        out["energy_reduction_with_holding"] = (less, spread)
+        even = swing * math.sqrt(holding / saving) if saving > 0 and holding >= 0 else math.nan
+        out["break_even_rad"] = (even, 0.5 * even * saving_std / saving if saving > 0 else math.nan)
+    return out
+
+
+# A wanted motion gets its energy: at a tuned pretension, and at a fixed one for comparison.
+
+
+@dataclass(frozen=True)
+class MotionEnergy:
+    """Energy per cycle of a motion [J], mean over its cycles: drive alone, tendon motors alone, both."""
+
+    drive: Estimate
+    holding: Estimate
+    total: Estimate
+
+
+def energy_per_cycle(
+    results: xr.Dataset, frequency_hz: ArrayLike, pretension_mm: ArrayLike, torsion_rad: ArrayLike
+) -> MotionEnergy:
+    """Return what a head swing costs per cycle by the map of a campaign, with a 90 % interval over its repeats.
+
+    results: with powers, of two pretensions at least. frequency_hz, pretension_mm, torsion_rad (amplitude of the head):
+    of each cycle of the motion, or one number for all.
+
+    Drive: energy per cycle and squared swing of the map, times the squared swing. The map is interpolated in its
+    logarithm, linearly between pretensions and frequencies. Coulomb friction does not go with the square: the energy
+    of a swing much smaller than the campaign's comes out too small. Holding: power of the tendon motors over the
+    cycle's time, as it was while the campaign's head swung.
+    Raises RecordingError where the results hold no powers, or the motion leaves the map.
+    """
+    if "drive_power_w" not in results or results.sizes["pretension_mm"] < 2:
+        raise RecordingError(
+            "these results hold no powers at two pretensions or more; analyse a campaign that recorded the drive's "
+            "duty and current, with its rig"
+        )
+    parts = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (frequency_hz, pretension_mm, torsion_rad)))
+    frequency, pretension, swing = (np.atleast_1d(part).astype(float) for part in parts)
+    axes = (results["pretension_mm"].values, results["frequency_hz"].values)
+    f = axes[1][None, :, None]
+    power, hold, amplitude = (results[name].values for name in ("drive_power_w", "holding_power_w", "amplitude_rad"))
+    cost = np.log(cost_of_swing(power, f, amplitude))
+    points = np.stack([pretension, frequency], axis=1)
+    drive, holding = [], []
+    for repeat in range(cost.shape[2]):
+        try:
+            read = RegularGridInterpolator(axes, cost[..., repeat])(points)
+            held = RegularGridInterpolator(axes, np.nan_to_num(hold[..., repeat]))(points)
+        except ValueError as error:
+            raise RecordingError(
+                f"the motion leaves the map of the campaign: {axes[0][0]:g} to {axes[0][-1]:g} mm, {axes[1][0]:g} to "
+                f"{axes[1][-1]:g} Hz; measure further, or ask for less"
+            ) from error
+        drive.append(float(np.mean(np.exp(read) * swing**2)))
+        holding.append(float(np.mean(held / frequency)))
+    return MotionEnergy(*(_estimate(np.array(x)) for x in (drive, holding, np.add(drive, holding))))
+
+
+def _estimate(repeats: Floats) -> Estimate:
+    """Return mean and interval over repeats, (r,)."""
+    found = combine_repeats(repeats[None], np.full((1, repeats.size), np.nan))
+    return Estimate(*(float(x[0]) for x in (found.value, found.std_of_value, found.low, found.high)))

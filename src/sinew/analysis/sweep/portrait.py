@@ -1,0 +1,141 @@
+"""This is where torsion and its rate make a phase portrait, and the portrait says how anharmonic the joint is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from sinew.analysis.signal.harmonics import fit_harmonics
+from sinew.analysis.signal.sensor import delay_budget, torsion_chain
+from sinew.analysis.signal.torsion import response_channel, steady_motion
+from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import Estimate
+from sinew.measure.recording import segment_slices
+from sinew.plan.rig import RigSpec
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """The orbit (φ, φ̇) of one steady segment over whole periods, and what bends it out of an ellipse.
+
+    motion: see `sinew.analysis.signal.torsion.steady_motion`; the torsion counts from its mean.
+    even_share: √(|X₂|² + |X₄|²)/|X₁|: zero for every joint that is the same to both sides.
+    third_share: |X₃|/|X₁|: the squeeze of a symmetric hardening or softening.
+    half_area_asymmetry: (A₊ - A₋)/(A₊ + A₋) of the areas enclosed at φ > 0 and φ < 0, mean and scatter over periods.
+    """
+
+    motion: xr.Dataset
+    even_share: Estimate
+    third_share: Estimate
+    half_area_asymmetry: Estimate
+
+
+def phase_portrait(recording: xr.Dataset, segment: int, rig: RigSpec | None = None) -> Portrait:
+    """Return the phase portrait of one steady segment (paper, section 5.2.3).
+
+    segment: its number in the recording. rig: whose sensor chain is undone, at each harmonic for the shares.
+    Raises RecordingError where the segment is not steady, has no frequency or holds no whole period.
+    """
+    motion = steady_motion(recording, segment, rig)
+    frequency = np.array([motion.attrs["frequency_hz"]])
+    where = segment_slices(recording)[segment]
+    response = response_channel(recording)
+    stamps = recording["time_s"].values[where]
+    fitted = fit_harmonics(stamps[None], response.values[where][None, None], frequency)
+    order = np.arange(1, fitted.coefficient.shape[2] + 1) * frequency
+    chain = torsion_chain(delay_budget(recording, rig), order) * (order if response.is_rate else 1.0)
+    size = np.nan_to_num(np.abs(fitted.coefficient[0, 0] / chain))
+    noise = np.nan_to_num(fitted.std[0, 0] / np.abs(chain))
+    even = np.hypot(size[1], size[3])
+    share = (size[1] * noise[1] + size[3] * noise[3]) / even if even > 0 else noise[1]
+    return Portrait(
+        motion,
+        Estimate.normal(even / size[0], share / size[0]),
+        Estimate.normal(size[2] / size[0], noise[2] / size[0]),
+        _half_area_asymmetry(motion),
+    )
+
+
+def _half_area_asymmetry(motion: xr.Dataset) -> Estimate:
+    """Return the asymmetry of the enclosed areas: ∮ φ̇ dφ is ∫ φ̇² dt, here over φ > 0 less φ < 0, of their sum.
+
+    A sample that lies across φ = 0 counts to both sides by its share.
+    """
+    time, angle, rate = (motion[name].values for name in ("time_s", "torsion", "rate"))
+    step = np.gradient(time)
+    reach = np.maximum(0.5 * np.abs(rate) * step, 1e-300)
+    side = np.clip((angle - angle.mean()) / reach, -1.0, 1.0)
+    period = np.floor((time - time[0]) * motion.attrs["frequency_hz"] + 1e-9).astype(int)
+    period = np.minimum(period, motion.attrs["periods"] - 1)
+    work = rate**2 * step
+    values = np.bincount(period, weights=side * work) / np.bincount(period, weights=work)
+    if values.size < 2:
+        return Estimate(float(values[0]), float("nan"), float("nan"), float("nan"))
+    return Estimate.student(float(values.mean()), float(values.std(ddof=1) / np.sqrt(values.size)), values.size - 1)
+
+
+# Torsion over drive becomes an ellipse, and the ellipse a phase.
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """A Lissajous ellipse: drive = drive_amplitude·cos ψ, torsion = torsion_amplitude·cos(ψ - lag).
+
+    drive_amplitude, torsion_amplitude: half extents, in the units of the motion.
+    lag_rad: of the torsion behind the drive, positive lag, in (-π/2, 3π/2].
+    area: enclosed by one period, π·drive_amplitude·torsion_amplitude·sin(lag): positive where the drive does work.
+    """
+
+    drive_amplitude: float
+    torsion_amplitude: float
+    lag_rad: float
+    area: float
+
+    def curve(self, points: int = 181) -> tuple[Floats, Floats]:
+        """Return (drive, torsion) of the ellipse, closed, each of shape (points,)."""
+        angle = np.linspace(0.0, 2.0 * np.pi, points)
+        return self.drive_amplitude * np.cos(angle), self.torsion_amplitude * np.cos(angle - self.lag_rad)
+
+
+def lissajous_phase(drive: Floats, torsion: Floats, step_rad: Floats, periods: Floats) -> Floats:
+    """Return the lag of figures over whole periods, (s,) from drive and torsion of shape (s, n).
+
+    step_rad: phase between samples ΩT, shape (s,). periods: whole periods in the record, shape (s,).
+    The area by the shoelace formula is π a b sin(lag) per period (a polygon on the ellipse is short by
+    sin(ΩT)/(ΩT), undone here), the mean product a b cos(lag)/2; their quotient is the tangent of the lag in the right
+    quadrant and, unlike arcsin(area/(π a b)), well conditioned where the lag is 90°.
+    """
+    x = drive - drive.mean(axis=1, keepdims=True)
+    y = torsion - torsion.mean(axis=1, keepdims=True)
+    area = _shoelace(x, y) * (step_rad / np.sin(step_rad)) / periods
+    return _wrapped(np.arctan2(area / np.pi, 2.0 * (x * y).mean(axis=1)))
+
+
+def _shoelace(x: Floats, y: Floats) -> Floats:
+    """Return ∮ x dy over closed polygons, shape (s,): positive counter-clockwise, as torsion behind drive runs."""
+    return np.asarray(0.5 * (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
+
+
+def _wrapped(lag: Floats) -> Floats:
+    """Return a lag moved into (-π/2, 3π/2], so that 0 and π both lie well inside."""
+    return np.asarray(1.5 * np.pi - np.mod(1.5 * np.pi - lag, 2.0 * np.pi))
+
+
+def fit_ellipse(motion: xr.Dataset) -> Ellipse:
+    """Return the ellipse of one steady motion (see `sinew.analysis.signal.torsion.steady_motion`).
+
+    The half extents are √2 times the root mean square of each signal, the lag is that of `lissajous_phase`.
+    Raises RecordingError where the recording has no drive.
+    """
+    if "drive" not in motion:
+        raise RecordingError(
+            "a Lissajous figure needs a measured drive and this recording has none; add a drive column"
+        )
+    x, y = motion["drive"].values[None], motion["torsion"].values[None]
+    periods = np.array([float(motion.attrs["periods"])])
+    lag = float(lissajous_phase(x, y, 2.0 * np.pi * periods / x.shape[1], periods)[0])
+    a, b = (float(np.sqrt(2.0) * np.std(z)) for z in (x, y))
+    return Ellipse(a, b, lag, float(np.pi * a * b * np.sin(lag)))

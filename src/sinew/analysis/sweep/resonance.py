@@ -1,0 +1,475 @@
+"""The resonance of a response curve: its peaks by each meaning, 90° crossing and half-power width, with intervals.
+
+"Resonance" has several meanings, and a joint that bends under a motor that saturates tells them apart by a percent: the
+frequency of the largest mean of peaks over the nominal drive (Eq. 6, the paper's: `paper_resonance_hz`), of the
+largest fundamental over it (`resonance_hz`), of the largest gain by measured drive, and that of 90° of lag.
+`resonance_table` sets them side by side.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.interpolate import Akima1DInterpolator, CubicSpline
+
+from sinew.analysis.signal.repeats import Interval, combine_repeats
+from sinew.analysis.sweep.rational import RationalCurve, fit_curve, read_curve
+from sinew.analysis.sweep.response import Response, wrapped_lag
+from sinew.measure.estimate import Estimate
+from sinew.measure.schema import RESULT_VARIABLES, companions
+
+# The top of a response curve that no linear resonance describes is read by itself.
+
+Floats = NDArray[np.float64]
+
+_DEGREE = 4
+_GRID = 4001
+
+
+@dataclass(frozen=True)
+class Crest:
+    """Where a curve is largest, by its highest points alone.
+
+    frequency_hz, gain: of the maximum; frequency_std_hz, gain_std: from the noise of the points.
+    """
+
+    frequency_hz: float
+    gain: float
+    frequency_std_hz: float
+    gain_std: float
+
+
+def top_points(gain: Floats, level: float, fewest: int) -> slice:
+    """Return the contiguous points around the largest gain, shape (n,), that reach `level` of it, at least `fewest`.
+
+    Where more are needed, the higher of the two neighbours joins.
+    """
+    low = high = int(np.argmax(gain))
+    floor, last = level * gain[low], gain.size - 1
+    while low > 0 and gain[low - 1] >= floor:
+        low -= 1
+    while high < last and gain[high + 1] >= floor:
+        high += 1
+    while high - low + 1 < min(fewest, gain.size):
+        if high == last or (low > 0 and gain[low - 1] >= gain[high + 1]):
+            low -= 1
+        else:
+            high += 1
+    return slice(low, high + 1)
+
+
+def fit_crest(frequency_hz: Floats, gain: Floats, relative_std: Floats) -> Crest | None:
+    """Return the maximum of a curve through at least five points, all arguments of shape (n,), or None without one.
+
+    A polynomial of fourth degree is fitted to 1/gain², which for a linear resonance is nearly a parabola and for one
+    that leans or flattens still a smooth curve, where the gain itself has a sharp top. Its noise is that of the points
+    (relative_std), or of the residual where that is larger.
+    """
+    if frequency_hz.size < _DEGREE + 1:
+        return None
+    centre, half = 0.5 * (frequency_hz[0] + frequency_hz[-1]), 0.5 * float(np.ptp(frequency_hz))
+    v, inverse = (frequency_hz - centre) / half, gain**-2.0
+    weight = 1.0 / (2.0 * inverse * np.maximum(relative_std, 1e-12))
+    left, singular, right = np.linalg.svd(np.vander(v, _DEGREE + 1) * weight[:, None], full_matrices=False)
+    root = right.T / singular
+    target = inverse * weight
+    fitted = root @ (left.T @ target)
+    spare = v.size - _DEGREE - 1
+    misfit = float(np.sum((target - left @ (left.T @ target)) ** 2)) / spare if spare else 0.0
+    root *= np.sqrt(max(1.0, misfit))
+    grid = np.linspace(-1.0, 1.0, _GRID)
+    values = np.polyval(fitted, grid)
+    at = int(np.argmin(values))
+    if at in (0, _GRID - 1) or values[at] <= 0:
+        return None
+    top, level = float(grid[at]), float(values[at])
+    bend = float(np.polyval(np.polyder(fitted, 2), top))
+    if bend <= 0:
+        return None
+    powers = np.arange(_DEGREE, -1, -1)
+    slopes = np.append(powers[:-1] * top ** (powers[:-1] - 1.0), 0.0)
+    return Crest(
+        float(centre + half * top),
+        level**-0.5,
+        half * float(np.linalg.norm(slopes @ root)) / bend,
+        0.5 * level**-1.5 * float(np.linalg.norm(top**powers @ root)),
+    )
+
+
+Complexes = NDArray[np.complex128]
+
+FEWEST_FREQUENCIES = 6
+
+_WINDOW_GAIN = 0.55
+_WINDOW_POINTS = 8
+_WINDOW_REACH = 0.6
+_TOP_GAIN = 0.8
+_TOP_POINTS = (5, 6)  # at least, of the polynomial and of the narrow rational curve
+Reading = tuple[float, float, float]
+_NAN: Reading = (math.nan, math.nan, math.nan)
+_QUANTITIES = (
+    "paper_resonance_hz",
+    "paper_gain_peak",
+    "resonance_hz",
+    "gain_peak",
+    "resonance_measured_drive_hz",
+    "gain_peak_measured_drive",
+    "phase_90_hz",
+    "half_power_width_hz",
+    "drive_amplitude_at_resonance_rad",
+)
+
+
+@dataclass(frozen=True)
+class Peak:
+    """What one response curve says of its resonance, NaN where a reading is absent.
+
+    Each reading is (value, standard deviation, degrees of freedom of that deviation by Welch and Satterthwaite).
+    frequency_hz, gain: of the largest gain. width_hz: between the points at gain/√2. crossing_hz: where the lag
+    passes 90°; crossing_slope: change of lag with frequency there [rad/Hz].
+    frequency_misfit_hz, gain_misfit: share of the deviations that repeating does not make smaller, because the curve
+    is not that of a linear joint; zero where the curve fits the points within their noise.
+    reason: one sentence where a reading is absent, else empty.
+    """
+
+    frequency_hz: Reading = _NAN
+    gain: Reading = _NAN
+    width_hz: Reading = _NAN
+    crossing_hz: Reading = _NAN
+    crossing_slope: float = math.nan
+    frequency_misfit_hz: float = 0.0
+    gain_misfit: float = 0.0
+    reason: str = ""
+
+
+def _window(frequency: Floats, closeness: Floats, centre: int) -> slice:
+    """Return the contiguous points around a centre whose closeness stays above the limit, at least eight."""
+    low = high = centre
+    reach = _WINDOW_REACH * frequency[centre]
+    good = (closeness >= _WINDOW_GAIN) & (np.abs(frequency - frequency[centre]) <= reach)
+    while low > 0 and good[low - 1]:
+        low -= 1
+    while high < frequency.size - 1 and good[high + 1]:
+        high += 1
+    while high - low + 1 < min(_WINDOW_POINTS, frequency.size):
+        left = frequency[centre] - frequency[low - 1] if low > 0 else math.inf
+        right = frequency[high + 1] - frequency[centre] if high < frequency.size - 1 else math.inf
+        low, high = (low - 1, high) if left <= right else (low, high + 1)
+    return slice(low, high + 1)
+
+
+def _finite(frequency: Floats, response: Complexes, *stds: Floats) -> tuple[Any, ...]:
+    """Return the points at which everything is known."""
+    valid = np.isfinite(response) & np.all(np.isfinite(stds), axis=0)
+    return frequency[valid], response[valid], *(std[valid] for std in stds)
+
+
+def find_peak(frequency_hz: Floats, response: Complexes, size_std: Floats, angle_std: Floats) -> Peak:
+    """Return the resonance of one complex response curve, all arguments of shape (f,), NaN points left out.
+
+    size_std: relative standard deviation of the response's size; angle_std: of its angle [rad].
+    A rational curve (`sinew.analysis.sweep.rational`) is fitted to the points around the largest gain, down to 0.55 of
+    it; peak, crossing and width are read off the curve and their standard deviations propagated from its covariance.
+    Where that curve misfits by more than the noise explains (a drive that saturates, a joint that hardens), frequency
+    and gain of the peak are read off its top alone (points above 0.8 of the largest gain;
+    `sinew.analysis.sweep.resonance`), and their standard deviations hold the disagreement with a rational curve through
+    that top.
+    A largest gain at the edge of the points is no resonance: the readings are NaN and `reason` says so.
+    """
+    f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)
+    if f.size < FEWEST_FREQUENCIES:
+        return Peak(
+            reason=f"too few frequencies for a resonance: found {f.size}, expected at least {FEWEST_FREQUENCIES}; "
+            "measure more"
+        )
+    gain = np.abs(h)
+    window = _window(f, gain / gain.max(), int(np.argmax(gain)))
+    curve = fit_curve(f[window], h[window], size[window], angle[window])
+    if curve is None:
+        return Peak(reason="no smooth curve fits the points around the largest gain; measure more frequencies there")
+    readings, inside = read_curve(curve)
+    if not inside:
+        edge = "lowest" if readings[0, 0] < curve.centre_hz else "highest"
+        return Peak(reason=f"the gain is largest at the {edge} frequency of the sweep; extend the sweep beyond it")
+    reason = "" if np.isfinite(readings[0, 2]) else "the sweep does not reach down to half power on both sides"
+    frequency, largest, width, crossing = (_reading(readings[:, i], curve) for i in range(4))
+    peak = Peak(frequency, largest, width, crossing, float(readings[0, 4]), reason=reason)
+    return peak if curve.fits else _polished(peak, f, h, size, angle)
+
+
+def _polished(peak: Peak, f: Floats, h: Complexes, size: Floats, angle: Floats) -> Peak:
+    """Return the peak read off the top of the points alone, its misfit that of two models of that top.
+
+    The wide curve's standard deviation, scaled by its residual, belongs to the misfit too.
+    """
+    gain = np.abs(h)
+    near, beside = (top_points(gain, _TOP_GAIN, fewest) for fewest in _TOP_POINTS)
+    crest = fit_crest(f[near], gain[near], size[near])
+    highest = int(np.argmax(gain))
+    if crest is None:
+        where, noise = (peak.frequency_hz[0], peak.gain[0]), (0.0, 0.0)
+        other = float(f[highest]), float(gain[highest])
+    else:
+        where, noise = (crest.frequency_hz, crest.gain), (crest.frequency_std_hz, crest.gain_std)
+        curve = fit_curve(f[beside], h[beside], size[beside], angle[beside])
+        reading = np.array([peak.frequency_hz[0], peak.gain[0]]) if curve is None else read_curve(curve)[0][0, :2]
+        other = float(reading[0]), float(reading[1])
+    wide = peak.frequency_hz, peak.gain
+    misfit = [math.hypot(where[i] - other[i], wide[i][1]) for i in range(2)]
+    polished = [_with_misfit((where[i], noise[i], wide[i][2]), misfit[i]) for i in range(2)]
+    return replace(
+        peak, frequency_hz=polished[0], gain=polished[1], frequency_misfit_hz=misfit[0], gain_misfit=misfit[1]
+    )
+
+
+def _with_misfit(reading: Reading, misfit: float) -> Reading:
+    """Return a reading whose standard deviation holds a misfit, which is taken as known (Welch and Satterthwaite)."""
+    value, std, freedom = reading
+    both = math.hypot(std, misfit)
+    return value, both, freedom * (both / std) ** 4 if std > 0 else math.inf
+
+
+def _reading(values: Floats, curve: RationalCurve) -> Reading:
+    """Return (value, std, degrees of freedom) from what the curve and its 32 neighbours say, shape (33,)."""
+    shares = (0.25 * (values[1:17] - values[17:]) ** 2).reshape(2, 8).sum(axis=1)
+    variance = float(shares.sum())
+    spent = float((shares**2 / np.asarray(curve.degrees_of_freedom)).sum())
+    return float(values[0]), math.sqrt(variance), variance**2 / spent if spent > 0 else sum(curve.degrees_of_freedom)
+
+
+def find_crossing(frequency_hz: Floats, response: Complexes, size_std: Floats, angle_std: Floats) -> Peak:
+    """Return a Peak that holds only the 90° crossing, from a curve fitted around it instead of around the peak."""
+    f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)
+    lag = wrapped_lag(h)
+    rising = np.flatnonzero((lag[:-1] < 0.5 * np.pi) & (lag[1:] >= 0.5 * np.pi))
+    if f.size < FEWEST_FREQUENCIES or rising.size == 0:
+        return Peak(reason="the lag does not pass 90° inside the sweep; extend the sweep")
+    centre = int(rising[np.argmax(np.abs(h[rising]))])
+    window = _window(f, np.sin(np.clip(lag, 0.0, np.pi)), centre)
+    curve = fit_curve(f[window], h[window], size[window], angle[window])
+    if curve is None:
+        return Peak(reason="no smooth curve fits the points around the 90° crossing; measure more frequencies there")
+    readings, _ = read_curve(curve)
+    return Peak(crossing_hz=_reading(readings[:, 3], curve), crossing_slope=float(readings[0, 4]))
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What each repeat says of its resonance, by name of the quantity, shape (p, r), NaN where it is absent.
+
+    freedom: degrees of freedom of the standard deviations. shared: standard uncertainties that repeats share. notes:
+    why readings are absent, by pretension and repeat.
+    """
+
+    value: dict[str, Floats]
+    std: dict[str, Floats]
+    freedom: dict[str, Floats]
+    shared: dict[str, Floats]
+    notes: tuple[str, ...]
+
+
+def read_resonances(response: Response) -> Readings:
+    """Return the resonance of every pretension and repeat, each fitted by itself."""
+    shape = (response.pretension_mm.size, response.transfer.shape[2])
+    value, std, freedom = ({name: np.full(shape, np.nan) for name in _QUANTITIES} for _ in range(3))
+    shared = {name: np.full(shape, np.nan) for name in _QUANTITIES}
+    notes = []
+    for p, r in np.ndindex(*shape):
+        peaks = _peaks(response, p, r)
+        paper = _paper_peak(response, p, r)
+        for name, reading in (("paper_resonance_hz", paper.frequency_hz), ("paper_gain_peak", paper.gain)):
+            value[name][p, r], std[name][p, r], freedom[name][p, r] = reading
+        shared["paper_resonance_hz"][p, r] = paper.frequency_misfit_hz
+        shared["paper_gain_peak"][p, r] = paper.gain_misfit
+        for name, reading in _readings(response, p, r, *peaks).items():
+            value[name][p, r], std[name][p, r], freedom[name][p, r] = reading
+        for name, share in _shared(response, p, r, *peaks).items():
+            shared[name][p, r] = share
+        used = peaks[1:] if math.isfinite(peaks[0].frequency_hz[0]) else peaks  # no one asks for a nominal width
+        said = " and ".join(dict.fromkeys(peak.reason for peak in used if peak.reason))
+        if said and np.isfinite(response.columns["gain_harmonic"][p, :, r]).any():
+            notes.append(f"{response.pretension_mm[p]:g} mm, repeat {r}: {said}")
+    return Readings(value, std, freedom, shared, tuple(notes))
+
+
+def estimate_resonance(response: Response, readings: Readings | None = None) -> xr.Dataset:
+    """Return the resonance part of the results, each over pretension, with `_std`, `_low` and `_high`.
+
+    readings: of `read_resonances`, where they are known already. Repeats are combined by Student's t, a single repeat
+    keeps its fit's interval.
+    paper_resonance_hz and paper_gain_peak are read off the curve of Eq. 6 itself (mean of peaks over nominal drive).
+    gain_peak is the curve's largest gain by nominal drive times the ratio of the mean of peaks to the fundamental
+    there, so that it is the paper's. The interval of phase_90_hz holds the delay budget's uncertainty too, those of
+    the peaks the misfit of a curve that is not linear: repeats share both.
+    Absent readings are NaN; the attribute `resonance_notes` says why, one line per pretension and repeat.
+    """
+    found = readings or read_resonances(response)
+    dataset = xr.Dataset(attrs={"resonance_notes": "\n".join(found.notes)})
+    for name in _QUANTITIES:
+        value = found.value[name]
+        alone = np.isfinite(value).sum(axis=1) == 1  # a single repeat's deviation holds its misfit already
+        common = np.where(alone & (name != "phase_90_hz"), 0.0, _mean(found.shared[name]))
+        store_interval(dataset, name, combine_repeats(value, found.std[name], found.freedom[name], common))
+    return dataset
+
+
+def _peaks(response: Response, p: int, r: int) -> tuple[Peak, Peak, Peak]:
+    """Return the peak by nominal drive, the peak by measured drive, and the one that holds the 90° crossing."""
+    f, columns = response.frequency_hz, response.columns
+    stds = (response.nominal_gain_std[p, :, r], response.nominal_phase_std[p, :, r])
+    nominal = find_peak(f, response.nominal_transfer[p, :, r], *stds)
+    transfer = response.transfer[p, :, r]
+    relative = columns["gain_measured_drive_std"][p, :, r] / columns["gain_measured_drive"][p, :, r]
+    stds = (relative, columns["phase_std_rad"][p, :, r])
+    measured = find_peak(f, transfer, *stds)
+    crossing = measured if math.isfinite(measured.crossing_hz[0]) else find_crossing(f, transfer, *stds)
+    return nominal, measured, crossing
+
+
+def _paper_peak(response: Response, p: int, r: int) -> Peak:
+    """Return the peak of the mean of peaks over the nominal drive (Eq. 6), at the fundamental's angles."""
+    ratio = _peaks_over_fundamental(response, p, r)
+    stds = (response.nominal_gain_std[p, :, r], response.nominal_phase_std[p, :, r])
+    return find_peak(response.frequency_hz, response.nominal_transfer[p, :, r] * ratio, *stds)
+
+
+def _peaks_over_fundamental(response: Response, p: int, r: int) -> Floats:
+    """Return the mean of peaks over the fundamental, shape (f,); NaN where nothing swings."""
+    peaks, harmonic = response.columns["gain"][p, :, r], response.columns["gain_harmonic"][p, :, r]
+    return np.divide(peaks, harmonic, out=np.full_like(harmonic, np.nan), where=harmonic > 0)
+
+
+def _readings(response: Response, p: int, r: int, nominal: Peak, measured: Peak, crossing: Peak) -> dict[str, Reading]:
+    """Return the readings of one pretension and repeat by name."""
+    at = nominal.frequency_hz[0]
+    ratio, ratio_std = _local(response.frequency_hz, _peaks_over_fundamental(response, p, r), at)
+    peak_std = math.hypot(nominal.gain[1] * ratio, nominal.gain[0] * ratio_std)
+    drive = _drive_at(response, p, r, nominal)
+    return {
+        "resonance_hz": nominal.frequency_hz,
+        "gain_peak": (nominal.gain[0] * ratio, peak_std, nominal.gain[2]),
+        "resonance_measured_drive_hz": measured.frequency_hz,
+        "gain_peak_measured_drive": measured.gain,
+        "phase_90_hz": crossing.crossing_hz,
+        "half_power_width_hz": measured.width_hz,
+        "drive_amplitude_at_resonance_rad": (drive.value, math.hypot(drive.std, drive.misfit), nominal.frequency_hz[2]),
+    }
+
+
+def _shared(response: Response, p: int, r: int, nominal: Peak, measured: Peak, crossing: Peak) -> dict[str, float]:
+    """Return the standard uncertainties that the repeats share, by name of the reading."""
+    return {
+        "resonance_hz": nominal.frequency_misfit_hz,
+        "gain_peak": nominal.gain_misfit,
+        "resonance_measured_drive_hz": measured.frequency_misfit_hz,
+        "gain_peak_measured_drive": measured.gain_misfit,
+        "phase_90_hz": _delay_share(response, p, r, crossing),
+        "drive_amplitude_at_resonance_rad": _drive_at(response, p, r, nominal).misfit,
+    }
+
+
+class _DriveThere(NamedTuple):
+    """The drive's amplitude at a resonance [rad], its standard deviation by noise, and what the grid leaves open."""
+
+    value: float
+    std: float
+    misfit: float
+
+
+def _drive_at(response: Response, p: int, r: int, peak: Peak) -> _DriveThere:
+    """Return the measured drive amplitude at a peak.
+
+    The lever gives way where the joint swings most, so that its amplitude over frequency is a V whose floor lies at the
+    resonance, between two points of the grid. As a complex amplitude it passes smoothly: that is what is interpolated,
+    by a cubic spline, and its size is read. The misfit is the difference to Akima's spline, and what the misfit of the
+    peak's frequency makes of the slope there.
+    """
+    f, columns, where = response.frequency_hz, response.columns, peak.frequency_hz[0]
+    size, own = columns["drive_amplitude_rad"][p, :, r], columns["drive_amplitude_std_rad"][p, :, r]
+    turn = np.angle(response.nominal_transfer[p, :, r] * response.transfer[p, :, r].conj())
+    lever = size * np.exp(1j * turn)
+    known = np.isfinite(lever)
+    if not math.isfinite(where) or known.sum() < 4 or not f[known][0] <= where <= f[known][-1]:
+        return _DriveThere(math.nan, math.nan, math.nan)
+    x, y = f[known], lever[known]
+    spline = CubicSpline(x, y)
+    other = Akima1DInterpolator(x, y.real)(where) + 1j * Akima1DInterpolator(x, y.imag)(where)
+    value = abs(complex(spline(where)))
+    near = abs(complex(spline(where - 1e-4))), abs(complex(spline(where + 1e-4)))
+    slope = (near[1] - near[0]) / 2e-4
+    noise_hz = math.sqrt(max(peak.frequency_hz[1] ** 2 - peak.frequency_misfit_hz**2, 0.0))
+    noise = math.hypot(_at(f, own, where), slope * noise_hz)
+    return _DriveThere(value, noise, math.hypot(abs(other) - value, slope * peak.frequency_misfit_hz))
+
+
+def _local(frequency: Floats, values: Floats, where: float) -> tuple[float, float]:
+    """Return value and standard deviation, at a frequency, of a straight line through the six nearest points."""
+    valid = np.flatnonzero(np.isfinite(values))
+    if not math.isfinite(where) or valid.size < 3:
+        return _at(frequency, values, where), 0.0
+    near = valid[np.argsort(np.abs(frequency[valid] - where))[:6]]
+    design = np.stack([np.ones(near.size), frequency[near] - where], axis=1)
+    inverse = np.linalg.pinv(design)
+    line = inverse @ values[near]
+    residual = values[near] - design @ line
+    return float(line[0]), float(np.linalg.norm(inverse[0]) * np.sqrt((residual @ residual) / (near.size - 2)))
+
+
+def _at(frequency: Floats, values: Floats, where: float) -> float:
+    """Return a column at a frequency, linear between its finite points, NaN outside them."""
+    valid = np.isfinite(values)
+    if not math.isfinite(where) or not valid.any():
+        return math.nan
+    return float(np.interp(where, frequency[valid], values[valid], left=math.nan, right=math.nan))
+
+
+def _delay_share(response: Response, p: int, r: int, crossing: Peak) -> float:
+    """Return the standard uncertainty of the crossing from that of the delay [Hz]."""
+    lag = _at(response.frequency_hz, response.columns["phase_delay_std_rad"][p, :, r], crossing.crossing_hz[0])
+    return lag / abs(crossing.crossing_slope) if math.isfinite(lag) and crossing.crossing_slope else 0.0
+
+
+def _mean(values: Floats) -> Floats:
+    """Return the mean over repeats, zero where there is none."""
+    valid = np.isfinite(values)
+    return np.asarray(np.where(valid, values, 0.0).sum(axis=1) / np.maximum(valid.sum(axis=1), 1))
+
+
+def store_interval(dataset: xr.Dataset, name: str, interval: Interval) -> None:
+    """Put a quantity and its three companions into the dataset, under the names of the result schema."""
+    numbers = (interval.value, interval.std, interval.low, interval.high)
+    for key, values in zip((name, *companions(name)), numbers, strict=True):
+        row = RESULT_VARIABLES[key]
+        dataset[key] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})
+
+
+MEANINGS = {
+    "paper_resonance_hz": "largest mean of peaks over the nominal drive: the paper's, Eq. 6",
+    "resonance_hz": "largest fundamental over the nominal drive",
+    "resonance_measured_drive_hz": "largest fundamental over the measured drive: the joint's own",
+    "phase_90_hz": "lag of 90° behind the measured drive",
+}
+"""What "resonance" can mean, by the quantity of the results that holds it. `sinew predict` gives Eq. 6's as well: of a
+motion that repeats exactly, the mean of peaks is half of peak to peak."""
+
+
+def resonance_table(results: xr.Dataset) -> list[dict[str, Any]]:
+    """Return each meaning of resonance beside the others, one row for each pretension, ready for JSON.
+
+    results: of a sweep. Keys: `pretension_mm`, and those of `MEANINGS`, each `{"value", "std", "interval90"}` with the
+    standard deviation over repeats; None where it could not be read. Empty without a resonance.
+    """
+    if "resonance_hz" not in results:
+        return []
+    rows = []
+    for p, pretension in enumerate(results["pretension_mm"].values):
+        row: dict[str, Any] = {"pretension_mm": float(pretension)}
+        for name in (known for known in MEANINGS if known in results):
+            names = (name, *companions(name))
+            one = Estimate(*(float(results[key].values[p]) for key in names))
+            row[name] = one.to_json() if math.isfinite(one.value) else None
+        rows.append(row)
+    return rows

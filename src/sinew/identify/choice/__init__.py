@@ -1,0 +1,1 @@
+"""Which law a record speaks for, and what it cannot tell."""

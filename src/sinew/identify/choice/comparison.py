@@ -1,0 +1,461 @@
+"""This is where models compete for a record: held-out prediction first, the information criterion second.
+
+A model stays in the race if it predicts what was held out no worse than the best predictor does (squared errors
+compared in pairs, block by block, two standard errors). Of those that stay the smallest BIC wins, or a smaller model
+whose BIC is within 2 of it. Where another damping law comes within a factor e³ = 20 of its evidence and is no mere
+extension of it, the record cannot tell the two apart, and the verdict says so. Dry friction that adds nothing to
+viscous damping is bounded. The winner's residuals are tested, and the verdict says how that came out; where even the
+winner misses more than a tenth of the motion, and not by noise, no law is told.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.identify.choice.held_out import HeldOut, Split, fit_and_predict, predict
+from sinew.identify.choice.residual_tests import ask_fit
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.fitted import Fit
+from sinew.identify.oscillator.model import MODELS, Model, get_model
+from sinew.identify.oscillator.record import Excitation, Record
+from sinew.measure.errors import RecordingError, SpecError
+
+Array = NDArray[np.float64]
+
+_CLEAR, _HINT = 6.0, 2.0  # differences of BIC: told for certain; too small to add a term
+_WORSE = 2.0  # standard errors of the paired difference of squared errors
+_BLOCKS = 12
+_HOPELESS = 1.5  # times the held-out error
+_NEAR = 30.0  # a difference of BIC that another spring, or a better minimum, may still make up for
+_SURE = 8.0  # standard deviations from zero of a term without which nothing needs to be tried
+_REFINEMENTS = 3
+_POOR, _SMOOTH = 0.1, 0.5  # residuals' share of the output, and correlation of neighbours, of a misfit that is no noise
+_LAWS = {"viscous": "viscous damping", "loss-factor": "a constant loss factor", "coulomb": "viscous and dry friction"}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One model's result: rmse over what was held out, in the unit of the output, and BIC over what was fitted.
+
+    held_out: a fit and what it left of the held-out samples. squares: their mean square by block, shape (b,).
+    """
+
+    model: Model
+    rmse_test: float
+    bic: float
+    held_out: HeldOut
+    squares: Array
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The winner of a race.
+
+    rivals: the other damping laws that the data cannot tell from it. rows: all, best first. impossible: what would have
+    won, but only with numbers that nothing has (see `impossible_numbers`), or None.
+    """
+
+    best: Row
+    rivals: tuple[Row, ...]
+    rows: tuple[Row, ...]
+    impossible: Row | None = None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Which model the data support.
+
+    rows: best first. best: the fit of the winner, to all of the data where parts of it were held out once.
+    decided: whether the damping law is told from the others. verdict: one sentence.
+    dry_bound: where viscous damping is told from a loss factor and dry friction adds nothing to it, the upper end of
+    the friction's 90 % interval, over the inertia, in the motion's unit per s²; else None.
+    """
+
+    rows: tuple[Row, ...]
+    best: Fit
+    decided: bool
+    verdict: str
+    dry_bound: float | None = None
+
+
+def compare(split: Split, models: Sequence[Model]) -> Comparison:
+    """Return which of the models a record supports. Raises RecordingError where none of them can be fitted."""
+    return _finish(split, _race(split, models))
+
+
+def compare_laws(split: Split, progress: Callable[[float, float], None] | None = None) -> Comparison:
+    """Return the best of all damping laws and stiffness laws.
+
+    With viscous damping the stiffness law is found, and whether the rest position of a free decay creeps; with these
+    the damping laws compete; for those that come near, the spring is then made simpler and richer by a term.
+    """
+
+    def told(done: int) -> None:
+        if progress is not None:
+            progress(done, 4)
+
+    rows = _race(split, [model for model in laws_to_try() if model.damping == "viscous"])
+    told(1)
+    first = choose(rows).best.model
+    if split.record.excitation == "none":
+        rows += _race(split, [first.resting("creep")], rows)
+        if choose(rows).best.model.rest == "creep":
+            rows += _race(split, _new(rows, (row.model.resting("creep") for row in rows)), rows)
+            first = choose(rows).best.model
+    plain = next((row for row in rows if not row.model.terms and row.model.rest == first.rest), None)
+    # A damping law can do what a stiffness term had mimicked, unless the linear spring is hopeless.
+    hopeless = plain is None or plain.rmse_test > _HOPELESS * choose(rows).best.rmse_test
+    terms = {first.terms} if hopeless else {(), first.terms}
+    alike = [one.resting(first.rest) for one in laws_to_try() if one.terms in terms]
+    rows += _race(split, _new(rows, alike), rows)
+    told(2)
+    for _ in range(_REFINEMENTS):  # of a law that comes near, the spring and the rest position
+        tried = _new(rows, (model for row in _near(rows) for model in _neighbours(row, split.record.excitation)))
+        if not tried:
+            break
+        rows += _race(split, tried, rows)
+    told(3)
+    near = [id(row) for row in _near(rows) if row.model.damping == "coulomb"]
+    rows = [_followed(split, row) if id(row) in near else row for row in rows]
+    told(4)
+    return _finish(split, rows)
+
+
+def _near(rows: Sequence[Row]) -> list[Row]:
+    """Return of every damping law the row with the most evidence, if it may still win."""
+    rows = _with_criterion(rows)
+    lowest = min(row.bic for row in rows)
+    best = (min((r for r in rows if r.model.damping == law), key=lambda r: r.bic, default=None) for law in _LAWS)
+    return [row for row in best if row is not None and row.bic < lowest + _NEAR]
+
+
+def _neighbours(row: Row, excitation: Excitation) -> Iterable[Model]:
+    """Return the models with terms less, where those may be nothing, and with a term more."""
+    model, found = row.model, row.held_out.fit
+    names = [entry.local for entry in found.layout.entries]
+
+    def surely(local: str) -> bool:
+        k = names.index(local)
+        return bool(abs(found.solution.values[k]) > _SURE * found.covariance.std[k])
+
+    ladder = [one for one in laws_to_try() if one.damping == model.damping]
+    at = next(i for i, one in enumerate(ladder) if one.terms == model.terms)
+    for less in ladder[:at]:
+        if not any(surely(term) for term in set(model.terms) - set(less.terms)):
+            yield less.resting(model.rest)
+    if at + 1 < len(ladder):
+        yield ladder[at + 1].resting(model.rest)
+    if model.rest == "creep" and not surely("drift"):
+        yield model.resting("offset")
+
+
+def _followed(split: Split, row: Row) -> Row:
+    """Return the row of a fit that was sought beside its minimum, too."""
+    found = fit_and_predict(split, row.model, guess=row.held_out.fit)
+    return row if found.fit.rmse > row.held_out.fit.rmse else _row(row.model, found)
+
+
+def laws_to_try() -> tuple[Model, ...]:
+    """Return every damping law with every stiffness law; a pendulum is asked for by name."""
+    return tuple(model for model in MODELS.values() if not model.pendulum)
+
+
+def _new(rows: Sequence[Row], models: Iterable[Model]) -> list[Model]:
+    """Return the models that have no row yet, each once."""
+    return [model for model in dict.fromkeys(models) if all(row.model != model for row in rows)]
+
+
+def _race(split: Split, models: Sequence[Model], others: Sequence[Row] = ()) -> list[Row]:
+    """Return the rows of models. others: that there are already; without any, one model at least has to be fitted."""
+    rows: list[Row] = []
+    refused: list[RecordingError] = []
+    for model in models:
+        try:
+            found = fit_and_predict(split, model, smaller=_smaller([*others, *rows], model))
+        except RecordingError as error:
+            refused.append(error)
+            continue
+        if np.isfinite(found.rmse):
+            rows.append(_row(model, found))
+    if not rows and not others:
+        raise refused[0] if refused else RecordingError("no model can be fitted to this record")
+    return rows
+
+
+def _row(model: Model, found: HeldOut) -> Row:
+    return Row(model, found.rmse, np.nan, found, _blocks(found.residual))
+
+
+def _smaller(rows: Sequence[Row], model: Model) -> Fit | None:
+    """Return the best fit of the models that a model extends, or whose viscous damping it replaces; None without."""
+    extended = [
+        row.held_out.fit
+        for row in rows
+        if row.model.damping in ("viscous", model.damping)
+        and row.model.pendulum == model.pendulum
+        and set(row.model.terms) <= set(model.terms)
+        and row.model.rest in ("offset", model.rest)
+    ]
+    return min(extended, key=lambda one: one.rmse, default=None)
+
+
+def _finish(split: Split, rows: Sequence[Row]) -> Comparison:
+    choice = choose(rows)
+    final = choice.best.held_out.fit
+    if split.interleaved:
+        final = fit(split.record, choice.best.model, guess=final)
+    return conclude(choice, final)
+
+
+def _blocks(residual: Array) -> Array:
+    size = max(1, residual.size // _BLOCKS)
+    count = residual.size // size
+    return np.asarray((residual[: count * size] ** 2).reshape(count, size).mean(axis=1))
+
+
+def criterion(found: Fit, independent: float) -> float:
+    """Return the information criterion n ln(mean squared residual) + m ln n.
+
+    independent: n, how many independent residuals there are, the same for all models that are compared.
+
+    What a loss factor saw before the record (`memory`, 0 after steady swinging, 1 after a long rest) costs what it was
+    narrowed down by, at most as much as another number: -2 ln(std √2π); nothing where the record does not tell it; and
+    the square of its distance from there, for a past that cannot have been is no explanation.
+    """
+    whole = float(np.log(independent))
+    cost = 0.0
+    for entry, std, value in zip(found.layout.entries, found.covariance.std, found.solution.values, strict=True):
+        if entry.local != "memory":
+            cost += whole
+            continue
+        told = -2 * np.log(max(float(std), 1e-12) * np.sqrt(2 * np.pi)) if np.isfinite(std) else 0.0
+        cost += float(np.clip(told, 0.0, whole)) + float(value - np.clip(value, 0.0, 1.0)) ** 2
+    return float(independent * np.log(max(found.rmse, 1e-300) ** 2) + cost)
+
+
+def choose(rows: Sequence[Row]) -> Choice:
+    """Return the winner of a race. rows: of the same data; their BIC is set here."""
+    rows = _with_criterion(rows)
+    possible = [row for row in rows if not impossible_numbers(row.held_out.fit)] or rows
+    staying = _staying(possible)
+    lowest = min(row.bic for row in staying)
+    best = min((row for row in staying if row.bic < lowest + _HINT), key=lambda row: (_size(row.model), row.bic))
+    rivals = [row for row in staying if _rivals(row, best, staying)]
+    if any(row.model.damping == "viscous" for row in rivals):  # nothing speaks against the plainest law
+        plain = min((row for row in rivals if row.model.damping == "viscous"), key=lambda row: row.bic)
+        best, rivals = plain, [best, *(row for row in rivals if row.model.damping != "viscous")]
+    stays = [id(row) for row in staying]
+    rows.sort(key=lambda row: (row is not best, id(row) not in stays, row.bic))
+    names = [row.model.name for row in rows]  # of two rest positions the better
+    shown = tuple(row for i, row in enumerate(rows) if row.model.name not in names[:i])
+    everyone = min(_staying(rows), key=lambda row: row.bic)
+    beaten = everyone.bic < best.bic - _CLEAR and all(everyone is not row for row in possible)
+    return Choice(best, tuple(rivals), shown, everyone if beaten else None)
+
+
+def impossible_numbers(found: Fit) -> list[str]:
+    """Return the damping numbers of a fit that are negative for certain, beyond their 90 % interval."""
+    damping = ("damping", "loss_factor", "coulomb")
+    return [name for name, one in found.parameters.items() if name.startswith(damping) and one.high < 0]
+
+
+def _with_criterion(rows: Sequence[Row]) -> list[Row]:
+    # Misfit makes residuals smooth, so the number that are independent is the best model's, the same for all.
+    independent = min((row.held_out.fit for row in rows), key=lambda one: one.rmse).effective_samples
+    return [replace(row, bic=criterion(row.held_out.fit, independent)) for row in rows]
+
+
+def conclude(choice: Choice, final: Fit, what: str = "record") -> Comparison:
+    """Return the comparison with its verdict. final: the winner's fit to all of the data, which are called `what`."""
+    bound, words = _dry_bound(choice)
+    asked = ask_fit(final)
+    if asked.share > _POOR and asked.neighbours > _SMOOTH and len(choice.rows) > 1:
+        told = (
+            f"cannot tell the damping law, for no model describes this {what}: {choice.best.model.name}, which leaves "
+            f"least, misses {100 * asked.share:.0f} % of the output's standard deviation; {asked.telling()}"
+        )
+        return Comparison(choice.rows, final, False, told)
+    verdict = f"{_verdict(choice, what)}{words}{_impossible(choice)}{_begins_late(final)}; {asked.telling()}"
+    return Comparison(choice.rows, final, not choice.rivals, verdict, bound)
+
+
+def _size(model: Model) -> int:
+    return len(model.mechanics("none"))
+
+
+def _staying(rows: Sequence[Row]) -> list[Row]:
+    converged = [row for row in rows if row.held_out.fit.converged] or list(rows)
+    first = min(converged, key=lambda row: row.rmse_test)
+    return [row for row in converged if not _is_worse(row.squares, first.squares)]
+
+
+def _is_worse(one: Array, other: Array) -> bool:
+    """Return whether one model's squared errors are larger than another's beyond chance; by block, shape (b,)."""
+    difference = one - other
+    if one.size < 4:
+        return bool(difference.mean() > 0.1 * float(other.mean()))
+    error = float(difference.std(ddof=1)) / np.sqrt(one.size)
+    return bool(difference.mean() > _WORSE * error and difference.mean() > 0.01 * float(other.mean()))
+
+
+def _rivals(row: Row, best: Row, staying: Sequence[Row]) -> bool:
+    """Return whether another damping law has nearly the evidence of the best and is no mere extension of it."""
+    if row.model.damping == best.model.damping or row.bic > best.bic + _CLEAR:
+        return False
+    if row.model.damping != "coulomb":
+        return True
+    # Dry friction extends viscous damping, and is no rival where it adds nothing to it.
+    return not any(other.model.damping == "viscous" and other.bic <= row.bic for other in staying)
+
+
+def _impossible(choice: Choice) -> str:
+    """Return the words on a model that is out of the race because a damping number of it is negative."""
+    if choice.impossible is None:
+        return ""
+    found = choice.impossible.held_out.fit
+    name = impossible_numbers(found)[0]
+    return (
+        f"; {choice.impossible.model.name} leaves less but is out of the race: its {name} = "
+        f"{found.parameters[name].value:.3g} is negative beyond its interval, which nothing has"
+    )
+
+
+def _begins_late(found: Fit) -> str:
+    """Return the words where what seems to creep is over within a period: the motion was not free yet."""
+    record = found.records[0]
+    lasts = float(record.time_s[-1] - record.time_s[0])
+    for name, one in found.nuisance.items():
+        creep_s = lasts * float(np.exp(min(one.value, 50.0)))
+        if name.startswith("creep_time") and creep_s * found.natural_frequency_hz.value < 1.0:
+            return f"; what creeps is over in {creep_s:.2g} s, less than a period: if it was not free yet, begin later"
+    return ""
+
+
+def _dry_bound(choice: Choice) -> tuple[float | None, str]:
+    """Return how much dry friction there may be beside viscous damping that is told, and the words for it."""
+    best = choice.best.model
+    if choice.rivals or best.damping != "viscous":
+        return None, ""
+    same = [row for row in choice.rows if row.model.damping == "coulomb" and row.model.terms == best.terms]
+    if not same:
+        return None, ""
+    ends = {name: one.high for name, one in same[0].held_out.fit.parameters.items() if name.startswith("coulomb")}
+    over = [name for name in ends if name.split("[")[0].endswith("per_s2")]
+    shown = [name for name in ends if name not in over] or over  # in full, where the inertia is known
+    if not np.isfinite([ends[name] for name in over]).all():
+        return None, ""
+    largest = max(shown, key=lambda name: ends[name])
+    told = f"; dry friction, if there is any, is below {largest} = {max(ends[largest], 0.0):.3g}"
+    return max(0.0, *(ends[name] for name in over)), told
+
+
+def _verdict(choice: Choice, what: str) -> str:
+    best, rivals, rows = choice.best, choice.rivals, choice.rows
+    law = _LAWS[best.model.damping]
+    stiffness = {(): "a linear spring", ("cubic",): "a cubic spring"}.get(
+        best.model.terms, "a spring with quadratic and cubic terms"
+    )
+    stiffness = "a pendulum" if best.model.pendulum else stiffness
+    law += {"offset": "", "drift": " and a drifting rest position", "creep": " and a creeping rest position"}[
+        best.model.rest
+    ]
+    if rivals:
+        others = " or ".join(dict.fromkeys(_LAWS[row.model.damping] for row in rivals))
+        return (
+            f"cannot tell {_LAWS[best.model.damping]} from {others} in this {what} (BIC within {_CLEAR:g}, held-out "
+            f"errors alike); {stiffness} with {law} is reported"
+        )
+    if len(rows) == 1:
+        return f"{stiffness} with {law} was fitted; no other model was tried"
+    second = min((row for row in rows if row is not best), key=lambda row: row.bic)
+    gain = second.bic - best.bic
+    criterion_says = f"BIC smaller by {gain:.3g}" if gain > 0 else f"whose smaller BIC (by {-gain:.3g}) counts less"
+    return (
+        f"{stiffness} with {law} is preferred: held-out rmse {best.rmse_test:.3g} against {second.rmse_test:.3g} of "
+        f"{second.model.name}, {criterion_says}"
+    )
+
+
+# Models compete for several segments of one experiment: every third of them is held out in turn.
+#
+# A joint that was recorded at many frequencies, or under several pretensions, is one joint: the segments share its
+# mechanics, or, under several pretensions, its inertia ratio, while stiffness and damping belong to a pretension. A
+# model is fitted to two thirds of the segments and predicts the others, of which only the start is sought, from their
+# first two periods. The information criterion is that of the fit to all segments. What decides is told in
+# `sinew.identify.choice.comparison`.
+
+_FOLDS = 3
+_FEWEST = 3
+
+
+def varying_mechanics(records: Sequence[Record]) -> tuple[str, ...]:
+    """Return the names (of `LOCAL`) that differ from group to group: all mechanics but the gain; none for one group."""
+    if len({record.group for record in records}) < 2:
+        return ()
+    return ("stiffness", "damping", "loss_factor", "coulomb", "quadratic", "cubic")
+
+
+def compare_segments(
+    records: Sequence[Record],
+    models: Sequence[Model | str] | None = None,
+    *,
+    varying: Sequence[str] | None = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> Comparison:
+    """Return which of the models several segments of one experiment support.
+
+    records: three or more; `Record.group` names the pretension. models: every damping law with every stiffness law if
+        None. varying: mechanical numbers that differ from group to group, see `varying_mechanics`.
+    progress: called with (done, total) fits.
+
+    rows[0].rmse_test is over the held-out segments, each of which was held out once.
+    Raises SpecError for fewer than three segments, RecordingError where no model can be fitted to them.
+    """
+    records = tuple(records)
+    tried = [get_model(m) if isinstance(m, str) else m for m in (laws_to_try() if models is None else models)]
+    free = tuple(varying_mechanics(records) if varying is None else varying)
+    groups = [record.group if free else "" for record in records]
+    _check(records, groups)
+    folds = _folds(groups)
+    rows: list[Row] = []
+    refused: list[RecordingError] = []
+    for done, model in enumerate(tried):
+        try:
+            rows.append(_comparison_row(records, model, free, folds))
+        except RecordingError as error:
+            refused.append(error)
+        if progress is not None:
+            progress(done + 1, len(tried))
+    rows = [row for row in rows if np.isfinite(row.rmse_test)]
+    if not rows:
+        raise refused[0] if refused else RecordingError("no model can be fitted to these segments")
+    choice = choose(rows)
+    count = len(set(groups))
+    what = f"recording ({len(records)} segments" + (f" at {count} pretensions" if count > 1 else "") + ")"
+    return conclude(choice, choice.best.held_out.fit, what)
+
+
+def _check(records: Sequence[Record], groups: Sequence[str]) -> None:
+    if len(records) < _FEWEST:
+        raise SpecError(f"found {len(records)} segments, expected at least {_FEWEST}; record more of them")
+    if alone := [group for group in dict.fromkeys(groups) if groups.count(group) < 2]:
+        raise SpecError(f"found one segment at {alone[0]}, expected two or more, to hold one out; leave it out")
+
+
+def _folds(groups: Sequence[str]) -> NDArray[np.intp]:
+    """Return which fold holds a segment out, shape (records,): every third of its group."""
+    return np.array([(list(groups[:i]).count(group) + 1) % _FOLDS for i, group in enumerate(groups)])
+
+
+def _comparison_row(records: Sequence[Record], model: Model, varying: Sequence[str], folds: NDArray[np.intp]) -> Row:
+    whole = fit(records, model, varying=varying)
+    residuals: list[Array] = [np.zeros(0)] * len(records)
+    for fold in range(_FOLDS):
+        taught = fit([r for r, own in zip(records, folds, strict=True) if own != fold], model, varying=varying)
+        for i in map(int, np.flatnonzero(folds == fold)):
+            residuals[i] = records[i].output - predict(taught, records[i])
+    squares = np.array([float(np.mean(r**2)) for r in residuals])
+    together = np.concatenate(residuals)
+    return Row(model, float(np.sqrt(np.mean(together**2))), np.nan, HeldOut(whole, together), squares)

@@ -1,0 +1,1 @@
+"""Frequency and damping of free decays by maximum likelihood, and their backbone."""

@@ -1,0 +1,555 @@
+"""This is where a ring-down is fitted by maximum likelihood: oscillation, drifting rest position and coloured noise."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import linalg, optimize, signal, special
+
+from sinew.analysis.decay.decay_fit import DecayFit, fit_decay
+from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, free_decay
+from sinew.analysis.signal.coloured_noise import autoregression, orthonormal
+from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import Estimate
+
+# A model is fitted by maximum likelihood under noise whose neighbouring samples are alike.
+
+Array = NDArray[np.float64]
+Model = Callable[[Array], Array]
+
+_ROUNDS = 6
+_SETTLED = 1e-3  # change of the noise's coefficients that ends the rounds
+_PERFECT = 1e-12  # of the data: a residual this small is round-off, not noise
+
+
+@dataclass(frozen=True)
+class LikelihoodFit:
+    """Parameters and noise that make the data most likely, for Gaussian autoregressive noise.
+
+    parameters: shape (m,); covariance: shape (m, m), the inverse Fisher information, its scale from the residual.
+    degrees_of_freedom: of that scale, for Student's t: effective samples less parameters.
+    residual: data less model, shape (n,); innovation: the same whitened, shape (n,).
+    noise: coefficients a of residual_n = Σ a_k residual_{n-k} + e_n, shape (order,); noise_std, innovation_std: of the
+        residual and of e, unit of the data.
+    log_likelihood: at the parameters. converged: whether search and noise settled.
+    """
+
+    parameters: Array
+    covariance: Array
+    degrees_of_freedom: float
+    residual: Array
+    innovation: Array
+    noise: Array
+    noise_std: float
+    innovation_std: float
+    log_likelihood: float
+    converged: bool
+
+    @property
+    def bic(self) -> float:
+        """Return Bayes' information criterion, -2 ln L + k ln n, of model and noise; smaller is better."""
+        count = self.parameters.size + self.noise.size + 1
+        return -2.0 * self.log_likelihood + count * math.log(self.residual.size)
+
+    @property
+    def aic(self) -> float:
+        """Return Akaike's criterion with Hurvich and Tsai's correction for few samples; smaller is better."""
+        n, count = self.residual.size, self.parameters.size + self.noise.size + 1
+        return -2.0 * self.log_likelihood + 2.0 * count * n / max(n - count - 1.0, 1.0)
+
+    def whiteness(self) -> float:
+        """Return the p value of Ljung and Box's test that the innovation is white, over up to 20 lags."""
+        n, e = self.innovation.size, self.innovation - self.innovation.mean()
+        lags = min(20, n // 5)
+        power = float(e @ e)
+        if power <= 0 or lags <= self.noise.size:
+            return 1.0
+        r = np.array([float(e[: n - k] @ e[k:]) / power for k in range(1, lags + 1)])
+        statistic = n * (n + 2.0) * float(np.sum(r**2 / (n - np.arange(1, lags + 1))))
+        return float(special.gammaincc(0.5 * (lags - self.noise.size), 0.5 * statistic))
+
+
+def fit_likelihood(values: Model, jacobian: Model, start: Array, data: Array) -> LikelihoodFit:
+    """Return the maximum-likelihood fit of values(p) to data of shape (n,), evenly sampled, from a start of shape (m,).
+
+    values, jacobian: take p, return shape (n,) and (n, m).
+
+    Least squares first; its residual tells the noise (Yule-Walker with the fit's share given back, order by Akaike,
+    `sinew.analysis.signal.coloured_noise`). Data and model are then whitened by that noise, the first samples by the
+    Cholesky factor of their covariance, so that the likelihood is exact; fit and noise take turns until they agree.
+    Noise is called coloured only where Bayes' criterion says so: coefficients of white noise found by chance would,
+    where the spectrum happens to dip at the oscillation, promise too much.
+    Raises RecordingError where there are fewer samples than twice the parameters.
+    """
+    if data.size < 2 * start.size:
+        raise RecordingError(
+            f"{data.size} samples are too few for {start.size} parameters; a fit needs at least {2 * start.size}"
+        )
+    fit = _settle(values, jacobian, start, data, coloured=True)
+    if fit.noise.size:
+        white = _settle(values, jacobian, fit.parameters, data, coloured=False)
+        fit = white if white.bic <= fit.bic else fit
+    return fit
+
+
+def _settle(values: Model, jacobian: Model, start: Array, data: Array, coloured: bool) -> LikelihoodFit:
+    noise, p, settled = np.zeros(0), np.asarray(start, dtype=float), False
+    for _ in range(_ROUNDS):
+        found = _whitened_fit(values, jacobian, p, data, noise)
+        p = np.asarray(found.x, dtype=float)
+        residual, slopes = data - values(p), jacobian(p)
+        telling = coloured and float(residual.std()) > _PERFECT * float(np.ptp(data))
+        after = autoregression(residual, slopes)[0] if telling else np.zeros(0)
+        moved = np.zeros(max(after.size, noise.size))
+        moved[: after.size] += after
+        moved[: noise.size] -= noise
+        settled = bool(np.abs(moved).max(initial=0.0) < _SETTLED)
+        if settled:
+            break
+        noise = after
+    innovation, whitened = _whiten(residual[:, None], noise)[:, 0], _whiten(slopes, noise)
+    return _autoregressive_described(p, residual, innovation, whitened, noise, settled and bool(found.success))
+
+
+def _whitened_fit(values: Model, jacobian: Model, start: Array, data: Array, noise: Array) -> optimize.OptimizeResult:
+    def deviation(p: Array) -> Array:
+        off = _whiten((values(p) - data)[:, None], noise)[:, 0]
+        return np.nan_to_num(off, nan=1e150, posinf=1e150, neginf=-1e150)
+
+    def slope(p: Array) -> Array:
+        return np.nan_to_num(_whiten(jacobian(p), noise), nan=0.0, posinf=0.0, neginf=0.0)
+
+    return optimize.least_squares(
+        deviation, start, jac=slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-9, max_nfev=80
+    )
+
+
+def _whiten(columns: Array, noise: Array) -> Array:
+    """Return columns (n, m) filtered so that the noise in them is white and of the innovation's size."""
+    order = noise.size
+    if order == 0:
+        return columns
+    out = signal.lfilter(np.concatenate([[1.0], -noise]), [1.0], columns, axis=0)
+    root = linalg.cholesky(linalg.toeplitz(_autocovariance(noise)), lower=True)
+    out[:order] = linalg.solve_triangular(root, columns[:order], lower=True)
+    return np.asarray(out, dtype=float)
+
+
+def _autocovariance(noise: Array) -> Array:
+    """Return the autocovariance of the process at lags 0 to order - 1 for innovations of variance one."""
+    order = noise.size
+    system, target = np.eye(order + 1), np.zeros(order + 1)
+    target[0] = 1.0
+    for lag in range(order + 1):
+        for k in range(1, order + 1):
+            system[lag, abs(lag - k)] -= noise[k - 1]
+    return np.asarray(np.linalg.solve(system, target)[:order], dtype=float)
+
+
+def _autoregressive_described(
+    p: Array, residual: Array, innovation: Array, whitened: Array, noise: Array, converged: bool
+) -> LikelihoodFit:
+    n, m = whitened.shape
+    scale = np.linalg.norm(whitened, axis=0)
+    scale[scale == 0] = 1.0
+    scaled = whitened / scale
+    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True) / np.outer(scale, scale)
+    power = float(innovation @ innovation)
+    lags = _autocovariance(noise) if noise.size else np.ones(1)
+    variance = power / max(n - m - noise.size, 1)
+    determinant = float(np.linalg.slogdet(linalg.toeplitz(lags))[1]) if noise.size else 0.0
+    spread = power / n if power > 0 else np.finfo(float).tiny
+    likelihood = -0.5 * n * (math.log(2.0 * math.pi * spread) + 1.0) - 0.5 * determinant
+    freedom = max(n / _colour(noise) - m, 1.0)
+    return LikelihoodFit(
+        p,
+        np.asarray(variance * inverse, dtype=float),
+        freedom,
+        residual,
+        innovation,
+        noise,
+        math.sqrt(variance * float(lags[0])),
+        math.sqrt(variance),
+        likelihood,
+        converged,
+    )
+
+
+def _colour(noise: Array) -> float:
+    """Return how many samples count as one for the noise's own size, Σ γ²/γ₀² over all lags."""
+    if noise.size == 0:
+        return 1.0
+    spectrum = 1.0 / np.abs(np.fft.fft(np.concatenate([[1.0], -noise]), 4096)) ** 2
+    return float(np.mean(spectrum**2) / np.mean(spectrum) ** 2)
+
+
+Complexes = NDArray[np.complex128]
+
+_LARGEST = 50.0  # of the exponent: an amplitude of e^50 is no fit
+
+
+@dataclass(frozen=True)
+class FreeOscillation:
+    """x(s) = Σ_m Re[exp(S_m) (1 + h₂ exp(S_m) + h₃ exp(2S_m))] + o |exp(2S)| + rest(s), at the samples of one record.
+
+    S_m(s) = Σ_k c_mk B_mk(s) with complex c: real part the logarithm of the amplitude, imaginary part the phase. With
+    B = (1, s) that is one damped oscillation, c_1 = -λ + jω; with more functions of s both change with time.
+    s: time in units of the window, from 0 to 1, shape (n,).
+    bases: B of each mode, shape (n, K_m).
+    rest: columns of the rest position, shape (n, R); relaxing: beside them exp(-s exp(-p)) with its size, p the
+        logarithm of the time constant in windows.
+    harmonics: with h₂, h₃ and o of the one mode, as a swing of quadratic and cubic stiffness has them.
+
+    Parameters, in this order: Re c_mk, Im c_mk in turn, (Re h₂, Im h₂, Re h₃, Im h₃, o), rest, (size, p).
+    """
+
+    s: Array
+    bases: tuple[Array, ...]
+    rest: Array
+    relaxing: bool = False
+    harmonics: bool = False
+    width: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        count = sum(2 * basis.shape[1] for basis in self.bases)
+        object.__setattr__(self, "width", count + 5 * self.harmonics + self.rest.shape[1] + 2 * self.relaxing)
+
+    def mode(self, m: int) -> slice:
+        """Return where the coefficients of a mode lie in the parameters."""
+        first = sum(2 * int(basis.shape[1]) for basis in self.bases[:m])
+        return slice(first, first + 2 * int(self.bases[m].shape[1]))
+
+    @property
+    def rest_start(self) -> int:
+        """Return where the parameters of the rest position begin."""
+        return int(self.mode(len(self.bases) - 1).stop) + 5 * self.harmonics
+
+    def exponent(self, p: Array, m: int = 0) -> Complexes:
+        """Return S_m at the samples, shape (n,)."""
+        c = p[self.mode(m)]
+        exponent = self.bases[m] @ (c[0::2] + 1j * c[1::2])
+        return np.asarray(np.minimum(exponent.real, _LARGEST) + 1j * exponent.imag)
+
+    def rest_position(self, p: Array) -> Array:
+        """Return the rest position at the samples, shape (n,)."""
+        first, count = self.rest_start, self.rest.shape[1]
+        level = self.rest @ p[first : first + count]
+        if self.relaxing:
+            level = level + p[-2] * np.exp(-self.s * self._relaxation_rate(p))
+        return np.asarray(level, dtype=float)
+
+    def values(self, p: Array) -> Array:
+        """Return x at the samples, shape (n,)."""
+        x = self.rest_position(p)
+        for m in range(len(self.bases)):
+            wave = np.exp(self.exponent(p, m))
+            if self.harmonics:
+                h2, h3, offset = self._harmonics(p)
+                x = x + offset * np.abs(wave) ** 2
+                wave = wave * (1.0 + wave * (h2 + h3 * wave))
+            x = x + wave.real
+        return np.asarray(x, dtype=float)
+
+    def jacobian(self, p: Array) -> Array:
+        """Return the derivatives of x by the parameters, shape (n, width)."""
+        out = np.empty((self.s.size, self.width))
+        for m, basis in enumerate(self.bases):
+            wave = np.exp(self.exponent(p, m))
+            by_real = by_imaginary = wave
+            if self.harmonics:
+                h2, h3, offset = self._harmonics(p)
+                by_imaginary = wave * (1.0 + wave * (2.0 * h2 + 3.0 * h3 * wave))
+                by_real = by_imaginary + 2.0 * offset * np.abs(wave) ** 2
+                first = self.mode(m).stop
+                square, cube = wave**2, wave**3
+                columns = [square.real, -square.imag, cube.real, -cube.imag, np.abs(square)]
+                out[:, first : first + 5] = np.stack(columns, axis=1)
+            where = self.mode(m)
+            out[:, where][:, 0::2] = by_real.real[:, None] * basis
+            out[:, where][:, 1::2] = -by_imaginary.imag[:, None] * basis
+        first, count = self.rest_start, self.rest.shape[1]
+        out[:, first : first + count] = self.rest
+        if self.relaxing:
+            rate = self._relaxation_rate(p)
+            fading = np.exp(-self.s * rate)
+            out[:, -2], out[:, -1] = fading, p[-2] * fading * self.s * rate
+        return out
+
+    @staticmethod
+    def _relaxation_rate(p: Array) -> float:
+        return float(np.exp(np.clip(-p[-1], -_LARGEST, _LARGEST)))
+
+    def _harmonics(self, p: Array) -> tuple[complex, complex, float]:
+        h = p[self.mode(len(self.bases) - 1).stop :]
+        return complex(h[0], h[1]), complex(h[2], h[3]), float(h[4])
+
+
+def polynomials(s: Array, count: int) -> Array:
+    """Return 1, s, s², ..., shape (n, count)."""
+    return np.asarray(np.vander(s, count, increasing=True), dtype=float)
+
+
+RESTS = ("constant", "linear", "creep")
+_TAIL = 3.0  # windows of the least-squares fit: behind it only the rest position moves, and tells how it does
+_STRONG = 6.0  # fall of Bayes' criterion that lets two more parameters in
+_CREEP_SCAN = (0.04, 0.08, 0.15, 0.3, 0.6, 1.2)  # of the window, to start from
+_CREEP_RANGE = (0.03, 5.0)  # of the window: time constants that it can tell from a jump and from a line
+_STEPS = 400
+_FAR = 8.0
+_TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True)
+class FreeDecay:
+    """What a free decay says, every number with its 90 % interval.
+
+    frequency_hz: damped; natural_frequency_hz: sqrt(ω_d² + λ²)/2π; damping_ratio: λ/sqrt(ω_d² + λ²);
+    decay_rate_per_s: λ. Where rate and frequency change (`amplitude_dependent`), means over the window weighted by the
+    amplitude, ∫ λ A dt/∫ A dt.
+    amplitude: at the first time, unit of the response. rest_drift: change of the rest position over the window.
+    creep_time_s: time constant of the rest position's relaxation, None unless `rest` is "creep".
+    noise_std: of one sample; noise_coefficients: of its autoregression, empty where white.
+    whiteness_p: of Ljung and Box's test that its innovations are white. bic: smaller is better.
+    time_s, values, curve, rest_position: of the window that was fitted, shape (n,).
+    message: a sentence on what to beware of, or empty.
+    """
+
+    frequency_hz: Estimate
+    natural_frequency_hz: Estimate
+    damping_ratio: Estimate
+    decay_rate_per_s: Estimate
+    amplitude: Estimate
+    rest: str
+    rest_drift: Estimate
+    creep_time_s: Estimate | None
+    amplitude_dependent: bool
+    noise_std: float
+    noise_coefficients: Array
+    whiteness_p: float
+    bic: float
+    time_s: Array
+    values: Array
+    curve: Array
+    rest_position: Array
+    message: str
+
+
+def fit_free_decay(
+    time_s: ArrayLike,
+    response: ArrayLike,
+    *,
+    drive: ArrayLike | None = None,
+    free_from_s: float | None = None,
+    rest: str = "auto",
+    amplitude_dependent: bool | None = None,
+) -> FreeDecay:
+    """Return the maximum-likelihood fit of the free decay in a record.
+
+    time_s, response, drive: shape (n,), drive and free_from_s as in `sinew.analysis.decay.ring_down`, which finds the
+    window.
+    rest: position about which it swings, one of RESTS, or "auto": a line, with an exponential relaxation beside it
+        where Bayes' criterion falls by more than 10. "creep" is that relaxation beside the line.
+    amplitude_dependent: whether rate and frequency may change linearly with time; None lets the data decide likewise.
+
+    Exact Gaussian likelihood with autoregressive noise of up to 8 coefficients. Intervals are Student's. For white
+    noise the deviations are the Cramér-Rao bound's.
+    Raises RecordingError where there is no free decay, ValueError for an unknown rest.
+    """
+    if rest not in (*RESTS, "auto"):
+        raise ValueError(f"rest is {rest!r}; expected one of {', '.join(RESTS)} or auto")
+    t, x, lever, clock = evenly(*checked_record(time_s, response, drive))
+    first, _, _, peaks = free_decay(t, x, lever, free_from_s)
+    t, x = block_means(t, x, peaks.half_period_s)
+    stop = first.stop_s + (_TAIL - 1.0) * first.window_s
+    inside = (t >= first.start_s - 1e-9) & (t <= stop + 1e-9)
+    t, x = t[inside], x[inside]
+    first = fit_decay(t, x, (first.decay_rate_per_s, first.omega_rad_s))
+    model, fit = _best((t - t[0]) / (t[-1] - t[0]), x, first, rest, amplitude_dependent)
+    return _described(model, fit, t, x, clock, peaks.noise)
+
+
+def fit_oscillation(model: FreeOscillation, starts: list[Array], values: Array) -> LikelihoodFit:
+    """Return the likeliest fit of a model to its samples, shape (n,), over the starts.
+
+    starts: shape (model.width,) each, of which the rest position and the size of a relaxation are found here, by
+    linear least squares.
+    """
+    fits = [fit_likelihood(model.values, model.jacobian, _with_rest(model, start, values), values) for start in starts]
+    return min(fits, key=lambda fit: fit.bic)
+
+
+def _with_rest(model: FreeOscillation, start: Array, values: Array) -> Array:
+    p = np.array(start, dtype=float)
+    linear = np.arange(model.rest_start, model.rest_start + model.rest.shape[1] + model.relaxing)
+    p[linear] = 0.0
+    p[linear] = np.linalg.lstsq(model.jacobian(p)[:, linear], values - model.values(p), rcond=None)[0]
+    return p
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A model with its fit."""
+
+    model: FreeOscillation
+    fit: LikelihoodFit
+
+    def beats(self, other: "_Candidate") -> bool:
+        return self.fit.bic < other.fit.bic - _STRONG
+
+    def gain(self, columns: Array) -> float:
+        """Return by how much n ln(residual²) could fall in one linear step along added columns, shape (n, k)."""
+        residual = self.fit.residual
+        basis = orthonormal(self.model.jacobian(self.fit.parameters))
+        beside = orthonormal(columns - basis @ (basis.T @ columns))
+        power = float(residual @ residual)
+        left = power - float(np.sum((beside.T @ residual) ** 2))
+        return self.model.s.size * math.log(power / left) if left > 0 else math.inf
+
+
+def _best(s: Array, x: Array, first: DecayFit, rest: str, bends: bool | None) -> tuple[FreeOscillation, LikelihoodFit]:
+    """Return the model that was asked for, or the plainest one that the data do not reject.
+
+    A bend and a creep are fitted only where one linear step along them promises enough: it saves most of the fits.
+    """
+    columns = polynomials(s, 1 if rest == "constant" else 2)
+    plain = FreeOscillation(s, (polynomials(s, 2),), columns)
+    best = _Candidate(
+        plain, fit_oscillation(plain, [np.append(first_coefficients(first), np.zeros(columns.shape[1]))], x)
+    )
+    if rest == "creep":
+        best = _crept(best, x, max(_CREEP_SCAN, key=lambda time: best.gain(_fading(s, time))))
+    for _ in range(2):  # each choice may change the other
+        if bends or (bends is None and best.model.bases[0].shape[1] == 2 and best.gain(_bend(best)) > _STRONG):
+            bent = _bent(best, x)
+            best = bent if bends or bent.beats(best) else best
+            bends = None if bends is None else False
+        if rest == "auto" and not best.model.relaxing:
+            gains = {time: best.gain(_fading(s, time)) for time in _CREEP_SCAN}
+            time = max(gains, key=lambda key: gains[key])
+            crept = _crept(best, x, time) if gains[time] > _STRONG else best
+            telling = crept.model.relaxing and _CREEP_RANGE[0] < math.exp(crept.fit.parameters[-1]) < _CREEP_RANGE[1]
+            best = crept if telling and crept.beats(best) else best
+    return best.model, best.fit
+
+
+def _fading(s: Array, time: float) -> Array:
+    return np.exp(-s / time)[:, None]
+
+
+def _bend(candidate: _Candidate) -> Array:
+    wave = candidate.model.s**2 * np.exp(candidate.model.exponent(candidate.fit.parameters))
+    return np.stack([wave.real, wave.imag], axis=1)
+
+
+def _bent(candidate: _Candidate, x: Array) -> _Candidate:
+    model, p = candidate.model, candidate.fit.parameters
+    wider = FreeOscillation(model.s, (polynomials(model.s, 3),), model.rest, model.relaxing)
+    return _Candidate(wider, fit_oscillation(wider, [np.concatenate([p[:4], np.zeros(2), p[4:]])], x))
+
+
+def _crept(candidate: _Candidate, x: Array, time: float) -> _Candidate:
+    model, p = candidate.model, candidate.fit.parameters
+    wider = FreeOscillation(model.s, model.bases, model.rest, relaxing=True)
+    return _Candidate(wider, fit_oscillation(wider, [np.append(p, [0.0, math.log(time)])], x))
+
+
+def first_coefficients(fit: DecayFit) -> Array:
+    """Return Re c_0, Im c_0, Re c_1, Im c_1 of `FreeOscillation` from a least-squares fit of the same window."""
+    size = max(fit.amplitude, 1e-300)
+    angle = math.atan2(-float(fit.parameters[3]), float(fit.parameters[2]))
+    return np.array([math.log(size), angle, -fit.parameters[0], fit.parameters[1]])
+
+
+def _poles(model: FreeOscillation, p: Array) -> Array:
+    """Return (λ, ω) per window, means weighted by the amplitude."""
+    c, count = p[model.mode(0)], int(model.bases[0].shape[1])
+    s = np.linspace(0.0, 1.0, _STEPS + 1)
+    weight = np.exp(np.minimum(polynomials(s, count) @ c[0::2], 50.0))
+    weight[[0, -1]] *= 0.5
+    slopes = polynomials(s, count - 1) * np.arange(1, count)
+    return np.asarray(weight @ np.stack([-(slopes @ c[2::2]), slopes @ c[3::2]], axis=1) / weight.sum())
+
+
+def _drift(model: FreeOscillation, p: Array) -> Array:
+    rest = model.rest_position(p)
+    return np.array([rest[-1] - rest[0]])
+
+
+def _propagated(function: Callable[[Array], Array], fit: LikelihoodFit) -> tuple[Array, Array]:
+    """Return a function of the parameters, (k,), and its covariance, (k, k), by central differences."""
+    p = fit.parameters
+    steps = 0.01 * np.sqrt(np.maximum(np.diag(fit.covariance), 0.0)) + 1e-9 * np.maximum(np.abs(p), 1.0)
+    slopes = [
+        (function(p + row) - function(p - row)) / (2.0 * step) for row, step in zip(np.diag(steps), steps, strict=True)
+    ]
+    gradient = np.stack(slopes, axis=1)
+    return function(p), np.asarray(gradient @ fit.covariance @ gradient.T, dtype=float)
+
+
+def pole_estimates(poles: Array, covariance: Array, freedom: float, clock_std: float = 0.0) -> dict[str, Estimate]:
+    """Return frequency_hz, natural_frequency_hz, damping_ratio and decay_rate_per_s from (λ, ω) and their covariance.
+
+    poles: [1/s], shape (2,); covariance: shape (2, 2). clock_std: relative, of the time scale, which D does not feel.
+    """
+    rate, omega = float(poles[0]), float(poles[1])
+    covariance = covariance + clock_std**2 * np.outer(poles, poles)
+    natural = math.hypot(rate, omega)
+
+    def estimate(value: float, by_rate: float, by_omega: float) -> Estimate:
+        gradient = np.array([by_rate, by_omega])
+        return Estimate.student(value, math.sqrt(max(float(gradient @ covariance @ gradient), 0.0)), freedom)
+
+    return {
+        "frequency_hz": estimate(omega / _TURN, 0.0, 1.0 / _TURN),
+        "natural_frequency_hz": estimate(natural / _TURN, rate / natural / _TURN, omega / natural / _TURN),
+        "damping_ratio": estimate(rate / natural, omega**2 / natural**3, -rate * omega / natural**3),
+        "decay_rate_per_s": estimate(rate, 1.0, 0.0),
+    }
+
+
+def _described(
+    model: FreeOscillation, fit: LikelihoodFit, t: Array, x: Array, clock: float, scatter: float
+) -> FreeDecay:
+    window, p, freedom = float(t[-1] - t[0]), fit.parameters, fit.degrees_of_freedom
+    poles, covariance = _propagated(lambda q: _poles(model, q) / window, fit)
+    drift, drift_variance = _propagated(lambda q: _drift(model, q), fit)
+    std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    size, bent = math.exp(p[0]), model.bases[0].shape[1] > 2
+    creep = None
+    if model.relaxing:
+        log = Estimate.student(float(p[-1]), float(std[-1]), freedom)
+        time = window * math.exp(log.value)
+        creep = Estimate(time, time * log.std, window * math.exp(log.low), window * math.exp(min(log.high, 50.0)))
+    return FreeDecay(
+        **pole_estimates(poles, covariance, freedom, clock),
+        amplitude=Estimate.student(size, size * float(std[0]), freedom),
+        rest="creep" if model.relaxing else RESTS[model.rest.shape[1] - 1],
+        rest_drift=Estimate.student(float(drift[0]), math.sqrt(max(float(drift_variance[0, 0]), 0.0)), freedom),
+        creep_time_s=creep,
+        amplitude_dependent=bent,
+        noise_std=fit.noise_std,
+        noise_coefficients=fit.noise,
+        whiteness_p=fit.whiteness(),
+        bic=fit.bic,
+        time_s=t,
+        values=x,
+        curve=x - fit.residual,
+        rest_position=model.rest_position(p),
+        message=_warning(fit, bent, scatter),
+    )
+
+
+def _warning(fit: LikelihoodFit, bent: bool, scatter: float) -> str:
+    said = []
+    if not fit.converged:
+        said.append("fit and noise did not settle; take the numbers as a start")
+    if bent:
+        said.append("rate and frequency change as the amplitude falls: these are means, the backbone says more")
+    if fit.noise_std > _FAR * scatter:
+        said.append(
+            f"what the fit leaves is {fit.noise_std / scatter:.0f} times the scatter of neighbouring samples: the "
+            "model misses a part of the record, as another mode or another creep"
+        )
+    return "; ".join(said)

@@ -1,0 +1,1 @@
+"""The tendon joint fitted to the recordings of a rig, and its calibration."""

@@ -1,0 +1,445 @@
+"""This is where the tendon joint is fitted to recordings: one set of parameters over all pretensions and repeats.
+
+The model is the twin's equation of motion under the measured lever; see `joint_motion`. The search has three legs: the
+steady segments of one repeat with a fifth of the signal taken for noise, which forgives a start that is far off; then
+everything, with the noise that the residuals of the leg before show, twice.
+"""
+
+import math
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import special
+
+from sinew.identify.joint.balance import Balance, balance
+from sinew.identify.joint.coordinates import Coordinates, make_coordinates
+from sinew.identify.joint.motion import steps_per_sample
+from sinew.identify.joint.problem import JointProblem, make_problem, whitening_of
+from sinew.identify.joint.swing import Swing, is_enough, swings_of
+from sinew.identify.oscillator.certainty import Covariance, correlation, find_unidentifiable
+from sinew.identify.oscillator.least_squares import Solution, solve
+from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import Estimate
+from sinew.measure.schema import SegmentKind
+from sinew.plan.rig import RigSpec
+from sinew.twin.cache import configure
+
+# The physical combinations of a joint fit get their values and intervals.
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-4  # of a coordinate: third derivatives then count for 1e-8
+_SHARED = ("stiffness_n_m_rad", "tendon_moment_n_m")
+
+
+def derive(swings: Sequence[Swing], coordinates: Coordinates, x: Array, covariance: Array) -> dict[str, Estimate]:
+    """Return the derived quantities of `JointFit`.
+
+    x: shared coordinates, shape (m,); covariance: of them, shape (m, m). Intervals are to first order.
+    """
+    found = dict(zip(_SHARED, _estimates(partial(_of_the_joint, coordinates), x, covariance), strict=True))
+    for pretension in sorted({swing.pretension_mm for swing in swings}):
+        mine = [swing for swing in swings if swing.pretension_mm == pretension]
+        amplitude, end = _amplitude(mine), f"[{pretension:g} mm]"
+        found[f"amplitude_rad{end}"] = Estimate(amplitude, 0.0, amplitude, amplitude)
+        at = partial(_at, coordinates, pretension, mine[0].mode, amplitude)
+        rows = zip(Balance._fields, _estimates(at, x, covariance), strict=True)
+        found |= {name + end: one for name, one in rows}
+    return found
+
+
+def _of_the_joint(coordinates: Coordinates, x: Array) -> Array:
+    rig = coordinates.rig_at(x)
+    stiffness = rig.silicone.torsional_rigidity.value / rig.silicone.length.value
+    return np.array([stiffness, rig.tendons.head_radius.value * rig.tendons.first_contact_tension.value])
+
+
+def _at(coordinates: Coordinates, pretension_mm: float, mode: float, amplitude: float, x: Array) -> Array:
+    return np.array(balance(coordinates.numbers(x), pretension_mm, mode, amplitude), dtype=float)
+
+
+def _estimates(quantities: Callable[[Array], Array], x: Array, covariance: Array) -> list[Estimate]:
+    """Return estimates of what follows from the coordinates, by its slopes (central differences)."""
+    values = quantities(x)
+    slopes = np.array([(quantities(x + one) - quantities(x - one)) / (2 * _STEP) for one in _STEP * np.eye(x.size)])
+    variances = np.maximum(np.einsum("iq,ij,jq->q", slopes, covariance, slopes), 0.0)
+    return [Estimate.normal(float(v), float(s)) for v, s in zip(values, np.sqrt(variances), strict=True)]
+
+
+def _amplitude(swings: Sequence[Swing]) -> float:
+    """Return the median torsion amplitude of swings [rad], by the rate's root mean square and the drive's frequency."""
+    found = [
+        float(np.sqrt(2 * np.mean(swing.gyro[swing.recorded :] ** 2))) / (2 * np.pi * swing.frequency_hz)
+        for swing in swings
+        if swing.frequency_hz > 0
+    ]
+    return float(np.median(found)) if found else 0.1
+
+
+_FEWEST = 4
+_NINETY = 1.6448536269514722
+
+
+def settled_covariance(jacobian: Array, residual: Array, settings: Sequence[tuple[Hashable, slice]]) -> Array:
+    """Return the covariance of the coordinates, shape (m, m).
+
+    jacobian: whitened, shape (n, m); residual: shape (n,). settings: of each swing its setting and its rows; rows of no
+    swing have a known variance of one.
+
+    The settings' part is widened by Student's factor for their number, so that normal intervals go with the result. No
+    standard deviation is smaller than that of independent residuals, (JᵀJ)⁻¹; correlations are those of the latter.
+    """
+    gram = jacobian.T @ jacobian
+    plain = np.linalg.pinv(gram, hermitian=True)
+    labels = list(dict.fromkeys(label for label, _ in settings))
+    groups = [[rows for label, rows in settings if label == one] for one in labels]
+    if len(groups) < _FEWEST:
+        groups = [[rows] for _, rows in settings]
+    if len(groups) < _FEWEST:
+        return np.asarray(plain)
+    root = _power(np.asarray(plain), 0.5)
+    known = gram.copy()
+    moved = []
+    for group in groups:
+        own = sum((jacobian[rows].T @ jacobian[rows] for rows in group), np.zeros_like(gram))
+        score = sum((jacobian[rows].T @ residual[rows] for rows in group), np.zeros(gram.shape[0]))
+        known -= own
+        moved.append(root @ _power(np.eye(gram.shape[0]) - root @ own @ root, -0.5) @ root @ score)
+    steps = float(special.stdtrit(len(groups) - 1, 0.95)) / _NINETY * np.array(moved)
+    spread = steps.T @ steps + plain @ known @ plain
+    larger = np.sqrt(np.maximum(np.diag(spread) / np.maximum(np.diag(plain), 1e-300), 1.0))
+    return np.asarray(plain * np.outer(larger, larger))
+
+
+def _power(symmetric: Array, exponent: float) -> Array:
+    """Return a power of a positive matrix; eigenvalues that rounding has made tiny or negative count as small."""
+    values, vectors = np.linalg.eigh(symmetric)
+    return np.asarray((vectors * np.maximum(values, 1e-12 * values[-1]) ** exponent) @ vectors.T)
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """How far one repetition at one pretension was from the shared parameters.
+
+    recording: index of the recording. pretension: of the set pretension [m]; guide_friction: relative [1].
+    """
+
+    recording: int
+    pretension_mm: float
+    repeat: int
+    pretension: Estimate
+    guide_friction: Estimate
+
+
+@dataclass(frozen=True)
+class JointSegment:
+    """One fitted segment: the gyroscope's rate about the joint's axis, as it was and as the fit has it.
+
+    recording, segment: indices. time_s: from the segment's first sample, shape (n,). measured, predicted: [rad/s],
+    shape (n,). kept: which samples were fitted, shape (n,); the last of a segment lack the lever motion after them.
+    current_a, predicted_current_a: mean current of the tendon motors over the segment.
+    """
+
+    recording: int
+    segment: int
+    kind: SegmentKind
+    pretension_mm: float
+    frequency_hz: float
+    repeat: int
+    time_s: Array
+    measured: Array
+    predicted: Array
+    kept: NDArray[np.bool_]
+    current_a: float
+    predicted_current_a: float
+
+    @property
+    def residual(self) -> Array:
+        """Return measured less predicted [rad/s], shape (n,)."""
+        return self.measured - self.predicted
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """What recordings of a rig say about its tendon joint.
+
+    rig: where the fit began; fitted_rig: the same with the fitted values, origin calibrated.
+    parameters: by the rig's dotted name, in the unit of the rig's parameter (SI). Those that were tied move along in
+        `fitted_rig` (the base's radius with the head's, the head's inertia against the lever's).
+    derived: physical combinations, unit in the key. Of the joint: `stiffness_n_m_rad` (G J/L), `tendon_moment_n_m`
+        (head radius times the tension of one tendon at first contact). At each pretension, key ending in `[4 mm]`:
+        `tendon_moment_n_m`, `tension_n` (of one tendon), `natural_frequency_hz` (undamped), `damping_ratio`, both at
+        the torsion amplitude `amplitude_rad`; `cubic_n_m_rad3` (of the static restoring torque), and the shares of the
+        energy lost in a cycle, `silicone_share`, `guide_friction_share`, `viscous_share`.
+    pretension_mm: that were fitted, increasing. repeats: repetitions at each, over all recordings.
+    deviations: of each repetition, the random effects.
+    names, covariance: first those of `parameters` in their units, then the deviations (of pretension [m] and of guide
+        friction [1], in the order of `deviations`).
+    segments: measured and predicted. rmse: by channel with unit: `gyro_rad_s`, `tendon_current_a`.
+    converged, message: how the search ended. unidentifiable: sentences.
+    """
+
+    rig: RigSpec
+    fitted_rig: RigSpec
+    parameters: dict[str, Estimate]
+    derived: dict[str, Estimate]
+    pretension_mm: tuple[float, ...]
+    repeats: int
+    deviations: tuple[Deviation, ...]
+    names: tuple[str, ...]
+    covariance: Covariance
+    segments: tuple[JointSegment, ...]
+    rmse: dict[str, float]
+    converged: bool
+    message: str
+    unidentifiable: tuple[str, ...]
+
+    @property
+    def correlation(self) -> Array:
+        """Return the correlation matrix of the numbers in `names`, shape (m, m)."""
+        return correlation(self.covariance.matrix)
+
+    def at_pretension(self, name: str, pretension_mm: float) -> Estimate:
+        """Return one derived quantity at a pretension that was fitted; KeyError where there is none."""
+        return self.derived[f"{name}[{pretension_mm:g} mm]"]
+
+    def by_pretension(self) -> list[dict[str, Any]]:
+        """Return the derived quantities of every pretension, as JSON has them."""
+        rows = []
+        for pretension in self.pretension_mm:
+            end = f"[{pretension:g} mm]"
+            mine = {key.removesuffix(end): one.to_json() for key, one in self.derived.items() if key.endswith(end)}
+            rows.append({"pretension_mm": pretension, **mine})
+        return rows
+
+    def document(self) -> dict[str, Any]:
+        """Return the JSON document of `sinew identify`; frequency and damping are those at the smallest pretension."""
+        units = {name: parameter.unit for name, parameter in self.rig.parameters()}
+        shared = {key: one.to_json() for key, one in self.derived.items() if not key.endswith(" mm]")}
+        return {
+            "model": "tendon",
+            "parameters": {name: one.to_json() for name, one in self.parameters.items()},
+            "units": {name: units[name] for name in self.parameters},
+            "derived": shared,
+            "natural_frequency_hz": self.at_pretension("natural_frequency_hz", self.pretension_mm[0]).to_json(),
+            "damping_ratio": self.at_pretension("damping_ratio", self.pretension_mm[0]).to_json(),
+            "by_pretension": self.by_pretension(),
+            "rmse": {"train": _number(self.rmse["gyro_rad_s"]), "test": None},
+            "unit": "rad/s",
+            "converged": self.converged,
+            "message": self.message,
+            "unidentifiable": list(self.unidentifiable),
+            "compared": [],
+        }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+Progress = Callable[[float, float], None]
+
+FREE = (
+    "silicone.torsional_rigidity",
+    "silicone.diameter",
+    "silicone.loss_factor",
+    "inertia.lever",
+    "tendons.head_radius",
+    "tendons.first_contact_tension",
+    "tendons.guide_friction",
+    "tendons.presliding_angle",
+    "imu.residual_delay",
+)
+"""What is sought unless the caller says otherwise, by the rig's dotted names."""
+
+_ROUGH, _FINE = 1e-3, 1e-5
+_EVALUATIONS = 60
+_QUIET = 1e-5  # rad/s: smallest noise of a whitened residual
+_NEAR = 1e-6
+
+
+def fit_joint(
+    recordings: Sequence[xr.Dataset],
+    rig: RigSpec,
+    *,
+    free: Sequence[str] = FREE,
+    progress: Progress | None = None,
+) -> JointFit:
+    """Return the rig's tendon joint as the recordings have it.
+
+    recordings: of the twin or a bench, with steady or ring-down segments, each from rest. rig: where the search begins;
+    what is not free stays as it is there, above all the sum of the inertias, without which no torque is known. The
+    rig's bounds are a weak prior: a normal about the rig's value with the bounds' distance as its 95 % interval.
+    free: dotted names of the rig's parameters. progress: called with (done, total).
+    Raises RecordingError where the recordings have nothing to fit, SpecError for a name that cannot be free.
+    """
+    configure()
+    if rig.section is not None:
+        free = [name for name in free if name != "silicone.diameter"]  # it only names the circle around the section
+    coordinates = make_coordinates(rig, free)
+    swings = [swing for swing in swings_of(recordings, rig) if is_enough(swing, rig.imu.average_samples)]
+    if not swings:
+        raise RecordingError("no segment is long and whole enough to be fitted; record longer segments")
+    problem, solution = _search(swings, coordinates, progress)
+    return _tell(problem, solution)
+
+
+def _search(
+    swings: Sequence[Swing], coordinates: Coordinates, progress: Progress | None
+) -> tuple[JointProblem, Solution]:
+    steps = steps_per_sample(coordinates.numbers(np.zeros(len(coordinates.names))), max(s.sample_s for s in swings))
+    first = make_problem(_easy(swings), coordinates, steps)
+    x = _solved(first, np.zeros(first.size), _ROUGH).values
+    _report(progress, 1)
+    problem = make_problem(swings, coordinates, steps)
+    x = np.concatenate([x[: first.shared], np.zeros(2 * len(problem.pairs))])
+    for leg, tolerance in enumerate((_ROUGH, _ROUGH, _FINE), start=2):
+        if leg > 2:
+            problem = problem.sized(whitening_of(problem.residuals(x), _QUIET))
+        solution = _solved(problem, x, tolerance)
+        x = solution.values
+        _report(progress, leg)
+    return problem, solution
+
+
+def _easy(swings: Sequence[Swing]) -> list[Swing]:
+    """Return the steady swings of one repeat at each pretension; all where there are no steady ones."""
+    steady = [swing for swing in swings if swing.kind == "steady"] or list(swings)
+    first = {swing.pretension_mm: swing.pair for swing in reversed(steady)}
+    return [swing for swing in steady if first[swing.pretension_mm] == swing.pair]
+
+
+def _solved(problem: JointProblem, start: Array, tolerance: float) -> Solution:
+    low, high = problem.bounds()
+    inside = np.clip(start, low, high)
+    return solve(problem.problem(), inside, bounds=(low, high), tolerance=tolerance, max_evaluations=_EVALUATIONS)
+
+
+def _report(progress: Progress | None, leg: int) -> None:
+    if progress is not None:
+        progress(leg, 4)
+
+
+def _tell(problem: JointProblem, solution: Solution) -> JointFit:
+    x, coordinates, shared = solution.values, problem.coordinates, problem.shared
+    covariance = settled_covariance(solution.jacobian, solution.residual, problem.settings())
+    own = covariance[:shared, :shared]
+    segments = _segments(problem, x)
+    scales = np.concatenate([coordinates.slopes(x[:shared]), np.tile(problem.repeatability, len(problem.pairs))])
+    deviations = _deviations(problem, x, covariance)
+    labels = [f"{d.pretension_mm:g} mm, repeat {d.repeat}, recording {d.recording}" for d in deviations]
+    names = [f"{name}[{label}]" for label in labels for name in ("pretension", "guide_friction")]
+    freedom = float(max(solution.degrees_of_freedom, 1))
+    return JointFit(
+        coordinates.rig,
+        coordinates.fitted_rig(x[:shared]),
+        _parameters(coordinates, x[:shared], own),
+        derive(problem.swings, coordinates, x[:shared], own),
+        tuple(sorted({swing.pretension_mm for swing in problem.swings})),
+        _repeats(problem),
+        deviations,
+        (*coordinates.names, *names),
+        Covariance(covariance * np.outer(scales, scales), freedom),
+        segments,
+        _rmse(segments),
+        solution.converged,
+        _message(problem, solution),
+        _unidentifiable(problem, solution),
+    )
+
+
+def _parameters(coordinates: Coordinates, x: Array, covariance: Array) -> dict[str, Estimate]:
+    found = {}
+    for k, (name, value) in enumerate(zip(coordinates.names, coordinates.values(x), strict=True)):
+        half = np.zeros(x.size)
+        half[k] = _NINETY * float(np.sqrt(covariance[k, k]))
+        ends = [float(coordinates.values(x + side * half)[k]) for side in (-1, 1)]
+        std = float(coordinates.slopes(x)[k] * np.sqrt(covariance[k, k]))
+        found[name] = Estimate(float(value), std, *ends)
+    return found
+
+
+def _deviations(problem: JointProblem, x: Array, covariance: Array) -> tuple[Deviation, ...]:
+    found = []
+    std = np.sqrt(np.diag(covariance))
+    for k, (recording, pretension, repeat) in enumerate(problem.pairs):
+        column = problem.shared + 2 * k
+        own = [
+            Estimate.normal(float(x[column + j] * size), float(std[column + j] * size))
+            for j, size in enumerate(problem.repeatability)
+        ]
+        found.append(Deviation(recording, pretension, repeat, own[0], own[1]))
+    return tuple(found)
+
+
+def _segments(problem: JointProblem, x: Array) -> tuple[JointSegment, ...]:
+    found = []
+    for swing, sieve, (rate, current) in zip(problem.swings, problem.sieves, problem.predicted(x), strict=True):
+        begin = swing.recorded
+        kept = np.zeros(swing.size, dtype=bool)
+        kept[sieve.kept[0] : sieve.kept[-1] + 1] = True
+        bias = float(np.mean((swing.gyro - rate)[kept]))
+        found.append(
+            JointSegment(
+                recording=swing.recording,
+                segment=swing.segment,
+                kind=swing.kind,
+                pretension_mm=swing.pretension_mm,
+                frequency_hz=swing.frequency_hz,
+                repeat=swing.repeat,
+                time_s=np.arange(swing.size - begin, dtype=float) * np.float64(swing.sample_s),
+                measured=swing.gyro[begin:],
+                predicted=rate[begin:] + bias,
+                kept=(kept & swing.present)[begin:],
+                current_a=swing.current_a,
+                predicted_current_a=current,
+            )
+        )
+    return tuple(found)
+
+
+def _repeats(problem: JointProblem) -> int:
+    counts = [sum(pair[1] == pretension for pair in problem.pairs) for pretension in {p[1] for p in problem.pairs}]
+    return max(counts)
+
+
+def _rmse(segments: Sequence[JointSegment]) -> dict[str, float]:
+    rates = np.concatenate([segment.residual[segment.kept] for segment in segments])
+    currents = np.array([segment.current_a - segment.predicted_current_a for segment in segments])
+    currents = currents[np.isfinite(currents)]
+    of_current = float(np.sqrt(np.mean(currents**2))) if currents.size else float("nan")
+    return {"gyro_rad_s": float(np.sqrt(np.mean(rates**2))), "tendon_current_a": of_current}
+
+
+def _message(problem: JointProblem, solution: Solution) -> str:
+    told = [solution.message]
+    low, high = problem.bounds()
+    for name, value, one, other in zip(problem.coordinates.names, solution.values, low, high, strict=False):
+        if min(value - one, other - value) < _NEAR:
+            told.append(f"{name} lies at a bound of the rig, so its interval cannot be trusted; widen the bounds")
+    off = solution.values[problem.shared :]
+    largest = float(np.abs(off).max(initial=0.0))
+    if largest > 4:
+        told.append(
+            f"a repetition deviates by {largest:.1f} times the rig's stated repeatability; "
+            "raise repeatability in the rig, or look for what changed between the repeats"
+        )
+    return "; ".join(told)
+
+
+def _unidentifiable(problem: JointProblem, solution: Solution) -> tuple[str, ...]:
+    """Return the directions of the shared parameters that the data leave open, the deviations being any.
+
+    What matters of a parameter is the standard deviation that the rig's bounds leave it.
+    """
+    jacobian = problem.data_rows(solution.jacobian)
+    shared, others = jacobian[:, : problem.shared], jacobian[:, problem.shared :]
+    seen = shared - others @ np.linalg.lstsq(others, shared, rcond=None)[0]
+    coordinates = problem.coordinates
+    natural = coordinates.width / coordinates.slopes(solution.values[: problem.shared])
+    return find_unidentifiable(coordinates.names, natural, seen, 1.0)

@@ -1,0 +1,356 @@
+"""This is where a fit is held: numbers with intervals, what they do not tell, and how well they predict."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from sinew.identify.oscillator.certainty import Covariance, correlation, estimates, find_unidentifiable
+from sinew.identify.oscillator.layout import Layout, free_mechanics
+from sinew.identify.oscillator.least_squares import Solution
+from sinew.identify.oscillator.model import NATURAL, WORDS, Model, parameter_name
+from sinew.identify.oscillator.record import Frame, Record, derivative_order
+from sinew.identify.oscillator.track import LOCAL
+from sinew.measure.estimate import Estimate
+
+# The numbers of a solution get their names, units and intervals.
+
+Array = NDArray[np.float64]
+
+
+def _scaled(estimate: Estimate, factor: float) -> Estimate:
+    ends = sorted((estimate.low * factor, estimate.high * factor))
+    return Estimate(estimate.value * factor, estimate.std * abs(factor), ends[0], ends[1])
+
+
+def mechanical_parameters(layout: Layout, solution: Solution, certainty: Covariance) -> dict[str, Estimate]:
+    """Return the mechanical numbers by name with unit, over the inertia and, where the input is a torque or force in
+    N m or N on an angle or a length, in full."""
+    record, scales = layout.parts[0].record, layout.parts[0].scales
+    found, full = {}, {}
+    gain = next((k for k, entry in enumerate(layout.entries) if entry.local == "gain"), None)
+    inertial = _INERTIAL.get((record.motion_unit, record.input_unit)) if gain is not None else None
+    for k, one in enumerate(estimates(solution.values, certainty)):
+        entry = layout.entries[k]
+        if entry.local not in free_mechanics(layout.model, record):
+            continue
+        name = parameter_name(entry.local, record.excitation, record.motion_unit, record.input_motion_unit)
+        found[name + (entry.label() if entry.group else "")] = _scaled(one, scales.physical(entry.local))
+        if inertial is not None and gain is not None and entry.local in inertial:
+            factor = (1.0 if entry.local == "gain" else scales.physical(entry.local)) / scales.physical("gain")
+            whole = _over(k, gain, solution.values, certainty)
+            full[inertial[entry.local] + (entry.label() if entry.group else "")] = _scaled(whole, factor)
+    return found | full
+
+
+_INERTIAL: dict[tuple[str, str], dict[str, str]] = {
+    ("rad", "N*m"): {
+        "gain": "inertia_kg_m2",
+        "stiffness": "stiffness_n_m_per_rad",
+        "damping": "damping_n_m_s_per_rad",
+        "coulomb": "coulomb_n_m",
+        "quadratic": "quadratic_n_m_per_rad2",
+        "cubic": "cubic_n_m_per_rad3",
+    },
+    ("m", "N"): {
+        "gain": "mass_kg",
+        "stiffness": "stiffness_n_per_m",
+        "damping": "damping_n_s_per_m",
+        "coulomb": "coulomb_n",
+        "quadratic": "quadratic_n_per_m2",
+        "cubic": "cubic_n_per_m3",
+    },
+}
+"""Names of the numbers in full, by the units of motion and input: gain becomes the inertia 1/gain."""
+
+
+def _over(k: int, gain: int, x: Array, certainty: Covariance) -> Estimate:
+    """Return x[k]/x[gain], or 1/x[gain] for k = gain, to first order."""
+    slope = np.zeros(x.size)
+    top = 1.0 if k == gain else float(x[k])
+    slope[gain] = -top / x[gain] ** 2
+    if k != gain:
+        slope[k] = 1.0 / x[gain]
+    return Estimate.student(top / float(x[gain]), _std(slope, certainty), certainty.degrees_of_freedom)
+
+
+def nuisance_parameters(layout: Layout, solution: Solution, certainty: Covariance) -> dict[str, Estimate]:
+    """Return start and rest position of every record; the creep time is the logarithm of its share of the record."""
+    found = {}
+    for entry, one in zip(layout.entries, estimates(solution.values, certainty), strict=True):
+        part = layout.parts[max(entry.record, 0)]
+        if entry.local in layout.model.nuisance(part.record.excitation):
+            size = {"offset": part.unit_size, "drift": part.unit_size, "creep_time": 1.0, "memory": 1.0}
+            factor = size[entry.local] if entry.local in size else part.scales.physical(entry.local)
+            found[entry.local + entry.label()] = _scaled(one, factor)
+    return found
+
+
+def oscillation(layout: Layout, solution: Solution, certainty: Covariance) -> tuple[Estimate, Estimate]:
+    """Return natural frequency [Hz] and damping ratio of the first group, standard deviations to first order."""
+    entries, x = layout.entries, solution.values
+    at = {entry.local: k for k, entry in reversed(list(enumerate(entries)))}
+    stiffness = float(x[at["stiffness"]])
+    freedom = certainty.degrees_of_freedom
+    if stiffness <= 0:
+        unknown = Estimate(np.nan, np.nan, np.nan, np.nan)
+        return unknown, unknown
+    root = float(np.sqrt(stiffness))
+    hertz = layout.parts[0].scales.omega / (2 * np.pi)
+    slope = np.zeros(x.size)
+    slope[at["stiffness"]] = hertz / (2 * root)
+    frequency = Estimate.student(hertz * root, _std(slope, certainty), freedom)
+    slope = np.zeros(x.size)
+    if layout.model.damping == "loss-factor":
+        slope[at["loss_factor"]] = 0.5
+        return frequency, Estimate.student(0.5 * float(x[at["loss_factor"]]), _std(slope, certainty), freedom)
+    damping = float(x[at["damping"]]) / (2 * root)
+    slope[at["damping"]] = 1 / (2 * root)
+    slope[at["stiffness"]] = -damping / (2 * stiffness)
+    return frequency, Estimate.student(damping, _std(slope, certainty), freedom)
+
+
+def _std(slope: Array, certainty: Covariance) -> float:
+    part = np.flatnonzero(slope)
+    variance = float(slope[part] @ certainty.matrix[np.ix_(part, part)] @ slope[part])
+    return float(np.sqrt(max(variance, 0.0)))
+
+
+def unidentifiable_directions(layout: Layout, solution: Solution, certainty: Covariance) -> tuple[str, ...]:
+    """Return one sentence for each direction that the records do not determine."""
+    natural = np.array([NATURAL[entry.local] for entry in layout.entries])
+    gain = [k for k, entry in enumerate(layout.entries) if entry.local == "gain"]
+    natural[gain] = 0.5 * np.maximum(np.abs(solution.values[gain]), 1e-6)
+    names = [WORDS[entry.local] + (f" of {entry.group}" if entry.group else "") for entry in layout.entries]
+    n, m = solution.jacobian.shape
+    shared = n / (certainty.degrees_of_freedom + m)
+    noise = float(np.sqrt(solution.sum_of_squares / max(n - m, 1) * max(shared, 1.0)))
+    return find_unidentifiable(names, natural, solution.jacobian, noise)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What the records say about a model.
+
+    parameters: mechanical numbers by name with unit, over the inertia where that is not known; where the input is a
+        torque on an angle or a force on a length, the inertia or mass and its multiples too.
+    nuisance: start and rest position of each record, in its units.
+    natural_frequency_hz: sqrt(k/I)/2π, of the linear part. damping_ratio: d/(2 sqrt(k I)), or half the loss factor;
+        the viscous part where there is dry friction.
+    predicted: the fitted output of each record, in its unit, all samples. kept: which of them were fitted.
+    rmse: over the samples that were fitted, unit.
+    converged, message: how the search ended. unidentifiable: sentences.
+    covariance, solution, layout: in normal form, for profiles and predictions; see `sinew.identify.oscillator.layout`.
+    """
+
+    model: Model
+    frame: Frame
+    records: tuple[Record, ...]
+    parameters: dict[str, Estimate]
+    nuisance: dict[str, Estimate]
+    natural_frequency_hz: Estimate
+    damping_ratio: Estimate
+    predicted: tuple[Array, ...]
+    kept: tuple[NDArray[np.bool_], ...]
+    rmse: float
+    unit: str
+    converged: bool
+    message: str
+    unidentifiable: tuple[str, ...]
+    covariance: Covariance
+    solution: Solution
+    layout: Layout
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the numbers in the covariance, in order."""
+        return tuple(entry.local + entry.label() for entry in self.layout.entries)
+
+    @property
+    def correlation(self) -> Array:
+        """Return the correlation matrix of the numbers in `names`, shape (m, m)."""
+        return correlation(self.covariance.matrix)
+
+    @property
+    def condition(self) -> float:
+        """Return the condition number of the Jacobian, columns scaled to one."""
+        scaled = self.solution.jacobian / np.maximum(np.linalg.norm(self.solution.jacobian, axis=0), 1e-300)
+        return float(np.linalg.cond(scaled))
+
+    @property
+    def effective_samples(self) -> float:
+        """Return how many independent residuals the fitted samples are worth."""
+        return min(self.covariance.degrees_of_freedom + self.solution.values.size, float(self.solution.residual.size))
+
+    def bic(self, effective_samples: float | None = None) -> float:
+        """Return the information criterion n ln(mean squared residual) + m ln n.
+
+        effective_samples: n, of independent residuals; to compare models it has to be the same for all, best that of
+        the model that fits best. Its own where it is None. What a loss factor saw before the record is not counted in
+        m: the record hardly tells it, and it is no mechanics.
+        """
+        n = self.effective_samples if effective_samples is None else effective_samples
+        counted = sum(entry.local != "memory" for entry in self.layout.entries)
+        return float(n * np.log(max(self.rmse, 1e-300) ** 2) + counted * np.log(n))
+
+    def residuals(self) -> list[Array]:
+        """Return measured less predicted of every record, in its unit, all samples."""
+        return [record.output - fitted for record, fitted in zip(self.records, self.predicted, strict=True)]
+
+
+# The vector that a search moves becomes physical numbers by name.
+
+FREQUENCY = "natural_frequency_hz"
+DAMPING = "damping_ratio"
+
+
+def number_names(fit: Fit) -> tuple[str, ...]:
+    """Return the names of the numbers that a fit tells: those of `Fit.parameters`, frequency and damping ratio."""
+    return (*fit.parameters, FREQUENCY, DAMPING)
+
+
+def physical_numbers(fit: Fit, values: Array) -> Array:
+    """Return the numbers of `number_names`, in their units, at other vectors of the search.
+
+    values: in normal form, in the order of `Fit.names`, shape (d, m). Returned: shape (d, number).
+    They are worked out as those of the fit itself were, so what is NaN there (a spring that pushes away has no natural
+    frequency) is NaN here.
+    """
+    certainty = Covariance(np.zeros_like(fit.covariance.matrix), 1.0)  # only values are asked for
+    found = []
+    for x in np.asarray(values, dtype=float):
+        solution = replace(fit.solution, values=x)
+        numbers = mechanical_parameters(fit.layout, solution, certainty)
+        frequency, damping = oscillation(fit.layout, solution, certainty)
+        found.append([*(numbers[name].value for name in fit.parameters), frequency.value, damping.value])
+    return np.array(found, dtype=float).reshape(-1, len(fit.parameters) + 2)
+
+
+# A fitted model says how its own free swing depends on amplitude: frequency and damping, with bands.
+#
+# The conservative swing between two turning points of equal potential, r = m + A sin u, has the period
+#
+#     T = 2 ∫ A cos u / sqrt(2 (E - V(r))) du,  u from -π/2 to π/2,
+#
+# whose integrand is smooth. What a cycle loses is asked of the damping law along that swing, and spread over the cycle:
+# λ = ΔE / (T A dE/dA). Both are exact for a linear joint, and to first order in the damping for the others.
+
+_NODES = 96
+_SMALLEST = 0.03  # of the largest amplitude: where a curve begins
+_POINTS = 41
+
+
+@dataclass(frozen=True)
+class Swing:
+    """Frequency and damping of a fitted model against amplitude, shape (a,) each, from small to large.
+
+    amplitude: half of the way between the turning points, unit of the motion.
+    frequency_hz: damped; damping_ratio: λ/sqrt(ω² + λ²). *_low, *_high: the pointwise 90 % band.
+    """
+
+    amplitude: Array
+    frequency_hz: Array
+    frequency_low_hz: Array
+    frequency_high_hz: Array
+    damping_ratio: Array
+    damping_ratio_low: Array
+    damping_ratio_high: Array
+
+
+def swing_of(fit: Fit, largest: float | None = None) -> Swing | None:
+    """Return the free swing of a fit, up to an amplitude; None where its spring does not bring it back.
+
+    largest: unit of the motion; the largest that the records of the fit reached where it is None.
+    """
+    x = fit.solution.values
+    if largest is None:
+        largest = max(_reached(fit, i) for i in range(len(fit.records)))
+    amplitude = np.geomspace(_SMALLEST, 1.0, _POINTS) * largest
+    value = _curves(fit, x, amplitude)
+    known = np.asarray(np.isfinite(value).all(axis=0))
+    if not known[0]:
+        return None
+    count = int(np.argmin(known)) if not known.all() else known.size
+    amplitude, value = amplitude[:count], value[:, :count]
+    taking = [k for k in _entries(fit) if np.isfinite(fit.covariance.matrix[k, k])]
+    slopes = np.zeros((len(taking), *value.shape))
+    for i, k in enumerate(taking):
+        step = 1e-4 * max(abs(x[k]), 0.01)
+        ends = []
+        for sign in (1.0, -1.0):
+            moved = x.copy()
+            moved[k] += sign * step
+            ends.append(_curves(fit, moved, amplitude))
+        slopes[i] = np.nan_to_num((ends[0] - ends[1]) / (2 * step))
+    matrix = fit.covariance.matrix[np.ix_(taking, taking)]
+    variance = np.einsum("iqa,ij,jqa->qa", slopes, matrix, slopes)
+    half = float(special.stdtrit(fit.covariance.degrees_of_freedom, 0.95)) * np.sqrt(np.maximum(variance, 0.0))
+    return Swing(
+        amplitude,
+        value[0],
+        value[0] - half[0],
+        value[0] + half[0],
+        value[1],
+        value[1] - half[1],
+        value[1] + half[1],
+    )
+
+
+def _entries(fit: Fit) -> list[int]:
+    """Return which numbers of a fit are mechanical and hold for its first record."""
+    names = fit.model.mechanics(fit.records[0].excitation)
+    group = fit.records[0].group
+    return [k for k, entry in enumerate(fit.layout.entries) if entry.local in names and entry.group in ("", group)]
+
+
+def _reached(fit: Fit, i: int) -> float:
+    """Return the largest amplitude of the motion in a record: of a rate or acceleration over its frequency."""
+    record = fit.records[i]
+    fast = (2 * np.pi * fit.natural_frequency_hz.value) ** derivative_order(record.output_unit)
+    return 0.5 * float(np.ptp(fit.predicted[i])) / float(fast)
+
+
+def _curves(fit: Fit, x: Array, amplitude: Array) -> Array:
+    """Return damped frequency [Hz] and damping ratio at amplitudes of the motion, shape (2, a)."""
+    scales = fit.layout.parts[0].scales
+    local = dict(zip(LOCAL, fit.layout.local(x, 0), strict=True))
+    p = {name: local[name] * scales.physical(name) for name in _MECHANICS}
+    with np.errstate(invalid="ignore", divide="ignore"):
+        energy, omega, path = _conservative(p, amplitude, fit.model.pendulum)
+        up, down = (_conservative(p, amplitude * (1 + s), fit.model.pendulum)[0] for s in (1e-4, -1e-4))
+        lost = p["damping"] * path + 4.0 * p["coulomb"] * amplitude
+        lost = lost + np.pi * p["loss_factor"] * p["stiffness"] * amplitude**2
+        rate = lost * omega / (2 * np.pi) / ((up - down) / 2e-4)
+        damped = np.sqrt(omega**2 - 0.25 * p["damping"] ** 2) / (2 * np.pi)
+    return np.stack([np.where(np.isfinite(energy), damped, np.nan), rate / omega])
+
+
+_MECHANICS = ("stiffness", "damping", "loss_factor", "coulomb", "quadratic", "cubic")
+
+
+def _conservative(p: dict[str, float], amplitude: Array, pendulum: bool) -> tuple[Array, Array, Array]:
+    """Return energy over the inertia, angular frequency, and ∮ v dr of the swing without loss, shape (a,) each."""
+
+    def potential(r: Array) -> Array:
+        linear = (1.0 - np.cos(r)) if pendulum else 0.5 * r**2
+        return np.asarray(p["stiffness"] * linear + p["quadratic"] * r**3 / 3.0 + p["cubic"] * r**4 / 4.0)
+
+    def force(r: Array) -> Array:
+        linear = np.sin(r) if pendulum else r
+        return np.asarray(p["stiffness"] * linear + p["quadratic"] * r**2 + p["cubic"] * r**3)
+
+    middle = np.zeros_like(amplitude)
+    if p["quadratic"]:
+        for _ in range(30):
+            off = potential(middle + amplitude) - potential(middle - amplitude)
+            slope = force(middle + amplitude) - force(middle - amplitude)
+            middle = np.clip(middle - off / slope, -0.9 * amplitude, 0.9 * amplitude)
+    energy = potential(middle + amplitude)
+    u = (np.arange(_NODES) + 0.5) / _NODES * np.pi - 0.5 * np.pi
+    r = middle[:, None] + amplitude[:, None] * np.sin(u)
+    left = 2.0 * (energy[:, None] - potential(r))
+    speed = np.sqrt(np.where(left > 0, left, np.nan))
+    weight = amplitude[:, None] * np.cos(u) * (np.pi / _NODES)
+    period = 2.0 * np.sum(weight / speed, axis=1)
+    return energy, 2 * np.pi / period, 2.0 * np.sum(weight * speed, axis=1)

@@ -1,0 +1,242 @@
+"""This is where a stretch of data to be identified is held: time, input, output, their units and what they are."""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+
+from sinew.identify.oscillator.track import Grid
+from sinew.measure.doors import as_numbers, as_seconds
+from sinew.measure.errors import RecordingError, SpecError
+from sinew.twin.prony import BAND_HZ, relaxation_times
+
+Array = NDArray[np.float64]
+Excitation = Literal["force", "torque", "base", "lever", "none"]
+
+FEWEST = 16
+"""Samples below which nothing is fitted."""
+_ORDERS = {"rad/s": 1, "m/s": 1, "V/s": 1, "rad/s2": 2, "m/s2": 2}
+_MOTIONS = {"rad/s": "rad", "rad/s2": "rad", "m/s": "m", "m/s2": "m", "V/s": "V"}
+
+
+@dataclass(frozen=True)
+class Record:
+    """One stretch of one experiment.
+
+    time_s: strictly increasing, shape (n,). output: shape (n,); input: shape (n,), or None for a free decay.
+    excitation: what the input is: a force or torque on the moving part, the motion of its base, the motion of a lever
+        on it (relative to it), or none.
+    output_unit, input_unit: SI and radians. A rate or acceleration is fitted as such.
+    output_delay_s: how much later than the input's the output's stamps are [s].
+    group: name of the condition (a pretension, a length) that the stretch was recorded under.
+    """
+
+    time_s: Array
+    output: Array
+    input: Array | None = None
+    excitation: Excitation = "none"
+    output_unit: str = "1"
+    input_unit: str = "1"
+    output_delay_s: float = 0.0
+    group: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def size(self) -> int:
+        """Return the number of samples."""
+        return self.time_s.size
+
+    @property
+    def step_s(self) -> float:
+        """Return the median sampling step [s]."""
+        return float(np.median(np.diff(self.time_s)))
+
+    @property
+    def motion_unit(self) -> str:
+        """Return the unit of the motion itself, whose rate or acceleration the output may be."""
+        return _MOTIONS.get(self.output_unit, self.output_unit)
+
+    @property
+    def input_motion_unit(self) -> str:
+        """Return the unit of the input, for a base or lever that of its motion."""
+        moved = self.excitation in ("base", "lever")
+        return _MOTIONS.get(self.input_unit, self.input_unit) if moved else self.input_unit
+
+    def cut(self, start: int, stop: int) -> "Record":
+        """Return the samples start to stop - 1."""
+        kept = slice(start, stop)
+        given = None if self.input is None else self.input[kept]
+        return replace(self, time_s=self.time_s[kept], output=self.output[kept], input=given)
+
+
+def derivative_order(unit: str) -> int:
+    """Return 0 for a motion, 1 for a rate, 2 for an acceleration, by its unit."""
+    return _ORDERS.get(unit, 0)
+
+
+def make_record(
+    time_s: ArrayLike,
+    output: ArrayLike,
+    input: ArrayLike | None = None,  # noqa: A002 - the field's word
+    *,
+    excitation: Excitation = "none",
+    output_unit: str = "1",
+    input_unit: str = "1",
+    output_delay_s: float = 0.0,
+    group: str = "",
+) -> Record:
+    """Return a record whose arrays are finite, equally long and in time order.
+
+    Raises SpecError where excitation and input do not fit together, RecordingError where the samples are not usable.
+    """
+    if excitation not in get_args(Excitation):
+        raise SpecError(f"excitation is {excitation!r}, expected one of {', '.join(get_args(Excitation))}")
+    if excitation == "none" and input is not None:
+        raise SpecError(
+            "an input is given and the excitation is none; say what the input is (force, torque, base, lever), or "
+            "leave the input out to fit a free decay"
+        )
+    if excitation != "none" and input is None:
+        raise SpecError(f"the excitation is {excitation} and no input is given; name its column, or choose none")
+    arrays = {"time": time_s, "output": output} | ({} if input is None else {"input": input})
+    checked = {
+        name: as_seconds(values) if name == "time" else as_numbers(values, name) for name, values in arrays.items()
+    }
+    for name, values in checked.items():
+        if values.ndim != 1 or values.shape != checked["time"].shape:
+            raise RecordingError(
+                f"time has shape {checked['time'].shape} and {name} {values.shape}; expected one column each"
+            )
+        if not np.isfinite(values).all():
+            raise RecordingError(f"the {name} holds NaN or infinity at sample {int(np.argmin(np.isfinite(values)))}")
+    if checked["time"].size < FEWEST:
+        raise RecordingError(f"found {checked['time'].size} samples, expected at least {FEWEST}; record longer")
+    if np.diff(checked["time"]).min() <= 0:
+        raise RecordingError("time does not increase everywhere; sort the record or use its sample index")
+    return Record(
+        checked["time"],
+        checked["output"],
+        checked.get("input"),
+        excitation,
+        output_unit,
+        input_unit,
+        output_delay_s,
+        group,
+    )
+
+
+# A record becomes the grid of a simulation: steps, inputs between the samples, and scales.
+
+Frame = Literal["relative", "absolute"]
+
+_PHASE = 0.15  # of a step of RK4 [rad]: its frequency is then wrong by less than 5e-6
+_STIFF = 1.5  # shortest relaxation times in a step of RK4, whose decay is then right to 2 %
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What makes the numbers of a simulation near one.
+
+    omega: ω_r [rad/s]. amplitude: A [unit of the motion]. forcing: U, of the input's `input_derivative`.
+    """
+
+    omega: float
+    amplitude: float
+    forcing: float
+
+    def physical(self, local: str) -> float:
+        """Return what a number of `LOCAL` in normal form is multiplied by to be in SI units and radians."""
+        square = self.omega**2
+        return {
+            "stiffness": square,
+            "damping": self.omega,
+            "loss_factor": 1.0,
+            "coulomb": square * self.amplitude,
+            "quadratic": square / self.amplitude,
+            "cubic": square / self.amplitude**2,
+            "gain": square * self.amplitude / self.forcing,
+            "start": self.amplitude,
+            "start_rate": self.amplitude * self.omega,
+        }[local]
+
+
+def input_derivative(record: Record) -> int:
+    """Return how often the input is differentiated to drive the motion: of a base or lever it is the acceleration."""
+    return 2 - derivative_order(record.input_unit) if record.excitation in ("base", "lever") else 0
+
+
+def frames_of(record: Record) -> tuple[Frame, ...]:
+    """Return whether the output may be the motion relative to the base, the absolute one, or either."""
+    if record.excitation != "base":
+        return ("relative",)
+    if derivative_order(record.output_unit) < derivative_order(record.input_unit):
+        return ("relative",)
+    return ("absolute", "relative")
+
+
+def _spline(record: Record) -> BSpline | CubicSpline | None:
+    if record.input is None:
+        return None
+    if record.excitation in ("base", "lever"):
+        # Natural ends: the second derivative of any other spline is wild there, and would kick the motion.
+        return CubicSpline(record.time_s, record.input, bc_type="natural")
+    return make_interp_spline(record.time_s, record.input, k=5)
+
+
+def grid_of(record: Record, scales: Scales, frame: Frame, *, stiff: bool) -> tuple[Grid, NDArray[np.intp]]:
+    """Return the grid of a record and the indices of its samples on it.
+
+    stiff: whether the Prony branches have to be followed.
+
+    Between the samples a force is a quintic spline and a motion a cubic one. The second derivative of that, wild as it
+    is where the samples are noisy, is integrated twice by the simulation, which gives the spline back.
+    """
+    steps = np.diff(record.time_s)
+    relaxation = _relaxation(scales.omega)
+    parts = math.ceil(float(np.median(steps)) * scales.omega / _PHASE)
+    if stiff:
+        parts = max(parts, math.ceil(float(np.median(steps)) / (_STIFF * float(relaxation.min()))))
+    edges = np.concatenate([[0.0], np.repeat(steps / parts, parts)]).cumsum() + record.time_s[0]
+    samples = np.arange(record.size) * parts
+    edges[samples] = record.time_s
+    count = edges.size - 1
+    room = _room(count)
+    forcing, carried = np.zeros((room, 3)), np.zeros(room + 1)
+    spline = _spline(record)
+    if spline is not None:
+        # The output's stamps are late, so its motion at a stamp belongs to an earlier input.
+        at = np.clip(edges - record.output_delay_s, record.time_s[0], record.time_s[-1])
+        sign = -1.0 if record.excitation in ("base", "lever") else 1.0
+        driving = spline.derivative(input_derivative(record)) if input_derivative(record) else spline
+        ends = sign * driving(at) / scales.forcing
+        middle = sign * driving(0.5 * (at[1:] + at[:-1])) / scales.forcing
+        forcing[:count] = np.stack([ends[:-1], middle, ends[1:]], axis=1)
+        if frame == "absolute":
+            gap = derivative_order(record.output_unit) - derivative_order(record.input_unit)
+            moving = spline.derivative(gap) if gap else spline
+            # In normal form the gain is that of the acceleration: z counts in U/ω_r².
+            order = derivative_order(record.output_unit)
+            carried[: count + 1] = moving(at) * scales.omega ** (2 - order) / scales.forcing
+    lengths = np.zeros(room)
+    lengths[:count] = np.diff(edges) * scales.omega
+    time = np.ones(room + 1)
+    time[: count + 1] = (edges - edges[0]) / (edges[-1] - edges[0])
+    grid = Grid(lengths, forcing, carried, time, relaxation * scales.omega, np.asarray(scales.amplitude))
+    return grid, samples
+
+
+def _relaxation(omega: float) -> Array:
+    """Return the relaxation times [s]: the twin's, moved along where the oscillation is not well inside its band."""
+    centre = math.sqrt(BAND_HZ[0] * BAND_HZ[1])
+    frequency = omega / (2 * math.pi)
+    move = 1.0 if 0.2 * centre <= frequency <= 5 * centre else centre / frequency
+    return relaxation_times() * move
+
+
+def _room(count: int) -> int:
+    """Return the padded number of steps: few different ones, so that few are compiled for."""
+    power = 1 << max(6, math.floor(math.log2(max(count, 1))))
+    return next(room for eighths in range(8, 17) if (room := power * eighths // 8) >= count)

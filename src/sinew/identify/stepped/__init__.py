@@ -1,0 +1,1 @@
+"""One degree of freedom fitted to a stepped sine by harmonic balance."""

@@ -1,0 +1,447 @@
+"""This is where a model is fitted to the points of a stepped sine: least squares in the frequency domain.
+
+Linear laws in closed form, the others by harmonic balance at each point's own drive amplitude
+(`sinew.identify.stepped.balance`); residuals are weighted by the points' scatter. Where a joint has several steady
+oscillations at one frequency, the measured one says which is meant.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from sinew.identify.choice.residual_tests import rank_trend, trend_sentences
+from sinew.identify.oscillator.certainty import Covariance, correlation, estimates, find_unidentifiable
+from sinew.identify.oscillator.fitted import mechanical_parameters, oscillation
+from sinew.identify.oscillator.least_squares import Problem, Solution, solve
+from sinew.identify.oscillator.model import NATURAL, WORDS, Model, get_model
+from sinew.identify.oscillator.record import Frame, Scales, frames_of
+from sinew.identify.stepped.layout import (
+    CHAIN,
+    Predicted,
+    ResponseLayout,
+    make_response_layout,
+    regress_response,
+    scales_of_points,
+)
+from sinew.identify.stepped.points import ResponsePoints
+from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.estimate import Estimate
+
+# The scatter of single points borrows strength from that of all.
+
+_LEAST = 1e-12
+
+
+def squeeze_scatter(points: ResponsePoints) -> ResponsePoints:
+    """Return the points with variances drawn towards their common one, as far as chance explains that they differ.
+
+    A variance from few sidebands or repeats is itself uncertain, and points that came out quiet by chance would get
+    too much weight. The variances of the output's fundamental are taken for draws about one value with a spread of its
+    own, which the spread of their logarithms tells (Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004); each becomes the
+    mean of its own and the common one, weighted with degrees of freedom. Known scatter (infinite `scatter_freedom`),
+    and fewer than four points, stay as they are.
+    """
+    own = points.scatter_freedom
+    if not np.isfinite(own) or points.size < 4:
+        return points
+    variance = 0.5 * np.trace(points.covariance, axis1=1, axis2=2) * points.input_amplitude**2
+    half = 0.5 * own
+    logarithm = np.log(variance) - special.digamma(half) + np.log(half)
+    extra = float(logarithm.var(ddof=1) - special.polygamma(1, half))
+    if extra > _LEAST:
+        common = 2.0 * _inverse_trigamma(extra)
+        middle = float(np.exp(logarithm.mean() + special.digamma(0.5 * common) - np.log(0.5 * common)))
+        weight, freedom = common / (common + own), common + own
+    else:
+        middle, weight, freedom = float(np.exp(logarithm.mean())), 1.0, own * points.size
+    shared = (middle / points.input_amplitude**2)[:, None, None] * np.eye(2)
+    covariance = (1.0 - weight) * points.covariance + weight * shared
+    return replace(points, covariance=covariance, scatter_freedom=float(freedom))
+
+
+def _inverse_trigamma(value: float) -> float:
+    if value > 1e7:
+        return float(1.0 / np.sqrt(value))
+    if value < 1e-6:
+        return 1.0 / value
+    x = 0.5 + 1.0 / value
+    for _ in range(50):
+        slope = float(special.polygamma(1, x))
+        step = slope * (1.0 - slope / value) / float(special.polygamma(2, x))
+        x += step
+        if -step < 1e-8 * x:
+            break
+    return x
+
+
+# The residuals of a stepped sine are asked whether scatter alone explains them.
+
+Array = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class ResponseTests:
+    """What the residuals of the points look like.
+
+    misfit: root mean square of the residuals in stated standard deviations, near 1 where model and scatter are right.
+    chi_square_p: of the sum of squares by the stated scatter; NaN where that is itself known by too few repeats.
+    neighbours_p, neighbours: of the correlation of residuals at neighbouring frequencies.
+    amplitude_p, amplitude_trend: Spearman's rank correlation of the residuals' size with the amplitude of the motion;
+    frequency_p, frequency_trend: the same with frequency.
+    """
+
+    misfit: float
+    chi_square_p: float
+    neighbours_p: float
+    neighbours: float
+    amplitude_p: float
+    amplitude_trend: float
+    frequency_p: float
+    frequency_trend: float
+
+    def sentences(self) -> tuple[str, ...]:
+        """Return what speaks against the model, in words; none where nothing does."""
+        found = []
+        if self.chi_square_p < _SIGNIFICANT:
+            found.append(f"the model misses the points by {self.misfit:.2g} times their stated scatter")
+        if self.neighbours_p < _SIGNIFICANT:
+            found.append(f"residuals of neighbouring frequencies go together (correlation {self.neighbours:.2f})")
+        amplitude, frequency = (self.amplitude_trend, self.amplitude_p), (self.frequency_trend, self.frequency_p)
+        return (*found, *trend_sentences(amplitude, frequency))
+
+
+def ask_points(
+    points: Sequence[ResponsePoints], residuals: Sequence[Complexes], motion: Sequence[Array], parameters: int
+) -> ResponseTests:
+    """Return the tests of the residuals of all groups.
+
+    residuals: measured less predicted, in the unit of the response. motion: amplitude of the motion, shape (n,) each.
+    parameters: how many were fitted.
+    """
+    whitened = [whiten(one, r) for one, r in zip(points, residuals, strict=True)]
+    squares = [np.sum(w**2, axis=1) for w in whitened]
+    count = 2 * sum(one.size for one in points)
+    total = float(sum(s.sum() for s in squares))
+    freedom = max(count - parameters, 1)
+    # Over a scatter that was estimated with ν degrees of freedom each square is Hotelling's, 2ν/(ν-1) F(2, ν-1);
+    # their sum is taken for a gamma variate of the same mean and variance.
+    mean, variance = _hotelling(min(one.scatter_freedom for one in points))
+    scale = freedom / count
+    p = np.nan
+    if np.isfinite(variance):
+        n = 0.5 * count
+        p = float(special.gammaincc(scale * n * mean**2 / variance, total * mean / variance))
+    neighbours, pairs = _neighbours(whitened)
+    size = np.sqrt(np.concatenate(squares))
+    by_amplitude = rank_trend(np.concatenate(list(motion)), size)
+    by_frequency = rank_trend(np.concatenate([one.frequency_hz for one in points]), size)
+    return ResponseTests(
+        float(np.sqrt(total / freedom)),
+        p,
+        float(2 * special.ndtr(-abs(neighbours) * np.sqrt(pairs))) if pairs else np.nan,
+        neighbours,
+        by_amplitude[1],
+        by_amplitude[0],
+        by_frequency[1],
+        by_frequency[0],
+    )
+
+
+def whiten(points: ResponsePoints, residual: Complexes) -> Array:
+    """Return residuals as uncorrelated pairs of unit variance by the stated scatter, shape (n, 2)."""
+    root = np.linalg.cholesky(points.covariance)
+    pair = np.stack([residual.real, residual.imag], axis=1)
+    return np.asarray(np.linalg.solve(root, pair[:, :, None])[:, :, 0])
+
+
+def _hotelling(freedom: float) -> tuple[float, float]:
+    """Return mean and variance of the square of a whitened pair."""
+    if not np.isfinite(freedom):
+        return 2.0, 4.0
+    second = freedom - 1.0
+    if second <= 4:
+        return 2.0, np.inf
+    factor = 2.0 * freedom / second
+    mean = factor * second / (second - 2)
+    return mean, factor**2 * 2 * second**2 * second / (2 * (second - 2) ** 2 * (second - 4))
+
+
+def _neighbours(whitened: Sequence[Array]) -> tuple[float, int]:
+    """Return the correlation of neighbouring pairs and how many products are in it."""
+    above = sum(float(np.sum(w[1:] * w[:-1])) for w in whitened)
+    below = sum(float(np.sum(w**2)) for w in whitened)
+    pairs = sum(2 * max(w.shape[0] - 1, 0) for w in whitened)
+    return (above / below if below > 0 else 0.0), pairs
+
+
+def long_run(scores: Array, sizes: Sequence[int]) -> Array:
+    """Return the covariance of the sum of the scores of points (n, m) whose neighbours in a group go together, (m, m).
+
+    Bartlett weights over a sixth of each group (Newey and West, Econometrica 55, 1987). sizes: of the groups.
+    """
+    total = np.zeros((scores.shape[1], scores.shape[1]))
+    for own in np.split(scores, np.cumsum(sizes)[:-1]):
+        total += own.T @ own
+        lags = own.shape[0] // 6
+        for k in range(1, lags + 1):
+            lagged = own[:-k].T @ own[k:]
+            total += (1 - k / (lags + 1)) * (lagged + lagged.T)
+    return total
+
+
+_SIGNIFICANT = 0.01
+
+
+@dataclass(frozen=True)
+class ResponseFit:
+    """What the points of a stepped sine say about a model; names as of a `Fit` in time.
+
+    parameters: mechanical numbers by name with unit. nuisance: turn and background of the measuring chain.
+    natural_frequency_hz: sqrt(k/I)/2π; damping_ratio: d/(2 sqrt(k I)) or half the loss factor; of the first group.
+    predicted: the fitted response of each group, shape (n,). rmse: of measured less predicted response, over real and
+    imaginary parts, output unit per input unit (`unit`).
+    converged, message: how the search ended. unidentifiable: sentences. tests: of the residuals.
+    covariance, solution, layout: in normal form.
+    """
+
+    model: Model
+    frame: Frame
+    points: tuple[ResponsePoints, ...]
+    parameters: dict[str, Estimate]
+    nuisance: dict[str, Estimate]
+    natural_frequency_hz: Estimate
+    damping_ratio: Estimate
+    predicted: tuple[Complexes, ...]
+    rmse: float
+    unit: str
+    converged: bool
+    message: str
+    unidentifiable: tuple[str, ...]
+    tests: ResponseTests
+    covariance: Covariance
+    solution: Solution
+    layout: ResponseLayout
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the numbers in the covariance, in order."""
+        entries = self.layout.layout.entries
+        return (*(entry.local + entry.label() for entry in entries), *self.layout.chain)
+
+    @property
+    def correlation(self) -> NDArray[np.float64]:
+        """Return the correlation matrix of the numbers in `names`, shape (m, m)."""
+        return correlation(self.covariance.matrix)
+
+    def bic(self) -> float:
+        """Return the information criterion n ln(mean squared weighted residual) + m ln n, n = 2 for each point."""
+        n = self.solution.residual.size
+        return float(n * np.log(max(self.solution.sum_of_squares / n, 1e-300)) + self.solution.values.size * np.log(n))
+
+    def residuals(self) -> list[Complexes]:
+        """Return measured less predicted response of every group."""
+        return [one.response - fitted for one, fitted in zip(self.points, self.predicted, strict=True)]
+
+
+_TOLERANCE = 1e-10
+_TOLD = 0.01  # significance from which on the residuals are no mere scatter
+_CHAIN_NATURAL = {"phase": 0.3, "background_real": 0.3, "background_imag": 0.3}
+_CHAIN_WORDS = {"phase": "phase", "background_real": "background (real)", "background_imag": "background (imaginary)"}
+
+
+def fit_response(
+    points: ResponsePoints | Sequence[ResponsePoints],
+    model: Model | str,
+    *,
+    varying: Sequence[str] = (),
+    chain: Sequence[str] = (),
+) -> ResponseFit:
+    """Return the fit of a model to one stepped sine, or to several with the same mechanics.
+
+    varying: of several groups, the mechanical numbers (names of `LOCAL`: stiffness, damping, ...) that differ from
+        group to group; all others are shared.
+    chain: what else the measuring chain may add, of `CHAIN`: a constant turn of the phase (a lock-in's reference, a
+        velocity taken for a position) and a response that does not depend on frequency.
+
+    The covariance is scaled by the residual, with Student's degrees of freedom; where the residuals are more than the
+    points' scatter, or go together at neighbouring frequencies, no standard deviation is less than that of the scores
+    summed over neighbours (Newey and West), which holds for a model that is not quite right.
+    Raises RecordingError for points that cannot be fitted, SpecError for a model that does not go with them.
+    """
+    given = (points,) if isinstance(points, ResponsePoints) else tuple(points)
+    groups = tuple(squeeze_scatter(one) for one in given)
+    model = get_model(model) if isinstance(model, str) else model
+    _check(groups, model, chain)
+    found = [_fit_in_frame(groups, model, frame, varying, chain) for frame in frames_of(groups[0].signals)]
+    return min(found, key=lambda one: one.solution.sum_of_squares)
+
+
+def _check(points: Sequence[ResponsePoints], model: Model, chain: Sequence[str]) -> None:
+    if not points or not sum(one.size for one in points):
+        raise SpecError("no point of a response to fit")
+    if len({(one.excitation, one.output_unit, one.input_unit) for one in points}) > 1:
+        raise SpecError("points of one fit need the same excitation and units")
+    if model.pendulum and points[0].signals.motion_unit not in ("rad", "1"):
+        raise SpecError(f"model {model.name} needs an angle, the output is in {points[0].output_unit}")
+    if unknown := [name for name in chain if name not in CHAIN]:
+        raise SpecError(f"the chain adds {unknown[0]!r}, expected some of {', '.join(CHAIN)}")
+    if model.rest != "offset":
+        raise SpecError("a steady response says nothing of drift or creep; leave the rest position as it is")
+
+
+def _fit_in_frame(
+    points: tuple[ResponsePoints, ...], model: Model, frame: Frame, varying: Sequence[str], chain: Sequence[str]
+) -> ResponseFit:
+    scales, values = _begin(points, model, frame, varying, "phase" in chain)
+    layout = make_response_layout(model, points, scales, frame, varying, chain)
+    problem = _problem(layout)
+    solution = solve(problem, *_starts(layout, values), tolerance=_TOLERANCE, max_evaluations=100)
+    return _tell(layout, solution)
+
+
+def _begin(
+    points: Sequence[ResponsePoints], model: Model, frame: Frame, varying: Sequence[str], turned: bool
+) -> tuple[list[Scales], list[dict[str, float]]]:
+    names = [one.group if varying else "" for one in points]
+    found: dict[str, dict[str, float]] = {}
+    for name in dict.fromkeys(names):
+        mine = [one for one, its in zip(points, names, strict=True) if its == name]
+        found[name] = regress_response(mine, model, frame, turned)
+    values = [found[name] for name in names]
+    return [scales_of_points(one, v, frame) for one, v in zip(points, values, strict=True)], values
+
+
+def _starts(layout: ResponseLayout, values: Sequence[dict[str, float]]) -> list[Array]:
+    """Return where the search begins: by the regression, and for a stiffness with more terms also without them."""
+    parts, entries = layout.layout.parts, layout.layout.entries
+    x = np.zeros(layout.width)
+    for k, entry in enumerate(entries):
+        which = [i for i, part in enumerate(parts) if entry.group in ("", part.record.group)]
+        normal = []
+        for i in which:
+            ratio = layout.layout.ratio[i][np.flatnonzero(layout.layout.index[i] == k)[0]]
+            normal.append(values[i].get(entry.local, 0.0) / parts[i].scales.physical(entry.local) / ratio)
+        x[k] = float(np.clip(np.median(normal), -1e3, 1e3))
+        if entry.local in ("damping", "loss_factor"):
+            x[k] = float(np.clip(x[k], 1e-5, 0.9 if entry.local == "loss_factor" else 10.0))
+        if entry.local == "coulomb":
+            x[k] = float(np.clip(x[k], 1e-6, 0.5))
+        if entry.local == "quadratic":
+            x[k] = 0.1  # at zero the sum of squares is flat: only its square is seen at the fundamental
+    for k, name in enumerate(layout.chain, start=layout.mechanics):
+        x[k] = values[0].get(name, 0.0)
+    bent = np.array([entry.local in ("quadratic", "cubic") for entry in entries] + [False] * len(layout.chain))
+    if not bent.any():
+        return [x]
+    small = np.array([0.03 * (entry.local == "quadratic") for entry in entries] + [0.0] * len(layout.chain))
+    return [x, np.where(bent, small, x)]
+
+
+def _problem(layout: ResponseLayout) -> Problem:
+    held: dict[bytes, list[Predicted]] = {}
+
+    def predicted(x: Array) -> list[Predicted]:
+        key = x.tobytes()
+        if key not in held:
+            held.clear()
+            held[key] = [layout.predict(x, i) for i in range(len(layout.points))]
+        return held[key]
+
+    def residual(x: Array) -> Array:
+        rows = [
+            whiten(one, found.response - one.response) for one, found in zip(layout.points, predicted(x), strict=True)
+        ]
+        return np.concatenate(rows).ravel()
+
+    def jacobian(x: Array) -> Array:
+        blocks = []
+        for one, found in zip(layout.points, predicted(x), strict=True):
+            pair = np.stack([found.slopes.real, found.slopes.imag], axis=1)
+            blocks.append(np.linalg.solve(np.linalg.cholesky(one.covariance), pair).reshape(-1, x.size))
+        return np.concatenate(blocks)
+
+    return Problem(residual, jacobian)
+
+
+def _tell(layout: ResponseLayout, solution: Solution) -> ResponseFit:
+    points = layout.points
+    found = [layout.predict(solution.values, i) for i in range(len(points))]
+    off = [one.response - f.response for one, f in zip(points, found, strict=True)]
+    motion = [np.abs(one.response) * one.input_amplitude for one in points]
+    tests = ask_points(points, off, motion, layout.width)
+    certainty = _certainty(layout, solution, tests)
+    mechanical, count = layout.layout, layout.mechanics
+    moved = replace(solution, values=solution.values[:count])
+    of_moved = Covariance(certainty.matrix[:count, :count], certainty.degrees_of_freedom)
+    frequency, damping = oscillation(mechanical, moved, of_moved)
+    every = estimates(solution.values, certainty)[layout.mechanics :]
+    nuisance = {
+        name: one if name == "phase" else _times(one, layout.size)
+        for name, one in zip(layout.chain, every, strict=True)
+    }
+    lost = int(sum((~f.balance.found).sum() for f in found))
+    message = solution.message + (f"; at {lost} points no steady oscillation was found" if lost else "")
+    units = (points[0].output_unit, points[0].input_unit)
+    return ResponseFit(
+        mechanical.model,
+        layout.frame,
+        points,
+        mechanical_parameters(mechanical, moved, of_moved),
+        {name.replace("phase", "phase_rad"): one for name, one in nuisance.items()},
+        frequency,
+        damping,
+        tuple(f.response for f in found),
+        float(np.sqrt(0.5 * np.mean(np.abs(np.concatenate(off)) ** 2))),
+        units[0] if units[1] == "1" else "1" if units[0] == units[1] else f"{units[0]}/{units[1]}",
+        solution.converged and not lost,
+        message,
+        _unidentifiable(layout, solution),
+        tests,
+        certainty,
+        solution,
+        layout,
+    )
+
+
+def _times(one: Estimate, factor: float) -> Estimate:
+    return Estimate(one.value * factor, one.std * factor, one.low * factor, one.high * factor)
+
+
+def _certainty(layout: ResponseLayout, solution: Solution, tests: ResponseTests) -> Covariance:
+    jacobian, residual = solution.jacobian, solution.residual
+    n, m = jacobian.shape
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[scale == 0] = 1.0
+    scaled = jacobian / scale
+    gram = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
+    freedom = max(n - m, 1)
+    matrix = solution.sum_of_squares / freedom * gram
+    if tests.chi_square_p < _TOLD or tests.neighbours_p < _TOLD:
+        scores = (scaled * residual[:, None]).reshape(-1, 2, m).sum(axis=1)
+        robust = gram @ long_run(scores, [one.size for one in layout.points]) * (n / freedom) @ gram
+        ratio = np.sqrt(np.maximum(np.diag(robust), 0.0) / np.maximum(np.diag(matrix), 1e-300))
+        larger = np.maximum(ratio, 1.0)
+        matrix = matrix * np.outer(larger, larger)
+    matrix = matrix / np.outer(scale, scale)
+    unseen = np.linalg.norm(jacobian, axis=0) == 0
+    matrix[unseen, unseen] = np.inf
+    return Covariance(np.asarray(matrix), float(freedom))
+
+
+def _unidentifiable(layout: ResponseLayout, solution: Solution) -> tuple[str, ...]:
+    entries = layout.layout.entries
+    natural = [NATURAL[entry.local] for entry in entries] + [_CHAIN_NATURAL[name] for name in layout.chain]
+    for k, entry in enumerate(entries):
+        if entry.local == "gain":
+            natural[k] = 0.5 * max(abs(float(solution.values[k])), 1e-6)
+    names = [WORDS[entry.local] + (f" of {entry.group}" if entry.group else "") for entry in entries]
+    names += [_CHAIN_WORDS[name] for name in layout.chain]
+    n, m = solution.jacobian.shape
+    if n <= m:
+        raise RecordingError(f"found {n // 2} points for {m} numbers; measure more frequencies or fit a smaller model")
+    noise = float(np.sqrt(solution.sum_of_squares / (n - m)))
+    return find_unidentifiable(names, np.array(natural), solution.jacobian, noise)

@@ -1,0 +1,240 @@
+"""This is where the points of one or several stepped sines are laid out for a search, in normal form."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.identify.oscillator.layout import Entry, Layout, Part, free_mechanics
+from sinew.identify.oscillator.model import Model
+from sinew.identify.oscillator.record import Frame, Scales, derivative_order, input_derivative
+from sinew.identify.oscillator.track import LOCAL, Grid
+from sinew.identify.stepped.balance import NUMBERS, Balance, Laws, balance
+from sinew.identify.stepped.points import ResponsePoints
+from sinew.twin.prony import BAND_HZ, relaxation_times
+
+Array = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+CHAIN = ("phase", "background_real", "background_imag")
+"""What the measuring chain may add: a turn of the response [rad], and a response that does not depend on frequency, as
+a share of the largest."""
+
+
+class Normal(NamedTuple):
+    """Points in normal form: omega in ω_r; push, carried: a and z of the drive at the points' input amplitudes;
+    to_output: what r₁ is multiplied by to be the response; shape (n,) each."""
+
+    omega: Array
+    push: Complexes
+    carried: Complexes
+    to_output: Complexes
+
+
+def normal_form(points: ResponsePoints, scales: Scales, frame: Frame) -> Normal:
+    """Return the drive of the points in normal form, the conventions those of `sinew.identify.oscillator.record`."""
+    signals = points.signals
+    turn = 2j * np.pi * points.frequency_hz
+    amplitude = points.input_amplitude
+    sign = -1.0 if points.excitation in ("base", "lever") else 1.0
+    push = sign * turn ** input_derivative(signals) * amplitude / scales.forcing
+    order = derivative_order(points.output_unit)
+    to_output = (turn / scales.omega) ** order * scales.amplitude * scales.omega**order / amplitude
+    carried = np.zeros(points.size, dtype=complex)
+    if frame == "absolute":  # the base's own motion, in the normal form of the relative motion
+        carried = turn ** (-derivative_order(points.input_unit)) * amplitude * scales.omega**2 / scales.forcing
+    omega = 2 * np.pi * points.frequency_hz / scales.omega
+    return Normal(omega, np.asarray(push, dtype=complex), carried, np.asarray(to_output, dtype=complex))
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """The response of one group of points, shape (n,), its slopes by the vector x, shape (n, m), and the balance."""
+
+    response: Complexes
+    slopes: Complexes
+    balance: Balance
+
+
+@dataclass(frozen=True)
+class ResponseLayout:
+    """Which number of the search goes where.
+
+    layout: entries, index, column and ratio as of a fit in time (`sinew.identify.oscillator.layout`), for the
+    mechanical numbers; those of the chain (`chain`, of `CHAIN`) follow them in x. size: of the largest response, in its
+    unit.
+    """
+
+    layout: Layout
+    points: tuple[ResponsePoints, ...]
+    frame: Frame
+    chain: tuple[str, ...]
+    size: float
+
+    @property
+    def mechanics(self) -> int:
+        """Return how many of the numbers are mechanical."""
+        return len(self.layout.entries)
+
+    @property
+    def width(self) -> int:
+        """Return how many numbers are sought."""
+        return self.mechanics + len(self.chain)
+
+    def laws(self, part: int) -> Laws:
+        """Return the laws of one group."""
+        model, grid = self.layout.model, self.layout.parts[part].grid
+        return Laws(model.damping, model.stiffness, bool(model.terms), grid.relaxation, float(grid.amplitude))
+
+    def numbers(self, x: Array, part: int) -> Array:
+        """Return the numbers of `NUMBERS` of one group, shape (7,)."""
+        return self.layout.local(x[: self.mechanics], part)[: len(NUMBERS)]
+
+    def added(self, x: Array) -> tuple[complex, complex]:
+        """Return the turn and the background of the measuring chain."""
+        held = dict(zip(self.chain, x[self.mechanics :], strict=True))
+        turn = complex(np.exp(1j * held.get("phase", 0.0)))
+        return turn, self.size * complex(held.get("background_real", 0.0), held.get("background_imag", 0.0))
+
+    def predict(self, x: Array, part: int, points: ResponsePoints | None = None) -> Predicted:
+        """Return the response of one group; points: others than its own, whose measured response chooses the branch."""
+        points = self.points[part] if points is None else points
+        scales = self.layout.parts[part].scales
+        normal = normal_form(points, scales, self.frame)
+        numbers, (turn, background) = self.numbers(x, part), self.added(x)
+        begin = (points.response - background) / turn / normal.to_output - numbers[6] * normal.carried
+        steady = balance(numbers, normal.omega, normal.push, self.laws(part), begin)
+        bare = (steady.fundamental + numbers[6] * normal.carried) * normal.to_output * turn
+        by_number = steady.slopes[:, 1] + 1j * steady.slopes[:, 2]
+        by_number[:, 6] += normal.carried
+        by_number = by_number * (normal.to_output * turn)[:, None]
+        slopes = np.zeros((points.size, self.width), dtype=complex)
+        layout = self.layout
+        slopes[:, layout.index[part]] = by_number[:, layout.column[part]] * layout.ratio[part]
+        for k, name in enumerate(self.chain, start=self.mechanics):
+            slopes[:, k] = {"phase": 1j * bare, "background_real": self.size, "background_imag": 1j * self.size}[name]
+        return Predicted(np.asarray(bare + background), slopes, steady)
+
+
+def _relaxation(omega: float) -> Array:
+    """Return the relaxation times in 1/ω_r, moved along where the oscillation is not well inside the twin's band."""
+    centre, frequency = float(np.sqrt(BAND_HZ[0] * BAND_HZ[1])), omega / (2 * np.pi)
+    move = 1.0 if 0.2 * centre <= frequency <= 5 * centre else centre / frequency
+    return relaxation_times() * move * omega
+
+
+def make_response_layout(
+    model: Model,
+    points: Sequence[ResponsePoints],
+    scales: Sequence[Scales],
+    frame: Frame,
+    varying: Sequence[str] = (),
+    chain: Sequence[str] = (),
+) -> ResponseLayout:
+    """Return the layout. varying: mechanical numbers (of `LOCAL`) that each group has for itself."""
+    groups = list(dict.fromkeys(one.group for one in points))
+    signals = [one.signals for one in points]
+    entries: list[Entry] = []
+    for name in free_mechanics(model, signals[0]):
+        entries += [Entry(name, group=group) for group in groups] if name in varying else [Entry(name)]
+    parts, index, column, ratio = [], [], [], []
+    for record, own in zip(signals, scales, strict=True):
+        mine = [k for k, entry in enumerate(entries) if entry.group in ("", record.group)]
+        index.append(np.array(mine, dtype=np.intp))
+        column.append(np.array([LOCAL.index(entries[k].local) for k in mine], dtype=np.intp))
+        names = [entries[k].local for k in mine]
+        ratio.append(np.array([scales[0].physical(name) / own.physical(name) for name in names]))
+        fixed = np.zeros(len(LOCAL))
+        if record.excitation == "base":
+            fixed[LOCAL.index("gain")] = 1.0 / own.physical("gain")
+        none = np.empty(0)
+        grid = Grid(none, np.empty((0, 3)), none, none, _relaxation(own.omega), np.asarray(own.amplitude))
+        order = derivative_order(record.output_unit)
+        unit_size = own.amplitude * own.omega**order
+        nothing = np.empty(0, dtype=bool)
+        parts.append(Part(record, own, grid, np.empty(0, dtype=np.intp), nothing, order, unit_size, fixed))
+    layout = Layout(model, tuple(parts), tuple(entries), tuple(index), tuple(column), tuple(ratio))
+    size = max(float(np.abs(one.response).max()) for one in points)
+    return ResponseLayout(layout, tuple(points), frame, tuple(chain), size)
+
+
+# The search through a stepped sine begins: the balance of the fundamental is linear in its numbers.
+#
+# Of the motion y that was measured, [K - ω² + jωD + jc 4/(π|y|) + ¾κ₃|y|²] y = g a at every frequency. Weighted with
+# the scatter of the points through that dynamic stiffness (Sanathanan and Koerner's iteration), one linear regression
+# after the other tells K, D or the loss factor, c, κ₃, g, and a turn of the phase where one is sought.
+
+_ROUNDS = 6
+
+
+def scales_of_points(points: ResponsePoints, values: dict[str, float], frame: Frame) -> Scales:
+    """Return what makes the numbers of one group near one. values: of `regress_response`."""
+    motion, push = motion_and_push(points, frame)
+    return Scales(float(np.sqrt(values["stiffness"])), float(np.abs(motion).max()), float(np.abs(push).max()))
+
+
+def motion_and_push(points: ResponsePoints, frame: Frame) -> tuple[Complexes, Complexes]:
+    """Return motion relative to the base and drive a of the points, in SI units."""
+    turn = 2j * np.pi * points.frequency_hz
+    motion = points.response * points.input_amplitude / turn ** derivative_order(points.output_unit)
+    if frame == "absolute":
+        motion = motion - points.input_amplitude / turn ** derivative_order(points.input_unit)
+    sign = -1.0 if points.excitation in ("base", "lever") else 1.0
+    push = sign * turn ** input_derivative(points.signals) * points.input_amplitude
+    return np.asarray(motion, dtype=complex), np.asarray(push, dtype=complex)
+
+
+def regress_response(points: Sequence[ResponsePoints], model: Model, frame: Frame, turned: bool) -> dict[str, float]:
+    """Return coefficients of the model in SI units, by name of `LOCAL`, and `phase` [rad]; all points share them.
+
+    turned: whether the measuring chain may turn the phase. A moving base of the output's own unit has a gain of one.
+    """
+    pairs = [motion_and_push(one, frame) for one in points]
+    y, a = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    omega = 2 * np.pi * np.concatenate([one.frequency_hz for one in points])
+    size = [one.input_amplitude / (2 * np.pi * one.frequency_hz) ** derivative_order(one.output_unit) for one in points]
+    std = np.concatenate(
+        [np.sqrt(0.5 * np.trace(one.covariance, axis1=1, axis2=2)) * s for one, s in zip(points, size, strict=True)]
+    )
+    columns: dict[str, Complexes] = {"stiffness": y, "damping": 1j * omega * y}
+    if model.damping == "loss-factor":
+        columns["damping"] = 1j * y
+    if model.damping == "coulomb":
+        columns["coulomb"] = 4j / np.pi * y / np.abs(y)
+    if "cubic" in model.terms:
+        columns["cubic"] = 0.75 * np.abs(y) ** 2 * y
+    target = omega**2 * y
+    signals = points[0].signals
+    if points[0].excitation == "base" and signals.input_motion_unit == signals.motion_unit:
+        target = target + a
+    else:
+        columns |= {"gain": -a} | ({"gain_imag": -1j * a} if turned else {})
+    found = _weighted(columns, target, std, y)
+    if not found["stiffness"] > 0:
+        found["stiffness"] = float(omega[np.argmax(np.abs(y))] ** 2)
+    if model.damping == "loss-factor":
+        found["loss_factor"] = found.pop("damping") / found["stiffness"]
+    if "gain_imag" in found:
+        turned_gain = complex(found["gain"], found.pop("gain_imag"))
+        found |= {"gain": abs(turned_gain), "phase": float(np.angle(turned_gain))}
+    return found
+
+
+def _weighted(columns: dict[str, Complexes], target: Complexes, std: Array, y: Complexes) -> dict[str, float]:
+    """Return the coefficients whose equation error, seen as an error of the motion, is least."""
+    names = list(columns)
+    table = np.stack(list(columns.values()), axis=1)
+    mechanical = np.array([not name.startswith("gain") for name in names])
+    weight = 1.0 / (np.abs(target) + 1e-300)
+    x = np.zeros(len(names))
+    for _ in range(_ROUNDS):
+        rows, goal = table * weight[:, None], target * weight
+        real, wanted = np.concatenate([rows.real, rows.imag]), np.concatenate([goal.real, goal.imag])
+        scale = np.linalg.norm(real, axis=0)
+        scale[scale == 0] = 1.0
+        x = np.linalg.lstsq(real / scale, wanted, rcond=1e-12)[0] / scale
+        dynamic = np.abs((table[:, mechanical] @ x[mechanical] - target) / y)
+        weight = 1.0 / (std * np.maximum(dynamic, 1e-3 * float(dynamic.max())))
+    return dict(zip(names, map(float, x), strict=True))

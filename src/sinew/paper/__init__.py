@@ -1,0 +1,1 @@
+"""What is about the one paper that Sinew implements: its numbers, open questions and report."""

@@ -1,0 +1,247 @@
+"""This is where everything becomes one HTML page that needs nothing beside itself."""
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sinew.analysis.doubts import doubts_of
+from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
+from sinew.figures.page import CAPTIONS, picture, write_page
+from sinew.figures.style import Floats
+from sinew.figures.tables import measured_tables, number, parameter_rows, reaches, window_table
+from sinew.measure import estimate
+from sinew.measure.estimate import Estimate, interval, span, typeset
+from sinew.paper.answer import Answer, Cell
+from sinew.paper.table import count_roles, is_the_papers
+from sinew.plan.rig import RigSpec
+
+# The report says in words whether the gain levels off above some pretension, and what levels it.
+
+_PAPER_MM = 12.0
+"""The paper's saturation threshold (sections 4.1 and 5.2.4)."""
+
+_COLUMNS = (
+    "pretension_mm",
+    "paper_resonance_hz",
+    "paper_gain_peak",
+    "gain_peak_measured_drive",
+    "drive_amplitude_at_resonance_rad",
+)
+
+
+def describe_threshold(
+    results: xr.Dataset, beyond: xr.Dataset | None = None, *, about_paper: bool = False
+) -> list[str]:
+    """Return sentences on the saturation of the peak gain, none below six pretensions with a resonance.
+
+    results: of the campaign. beyond: results of a sweep at further pretensions, joined to it.
+    about_paper: whether to hold the kink against the paper's 12 mm.
+    """
+    parts = [part for part in (results, beyond) if part is not None and set(_COLUMNS) <= set(part.variables)]
+    if not parts:
+        return []
+    rows = np.concatenate([np.stack([part[name].values for name in _COLUMNS]) for part in parts], axis=1)
+    rows = rows[:, np.isfinite(rows).all(axis=0)]
+    pretension, resonance, gain, by_measured, drive = rows[:, np.argsort(rows[0])]
+    if np.unique(pretension).size < FEWEST_PRETENSIONS:
+        return []
+    fit = fit_saturation(pretension, gain)
+    span = f"{pretension[0]:g} to {pretension[-1]:g} mm"
+    sentences = [
+        f"Two straight lines through the peak gain at {pretension.size} pretensions, {span}. {_printed(fit.sentence)}"
+    ]
+    if about_paper:
+        inside = fit.threshold_mm.low <= _PAPER_MM <= fit.threshold_mm.high
+        sentences.append(
+            f"The paper's threshold, {_PAPER_MM:g} mm, lies "
+            + ("inside that interval." if inside else "outside that interval: the fit finds no threshold there.")
+        )
+    if fit.preferred:
+        sentences.append("A curve that bends evenly prefers two lines as well, so a kink alone is no threshold.")
+    return [
+        *sentences,
+        f"By measured drive instead. {_printed(fit_saturation(pretension, by_measured).sentence)}",
+        _rise(pretension, resonance),
+        _upper_half(pretension, gain, by_measured, drive),
+    ]
+
+
+def _rise(pretension: Floats, resonance: Floats) -> str:
+    falls = int((np.diff(resonance) <= 0).sum())
+    how = "rises at every step" if falls == 0 else f"fails to rise at {falls} of {resonance.size - 1} steps"
+    return (
+        f"The resonance {how}, from {resonance[0]:.2f} Hz at {pretension[0]:g} mm to {resonance[-1]:.2f} Hz at "
+        f"{pretension[-1]:g} mm."
+    )
+
+
+def _upper_half(pretension: Floats, gain: Floats, by_measured: Floats, drive: Floats) -> str:
+    """Return whose the change over the upper half of the range is: the drive's or the joint's."""
+    first = int(np.searchsorted(pretension, (pretension[0] + pretension[-1]) / 2))
+    nominal, joint, reached = (float(row[-1] / row[first] - 1) for row in (gain, by_measured, drive))
+    if abs(joint) < 0.25 * abs(nominal):
+        verdict = "up there the gain by nominal drive changes because the drive does, not the joint"
+    elif abs(joint) < 0.5 * abs(nominal):
+        verdict = "up there the gain by nominal drive changes mostly because the drive does"
+    else:
+        verdict = "up there the joint itself still changes"
+    return (
+        f"From {pretension[first]:g} to {pretension[-1]:g} mm the gain by nominal drive changes by {_percent(nominal)} "
+        f"({gain[first]:.2f} to {gain[-1]:.2f}), the gain by measured drive by {_percent(joint)} "
+        f"({by_measured[first]:.2f} to {by_measured[-1]:.2f}), and the drive amplitude at resonance by "
+        f"{_percent(reached)}: {verdict}."
+    )
+
+
+def _printed(sentence: str) -> str:
+    """Return a sentence with the minus signs of print."""
+    return sentence.replace(" -", " −")
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:+.0f} %".replace("-", "−")
+
+
+def write_report(
+    folder: Path,
+    *,
+    results: xr.Dataset,
+    figures: Sequence[Path] = (),
+    summary: Mapping[str, Any] | None = None,
+    beyond: xr.Dataset | None = None,
+    rig: RigSpec | None = None,
+    determination: Mapping[str, Mapping[str, Any]] | None = None,
+    effects: Sequence[Mapping[str, Any]] | None = None,
+    answers: Sequence[Mapping[str, str]] | None = None,
+    rebuild: str = "",
+) -> Path:
+    """Write report.html into a folder, atomically, and return its path. What is not given is left out.
+
+    figures: files of `draw_figures`; the PNGs among them are put into the page.
+    summary: of `summarise`; its table of the paper is shown where `is_the_papers` holds. rig: whose parameters are
+        listed. beyond: results of a sweep above 12 mm, for the sentences on the saturation threshold.
+    determination: by parameter, `{"value", "unit", "alone": [low, high], "together": [low, high], "bounds": [low,
+    high], "sentence"}`: how far it can move without leaving the paper's numbers, alone and with the others following.
+    effects: rows of `{"effect", "resonance_hz_0", "resonance_hz_12", "gain_0", "gain_12", "damping_0", "damping_12"}`.
+    answers: rows of `{"question", "verdict", "sentence"}` of an answers.html in the same folder; with none in them the
+        page says how to get them.
+    rebuild: the command that makes all of this again.
+    Raises FileError where the folder cannot be written.
+    """
+    about_paper = is_the_papers(results, rig)
+    paper = list(summary["paper"]) if summary is not None and rig is not None and about_paper else []
+    source = str(results.attrs.get("source", ""))
+    return write_page(
+        folder / "report.html",
+        "report.html",
+        title=f"Resonance report of the rig “{rig.name}”" if rig is not None and about_paper else "Resonance report",
+        source=_SOURCES.get(source, source),
+        doubts=[one["sentence"] for one in doubts_of(results)],
+        effects_off=", ".join(str(results.attrs.get("effects_off", "")).split()),
+        paper=paper,
+        agreeing=sum(bool(row["ok"]) for row in paper),
+        counted=count_roles(paper),
+        has_roles=any(row["role"] == "fitted" for row in paper),
+        about_paper=about_paper,
+        threshold=describe_threshold(results, beyond, about_paper=about_paper),
+        tables=measured_tables(results),
+        windows=window_table(results),
+        pictures=[picture(path, CAPTIONS) for path in figures if path.suffix == ".png"],
+        parameters=parameter_rows(rig) if rig is not None else [],
+        reaches=reaches(determination or {}),
+        effects=list(effects or ()),
+        answers=None if answers is None else list(answers),
+        rebuild=rebuild,
+        timing={key: summary[key] for key in ("wall_s", "simulated_s")} if summary is not None else {},
+        origins=_origins(results),
+        texts={name: str(results.attrs[name]) for name in ("rig", "plan") if str(results.attrs.get(name, "")).strip()},
+    )
+
+
+_SOURCES = {
+    "twin": "simulated by the physics twin",
+    "emulator": "recorded on the emulated rig",
+    "bench": "recorded on the bench",
+    "import": "an imported recording",
+}
+
+
+def _origins(results: xr.Dataset) -> list[tuple[str, str]]:
+    """Return what the results say of how they were made: source, versions, seed and content hashes."""
+    names = ["source", "versions", "seed", *sorted(k for k in map(str, results.attrs) if k.endswith("hash"))]
+    rows = [(name.replace("_", " "), str(results.attrs[name])) for name in names if name in results.attrs]
+    return [row for row in rows if row != ("seed", "-1")]
+
+
+# The answers to the open questions become one HTML page that needs nothing beside itself.
+
+_ALT = {
+    "hardening": "cubic term, quadratic term and lopsidedness of the phase portraits over pretension",
+    "saturation": "peak gain by nominal and by measured drive, drive amplitude and resonance over pretension",
+    "losses": "shares of Lehr's damping over pretension, and measured beside modelled damping",
+    "constancy": "Lehr's damping over pretension with its line, and what two laws would make of it",
+    "delay": "extra delay at each pretension beside the uncertainty of the written delay budget",
+}
+
+
+def write_answers(
+    folder: Path, answers: Sequence[Answer], *, recording: xr.Dataset, figures: Sequence[Path] = (), rebuild: str = ""
+) -> Path:
+    """Write answers.html into a folder, atomically, and return its path.
+
+    recording: what was asked; only its attributes are read. figures: of `sinew.paper.answer_figures.draw_answers`; the
+    PNGs among them are put into the page. rebuild: the command that makes the page again.
+    Raises FileError where the folder cannot be written.
+    """
+    source = str(recording.attrs.get("source", ""))
+    pictures = {
+        path.stem.removeprefix("answer_"): base64.b64encode(path.read_bytes()).decode("ascii")
+        for path in figures
+        if path.suffix == ".png"
+    }
+    return write_page(
+        folder / "answers.html",
+        "answers.html",
+        source=_SOURCES.get(source, source),
+        effects_off=", ".join(str(recording.attrs.get("effects_off", "")).split()),
+        answers=[_shown(answer, pictures) for answer in answers],
+        told=sum(answer.told for answer in answers),
+        recording_hash=str(recording.attrs.get("content_hash", "")),
+        report=(folder / "report.html").is_file(),
+        rebuild=rebuild,
+    )
+
+
+def _shown(answer: Answer, pictures: Mapping[str, str]) -> dict[str, Any]:
+    names = list(dict.fromkeys(key for row in answer.rows for key in row if not key.startswith("repeat_")))
+    return {
+        "name": answer.name,
+        "question": answer.question,
+        "verdict": answer.verdict,
+        "told": answer.told,
+        "sentences": answer.sentences,
+        "numbers": [(name, *_cells(one)) for name, one in answer.numbers.items()],
+        "head": names,
+        "rows": [[_cell(row.get(name, math.nan)) for name in names] for row in answer.rows],
+        "picture": pictures.get(answer.name, ""),
+        "alt": _ALT.get(answer.name, ""),
+    }
+
+
+def _cells(one: Estimate) -> tuple[str, str, str]:
+    """Return value, standard deviation and interval, all with the digits that the interval gives."""
+    known = not (math.isnan(one.low) or math.isnan(one.high))
+    value = interval(one.value, one.low, one.high).split(" (")[0] if known else estimate.pair(one.value, one.std)
+    spread = number(one.std, 2) if math.isfinite(one.std) else "–"
+    return typeset(value.split(" ±")[0]), spread, typeset(span(one.low, one.high)) if known else "–"
+
+
+def _cell(cell: Cell) -> str:
+    if not isinstance(cell, Estimate):
+        return number(cell)
+    return typeset(estimate.pair(cell.value, 0.5 * (cell.high - cell.low)))

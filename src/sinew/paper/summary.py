@@ -1,0 +1,93 @@
+"""A campaign as one small JSON document: curves over pretension, resonances, windows, and the paper's table."""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sinew.analysis.decay_windows import decay_windows, describe_windows
+from sinew.analysis.sweep.resonance import MEANINGS, resonance_table
+from sinew.figures.motion import rig_of
+from sinew.figures.style import mean_and_spread
+from sinew.measure.schema import ENERGY_QUANTITIES, companions
+from sinew.paper.table import paper_table
+from sinew.plan.rig import RigSpec
+
+__all__ = ["summarise"]
+
+
+def summarise(
+    results: xr.Dataset,
+    *,
+    wall_s: float,
+    simulated_s: float,
+    beyond: xr.Dataset | None = None,
+    rig: RigSpec | None = None,
+) -> dict[str, Any]:
+    """Return the content of summary.json; lists run over pretension, what could not be measured is null.
+
+    beyond: results of a sweep above 12 mm. rig: the one in the attributes of the results where none is given.
+    wall_s: time that the run took [s]; simulated_s: time on the rig's clock that it covers [s].
+    `resonance_hz` and `gain` are the fundamental's, `paper_resonance_hz` and `paper_gain` Eq. 6's; `resonance` has all
+    meanings side by side, `decay_windows` D over pretension by where the decay begins.
+    `gain_std` and `resonance_hz_std` are standard deviations over repeats; ring-down numbers are means over repeats by
+    the paper's method, `lehr_damping_std` their sample standard deviation.
+    """
+    has_sweep, has_decay = "resonance_hz" in results, "paper_lehr_damping" in results
+
+    def column(name: str, factor: float = 1.0) -> list[float | None]:
+        return _numbers(factor * results[name].values) if has_sweep else []
+
+    windows = decay_windows(results)
+    return {
+        "pretension_mm": column("pretension_mm"),
+        "resonance_hz": column("resonance_hz"),
+        "resonance_hz_std": column("resonance_std_hz"),
+        "gain": column("gain_peak"),
+        "gain_std": column("gain_peak_std"),
+        "paper_resonance_hz": column("paper_resonance_hz"),
+        "paper_gain": column("paper_gain_peak"),
+        "gain_measured_drive": column("gain_peak_measured_drive"),
+        "phase_90_hz": column("phase_90_hz"),
+        "drive_amplitude_deg_at_resonance": column("drive_amplitude_at_resonance_rad", 180 / math.pi),
+        "energy": _energy(results),
+        "ring_down": _ring_down(results) if has_decay else {name: [] for name in _RING_DOWN},
+        "resonance": {"meanings": dict(MEANINGS) if has_sweep else {}, "rows": resonance_table(results)},
+        "decay_windows": {"conclusion": describe_windows(windows), "rows": [window.to_json() for window in windows]},
+        "paper": paper_table(results, beyond, rig if rig is not None else rig_of(results)),
+        "wall_s": float(wall_s),
+        "simulated_s": float(simulated_s),
+    }
+
+
+_RING_DOWN = ("pretension_mm", "decay_rate_per_s", "omega_rad_s", "lehr_damping", "lehr_damping_std")
+
+
+def _ring_down(results: xr.Dataset) -> dict[str, list[float | None]]:
+    """Return the ring-down columns over the pretensions at which at least one decay was measured."""
+    here = results.isel(pretension_mm=np.flatnonzero(np.isfinite(results["paper_lehr_damping"].values).any(axis=1)))
+    damping, spread = mean_and_spread(here["paper_lehr_damping"].values)
+    columns = (
+        here["pretension_mm"].values,
+        mean_and_spread(here["paper_decay_rate_per_s"].values)[0],
+        mean_and_spread(here["paper_omega_rad_s"].values)[0],
+        damping,
+        spread,
+    )
+    return {name: _numbers(values) for name, values in zip(_RING_DOWN, columns, strict=True)}
+
+
+def _energy(results: xr.Dataset) -> dict[str, Any]:
+    """Return what a swing costs over pretension, and what the servos draw with their torque off; {} if not known."""
+    if "energy_reduction" not in results:
+        return {}
+    idle = float(results.attrs.get("idle_power_w", math.nan))
+    ends = [end for name in ("energy_reduction", "energy_reduction_with_holding") for end in companions(name)[1:]]
+    columns = {name: _numbers(results[name].values) for name in (*ENERGY_QUANTITIES, *ends)}
+    return {"idle_power_w": idle if math.isfinite(idle) else None, **columns}
+
+
+def _numbers(values: Iterable[float]) -> list[float | None]:
+    return [float(value) if math.isfinite(value) else None for value in values]

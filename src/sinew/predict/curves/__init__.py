@@ -1,0 +1,1 @@
+"""Response curves of a joint: harmonic balance, continuation, folds, stability."""

@@ -1,0 +1,288 @@
+"""This is where the points of a curve are refined and examined: size, phase, harmonics, stability.
+
+A point of the curve becomes a motion with finer waves, more harmonics and samples, by one step or a few of Newton's
+method across the curve. What that changes in amplitude and frequency estimates what the coarser waves cost; what is
+left after it is what the finer waves cut off, which is less.
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.predict.curves.balance import Lane, balance, solve
+from sinew.predict.curves.waves import Equations, Size, embedded, is_symmetric, orders, size_of, slices
+
+# The size of steady motions is measured: half of peak to peak, fundamental, phase behind the drive.
+#
+# Motions are rows x of scaled unknowns, (k, m + 1); so are gradients by them.
+
+Array = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+_GRID = 96
+_STEPS = 4
+
+
+class HalfRange(NamedTuple):
+    """Half of peak to peak of the response in its scale (k,), and its gradient (k, m + 1)."""
+
+    value: Array
+    gradient: Array
+
+
+def _places(equations: Equations, harmonics: int, index: int) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Return a coordinate's orders and where its cosines and (for orders above zero) sines stand."""
+    part, h = slices(equations, harmonics)[index], orders(equations.coordinates[index], harmonics)
+    cosines = part.start + np.arange(h.size)
+    return h.astype(float), cosines, np.arange(part.start + h.size, part.stop)
+
+
+def phasors(x: Array, equations: Equations, harmonics: int, index: int) -> Complexes:
+    """Return the complex amplitudes c_h of a coordinate in its scale, y = Re Σ c_h exp(jhτ), shape (k, h)."""
+    h, cosines, sines = _places(equations, harmonics, index)
+    c = x[:, cosines].astype(complex)
+    c[:, h > 0] -= 1j * x[:, sines]
+    return c
+
+
+def _fundamental(equations: Equations, harmonics: int, index: int) -> tuple[int, int]:
+    h, cosines, sines = _places(equations, harmonics, index)
+    return int(cosines[h == 1][0]), int(sines[h[h > 0] == 1][0])
+
+
+def drive_phasor(x: Array, equations: Equations, harmonics: int) -> Complexes:
+    """Return the fundamental of what drives: of a coordinate in its scale, or -j where sin τ drives, (k,)."""
+    if equations.drive is None:
+        return np.full(len(x), -1j)
+    cosine, sine = _fundamental(equations, harmonics, equations.drive)
+    return np.asarray(x[:, cosine] - 1j * x[:, sine])
+
+
+def lag_product(x: Array, equations: Equations, harmonics: int) -> tuple[Complexes, Array]:
+    """Return (drive times conjugate response, the fundamentals in their scales, (k,); gradient of its real part,
+    (k, m + 1)). Its argument is the lag; the real part is zero where the response lags by 90°."""
+    cosine, sine = _fundamental(equations, harmonics, equations.response)
+    drive = drive_phasor(x, equations, harmonics)
+    gradient = np.zeros_like(x)
+    gradient[:, cosine], gradient[:, sine] = drive.real, -drive.imag
+    if equations.drive is not None:
+        theirs = _fundamental(equations, harmonics, equations.drive)
+        gradient[:, theirs] += x[:, (cosine, sine)]
+    return drive * np.conj(x[:, cosine] - 1j * x[:, sine]), gradient
+
+
+def _turning_point(c: Complexes, h: Array, sign: float) -> tuple[Array, Array]:
+    """Return (largest value for sign 1, least for -1, (k,); its phase (k,)), refined from a grid by Newton's method."""
+    phase = 2 * np.pi * np.arange(_GRID) / _GRID
+    waves = np.exp(1j * np.outer(h, phase))
+    at = phase[np.argmax(sign * (c @ waves).real, axis=1)]
+    for _ in range(_STEPS):
+        terms = c * np.exp(1j * at[:, None] * h)
+        slope, curvature = (terms * 1j * h).real.sum(axis=1), -(terms * h**2).real.sum(axis=1)
+        step = slope / np.where(curvature == 0, 1.0, curvature)
+        at = at - np.clip(step, -2 * np.pi / _GRID, 2 * np.pi / _GRID)
+    return (c * np.exp(1j * at[:, None] * h)).real.sum(axis=1), at
+
+
+def half_range(x: Array, equations: Equations, harmonics: int) -> HalfRange:
+    """Return half of peak to peak of the response over the period."""
+    h, cosines, sines = _places(equations, harmonics, equations.response)
+    c = phasors(x, equations, harmonics, equations.response)
+    symmetric = equations.coordinates[equations.response].parity == "odd"
+    value, gradient = np.zeros(len(x)), np.zeros_like(x)
+    for sign in (1.0,) if symmetric else (1.0, -1.0):
+        share = sign if symmetric else 0.5 * sign
+        height, at = _turning_point(c, h, sign)
+        value += share * height
+        gradient[:, cosines] += share * np.cos(at[:, None] * h)
+        gradient[:, sines] += share * np.sin(at[:, None] * h[h > 0])
+    return HalfRange(value, gradient)
+
+
+# A steady motion is asked whether it stays: how a small disturbance grows over one period.
+#
+# The equations are linearised along the motion, δẏ = A(t) δy, in first-order form: coordinates, their rates, and the
+# copies that lag behind. Each sample of A holds for the interval about it, whose map is the (2, 2) Padé approximant of
+# exp(A h): stable for whatever is fast, the axial motion of a head or a gear that sticks.
+#
+# Where the equations are symmetric half a period is enough: with S the change of sign of the odd coordinates, the
+# half map S Φ(T/2) has the square roots of the multipliers as eigenvalues. One at +1 belongs to a fold, one at -1 to
+# a loss of symmetry.
+
+
+def _generator(local: jax.Array, equations: Equations) -> jax.Array:
+    """Return A at every sample, (n, s, s), from the slopes of the rates by the channels (n, c, k).
+
+    Channels and states stand in the same order: lower derivatives and lagging copies, coordinate by coordinate.
+    """
+    total = size_of(equations)
+    rates, own = np.zeros((total, total)), 0
+    tops = []
+    for coordinate in equations.coordinates:
+        top = own + coordinate.order - 1
+        tops.append(top)
+        if coordinate.order == 2:
+            rates[own, top] = 1.0
+        for i, relaxation in enumerate(coordinate.relaxed):
+            rates[top + 1 + i, [own, top + 1 + i]] = 1 / relaxation, -1 / relaxation
+        own = top + 1 + len(coordinate.relaxed)
+    whole = jnp.broadcast_to(rates, (local.shape[0], total, total))
+    return whole.at[:, np.array(tops), :].set(local)
+
+
+def _signs(equations: Equations) -> NDArray[np.float64]:
+    rows = [np.full(c.order + len(c.relaxed), -1.0 if c.parity == "odd" else 1.0) for c in equations.coordinates]
+    return np.concatenate(rows)
+
+
+def half_map(local: jax.Array, omega: jax.Array, equations: Equations) -> jax.Array:
+    """Return the map (s, s) of disturbances over half a period, odd coordinates turned back; over a whole one where
+    the equations are not symmetric.
+
+    local: slopes of the rates by the channels at the samples, (n, c, k). omega: Ω [rad/s].
+    """
+    symmetric = is_symmetric(equations)
+    duration = (np.pi if symmetric else 2 * np.pi) / omega
+    half = _generator(local, equations) * (0.5 * duration / local.shape[0])
+    sign = _signs(equations) if symmetric else np.ones(size_of(equations))
+    one = jnp.eye(size_of(equations))
+
+    def step(now: jax.Array, odd: jax.Array) -> tuple[jax.Array, None]:
+        even = one + odd @ odd / 3
+        return solve(even - odd, (even + odd) @ now), None
+
+    whole, _ = jax.lax.scan(step, one, half)
+    return jnp.asarray(sign)[:, None] * whole
+
+
+def largest_multiplier(maps: NDArray[np.float64], equations: Equations) -> NDArray[np.float64]:
+    """Return the modulus of the largest Floquet multiplier of each map (..., s, s); a motion is stable below one."""
+    largest = np.max(np.abs(np.linalg.eigvals(maps)), axis=-1)
+    return np.asarray(largest**2 if is_symmetric(equations) else largest)
+
+
+BLOCK = 16
+"""Motions that are evaluated in one call; any number runs in blocks of this size, so that it is compiled once."""
+
+_REFINEMENTS, _ENOUGH = 4, 3e-4
+_SETTLED, _NEAR = 0.03, 0.05
+
+
+class Evaluation(NamedTuple):
+    """Of each motion (k,): what is left over (k, m), and its slope (k, m, m + 1)."""
+
+    left: Array
+    slope: Array
+
+
+class Examination(NamedTuple):
+    """Of each point (k,), refined: frequency scaled; half_range of the response; its phasors (k, h); the drive's
+    fundamental; product, drive times conjugate response; all in the scales of their coordinates. Further what the
+    refinement changed in half_range and in the frequency [1], the map of disturbances (k, s, s), and whether the
+    refinement settled near the point."""
+
+    frequency: Array
+    half_range: Array
+    response: NDArray[np.complex128]
+    drive: NDArray[np.complex128]
+    product: NDArray[np.complex128]
+    range_change: Array
+    frequency_change: Array
+    maps: Array
+    settled: NDArray[np.bool_]
+
+
+def rows_of(tree: Any, index: NDArray[np.intp]) -> Any:
+    """Return the rows of every leaf of a tree."""
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[index], tree)
+
+
+@cache
+def pool() -> ThreadPoolExecutor:
+    """Return the threads that blocks run in."""
+    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-predict")
+
+
+@partial(jax.jit, static_argnames=("equations", "size"))
+def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
+    return jax.vmap(lambda x, lane: balance(x, lane, equations, size)[:2])(x, lane)
+
+
+@partial(jax.jit, static_argnames=("equations", "size"))
+def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
+    def one(x: jax.Array, lane: Lane) -> jax.Array:
+        return half_map(balance(x, lane, equations, size).local, x[-1] * lane.omega, equations)
+
+    return (jax.vmap(one)(x, lane),)
+
+
+def _in_blocks(compiled: Any, x: Array, lane: Lane, equations: Equations, size: Size) -> tuple[Array, ...]:
+    """Return what a compiled function says of k motions, which it takes in blocks."""
+    blocks = [np.minimum(np.arange(i, i + BLOCK), len(x) - 1) for i in range(0, len(x), BLOCK)]
+
+    def run(index: NDArray[np.intp]) -> list[Array]:
+        return [np.asarray(leaf) for leaf in compiled(x[index], rows_of(lane, index), equations=equations, size=size)]
+
+    parts = [run(blocks[0])] if len(blocks) == 1 else list(pool().map(run, blocks))
+    return tuple(np.concatenate(part)[: len(x)] for part in zip(*parts, strict=True))
+
+
+def evaluate(x: Array, lane: Lane, equations: Equations, size: Size) -> Evaluation:
+    """Return the evaluation of k motions x (k, m + 1); lane: with a leading axis k."""
+    if not len(x):
+        m = x.shape[1] - 1
+        return Evaluation(np.zeros((0, m)), np.zeros((0, m, m + 1)))
+    return Evaluation(*_in_blocks(_balances, x, lane, equations, size))
+
+
+def maps_of(x: Array, lane: Lane, equations: Equations, size: Size) -> Array:
+    """Return the map of disturbances (k, s, s) of k motions x (k, m + 1); lane: with a leading axis k."""
+    if not len(x):
+        return np.zeros((0, size_of(equations), size_of(equations)))
+    return _in_blocks(_maps, x, lane, equations, size)[0]
+
+
+def examine(
+    points: Array, normals: Array, lane: Lane, equations: Equations, size: Size, fine: Size, *, stability: bool = True
+) -> Examination:
+    """Return the examination of k points.
+
+    points: scaled unknowns (k, m + 1). normals: across which they are refined, (k, m + 1), the curve's tangents.
+    lane: with a leading axis k. size, fine: of the waves as they are, and as they are to be. stability: whether the
+    maps are wanted, which take a third of the time; else they have no rows and columns.
+    """
+    place = embedded(equations, size.harmonics, fine.harmonics)
+    wide, normal = np.zeros((2, len(points), place[-1] + 1))
+    wide[:, place], normal[:, place] = points, normals
+    there, mapped = wide.copy(), wide.copy()
+    left, last = np.arange(len(points)), np.zeros(len(points))
+    for _ in range(_REFINEMENTS):
+        seen = evaluate(there[left], rows_of(lane, left), equations, fine)
+        matrix = np.concatenate([seen.slope, normal[left, None, :]], axis=1)
+        right = np.concatenate([-seen.left, np.zeros((left.size, 1))], axis=1)
+        change = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+        mapped[left] = there[left]
+        there[left] += change
+        last[left] = np.linalg.norm(change, axis=1)
+        left = left[last[left] > _ENOUGH]
+        if not left.size:
+            break
+    moved = there[:, -1] / wide[:, -1] - 1
+    before, after = (half_range(x, equations, fine.harmonics).value for x in (wide, there))
+    return Examination(
+        there[:, -1],
+        after,
+        phasors(there, equations, fine.harmonics, equations.response),
+        drive_phasor(there, equations, fine.harmonics),
+        lag_product(there, equations, fine.harmonics)[0],
+        after - before,
+        moved,
+        maps_of(mapped, lane, equations, fine) if stability else np.zeros((len(points), 0, 0)),
+        (last < _SETTLED) & (np.abs(moved) < _NEAR),
+    )

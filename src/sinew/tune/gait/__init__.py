@@ -1,0 +1,1 @@
+"""How people turn in walking, and what a torso joint should do then."""

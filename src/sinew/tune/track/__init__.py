@@ -1,0 +1,1 @@
+"""A lock that keeps a joint in resonance while its pretension changes."""
