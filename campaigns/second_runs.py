@@ -40,7 +40,7 @@ from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.configuration import KNOWN_STATE
-from sinew.hardware.motor_registers import XH430_W350
+from sinew.hardware.register_tables import XH430_W350
 from sinew.hardware.registers import Register
 from sinew.hardware.rig import Rig
 from sinew.measure.errors import SinewError

@@ -26,7 +26,7 @@ from sinew.analysis.doubts import doubts_of
 from sinew.bench.conversion import recording_from_journal
 from sinew.bench.journal_reader import JournalReader
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.motor_registers import WATCHDOG_TRIPPED
+from sinew.hardware.register_tables import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import SerialPort
 from sinew.hardware.transport import MonotonicClock

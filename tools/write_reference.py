@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from sinew.apps.cli import app
 from sinew.hardware.bus import Bus
 from sinew.hardware.configuration import KNOWN_STATE, Post
-from sinew.hardware.motor_registers import (
+from sinew.hardware.register_tables import (
     BAUD_RATES,
     EXTENDED_POSITION_MODE,
     HARDWARE_ERRORS,

@@ -17,7 +17,7 @@ from tests.patience import await_end, comes, communicate, until
 from sinew.apps.cli import main
 from sinew.emulator.faults import FAULT_KINDS
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.motor_registers import XH430_W350
+from sinew.hardware.register_tables import XH430_W350
 from sinew.hardware.serial_port import SerialPort
 from sinew.hardware.transport import MonotonicClock
 

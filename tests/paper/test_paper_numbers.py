@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.paper.shares import effect_shares
+from sinew.paper.summary import effect_shares
 from sinew.paper.table import paper_table
 from sinew.plan.toml import load_plan, load_rig, read_ranges
 from sinew.twin.simulate import simulate

@@ -12,7 +12,7 @@ from sinew.emulator.unloaded import Unloaded
 from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.errors import PortError
-from sinew.hardware.motor_registers import OPENCR_NODE, XH430_W350
+from sinew.hardware.register_tables import OPENCR_NODE, XH430_W350
 from sinew.hardware.registers import Register, encode_raw
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig

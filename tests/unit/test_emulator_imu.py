@@ -11,7 +11,7 @@ from sinew.emulator.imu_node import ImuNode
 from sinew.emulator.plant import Mechanics
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction, Status
-from sinew.hardware.motor_registers import OPENCR_NODE
+from sinew.hardware.register_tables import OPENCR_NODE
 from sinew.plan.rig import Imu
 
 GYRO_LSB, FORCE_LSB = math.radians(2000) / 32_768, 2 * 9.80665 / 32_768

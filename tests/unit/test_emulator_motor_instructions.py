@@ -10,7 +10,7 @@ from sinew.emulator.motor import Motor
 from sinew.emulator.plant import Horn, Mechanics
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction, Status
-from sinew.hardware.motor_registers import XH430_W350
+from sinew.hardware.register_tables import XH430_W350
 from sinew.hardware.transport import Outcome
 
 

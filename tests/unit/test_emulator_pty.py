@@ -11,7 +11,7 @@ import pytest
 import serial
 from tests.patience import LONG_S, comes
 
-from sinew.emulator.pty_server import PtyServer
+from sinew.emulator.port_server import PtyServer
 from sinew.hardware.serial_port import SerialPort
 from sinew.hardware.transport import MonotonicClock
 from sinew.measure.errors import FileError

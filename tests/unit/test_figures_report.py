@@ -14,8 +14,7 @@ from sinew.figures.tables import Table, measured_tables, number, reaches
 from sinew.measure.errors import FileError
 from sinew.paper.figures import draw_figures
 from sinew.paper.report import write_report
-from sinew.paper.shares import shares_plan
-from sinew.paper.summary import summarise
+from sinew.paper.summary import shares_plan, summarise
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 

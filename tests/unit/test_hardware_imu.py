@@ -10,7 +10,7 @@ from tests.unit.hardware_line import Line, ManualClock, Slave
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.errors import DeviceError
 from sinew.hardware.imu import ClockTrack, Imu
-from sinew.hardware.motor_registers import OPENCR_NODE, TURTLEBOT3
+from sinew.hardware.register_tables import OPENCR_NODE, TURTLEBOT3
 from sinew.hardware.transport import Outcome, Reply
 
 GYRO = math.radians(2000) / 32768

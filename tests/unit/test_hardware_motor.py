@@ -8,7 +8,7 @@ from sinew.emulator.motor import Motor as EmulatedMotor
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.errors import DeviceError, RegisterError
 from sinew.hardware.motor import RETRIES, Motor, name_hardware_errors
-from sinew.hardware.motor_registers import (
+from sinew.hardware.register_tables import (
     XH430_W350,
     XM430_W350,
 )

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sinew.hardware.errors import RegisterError
-from sinew.hardware.motor_registers import BAUD_RATES, IMUS, MOTORS, OPENCR_NODE, TURTLEBOT3, XH430_W350, XM430_W350
+from sinew.hardware.register_tables import BAUD_RATES, IMUS, MOTORS, OPENCR_NODE, TURTLEBOT3, XH430_W350, XM430_W350
 from sinew.hardware.registers import Register, RegisterTable, decode, decode_raw, encode, encode_raw
 
 TABLES = [*MOTORS.values(), *IMUS.values()]

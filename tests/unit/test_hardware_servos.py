@@ -6,7 +6,7 @@ import pytest
 from tests.unit.emulator_stand_in import Bench, paper_rig
 
 from sinew.hardware.errors import RegisterError
-from sinew.hardware.motor_registers import XH430_W350, XM430_W350
+from sinew.hardware.register_tables import XH430_W350, XM430_W350
 from sinew.hardware.servos import TENDON_MODES, DriveServo, TendonServo
 from sinew.plan.plan import TendonMode
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sinew.analysis.signal.repeats import pool_repeats
-from sinew.analysis.slope import detectable, fit_trend, ratio_interval
+from sinew.analysis.sweep.slope import detectable, fit_trend, ratio_interval
 from sinew.measure.estimate import Estimate
 from sinew.paper.answer import in_words
 

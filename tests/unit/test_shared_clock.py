@@ -8,8 +8,8 @@ from time import monotonic, sleep
 import pytest
 from tests.unit.test_emulator_pty import Bench
 
-from sinew.emulator import pty_server
-from sinew.emulator.pty_server import ClockSocket, Port, PtyPort, PtyServer, SocketPort
+from sinew.emulator import port_server as pty_server
+from sinew.emulator.port_server import ClockSocket, Port, PtyPort, PtyServer, SocketPort
 from sinew.hardware.errors import PortError
 from sinew.hardware.serial_port import LocalPort, SerialPort
 from sinew.hardware.shared_clock import SharedClock, SharedPort, shared_clock

@@ -7,7 +7,7 @@ from threading import Thread
 import pytest
 from tests.patience import LONG_S, until
 
-from sinew.emulator.pty_server import SocketPort
+from sinew.emulator.port_server import SocketPort
 from sinew.hardware.errors import PortError
 from sinew.hardware.serial_port import LocalPort
 from sinew.hardware.transport import MonotonicClock

@@ -9,7 +9,7 @@ from sinew.measure.errors import SpecError
 from sinew.plan.rig import Calibrated, RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.band import draw_rigs
-from sinew.tune.drive_load import drive_load
+from sinew.tune.candidate import drive_load
 from sinew.tune.pretension import Tuning, find_reachable, tune_pretension
 from sinew.tune.resonance import Swing, find_resonances
 

@@ -21,8 +21,6 @@ from sinew.measure.netcdf import content_hash, provenance
 from sinew.measure.schema import RESULTS_SCHEMA, validate_results
 from sinew.plan.rig import RigSpec
 
-__all__ = ["analyse_recording", "join_parts", "response_table_json"]
-
 
 def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.Dataset:
     """Return the results of a recording, valid by the result schema, with provenance in the attributes.

@@ -15,8 +15,6 @@ from sinew.measure.estimate import Estimate
 from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
 
-__all__ = ["TrackedPoint", "tracked_point", "tracked_turns"]
-
 Floats = NDArray[np.float64]
 
 _ORDERS = (1, 3)

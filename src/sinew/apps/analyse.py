@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from sinew.measure.estimate import Estimate
     from sinew.plan.rig import RigSpec
 
-__all__ = ["analyse", "analyse_with", "decay_rows", "recording_rig", "results_document"]
-
 _HDF5, _CLASSIC = b"\x89HDF", b"CDF"
 
 

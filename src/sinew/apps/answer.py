@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sinew.paper.answer import Answer
     from sinew.plan.rig import RigSpec
 
-__all__ = ["answer", "stored_answers"]
-
 _WIDTH = 100
 
 

@@ -22,25 +22,6 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-__all__ = [
-    "JOURNAL",
-    "Port",
-    "Wait",
-    "await_port",
-    "close_journal",
-    "convert_journal",
-    "on_signals",
-    "open_rig",
-    "print_run",
-    "recording_doubts",
-    "refuse_full_disk",
-    "refuse_unfit_folder",
-    "rig_on",
-    "run_document",
-    "run_journal",
-    "source_of",
-]
-
 Port = Annotated[str, typer.Option("--port", metavar="PORT", help="Serial port of the bench, or of `sinew emulate`.")]
 Wait = Annotated[
     float, typer.Option("--wait", metavar="S", min=0.0, max=3600.0, help="Wait so long for the port to appear [s].")

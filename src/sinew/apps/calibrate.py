@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sinew.paper.posterior import PaperPosterior
     from sinew.plan.rig import RigSpec
 
-__all__ = ["calibrate"]
-
 
 def calibrate(
     rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")],

@@ -10,8 +10,6 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-__all__ = ["LONGEST_PREVIEW_S", "check", "foresee_plan", "preview_plan", "told_preview"]
-
 LONGEST_PREVIEW_S = 20_000.0
 """Length of a plan up to which its torsion is previewed [s]; the paper's is 5600 s."""
 

@@ -39,8 +39,6 @@ from sinew.apps import (
 from sinew.apps.console import NumbersCommand
 from sinew.measure.errors import SinewError
 
-__all__ = ["app", "main"]
-
 app = typer.Typer(
     name="sinew",
     help="Sinew: a resonance laboratory for tendon-driven continuum joints, in software.",

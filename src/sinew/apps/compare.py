@@ -22,8 +22,6 @@ from sinew.apps.predict_rig import (
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import number
 
-__all__ = ["compare"]
-
 
 def compare(
     rigs: Annotated[
@@ -51,7 +49,7 @@ def compare(
     }
     page = None
     if out is not None:
-        from sinew.apps.predict_pages import write_comparison
+        from sinew.apps.predict_rig import write_comparison
 
         page = write_comparison(found, document, out, _command(rigs, asked, out))
     if json:

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sinew.hardware.transport import Clock
     from sinew.plan.rig import RigSpec
 
-__all__ = ["doctor"]
-
 _COLUMNS = ("", "device", "found", "expected", "what to do")
 _WORDS = {"ok": "ok", "note": "note", "warning": "warning", "fault": "FAULT"}
 _SAMPLE_HZ = 200.0

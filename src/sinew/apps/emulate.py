@@ -18,11 +18,9 @@ from sinew.apps.run_control import keeping_time
 if TYPE_CHECKING:
     from sinew.emulator.faults import FaultyRig
     from sinew.emulator.plant import Plant
-    from sinew.emulator.pty_server import Port, PtyServer
+    from sinew.emulator.port_server import Port, PtyServer
     from sinew.emulator.rig import Trip
     from sinew.plan.rig import RigSpec
-
-__all__ = ["emulate", "found_bench"]
 
 _WARM_UP = 0.02  # s of emulated time, before a master can open the port
 
@@ -80,7 +78,7 @@ def emulate(
     overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm), push (torque=0.5).
     """
     from sinew.emulator.faults import parse_fault  # numpy: not for --help
-    from sinew.emulator.pty_server import ClockSocket, PtyServer, refuse_taken
+    from sinew.emulator.port_server import ClockSocket, PtyServer, refuse_taken
     from sinew.hardware.transport import MonotonicClock
     from sinew.plan.toml import load_rig
 
@@ -120,7 +118,7 @@ def found_bench(rig: "RigSpec", seed: int, faults: list[str]) -> "FaultyRig":
 
 def _kind_of_port(rig: "RigSpec", socket: bool) -> "Callable[[Path], Port]":
     """Return what makes the port of a name. socket: whether it is a socket, else a pseudo-terminal."""
-    from sinew.emulator.pty_server import PtyPort, SocketPort
+    from sinew.emulator.port_server import PtyPort, SocketPort
 
     return (lambda link: SocketPort(link, rig.wiring.baud)) if socket else PtyPort
 

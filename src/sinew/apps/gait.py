@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from sinew.tune.gait.bout import BoutGait
     from sinew.tune.gait.target import GaitTarget
 
-__all__ = ["gait", "gait_document"]
-
 _FASTEST_HZ = 20.0  # of a stride; nobody walks or runs at a fifth of it
 
 

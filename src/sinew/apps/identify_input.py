@@ -17,16 +17,6 @@ if TYPE_CHECKING:
 
     Row = tuple[int, Segment, slice]
 
-__all__ = [
-    "is_recording",
-    "joint_rig",
-    "recording_records",
-    "refuse_columns",
-    "refuse_rig_options",
-    "table_record",
-    "unit_remarks",
-]
-
 _MOST_SEGMENTS = 9
 _MOST_REPEATED = 4
 _RATE_OFF = 0.01  # of the rate: how far the stamps' own may be from the one that was given

@@ -19,16 +19,19 @@ from sinew.apps.predict_against import (
     millimetres,
     print_against,
 )
-from sinew.apps.predict_bands import Bands, BandSeed, bands_document, print_bands
 from sinew.apps.predict_rig import (
     Amplitude,
+    Bands,
+    BandSeed,
     Mode,
     Pretension,
     RigAsked,
     Without,
+    bands_document,
     predict_rig,
     prediction_document,
     print_backbones,
+    print_bands,
     print_prediction,
     rig_asked,
 )
@@ -149,7 +152,7 @@ def predict_joint(
     if out is not None and alone:
         write_rig(rig, out)
     elif out is not None:
-        from sinew.apps.predict_pages import write_prediction
+        from sinew.apps.predict_rig import write_prediction
 
         words = ["sinew", "predict", *([base] if base else []), *joint.words()]
         words += [*further.words(asked), "--out", str(out)]

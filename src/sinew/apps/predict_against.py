@@ -12,17 +12,6 @@ if TYPE_CHECKING:
     from sinew.apps.predict_rig import Predicted, RigAsked
     from sinew.predict.against import Comparison, Measured
 
-__all__ = [
-    "Against",
-    "FittedMm",
-    "Held",
-    "asked_of",
-    "hold_against",
-    "measured_against",
-    "millimetres",
-    "print_against",
-]
-
 Against = Annotated[
     Path | None,
     typer.Option(

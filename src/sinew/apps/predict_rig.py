@@ -1,12 +1,23 @@
 """This is where a rig, shipped, calibrated or of a joint that is not built yet, becomes its predicted curves."""
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, cast
 
 import typer
 
-from sinew.apps.console import LARGEST_DEG, checked_band, checked_number, number_list, print_table
+from sinew.apps.console import (
+    LARGEST_DEG,
+    checked_band,
+    checked_number,
+    number_list,
+    print_table,
+    progress_bar,
+    write_json,
+)
+from sinew.apps.joint import BASE_RIG, write_rig
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import number
+from sinew.measure.estimate import number, span
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,6 +42,18 @@ if TYPE_CHECKING:
     from sinew.predict.describing import Equivalent
     from sinew.predict.oscillator import Oscillator
     from sinew.twin.parameters import Effects
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from sinew.figures.predicted import Curves
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sinew.measure.estimate import Estimate
+    from sinew.plan.plan import TendonMode
+    from sinew.predict.band import Band, Marked, Tube
 
 
 # A prediction becomes the JSON document of `sinew predict`, and the table that is printed of it.
@@ -333,3 +356,189 @@ def print_backbones(backbones: list[dict[str, Any]]) -> None:
     for one in backbones:
         if not one["complete"]:
             print(f"- {one['message']}")
+
+
+# A prediction's figures, page and files are written into a folder.
+
+_FORMATS = ("png", "pdf")
+
+
+def write_prediction(
+    found: Predicted, document: dict[str, Any], folder: Path, rebuild: str, more: "Mapping[str, Figure]"
+) -> Path:
+    """Write prediction.json, rig.toml, figures and prediction.html into a folder; return the page.
+
+    rebuild: the command line that makes it again. more: further figures, by name. Raises FileError where the folder
+    cannot be written.
+    """
+    from sinew.figures.predicted import draw_predicted, draw_predicted_map
+
+    curves = _curves(found)
+    figures = {"predicted_response": draw_predicted(curves), "predicted_map": draw_predicted_map([curves])} | dict(more)
+    write_rig(found.rig, folder / "rig.toml")
+    return _write(folder, "prediction", document, [document], figures, found, rebuild)
+
+
+def write_comparison(rigs: Sequence[Predicted], document: dict[str, Any], folder: Path, rebuild: str) -> Path:
+    """Write comparison.json, figures and comparison.html into a folder; return the page."""
+    from sinew.figures.predicted import draw_comparison, draw_predicted_map
+
+    curves = [_curves(found) for found in rigs]
+    figures = {"predicted_comparison": draw_comparison(curves), "predicted_map": draw_predicted_map(curves)}
+    return _write(folder, "comparison", document, document["rigs"], figures, rigs[0], rebuild)
+
+
+def _curves(found: Predicted) -> "Curves":
+    from sinew.figures.predicted import Curves
+
+    asked = found.asked
+    return Curves(found.rig.name, tuple(asked.pretensions), found.prediction.branches, asked.amplitude_deg)
+
+
+def _write(
+    folder: Path,
+    stem: str,
+    document: dict[str, Any],
+    rigs: list[dict[str, Any]],
+    figures: "dict[str, Figure | None]",
+    found: Predicted,
+    rebuild: str,
+) -> Path:
+    from sinew.figures.prediction_page import write_prediction_page
+    from sinew.figures.style import save_figure
+    from sinew.measure.netcdf import provenance
+
+    paths = []
+    for name, figure in figures.items():
+        if figure is not None:
+            paths += save_figure(figure, folder / "figures", name, _FORMATS)
+    write_json(document, folder / f"{stem}.json")
+    return write_prediction_page(
+        folder / f"{stem}.html",
+        rigs,
+        amplitude_deg=found.asked.amplitude_deg,
+        figures=paths,
+        rebuild=rebuild,
+        origins=[("versions", str(provenance("twin")["versions"]))],
+    )
+
+
+# `sinew predict --bands` tells how far a rig's curves can be off, as far as its calibration knows.
+
+Bands = Annotated[
+    int | None,
+    typer.Option(
+        "--bands", metavar="N", min=20, help="Calibrated rig: 90 % bands from N draws of what is known of it."
+    ),
+]
+BandSeed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of --bands.")]
+
+
+def bands_document(found: "Predicted", base: str | None, count: int, seed: int) -> "tuple[dict[str, Any], list[Band]]":
+    """Return (the keys `bands` and `draws` of a prediction, the bands).
+
+    base: file or name of the rig that the predicted one was made from; what is still known of it is taken over.
+    Raises SpecError where nothing is known of how certain the rig's parameters are.
+    """
+    from sinew.plan.toml import load_rig
+    from sinew.predict.band import bands_of, carried_over, draw_rigs
+    from sinew.twin.parameters import Effects
+
+    asked = found.asked
+    rig, changed = carried_over(load_rig(base or BASE_RIG), found.rig)
+    draws = draw_rigs(rig, count, seed)
+    with progress_bar("draw") as progress:
+        bands = bands_of(
+            found.prediction,
+            rig,
+            draws,
+            asked.pretensions,
+            asked.amplitude_deg,
+            asked.band_hz,
+            mode=cast("TendonMode", asked.mode),
+            effects=Effects().without(*asked.without),
+            progress=progress,
+        )
+    remarks = list(draws.remarks)
+    if changed:
+        remarks.append(f"what the design changes is taken as certain: {', '.join(changed)}")
+    told = {"count": count, "seed": seed, "parameters": list(draws.names), "remarks": remarks}
+    rows = [_band(one, mm) for one, mm in zip(bands, asked.pretensions, strict=True)]
+    return {"bands": rows, "draws": told}, bands
+
+
+def _band(band: "Band", pretension_mm: float) -> dict[str, Any]:
+    return {
+        "pretension_mm": pretension_mm,
+        "frequency_hz": band.frequency_hz.tolist(),
+        "up": _swept(band.up),
+        "down": _swept(band.down),
+        "reached": band.reached.tolist(),
+        "peak": _marked(band.peak),
+        "phase_90": _marked(band.phase_90),
+        "folds": [_marked(fold) for fold in band.folds],
+        "draws": band.draws,
+        "complete": band.complete,
+        "folded": band.folded,
+    }
+
+
+def _swept(tubes: "tuple[Tube, Tube]") -> dict[str, Any]:
+    import numpy as np
+
+    def degrees(tube: "Tube") -> dict[str, Any]:
+        return {name: _bands_numbers(np.degrees(getattr(tube, name))) for name in ("low", "median", "high")}
+
+    return {name: degrees(tube) for name, tube in zip(("amplitude_deg", "phase_deg"), tubes, strict=True)}
+
+
+def _bands_numbers(values: "NDArray[Any]") -> list[float | None]:
+    import numpy as np
+
+    return [float(one) if np.isfinite(one) else None for one in values]
+
+
+def _marked(one: "Marked | None") -> dict[str, Any] | None:
+    if one is None:
+        return None
+    return {
+        "frequency_hz": one.frequency_hz.to_json(),
+        "amplitude_deg": _in_degrees(one.amplitude).to_json(),
+        "draws": one.draws,
+    }
+
+
+def _in_degrees(one: "Estimate") -> "Estimate":
+    from math import degrees
+
+    from sinew.measure.estimate import Estimate
+
+    return Estimate(degrees(one.value), degrees(one.std), degrees(one.low), degrees(one.high))
+
+
+def print_bands(document: dict[str, Any]) -> None:
+    """Print a row of intervals for each curve."""
+    rows = []
+    for band in document["bands"]:
+        folds = "; ".join(_cell(fold) for fold in band["folds"]) or "none"
+        rows.append((f"{band['pretension_mm']:g}", _cell(band["peak"]), _cell(band["phase_90"]), folds))
+    draws = document["draws"]
+    title = f"90 % intervals from {draws['count']} draws"
+    print_table(("pretension/mm", "peak", "90° of phase", "folds"), rows, title)
+    for band in document["bands"]:
+        if band["complete"] < band["draws"]:
+            lost = band["draws"] - band["complete"]
+            print(f"- at {band['pretension_mm']:g} mm {lost} of {band['draws']} draws do not reach the end of the band")
+        if 0 < band["folded"] < band["draws"]:
+            print(f"- at {band['pretension_mm']:g} mm {band['folded']} of {band['draws']} draws have folds")
+    for sentence in draws["remarks"]:
+        print(f"- {sentence}")
+
+
+def _cell(mark: dict[str, Any] | None) -> str:
+    if mark is None:
+        return "-"
+    (f_low, f_high), (a_low, a_high) = mark["frequency_hz"]["interval90"], mark["amplitude_deg"]["interval90"]
+    if None in (f_low, f_high, a_low, a_high):
+        return "too few draws have it"
+    return f"{span(f_low, f_high, 'Hz')}, {span(a_low, a_high)}°"

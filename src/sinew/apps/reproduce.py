@@ -23,15 +23,13 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-__all__ = ["report", "reproduce"]
-
 
 @dataclass(frozen=True)
 class _Campaign:
     """Everything that the pages of a campaign are made from.
 
     beyond: results of a sweep above the paper's 12 mm, or None. rig: None where none is known.
-    effects: what each effect of the twin adds, see `sinew.paper.shares`; empty where it was not measured.
+    effects: what each effect of the twin adds, see `sinew.paper.summary`; empty where it was not measured.
     rebuild: the command that makes all of it again.
     """
 
@@ -147,7 +145,7 @@ def _rebuild(recording: "xr.Dataset", folder: Path, rig: str | None) -> str:
 
 def _measure_effects(plan: "Plan", rig: "RigSpec", folder: Path) -> list[dict[str, Any]]:
     """Return the share of each effect, also written to effects.json; empty for a plan of other pretensions."""
-    from sinew.paper.shares import SHARE_PRETENSIONS_MM, effect_shares
+    from sinew.paper.summary import SHARE_PRETENSIONS_MM, effect_shares
 
     (folder / "effects.json").unlink(missing_ok=True)
     if not set(SHARE_PRETENSIONS_MM) <= set(plan.pretension.pretension_mm):

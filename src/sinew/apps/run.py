@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-__all__ = ["run", "stop"]
-
 
 def run(
     plan: PlanArgument,

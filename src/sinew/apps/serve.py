@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sinew.apps.dashboard.access import Access
     from sinew.apps.dashboard.steward import Steward
 
-__all__ = ["serve"]
-
 _PAGE_S = 60.0
 _LOOK_S = 0.05
 _TOKEN = re.compile(r"[!-~]{20,200}")

@@ -8,8 +8,6 @@ import typer
 
 from sinew.apps.console import Json, PlanArgument, Rig, Seed, print_json, progress_bar, require_file
 
-__all__ = ["simulate"]
-
 
 def simulate(
     plan: PlanArgument,

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sinew.plan.rig import RigSpec
 
-__all__ = ["hash_file", "stored_beyond", "stored_effects", "stored_results", "stored_times"]
-
 
 def hash_file(path: Path) -> str:
     """Return the SHA-256 of a file's bytes, as hexadecimal text; empty where it cannot be read."""

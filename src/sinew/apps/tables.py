@@ -8,8 +8,6 @@ from sinew.measure.estimate import number, pair, shown, shown_interval, span
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["print_analysis"]
-
 
 def print_analysis(document: dict[str, Any], recording: "xr.Dataset", results: "xr.Dataset | None") -> None:
     """Print the document of `sinew analyse` as tables on stdout.

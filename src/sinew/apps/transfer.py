@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from sinew.predict.linear import Gear
     from sinew.twin.parameters import Effects
 
-__all__ = ["transfer"]
-
 _MODES = ("position", "position-with-current-limit", "current")
 _GEARS = ("sliding", "creeping")
 

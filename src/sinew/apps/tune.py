@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from sinew.predict.band import Draws
     from sinew.tune.pretension import Reachable, Setting, Tuning
 
-__all__ = ["tune", "tuning_document"]
-
 _DRAWS = 100
 _MEANT = "where the torsion lags behind the lever by 90°"
 

@@ -13,7 +13,7 @@ from sinew.hardware.configuration import Post, Setting, answer_everything, read_
 from sinew.hardware.errors import DeviceError, HardwareError, PortError
 from sinew.hardware.imu import Imu
 from sinew.hardware.motor import Identity, Motor, name_hardware_errors
-from sinew.hardware.motor_registers import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
+from sinew.hardware.register_tables import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
 from sinew.hardware.transport import Clock, Outcome

@@ -13,8 +13,6 @@ from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import Rig
 from sinew.hardware.transport import Clock
 
-__all__ = ["LoopTimes", "examine_bus", "examine_imu", "examine_loop", "judge_imu", "listen_to_imu", "time_loop"]
-
 _PERIOD = 2.5e-3  # twice as often as there are samples, so that none is missed
 _GRAVITY = 9.80665
 _GRAVITY_TOLERANCE = 0.1

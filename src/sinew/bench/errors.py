@@ -11,8 +11,6 @@ SinewError
 
 from sinew.measure.errors import SinewError
 
-__all__ = ["BenchError", "LimitError", "LostError", "PauseError", "StartError", "StoppedError"]
-
 
 class BenchError(SinewError):
     """Base of what ends a run on a bench."""

@@ -8,8 +8,6 @@ from sinew.bench.errors import LimitError, LostError
 from sinew.hardware.rig import MotorReading, Reading
 from sinew.plan.rig import RigSpec
 
-__all__ = ["LOST_AFTER_S", "Guard", "Watch"]
-
 LOST_AFTER_S = 0.05
 """A device that has given no fresh reading for so long is lost [s], if it was asked often enough meanwhile."""
 

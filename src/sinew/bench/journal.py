@@ -30,8 +30,6 @@ from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
 from sinew.plan.toml import parse_rig
 
-__all__ = ["CLOSE_S", "Journal"]
-
 CLOSE_S = 10.0
 """Closing a journal takes at most so long [s]."""
 

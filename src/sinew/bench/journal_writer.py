@@ -14,8 +14,6 @@ from typing import Any
 
 from sinew.measure.errors import FileError
 
-__all__ = ["BATCH_S", "STALL_S", "BatchWriter", "cannot_write"]
-
 BATCH_S = 0.1
 """Rows wait at most so long, and the time of one commit, until they are safe from a killed process [s]."""
 

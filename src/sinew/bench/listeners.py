@@ -7,8 +7,6 @@ from typing import Protocol
 
 from sinew.bench.sample import Sample
 
-__all__ = ["Listener", "Stream"]
-
 _CLOSE_S = 2.0
 
 Item = Sample | tuple[str, str]

@@ -14,8 +14,6 @@ from sinew.hardware.rig import Reading, Rig
 from sinew.hardware.transport import Clock
 from sinew.plan.rig import Limits
 
-__all__ = ["WATCHDOG_S", "Loop", "LoopStatistics", "at_zero"]
-
 WATCHDOG_S = 0.08
 """After so long without any instruction on the bus the motors stop themselves [s]: four units of their register."""
 

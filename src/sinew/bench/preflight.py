@@ -12,8 +12,6 @@ from sinew.hardware.transport import Clock, Outcome, Reply
 from sinew.plan.plan import Plan
 from sinew.plan.rig import Limits
 
-__all__ = ["refuse_unready"]
-
 _LISTEN_S = 0.06
 _ATTEMPTS = 3
 _IMU_ATTEMPTS = 5

@@ -30,7 +30,7 @@ from sinew.hardware.bus import Bus
 from sinew.hardware.configuration import prepare_goal
 from sinew.hardware.errors import HardwareError, PortError
 from sinew.hardware.motor import Motor
-from sinew.hardware.motor_registers import WATCHDOG_TRIPPED
+from sinew.hardware.register_tables import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.transport import Clock
 from sinew.measure.errors import FileError

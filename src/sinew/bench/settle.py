@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 
 from sinew.plan.plan import Sweep
 
-__all__ = ["SettleRule"]
-
 Complexes = NDArray[np.complex128]
 Floats = NDArray[np.float64]
 

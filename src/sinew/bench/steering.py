@@ -12,8 +12,6 @@ from typing import Literal
 from sinew.bench.errors import StoppedError
 from sinew.bench.stops import StopReport
 
-__all__ = ["Halt", "SafeState", "Steering"]
-
 SafeState = Literal["hold", "release"]
 
 

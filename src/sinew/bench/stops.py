@@ -13,7 +13,7 @@ from functools import partial
 from sinew.hardware.codec import Read
 from sinew.hardware.errors import DeviceError, HardwareError, PortError
 from sinew.hardware.motor import Motor
-from sinew.hardware.motor_registers import CURRENT_MODE, CURRENT_POSITION_MODE, WATCHDOG_TRIPPED
+from sinew.hardware.register_tables import CURRENT_MODE, CURRENT_POSITION_MODE, WATCHDOG_TRIPPED
 from sinew.hardware.registers import encode_raw, lay_out
 from sinew.hardware.rig import Rig
 from sinew.hardware.servos import TendonServo

@@ -19,8 +19,6 @@ from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 from sinew.plan.rig import RigSpec
 
-__all__ = ["RestTilt", "TiltEstimator", "rest_tilt"]
-
 Vector = tuple[float, float, float]
 
 _ASLEEP_S = 0.5

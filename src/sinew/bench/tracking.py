@@ -16,8 +16,6 @@ from sinew.bench.pretension import MotorMap
 from sinew.bench.sample import Sample
 from sinew.plan.plan import Group
 
-__all__ = ["MOVE_SPEED", "DriveLaw", "Levelled", "Mover", "run_tracking"]
-
 MOVE_SPEED = 0.002
 """Fastest change of the pretension while the joint swings [m/s]."""
 

@@ -9,8 +9,6 @@ from collections.abc import Sequence
 
 from sinew.hardware.registers import Register, RegisterTable
 
-__all__ = ["ACCESS", "DATA_LENGTH", "DATA_LIMIT", "DATA_RANGE", "ControlTable", "Part"]
-
 # Error numbers of the protocol (e-Manual, "DYNAMIXEL Protocol 2.0", Error).
 DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
 

@@ -6,8 +6,6 @@ from sinew.emulator.control_table import DATA_LENGTH, ControlTable
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction, Status
 
-__all__ = ["INSTRUCTION", "RESULT_FAIL", "Device"]
-
 # Error numbers of the protocol that are not about a register.
 RESULT_FAIL, INSTRUCTION = 1, 2
 

@@ -19,10 +19,8 @@ from sinew.emulator.control_table import ControlTable
 from sinew.emulator.device import INSTRUCTION, Device
 from sinew.emulator.plant import Mechanics
 from sinew.hardware.codec import Instruction
-from sinew.hardware.motor_registers import EMULATED_FIRMWARE, OPENCR_NODE
+from sinew.hardware.register_tables import EMULATED_FIRMWARE, OPENCR_NODE
 from sinew.plan.rig import Imu
-
-__all__ = ["SAMPLE_PERIOD", "ImuNode"]
 
 SAMPLE_PERIOD = 5e-3
 """Time between two samples, by the node's own clock [s]."""

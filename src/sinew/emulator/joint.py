@@ -31,22 +31,6 @@ from sinew.twin.motion import State, derivative, free_lever_acceleration
 from sinew.twin.parameters import Parameters, from_rig
 from sinew.twin.prony import BRANCHES
 
-__all__ = [
-    "TICK_S",
-    "TILT_DAMPING",
-    "DriveOrder",
-    "Joint",
-    "Layout",
-    "Now",
-    "Seen",
-    "TendonOrder",
-    "Tilting",
-    "joint_of",
-    "layout",
-    "move_on",
-    "steps_per_tick",
-]
-
 TICK_S = 1.25e-3
 """Time between two states of the joint [s]."""
 

@@ -19,8 +19,6 @@ from sinew.twin.parameters import POSITION, from_rig
 from sinew.twin.simulate import GRAVITY
 from sinew.twin.statics import set_pretension
 
-__all__ = ["GEAR_HOLD", "TENDON_STALL_TORQUE", "JointPlant"]
-
 TENDON_STALL_TORQUE = SERVOS["XH430-W350"].stall_torque
 """XH430-W350 at its horn [N m], at `TENDON_VOLTAGE` (data sheet)."""
 

@@ -29,8 +29,6 @@ from sinew.hardware.codec import (
     wire_bytes,
 )
 
-__all__ = ["Disturbance", "Line"]
-
 Disturbance = Callable[[float, bytes], list[tuple[float, bytes]]]
 """Turns (when the last byte has come [s], bytes) into what arrives instead, and when; nothing for what is lost."""
 

@@ -16,7 +16,7 @@ from sinew.emulator.plant import Horn
 from sinew.emulator.servo import MODES, Servo, goal_of, reset_for_mode
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import BROADCAST, Instruction
-from sinew.hardware.motor_registers import BAUD_RATES, POSITION_MODE, WATCHDOG_TRIPPED
+from sinew.hardware.register_tables import BAUD_RATES, POSITION_MODE, WATCHDOG_TRIPPED
 from sinew.hardware.registers import RegisterTable
 from sinew.plan.servo import SERVOS
 

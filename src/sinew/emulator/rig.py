@@ -14,7 +14,7 @@ from sinew.emulator.imu_node import ImuNode
 from sinew.emulator.line import Line
 from sinew.emulator.motor import BROWN_OUT, Motor
 from sinew.emulator.plant import Horn, Law, Mechanics, Motion, Plant
-from sinew.hardware.motor_registers import BAUD_RATES, MOTORS, OPENCR_NODE
+from sinew.hardware.register_tables import BAUD_RATES, MOTORS, OPENCR_NODE
 from sinew.measure.errors import SpecError
 from sinew.plan.rig import RigSpec
 

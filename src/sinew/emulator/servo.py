@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sinew.emulator.control_table import ControlTable
 from sinew.emulator.plant import PULSE, Horn, Law
-from sinew.hardware.motor_registers import (
+from sinew.hardware.register_tables import (
     CURRENT_MODE,
     CURRENT_POSITION_MODE,
     EXTENDED_POSITION_MODE,

@@ -8,8 +8,6 @@ from sinew.emulator.plant import HornMotion, Law, Motion
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS
 
-__all__ = ["RESPONSE_S", "TENDON_NO_LOAD_SPEED", "TENDON_VOLTAGE", "Unloaded"]
-
 TENDON_NO_LOAD_SPEED, TENDON_VOLTAGE = SERVOS["XH430-W350"].no_load_speed, SERVOS["XH430-W350"].nominal_voltage
 """XH430-W350 at its horn [rad/s], at [V] (data sheet)."""
 

@@ -4,8 +4,6 @@ from sinew.emulator.faults import FaultyRig
 from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.errors import PortError
 
-__all__ = ["VirtualPort"]
-
 
 class VirtualPort:
     """A Transport and a Clock of the same time.

@@ -10,8 +10,6 @@ from sinew.identify.decay.backbone import Backbone
 from sinew.identify.joint.fit import JointFit
 from sinew.identify.oscillator.fitted import Swing
 
-__all__ = ["draw_backbone", "draw_over_pretension"]
-
 
 @in_style
 def draw_backbone(model: Swing | None, decay: Backbone | None, unit: str, quantity: str = "amplitude") -> Figure | None:

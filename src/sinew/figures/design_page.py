@@ -198,7 +198,7 @@ def draw_design_front(evaluated: Sequence[Mapping[str, Any]], proposals: Sequenc
     shapes = list(dict.fromkeys(str(one["shape"]) for one in evaluated))
     for axes, key in ((left, "volume_cm3"), (right, "tension_n")):
         for one in evaluated:
-            _front_draw(axes, one, key, shapes.index(one["shape"]))
+            _draw_candidate(axes, one, key, shapes.index(one["shape"]))
         for number, one in enumerate(proposals, start=1):
             at = (one[key], 1e3 * one["energy_j"])
             axes.annotate(str(number), at, (5, 4), textcoords="offset points", fontsize=9, fontweight="bold", color=INK)
@@ -220,7 +220,7 @@ def draw_design_front(evaluated: Sequence[Mapping[str, Any]], proposals: Sequenc
     return figure
 
 
-def _front_draw(axes: Axes, one: Mapping[str, Any], key: str, shape: int) -> None:
+def _draw_candidate(axes: Axes, one: Mapping[str, Any], key: str, shape: int) -> None:
     colour = _COLOURS[shape % len(_COLOURS)] if one["feasible"] else GREY
     full = one["on_front"] or not one["feasible"]
     axes.plot(

@@ -24,8 +24,6 @@ from sinew.figures.style import (
     pretension_colours,
 )
 
-__all__ = ["draw_energy"]
-
 _SHARES = (
     ("electronics (data sheet)", "", "#c9ced6"),
     ("tendon motors", "holding_at_resonance_w", "#e3a857"),

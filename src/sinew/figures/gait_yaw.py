@@ -9,8 +9,6 @@ from sinew.figures.style import GREY, INK, MARKERS, frequency_colours, in_style,
 from sinew.tune.gait.bout import BoutGait
 from sinew.tune.gait.target import GaitTarget
 
-__all__ = ["GAIT_CAPTIONS", "draw_gait_yaw"]
-
 _NAMED = 6
 
 GAIT_CAPTIONS = {

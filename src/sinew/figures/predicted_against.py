@@ -23,8 +23,6 @@ from sinew.figures.style import (
 )
 from sinew.predict.against import Comparison, Reading, error_of
 
-__all__ = ["draw_against"]
-
 _SHOWN = 7
 _POINT: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 2.6, "markeredgewidth": 0.6}
 

@@ -9,8 +9,6 @@ from matplotlib.figure import Figure
 from sinew.figures.fit_data import Trace, axis_label, shown_unit
 from sinew.figures.style import ACCENT, GREY, INK, RED, Floats, in_style, new_figure, note_panel
 
-__all__ = ["autocorrelation", "draw_residuals"]
-
 _PERIODS = 2.0
 _FEWEST_LAGS, _MOST_LAGS = 20, 400
 _DOTTED = 80  # lags up to which each gets a dot

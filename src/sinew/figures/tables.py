@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.decay_windows import decay_windows, describe_windows
+from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
 from sinew.figures.style import Floats, mean_and_spread
 from sinew.measure import estimate
 from sinew.measure.estimate import DIGITS, typeset

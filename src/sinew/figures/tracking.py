@@ -9,8 +9,6 @@ from matplotlib.figure import Figure
 
 from sinew.figures.style import GREY, INK, RED, in_style, new_figure, note_panel, pretension_colours
 
-__all__ = ["draw_tracking"]
-
 _PHASE_DEG = 15.0
 _TARGET_DEG = 3.0
 

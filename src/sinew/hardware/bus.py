@@ -23,8 +23,6 @@ from sinew.hardware.codec import (
 )
 from sinew.hardware.transport import Clock, Outcome, Reply, Transport
 
-__all__ = ["Bus", "BusTiming", "Statistics"]
-
 _BITS_PER_BYTE = 10  # start, eight, stop
 _CRC_NUMBER = 3
 _PING_DATA = 3

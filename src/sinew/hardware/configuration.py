@@ -14,7 +14,7 @@ from typing import Literal
 
 from sinew.hardware.errors import DeviceError
 from sinew.hardware.motor import Motor
-from sinew.hardware.motor_registers import CURRENT_MODE
+from sinew.hardware.register_tables import CURRENT_MODE
 from sinew.hardware.servos import DriveServo
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, SERVOS

@@ -13,8 +13,6 @@ To the bus a device that is silent, refuses or raises its alert is no exception 
 
 from sinew.measure.errors import SinewError
 
-__all__ = ["DeviceError", "HardwareError", "PacketError", "PortError", "RegisterError"]
-
 
 class HardwareError(SinewError):
     """Base of what can go wrong between Sinew and a bench."""

@@ -8,7 +8,7 @@ from sinew.hardware.bus import Bus
 from sinew.hardware.codec import Read
 from sinew.hardware.errors import DeviceError
 from sinew.hardware.motor import RETRIES, Identity, check_identity
-from sinew.hardware.motor_registers import EMULATED_FIRMWARE, OPENCR_NODE, TURTLEBOT3
+from sinew.hardware.register_tables import EMULATED_FIRMWARE, OPENCR_NODE, TURTLEBOT3
 from sinew.hardware.registers import Layout, Register, RegisterTable, decode_raw, encode_raw, lay_out
 from sinew.hardware.transport import Reply
 

@@ -9,15 +9,13 @@ from dataclasses import dataclass
 
 from sinew.hardware.bus import Bus
 from sinew.hardware.errors import DeviceError
-from sinew.hardware.motor_registers import (
+from sinew.hardware.register_tables import (
     HARDWARE_ERRORS,
     MOTORS,
     WATCHDOG_TRIPPED,
 )
 from sinew.hardware.registers import Register, RegisterTable, decode_raw, encode_raw, lay_out
 from sinew.hardware.transport import Outcome, Reply
-
-__all__ = ["RETRIES", "Identity", "Motor", "check_identity", "name_hardware_errors"]
 
 RETRIES = 3
 """How often a device that is set up is asked again where it did not answer, or answered damaged."""

@@ -22,14 +22,12 @@ from sinew.hardware.configuration import (
 from sinew.hardware.errors import DeviceError, RegisterError
 from sinew.hardware.imu import ClockTrack, Imu, ImuReading
 from sinew.hardware.motor import Motor
-from sinew.hardware.motor_registers import CURRENT_POSITION_MODE, IMUS, MOTORS, POSITION_MODE
+from sinew.hardware.register_tables import CURRENT_POSITION_MODE, IMUS, MOTORS, POSITION_MODE
 from sinew.hardware.registers import RegisterTable, lay_out
 from sinew.hardware.servos import TENDON_MODES, DriveServo, TendonServo
 from sinew.hardware.transport import Clock, Reply
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
-
-__all__ = ["Climate", "MotorReading", "Reading", "Rig"]
 
 _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
 _CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")

@@ -5,7 +5,7 @@ import math
 from sinew.hardware.bus import Bus
 from sinew.hardware.errors import RegisterError
 from sinew.hardware.motor import Motor
-from sinew.hardware.motor_registers import (
+from sinew.hardware.register_tables import (
     CURRENT_MODE,
     CURRENT_POSITION_MODE,
     EXTENDED_POSITION_MODE,
@@ -15,8 +15,6 @@ from sinew.hardware.motor_registers import (
 from sinew.hardware.registers import Register, RegisterTable
 from sinew.plan.plan import TendonMode
 from sinew.plan.servo import SERVOS
-
-__all__ = ["STALL_CURRENTS", "STALL_VOLTAGE", "TENDON_MODES", "DriveServo", "GoalEncoder", "TendonServo"]
 
 TENDON_MODES: dict[TendonMode, int] = {
     "position": EXTENDED_POSITION_MODE,

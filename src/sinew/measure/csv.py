@@ -29,8 +29,6 @@ from sinew.measure.table import Table, find_columns, numbers, read_table
 from sinew.measure.timing import refuse_backwards, straighten_times
 from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
 
-__all__ = ["export_csv", "import_csv"]
-
 Floats = NDArray[np.float64]
 
 _KINDS: dict[str, SegmentKind] = {"ring-down": "ring-down", "sweep": "steady"}

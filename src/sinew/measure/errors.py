@@ -12,8 +12,6 @@ A sentence says what was found, what was expected and what to do. An outcome of 
 that saturates, a decay that is not exponential) is a field of a result and never an exception.
 """
 
-__all__ = ["FileError", "RecordingError", "SchemaError", "SinewError", "SpecError", "TimeError", "UnitError"]
-
 
 class SinewError(Exception):
     """Base of all errors that a user can put right."""

@@ -13,8 +13,6 @@ from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import SchemaError
 from sinew.measure.schema import RECORDING_SCHEMA, SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
 
-__all__ = ["REGISTERS_ATTRIBUTE", "Segment", "build_recording", "iterate_segments", "read_registers", "segment_slices"]
-
 REGISTERS_ATTRIBUTE = "registers"
 """Attribute of a recording from a bench: the motors' registers as they were read back, as JSON."""
 

@@ -16,8 +16,6 @@ from sinew.measure.doors import as_path
 from sinew.measure.errors import FileError, RecordingError
 from sinew.measure.memory import most_bytes
 
-__all__ = ["Table", "find_columns", "numbers", "read_table"]
-
 # A pandas DataFrame with one column for each field and the names as the file has them (duplicates kept).
 Table: TypeAlias = "pd.DataFrame"
 

@@ -23,8 +23,6 @@ from sinew.measure.table import Table, find_columns, read_table
 from sinew.measure.timing import straighten_times
 from sinew.measure.units import convert, unit_in_name
 
-__all__ = ["Imu", "MarkerPair", "WalkColumns", "WalkRecord", "read_walk"]
-
 Floats = NDArray[np.float64]
 
 _KINDS = {"gyr": "gyr|gyro|gyroscope|omega|angular_?velocity", "acc": "acc|accel|acceleration|accelerometer"}

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from sinew.measure.estimate import Estimate, interval, typeset
 
-__all__ = ["CANNOT_TELL", "Answer", "Cell", "cannot_tell", "in_words", "scaled"]
-
 Array = NDArray[np.float64]
 Cell = float | Estimate
 

@@ -5,8 +5,8 @@ pretension asks whether it has a trend. Because "no trend was found" is worth wh
 is, two laws are held against the data: with a constant damping constant d, D = d/(2 sqrt(k I)) falls as 1/ω; with
 losses in the silicone alone, and a stiffness that grows by lossless tension, D = η k_s/(2 k) falls as 1/ω².
 
-Where the decays begin is a choice (`sinew.analysis.decay_windows`): the verdict is what all windows say, and where they
-contradict each other, that they do.
+Where the decays begin is a choice (`sinew.analysis.decay.decay_windows`): the verdict is what all windows say, and
+where they contradict each other, that they do.
 """
 
 import math
@@ -16,14 +16,12 @@ import numpy as np
 import xarray as xr
 from scipy import special
 
+from sinew.analysis.decay.decay_windows import DecayWindow, decay_windows, describe_windows, windows_agree
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
-from sinew.analysis.decay_windows import DecayWindow, decay_windows, describe_windows, windows_agree
 from sinew.analysis.signal.repeats import pool_repeats
-from sinew.analysis.slope import Trend, detectable, fit_trend
+from sinew.analysis.sweep.slope import Trend, detectable, fit_trend
 from sinew.measure.estimate import Estimate
 from sinew.paper.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
-
-__all__ = ["answer_constancy"]
 
 NAME = "constancy"
 QUESTION = "Does Lehr's damping D stay constant over pretension, beyond chance? (section 4.2)"

@@ -26,8 +26,6 @@ from sinew.measure.estimate import Estimate
 from sinew.paper.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
 from sinew.plan.rig import RigSpec
 
-__all__ = ["answer_delay"]
-
 NAME = "delay"
 QUESTION = "Which delay would explain the phase? (sections 5.2.5 and 5.3)"
 _FEWEST = 8

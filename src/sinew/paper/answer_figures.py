@@ -23,8 +23,6 @@ from sinew.figures.style import (
 )
 from sinew.paper.answer import Answer
 
-__all__ = ["ANSWER_FIGURES", "draw_answer", "draw_answers"]
-
 _HEIGHT_IN = 2.5
 _SHARES = {
     "silicone_share": ("silicone", ACCENT),

@@ -12,12 +12,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.slope import Trend, fit_trend, ratio_interval
 from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
+from sinew.analysis.sweep.slope import Trend, fit_trend, ratio_interval
 from sinew.measure.estimate import Estimate
 from sinew.paper.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
-
-__all__ = ["answer_saturation"]
 
 NAME = "saturation"
 QUESTION = "Is the saturation the drive's or the joint's? (sections 4.1 and 5.2.4)"

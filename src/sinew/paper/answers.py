@@ -17,8 +17,6 @@ from sinew.paper.answer_losses import answer_losses
 from sinew.paper.answer_saturation import answer_saturation
 from sinew.plan.rig import RigSpec
 
-__all__ = ["STEPS", "answer_questions", "joint_selection"]
-
 STEPS = ("the joint", "hardening", "losses")
 """What takes time, in order; `progress` of `answer_questions` names it."""
 

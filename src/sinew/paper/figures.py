@@ -16,8 +16,6 @@ from sinew.figures.lissajous import draw_lissajous, draw_phase_portraits
 from sinew.figures.response import draw_response, draw_response_map
 from sinew.figures.style import save_figure
 
-__all__ = ["FIGURES", "build_figures", "draw_figures"]
-
 FIGURES: dict[str, Callable[[xr.Dataset, xr.Dataset], Figure | None]] = {
     "figure05_drive_groups": lambda recording, _: draw_drive_groups(recording),
     "figure06_response": lambda _, results: draw_response(results),

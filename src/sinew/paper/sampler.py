@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from sinew.measure.errors import SpecError
 from sinew.measure.extras import how_to_install
 
-__all__ = ["Draws", "Effort", "require_sampler", "sample_posterior"]
-
 Vector = NDArray[np.float64]
 Residual = Callable[[Vector], Vector]
 

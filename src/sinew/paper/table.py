@@ -11,13 +11,11 @@ from typing import Any, Literal, TypedDict
 import numpy as np
 import xarray as xr
 
+from sinew.analysis.decay.decay_windows import decay_windows
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
-from sinew.analysis.decay_windows import decay_windows
 from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
 from sinew.figures.style import Floats, mean_and_spread
 from sinew.plan.rig import RigSpec
-
-__all__ = ["Role", "Row", "count_roles", "is_the_papers", "paper_table", "role_of"]
 
 Role = Literal["fitted", "input", "follows"]
 

@@ -10,8 +10,6 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from sinew.measure.errors import UnitError
 from sinew.measure.units import convert
 
-__all__ = ["Origin", "Parameter", "converted", "not_negative", "positive", "signed"]
-
 Origin = Literal["paper", "data sheet", "calibrated", "assumed"]
 
 

@@ -11,8 +11,6 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 
-__all__ = ["Group", "Held", "Plan", "Pretension", "RingDown", "Sweep", "TendonMode", "Track"]
-
 _STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 TendonMode = Literal["position", "position-with-current-limit", "current"]

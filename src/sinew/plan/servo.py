@@ -3,8 +3,6 @@
 import math
 from dataclasses import dataclass
 
-__all__ = ["FULL_DUTY_COUNTS", "SERVOS", "VOLTAGE_LSB", "Servo", "servo_of"]
-
 FULL_DUTY_COUNTS = 885
 """Counts of the registers of PWM that are the whole supply."""
 

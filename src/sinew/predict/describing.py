@@ -18,17 +18,6 @@ from sinew.plan.rig import RigSpec
 from sinew.predict.curves.branch import Branch
 from sinew.predict.oscillator import Oscillator
 
-__all__ = [
-    "Describing",
-    "Equivalent",
-    "describing_function",
-    "equivalent_of_oscillator",
-    "equivalent_of_rig",
-    "fundamental_phasor",
-    "harmonic_shares",
-    "lever_phasor",
-]
-
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 

@@ -18,18 +18,6 @@ from sinew.predict.curves.balance import Lane
 from sinew.predict.curves.prediction import Problem, Resolution
 from sinew.predict.curves.waves import Coordinate, Equations, Size
 
-__all__ = [
-    "LOPSIDED",
-    "SLIDING_SHARE",
-    "SYMMETRIC",
-    "Oscillator",
-    "equations_of",
-    "expected_amplitude",
-    "lane_of",
-    "oscillator_problem",
-    "resolution_of",
-]
-
 SLIDING_SHARE = 0.02
 """Speed over which dry friction turns round, as a share of the natural frequency times the expected amplitude, or times
 three static rotations where that is less; the more of the torque the friction takes up, the less."""

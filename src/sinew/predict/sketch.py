@@ -32,8 +32,6 @@ from sinew.predict.curves.prediction import ENDS, Problem, first_curves, wrapped
 from sinew.predict.curves.waves import Equations, Size, orders
 from sinew.predict.joint import RESOLUTION
 
-__all__ = ["SKETCH_ERROR", "sketch"]
-
 Array = NDArray[np.float64]
 
 SKETCH_ERROR = 5e-3

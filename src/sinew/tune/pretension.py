@@ -22,7 +22,7 @@ from sinew.plan.rig import RigSpec
 from sinew.predict.band import Draws, drawn_branches, estimate_of_deviations
 from sinew.predict.curves.prediction import Problem
 from sinew.predict.joint import joint_problem
-from sinew.tune.drive_load import drive_load
+from sinew.tune.candidate import drive_load
 from sinew.tune.resonance import Resonance, Swing, find_resonances
 
 # It is found between which frequencies a rig's pretension can move its resonance, and what ends it.

@@ -15,13 +15,10 @@ from sinew.predict.joint import joint_problem
 from sinew.predict.joints.design import Design, design_rig
 from sinew.predict.joints.material import list_materials, load_material
 from sinew.predict.joints.validity import Check, check_joint, loads_of
-from sinew.tune.candidate import GUIDE, SHAPES, DesignTarget
-from sinew.tune.drive_load import DriveLoad, drive_load
+from sinew.tune.candidate import GUIDE, SHAPES, DesignTarget, DriveLoad, drive_load
 from sinew.tune.pretension import stresses_of
 from sinew.tune.resonance import Resonance, Swing, resonances_at
 from sinew.twin.cache import configure
-
-__all__ = ["Draft", "Proposal", "plan_of", "propose"]
 
 _STEPS, _CLOSE, _YAW_CLOSE = 8, 2e-4, 3e-3
 _BAND, _SERVO_DEG = (0.75, 1.2), 0.5

@@ -30,8 +30,6 @@ from sinew.twin.energy import total_tension
 from sinew.twin.simulate import lane_parameters
 from sinew.twin.statics import torsional_stiffness
 
-__all__ = ["Resonance", "Swing", "find_resonances", "linear_band", "resonances_at"]
-
 Array = NDArray[np.float64]
 
 _BELOW, _ABOVE = 0.8, 1.2

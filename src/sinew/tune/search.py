@@ -18,8 +18,6 @@ from sinew.plan.toml import parse_rig
 from sinew.tune.candidate import OBJECTIVES, SIZES, DesignTarget, Frame, frame_of, judge, unpacked
 from sinew.twin.cache import configure
 
-__all__ = ["Block", "Found", "blocks_of", "search_block"]
-
 Array = NDArray[np.float64]
 
 _STEPS = 240

@@ -15,8 +15,6 @@ from sinew.twin.parameters import Parameters
 from sinew.twin.prony import relaxation_times
 from sinew.twin.statics import axial_force
 
-__all__ = ["as_one_tendon", "held_at", "peak_tension", "swing_loss", "swing_stiffness"]
-
 _NODES = np.cos((2 * np.arange(4) + 1) * np.pi / 16)
 """Positive ones of eight nodes of Chebyshev and Gauss: exact for odd torques up to the fifteenth power."""
 

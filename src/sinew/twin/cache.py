@@ -7,8 +7,6 @@ from pathlib import Path
 
 import jax
 
-__all__ = ["cache_folder", "compute_inline", "configure"]
-
 
 def cache_folder() -> Path:
     """Return the folder of compiled code: $SINEW_CACHE, else $XDG_CACHE_HOME/sinew, else ~/.cache/sinew."""

@@ -6,16 +6,6 @@ import jax.numpy as jnp
 from sinew.twin.kinematics import cos_sin
 from sinew.twin.parameters import Parameters
 
-__all__ = [
-    "SLIDING_SPEED",
-    "commanded_angle",
-    "duty",
-    "electrical_torque",
-    "gear_friction",
-    "horn_torque",
-    "motor_current",
-]
-
 SLIDING_SPEED = 0.05
 """Speed over which gear friction turns round [rad/s]; Coulomb friction is regularised as tanh(ω/ω_s)."""
 

@@ -6,18 +6,6 @@ import jax.numpy as jnp
 from sinew.twin.kinematics import guide_points, head_pose, tendon_lengths
 from sinew.twin.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters
 
-__all__ = [
-    "potential",
-    "silicone_energy",
-    "span_lengths",
-    "tendon_energy",
-    "tendon_stretch",
-    "tendon_tension",
-    "total_tension",
-    "twist_rigidity",
-    "viscoelastic_energy",
-]
-
 
 def silicone_energy(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
     """Return the relaxed strain energy of the silicone [J].

@@ -16,8 +16,6 @@ from sinew.twin.energy import tendon_stretch
 from sinew.twin.motion import State, rate, state_at_rest
 from sinew.twin.parameters import Parameters
 
-__all__ = ["LANES", "STEPS_PER_SAMPLE", "Track", "integrate", "runge_kutta"]
-
 S = TypeVar("S")
 
 LANES = 64

@@ -9,8 +9,6 @@ import math
 import jax
 import jax.numpy as jnp
 
-__all__ = ["Pose", "Vector", "cos_sin", "guide_directions", "guide_points", "head_pose", "tendon_lengths"]
-
 # Vectors, matrices and lists of points are tuples of scalars and the loops over them are unrolled: over a batch
 # each scalar is one array over the lanes, and the compiler fuses everything into a single pass.
 Scalar = jax.Array

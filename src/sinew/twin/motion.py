@@ -10,19 +10,6 @@ from sinew.twin.energy import potential, total_tension, twist_rigidity, viscoela
 from sinew.twin.parameters import Parameters
 from sinew.twin.prony import BRANCHES, relaxation_times
 
-__all__ = [
-    "LOCKING_TIME",
-    "State",
-    "derivative",
-    "dissipation",
-    "free_lever_acceleration",
-    "friction_torque",
-    "mechanical_energy",
-    "rate",
-    "state_at_rest",
-]
-
-
 LOCKING_TIME = 5e-3
 """Time in which the speed of a lever that is locked on stopping is forgotten [s]; it acts on nothing."""
 

@@ -4,8 +4,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
-__all__ = ["BAND_HZ", "BRANCHES", "complex_stiffness", "prony_shares", "relaxation_times"]
-
 BAND_HZ = (0.3, 30.0)
 """Band over which the loss factor is held constant [Hz]."""
 

@@ -9,8 +9,6 @@ import jax.numpy as jnp
 from sinew.twin.energy import potential, silicone_energy, tendon_stretch, tendon_tension
 from sinew.twin.parameters import CURRENT, POSITION, Parameters
 
-__all__ = ["axial_force", "rest_shortening", "set_pretension", "torsional_stiffness"]
-
 _NEWTON_STEPS = 30
 
 

@@ -12,8 +12,6 @@ from sinew.analysis.sweep.rational import RationalCurve, parameter_spread
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 
-__all__ = ["PoleFit", "ResponseMode", "fit_poles", "fit_poles_of", "read_pole"]
-
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 

@@ -9,8 +9,6 @@ from scipy import optimize
 from sinew.analysis.signal.coloured_noise import orthonormal, sandwich
 from sinew.measure.errors import RecordingError
 
-__all__ = ["DecayFit", "fit_decay", "fit_decay_and_rest"]
-
 Array = NDArray[np.float64]
 
 # Places of the parameters in the vector of the fit; time runs from 0 to 1 over the window.

@@ -8,8 +8,6 @@ from scipy import optimize
 
 from sinew.analysis.decay.peaks import Peaks
 
-__all__ = ["Envelope", "fit_envelope", "large_peaks"]
-
 Array = NDArray[np.float64]
 
 _NOISE_SHARE = 5.0  # a peak is used while it is this many times its own uncertainty,

@@ -8,8 +8,6 @@ from scipy import interpolate, signal
 
 from sinew.measure.errors import RecordingError
 
-__all__ = ["Peaks", "find_peaks", "noise_level"]
-
 Array = NDArray[np.float64]
 
 _DIFFERENCES = 5

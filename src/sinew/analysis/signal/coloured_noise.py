@@ -10,8 +10,6 @@ few samples in which a decay is still large, and be too small for a short one.
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["autoregression", "noise_spectrum", "orthonormal", "sandwich"]
-
 Array = NDArray[np.float64]
 
 _MAX_ORDER = 8

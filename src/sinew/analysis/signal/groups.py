@@ -12,8 +12,6 @@ from sinew.measure.errors import RecordingError
 from sinew.measure.recording import Segment, build_recording, segment_slices
 from sinew.measure.schema import SAMPLE_VARIABLES
 
-__all__ = ["split_by_drive"]
-
 Floats = NDArray[np.float64]
 
 FEWEST_PERIODS = 6

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["HARMONICS", "Harmonics", "fit_harmonics", "refine_frequency", "relative_noise", "waveform"]
-
 HARMONICS = 5
 _LINES = 12
 _SIDEBANDS = 8

@@ -10,8 +10,6 @@ from scipy import special
 
 from sinew.measure.estimate import Estimate
 
-__all__ = ["Interval", "Pooled", "combine_repeats", "pool_repeats"]
-
 Floats = NDArray[np.float64]
 _NORMAL_90 = 1.6448536269514722
 

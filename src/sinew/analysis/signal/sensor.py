@@ -10,16 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from sinew.measure.errors import TimeError
 from sinew.plan.rig import RigSpec
 
-__all__ = [
-    "DelayBudget",
-    "delay_budget",
-    "drive_chain",
-    "hidden_quantisation",
-    "sample_rate",
-    "torsion_chain",
-    "torsion_delay",
-]
-
 _REPEATS = 1e-3
 
 

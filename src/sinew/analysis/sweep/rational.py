@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from sinew.analysis.sweep.response import wrapped_lag
 
-__all__ = ["RationalCurve", "evaluate_curve", "fit_curve", "parameter_spread", "read_curve"]
-
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 

@@ -18,8 +18,6 @@ from sinew.measure.errors import RecordingError
 from sinew.measure.schema import POWER_COLUMNS, RESULT_VARIABLES, result_axis
 from sinew.plan.rig import RigSpec
 
-__all__ = ["DRIFT_THRESHOLD", "Response", "estimate_response", "response_dataset", "wrapped_lag"]
-
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 

@@ -22,8 +22,6 @@ from sinew.hardware.errors import PortError
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 
-__all__ = ["CONFIRM_S", "Emergency", "Order", "Outcome", "bring_to_rest"]
-
 CONFIRM_S = 0.15
 """Within so long a run must confirm that it has stopped [s]."""
 

@@ -29,8 +29,7 @@ from sinew.apps.dashboard.access import Access, Gate, SignedOut, server_config, 
 from sinew.apps.dashboard.hub import Hub
 from sinew.apps.dashboard.operators import BENCH, SIGNED_OUT, is_run_name, open_inside, unlinked
 from sinew.apps.dashboard.pages.design import add_design_page
-from sinew.apps.dashboard.pages.errors import add_error_pages, sign_in_page
-from sinew.apps.dashboard.pages.frame import Site
+from sinew.apps.dashboard.pages.frame import Site, add_error_pages, sign_in_page
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
 from sinew.apps.dashboard.pages.runs import add_runs_pages
@@ -39,8 +38,6 @@ from sinew.apps.dashboard.stream import serve_stream
 from sinew.apps.dashboard.work.results import FILES
 from sinew.apps.dashboard.worker import Work, Worker
 from sinew.measure.errors import SinewError
-
-__all__ = ["Config", "main", "make_app", "serve"]
 
 _STATIC = Path(__file__).with_name("static")
 _STATUS_WAIT_S = 2.0

@@ -11,8 +11,6 @@ from sinew.apps.dashboard.worker import Work
 from sinew.measure.errors import SinewError
 from sinew.plan.toml import parse_plan
 
-__all__ = ["Results", "numbered"]
-
 _LOOK_S = 0.5
 _DRAWS = 40
 _BAND = "Points: mean and 90 % interval over repeats. Band: 90 %, from what the rig's calibration leaves open."

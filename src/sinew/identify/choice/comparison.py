@@ -423,7 +423,7 @@ def compare_segments(
     refused: list[RecordingError] = []
     for done, model in enumerate(tried):
         try:
-            rows.append(_comparison_row(records, model, free, folds))
+            rows.append(_segment_row(records, model, free, folds))
         except RecordingError as error:
             refused.append(error)
         if progress is not None:
@@ -449,7 +449,7 @@ def _folds(groups: Sequence[str]) -> NDArray[np.intp]:
     return np.array([(list(groups[:i]).count(group) + 1) % _FOLDS for i, group in enumerate(groups)])
 
 
-def _comparison_row(records: Sequence[Record], model: Model, varying: Sequence[str], folds: NDArray[np.intp]) -> Row:
+def _segment_row(records: Sequence[Record], model: Model, varying: Sequence[str], folds: NDArray[np.intp]) -> Row:
     whole = fit(records, model, varying=varying)
     residuals: list[Array] = [np.zeros(0)] * len(records)
     for fold in range(_FOLDS):

@@ -19,8 +19,6 @@ from sinew.identify.oscillator.record import FEWEST, Excitation, Record
 from sinew.identify.oscillator.start import dominant_omega, is_step
 from sinew.measure.errors import RecordingError, SpecError
 
-__all__ = ["refuse_hopeless", "suspicions"]
-
 _FEWEST_PERIODS = 2.0
 _FEWEST_SAMPLES = 4.0  # in a period
 _FEW_SAMPLES = 8.0

@@ -20,8 +20,6 @@ from sinew.identify.oscillator.start import dominant_omega
 from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.errors import RecordingError, SpecError
 
-__all__ = ["HeldOut", "Split", "fit_and_predict", "predict", "split_record"]
-
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 

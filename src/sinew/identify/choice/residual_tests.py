@@ -10,8 +10,6 @@ from scipy import special, stats
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.record import Record
 
-__all__ = ["ResidualTests", "ask_fit", "ask_residuals", "rank_trend", "trend_sentences"]
-
 Array = NDArray[np.float64]
 
 _LAGS = 20

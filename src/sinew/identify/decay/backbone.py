@@ -12,8 +12,6 @@ from sinew.analysis.decay.peaks import Peaks
 from sinew.identify.decay.decay_likelihood import FreeOscillation, LikelihoodFit, fit_oscillation, polynomials
 from sinew.measure.errors import RecordingError
 
-__all__ = ["Backbone", "fit_backbone"]
-
 Array = NDArray[np.float64]
 
 _FEWEST, _MOST = 2, 9  # functions of time that describe logarithm of amplitude and phase

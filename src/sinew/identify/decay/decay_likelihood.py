@@ -110,7 +110,7 @@ def _settle(values: Model, jacobian: Model, start: Array, data: Array, coloured:
             break
         noise = after
     innovation, whitened = _whiten(residual[:, None], noise)[:, 0], _whiten(slopes, noise)
-    return _autoregressive_described(p, residual, innovation, whitened, noise, settled and bool(found.success))
+    return _described_noise(p, residual, innovation, whitened, noise, settled and bool(found.success))
 
 
 def _whitened_fit(values: Model, jacobian: Model, start: Array, data: Array, noise: Array) -> optimize.OptimizeResult:
@@ -148,7 +148,7 @@ def _autocovariance(noise: Array) -> Array:
     return np.asarray(np.linalg.solve(system, target)[:order], dtype=float)
 
 
-def _autoregressive_described(
+def _described_noise(
     p: Array, residual: Array, innovation: Array, whitened: Array, noise: Array, converged: bool
 ) -> LikelihoodFit:
     n, m = whitened.shape

@@ -19,8 +19,6 @@ from sinew.identify.oscillator.start import Poles, split_poles
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 
-__all__ = ["DecayMode", "ModalDecay", "fit_modes"]
-
 Array = NDArray[np.float64]
 
 _EXTRA = (0, 2, 4, 8)  # poles beyond two a mode: rest, creep and noise take them

@@ -23,8 +23,6 @@ from sinew.twin.prony import relaxation_times
 from sinew.twin.simulate import LIMIT_RESERVE_N
 from sinew.twin.statics import set_pretension
 
-__all__ = ["Balance", "balance"]
-
 _POINTS = 64
 _ROUNDS = 12  # of frequency and stiffness, each a tenth of the error before
 

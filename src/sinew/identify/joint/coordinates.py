@@ -13,8 +13,6 @@ from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
 from sinew.twin.parameters import Parameters, from_rig
 
-__all__ = ["Coordinates", "Numbers", "make_coordinates", "numbers_of"]
-
 Array = NDArray[np.float64]
 
 _STEP = 1e-5  # of a coordinate, for the slopes of `numbers_of`: their error is 1e-10 of them

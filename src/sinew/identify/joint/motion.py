@@ -24,8 +24,6 @@ from sinew.twin.parameters import Parameters
 from sinew.twin.simulate import LIMIT_RESERVE_N
 from sinew.twin.statics import set_pretension
 
-__all__ = ["CHANNELS", "Seen", "simulate_swings", "steps_per_sample"]
-
 Array = NDArray[np.float64]
 
 CHANNELS = ("gyro", "current")

@@ -16,8 +16,6 @@ from sinew.identify.joint.motion import Seen, simulate_swings
 from sinew.identify.joint.swing import Sieve, Swing, make_sieve
 from sinew.identify.oscillator.least_squares import Problem
 
-__all__ = ["JointProblem", "Whitening", "make_problem", "whitening_of"]
-
 Array = NDArray[np.float64]
 Pair = tuple[int, float, int]
 

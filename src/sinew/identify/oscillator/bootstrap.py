@@ -26,8 +26,6 @@ from sinew.identify.oscillator.record import Record
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
 
-__all__ = ["Bootstrap", "bootstrap_repeats"]
-
 Array = NDArray[np.float64]
 
 _MANY = 10  # repeats of every group, from which on the draws' quantiles are the interval

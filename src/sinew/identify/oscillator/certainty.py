@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from sinew.analysis.signal.coloured_noise import sandwich
 from sinew.measure.estimate import Estimate
 
-__all__ = ["Covariance", "CovarianceKind", "correlation", "covariance", "estimates", "find_unidentifiable"]
-
 Array = NDArray[np.float64]
 CovarianceKind = Literal["classical", "coloured", "hac"]
 

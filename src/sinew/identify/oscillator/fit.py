@@ -27,8 +27,6 @@ from sinew.identify.oscillator.search import begin, carried_over, first_values, 
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.twin.cache import configure
 
-__all__ = ["fit"]
-
 Array = NDArray[np.float64]
 Masks = Sequence[NDArray[np.bool_]]
 

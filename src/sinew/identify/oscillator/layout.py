@@ -15,8 +15,6 @@ from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.record import Frame, Record, Scales, derivative_order, grid_of
 from sinew.identify.oscillator.track import LOCAL, Grid, track, track_slopes
 
-__all__ = ["Entry", "Layout", "Part", "free_mechanics", "make_layout", "make_part"]
-
 Array = NDArray[np.float64]
 _LINEAR_CREEP = 6.0  # of `creep_time`: the drift is a straight line
 

@@ -9,8 +9,6 @@ from scipy import optimize
 
 from sinew.measure.errors import RecordingError
 
-__all__ = ["Problem", "Solution", "solve"]
-
 Array = NDArray[np.float64]
 
 _HUGE = 1e8  # of the start's largest residual: what a residual that is not finite counts as

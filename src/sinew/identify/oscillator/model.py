@@ -8,8 +8,6 @@ from sinew.identify.oscillator.record import Excitation
 from sinew.identify.oscillator.track import LOCAL, DampingLaw, StiffnessLaw
 from sinew.measure.errors import SpecError
 
-__all__ = ["MODELS", "NATURAL", "WORDS", "Model", "Rest", "get_model", "parameter_name"]
-
 Rest = Literal["offset", "drift", "creep"]
 
 

@@ -27,18 +27,6 @@ from numpy.typing import NDArray
 
 from sinew.twin.prony import prony_shares
 
-__all__ = [
-    "LARGEST_LOSS_FACTOR",
-    "LOCAL",
-    "DampingLaw",
-    "Grid",
-    "StiffnessLaw",
-    "traced_slopes",
-    "traced_track",
-    "track",
-    "track_slopes",
-]
-
 Array = NDArray[np.float64]
 DampingLaw = Literal["viscous", "loss-factor", "coulomb"]
 StiffnessLaw = Literal["polynomial", "pendulum"]

@@ -12,8 +12,6 @@ from sinew.analysis.sweep.response import Response
 from sinew.identify.oscillator.record import Excitation, Record
 from sinew.measure.errors import RecordingError, SpecError
 
-__all__ = ["ResponsePoints", "make_points", "points_of_response", "response_points"]
-
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 

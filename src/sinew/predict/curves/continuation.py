@@ -18,8 +18,6 @@ import jax.numpy as jnp
 from sinew.predict.curves.balance import Lane, balance, solve
 from sinew.predict.curves.waves import Equations, Size
 
-__all__ = ["LIMIT", "LOST", "OUTSIDE", "POINTS", "STUCK", "Curve", "Stride", "follow"]
-
 POINTS = 512
 """Points that a curve can have."""
 

@@ -25,8 +25,6 @@ from sinew.predict.curves.landmark import (
 )
 from sinew.predict.curves.waves import Equations, Size, embedded, orders, slices, unknowns
 
-__all__ = ["ENDS", "LANES", "Problem", "Resolution", "first_curves", "predict", "wrapped_lag"]
-
 Array = NDArray[np.float64]
 
 LANES = 4

@@ -18,22 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "Channels",
-    "Coordinate",
-    "Equations",
-    "Grid",
-    "Size",
-    "channels",
-    "embedded",
-    "grid",
-    "is_symmetric",
-    "orders",
-    "size_of",
-    "slices",
-    "unknowns",
-]
-
 Array = NDArray[np.float64]
 Parity = Literal["odd", "even", "all"]
 Rates = Callable[[jax.Array, jax.Array, jax.Array, Any], jax.Array]

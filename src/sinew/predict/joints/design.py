@@ -12,8 +12,6 @@ from sinew.predict.band import carried_over
 from sinew.predict.joints.material import Material
 from sinew.predict.sections.section import Section, circle_section
 
-__all__ = ["Design", "design_rig", "section_of", "shear_modulus_of"]
-
 _ROOM = 2.0
 
 

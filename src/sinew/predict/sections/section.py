@@ -8,16 +8,6 @@ from scipy.special import ellipe
 from sinew.measure.errors import SpecError
 from sinew.predict.sections.outline import Outline, moments, rectangle, star
 
-__all__ = [
-    "Section",
-    "annulus_section",
-    "circle_section",
-    "ellipse_section",
-    "rectangle_section",
-    "section_of_outline",
-    "star_section",
-]
-
 
 @dataclass(frozen=True)
 class Section:

@@ -16,8 +16,6 @@ from vqf import offlineVQF
 from sinew.measure.errors import RecordingError
 from sinew.measure.walk_file import Imu, MarkerPair, WalkRecord
 
-__all__ = ["BodyMotion", "body_motion"]
-
 Floats = NDArray[np.float64]
 
 _GRAVITY = 9.80665

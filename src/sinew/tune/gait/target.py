@@ -19,8 +19,6 @@ from sinew.tune.gait.bout import (
     unknown,
 )
 
-__all__ = ["GaitTarget", "WalkGait", "estimate_gait", "target_of_numbers", "target_of_walks"]
-
 _LARGEST_YAW_DEG = 45.0
 _REGULAR, _THROUGHOUT = 0.6, 0.8
 

@@ -6,8 +6,6 @@ from typing import Any
 
 from nicegui import ui
 
-__all__ = ["Curve", "Curves", "options_of"]
-
 _COLOURS = tuple(f"var(--series-{i + 1})" for i in range(6))
 _SYMBOLS = ("circle", "rect", "triangle", "diamond", "roundRect", "pin")
 _AXES = {

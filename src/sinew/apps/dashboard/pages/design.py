@@ -11,8 +11,6 @@ from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
 
-__all__ = ["add_design_page"]
-
 _THROTTLE_S = 0.05
 _SETTLED_S = 0.4
 _BAND_HZ = (1.0, 6.0)

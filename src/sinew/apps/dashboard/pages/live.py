@@ -10,8 +10,6 @@ from sinew.apps.dashboard.pages.frame import Site, card, choice, empty, framed, 
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 
-__all__ = ["add_live_page"]
-
 _BASES_S = (0.5, 1, 2, 5, 10, 30, 60)
 _LOOK_S = 0.5
 

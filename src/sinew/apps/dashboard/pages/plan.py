@@ -15,8 +15,6 @@ from sinew.measure.errors import SinewError
 from sinew.plan.plan import Plan
 from sinew.plan.toml import parse_plan
 
-__all__ = ["add_plan_page"]
-
 _TYPING_S = 0.4
 _FIRST_PLAN = "first"
 _PARTS = {"": "Plan", "pretension": "Pretension", "sweep": "Sweep", "ring_down": "Ring-downs", "track": "Tracking"}

@@ -10,8 +10,6 @@ from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, quantity
 from sinew.measure.errors import SinewError
 from sinew.measure.units import local_time
 
-__all__ = ["add_runs_pages"]
-
 _COLUMNS = (
     ("name", "run", "left"),
     ("started", "started", "left"),

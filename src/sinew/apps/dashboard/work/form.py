@@ -14,8 +14,6 @@ from sinew.measure.units import one_number, split_list
 from sinew.plan.plan import Plan
 from sinew.plan.toml import dump_plan, fault_sentence
 
-__all__ = ["fields_of", "form_of", "plan_from_form"]
-
 _UNITS = {"mm": "mm", "hz": "Hz", "deg": "°", "s": "s"}
 _TITLES = {
     "sample_hz": "Sample rate",

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from sinew.bench.journal_reader import Stretch
     from sinew.plan.rig import RigSpec
 
-__all__ = ["LiveResults", "mean_of", "measured_so_far", "shared_delay"]
-
 MOST_AT_ONCE = 120
 """Groups that one update analyses unless told otherwise; the rest wait for the next."""
 

@@ -40,7 +40,7 @@ class Ask(NamedTuple):
 class ClockSocket:
     """A listening socket beside the port, with a link to it. One master is served; another is turned away.
 
-    port: name of the port. Raises FileError, PortError like `sinew.emulator.pty_server`.
+    port: name of the port. Raises FileError, PortError like `sinew.emulator.port_server`.
     """
 
     def __init__(self, port: Path) -> None:
@@ -638,7 +638,7 @@ class PtyServer:
 
 # A socket of this computer stands in for a serial port, for masters that keep time on a busy computer.
 #
-# Other programs than Sinew's cannot open it; for them there is `sinew.emulator.pty_server`. One master is served at a
+# Other programs than Sinew's cannot open it; for them there is `sinew.emulator.port_server`. One master is served at a
 # time: it hears a plus sign first, the next one is turned away.
 
 

@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.analysis.signal.repeats import pool_repeats
-from sinew.analysis.slope import fit_trend
+from sinew.analysis.sweep.slope import fit_trend
 from sinew.measure.estimate import Estimate
 
 Array = NDArray[np.float64]

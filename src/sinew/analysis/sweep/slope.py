@@ -13,8 +13,6 @@ from scipy import special
 
 from sinew.measure.estimate import Estimate
 
-__all__ = ["Trend", "detectable", "fit_trend", "ratio_interval"]
-
 Array = NDArray[np.float64]
 
 
