@@ -245,7 +245,7 @@ def response_of_spectra(spectra: Spectra) -> FrequencyResponse:
     Bendat and Piersol (Random Data, 4th ed., 9.2): of |H| relative and of its angle in rad sqrt((1 - γ²)/(2 γ² n)), of
     γ² sqrt(2) (1 - γ²) γ/sqrt(n), with n the independent averages (`Segmentation.independent`) and γ² the true
     coherence. We divide by n - 1 in the first, for 1 - γ² is estimated from the same n segments and comes out (n - 1)/n
-    too small. The bias of a resonance some bins wide is not in these errors; `sinew.analysis.broadband.spectra.poles`
+    too small. The bias of a resonance some bins wide is not in these errors; `sinew.analysis.broadband.poles`
     knows it.
     Raises RecordingError where the input is constant.
     """

@@ -47,18 +47,18 @@ class Call(NamedTuple):
 
 
 CALLS = {
-    "shelf": Call(f"{_WORK}.shelf", "light", _SHORT_S),
-    "read_shelf": Call(f"{_WORK}.shelf", "light", _SHORT_S),
+    "shelf": Call(f"{_WORK}.runs", "light", _SHORT_S),
+    "read_shelf": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "list_runs": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "measured_so_far": Call(f"{_WORK}.live", "light", _SHORT_S),
-    "preview_document": Call(f"{_WORK}.preview", "curves", 2 * _SHORT_S),
+    "preview_document": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),
     "design_curves": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),
     "sketch_curves": Call(f"{_WORK}.design", "sliders", _SHORT_S),
     "warm_up": Call(f"{_WORK}.design", "sliders", _WARM_UP_S),
-    "suggest_pretension": Call(f"{_WORK}.pretension", "long", _LONG_S),
-    "prediction_for_plan": Call(f"{_WORK}.prediction", "bands", _LONG_S),
+    "suggest_pretension": Call(f"{_WORK}.design", "long", _LONG_S),
+    "prediction_for_plan": Call(f"{_WORK}.design", "bands", _LONG_S),
     "run_results": Call(f"{_WORK}.results", "long", _LONG_S),
-    "download": Call(f"{_WORK}.download", "long", _LONG_S),
+    "download": Call(f"{_WORK}.results", "long", _LONG_S),
 }
 """What can be called, by name."""
 
