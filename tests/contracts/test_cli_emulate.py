@@ -183,6 +183,7 @@ def test_an_unplugged_bench_has_no_port_but_lives(link: Path) -> None:
         assert (link.is_symlink(), process.poll()) == (False, None)
 
 
+@pytest.mark.slow
 def test_a_joint_is_found_with_the_tilt_and_the_slack_asked_for(link: Path, tmp_path: Path) -> None:
     truth = tmp_path / "truth.json"
     done = finished(

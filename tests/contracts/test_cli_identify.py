@@ -54,6 +54,7 @@ def test_a_rate_stands_in_for_a_time_column(sweep: Path, capsys: pytest.CaptureF
     assert found["natural_frequency_hz"]["value"] == pytest.approx(3.0, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_auto_names_the_model_it_chose_and_those_it_compared(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = identified(capsys, sweep, *COLUMNS)
     assert found["model"] == "linear"

@@ -75,6 +75,7 @@ def test_segments_of_one_pretension_of_a_rig_are_fitted_together(
     assert (tmp_path / "figures" / "fit_data.png").is_file()
 
 
+@pytest.mark.slow
 def test_repeats_of_a_rig_give_intervals_by_bootstrap(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = identified(capsys, rig_recording(tmp_path, 3), *LINEAR, "--bootstrap", "20")
     assert found["bootstrap"]["natural_frequency_hz"]["value"] == pytest.approx(Joint.at(0.0).natural_hz, rel=2e-3)

@@ -11,6 +11,7 @@ from sinew.plan.toml import load_plan, load_rig
 GAIT = ("--stride-hz", "0.7:1.1", "--yaw-deg", "7")
 
 
+@pytest.mark.slow
 def test_a_setting_is_told_as_json_and_the_rig_without_calibration_says_so(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -93,11 +93,13 @@ def test_the_transient_in_closed_form_starts_from_rest() -> None:
     assert Driven(3.2, 0.08, 2.5).rate(np.array([0.0]))[0] == pytest.approx(-0.6 * math.radians(20) * 2 * math.pi * 2.5)
 
 
+@pytest.mark.slow
 def test_less_than_twice_the_tolerance_is_left_in_95_of_100_noisy_cases() -> None:
     left = [joint.remaining(settle(joint, random)[0]) for joint, random in drawn(150, 5)]
     assert np.mean(np.array(left) < 2 * TOLERANCE) >= 0.95
 
 
+@pytest.mark.slow
 def test_it_waits_no_more_than_a_few_periods_longer_than_needed() -> None:
     late = []
     for joint, random in drawn(150, 6):

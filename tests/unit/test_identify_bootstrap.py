@@ -71,6 +71,7 @@ def test_repeats_of_two_groups_are_drawn_among_themselves() -> None:
     assert [one.std / one.value for one in stiff] == pytest.approx([expected, expected], rel=0.15)
 
 
+@pytest.mark.slow
 def test_many_repeats_give_the_quantiles_of_their_draws() -> None:
     frequencies = 3.0 + 0.04 * np.random.default_rng(5).normal(size=10)
     found = bootstrap_repeats([repeat(f, i) for i, f in enumerate(frequencies)], "linear", resamples=40, seed=3)

@@ -46,6 +46,7 @@ def test_a_weakly_damped_decay_cannot_tell_viscous_damping_from_a_loss_factor() 
     assert "cannot tell viscous damping from a constant loss factor" in laws(viscous_decay(0.02, 1)).verdict
 
 
+@pytest.mark.slow
 def test_the_cubic_spring_of_the_sweep_is_found_among_the_stiffness_laws() -> None:
     split = split_record(sweep_record(0), None, None)
     found = compare(split, [MODELS[name] for name in ("linear", "cubic", "cubic-quadratic")])

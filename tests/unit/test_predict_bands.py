@@ -45,6 +45,7 @@ def hardening() -> Branch:
     return curves([oscillator(cubic=CUBIC)])[0]
 
 
+@pytest.mark.slow
 def test_a_band_of_a_linear_oscillator_has_the_quantiles_of_the_closed_form(
     linear: tuple[Branch, list[Branch]],
 ) -> None:

@@ -23,6 +23,7 @@ def one_lane(problem) -> Parameters:  # type: ignore[no-untyped-def]
     return jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), problem.lane.p)
 
 
+@pytest.mark.slow
 def test_the_lagging_copies_obey_the_twins_equation_of_the_silicones_memory() -> None:
     problem = joint_problem(load_rig("paper"), [6.0], 20.0, BAND_HZ)
     p, omega, size = one_lane(problem), 2 * np.pi * 3.3, Size(5, 16)

@@ -54,6 +54,7 @@ def test_a_closed_section_is_the_exact_one(name: str, ratio: float) -> None:
     assert float(form.warping_constant) >= 0.999 * exact.warping_constant
 
 
+@pytest.mark.slow
 def test_the_slopes_of_a_candidate_are_those_of_its_differences() -> None:
     configure()
     frame, at, modulus = frame_of(RIG, TARGET, "annulus"), place("annulus", ANNULUS), shear_modulus_of(RIG)

@@ -95,6 +95,7 @@ def _secant_stiffness(p: Parameters, angle: float) -> float:
     return float(slope(jnp.asarray(angle), jnp.asarray(x), p)[0]) / angle
 
 
+@pytest.mark.slow
 def test_locked_length_hardens_the_joint_and_held_current_does_not(rig: RigSpec) -> None:
     locked, _ = _held(rig, 0.006, POSITION)
     current, _ = _held(rig, 0.006, CURRENT)
