@@ -5,9 +5,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from scipy import signal
-from sinew.analysis.broadband.spectra import Segmentation, average_blocks, average_spectra
 
-from sinew.analysis.broadband.spectra import FrequencyResponse, estimate_frequency_response, response_of_spectra
+from sinew.analysis.broadband.spectra import (
+    FrequencyResponse,
+    Segmentation,
+    average_blocks,
+    average_spectra,
+    estimate_frequency_response,
+    response_of_spectra,
+)
 from sinew.measure.errors import RecordingError
 
 SAMPLE_HZ = 200.0

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy import signal
-from sinew.analysis.broadband.poles import PoleFit, fit_poles, fit_poles_of, read_pole
 
+from sinew.analysis.broadband.poles import PoleFit, fit_poles, fit_poles_of, read_pole
 from sinew.analysis.broadband.spectra import estimate_frequency_response
 from sinew.analysis.sweep.rational import fit_curve
 from sinew.measure.errors import RecordingError

@@ -8,7 +8,7 @@ from time import monotonic, sleep
 import pytest
 from tests.unit.test_emulator_pty import Bench
 
-from sinew.emulator import port_server as pty_server
+from sinew.emulator import port_server
 from sinew.emulator.port_server import ClockSocket, Port, PtyPort, PtyServer, SocketPort
 from sinew.hardware.errors import PortError
 from sinew.hardware.serial_port import LocalPort, SerialPort
@@ -150,14 +150,14 @@ def test_a_master_that_has_ended_leaves_the_bench_to_its_own_time(served: Served
 def test_a_master_that_is_silent_for_too_long_counts_as_lost_until_it_is_heard(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pty_server, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(port_server, "PATIENCE_S", 0.2)
     port, clock = served.opened()
     clock.wait_until(clock.now() + 0.01)
     before = served.bench.time
     went_on = grown(lambda: served.bench.time > before + 0.2)
     clock.wait_until(clock.now() + 0.01)
     heard_again = clock.now() > before + 0.2
-    monkeypatch.setattr(pty_server, "PATIENCE_S", 5.0)
+    monkeypatch.setattr(port_server, "PATIENCE_S", 5.0)
     clock.wait_until(clock.now() + 0.01)
     stands_at = served.bench.time
     sleep(0.1)
@@ -169,7 +169,7 @@ def test_a_master_that_is_silent_for_too_long_counts_as_lost_until_it_is_heard(
 def test_what_is_late_knows_the_time_at_which_the_bench_has_arrived(
     served: Served, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pty_server, "PATIENCE_S", 0.05)
+    monkeypatch.setattr(port_server, "PATIENCE_S", 0.05)
     port, clock = served.opened()
     before = clock.now()
     sleep(1.0)
