@@ -248,7 +248,9 @@ _DECLARED = re.compile(
 def reference_hashes() -> dict[str, str]:
     """Return the hash of each generated page of the reference, as this tree would write it."""
     code = "import json; from tools.write_reference import reference_pages; print(json.dumps(reference_pages()))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=_environment(), check=True, capture_output=True, text=True
+    )
     return {name: _hash(text.encode()) for name, text in json.loads(done.stdout).items()}
 
 
