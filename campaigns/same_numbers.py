@@ -41,14 +41,14 @@ DATA = ROOT.parent / "shared" / "data"
 
 VOLATILE = {
     "wall_s": "how long it took",
-    "simulate_s": "how long it took",
+    "started": "when a run began",
     "versions": "of Sinew, Python and packages",
+    "recording_versions": "the same",
     "content_hash": "is over attributes, versions among them",
     "recording_hash": "a content_hash",
-    "results_hash": "a content_hash",
     "effects_hash": "of a file whose last digits may differ",
 }
-"""Keys that are not compared, wherever they stand, and why."""
+"""Keys whose values are not compared, wherever they stand, and why; that they are there still is."""
 
 FLOOR = 1e-3
 """A number smaller than this share of the largest in its array is compared relative to that share.
@@ -248,7 +248,9 @@ _DECLARED = re.compile(
 def reference_hashes() -> dict[str, str]:
     """Return the hash of each generated page of the reference, as this tree would write it."""
     code = "import json; from tools.write_reference import reference_pages; print(json.dumps(reference_pages()))"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=_environment(), check=True, capture_output=True, text=True
+    )
     return {name: _hash(text.encode()) for name, text in json.loads(done.stdout).items()}
 
 
@@ -426,8 +428,7 @@ def _leaves(value: Any, path: str) -> Iterator[tuple[str, Leaf]]:
     """Yield every value that holds no other, with its path; an empty list or object counts as one."""
     if isinstance(value, dict):
         for key, inner in value.items():
-            if key not in VOLATILE:
-                yield from _leaves(inner, f"{path}/{key}")
+            yield from _leaves(None if key in VOLATILE else inner, f"{path}/{key}")
     elif isinstance(value, list | np.ndarray):
         for index, inner in enumerate(value):
             yield from _leaves(inner, f"{path}[{index}]")

@@ -88,8 +88,10 @@ def test_rows_of_one_list_are_one_array() -> None:
 
 
 @pytest.mark.parametrize("key", VOLATILE)
-def test_a_volatile_key_is_left_out_wherever_it_stands(key: str) -> None:
-    assert difference({"a": {key: 1.0, "b": 2.0}}, {"a": {"b": 2.0}}).is_none
+def test_of_a_volatile_key_the_value_is_left_out_and_the_loss_is_not(key: str) -> None:
+    before = {"a": {key: 1.0, "b": [{key: {"c": "d"}}]}}
+    assert difference(before, {"a": {key: "x", "b": [{key: 2.0}]}}).is_none
+    assert difference(before, {"a": {key: 1.0, "b": []}}).lost == [f"a/b[]/{key}"]
 
 
 def test_of_what_ran_in_real_time_the_keys_alone_are_compared() -> None:
