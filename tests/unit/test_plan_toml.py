@@ -257,3 +257,9 @@ def test_a_plan_of_ten_thousand_frequencies_is_refused_with_a_sentence() -> None
 def test_a_plan_that_would_last_for_years_is_refused_before_anything_is_made_of_it(sweep: Sweep) -> None:
     with pytest.raises(ValidationError, match="samples in the whole campaign, expected at most"):
         Plan(name="long", pretension=Pretension(pretension_mm=(1.0, 2.0)), sweep=sweep)
+
+
+def test_a_folder_does_not_hide_the_shipped_rig_of_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "paper").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert load_rig("paper").name == "paper"

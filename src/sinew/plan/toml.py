@@ -33,18 +33,19 @@ def list_shipped(shelf: Shelf) -> list[str]:
 def read_spec(shelf: Shelf, path_or_name: str | Path) -> str:
     """Return the text of a rig or plan: of the file at a path, else of the shipped one of that name.
 
-    path_or_name: `paper`, `paper.toml`, `rigs/paper.toml`, or the path of a file. A file that exists comes first.
+    path_or_name: `paper`, `paper.toml`, `rigs/paper.toml`, or the path of a file. A file that exists comes first; a
+        folder is passed over, such as `sinew reproduce --out paper` leaves.
     Raises SpecError where there is neither, or where the file is not UTF-8 text.
     """
     path = Path(path_or_name)
     if path.is_file():
         return _read(path)
     what = shelf.removesuffix("s")
-    if path.exists():
-        raise SpecError(f"{path} is not a file; expected a {what} as a TOML file")
     name, shipped = path.name.removesuffix(".toml"), list_shipped(shelf)
     if str(path.parent) in (".", shelf) and name in shipped:
         return files("sinew").joinpath(shelf, f"{name}.toml").read_text(encoding="utf-8")
+    if path.exists():
+        raise SpecError(f"{path} is not a file; expected a {what} as a TOML file")
     close = difflib.get_close_matches(name, shipped, n=1)
     advice = f"; did you mean {close[0]}?" if close else ""
     raise SpecError(f"no {what} {path_or_name}: found no such file, and Sinew ships {', '.join(shipped)}{advice}")
