@@ -5,8 +5,6 @@ BIN := $(VENV)/bin
 OUT ?= out/reproduce
 RUNS ?= runs
 PYTHON ?=
-# Of the fast tests' time a fifth is waiting for other processes: one worker more than cores, four at most.
-WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2); [ $$n -lt 4 ] && echo $$((n + 1)) || echo 4)
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
@@ -32,7 +30,7 @@ screenshots: $(VENV)/.dev ## the pictures of the dashboard in README and docs, f
 	$(BIN)/python tools/take_screenshots.py docs/pictures
 
 test: $(VENV)/.dev ## the fast tests
-	$(BIN)/python -m pytest -q -n $(WORKERS) --dist loadfile -m "not slow and not hardware"
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile -m "not slow and not hardware"
 
 test-slow: $(VENV)/.dev ## the long proofs: coverage of intervals, the whole campaign, executed tutorials
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 2 --dist loadfile -m "slow and not realtime and not hardware"

@@ -106,6 +106,7 @@ def test_it_ends_after_the_emulated_time_asked_for(link: Path, tmp_path: Path) -
     assert 3.0 <= json.loads(truth.read_text())["time_s"] < 3.5
 
 
+@pytest.mark.slow
 def test_after_a_kill_the_next_one_turns_the_link_over(link: Path) -> None:
     with started("--unloaded", "--link", str(link)) as (process, _):
         process.kill()

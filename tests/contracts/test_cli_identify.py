@@ -66,6 +66,7 @@ def test_without_json_a_table_is_printed(sweep: Path, capsys: pytest.CaptureFixt
     assert "natural_frequency_hz" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_whole_folder_of_pages_is_written(sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = identified(capsys, sweep, *COLUMNS, "--model", "linear", "--out", tmp_path / "out")
     figures = {
@@ -93,6 +94,7 @@ def test_the_page_tells_how_to_make_it_again(sweep: Path, tmp_path: Path, capsys
     assert main([*words[1:], "--json"]) == 0
 
 
+@pytest.mark.slow
 def test_a_free_decay_has_a_backbone_by_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     t = TIME[:600]
     clean = motion(viscous(0.03), lambda _: 0.0, t, (0.5, 0.0))[0]

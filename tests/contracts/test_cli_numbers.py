@@ -111,6 +111,7 @@ def validity(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, dict[
     return {row["check"]: row for row in json.loads(capsys.readouterr().out)["validity"]}
 
 
+@pytest.mark.slow
 def test_no_assumption_is_said_to_hold_beside_a_value_over_its_limit(capsys: pytest.CaptureFixture[str]) -> None:
     rows = validity(capsys, "--pretension-mm", "4", "--from-hz", "2.8", "--to-hz", "3.8")
     known = {name: row for name, row in rows.items() if row["holds"] and row["value"] is not None}

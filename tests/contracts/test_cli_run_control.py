@@ -198,6 +198,7 @@ def test_clients_that_say_nothing_hold_up_nobody(
     assert answers[0]["ok"]
 
 
+@pytest.mark.slow
 def test_health_is_told_once_a_second(ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ask((5.5, "stop"))
     told = run(capsys, plan, out)

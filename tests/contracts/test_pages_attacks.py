@@ -208,6 +208,7 @@ def test_a_page_without_a_steward_says_so(port: int) -> None:
     assert said["steward"] is None
 
 
+@pytest.mark.slow
 def test_getting_a_page_writes_nothing(client: httpx.Client, runs: Path) -> None:
     def tree() -> list[str]:
         return sorted(str(path) for path in runs.rglob("*"))

@@ -132,6 +132,7 @@ def test_an_address_for_all_comes_with_a_word_on_tunnels(tmp_path: Path, token_f
     assert "ssh -L" in err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_a_crowd_leaves_a_number_below_1024_for_the_serial_port(tmp_path: Path, token_file: Path) -> None:
     with served(tmp_path / "runs", token_file) as (process, ready), ExitStack() as stack:

@@ -126,6 +126,7 @@ def test_the_friction_angle_of_the_spring_pendulum_does_not_go_with_its_length()
     assert abs(power) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RODS)
 def test_the_rod_swings_by_the_law_of_gravity_with_its_own_small_swing_frequency(name: str) -> None:
     # A rod of 124 mm about its end has sqrt(3 g/2L)/2π = 1.734 Hz. Its length is known to half a millimetre (-0.2 %),
@@ -140,11 +141,13 @@ def test_gravity_gives_swings_of_130_60_and_90_degrees_one_small_swing_frequency
         assert abs(one.value - other.value) < 3 * np.hypot(one.std, other.std)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RODS)
 def test_gravity_leaves_less_than_a_linear_spring_of_the_rods_swing(name: str) -> None:
     assert swing(name, "coulomb-pendulum").rmse < 0.5 * swing(name, "coulomb").rmse
 
 
+@pytest.mark.slow
 def test_the_first_half_swing_of_the_first_rod_was_not_free() -> None:
     # From 136 to 98 degrees a third of the energy is lost, in the next half swings an eighth: the hand was at it. With
     # that half swing the fit even finds friction that drives.
@@ -165,6 +168,7 @@ def test_two_releases_of_the_beam_under_its_own_weight_have_one_damping_and_one_
         assert abs(one.value - other.value) < 2 * np.hypot(one.std, other.std)
 
 
+@pytest.mark.slow
 def test_two_releases_with_52_g_differ_beyond_chance_in_stiffness_and_in_both_kinds_of_damping() -> None:
     # So the repeats are two states of one beam, not scatter: the stiffer one damps more at every amplitude.
     a, b = (beam(f"beam_load52_V2_{side}", "coulomb-cubic-quadratic").parameters for side in "ab")

@@ -47,6 +47,7 @@ def damping_differences(load: str, amplitude_mm) -> tuple[np.ndarray, np.ndarray
     return off / np.mean(values, axis=0), off / np.hypot(*stds)
 
 
+@pytest.mark.slow
 def test_repeats_under_own_weight_have_one_damping_within_six_percent_at_every_amplitude() -> None:
     assert np.abs(damping_differences("gravity", [3.6, 2.4, 1.6, 1.0, 0.7, 0.5])[0]).max() < 0.06
 
@@ -56,6 +57,7 @@ def test_repeats_with_52_g_differ_in_damping_by_more_than_seven_percent_at_one_a
     assert damping_differences("load52", [5.0, 3.4, 2.2, 1.5])[0].min() > 0.07
 
 
+@pytest.mark.slow
 def test_the_difference_of_the_repeats_with_52_g_is_more_than_the_noise_explains() -> None:
     assert damping_differences("load52", [5.0, 3.4, 2.2, 1.5])[1].min() > 2.5
 
@@ -67,6 +69,7 @@ def test_repeats_with_52_g_differ_in_frequency_at_one_and_the_same_amplitude() -
     assert (off / std).min() > 3.0
 
 
+@pytest.mark.slow
 def test_repeats_with_101_g_cannot_be_told_apart() -> None:
     assert np.abs(damping_differences("load101", [11.0, 7.5, 5.0, 3.4, 2.2])[1]).max() < 2.5
 
@@ -92,6 +95,7 @@ def test_the_rest_position_creeps_after_the_release_in_a_fifth_of_a_second_to_on
     assert 0.2 < min(times_s) < max(times_s) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SILICONE)
 def test_a_single_mode_says_that_it_misses_a_part_of_the_record(name: str) -> None:
     # Residuals are 25 to 260 micrometres, the markers scatter by 2 to 4.

@@ -48,6 +48,7 @@ def memory(work, x, y) -> int:
     return peak
 
 
+@pytest.mark.slow
 def test_it_takes_at_most_a_quarter_of_the_memory_of_pyfrf() -> None:
     x, y = records(SAMPLES)
     assert memory(ours, x, y) < 0.25 * memory(theirs, x, y)

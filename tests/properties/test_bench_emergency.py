@@ -31,6 +31,7 @@ def test_these_moments_are_of_every_phase_and_both_states() -> None:
     assert {case.safe_state for case in CASES} == {"hold", "release"}
 
 
+@pytest.mark.slow
 def test_a_bench_that_takes_its_time_is_found_out(
     tension_n: Mapping[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:

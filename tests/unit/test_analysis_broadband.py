@@ -106,6 +106,7 @@ def test_single_precision_records_give_the_response_of_double_precision() -> Non
     assert np.abs(single.h1 / double.h1 - 1.0)[near_resonance(double)].max() < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("overlap", "window"), [(0.0, "hann"), (0.5, "hann"), (0.75, "hann"), (0.5, "boxcar")])
 def test_the_stated_errors_of_gain_and_phase_are_those_of_repeated_records(overlap: float, window: str) -> None:
     cut = {"segment_s": 4.0, "overlap": overlap, "window": window}

@@ -137,6 +137,7 @@ def test_the_peak_of_a_mildly_hardening_joint_is_found_within_half_a_percent() -
     assert peak_of(hardening(FREQUENCY_HZ)).frequency_hz[0] == pytest.approx(truth, rel=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.1, 0.2])
 @pytest.mark.parametrize("step_hz", [0.05, 0.1, 0.15])
 def test_the_peak_of_a_hardening_joint_lies_in_its_interval_on_every_grid(share: float, step_hz: float) -> None:

@@ -121,6 +121,7 @@ def test_results_without_sweep_have_no_map(results) -> None:
         gain_map(results[["pretension_mm"]])
 
 
+@pytest.mark.slow
 def test_analysis_imports_neither_jax_nor_the_twin() -> None:
     code = (
         "import sys, sinew.analysis.analysis; print({'jax', 'sinew.twin', 'matplotlib'} & set(sys.modules) or 'none')"

@@ -63,6 +63,7 @@ def test_the_window_of_the_ring_downs_own_numbers_is_one_of_the_table(results: x
     assert (results["window_lehr_damping"].values[:, :, own] == results["paper_lehr_damping"].values).all()
 
 
+@pytest.mark.slow
 def test_each_window_reads_the_d_of_the_true_motion(results: xr.Dataset) -> None:
     """The true torsion has no sensor, no bias and no integration; its peaks from a start on give D directly."""
     groups = [

@@ -160,6 +160,7 @@ def test_a_computer_that_pauses_again_and_again_ends_the_run(tmp_path: Path) -> 
     assert done.bench.emulated.in_safe_state()
 
 
+@pytest.mark.slow
 def test_a_rig_that_holds_is_left_holding_until_somebody_goes_on(tmp_path: Path) -> None:
     done = paused_run(tmp_path, [20], rig=rig_with(safe_state="hold"))
     assert (done.report.is_complete, done.sentences("hole")) == (False, [])

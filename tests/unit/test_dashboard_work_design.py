@@ -32,6 +32,7 @@ def test_a_sketch_is_what_the_refined_curve_is(seed: int) -> None:
     assert max(rough["gain"]) == pytest.approx(max(fine["gain"]), rel=rough["error_estimate"])
 
 
+@pytest.mark.slow
 def test_a_sketch_of_the_papers_rig_has_its_peak_where_the_refined_curve_has_it() -> None:
     rough, fine = (design_curves("paper", {}, 6.0, 20.0, BAND_HZ, fine=fine) for fine in (False, True))
     assert rough["peak"]["frequency_hz"] == pytest.approx(fine["peak"]["frequency_hz"], rel=3e-3)

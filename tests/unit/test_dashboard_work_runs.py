@@ -133,6 +133,7 @@ def test_a_downloaded_matlab_file_reads_back(whole: Path) -> None:
     assert io.loadmat(download(whole, "mat"))["time_s"].size == samples
 
 
+@pytest.mark.slow
 def test_a_downloaded_report_needs_nothing_beside_itself(whole: Path) -> None:
     page = download(whole, "report").read_text(encoding="utf-8")
     assert "data:image/png;base64" in page

@@ -80,6 +80,7 @@ def test_the_swing_of_a_hardening_spring_has_the_period_of_the_elliptic_integral
     np.testing.assert_allclose(found.frequency_hz, np.sqrt(omega**2 - d**2 / 4) / (2 * np.pi), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_swing_of_a_fit_agrees_with_the_decay_that_it_was_fitted_to() -> None:
     record, model = duffing().records[0], swing_of(duffing())
     itself = fit_backbone(record.time_s, record.output)
@@ -98,6 +99,7 @@ def test_the_swing_of_a_pendulum_has_the_period_of_the_elliptic_integral() -> No
     np.testing.assert_allclose(found.frequency_hz, expected, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_dry_friction_damps_a_swing_by_two_frictions_over_pi_times_the_restoring_force() -> None:
     found, numbers = swing_of(rough()), rough().parameters
     assert found is not None

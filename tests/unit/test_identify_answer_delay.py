@@ -57,6 +57,7 @@ def test_an_extra_delay_is_found_whatever_the_law_of_the_damping(
     assert found.value == pytest.approx(delay_s, abs=0.15e-3)
 
 
+@pytest.mark.slow
 def test_the_interval_of_the_delay_covers_it(resting: xr.Dataset) -> None:
     hits = 0
     for seed in range(20):

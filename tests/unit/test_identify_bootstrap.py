@@ -62,6 +62,7 @@ def test_a_draw_of_one_repeat_only_is_the_fit_to_that_repeat() -> None:
     assert np.abs(column - alone).min() < 1e-6
 
 
+@pytest.mark.slow
 def test_repeats_of_two_groups_are_drawn_among_themselves() -> None:
     groups = {"0 mm": 1.0, "8 mm": 1.3}
     records = [repeat(f * more, i, group) for group, more in groups.items() for i, f in enumerate(FREQUENCIES)]

@@ -53,6 +53,7 @@ def test_the_cubic_spring_of_the_sweep_is_found_among_the_stiffness_laws() -> No
     assert found.best.model.name == "cubic"
 
 
+@pytest.mark.slow
 def test_auto_chooses_stiffness_and_damping_of_a_decay() -> None:
     assert compare_laws(split_record(dry(3), None, None)).best.model.name == "coulomb"
 
@@ -79,6 +80,7 @@ def drag_decay(seed: int) -> Record:
     return make_record(DECAY, noisy(x, 0.001, seed), output_unit="rad")
 
 
+@pytest.mark.slow
 def test_a_model_that_needs_negative_friction_is_out_of_the_race() -> None:
     assert fit(drag_decay(1), "coulomb").parameters["coulomb_rad_per_s2"].high < 0
     found = laws(drag_decay(1))
@@ -86,6 +88,7 @@ def test_a_model_that_needs_negative_friction_is_out_of_the_race() -> None:
     assert "coulomb leaves less but is out of the race: its coulomb_rad_per_s2 = -" in found.verdict
 
 
+@pytest.mark.slow
 def test_a_negative_damping_number_is_impossible_only_beyond_its_interval() -> None:
     assert impossible_numbers(fit(drag_decay(1), "coulomb")) == ["coulomb_rad_per_s2"]
     assert impossible_numbers(fit(viscous_decay(0.17, 3), "coulomb")) == []
@@ -107,6 +110,7 @@ def test_a_larger_model_that_begins_at_a_smaller_one_leaves_no_more() -> None:
         assert fit(record, model, smaller=small).rmse <= small.rmse * (1 + 1e-9)
 
 
+@pytest.mark.slow
 def test_a_rest_position_that_creeps_is_found_and_costs_no_mechanics() -> None:
     x = motion(viscous(0.05), lambda t: 0.0, DECAY, (0.5, 0.0))[0] - 0.08 * (1 - np.exp(-DECAY / 0.7))
     found = compare_laws(split_record(make_record(DECAY, noisy(x, 0.003, 5), output_unit="rad"), None, None)).best

@@ -81,6 +81,7 @@ def test_the_stated_deviation_of_the_damping_is_the_cramer_rao_bound() -> None:
     assert np.mean(stated) == pytest.approx(bound(0.17), rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_creeping_rest_position_is_found_with_its_time_constant() -> None:
     found = [fit_free_decay(*record(0.1, seed, "creep"), free_from_s=0.0) for seed in range(20)]
     inside = [fit.creep_time_s is not None and fit.creep_time_s.low <= 0.8 <= fit.creep_time_s.high for fit in found]

@@ -73,6 +73,7 @@ def test_a_free_decay_is_not_said_to_begin_in_the_hand() -> None:
         assert suspicions(fit(record, "linear")) == ()
 
 
+@pytest.mark.slow
 def test_a_free_decay_that_a_model_does_not_describe_is_sent_to_the_comparison() -> None:
     stiffer = motion(viscous(0.02, cubic=6 * OMEGA**2), lambda t: 0.0, TIME, (0.8, 0.0))[0]
     found = fit(make_record(TIME, noisy(stiffer, 0.002, 1), output_unit="rad"), "linear")

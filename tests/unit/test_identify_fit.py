@@ -86,6 +86,7 @@ def test_a_lever_gives_the_share_of_its_inertia(seen: str) -> None:
     assert off(fit(record, "linear").parameters["lever_inertia_ratio"], 0.6) < 4
 
 
+@pytest.mark.slow
 def test_the_absolute_motion_over_a_moving_base_is_told_from_the_relative_one() -> None:
     r = motion(viscous(0.1), lambda t: -lever_acceleration(t), SWEEP)[0]
     given = {"excitation": "base", "output_unit": "rad", "input_unit": "rad"}
@@ -94,6 +95,7 @@ def test_the_absolute_motion_over_a_moving_base_is_told_from_the_relative_one() 
     assert (fit(relative, "linear").frame, fit(absolute, "linear").frame) == ("relative", "absolute")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("absolute", [False, True])
 def test_a_moving_base_gives_the_damping(absolute: bool) -> None:
     r = motion(viscous(0.1), lambda t: -lever_acceleration(t), SWEEP)[0]
@@ -125,6 +127,7 @@ def test_a_decay_that_friction_brings_to_rest_is_simulated_to_a_ten_thousandth()
     assert np.abs(found.predicted[0] - truth).max() < 5e-5
 
 
+@pytest.mark.slow
 def test_a_noisy_decay_with_dry_friction_has_no_smaller_sum_of_squares_at_the_truth() -> None:
     # The best minimum is at most what is reached from the truth; a search from one side stops at a step before it.
     time = np.arange(0, 2.5, 1 / 130)
@@ -179,6 +182,7 @@ def test_a_loss_factor_is_found_again_from_the_twins_own_series() -> None:
     assert fit(record, "loss-factor").parameters["loss_factor"].value == pytest.approx(0.2, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", ["viscous", "coulomb", "loss-factor"])
 def test_the_derivatives_of_a_track_are_its_differences(damping) -> None:
     from sinew.identify.oscillator.record import Scales, grid_of

@@ -79,6 +79,7 @@ def test_a_rig_whose_silicone_loses_nothing_leaves_a_residual() -> None:
     assert wrong.rmse["gyro_rad_s"] > 5 * quiet_fit().rmse["gyro_rad_s"]
 
 
+@pytest.mark.slow
 def test_frequency_and_damping_of_the_balance_are_those_of_a_free_decay_that_loses_little() -> None:
     # Known otherwise: the twin's own decay, the lever locked to the head, by its turning points. The balance is that of
     # a steady swing, whose friction loops are closed, so it is met where little is lost in a cycle.

@@ -79,6 +79,7 @@ def test_the_gradient_of_the_density_is_its_difference() -> None:
     assert np.asarray(jax.grad(log_density)(u, density, laws)) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_records_that_are_fitted_together_have_the_density_of_all_their_residuals() -> None:
     x = motion(viscous(0.1), lambda t: 0.0, TIME, (0.5, 0.0))[0]
     records = [make_record(TIME, noisy(x, 0.005, seed), output_unit="rad") for seed in (31, 32)]

@@ -146,6 +146,7 @@ def hardening_fit(seed: int = 0, noise: float = np.deg2rad(0.05)):
     return fit_response(response_points(hardening(seed, noise)), "cubic")
 
 
+@pytest.mark.slow
 def test_the_cubic_stiffness_comes_back_from_steady_states_that_scipy_integrated() -> None:
     assert hardening_fit().parameters["cubic_n_m_per_rad3"].value == pytest.approx(6.0, rel=5e-3)
 
@@ -174,6 +175,7 @@ def test_the_criterion_prefers_the_model_that_made_the_points() -> None:
     assert hardening_fit().bic() < fit_response(points, "linear").bic() - 10
 
 
+@pytest.mark.slow
 def test_of_two_steady_states_at_one_frequency_the_measured_one_is_meant() -> None:
     # Between its folds the joint has a large and a small motion: the drive comes to 3.7 Hz from below, or starts there.
     force, torque, f, values = viscous(0.05, cubic=6.0 / INERTIA), 0.45, 3.7, []

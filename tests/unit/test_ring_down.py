@@ -193,6 +193,7 @@ def test_the_rate_and_frequency_of_a_drifting_decay_are_means_weighted_by_amplit
     assert (result.decay_rate_per_s.value, 2 * np.pi * result.frequency_hz.value) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_the_intervals_of_a_drifting_decay_hold_its_means_about_nine_times_in_ten() -> None:
     t = times(duration_s=3.0)
     inside = []
@@ -291,6 +292,7 @@ def test_stamps_that_jitter_on_even_samples_add_no_noise() -> None:
     assert result.fit.residual.std() < 0.01
 
 
+@pytest.mark.slow
 def test_the_jitter_of_the_stamps_is_in_the_interval_of_the_frequency() -> None:
     t = times(sample_hz=200.0)
     truth = FREQUENCY_HZ * np.sqrt(1 - 0.08**2)

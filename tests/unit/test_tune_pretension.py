@@ -86,6 +86,7 @@ def test_the_range_ends_where_a_tendon_pulls_as_much_as_the_rig_allows() -> None
     assert "the rig allows 60 N" in reachable.why[1]
 
 
+@pytest.mark.slow
 def test_a_drive_that_may_not_swing_far_enough_leaves_no_pretension_at_all() -> None:
     reachable = find_reachable(limited(RIG, drive_amplitude_deg=1.0), SWING)
     assert reachable.pretension_mm is None

@@ -107,6 +107,7 @@ def _lehr_over_pretension(rig: RigSpec, effects: Effects) -> list[float]:
     return [_lehr(track, group) for track, group in zip(tracks, groups, strict=True)]
 
 
+@pytest.mark.slow
 def test_with_lossy_silicone_alone_damping_falls_with_pretension(rig: RigSpec) -> None:
     """The argument for guide friction: geometric stiffness is lossless, so it dilutes the silicone's loss."""
     damping = _lehr_over_pretension(rig, Effects().without("guide_friction", "drive_dynamics"))
