@@ -131,7 +131,7 @@ SPOILT: dict[str, tuple[Spoil, frozenset[str]]] = {
         _of_rig(tendons__first_contact_tension=0.05),
         frozenset({"resonance", "response"}),
     ),
-    "guides dry": (_of_rig(tendons__guide_friction=4.0), frozenset({"damping", "resonance", "response"})),
+    "guides dry": (_of_rig(tendons__guide_friction=4.0), frozenset({"damping"})),
 }
 
 

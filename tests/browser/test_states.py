@@ -359,7 +359,7 @@ def test_a_ticket_whose_answer_breaks_off_is_taken_again(opened: Open, stage: St
 def test_a_tab_keeps_control_while_the_page_before_lets_go_late(opened: Open, stage: Stage) -> None:
     page = in_control(opened, stage)
     beside = page.context.new_page()  # holds the tab's lock for a while, as a page that ends slowly does
-    beside.goto(stage.base + "/style.css")
+    beside.goto(stage.base + "/sinew/style.css")
     ticket = page.evaluate("JSON.parse(sessionStorage.getItem('sinew-ticket'))[0]")
     page.goto("about:blank")
     beside.evaluate(

@@ -18,6 +18,7 @@ from sinew.apps.predict_rig import (
     predict_rig,
     print_remarks,
     rig_asked,
+    write_comparison,
 )
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import number
@@ -49,8 +50,6 @@ def compare(
     }
     page = None
     if out is not None:
-        from sinew.apps.predict_rig import write_comparison
-
         page = write_comparison(found, document, out, _command(rigs, asked, out))
     if json:
         print_json(document)

@@ -23,9 +23,6 @@ from sinew.measure.errors import SpecError, TimeError
 if TYPE_CHECKING:
     import xarray as xr
 
-if TYPE_CHECKING:
-    import xarray as xr
-
 
 def read_csv(
     file: Path,

@@ -13,19 +13,12 @@ from sinew.measure.errors import FileError, SpecError
 from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
+    from sinew.figures.design_page import EndCurves
+    from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
     from sinew.predict.joints.validity import Torso
     from sinew.tune.candidate import DesignTarget
-
-if TYPE_CHECKING:
-    from sinew.tune.candidate import DesignTarget
     from sinew.tune.design import Confirmed, Designed, Effort
-    from sinew.tune.proposal import Proposal
-
-if TYPE_CHECKING:
-    from sinew.figures.design_page import EndCurves
-    from sinew.plan.plan import Plan
-    from sinew.tune.design import Designed
     from sinew.tune.proposal import Proposal
 
 

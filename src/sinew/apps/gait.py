@@ -18,10 +18,9 @@ from sinew.apps.console import (
     write_json,
 )
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import fixed, number, pair
+from sinew.measure.estimate import Estimate, fixed, number, pair
 
 if TYPE_CHECKING:
-    from sinew.measure.estimate import Estimate
     from sinew.tune.gait.bout import BoutGait
     from sinew.tune.gait.target import GaitTarget
 

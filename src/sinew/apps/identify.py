@@ -10,9 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from sinew.apps.console import ColumnTime, Json, print_json, print_table, progress_bar, require_folder
-from sinew.apps.identify_found import Found
+from sinew.apps.identify_found import (
+    Found,
+    add_bootstrap,
+    add_posterior,
+    add_profiles,
+    find_joint,
+    find_mechanics,
+    write_pages,
+)
 from sinew.apps.identify_input import (
     is_recording,
+    joint_rig,
     recording_records,
     refuse_columns,
     refuse_rig_options,
@@ -25,7 +34,6 @@ from sinew.measure.estimate import number, shown, span
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sinew.apps.identify_found import Found
     from sinew.identify.oscillator.record import Excitation
 
 
@@ -157,8 +165,6 @@ def identify(
     found = _find(asked)
     _add(found, asked.more)
     if out is not None:
-        from sinew.apps.identify_found import write_pages
-
         with progress_bar("draw"):
             page = write_pages(found, out, about=asked.about, rebuild=asked.command(out), origins=asked.origins)
     if json:
@@ -271,7 +277,6 @@ def _find(asked: _Asked) -> "Found":
             raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
         chosen = asked.excitation or "none"
         records = [table_record(asked.file, columns.time, columns.input, columns.output, chosen, columns.rate_hz)]
-    from sinew.apps.identify_found import find_mechanics
 
     with progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
         return find_mechanics(
@@ -285,8 +290,6 @@ def _find(asked: _Asked) -> "Found":
 
 
 def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Found":
-    from sinew.apps.identify_found import find_joint
-    from sinew.apps.identify_input import joint_rig
 
     given = {"--train": asked.train, "--test": asked.test, "--pretension": asked.pretension_mm}
     for name, value in given.items():
@@ -304,7 +307,6 @@ def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Found":
 
 
 def _add(found: "Found", more: _More) -> None:
-    from sinew.apps.identify_found import add_bootstrap, add_posterior, add_profiles
 
     if more.profile:
         with progress_bar("profiles") as progress:

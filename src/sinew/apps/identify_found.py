@@ -7,29 +7,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import write_json
-from sinew.measure.errors import SpecError
+from sinew.measure.errors import RecordingError, SpecError
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.figure import Figure
 
     from sinew.identify.choice.comparison import Comparison
     from sinew.identify.choice.held_out import HeldOut, Split
+    from sinew.identify.decay.backbone import Backbone
     from sinew.identify.joint.fit import JointFit
     from sinew.identify.oscillator.fitted import Fit
     from sinew.identify.oscillator.model import Model
     from sinew.identify.oscillator.posterior import Posterior
     from sinew.identify.oscillator.record import Record
     from sinew.plan.rig import RigSpec
-
-if TYPE_CHECKING:
-    from sinew.identify.oscillator.fitted import Fit
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from sinew.identify.decay.backbone import Backbone
-    from sinew.identify.joint.fit import JointFit
-    from sinew.identify.oscillator.fitted import Fit
 
 
 Range = tuple[int, int]
@@ -315,7 +307,6 @@ def _decay(fit: "Fit") -> "Backbone | None":
     """Return the backbone of the first free decay without a model, or None where the record is none."""
     from sinew.identify.decay.backbone import fit_backbone
     from sinew.identify.oscillator.record import derivative_order
-    from sinew.measure.errors import RecordingError
 
     record = fit.records[0]
     if record.input is not None or derivative_order(record.output_unit):

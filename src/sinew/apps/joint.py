@@ -15,10 +15,6 @@ from sinew.measure.estimate import number
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
     from sinew.predict.joints.design import Design
-
-if TYPE_CHECKING:
-    from sinew.plan.rig import RigSpec
-    from sinew.predict.joints.design import Design
     from sinew.predict.sections.section import Section
 
 

@@ -24,26 +24,26 @@ from sinew.apps.predict_rig import (
     Bands,
     BandSeed,
     Mode,
+    Predicted,
     Pretension,
     RigAsked,
     Without,
     bands_document,
+    oscillator_backbones,
     predict_rig,
     prediction_document,
     print_backbones,
     print_bands,
     print_prediction,
     rig_asked,
+    write_prediction,
 )
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
-    from sinew.predict.curves.branch import Prediction
-
-if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sinew.apps.predict_rig import Predicted, RigAsked
+    from sinew.predict.curves.branch import Prediction
 
 
 # `sinew predict` is asked for more than curves: bands, and a recording to be held against.
@@ -152,8 +152,6 @@ def predict_joint(
     if out is not None and alone:
         write_rig(rig, out)
     elif out is not None:
-        from sinew.apps.predict_rig import write_prediction
-
         words = ["sinew", "predict", *([base] if base else []), *joint.words()]
         words += [*further.words(asked), "--out", str(out)]
         write_prediction(found, document, out, shlex.join(words), figures)
@@ -265,7 +263,6 @@ def _oscillator(
     import math
     from functools import partial
 
-    from sinew.apps.predict_rig import oscillator_backbones
     from sinew.predict.curves.prediction import predict as run
     from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
     from sinew.twin.cache import configure

@@ -17,43 +17,24 @@ from sinew.apps.console import (
 )
 from sinew.apps.joint import BASE_RIG, write_rig
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import number, span
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sinew.plan.plan import TendonMode
-    from sinew.plan.rig import RigSpec
-    from sinew.predict.curves.branch import Prediction
-    from sinew.predict.curves.prediction import Problem
-    from sinew.predict.joints.validity import Check
-
-if TYPE_CHECKING:
-    from sinew.predict.curves.branch import Branch, Mark, Prediction
+from sinew.measure.estimate import Estimate, number, span
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
-
-    from sinew.plan.plan import TendonMode
-    from sinew.plan.rig import RigSpec
-    from sinew.predict.curves.backbone import Backbone
-    from sinew.predict.curves.branch import Branch
-    from sinew.predict.describing import Equivalent
-    from sinew.predict.oscillator import Oscillator
-    from sinew.twin.parameters import Effects
-
-if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from sinew.figures.predicted import Curves
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from sinew.measure.estimate import Estimate
     from sinew.plan.plan import TendonMode
+    from sinew.plan.rig import RigSpec
     from sinew.predict.band import Band, Marked, Tube
+    from sinew.predict.curves.backbone import Backbone
+    from sinew.predict.curves.branch import Branch, Mark, Prediction
+    from sinew.predict.curves.prediction import Problem
+    from sinew.predict.describing import Equivalent
+    from sinew.predict.joints.validity import Check
+    from sinew.predict.oscillator import Oscillator
+    from sinew.twin.parameters import Effects
 
 
 # A prediction becomes the JSON document of `sinew predict`, and the table that is printed of it.
@@ -487,15 +468,9 @@ def _swept(tubes: "tuple[Tube, Tube]") -> dict[str, Any]:
     import numpy as np
 
     def degrees(tube: "Tube") -> dict[str, Any]:
-        return {name: _bands_numbers(np.degrees(getattr(tube, name))) for name in ("low", "median", "high")}
+        return {name: _numbers(np.degrees(getattr(tube, name))) for name in ("low", "median", "high")}
 
     return {name: degrees(tube) for name, tube in zip(("amplitude_deg", "phase_deg"), tubes, strict=True)}
-
-
-def _bands_numbers(values: "NDArray[Any]") -> list[float | None]:
-    import numpy as np
-
-    return [float(one) if np.isfinite(one) else None for one in values]
 
 
 def _marked(one: "Marked | None") -> dict[str, Any] | None:
@@ -510,8 +485,6 @@ def _marked(one: "Marked | None") -> dict[str, Any] | None:
 
 def _in_degrees(one: "Estimate") -> "Estimate":
     from math import degrees
-
-    from sinew.measure.estimate import Estimate
 
     return Estimate(degrees(one.value), degrees(one.std), degrees(one.low), degrees(one.high))
 

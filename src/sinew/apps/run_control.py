@@ -27,11 +27,9 @@ from sinew.apps.console import progress_bar, remark
 from sinew.measure.errors import FileError, SinewError
 
 if TYPE_CHECKING:
+    from sinew.bench.listeners import Stream
     from sinew.bench.run import Runner
     from sinew.bench.steering import Steering
-
-if TYPE_CHECKING:
-    from sinew.bench.listeners import Stream
 
 
 COMMANDS = ("pause", "resume", "hold", "release", "stop", "emergency", "status")

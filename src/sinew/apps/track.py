@@ -25,27 +25,17 @@ from sinew.apps.bench_run import (
 )
 from sinew.apps.console import HIGHEST_HZ, LARGEST_DEG, Json, Seed, number_list, print_json, print_table, write_json
 from sinew.apps.run_control import keeping_time, listening, showing
-from sinew.measure.errors import SpecError
+from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import fixed, number, pair, shown
-
-if TYPE_CHECKING:
-    from sinew.hardware.rig import Rig as HardwareRig
-    from sinew.hardware.transport import Clock
-    from sinew.plan.plan import Plan
-    from sinew.plan.rig import RigSpec
-    from sinew.tune.track.expected import ExpectedBackbone
-
-if TYPE_CHECKING:
-    from sinew.plan.plan import Held, Plan, Track
-    from sinew.plan.rig import RigSpec
-    from sinew.tune.track.expected import ExpectedBackbone
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from sinew.analysis.tracked import TrackedPoint
-    from sinew.plan.plan import Plan
+    from sinew.hardware.rig import Rig as HardwareRig
+    from sinew.hardware.transport import Clock
+    from sinew.plan.plan import Held, Plan, Track
     from sinew.plan.rig import RigSpec
     from sinew.tune.track.expected import ExpectedBackbone
 
@@ -408,7 +398,6 @@ def _point(turns: Any, rig: "RigSpec", expected: "Sequence[ExpectedBackbone]") -
     import math
 
     from sinew.analysis.tracked import tracked_point
-    from sinew.measure.errors import RecordingError
 
     try:
         point = tracked_point(turns, rig)

@@ -15,7 +15,7 @@ from sinew.apps.console import (
     require_file,
     require_folder,
 )
-from sinew.apps.predict_rig import refuse_pretensions
+from sinew.apps.predict_rig import equivalent_document, refuse_pretensions
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import fixed, number
 
@@ -124,7 +124,6 @@ def _describing(
 ) -> list[dict[str, Any]]:
     import math
 
-    from sinew.apps.predict_rig import equivalent_document
     from sinew.predict.curves.prediction import predict
     from sinew.predict.describing import describing_function
     from sinew.predict.joint import RESOLUTION, joint_problem

@@ -351,6 +351,11 @@ class Runner:
         spread, end = math.inf, self._clock.now() + _RESTS_MOST_S
         while not spread < _RESTS_SPREAD:
             if self._clock.now() > end:
+                if math.isinf(spread):
+                    raise LostError(
+                        f"{len(seen)} readings of the IMU came within {_RESTS_MOST_S:.0f} s, expected "
+                        f"{seen.maxlen} that tell whether the head rests; check its cable, then `sinew doctor`"
+                    )
                 raise LostError(
                     f"the head still turns to and fro by {math.degrees(spread):.1f} °/s after {_RESTS_MOST_S:.0f} s, "
                     f"expected less than {math.degrees(_RESTS_SPREAD):g} °/s; let it come to rest, and start again"

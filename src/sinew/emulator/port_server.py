@@ -25,6 +25,88 @@ from sinew.hardware.shared_clock import ANSWER, ASK, HELLO, PATIENCE_S, READ, SU
 from sinew.hardware.transport import Clock
 from sinew.measure.errors import FileError
 
+
+class _Listener:
+    """A listening socket with a link to it, and one master at most.
+
+    Raises FileError where something stands there that is no stale link, or where the folder takes no link; PortError
+    where the system gives no socket.
+    """
+
+    def __init__(self, link: Path, name: str) -> None:
+        self.link = link
+        refuse_taken(link)
+        self._folder = Path(tempfile.mkdtemp(prefix="sinew-"))  # paths of sockets are short, and nobody else's
+        self.terminal = str(self._folder / name)
+        self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._master: socket.socket | None = None
+        self._ready = selectors.DefaultSelector()
+        try:
+            self._listening.bind(self.terminal)
+            self._listening.listen(4)
+        except OSError as trouble:
+            self._close_ends()
+            raise PortError(f"no socket to be had ({trouble}); expected a system with Unix sockets") from trouble
+        self._listening.setblocking(False)
+        self._ready.register(self._listening, selectors.EVENT_READ)
+        try:
+            make_link(link, self.terminal)
+        except OSError as trouble:
+            self._close_ends()
+            raise FileError(f"cannot link {link}: {trouble.strerror}; choose a folder that you may write") from trouble
+
+    def fileno(self) -> int:
+        """Return the descriptor that is readable when a master has come, said something or left."""
+        return self._ready.fileno()
+
+    def close(self) -> None:
+        """Hang up and remove the link; a master that is still there sees the end. May be called again."""
+        with contextlib.suppress(OSError):
+            if self.link.readlink() == Path(self.terminal):
+                self.link.unlink()
+        self._close_ends()
+
+    def _accept(self) -> bool:
+        """Return whether a master has come that is served now; turn it away while another is served."""
+        try:
+            newcomer, _ = self._listening.accept()
+        except OSError:
+            return False
+        if self._master is not None:
+            newcomer.close()
+            return False
+        newcomer.setblocking(False)
+        self._master = newcomer
+        self._ready.register(newcomer, selectors.EVENT_READ)
+        return True
+
+    def _receive(self, most: int) -> bytes:
+        """Return what the master has sent and nobody has read; b"" where there is nothing, or it has left."""
+        if self._master is None:
+            return b""
+        try:
+            data = self._master.recv(most)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            data = b""
+        if not data:
+            self._part()
+        return data
+
+    def _part(self) -> None:
+        if self._master is not None:
+            self._ready.unregister(self._master)
+            self._master.close()
+            self._master = None
+
+    def _close_ends(self) -> None:
+        self._part()
+        self._ready.close()
+        self._listening.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
 # The emulated bench's end of the clock that it shares with its master; see `sinew.hardware.shared_clock`.
 
 
@@ -37,45 +119,20 @@ class Ask(NamedTuple):
     written: int
 
 
-class ClockSocket:
+class ClockSocket(_Listener):
     """A listening socket beside the port, with a link to it. One master is served; another is turned away.
 
-    port: name of the port. Raises FileError, PortError like `sinew.emulator.port_server`.
+    port: name of the port.
     """
 
     def __init__(self, port: Path) -> None:
-        self.link = port.with_name(port.name + SUFFIX)
-        refuse_taken(self.link)
-        self._folder = Path(tempfile.mkdtemp(prefix="sinew-"))
-        self._path = str(self._folder / "clock")
-        self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._master: socket.socket | None = None
+        super().__init__(port.with_name(port.name + SUFFIX), "clock")
         self._heard = b""
-        self._ready = selectors.DefaultSelector()
-        try:
-            self._listening.bind(self._path)
-            self._listening.listen(4)
-        except OSError as trouble:
-            self._close_ends()
-            raise PortError(f"no socket to be had ({trouble}); expected a system with Unix sockets") from trouble
-        self._listening.setblocking(False)
-        self._ready.register(self._listening, selectors.EVENT_READ)
-        try:
-            make_link(self.link, self._path)
-        except OSError as trouble:
-            self._close_ends()
-            raise FileError(
-                f"cannot link {self.link}: {trouble.strerror}; choose a folder that you may write"
-            ) from trouble
 
     @property
     def is_taken(self) -> bool:
         """Whether a master shares the clock."""
         return self._master is not None
-
-    def fileno(self) -> int:
-        """Return the descriptor that is readable when a master has come, said something or left."""
-        return self._ready.fileno()
 
     def wait(self, seconds: float) -> bool:
         """Return whether there is something to look at; waits for it at most so long [s]."""
@@ -83,35 +140,17 @@ class ClockSocket:
 
     def greet(self, now: float, terminal: str) -> bool:
         """Take a master that has come and tell it the time [s] and the terminal; return whether there is a new one."""
-        try:
-            newcomer, _ = self._listening.accept()
-        except OSError:
+        if not self._accept():
             return False
-        if self._master is not None:
-            newcomer.close()
-            return False
-        newcomer.setblocking(False)
-        self._master, self._heard = newcomer, b""
-        self._ready.register(newcomer, selectors.EVENT_READ)
+        self._heard = b""
         name = terminal.encode()
         self._send(HELLO.pack(now, len(name)) + name)
         return True
 
     def ask(self) -> Ask | None:
         """Return what the master says next, None where it says nothing or has left."""
-        if self._master is None:
-            return None
-        try:
-            data = self._master.recv(ASK.size - len(self._heard))
-        except BlockingIOError:
-            return None
-        except OSError:
-            data = b""
-        if not data:
-            self._part()
-            return None
-        self._heard += data
-        if len(self._heard) < ASK.size:
+        self._heard += self._receive(ASK.size - len(self._heard))
+        if self._master is None or len(self._heard) < ASK.size:
             return None
         heard, self._heard = self._heard, b""
         return Ask(*ASK.unpack(heard))
@@ -131,31 +170,12 @@ class ClockSocket:
         """Tell the master the time [s] and how many bytes were sent so far."""
         self._send(ANSWER.pack(now, sent))
 
-    def close(self) -> None:
-        """Hang up and remove the link; may be called again."""
-        with contextlib.suppress(OSError):
-            if self.link.readlink() == Path(self._path):
-                self.link.unlink()
-        self._close_ends()
-
     def _send(self, data: bytes) -> None:
         try:
             if self._master is not None:
                 self._master.sendall(data)
         except OSError:
             self._part()
-
-    def _part(self) -> None:
-        if self._master is not None:
-            self._ready.unregister(self._master)
-            self._master.close()
-            self._master = None
-
-    def _close_ends(self) -> None:
-        self._part()
-        self._ready.close()
-        self._listening.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
 
 
 # A pseudo-terminal stands in for a serial port: a master opens its path like any other port.
@@ -638,43 +658,19 @@ class PtyServer:
 
 # A socket of this computer stands in for a serial port, for masters that keep time on a busy computer.
 #
-# Other programs than Sinew's cannot open it; for them there is `sinew.emulator.port_server`. One master is served at a
+# Other programs than Sinew's cannot open it; for them there is `PtyPort`. One master is served at a
 # time: it hears a plus sign first, the next one is turned away.
 
 
-class SocketPort:
+class SocketPort(_Listener):
     """A listening socket with a link to it.
 
     link: name of the port. host_baud: rate that a master's adapter is taken to have [1/s], for none is told.
-    Raises FileError where something stands there that is no stale link, or where the folder takes no link; PortError
-    where the system gives no socket.
     """
 
     def __init__(self, link: Path, host_baud: int) -> None:
-        self.link, self._baud = link, host_baud
-        refuse_taken(link)
-        self._folder = Path(tempfile.mkdtemp(prefix="sinew-"))  # paths of sockets are short, and nobody else's
-        self.terminal = str(self._folder / "port")
-        self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._master: socket.socket | None = None
-        self._ready = selectors.DefaultSelector()
-        try:
-            self._listening.bind(self.terminal)
-            self._listening.listen(4)
-        except OSError as trouble:
-            self._close_ends()
-            raise PortError(f"no socket to be had ({trouble}); expected a system with Unix sockets") from trouble
-        self._listening.setblocking(False)
-        self._ready.register(self._listening, selectors.EVENT_READ)
-        try:
-            make_link(link, self.terminal)
-        except OSError as trouble:
-            self._close_ends()
-            raise FileError(f"cannot link {link}: {trouble.strerror}; choose a folder that you may write") from trouble
-
-    def fileno(self) -> int:
-        """Return the descriptor that is readable when a master has come or sent something."""
-        return self._ready.fileno()
+        super().__init__(link, "port")
+        self._baud = host_baud
 
     def baud(self) -> int:
         """Return the rate that a master is taken to have set [1/s]; 0 where there is none."""
@@ -682,18 +678,9 @@ class SocketPort:
 
     def read(self) -> bytes:
         """Return what the master has sent and nobody has read; b"" where there is nothing."""
-        self._greet()
-        if self._master is None:
-            return b""
-        try:
-            data = self._master.recv(_AT_ONCE)
-        except BlockingIOError:
-            return b""
-        except OSError:
-            data = b""
-        if not data:
-            self._part()
-        return data
+        if self._accept():
+            self._greet()
+        return self._receive(_AT_ONCE)
 
     def write(self, data: bytes) -> int:
         """Send bytes to the master; return how many the system took, all of them where there is no master."""
@@ -713,36 +700,7 @@ class SocketPort:
     def forget(self) -> None:
         """Do nothing: every master has a connection of its own."""
 
-    def close(self) -> None:
-        """Hang up and remove the link; a master that is still there sees the end."""
-        with contextlib.suppress(OSError):
-            if self.link.readlink() == Path(self.terminal):
-                self.link.unlink()
-        self._close_ends()
-
     def _greet(self) -> None:
-        """Serve who has come, or turn it away while another is served."""
-        try:
-            newcomer, _ = self._listening.accept()
-        except OSError:
-            return
-        if self._master is not None:
-            newcomer.close()
-            return
-        newcomer.setblocking(False)
-        self._master = newcomer
-        self._ready.register(newcomer, selectors.EVENT_READ)
+        assert self._master is not None
         with contextlib.suppress(OSError):
-            newcomer.send(b"+")
-
-    def _part(self) -> None:
-        if self._master is not None:
-            self._ready.unregister(self._master)
-            self._master.close()
-            self._master = None
-
-    def _close_ends(self) -> None:
-        self._part()
-        self._ready.close()
-        self._listening.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+            self._master.send(b"+")

@@ -21,7 +21,7 @@ WATCHDOG_TRIPPED = -1
 
 _PULSE = math.tau / 4096  # rad
 _SPEED = 0.229 * math.tau / 60  # rad/s
-_ACCELERATION = 214.577 * math.tau / 60**2  # rad/s²
+_HORN_ACCELERATION = 214.577 * math.tau / 60**2  # rad/s²
 _CURRENT = 2.69e-3  # A
 _DUTY = 0.113e-2  # of the supply voltage
 
@@ -71,7 +71,7 @@ _CONTROL = (
     Register("goal_pwm", 100, 2, True, True, scale=_DUTY, low=-885, high=885),
     Register("goal_current", 102, 2, True, True, "A", _CURRENT, -648, 648),
     Register("goal_velocity", 104, 4, True, True, "rad/s", _SPEED, -1023, 1023),
-    _kept("profile_acceleration", 108, 4, 0, 32_767, 0, unit="rad/s^2", scale=_ACCELERATION),
+    _kept("profile_acceleration", 108, 4, 0, 32_767, 0, unit="rad/s^2", scale=_HORN_ACCELERATION),
     _kept("profile_velocity", 112, 4, 0, 32_767, 0, unit="rad/s", scale=_SPEED),
     # 256 turns either way in extended position mode; in position mode the motor refuses what is outside its limits.
     Register("goal_position", 116, 4, True, True, "rad", _PULSE, -1_048_575, 1_048_575),
@@ -133,7 +133,7 @@ EMULATED_FIRMWARE = 0xEE
 """Firmware version that an emulated node tells in its answer to a ping; those of real nodes count from 1."""
 
 _GYRO = math.radians(2000) / 32_768  # rad/s
-_REGISTERS_ACCELERATION = 2 * 9.80665 / 32_768  # m/s²
+_CHIP_FORCE = 2 * 9.80665 / 32_768  # m/s²
 _TENTH_DEGREE = math.radians(0.1)
 
 
@@ -151,7 +151,7 @@ OPENCR_NODE = RegisterTable(
     (
         Register("model_number", 0, 2, initial=0x7400),
         *_three(("gyro_x", "gyro_y", "gyro_z"), 32, "rad/s", _GYRO),
-        *_three(("acceleration_x", "acceleration_y", "acceleration_z"), 38, "m/s^2", _REGISTERS_ACCELERATION),
+        *_three(("acceleration_x", "acceleration_y", "acceleration_z"), 38, "m/s^2", _CHIP_FORCE),
         *_three(("roll", "pitch", "yaw"), 44, "rad", _TENTH_DEGREE),
         Register("imu_control", 50, 1, writable=True, initial=0),
         Register("sample_time", 52, 4, unit="s", scale=1e-6),

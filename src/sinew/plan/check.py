@@ -152,7 +152,7 @@ class Preview:
     pretension and their levelling, the rests before ring-downs, and the stop.
     groups, samples: numbers of motions (idle records included) and of recorded samples.
     frequency_hz: of the sweep. drive_amplitude_deg, drive_current_a: what the drive reaches there against a held
-    head, and the amplitude of its current's fundamental; see `sinew.plan.check`.
+    head, and the amplitude of its current's fundamental; see `drive_reach`.
     full_amplitude_hz: up to where the nominal amplitude is reached (from the lowest frequency on); None if nowhere.
     tension_n, torsion_deg: of one tendon at rest, and the largest torsion, at each pretension, as the caller gave them;
     empty if it did not.

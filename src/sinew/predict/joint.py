@@ -9,7 +9,7 @@ Torsion, lever and bristle change sign together where the guides stand evenly on
 not: half a period is enough.
 """
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -73,7 +73,10 @@ PRESCRIBED_LEVER = Equations((_TORSION, _SHORTENING, _BRISTLE), _prescribed)
 """The lever follows its command exactly."""
 
 
-def _weakened(p: Parameters, share: float) -> Parameters:
+_Driven = TypeVar("_Driven", Parameters, "_Measured")
+
+
+def _weakened(p: _Driven, share: float) -> _Driven:
     return p._replace(amplitude=p.amplitude * share)
 
 
@@ -149,10 +152,6 @@ MEASURED_LEVER = Equations(PRESCRIBED_LEVER.coordinates, _rates)
 """The lever moves as it was measured."""
 
 
-def _lever_weakened(p: _Measured, share: float) -> _Measured:
-    return p._replace(amplitude=p.amplitude * share)
-
-
 def lever_problem(
     rig: RigSpec,
     lever: LeverMotion,
@@ -181,4 +180,4 @@ def lever_problem(
     omega = np.broadcast_to(2 * np.pi * lever.frequency_hz, amplitude.shape).copy()
     orders = np.broadcast_to(lever.orders.astype(float), (lanes, lever.orders.size)).copy()
     measured = _Measured(problem.lane.p, omega, amplitude, shares.real.copy(), shares.imag.copy(), orders)  # type: ignore[arg-type]
-    return Problem(MEASURED_LEVER, problem.lane._replace(p=measured), problem.rest, _lever_weakened)
+    return Problem(MEASURED_LEVER, problem.lane._replace(p=measured), problem.rest, _weakened)

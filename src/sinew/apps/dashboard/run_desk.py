@@ -34,7 +34,7 @@ from sinew.plan.toml import parse_plan, parse_rig
 UNKNOWN = 1 << 16
 """Stands for an exit status that nobody can tell."""
 
-_PROCESSES_LOOK_S = 0.005
+_END_LOOK_S = 0.005
 _READ_S, _READ_CPU_S = 120.0, 20
 _READ_BYTES = 1 << 30
 _READ_HERE = 48 * 1024  # characters; a rig with a calibration has some twelve thousand
@@ -206,7 +206,7 @@ def await_end(process: Process, seconds: float) -> bool:
     while process.poll() is None:
         if time.monotonic() >= end:
             return False
-        time.sleep(_PROCESSES_LOOK_S)
+        time.sleep(_END_LOOK_S)
     return True
 
 

@@ -164,7 +164,7 @@ MOST_RESTARTS = 5
 WITHIN_S = 60.0
 """See `MOST_RESTARTS` [s]."""
 
-_PROCESS_LOOK_S = 0.1
+_PAGE_LOOK_S = 0.1
 _PATIENCE_S = 3.0
 _REST_S = 0.3  # before it is begun anew
 
@@ -220,7 +220,7 @@ class PageProcess:
                 self._begin_again()
             elif self.state == "starting" and self._answers():
                 self.state = "up"
-            self._over.wait(_PROCESS_LOOK_S)
+            self._over.wait(_PAGE_LOOK_S)
 
     def _begin_again(self) -> None:
         now = self._clock()
@@ -258,7 +258,7 @@ class PageProcess:
 
     def _answers(self) -> bool:
         try:
-            with socket.create_connection(self._address, timeout=_PROCESS_LOOK_S):
+            with socket.create_connection(self._address, timeout=_PAGE_LOOK_S):
                 return True
         except OSError:
             return False

@@ -1,6 +1,6 @@
 """This is where the posterior distribution of a fit's numbers is sampled, by NUTS (NumPyro, extra `posterior`).
 
-The likelihood is that of `sinew.identify.oscillator.posterior`: output error, stretched to the fit's robust covariance.
+The likelihood is output error, stretched to the fit's robust covariance.
 
 The priors are weak, and normal about zero in the normal form of `sinew.identify.oscillator.track`, in which numbers are
 near one: 20 natural scales wide (`sinew.identify.oscillator.model.NATURAL`), so a stiffness, damping, friction or

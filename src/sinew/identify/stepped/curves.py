@@ -263,7 +263,7 @@ def resonance_by_level(
     """Return how the resonance of one joint moves with amplitude, from its response at two or more drive levels.
 
     points: one group for each level, its input amplitude the same at all frequencies. terms, turned: as in
-    `sinew.identify.stepped.curves.fit_response_curves`.
+    `fit_response_curves`.
     Raises SpecError for fewer than two levels, RecordingError as that does.
     """
     if len(points) < 2:

@@ -67,8 +67,8 @@ def loads_of(problem: Problem, torsion: Array) -> Loads:
     sunk = _sunk(torsion, rest, p)
     length = np.asarray(p.length)
     return Loads(
-        _loads_tension(np.zeros_like(rest), rest, p),
-        _loads_tension(torsion, sunk, p),
+        _tendon_tensions(np.zeros_like(rest), rest, p),
+        _tendon_tensions(torsion, sunk, p),
         1 - rest / length,
         1 - sunk / length,
         torsion,
@@ -103,7 +103,7 @@ def _stretch_under(stretch: float, more: float) -> float:
     return float(optimize.brentq(lambda x: x**-2 - x - load, 1e-3, 2.0))
 
 
-def _loads_tension(torsion: Array, shortening: Array, p: Parameters) -> Array:
+def _tendon_tensions(torsion: Array, shortening: Array, p: Parameters) -> Array:
     each = [tendon_tension(s, p) for s in tendon_stretch(jnp.asarray(torsion), jnp.asarray(shortening), p)]
     return np.asarray(jnp.max(jnp.stack(each), axis=0))
 

@@ -235,7 +235,7 @@ def lag_error(lever: complex, torsion: complex) -> float:
 class PhaseLoop:
     """The PI controller of the angular frequency, within bounds.
 
-    gains: of `sinew.tune.track.tracker.design_loop`. start, low, high: angular frequencies [rad/s].
+    gains: of `design_loop`. start, low, high: angular frequencies [rad/s].
     fastest: how fast the frequency may change [rad/s²]: the mode must have time to answer.
     Anti-windup: while the frequency is at a bound, or changes as fast as it may, the integral does not move further
     that way.

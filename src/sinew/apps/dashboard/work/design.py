@@ -8,14 +8,11 @@ from typing import TYPE_CHECKING, Any
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
+    from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
+    from sinew.predict.band import Band
     from sinew.predict.curves.branch import Branch, Mark, Prediction
     from sinew.predict.joints.validity import Check
-
-if TYPE_CHECKING:
-    from sinew.plan.plan import Plan
-    from sinew.predict.band import Band
-    from sinew.predict.curves.branch import Branch
 
 
 _ROUND, _FLAT = {"outer_mm", "inner_mm"}, {"width_mm", "height_mm"}

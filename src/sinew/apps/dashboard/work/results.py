@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sinew.apps.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
-from sinew.apps.dashboard.work.live import LiveResults
+from sinew.apps.dashboard.work.live import LiveResults, mean_of, shared_delay
 from sinew.apps.dashboard.work.runs import RECORDING
 from sinew.bench.journal_reader import is_being_written
 from sinew.measure.errors import FileError, SinewError, SpecError
@@ -133,8 +133,6 @@ def _curves(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
     """Yield the response at each pretension, as a run under way has it."""
     import numpy as np
 
-    from sinew.apps.dashboard.work.live import mean_of, shared_delay
-
     columns = {str(name): row.values for name, row in results.data_vars.items() if row.dims == results["gain"].dims}
     relative = columns["amplitude_std_rad"] / np.where(columns["amplitude_rad"] > 0, columns["amplitude_rad"], np.nan)
     columns["gain_std"] = columns["gain"] * relative
@@ -187,8 +185,6 @@ def _of_decays(decays: list[dict[str, Any]]) -> Iterator[dict[str, Any]]:
 def _of_constants(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
     """Yield the paper's stiffness and damping constant, whose repeats alone tell how certain they are."""
     import numpy as np
-
-    from sinew.apps.dashboard.work.live import mean_of
 
     for quantity in ("paper_stiffness_n_m_rad", "paper_damping_n_m_s_rad"):
         if quantity not in results:
