@@ -20,7 +20,7 @@ SIGNALS = {
 }
 
 
-@pytest.mark.parametrize(("number", "state"), [*((number, "release") for number in SIGNALS), (SIGNALS[0], "hold")])
+@pytest.mark.parametrize(("number", "state"), [*((number, "release") for number in SIGNALS), (signal.SIGINT, "hold")])
 def test_a_signal_ends_a_run_in_the_declared_safe_state(
     number: signal.Signals,
     state: str,
