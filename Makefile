@@ -29,6 +29,11 @@ answers: reproduce ## the paper's open questions asked of that campaign: out/rep
 screenshots: $(VENV)/.dev ## the pictures of the dashboard in README and docs, from Chromium (a minute or two)
 	$(BIN)/python tools/take_screenshots.py docs/pictures
 
+# Two workers on two cores: a second thread of BLAS only waits for its first. XLA compiles a third faster without its
+# fusion emitters, to the same numbers.
+test test-slow: export OPENBLAS_NUM_THREADS := 1
+test test-slow: export XLA_FLAGS := --xla_cpu_use_fusion_emitters=false
+
 test: $(VENV)/.dev ## the fast tests
 	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile -m "not slow and not hardware"
 

@@ -67,6 +67,7 @@ def test_a_refused_resume_leaves_the_journal_as_it_was(
     assert (told.status, (out / "journal.sqlite").read_bytes() == before) == (2, True)
 
 
+@pytest.mark.slow
 def test_a_run_that_was_interrupted_is_completed_by_resuming(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     spec, plan, out = load_rig("paper"), tmp_path / "tiny.toml", tmp_path / "out"
     plan.write_text(TINY)

@@ -100,6 +100,7 @@ def test_a_wrong_command_line_leaves_the_process_with_status_2_and_one_line() ->
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
 
 
+@pytest.mark.slow
 def test_json_is_the_only_thing_on_stdout() -> None:
     done = run("check", "short", "--json")
     assert (done.returncode, done.stderr) == (0, "")

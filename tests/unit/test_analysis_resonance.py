@@ -51,10 +51,12 @@ def test_the_90_degree_crossing_of_three_repeats_lies_in_its_interval_85_to_95_t
     assert 0.85 <= covered(three_repeats, "phase_90", "_hz", 3.2) <= 0.95
 
 
+@pytest.mark.slow
 def test_the_resonance_by_measured_drive_lies_in_its_interval_85_to_95_times_in_100(three_repeats) -> None:
     assert 0.85 <= covered(three_repeats, "resonance_measured_drive", "_hz", Joint(damping=0.08).resonance_hz) <= 0.95
 
 
+@pytest.mark.slow
 def test_the_largest_gain_lies_in_its_interval_85_to_95_times_in_100(three_repeats) -> None:
     largest = abs(Joint(damping=0.08).transfer(Joint(damping=0.08).resonance_hz))
     assert 0.85 <= covered(three_repeats, "gain_peak", "", largest) <= 0.95
@@ -65,6 +67,7 @@ def test_the_resonance_of_a_single_repeat_lies_in_its_interval_85_to_95_times_in
     assert 0.85 <= covered(one_repeat, "resonance", "_hz", Joint(damping=0.12).resonance_hz) <= 0.96
 
 
+@pytest.mark.slow
 def test_the_crossing_of_a_single_repeat_lies_in_its_interval_85_to_95_times_in_100(one_repeat) -> None:
     assert 0.85 <= covered(one_repeat, "phase_90", "_hz", 3.2) <= 0.95
 

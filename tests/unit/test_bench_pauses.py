@@ -24,6 +24,8 @@ from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import rest_tension, simulate
 
+pytestmark = pytest.mark.slow
+
 RIG = load_rig("paper")
 PLAN = parse_plan("""
 name = "paused"
@@ -111,7 +113,6 @@ def recording(once: Paused) -> xr.Dataset:
     return recording_from_journal(once.folder / "journal.sqlite")
 
 
-@pytest.mark.slow
 def test_a_run_goes_on_by_itself_and_records_every_group(once: Paused) -> None:
     assert (once.report.is_complete, len(once.report.pauses)) == (True, 1)
 
@@ -151,7 +152,6 @@ def test_gain_and_phase_are_the_twins(recording: xr.Dataset) -> None:
     assert np.degrees(np.abs(bench["phase_lag_rad"].values - twin["phase_lag_rad"].values)).max() < 2.0
 
 
-@pytest.mark.slow
 def test_a_computer_that_pauses_again_and_again_ends_the_run(tmp_path: Path) -> None:
     rig = rig_with(resumes_after_pause=1)
     done = paused_run(tmp_path, [20, 20, 20], rig=rig)
@@ -160,7 +160,6 @@ def test_a_computer_that_pauses_again_and_again_ends_the_run(tmp_path: Path) -> 
     assert done.bench.emulated.in_safe_state()
 
 
-@pytest.mark.slow
 def test_a_rig_that_holds_is_left_holding_until_somebody_goes_on(tmp_path: Path) -> None:
     done = paused_run(tmp_path, [20], rig=rig_with(safe_state="hold"))
     assert (done.report.is_complete, done.sentences("hole")) == (False, [])
@@ -168,13 +167,11 @@ def test_a_rig_that_holds_is_left_holding_until_somebody_goes_on(tmp_path: Path)
     assert (done.report.stop.declared, done.report.stop.is_safe) == ("hold", True)
 
 
-@pytest.mark.slow
 def test_a_rig_that_holds_and_may_go_on_does(tmp_path: Path) -> None:
     done = paused_run(tmp_path, [20], rig=rig_with(safe_state="hold", resumes_after_pause=1))
     assert (done.report.is_complete, len(done.report.pauses)) == (True, 1)
 
 
-@pytest.mark.slow
 def test_a_short_pause_ends_nothing(tmp_path: Path) -> None:
     done = paused_run(tmp_path, [20], seconds=0.03)
     assert (done.report.is_complete, done.report.pauses) == (True, [])

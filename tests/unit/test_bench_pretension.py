@@ -29,7 +29,8 @@ def test_by_current_the_true_mean_current_is_within_five_percent() -> None:
     assert max(abs(row.current_a / row.asked_current_a - 1) for row in trial("current")) < 0.05
 
 
-@pytest.mark.parametrize("mode", [MODES[0], *(pytest.param(mode, marks=pytest.mark.slow) for mode in MODES[1:])])
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", MODES)
 def test_a_plate_that_leaned_three_degrees_ends_within_a_fifth_of_a_degree(mode: TendonMode) -> None:
     assert max(row.tilt_deg for row in trial(mode)) < 0.2
 

@@ -39,6 +39,7 @@ def test_a_sketch_of_the_papers_rig_has_its_peak_where_the_refined_curve_has_it(
     assert rough["phase_90"]["frequency_hz"] == pytest.approx(fine["phase_90"]["frequency_hz"], rel=5e-4)
 
 
+@pytest.mark.slow
 def test_a_folded_curve_is_unstable_between_its_folds() -> None:
     slender = {"outer_mm": 40.2, "length_mm": 127.8, "tendon_circle_mm": 51.5, "lever_inertia_kg_m2": 0.0062}
     found = design_curves("paper", slender, 5.0, 24.8, BAND_HZ)

@@ -47,6 +47,7 @@ def _run(plant: JointPlant, seconds: float, laws: list[Law] | Law | None = None)
     return plant
 
 
+@pytest.mark.slow
 def test_a_far_goal_is_approached_at_the_no_load_speed_while_slack() -> None:
     plant = _run(_plant(0.05), 0.2, _by_position(0.04))
     assert plant.motion().tendons[0].angle == pytest.approx(0.2 * NO_LOAD, rel=1e-6)
@@ -217,6 +218,7 @@ def test_a_joint_of_stiff_cables_and_light_head_needs_no_smaller_tick() -> None:
     assert _run(plant, 0.5).tension == pytest.approx(before, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_joint_may_have_three_tendons() -> None:
     data = RIG.model_dump(exclude={"wiring"})
     data["tendons"]["count"] = 3

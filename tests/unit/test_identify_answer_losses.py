@@ -17,6 +17,8 @@ from sinew.plan.rig import RigSpec
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate
 
+pytestmark = pytest.mark.slow
+
 
 def known_joint(rig: RigSpec) -> JointFit:
     """Return a fit that knows a rig's loss factor and friction to a hundredth."""
@@ -35,13 +37,11 @@ def losses() -> Answer:
     return answer_losses(analyse_recording(recording, RIG), recording, known_joint(RIG))
 
 
-@pytest.mark.slow
 def test_the_fitted_joints_damping_is_the_measured_one(losses: Answer) -> None:
     measured, model = (losses.column(name)[0] for name in ("lehr_damping", "lehr_damping_model"))
     assert model == pytest.approx(measured, rel=0.05)
 
 
-@pytest.mark.slow
 def test_the_sensors_delay_has_hardly_a_share_in_the_damping(losses: Answer) -> None:
     """A filter shifts a decaying exponential and scales it; only what is not exponential in the decay is read later."""
     assert abs(losses.numbers["sensor_share"].value) < 0.03

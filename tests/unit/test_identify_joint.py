@@ -64,6 +64,7 @@ def test_a_recording_without_noise_gives_the_hidden_rig_back_from_a_wrong_start(
     assert max(map(abs, off.values())) < 0.01, off
 
 
+@pytest.mark.slow
 def test_the_fitted_rig_moves_what_is_tied_along() -> None:
     rig = quiet_fit().fitted_rig
     assert rig.tendons.base_radius.value == rig.tendons.head_radius.value

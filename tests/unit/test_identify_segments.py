@@ -55,6 +55,7 @@ def test_every_segment_is_held_out_once() -> None:
     assert compared().rows[0].held_out.residual.size == sum(record.size for record in segments()[:4])
 
 
+@pytest.mark.slow
 def test_the_held_out_error_of_the_right_model_is_the_noise() -> None:
     assert compared().rows[0].rmse_test == pytest.approx(0.002, rel=0.15)
 

@@ -91,6 +91,7 @@ def test_a_lever_that_is_a_sine_of_constant_amplitude_is_the_prescribed_lever() 
     )
 
 
+@pytest.mark.slow
 def test_a_third_harmonic_of_the_lever_moves_a_linear_joint_as_its_transfer_function_says() -> None:
     share, amplitude = 0.1j, math.radians(0.05)
     problem = lever_problem(rig(), lever_of(amplitude, share), BAND_HZ, effects=LINEAR)

@@ -13,6 +13,8 @@ from sinew.tune.candidate import drive_load
 from sinew.tune.pretension import Tuning, find_reachable, tune_pretension
 from sinew.tune.resonance import Swing, find_resonances
 
+pytestmark = pytest.mark.slow
+
 RIG = load_rig("paper")
 SWING, PLAIN = Swing(yaw_deg=7.0), Swing(command_deg=20.0)
 RADIUS = "tendons.head_radius"
@@ -33,7 +35,6 @@ def nearly_linear() -> RigSpec:
     return RIG.with_values({"silicone.loss_factor": 0.02, "tendons.guide_friction": 0.0})
 
 
-@pytest.mark.slow
 def test_the_pretension_of_a_nearly_linear_joint_brings_the_stiffness_that_inertia_and_frequency_ask_for() -> None:
     rig = nearly_linear()
     (found,) = tune_pretension(rig, [3.4], Swing(command_deg=2.0)).settings
@@ -52,7 +53,6 @@ def test_the_pretension_of_a_nearly_linear_joint_brings_the_stiffness_that_inert
     assert math.sqrt((own + pull) / inertia) / (2 * math.pi) == pytest.approx(3.4, rel=0.01)
 
 
-@pytest.mark.slow
 def test_the_joint_resonates_where_it_was_asked_to_and_as_far_as_it_was_asked_to(tuned: Tuning) -> None:
     found = tuned.settings[1]
     assert found.feasible
@@ -75,7 +75,6 @@ def test_a_frequency_out_of_reach_is_told_with_what_ends_the_range(tuned: Tuning
     assert "16 mm is the rig's highest pretension" in fast.sentence
 
 
-@pytest.mark.slow
 def test_the_range_ends_where_a_tendon_pulls_as_much_as_the_rig_allows() -> None:
     rig = limited(RIG, tension_n=60.0)
     reachable = find_reachable(rig, SWING)
@@ -86,14 +85,12 @@ def test_the_range_ends_where_a_tendon_pulls_as_much_as_the_rig_allows() -> None
     assert "the rig allows 60 N" in reachable.why[1]
 
 
-@pytest.mark.slow
 def test_a_drive_that_may_not_swing_far_enough_leaves_no_pretension_at_all() -> None:
     reachable = find_reachable(limited(RIG, drive_amplitude_deg=1.0), SWING)
     assert reachable.pretension_mm is None
     assert "the rig allows 1°" in reachable.why[0]
 
 
-@pytest.mark.slow
 def test_the_interval_is_what_the_uncertain_radius_moves_the_pretension_by() -> None:
     std = 1e-4
     base = RIG.with_values({RADIUS: RIG.tendons.head_radius.value}, origin="calibrated")

@@ -10,6 +10,8 @@ from sinew.twin.balance import Balance, balance_groups, balance_lanes
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters
 
+pytestmark = pytest.mark.slow
+
 RIG = load_rig("paper")
 FREQUENCIES = (2.1, 3.0, 3.6, 4.5)
 
@@ -23,7 +25,6 @@ def balance() -> Balance:
     return balance_groups([group(p, f) for p in (0, 12) for f in FREQUENCIES], RIG)
 
 
-@pytest.mark.slow
 def test_what_the_drive_takes_up_is_copper_gear_friction_and_work(balance: Balance) -> None:
     assert np.abs(balance.drive_residual).max() < 1e-12
 
