@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from benchmarks.mujoco_joint import joint_xml
+from sinew.mechanics.joint import rate, state_at_rest
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
+from sinew.solve.march import STEPS_PER_SAMPLE
 from sinew.twin.cache import configure
-from sinew.twin.integrate import STEPS_PER_SAMPLE
-from sinew.twin.motion import rate, state_at_rest
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 __all__ = ["main"]

@@ -22,7 +22,7 @@ from sinew.plan.toml import load_rig
 from sinew.predict.curves.branch import Branch, Prediction
 from sinew.predict.curves.prediction import predict
 from sinew.predict.joint import RESOLUTION, joint_problem
-from sinew.twin.integrate import Track
+from sinew.solve.march import Track
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 

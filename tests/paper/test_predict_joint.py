@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from sinew.mechanics.joint import State, rate, state_at_rest
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 from sinew.predict.curves.branch import Prediction
 from sinew.predict.curves.prediction import predict
 from sinew.predict.joint import RESOLUTION, joint_problem
-from sinew.twin.integrate import Track, runge_kutta
-from sinew.twin.motion import State, rate, state_at_rest
+from sinew.solve.march import Track, runge_kutta
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 pytestmark = pytest.mark.slow

@@ -14,6 +14,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from sinew.mechanics.joint import State, rate
+from sinew.mechanics.silicone import BRANCHES
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.curves.backbone import follow_backbones
@@ -24,12 +26,10 @@ from sinew.predict.curves.examination import evaluate, maps_of, rows_of
 from sinew.predict.curves.prediction import predict
 from sinew.predict.curves.waves import channels, embedded, grid, slices, unknowns
 from sinew.predict.describing import describing_function, equivalent_of_rig
-from sinew.predict.joint import FREE_LEVER, RESOLUTION, joint_problem
+from sinew.predict.joint import RESOLUTION, free_lever, joint_problem
 from sinew.predict.linear import linear_joints
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
-from sinew.twin.integrate import integrate, runge_kutta
-from sinew.twin.motion import State, rate
-from sinew.twin.prony import BRANCHES
+from sinew.solve.march import integrate, runge_kutta
 
 pytestmark = pytest.mark.slow
 Array = NDArray[np.float64]
@@ -99,12 +99,12 @@ class Motion(NamedTuple):
 
 def state_of(x: Array, lane: object, harmonics: int) -> State:
     """Return the twin's state at τ = 0 from the channels of a motion; the gyroscope is at rest."""
-    q, omega = motion(jnp.asarray(x), lane, FREE_LEVER, harmonics)  # type: ignore[arg-type]
-    u = channels(q, omega, FREE_LEVER, grid(FREE_LEVER, RESOLUTION.sizes[0][1]), harmonics).values[:, 0]
+    q, omega = motion(jnp.asarray(x), lane, free_lever(1), harmonics)  # type: ignore[arg-type]
+    u = channels(q, omega, free_lever(1), grid(RESOLUTION, free_lever.sizes[0][1]), harmonics).values[:, 0]
     n, zero = BRANCHES, jnp.zeros(())
     lever = 2 * (2 + n)
     memory, axial = tuple(u[2 : 2 + n]), tuple(u[4 + n : lever])
-    return State(u[0], u[1], u[2 + n], u[3 + n], u[lever], u[lever + 1], u[lever + 2], memory, axial, zero, zero)
+    return State(u[0], u[1], u[2 + n], u[3 + n], u[lever], u[lever + 1], memory, axial, zero, zero, (u[lever + 2],))
 
 
 def motions(rig: RigSpec, command_deg: float, pick: str) -> tuple[Motion, object]:
@@ -112,19 +112,19 @@ def motions(rig: RigSpec, command_deg: float, pick: str) -> tuple[Motion, object
     problem = joint_problem(rig, [0.0], command_deg, BAND_HZ)
     size, fine = RESOLUTION.sizes[0]
     scale = np.asarray(problem.lane.scale)[0]
-    start = np.zeros((1, unknowns(FREE_LEVER, size.harmonics) + 1))
-    start[0, slices(FREE_LEVER, size.harmonics)[1].start] = problem.rest[0, 1] / scale[1]
+    start = np.zeros((1, unknowns(free_lever(1), size.harmonics) + 1))
+    start[0, slices(free_lever(1), size.harmonics)[1].start] = problem.rest[0, 1] / scale[1]
     window = 2 * np.pi * np.array(BAND_HZ) / np.asarray(problem.lane.omega)[0]
     start[0, -1] = window[0]
-    curve = follow(start, problem.lane, window, np.int64(512), RESOLUTION.stride, equations=FREE_LEVER, size=size)
+    curve = follow(start, problem.lane, window, np.int64(512), RESOLUTION.stride, equations=free_lever(1), size=size)
     points = np.asarray(curve.points)[0, : int(curve.number[0])]
-    x = np.zeros((len(points), unknowns(FREE_LEVER, fine.harmonics) + 1))
-    x[:, embedded(FREE_LEVER, size.harmonics, fine.harmonics)] = points
+    x = np.zeros((len(points), unknowns(free_lever(1), fine.harmonics) + 1))
+    x[:, embedded(free_lever(1), size.harmonics, fine.harmonics)] = points
     lanes = rows_of(problem.lane, np.zeros(len(points), dtype=int))
     for _ in range(3):  # at their frequency
-        seen = evaluate(x, lanes, FREE_LEVER, fine)
+        seen = evaluate(x, lanes, free_lever(1), fine)
         x[:, :-1] -= np.linalg.solve(seen.slope[:, :, :-1], seen.left[:, :, None])[:, :, 0]
-    roots = np.linalg.eigvals(maps_of(x, lanes, FREE_LEVER, fine)) ** 2
+    roots = np.linalg.eigvals(maps_of(x, lanes, free_lever(1), fine)) ** 2
     if pick == "largest":
         index = int(np.argmax(np.abs(x[:, 0]) + np.abs(x[:, 1])))
     else:

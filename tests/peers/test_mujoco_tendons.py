@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from benchmarks.mujoco_joint import joint_xml
 
+from sinew.mechanics.joint import potential
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 from sinew.twin.cache import configure
-from sinew.twin.energy import potential
 from sinew.twin.simulate import lane_parameters
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")

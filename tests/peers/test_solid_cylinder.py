@@ -14,11 +14,11 @@ from benchmarks.cylinder_mesh import ANGLE, Cylinder, axisymmetric_cylinder, eig
 from benchmarks.solid import balance, settled
 from benchmarks.solid_cylinder import beam, deviation, lost_length, stiffness
 
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import silicone_energy
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.validity import bonded_axial_factor
-from sinew.twin.energy import silicone_energy
-from sinew.twin.parameters import Parameters
 from sinew.twin.simulate import lane_parameters
 
 LENGTH = 3.4

@@ -6,11 +6,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sinew.mechanics.joint import State, dissipation, mechanical_energy, rate, state_at_rest
+from sinew.mechanics.parameters import Parameters
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 from sinew.twin.cache import configure
-from sinew.twin.motion import State, dissipation, mechanical_energy, rate, state_at_rest
-from sinew.twin.parameters import Parameters
 from sinew.twin.simulate import lane_parameters
 
 configure()
@@ -55,7 +55,7 @@ def test_power_balance_holds_at_any_state(
         torsion_rate=jnp.asarray(speed),
         lever=jnp.asarray(lever),
         lever_rate=jnp.asarray(lever_speed),
-        bristle=jnp.asarray(bristle),
+        bristles=(jnp.asarray(bristle),),
         memory=tuple(jnp.asarray(0.5 * torsion) for _ in range(4)),
     )
     flow, lost, delivered = (float(power) for power in _powers(state, p))

@@ -9,14 +9,14 @@ import pytest
 from sinew.emulator.joint import TICK_S
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.plant import Law
+from sinew.mechanics.joint import State
+from sinew.mechanics.silicone import silicone_energy, viscoelastic_energy
+from sinew.mechanics.tendons import head_pose, span_lengths
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
+from sinew.solve.march import Track
 from sinew.twin.cache import configure
-from sinew.twin.energy import silicone_energy, span_lengths, viscoelastic_energy
-from sinew.twin.integrate import Track
-from sinew.twin.kinematics import head_pose
-from sinew.twin.motion import State
 from sinew.twin.parameters import from_rig
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 

@@ -9,11 +9,12 @@ import pytest
 import xarray as xr
 from tests.unit.identify_campaigns import RIG, SMALL, whole_campaign
 
+from sinew.mechanics.joint import potential
+from sinew.mechanics.parameters import Parameters
 from sinew.paper.answer import Answer
 from sinew.paper.answer_hardening import answer_hardening
 from sinew.plan.plan import Group, Plan, Sweep
-from sinew.twin.energy import potential
-from sinew.twin.parameters import Effects, Parameters
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate
 
 ELASTIC = Effects().without("guide_friction", "silicone_loss")

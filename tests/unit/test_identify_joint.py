@@ -8,10 +8,11 @@ from sinew.identify.joint.balance import balance
 from sinew.identify.joint.coordinates import numbers_of
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.mechanics.parameters import POSITION
 from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.twin.parameters import POSITION, Effects
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate, simulate_tracks
 
 QUIET = Effects().without("sensor_noise", "stamp_jitter", "repeatability")

@@ -7,14 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from sinew.mechanics.joint import State, potential, rate
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import BRANCHES, complex_stiffness
 from sinew.plan.toml import load_rig
 from sinew.predict.curves.prediction import predict
 from sinew.predict.curves.waves import Size, channels, grid, unknowns
-from sinew.predict.joint import FREE_LEVER, PRESCRIBED_LEVER, RESOLUTION, joint_problem
-from sinew.twin.energy import potential
-from sinew.twin.motion import State, rate
-from sinew.twin.parameters import Effects, Parameters
-from sinew.twin.prony import BRANCHES, complex_stiffness
+from sinew.predict.joint import RESOLUTION, free_lever, joint_problem, prescribed_lever
+from sinew.twin.parameters import Effects
 
 BAND_HZ = (1.0, 6.0)
 
@@ -27,15 +27,15 @@ def one_lane(problem) -> Parameters:  # type: ignore[no-untyped-def]
 def test_the_lagging_copies_obey_the_twins_equation_of_the_silicones_memory() -> None:
     problem = joint_problem(load_rig("paper"), [6.0], 20.0, BAND_HZ)
     p, omega, size = one_lane(problem), 2 * np.pi * 3.3, Size(5, 16)
-    q = jnp.asarray(np.random.default_rng(7).normal(size=unknowns(FREE_LEVER, 5))) * 1e-2
-    at = grid(FREE_LEVER, size)
-    u = channels(q, jnp.asarray(omega), FREE_LEVER, at, 5).values
+    q = jnp.asarray(np.random.default_rng(7).normal(size=unknowns(free_lever(1), 5))) * 1e-2
+    at = grid(free_lever(1), size)
+    u = channels(q, jnp.asarray(omega), free_lever(1), at, 5).values
     torsion, memory, zero = u[0], u[2 : 2 + BRANCHES], jnp.zeros(())
 
     @jax.jit
     @partial(jax.vmap, in_axes=(0, 1))
     def rates_of_memory(angle: jax.Array, copies: jax.Array) -> tuple[jax.Array, ...]:
-        return rate(zero, State(angle, *[zero] * 6, tuple(copies), (zero,) * BRANCHES, zero, zero), p).memory
+        return rate(zero, State(angle, *[zero] * 5, tuple(copies), (zero,) * BRANCHES, zero, zero, (zero,)), p).memory
 
     for i in range(BRANCHES):
         # The twin's rate of the memory, against the change of the copy from sample to sample (half a period, odd).
@@ -66,5 +66,5 @@ def test_a_small_motion_without_friction_is_the_linear_response_of_the_joint() -
 
 def test_a_prescribed_lever_leaves_three_coordinates() -> None:
     problem = joint_problem(load_rig("paper"), [0.0], 5.0, BAND_HZ, effects=Effects().without("drive_dynamics"))
-    assert problem.equations is PRESCRIBED_LEVER
+    assert problem.equations is prescribed_lever(1)
     assert problem.rest.shape == (1, 3)

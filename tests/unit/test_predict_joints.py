@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 from tools.write_materials import materials_text
 
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.mechanics.silicone import silicone_energy, twist_rigidity
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
@@ -30,7 +31,6 @@ from sinew.predict.joints.validity import (
     twisting_stretch,
 )
 from sinew.predict.sections.section import annulus_section, circle_section, ellipse_section, rectangle_section
-from sinew.twin.energy import silicone_energy, twist_rigidity
 from sinew.twin.parameters import from_rig
 from sinew.twin.simulate import rest_tension
 

@@ -6,14 +6,24 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from sinew.mechanics.joint import potential
+from sinew.mechanics.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters
+from sinew.mechanics.silicone import complex_stiffness, prony_shares, silicone_energy
+from sinew.mechanics.tendons import (
+    cos_sin,
+    guide_directions,
+    guide_points,
+    tendon_energy,
+    tendon_lengths,
+    tendon_stretch,
+    tendon_tension,
+    total_tension,
+)
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
+from sinew.solve.rest import axial_force, rest_shortening, set_pretension, torsional_stiffness
 from sinew.twin.cache import configure
-from sinew.twin.energy import potential, silicone_energy, tendon_energy, tendon_stretch, tendon_tension, total_tension
-from sinew.twin.kinematics import cos_sin, guide_directions, guide_points, tendon_lengths
-from sinew.twin.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters, from_rig
-from sinew.twin.prony import complex_stiffness, prony_shares
-from sinew.twin.statics import axial_force, rest_shortening, set_pretension, torsional_stiffness
+from sinew.twin.parameters import from_rig
 
 configure()
 

@@ -9,13 +9,14 @@ from scipy.integrate import solve_ivp
 from scipy.signal import find_peaks
 
 from sinew.measure.errors import SpecError
+from sinew.mechanics.joint import State, dissipation, mechanical_energy, rate, state_at_rest
+from sinew.mechanics.parameters import Parameters
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
+from sinew.solve.march import Track
 from sinew.twin.cache import configure
-from sinew.twin.integrate import Track
-from sinew.twin.motion import State, dissipation, mechanical_energy, rate, state_at_rest
-from sinew.twin.parameters import Effects, Parameters
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 configure()

@@ -480,9 +480,9 @@ def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
 
     The frequency gives the stiffness, k = ω²(I_h + I_l). The silicone's part of it, GJ/L, has the loss factor η, hence
     D_s = η/2 · GJ/(L k); a joint compressed by its tendons is stiffer by at most some tenths, which the uncertainty
-    holds. What is more is the tendons': N T = (k - GJ/L) ℓ/(r_b r_h) at most, of which the guides hold a torque
-    F = μ N T; the Dahl loop takes 4 F (a - φ_s tanh(a/φ_s)) in a cycle of amplitude a, which is D = loop/(2π k a²), at
-    its largest near a = 1.6 φ_s, and next to nothing at large ones. A dashpot d adds d/(2 I ω).
+    holds. What is more is the tendons': N T = (k - GJ/L) ℓ/(r_b r_h) at most, of which the guides take
+    their loop's energy in a cycle of amplitude a, which is D = loop/(2π k a²), largest near a = 1.6 φ_s for Dahl's law,
+    and next to nothing at large ones. A dashpot d adds d/(2 I ω).
     """
     silicone, tendons = rig.silicone, rig.tendons
     inertia = rig.inertia.head.value + rig.inertia.lever.value
@@ -494,9 +494,8 @@ def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
         max(0.0, stiffness - bare) * tendons.free_span.value / (tendons.base_radius.value * tendons.head_radius.value)
         + tendons.count * tendons.first_contact_tension.value
     )
-    slip = tendons.presliding_angle.value
-    swing = np.geomspace(0.1, 100.0, 200) * slip
-    loops = 4.0 * tendons.guide_friction.value * total * (swing - slip * np.tanh(swing / slip))
+    swing = np.geomspace(0.1, 100.0, 200) * tendons.guides.reach
+    loops = tendons.guides.loss(total, swing)
     by_guides = float((loops / (2.0 * math.pi * stiffness * swing**2)).max())
     by_dashpot = silicone.viscous.value / (2.0 * inertia * omega)
     return by_silicone + by_dashpot, 0.5 * silicone.loss_factor.value + by_guides + by_dashpot

@@ -23,13 +23,15 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.mechanics.drive import electrical_torque, gear_friction
+from sinew.mechanics.guides import GuideFriction
+from sinew.mechanics.joint import State, derivative, free_lever_acceleration
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import BRANCHES, silicone_energy, viscoelastic_energy
+from sinew.mechanics.tendons import span_lengths
 from sinew.plan.rig import RigSpec
-from sinew.twin.drive import electrical_torque, gear_friction
-from sinew.twin.energy import silicone_energy, span_lengths, viscoelastic_energy
-from sinew.twin.integrate import runge_kutta
-from sinew.twin.motion import State, derivative, free_lever_acceleration
-from sinew.twin.parameters import Parameters, from_rig
-from sinew.twin.prony import BRANCHES
+from sinew.solve.march import runge_kutta
+from sinew.twin.parameters import from_rig
 
 TICK_S = 1.25e-3
 """Time between two states of the joint [s]."""
@@ -147,11 +149,24 @@ class Layout(NamedTuple):
         return len(jax.tree.leaves(self.now)), len(jax.tree.leaves(self.tendons)), len(self.drive) + 2
 
 
+class Kind(NamedTuple):
+    """What the compiled code is made for: number of tendons, and the law of their guides' friction."""
+
+    tendons: int
+    guides: type[GuideFriction]
+
+    @classmethod
+    def of(cls, spec: RigSpec) -> "Kind":
+        """Return the kind of a rig."""
+        return cls(spec.tendons.count, type(spec.tendons.guides))
+
+
 @cache
-def layout(count: int) -> Layout:
-    """Return the layout for so many tendons."""
-    each = (0,) * count
-    state = State(*(0,) * 7, memory=(0,) * BRANCHES, axial_memory=(0,) * BRANCHES, gyro=0, gyro_rate=0)  # type: ignore[arg-type]
+def layout(kind: Kind) -> Layout:
+    """Return the layout for a kind of joint."""
+    each = (0,) * kind.tendons
+    bristles, memory = (0,) * len(kind.guides.spread), (0,) * BRANCHES
+    state = State(*(0,) * 6, memory, memory, 0, 0, bristles)  # type: ignore[arg-type]
     now, seen = _numbered((Now(Tilting(state, (0, 0)), *(each,) * 5, goal=0), Seen(0, (0, 0), 0)))
     tendons = _numbered(TendonOrder(*(each,) * 12))
     drive, step_s, steps = _numbered((DriveOrder(*(0,) * 13), 0, 0))
@@ -228,7 +243,7 @@ def _slope(
         return stored + sum(t * span for t, span in zip(pull, spans, strict=True)), jnp.asarray(sum(pull))
 
     slope, total = jax.grad(energy, argnums=(0, 1, 2), has_aux=True)(motion.torsion, motion.shortening, at.tilt)
-    torque = -slope[0] - p.viscous * motion.torsion_rate - p.guide_friction * total * motion.bristle + drive.push
+    torque = -slope[0] - p.viscous * motion.torsion_rate - p.guides.torque(total, motion.bristles) + drive.push
     pulled = _drive_torque(time_s, motion, now.goal, drive, p)
     horn = pulled - gear_friction(motion.lever_rate, p)
     lever = free_lever_acceleration(torque, horn, p)
@@ -281,24 +296,24 @@ def _step(now: Now, order: TendonOrder, drive: DriveOrder, joint: Joint, step_s:
 
 
 @partial(jax.jit, static_argnums=4)
-def move_on(now: Vector, tendons: Vector, drive: Vector, constants: jax.Array, count: int) -> jax.Array:
+def move_on(now: Vector, tendons: Vector, drive: Vector, constants: jax.Array, kind: Kind) -> jax.Array:
     """Return the numbers of `now` and `seen` after the steps that the vectors ask for; see `Layout`.
 
-    constants: the leaves of a `Joint`, stacked. count: of tendons. Takes any number of steps, also none.
+    constants: the leaves of a `Joint`, stacked. Takes any number of steps, also none.
 
     The last state is seen in one more turn of the loop, whose step is not taken: a second copy of the equations would
     cost more.
     The loop is to be one run of small kernels in one thread. Hence vectors below 512 bytes (up to five tendons), for
     what is longer the compiler spreads over threads; and the barrier, for it would carry each order on its own.
     """
-    where = layout(count)
+    where = layout(kind)
     steps = jnp.asarray(drive)[where.steps]
 
     def step(turn: jax.Array, at: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
         numbers, orders, last, fixed = map(list, _fenced(at[0], tendons, drive, constants))
         order = jax.tree.map(orders.__getitem__, where.tendons)
         asked, step_s = jax.tree.map(last.__getitem__, (where.drive, where.step_s))
-        joint = _joint(fixed, count)
+        joint = _joint(fixed, kind)
         later, seen = _step(jax.tree.map(numbers.__getitem__, where.now), order, asked, joint, step_s)
         kept = [jnp.where(turn < steps, new, old) for new, old in zip(jax.tree.leaves(later), numbers, strict=True)]
         return jnp.stack(kept), jnp.stack(jax.tree.leaves(seen))
@@ -311,9 +326,9 @@ def _fenced(*vectors: Any) -> Any:
     return jax.lax.optimization_barrier(vectors)  # type: ignore[no-untyped-call]
 
 
-def _joint(leaves: list[jax.Array], count: int) -> Joint:
-    directions = ((0.0, 0.0),) * count
+def _joint(leaves: list[jax.Array], kind: Kind) -> Joint:
     fields: dict[str, Any] = dict.fromkeys(Parameters._fields, 0.0)
-    p = Parameters(**{**fields, "prony_shares": (0.0,) * BRANCHES, "guide_directions": directions})
+    fields |= {"prony_shares": (0.0,) * BRANCHES, "guide_directions": ((0.0, 0.0),) * kind.tendons}
+    p = Parameters(**{**fields, "guides": kind.guides(0.0, 0.0)})
     like = Joint(p, 0.0, (0.0, 0.0), 0.0)
     return jax.tree.unflatten(jax.tree.structure(like), leaves)  # type: ignore[no-any-return]

@@ -7,17 +7,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sinew.emulator.joint import TICK_S, Layout, Tilting, joint_of, layout, move_on, steps_per_tick
+from sinew.emulator.joint import TICK_S, Kind, Layout, Tilting, joint_of, layout, move_on, steps_per_tick
 from sinew.emulator.plant import HornMotion, Law, Motion
 from sinew.emulator.unloaded import TENDON_NO_LOAD_SPEED, TENDON_VOLTAGE
 from sinew.measure.errors import SpecError
+from sinew.mechanics.parameters import POSITION
+from sinew.mechanics.tendons import span_lengths
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, SERVOS
+from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
-from sinew.twin.energy import span_lengths
-from sinew.twin.parameters import POSITION, from_rig
+from sinew.twin.parameters import from_rig
 from sinew.twin.simulate import GRAVITY
-from sinew.twin.statics import set_pretension
 
 TENDON_STALL_TORQUE = SERVOS["XH430-W350"].stall_torque
 """XH430-W350 at its horn [N m], at `TENDON_VOLTAGE` (data sheet)."""
@@ -73,7 +74,8 @@ class JointPlant:
         self._constants = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(joint)])
         self._p = joint.p
         self._substeps = steps_per_tick(joint)
-        self._where: Layout = layout(count)
+        self._kind = Kind.of(spec)
+        self._where: Layout = layout(self._kind)
         self._now, self._tendons, self._drive = (np.zeros(size) for size in self._where.sizes())
         self._laws = [Law()] * (count + 1)
         self._stuck = [False] * count
@@ -204,7 +206,7 @@ class JointPlant:
 
     def _go(self, ticks: int) -> None:
         self._drive[self._where.steps] = ticks * self._substeps
-        out = np.asarray(move_on(self._now, self._tendons, self._drive, self._constants, self.count))
+        out = np.asarray(move_on(self._now, self._tendons, self._drive, self._constants, self._kind))
         self._now = out[: self._now.size].copy()
         self._seen = out.tolist()
 

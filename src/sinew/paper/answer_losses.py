@@ -27,15 +27,16 @@ from sinew.identify.joint.fit import JointFit
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import iterate_segments
+from sinew.mechanics.drive import gear_friction
+from sinew.mechanics.joint import State, mechanical_energy, rate, state_at_rest
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import relaxation_times, twist_rigidity
+from sinew.mechanics.tendons import total_tension
 from sinew.paper.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
-from sinew.twin.drive import gear_friction
-from sinew.twin.energy import total_tension, twist_rigidity
-from sinew.twin.integrate import LANES, Track, runge_kutta
-from sinew.twin.motion import State, friction_torque, mechanical_energy, rate, state_at_rest
-from sinew.twin.parameters import Effects, Parameters
-from sinew.twin.prony import relaxation_times
+from sinew.solve.march import LANES, Track, runge_kutta
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, read_gyro, simulate_tracks
 
 # A simulated ring-down tells who took its energy: silicone, guides, or the recoiling lever's servo.
@@ -110,18 +111,18 @@ def _slope(time_s: jax.Array, now: _Spending, p: Parameters) -> _Spending:
     for share, tau, q, u in zip(p.prony_shares, relaxation_times(), state.memory, state.axial_memory, strict=True):
         branch = torsional * (state.torsion - q) ** 2 + axial * (state.shortening - u) ** 2
         silicone = silicone + share * branch / tau
-    sliding = p.guide_friction * total_tension(state.torsion, state.shortening, p) * state.bristle**2
+    sliding = p.guides.power(total_tension(state.torsion, state.shortening, p), state.torsion_rate, state.bristles)
     drag = p.speed_slope * state.lever_rate + gear_friction(state.lever_rate, p)
-    return _Spending(rate(time_s, state, p), silicone, sliding * jnp.abs(state.torsion_rate), drag * state.lever_rate)
+    return _Spending(rate(time_s, state, p), silicone, sliding, drag * state.lever_rate)
 
 
 def _energy(state: State, p: Parameters) -> jax.Array:
     """Return the mechanical energy with that of bristles and position loop [J], the drive being told to stay at 0."""
-    bristles = 0.5 * p.presliding_angle * friction_torque(state, p) * state.bristle
+    bristles = p.guides.stored(total_tension(state.torsion, state.shortening, p), state.bristles)
     asked = p.position_gain * jnp.abs(state.lever)
     within = jnp.minimum(asked, p.duty_limit)
     loop = p.duty_torque * within * (asked - 0.5 * within) / p.position_gain
-    return mechanical_energy(state, p) + bristles + loop
+    return jnp.asarray(mechanical_energy(state, p) + bristles + loop)
 
 
 Lanes = tuple[Parameters, Array]

@@ -19,7 +19,7 @@ from sinew.analysis.decay.envelope import fit_envelope
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
-from sinew.twin.integrate import Track
+from sinew.solve.march import Track
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 Vector = NDArray[np.float64]

@@ -34,8 +34,7 @@ def rest_stiffness(rig: RigSpec, pretension_mm: Sequence[float]) -> dict[str, fl
     total = tendons.count * np.asarray(p.held_tension)
     radii = tendons.base_radius.value * tendons.head_radius.value
     tendon = total * radii / (tendons.free_span.value - shortening)
-    guide_torque = tendons.guide_friction.value * total
-    guide = guide_torque / tendons.presliding_angle.value
+    guide_torque, guide = tendons.guides.greatest_torque(total), tendons.guides.stiffness(total)
     silicone = rig.silicone.torsional_rigidity.value / (length - shortening)
     rows = {
         "tension_n": total / tendons.count,

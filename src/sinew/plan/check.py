@@ -412,17 +412,14 @@ def _time_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iter
 def _slowest_decay(rig: RigSpec, amplitude_rad: float, tension_n: float) -> float:
     """Return an estimate of the decay rate λ [1/s] of the joint at a torsion amplitude and a tension of each tendon.
 
-    Loss factor η, dashpot d and the Dahl loop of the guides, which takes 4 F (a - φ_s tanh(a/φ_s)) of energy in a
-    cycle of amplitude a, with F = μ ΣT: λ = (η/2 + loop/(2π k a²)) ω₀ + d/(2 I), k = GJ/L + N T r_b r_h/ℓ. At tension
-    zero only the bare silicone damps.
+    Loss factor η, dashpot d and the energy that the guides' loop takes in a cycle of amplitude a:
+    λ = (η/2 + loop/(2π k a²)) ω₀ + d/(2 I), k = GJ/L + N T r_b r_h/ℓ. At tension zero only the bare silicone damps.
     """
     silicone, tendons = rig.silicone, rig.tendons
     total = tendons.count * tension_n
     arms = tendons.base_radius.value * tendons.head_radius.value
     stiffness = silicone.torsional_rigidity.value / silicone.length.value + total * arms / tendons.free_span.value
     inertia = rig.inertia.head.value + rig.inertia.lever.value
-    presliding = tendons.presliding_angle.value
-    swept = amplitude_rad - presliding * math.tanh(amplitude_rad / presliding)
-    loop = 4 * tendons.guide_friction.value * total * swept
+    loop = float(tendons.guides.loss(total, amplitude_rad))
     ratio = silicone.loss_factor.value / 2 + loop / (2 * math.pi * stiffness * amplitude_rad**2)
     return ratio * math.sqrt(stiffness / inertia) + silicone.viscous.value / (2 * inertia)

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from sinew.mechanics.guides import GUIDE_LAWS, GuideFriction, GuideLaw
 from sinew.plan.parameter import Parameter, not_negative, positive, signed
 
 # It is written which device of the bus is which part of the rig, and which way round it is mounted.
@@ -200,8 +201,8 @@ class Tendons(BaseModel):
     base_radius, head_radius: of the circles of guides [m]; free_span: length between them at rest [m].
     cable_stiffness and servo_stiffness act in series [N/m], along the cable.
     first_contact_tension: tension of each tendon at pretension zero [N].
-    guide_friction: friction torque on the head per newton of total tension [N m/N].
-    presliding_angle: torsion over which the friction torque builds up [rad].
+    guide_law: of the guides' friction. guide_friction: its torque on the head per newton of total tension [N m/N].
+    presliding_angle: torsion over which that torque builds up [rad].
     pulley_radius: of the motor pulleys [m]; torque_constant: of the tendon motors [N m/A].
     current_lsb: unit of the current register [A]; counts_per_turn: of the encoder.
     """
@@ -215,12 +216,18 @@ class Tendons(BaseModel):
     cable_stiffness: Annotated[Parameter, positive("N/m")]
     servo_stiffness: Annotated[Parameter, positive("N/m")]
     first_contact_tension: Annotated[Parameter, not_negative("N")]
+    guide_law: GuideLaw = "dahl"
     guide_friction: Annotated[Parameter, not_negative("m")]
     presliding_angle: Annotated[Parameter, positive("rad")]
     pulley_radius: Annotated[Parameter, positive("m")]
     torque_constant: Annotated[Parameter, positive("N*m/A")]
     current_lsb: Annotated[Parameter, positive("A")]
     counts_per_turn: Annotated[Parameter, positive("1")]
+
+    @property
+    def guides(self) -> GuideFriction:
+        """Return the friction of the guides."""
+        return GUIDE_LAWS[self.guide_law](self.guide_friction.value, self.presliding_angle.value)
 
 
 class Drive(BaseModel):

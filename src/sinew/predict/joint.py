@@ -1,14 +1,15 @@
 """This is where the joint's steady motions become a problem to solve: the twin's own equations, as they stand.
 
-Coordinates are torsion, shortening, the lever's angle and the bristle of the guide friction; the silicone's memory are
-copies that lag behind torsion and shortening by the relaxation times of its branches. Their equations are what
-`sinew.twin.motion.rate` says about them; there is no second copy of the physics. The low-pass of
+Coordinates are torsion, shortening, the lever's angle and the bristles of the guides' friction; the silicone's memory
+are copies that lag behind torsion and shortening by the relaxation times of its branches. Their equations are what
+`sinew.mechanics.joint.rate` says about them; there is no second copy of the physics. The low-pass of
 the gyroscope is left out, it acts on nothing.
 
-Torsion, lever and bristle change sign together where the guides stand evenly on their circles, and the shortening does
+Torsion, lever and bristles change sign together where the guides stand evenly on their circles, and the shortening does
 not: half a period is enough.
 """
 
+from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -18,6 +19,10 @@ from numpy.typing import NDArray
 
 from sinew.analysis.signal.torsion import LeverMotion
 from sinew.measure.errors import RecordingError
+from sinew.mechanics.drive import commanded_angle
+from sinew.mechanics.joint import State, rate
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import BRANCHES, relaxation_times
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.predict.curves.balance import Lane
@@ -25,10 +30,7 @@ from sinew.predict.curves.continuation import Stride
 from sinew.predict.curves.landmark import Search
 from sinew.predict.curves.prediction import Problem, Resolution
 from sinew.predict.curves.waves import Coordinate, Equations, Size
-from sinew.twin.drive import commanded_angle
-from sinew.twin.motion import State, rate
-from sinew.twin.parameters import Effects, Parameters
-from sinew.twin.prony import BRANCHES, relaxation_times
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters
 
 RESOLUTION = Resolution(
@@ -43,34 +45,43 @@ _TIMES = tuple(float(tau) for tau in relaxation_times())
 _TORSION = Coordinate("torsion", "odd", 2, _TIMES)
 _SHORTENING = Coordinate("shortening", "even", 2, _TIMES)
 _LEVER = Coordinate("lever", "odd", 2)
-_BRISTLE = Coordinate("bristle", "odd", 1)
 
 _PLACE = 2 * (2 + BRANCHES)
 
 
-def _state(u: jax.Array, lever: jax.Array, lever_rate: jax.Array, bristle: jax.Array) -> State:
+def _state(u: jax.Array, lever: jax.Array, lever_rate: jax.Array, bristles: jax.Array) -> State:
     n, zero = BRANCHES, jnp.zeros(())
     memory, axial = tuple(u[2 + i] for i in range(n)), tuple(u[4 + n + i] for i in range(n))
-    return State(u[0], u[1], u[2 + n], u[3 + n], lever, lever_rate, bristle, memory, axial, zero, zero)
+    return State(u[0], u[1], u[2 + n], u[3 + n], lever, lever_rate, memory, axial, zero, zero, tuple(bristles))
 
 
 def _free(u: jax.Array, phase: jax.Array, omega: jax.Array, p: Parameters) -> jax.Array:
-    now = rate(phase / omega, _state(u, u[_PLACE], u[_PLACE + 1], u[_PLACE + 2]), p._replace(omega=omega))
-    return jnp.stack([now.torsion_rate, now.shortening_rate, now.lever_rate, now.bristle])
+    now = rate(phase / omega, _state(u, u[_PLACE], u[_PLACE + 1], u[_PLACE + 2 :]), p._replace(omega=omega))
+    return jnp.stack([now.torsion_rate, now.shortening_rate, now.lever_rate, *now.bristles])
 
 
 def _prescribed(u: jax.Array, phase: jax.Array, omega: jax.Array, p: Parameters) -> jax.Array:
     p = p._replace(omega=omega)
     goal, goal_rate, _ = commanded_angle(phase / omega, p)
-    now = rate(phase / omega, _state(u, goal, goal_rate, u[_PLACE]), p)
-    return jnp.stack([now.torsion_rate, now.shortening_rate, now.bristle])
+    now = rate(phase / omega, _state(u, goal, goal_rate, u[_PLACE:]), p)
+    return jnp.stack([now.torsion_rate, now.shortening_rate, *now.bristles])
 
 
-FREE_LEVER = Equations((_TORSION, _SHORTENING, _LEVER, _BRISTLE), _free, drive=2)
-"""The lever is moved by its servo."""
+@cache
+def _bristles(count: int) -> tuple[Coordinate, ...]:
+    return tuple(Coordinate(f"bristle {i + 1}", "odd", 1) for i in range(count))
 
-PRESCRIBED_LEVER = Equations((_TORSION, _SHORTENING, _BRISTLE), _prescribed)
-"""The lever follows its command exactly."""
+
+@cache
+def free_lever(bristles: int) -> Equations:
+    """Return the equations of a joint whose lever is moved by its servo; bristles: of its guides' friction."""
+    return Equations((_TORSION, _SHORTENING, _LEVER, *_bristles(bristles)), _free, drive=2)
+
+
+@cache
+def prescribed_lever(bristles: int) -> Equations:
+    """Return the equations of a joint whose lever follows its command exactly."""
+    return Equations((_TORSION, _SHORTENING, *_bristles(bristles)), _prescribed)
 
 
 _Driven = TypeVar("_Driven", Parameters, "_Measured")
@@ -103,10 +114,10 @@ def joint_problem(
     p, shortening = lane_parameters(groups, rig, mode=mode, effects=effects)
     p = jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), p)
     swing = np.radians(amplitude)
-    bristle = np.minimum(1.0, 1.5 * swing / p.presliding_angle)
-    columns = [1.5 * swing, np.full_like(swing, 1e-3), swing, bristle]
-    rest: list[Any] = [np.zeros_like(shortening), shortening, np.zeros_like(shortening), np.zeros_like(shortening)]
-    equations = FREE_LEVER if effects.drive_dynamics else PRESCRIBED_LEVER
+    zero, count = np.zeros_like(shortening), len(p.guides.spread)
+    columns = [1.5 * swing, np.full_like(swing, 1e-3), swing, *p.guides.first_guess(1.5 * swing)]
+    rest: list[Any] = [zero, shortening, zero, *(zero,) * count]
+    equations = free_lever(count) if effects.drive_dynamics else prescribed_lever(count)
     if not effects.drive_dynamics:
         del columns[2], rest[2]
     width = np.full(pretension.shape, 2 * np.pi * (band_hz[1] - band_hz[0]))
@@ -141,15 +152,17 @@ def _rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Measured) -> ja
         return jnp.interp(omega, p.omega, values)
 
     amplitude = at(p.amplitude)
-    sine = PRESCRIBED_LEVER.rates(u, phase, omega, p.p._replace(amplitude=amplitude))
+    sine = _prescribed(u, phase, omega, p.p._replace(amplitude=amplitude))
     real, imaginary = jax.vmap(at)(p.real), jax.vmap(at)(p.imaginary)
     wave = real * jnp.cos(p.orders * phase) - imaginary * jnp.sin(p.orders * phase)
     acceleration = -amplitude * omega**2 * jnp.sum(p.orders**2 * wave)
     return sine.at[0].add(-p.p.lever / (p.p.head + p.p.lever) * acceleration)
 
 
-MEASURED_LEVER = Equations(PRESCRIBED_LEVER.coordinates, _rates)
-"""The lever moves as it was measured."""
+@cache
+def _measured_lever(bristles: int) -> Equations:
+    """Return the equations of a joint whose lever moves as it was measured."""
+    return Equations(prescribed_lever(bristles).coordinates, _rates)
 
 
 def lever_problem(
@@ -180,4 +193,5 @@ def lever_problem(
     omega = np.broadcast_to(2 * np.pi * lever.frequency_hz, amplitude.shape).copy()
     orders = np.broadcast_to(lever.orders.astype(float), (lanes, lever.orders.size)).copy()
     measured = _Measured(problem.lane.p, omega, amplitude, shares.real.copy(), shares.imag.copy(), orders)  # type: ignore[arg-type]
-    return Problem(MEASURED_LEVER, problem.lane._replace(p=measured), problem.rest, _weakened)
+    equations = _measured_lever(len(problem.lane.p.guides.spread))
+    return Problem(equations, problem.lane._replace(p=measured), problem.rest, _weakened)

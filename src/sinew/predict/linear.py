@@ -31,12 +31,13 @@ from scipy.linalg import null_space
 
 from sinew.measure.errors import SpecError
 from sinew.measure.netcdf import write_atomically
+from sinew.mechanics.joint import State, derivative, free_lever_acceleration, rate, state_at_rest
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import BRANCHES
+from sinew.mechanics.tendons import tendon_stretch, tendon_tension, total_tension
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
-from sinew.twin.energy import tendon_stretch, tendon_tension, total_tension
-from sinew.twin.motion import State, derivative, free_lever_acceleration, rate, state_at_rest
-from sinew.twin.parameters import Effects, Parameters
-from sinew.twin.prony import BRANCHES
+from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters
 
 # A linear system is kept as a state space, and asked for poles, zeros, gains and frequency response.
@@ -155,11 +156,12 @@ it is to a lever that hardly moves."""
 
 _NAMES = (
     *("torsion_rad", "torsion_rate_rad_s", "shortening_m", "shortening_rate_m_s", "lever_rad", "lever_rate_rad_s"),
-    "bristle",
     *(f"memory_{i + 1}_rad" for i in range(BRANCHES)),
     *(f"axial_memory_{i + 1}_m" for i in range(BRANCHES)),
 )
-"""States of the twin in their order, without the gyroscope's low-pass, which acts on nothing."""
+"""States of the twin, without those of the gyroscope's low-pass, which acts on nothing, and after it the bristles."""
+
+_LOW_PASS = 2
 
 _PLACE = {name: i for i, name in enumerate(_NAMES)}
 _MEMORY = tuple(name for name in _NAMES if name.startswith("memory"))
@@ -220,7 +222,7 @@ def _rest() -> Any:
     def of(shortening: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array]:
         zero = jnp.zeros(())
         stretch = tendon_stretch(zero, shortening, p)[0]
-        spring = p.guide_friction * total_tension(zero, shortening, p) / p.presliding_angle
+        spring = p.guides.stiffness(total_tension(zero, shortening, p))
         return tendon_tension(stretch, p), spring
 
     return jax.jit(jax.vmap(of))
@@ -229,12 +231,13 @@ def _rest() -> Any:
 def _torsional(a: Array, names: tuple[str, ...]) -> tuple[Array, tuple[str, ...]]:
     """Return (A of the named states and the memory that acts on them, their names).
 
-    The bristle is replaced by φ/φ_s: its slope by the torsion's rate over that of the torsion is 1/φ_s. What is left
-    out must not act on what stays.
+    A bristle bends with the torsion: its slope by the torsion's rate over that of the torsion (1/φ_s of Dahl's) is its
+    deflection by the torsion. What is left out must not act on what stays.
     """
-    bristle, torsion, speed = (_PLACE[name] for name in ("bristle", "torsion_rad", "torsion_rate_rad_s"))
+    torsion, speed = _PLACE["torsion_rad"], _PLACE["torsion_rate_rad_s"]
     a = a.copy()
-    a[:, torsion] += a[:, bristle] * a[bristle, speed]
+    for bristle in range(len(_PLACE) + _LOW_PASS, len(a)):
+        a[:, torsion] += a[:, bristle] * a[bristle, speed]
     names += tuple(name for name in _MEMORY if a[speed, _PLACE[name]] != 0)
     kept = [_PLACE[name] for name in names]
     axial = [i for name, i in _PLACE.items() if name.startswith(("shortening", "axial"))]
@@ -271,7 +274,7 @@ def _lever(a: Array, by_torque: Array, by_acceleration: Array) -> StateSpace:
 def _notes(p: Parameters, tension: float, spring: float, gear: Gear) -> tuple[str, ...]:
     notes = []
     if spring > 0:
-        turn = np.degrees(float(p.presliding_angle))
+        turn = np.degrees(float(p.guides.reach))
         notes.append(
             f"the guides' friction is a spring of {spring:.3g} N m/rad without loss, right for torsions far below "
             f"{turn:.3g}°; its loss grows with the amplitude"

@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from sinew.measure.errors import SpecError
+from sinew.mechanics.drive import gear_friction
+from sinew.mechanics.parameters import Parameters
 from sinew.plan.rig import RigSpec
 from sinew.predict.joints.validity import CLOSE, LOST, SLENDER, STRAIN, Torso
 from sinew.predict.sections.section import (
@@ -24,8 +26,7 @@ from sinew.predict.sections.section import (
     rectangle_section,
 )
 from sinew.tune.swing_stiffness import as_one_tendon, held_at, peak_tension, swing_loss, swing_stiffness
-from sinew.twin.drive import gear_friction
-from sinew.twin.parameters import Parameters, from_rig
+from sinew.twin.parameters import from_rig
 
 # It is worked out what the drive has to do for a steady swing: torque, duty, current, energy a cycle.
 #
@@ -34,7 +35,7 @@ from sinew.twin.parameters import Parameters, from_rig
 #     M = (I_l + J_a) θ̈ + I_l φ̈,
 #
 # and the motor's current that and the gear's friction. Duty and power follow from the torque line of the twin
-# (`sinew.twin.drive`). What a servo at its limit does instead is not in it: a duty above the limit says that it is
+# (`sinew.mechanics.drive`). What a servo at its limit does instead is not in it: a duty above the limit says that it is
 # there.
 
 _SAMPLES = 720

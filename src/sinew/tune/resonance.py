@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
+from sinew.mechanics.tendons import total_tension
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.predict.band import COARSE
@@ -26,9 +27,8 @@ from sinew.predict.curves.prediction import predict
 from sinew.predict.describing import fundamental_phasor
 from sinew.predict.joint import joint_problem
 from sinew.predict.joints.validity import loads_of
-from sinew.twin.energy import total_tension
+from sinew.solve.rest import torsional_stiffness
 from sinew.twin.simulate import lane_parameters
-from sinew.twin.statics import torsional_stiffness
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ class Resonance:
 def _stiffness() -> Any:
     def of(shortening: jax.Array, p: Any) -> tuple[jax.Array, jax.Array]:
         glassy = 1 + sum(p.prony_shares, start=jnp.zeros(()))
-        guides = p.guide_friction * total_tension(jnp.zeros(()), shortening, p) / p.presliding_angle
+        guides = p.guides.stiffness(total_tension(jnp.zeros(()), shortening, p))
         relaxed = torsional_stiffness(shortening, p)
         return relaxed, relaxed * glassy + guides
 

@@ -1,8 +1,8 @@
 """This is where spring and loss of a swinging joint stand in one piece that has slopes: the fundamental alone.
 
 For a torsion a cos Ωt of a joint that rests at a shortening, the fundamental of the torque divided by a: the relaxed
-potential of the twin with the head sinking as it twists; the silicone's memory by its Prony series; the guides' loop,
-z = 1 - (1 + tanh(a/φ_s)) exp(-(φ + a)/φ_s) on the way up, which is what the twin's bristle settles to. Harmonics above
+potential of the twin with the head sinking as it twists; the silicone's memory by its Prony series; the guides by
+their closed loop, which is what the twin's bristles settle to. Harmonics above
 the first, and the head's axial inertia, are left out: balance with all of them says what that is worth.
 """
 
@@ -10,15 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sinew.twin.energy import potential, tendon_stretch, tendon_tension, twist_rigidity
-from sinew.twin.parameters import Parameters
-from sinew.twin.prony import relaxation_times
-from sinew.twin.statics import axial_force
+from sinew.mechanics.joint import potential
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import relaxation_times, twist_rigidity
+from sinew.mechanics.tendons import tendon_stretch, tendon_tension
+from sinew.solve.rest import axial_force
 
 _NODES = np.cos((2 * np.arange(4) + 1) * np.pi / 16)
 """Positive ones of eight nodes of Chebyshev and Gauss: exact for odd torques up to the fifteenth power."""
-
-_LOOP = 24
 
 
 def as_one_tendon(p: Parameters) -> Parameters:
@@ -81,10 +80,4 @@ def _memory(omega: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array]:
 
 def _guides(shortening: jax.Array, amplitude: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array]:
     stretch = tendon_stretch(jnp.zeros(()), shortening, p)[0]
-    level = p.guide_friction * tendon_tension(stretch, p)
-    reach = amplitude / p.presliding_angle
-    turn = jnp.tanh(reach)
-    way = -np.cos((2 * np.arange(_LOOP) + 1) * np.pi / (2 * _LOOP))
-    bristle = 1 - (1 + turn) * jnp.exp(-reach * (way + 1))
-    spring = level * 2 * jnp.mean(bristle * way) / amplitude
-    return spring, level * 4 * (reach - turn) / (jnp.pi * amplitude * reach)
+    return p.guides.fundamental(tendon_tension(stretch, p), amplitude)

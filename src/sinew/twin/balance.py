@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
+from sinew.mechanics.drive import commanded_angle, duty, electrical_torque, gear_friction
+from sinew.mechanics.joint import State, friction_torque, mechanical_energy, rate, state_at_rest
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import relaxation_times, twist_rigidity
+from sinew.mechanics.tendons import tendon_stretch, tendon_tension
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS, servo_of
-from sinew.twin.drive import commanded_angle, duty, electrical_torque, gear_friction
-from sinew.twin.energy import tendon_stretch, tendon_tension, twist_rigidity
-from sinew.twin.integrate import runge_kutta
-from sinew.twin.motion import State, friction_torque, mechanical_energy, rate, state_at_rest
-from sinew.twin.parameters import Parameters
-from sinew.twin.prony import relaxation_times
+from sinew.solve.march import runge_kutta
 from sinew.twin.simulate import Lanes, lane_parameters
 
 # The powers of a state stand: what the drive takes up, and where it goes.
@@ -62,7 +62,7 @@ class Powers(NamedTuple):
 
 
 def electrics_of(rig: RigSpec) -> Electrics:
-    """Return the motors' electrical side, in which `sinew.twin.drive` has its torque line.
+    """Return the motors' electrical side, in which `sinew.mechanics.drive` has its torque line.
 
     R: nominal voltage over stall current. k_e = (line's slope) R/k_t: the speed at which the torque of a duty is zero.
     """

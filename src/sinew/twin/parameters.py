@@ -1,69 +1,16 @@
-"""This is where a rig becomes the numbers of the equations of motion, one value per lane."""
+"""A rig as numbers of the equations of motion, and which of its effects act."""
 
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from sinew.measure.errors import SpecError
+from sinew.mechanics.parameters import POSITION, Parameters
+from sinew.mechanics.silicone import prony_shares
+from sinew.mechanics.tendons import guide_directions
 from sinew.plan.rig import RigSpec
-from sinew.twin.kinematics import guide_directions
-from sinew.twin.prony import prony_shares
-
-POSITION, POSITION_LIMITED, CURRENT = 0.0, 1.0, 2.0
-TENDON_MODES = {"position": POSITION, "position-with-current-limit": POSITION_LIMITED, "current": CURRENT}
-
-
-class Parameters(NamedTuple):
-    """Everything the equations of motion need, in SI; each leaf is a scalar, or has a leading lane axis.
-
-    Silicone: length L, torsional_rigidity G·J, axial_rigidity G·A,
-    warping_rigidity G·(I_p - J), bending_rigidity E·I about the weaker axis, prony_shares g_i by branch, viscous d.
-    Inertia: head I_h, lever I_l, armature J_a, head_mass m_h.
-    Tendons: guide_directions by tendon as (cosine, sine), radii, free_span L_t, stiffness k_t (cable and servo in
-    series), cable_end ℓ_c (length at which the cable between the guides goes slack; the motor's doing),
-    held_tension (current mode, or the limit), mode, guide_friction μ [m], presliding_angle [rad].
-    Drive: duty_torque and speed_slope of the torque line, friction, position_gain, duty_limit, torque_constant.
-    Motion asked for: amplitude [rad], omega [rad/s], stop_s (when the drive stops), prescribed (1: the lever
-    follows the command exactly), locked_stop (1: a stopped lever is locked to the head).
-    Sensor: low_pass_omega [rad/s].
-    """
-
-    length: jax.Array
-    torsional_rigidity: jax.Array
-    axial_rigidity: jax.Array
-    warping_rigidity: jax.Array
-    bending_rigidity: jax.Array
-    prony_shares: tuple[jax.Array, ...]
-    viscous: jax.Array
-    head: jax.Array
-    lever: jax.Array
-    armature: jax.Array
-    head_mass: jax.Array
-    guide_directions: tuple[tuple[jax.Array, jax.Array], ...]
-    base_radius: jax.Array
-    head_radius: jax.Array
-    free_span: jax.Array
-    stiffness: jax.Array
-    cable_end: jax.Array
-    held_tension: jax.Array
-    mode: jax.Array
-    guide_friction: jax.Array
-    presliding_angle: jax.Array
-    duty_torque: jax.Array
-    speed_slope: jax.Array
-    drive_friction: jax.Array
-    position_gain: jax.Array
-    duty_limit: jax.Array
-    torque_constant: jax.Array
-    amplitude: jax.Array
-    omega: jax.Array
-    stop_s: jax.Array
-    prescribed: jax.Array
-    locked_stop: jax.Array
-    low_pass_omega: jax.Array
 
 
 def from_rig(rig: RigSpec) -> Parameters:
@@ -98,8 +45,7 @@ def from_rig(rig: RigSpec) -> Parameters:
         "cable_end": 1e3,
         "held_tension": 0.0,
         "mode": POSITION,
-        "guide_friction": tendons.guide_friction.value,
-        "presliding_angle": tendons.presliding_angle.value,
+        "guides": tendons.guides,
         "duty_torque": stall * supply,
         "speed_slope": drive.stall_torque.value / drive.no_load_speed.value,
         "drive_friction": drive.friction.value,
@@ -186,7 +132,7 @@ class Effects:
         if not self.silicone_loss:
             p = p._replace(prony_shares=tuple(jnp.zeros_like(share) for share in p.prony_shares))
         if not self.guide_friction:
-            p = p._replace(guide_friction=jnp.zeros_like(p.guide_friction))
+            p = p._replace(guides=p.guides.scaled(jnp.zeros_like(p.guides.level)))
         if not self.axial_motion:
             p = p._replace(head_mass=jnp.full_like(p.head_mass, 1e12))
         if not self.drive_saturation:

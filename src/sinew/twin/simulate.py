@@ -15,16 +15,17 @@ from scipy import signal
 from sinew.measure.errors import SpecError
 from sinew.measure.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
+from sinew.mechanics.drive import motor_current
+from sinew.mechanics.parameters import CURRENT, TENDON_MODES, Parameters
+from sinew.mechanics.tendons import tendon_tension
 from sinew.plan.plan import Group, Plan, TendonMode
 from sinew.plan.rig import Bus, Imu, RigSpec
 from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
+from sinew.solve.march import LANES, STEPS_PER_SAMPLE, Track, integrate
+from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
-from sinew.twin.drive import motor_current
-from sinew.twin.energy import tendon_tension
-from sinew.twin.integrate import LANES, STEPS_PER_SAMPLE, Track, integrate
-from sinew.twin.parameters import CURRENT, TENDON_MODES, Effects, Parameters, from_rig
-from sinew.twin.statics import set_pretension
+from sinew.twin.parameters import Effects, from_rig
 
 # The true motion becomes what the registers and stamps of a bench would say.
 
@@ -172,7 +173,7 @@ def lane_parameters(
         amplitude=np.where(driven, amplitude, 0.0),
         omega=2 * np.pi * frequency,
         stop_s=np.array([g.settle_s if g.kind == "ring-down" else np.inf for g in groups]),
-        guide_friction=p.guide_friction * np.maximum(0.0, 1 + scatter[1, pair]),
+        guides=p.guides.scaled(np.maximum(0.0, 1 + scatter[1, pair])),
     )
     p = effects.applied(p)
     if not effects.tendons:
@@ -239,7 +240,7 @@ def simulate_tracks(
     steps: int = STEPS_PER_SAMPLE,
     progress: Callable[[float, float], None] | None = None,
 ) -> list[Track]:
-    """Return the true motion of every group, sampled at `sample_hz`; see `sinew.twin.integrate`."""
+    """Return the true motion of every group, sampled at `sample_hz`; see `sinew.solve.march`."""
     samples = [sum(g.sample_counts(sample_hz)) for g in groups]
     return integrate(*lanes, samples, 1 / sample_hz, steps=steps, progress=progress)
 

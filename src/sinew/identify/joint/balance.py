@@ -17,11 +17,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from sinew.identify.joint.coordinates import Numbers
-from sinew.twin.energy import potential, tendon_stretch, tendon_tension, total_tension, twist_rigidity
-from sinew.twin.parameters import Parameters
-from sinew.twin.prony import relaxation_times
+from sinew.mechanics.joint import potential
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import relaxation_times, twist_rigidity
+from sinew.mechanics.tendons import tendon_stretch, tendon_tension, total_tension
+from sinew.solve.rest import set_pretension
 from sinew.twin.simulate import LIMIT_RESERVE_N
-from sinew.twin.statics import set_pretension
 
 _POINTS = 64
 _ROUNDS = 12  # of frequency and stiffness, each a tenth of the error before
@@ -80,7 +81,8 @@ def _balance(numbers: Numbers, pretension: jax.Array, mode: jax.Array, amplitude
     sunk = jax.vmap(_sunk, in_axes=(0, None, None))(torsion, rest, p)
     static = jax.vmap(jax.grad(potential), in_axes=(0, 0, None))(torsion, sunk, p)
     pull = jax.vmap(total_tension, in_axes=(0, 0, None))(torsion, sunk, p)
-    friction = p.guide_friction * pull * _bristle(torsion, jnp.sin(angle) < 0, amplitude, p.presliding_angle)
+    rising = jnp.where(jnp.sin(angle) < 0, 1.0, -1.0)  # falling, the loop is its mirror image
+    friction = p.guides.greatest_torque(pull) * rising * p.guides.loop(rising * torsion, amplitude)
     held = 2 * jnp.mean((static + friction) * cosine) / amplitude
     torsional = twist_rigidity(1 - rest / p.length, p) / p.length
     lost_guides = -2 * jnp.pi * amplitude * jnp.mean(friction * jnp.sin(angle))
@@ -113,15 +115,6 @@ def _balance(numbers: Numbers, pretension: jax.Array, mode: jax.Array, amplitude
         lost_guides / whole,
         lost_viscous / whole,
     )
-
-
-def _bristle(torsion: jax.Array, rising: jax.Array, amplitude: jax.Array, presliding: jax.Array) -> jax.Array:
-    """Return Dahl's bristle z on its closed loop of an amplitude: 1 - (1 + z_m) exp(-(φ + A)/φ_s) where φ rises,
-    with z_m = tanh(A/φ_s) at the turning points, and its mirror image where φ falls."""
-    turning = jnp.tanh(amplitude / presliding)
-    up = 1 - (1 + turning) * jnp.exp(-(torsion + amplitude) / presliding)
-    down = -1 + (1 + turning) * jnp.exp(-(amplitude - torsion) / presliding)
-    return jnp.where(rising, up, down)
 
 
 @cache

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
+from sinew.mechanics.parameters import Parameters
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
-from sinew.twin.parameters import Parameters, from_rig
+from sinew.twin.parameters import from_rig
 
 Array = NDArray[np.float64]
 

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from sinew.identify.joint.coordinates import Numbers
 from sinew.identify.joint.swing import Swing
+from sinew.mechanics.joint import State, derivative, friction_torque, potential, state_at_rest
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import viscoelastic_energy
+from sinew.mechanics.tendons import total_tension
+from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
-from sinew.twin.energy import potential, total_tension, viscoelastic_energy
-from sinew.twin.motion import State, derivative, friction_torque, state_at_rest
-from sinew.twin.parameters import Parameters
 from sinew.twin.simulate import LIMIT_RESERVE_N
-from sinew.twin.statics import set_pretension
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ def _observe(state: State, p: Parameters, numbers: Numbers) -> jax.Array:
 
 
 def _set(lane: _Lane, numbers: Numbers) -> tuple[Parameters, State]:
-    p = numbers.p._replace(guide_friction=numbers.p.guide_friction * (1 + lane.rougher))
+    p = numbers.p._replace(guides=numbers.p.guides.scaled(1 + lane.rougher))
     reserve = jnp.asarray(LIMIT_RESERVE_N)
     held, shortening = set_pretension(p, lane.pretension + lane.moved, numbers.contact, lane.mode, reserve)
     return held, state_at_rest(shortening, held)

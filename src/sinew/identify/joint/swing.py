@@ -13,9 +13,9 @@ from scipy.interpolate import CubicSpline
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.schema import SegmentKind
+from sinew.mechanics.parameters import POSITION, TENDON_MODES
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
-from sinew.twin.parameters import POSITION, TENDON_MODES
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from sinew.identify.oscillator.track import Grid
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.twin.prony import BAND_HZ, relaxation_times
+from sinew.mechanics.silicone import BAND_HZ, relaxation_times
 
 Array = NDArray[np.float64]
 Excitation = Literal["force", "torque", "base", "lever", "none"]

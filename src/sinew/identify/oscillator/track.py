@@ -8,8 +8,8 @@ with s(r) = r, or sin(r A)/A for a pendulum, and the damping
 
 - viscous: D r';
 - coulomb: D r' + c sign(r'), with its reversals located inside the step and with rest where the friction holds;
-- loss-factor: a Prony series on K for a constant loss factor η (see `sinew.twin.prony`), K being the dynamic stiffness
-  at the natural frequency: K_r Re G*(√K) = K.
+- loss-factor: a Prony series on K for a constant loss factor η (`sinew.mechanics.silicone`), K being the dynamic
+  stiffness at the natural frequency: K_r Re G*(√K) = K.
 
 Before the record the branches have seen a steady oscillation (memory 0), or a long rest where it starts (memory 1).
 
@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.twin.prony import prony_shares
+from sinew.mechanics.silicone import prony_shares
 
 Array = NDArray[np.float64]
 DampingLaw = Literal["viscous", "loss-factor", "coulomb"]

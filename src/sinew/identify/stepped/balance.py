@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from sinew.identify.oscillator.track import LARGEST_LOSS_FACTOR, LOCAL, DampingLaw, StiffnessLaw
-from sinew.twin.prony import prony_shares
+from sinew.mechanics.silicone import prony_shares
 
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -13,7 +13,7 @@ from sinew.identify.oscillator.record import Frame, Scales, derivative_order, in
 from sinew.identify.oscillator.track import LOCAL, Grid
 from sinew.identify.stepped.balance import NUMBERS, Balance, Laws, balance
 from sinew.identify.stepped.points import ResponsePoints
-from sinew.twin.prony import BAND_HZ, relaxation_times
+from sinew.mechanics.silicone import BAND_HZ, relaxation_times
 
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

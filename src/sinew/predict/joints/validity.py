@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from sinew.mechanics.joint import potential
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.tendons import tendon_stretch, tendon_tension
 from sinew.plan.rig import RigSpec
 from sinew.predict.curves.prediction import Problem
 from sinew.predict.joints.design import section_of, shear_modulus_of
 from sinew.predict.sections.section import Section
-from sinew.twin.energy import potential, tendon_stretch, tendon_tension
-from sinew.twin.parameters import Parameters
 
 # A predicted joint's tensions and compression are found, at rest and where it twists most.
 
@@ -168,7 +169,7 @@ def bonded_torsion_factor(torsion_constant: float, warping_constant: float, leng
 # Stability, chapter 2). Rubber columns are short and shear as well: Haringx's formula.
 #
 # By twisting: compression lets a section twist more easily (Wagner). For an incompressible neo-Hookean bar at the
-# stretch λ the torsional stiffness is (G/L) (I_p/λ - (I_p - J)/λ⁴) (`sinew.twin.energy.twist_rigidity`), which
+# stretch λ the torsional stiffness is (G/L) (I_p/λ - (I_p - J)/λ⁴) (`sinew.mechanics.silicone.twist_rigidity`), which
 # vanishes where λ³ = 1 - J/I_p; for slight compression that is Wagner's P = G J A/I_p.
 
 

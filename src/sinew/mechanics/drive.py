@@ -1,10 +1,10 @@
-"""This is where the drive motor turns an error of angle into torque and current."""
+"""Drive: the motor's position loop, from an error of angle to torque and current."""
 
 import jax
 import jax.numpy as jnp
 
-from sinew.twin.kinematics import cos_sin
-from sinew.twin.parameters import Parameters
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.tendons import cos_sin
 
 SLIDING_SPEED = 0.05
 """Speed over which gear friction turns round [rad/s]; Coulomb friction is regularised as tanh(ω/ω_s)."""

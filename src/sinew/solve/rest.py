@@ -1,4 +1,4 @@
-"""This is where the joint at rest is solved: first contact, pretension, tension."""
+"""The joint at rest: first contact, pretension, tension."""
 
 from collections.abc import Callable
 from functools import partial
@@ -6,8 +6,10 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from sinew.twin.energy import potential, silicone_energy, tendon_stretch, tendon_tension
-from sinew.twin.parameters import CURRENT, POSITION, Parameters
+from sinew.mechanics.joint import potential
+from sinew.mechanics.parameters import CURRENT, POSITION, Parameters
+from sinew.mechanics.silicone import silicone_energy
+from sinew.mechanics.tendons import tendon_stretch, tendon_tension
 
 _NEWTON_STEPS = 30
 

@@ -1,14 +1,14 @@
-"""This is where the equations of motion stand: one function, from state to rate."""
+"""Motion of the whole joint: its coordinates, its energy, and one function from state to rate."""
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from sinew.twin.drive import commanded_angle, duty, horn_torque
-from sinew.twin.energy import potential, total_tension, twist_rigidity, viscoelastic_energy
-from sinew.twin.parameters import Parameters
-from sinew.twin.prony import BRANCHES, relaxation_times
+from sinew.mechanics.drive import commanded_angle, duty, horn_torque
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import BRANCHES, relaxation_times, silicone_energy, twist_rigidity, viscoelastic_energy
+from sinew.mechanics.tendons import tendon_energy, tendon_stretch, total_tension
 
 LOCKING_TIME = 5e-3
 """Time in which the speed of a lever that is locked on stopping is forgotten [s]; it acts on nothing."""
@@ -18,8 +18,8 @@ class State(NamedTuple):
     """State of one lane.
 
     torsion φ, torsion_rate [rad, rad/s]; shortening x, shortening_rate [m, m/s]; lever θ against the head and
-    lever_rate; bristle z of the guide friction, -1..1; memory q_i [rad] and axial_memory u_i [m] of the silicone, by
-    branch; gyro and gyro_rate: the low-pass of the gyroscope [rad/s, rad/s²].
+    lever_rate; memory q_i [rad] and axial_memory u_i [m] of the silicone, by branch; gyro and gyro_rate: the low-pass
+    of the gyroscope [rad/s, rad/s²]; bristles: deflections of those of the guides' friction, -1..1.
     """
 
     torsion: jax.Array
@@ -28,11 +28,11 @@ class State(NamedTuple):
     shortening_rate: jax.Array
     lever: jax.Array
     lever_rate: jax.Array
-    bristle: jax.Array
     memory: tuple[jax.Array, ...]
     axial_memory: tuple[jax.Array, ...]
     gyro: jax.Array
     gyro_rate: jax.Array
+    bristles: tuple[jax.Array, ...]
 
 
 def state_at_rest(shortening: jax.Array, p: Parameters) -> State:
@@ -43,15 +43,19 @@ def state_at_rest(shortening: jax.Array, p: Parameters) -> State:
     zero = jnp.zeros(())
     start = jnp.where(p.prescribed > 0, p.amplitude * p.omega, 0.0)
     memory, axial_memory = (zero,) * BRANCHES, (shortening,) * BRANCHES
-    return State(zero, zero, shortening, zero, zero, start, zero, memory, axial_memory, zero, zero)
+    bristles = (zero,) * len(p.guides.spread)
+    return State(zero, zero, shortening, zero, zero, start, memory, axial_memory, zero, zero, bristles)
 
 
 def friction_torque(state: State, p: Parameters) -> jax.Array:
-    """Return the guides' friction torque on the head [N m], opposing the motion: Dahl, level μ·ΣT.
+    """Return the guides' friction torque on the head [N m], opposing the motion."""
+    return jnp.asarray(p.guides.torque(total_tension(state.torsion, state.shortening, p), state.bristles))
 
-    Level and presliding stiffness both grow with the tension in the tendons: F = μ ΣT z, stiffness μ ΣT/φ_s.
-    """
-    return p.guide_friction * total_tension(state.torsion, state.shortening, p) * state.bristle
+
+def potential(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
+    """Return the relaxed potential energy V(φ, x; ℓ_c) of silicone and tendons [J]."""
+    tendons = sum(tendon_energy(stretch, p) for stretch in tendon_stretch(torsion, shortening, p))
+    return silicone_energy(torsion, shortening, p) + tendons
 
 
 def _strain_energy(torsion: jax.Array, shortening: jax.Array, state: State, p: Parameters) -> jax.Array:
@@ -109,7 +113,7 @@ def derivative(
         shortening_rate=-axial_slope / p.head_mass,
         lever=state.lever_rate,
         lever_rate=lever_acceleration,
-        bristle=(speed - jnp.abs(speed) * state.bristle) / p.presliding_angle,
+        bristles=p.guides.rates(speed, state.bristles),
         memory=tuple((state.torsion - q) / tau for q, tau in zip(state.memory, times, strict=True)),
         axial_memory=tuple((state.shortening - u) / tau for u, tau in zip(state.axial_memory, times, strict=True)),
         gyro=state.gyro_rate,

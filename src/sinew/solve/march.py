@@ -1,4 +1,4 @@
-"""This is where lanes of the joint are integrated: fixed-step RK4, compiled once, batches on every core."""
+"""Lanes of the joint in time: fixed-step RK4, compiled once, batches on every core."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.twin.drive import commanded_angle, duty
-from sinew.twin.energy import tendon_stretch
-from sinew.twin.motion import State, rate, state_at_rest
-from sinew.twin.parameters import Parameters
+from sinew.mechanics.drive import commanded_angle, duty
+from sinew.mechanics.joint import State, rate, state_at_rest
+from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.tendons import tendon_stretch
 
 S = TypeVar("S")
 
@@ -40,7 +40,6 @@ class Track(NamedTuple):
     duty: NDArray[np.float64]
     gyro: NDArray[np.float64]
     gyro_rate: NDArray[np.float64]
-    bristle: NDArray[np.float64]
     stretch: NDArray[np.float64]
 
 
@@ -83,7 +82,6 @@ def _observe(time_s: jax.Array, state: State, p: Parameters) -> jax.Array:
         duty(goal - state.lever, p),
         state.gyro,
         state.gyro_rate,
-        state.bristle,
     ]
     return jnp.stack([*seen, *tendon_stretch(state.torsion, state.shortening, p)])
 

@@ -1,4 +1,4 @@
-"""This is where tendon lengths come from anchor points and a head pose.
+"""Tendons: their spans between two plates, by the head's pose, and their tension, by the motors' mode.
 
 Frame B sits at the lower guide circle with x along the continuum; frame H is the head's. A pose is a rotation of H
 against B and the position of H's origin in B. The head twists and sinks, and it tilts where the continuum bends.
@@ -8,6 +8,8 @@ import math
 
 import jax
 import jax.numpy as jnp
+
+from sinew.mechanics.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters
 
 # Vectors, matrices and lists of points are tuples of scalars and the loops over them are unrolled: over a batch
 # each scalar is one array over the lanes, and the compiler fuses everything into a single pass.
@@ -92,3 +94,42 @@ def tendon_lengths(base: tuple[Vector, ...], head: tuple[Vector, ...], pose: Pos
             square = square + (offset + sum(r * g for r, g in zip(row, guide, strict=True)) - below) ** 2
         lengths.append(jnp.sqrt(square))
     return tuple(lengths)
+
+
+def span_lengths(
+    torsion: jax.Array, shortening: jax.Array, p: Parameters, tilt: tuple[jax.Array, jax.Array] | None = None
+) -> tuple[jax.Array, ...]:
+    """Return the length ℓ of every tendon between its guides [m]; tilt: of the head about y and z of frame B [rad]."""
+    base, head = (guide_points(radius, p.guide_directions) for radius in (p.base_radius, p.head_radius))
+    return tendon_lengths(base, head, head_pose(torsion, shortening, p.free_span, tilt))
+
+
+def tendon_stretch(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> tuple[jax.Array, ...]:
+    """Return the elongation ℓ - ℓ_c of every tendon [m]; negative means slack."""
+    return tuple(length - p.cable_end for length in span_lengths(torsion, shortening, p))
+
+
+def tendon_energy(stretch: jax.Array, p: Parameters) -> jax.Array:
+    """Return the energy of tendons of given elongation [m]: elementwise, [J].
+
+    The motor decides. Position: ½ k_t s² where taut, 0 where slack. Position with current limit: the same up to the
+    limit, beyond it the motor yields at constant tension. Current: constant tension, T s.
+    """
+    taut = jnp.maximum(stretch, 0.0)
+    position = 0.5 * p.stiffness * taut**2
+    yielding = p.held_tension * (taut - 0.5 * p.held_tension / p.stiffness)
+    limited = jnp.where(p.stiffness * taut < p.held_tension, position, yielding)
+    current = p.held_tension * stretch
+    return jnp.where(p.mode == CURRENT, current, jnp.where(p.mode == POSITION_LIMITED, limited, position))
+
+
+def tendon_tension(stretch: jax.Array, p: Parameters) -> jax.Array:
+    """Return the tension of tendons of given elongation [m], elementwise [N]: the derivative of `tendon_energy`."""
+    position = p.stiffness * jnp.maximum(stretch, 0.0)
+    held = jnp.where(p.mode == CURRENT, p.held_tension, jnp.minimum(position, p.held_tension))
+    return jnp.where(p.mode == POSITION, position, held)
+
+
+def total_tension(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
+    """Return the sum of all tendons' tensions ΣT [N]."""
+    return jnp.asarray(sum(tendon_tension(stretch, p) for stretch in tendon_stretch(torsion, shortening, p)))

@@ -1,0 +1,81 @@
+"""Silicone: strain energy of twist and compression, and the memory that makes its loss factor."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import nnls
+
+from sinew.mechanics.parameters import Parameters
+
+BAND_HZ = (0.3, 30.0)
+"""Band over which the loss factor is held constant [Hz]."""
+
+BRANCHES = 4
+"""Maxwell branches; over two decades four keep the loss factor within 2 % of constant."""
+
+
+def relaxation_times() -> NDArray[np.float64]:
+    """Return the relaxation times τ_i of the branches [s], shape (branch,), longest first."""
+    corner_hz = np.geomspace(BAND_HZ[0] / 1.3, BAND_HZ[1] * 1.3, BRANCHES)
+    return np.asarray(1 / (2 * np.pi * corner_hz))
+
+
+def prony_shares(loss_factor: float) -> NDArray[np.float64]:
+    """Return the branch stiffnesses g_i as shares of the relaxed stiffness, shape (branch,).
+
+    Fitted by non-negative least squares to tan δ = G''/G' = `loss_factor` over `BAND_HZ`; the condition
+    G'' - tan δ G' = 0 is linear in g, with G* = 1 + Σ g_i iωτ_i/(1 + iωτ_i).
+    """
+    omega = 2 * np.pi * np.geomspace(*BAND_HZ, 60)
+    wt = omega[:, None] * relaxation_times()
+    storage, loss = wt**2 / (1 + wt**2), wt / (1 + wt**2)
+    shares, _ = nnls(loss - loss_factor * storage, np.full(omega.size, loss_factor))
+    return np.asarray(shares)
+
+
+def complex_stiffness(shares: ArrayLike, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+    """Return G*(f) over the relaxed stiffness, shape of `frequency_hz`."""
+    jwt = 2j * np.pi * np.asarray(frequency_hz, dtype=float)[..., None] * relaxation_times()
+    return np.asarray(1 + np.sum(np.asarray(shares) * jwt / (1 + jwt), axis=-1))
+
+
+def silicone_energy(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
+    """Return the relaxed strain energy of the silicone [J].
+
+    Incompressible neo-Hookean solid cylinder in combined torsion and compression (Rivlin), stretch λ = 1 - x/L:
+    W = (G L / 2) [A (λ² + 2/λ - 3) + J φ² / (L² λ)]; a section that warps see `twist_rigidity`.
+    """
+    stretch = 1 - shortening / p.length
+    axial = p.axial_rigidity * p.length * (stretch**2 + 2 / stretch - 3)
+    return 0.5 * (axial + twist_rigidity(stretch, p) * torsion**2 / p.length)
+
+
+def twist_rigidity(stretch: jax.Array, p: Parameters) -> jax.Array:
+    """Return the relaxed torsional rigidity at a stretch λ [N m²]: G (I_p/λ - (I_p - J)/λ⁴).
+
+    Small twist on a stretched incompressible neo-Hookean bar that warps freely; G J/λ for a circle, whose warping
+    rigidity G (I_p - J) is zero.
+    """
+    return (p.torsional_rigidity + p.warping_rigidity * (1 - stretch**-3)) / stretch
+
+
+def viscoelastic_energy(
+    torsion: jax.Array,
+    shortening: jax.Array,
+    memory: tuple[jax.Array, ...],
+    axial_memory: tuple[jax.Array, ...],
+    p: Parameters,
+) -> jax.Array:
+    """Return the energy in the Maxwell branches [J].
+
+    memory [rad], axial_memory [m]: dashpot positions q_i, u_i, by branch. Branch stiffnesses are the shares
+    g_i of the torsional stiffness at the present stretch, and of the axial one 3 G A/L.
+    """
+    stretch = 1 - shortening / p.length
+    torsional = twist_rigidity(stretch, p) / p.length
+    axial = 3 * p.axial_rigidity / p.length
+    stored = jnp.zeros_like(torsion)
+    for share, q, u in zip(p.prony_shares, memory, axial_memory, strict=True):
+        stored = stored + share * (torsional * (torsion - q) ** 2 + axial * (shortening - u) ** 2)
+    return 0.5 * stored
