@@ -59,7 +59,7 @@ def joint_rig(recording: "xr.Dataset", rig: str | None) -> "RigSpec":
 
     Raises SpecError where there is none.
     """
-    from sinew.apps.analyse import recording_rig
+    from sinew.analysis.analysed import recording_rig
 
     found = recording_rig(recording, rig)
     if found is None:
