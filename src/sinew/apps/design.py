@@ -81,10 +81,7 @@ def _proposal(one: "Proposal", confirmed: "tuple[Confirmed, ...]") -> dict[str, 
         "lever_inertia_kg_m2": rig.inertia.lever.value,
         "holding_a": one.holding_a,
         "ends": [_end(one, i) for i in range(2)],
-        "validity": [
-            {"check": c.name, "value": c.value, "limit": c.limit, "holds": c.holds, "sentence": c.sentence}
-            for c in one.checks
-        ],
+        "validity": [c.to_json() for c in one.checks],
         "confirmed": rows,
         "is_confirmed": all(row["error"] is not None and abs(row["error"]) <= ENOUGH for row in rows),
         "rig": None,

@@ -31,6 +31,7 @@ from sinew.figures.style import (
 )
 from sinew.predict.band import Band, Tube
 from sinew.predict.curves.branch import Branch
+from sinew.predict.predicted import Predicted
 
 _STABLE: dict[str, Any] = {"linestyle": "-", "linewidth": 1.3}
 _UNSTABLE: dict[str, Any] = {"linestyle": (0, (1.2, 1.4)), "linewidth": 1.1}
@@ -48,6 +49,12 @@ class Curves:
     def gain(self, amplitude: Floats | float) -> Floats:
         """Return half of peak to peak [rad] over the amplitude of the drive's command."""
         return np.asarray(amplitude) / math.radians(self.amplitude_deg)
+
+
+def curves_of(found: Predicted) -> Curves:
+    """Return the curves of a rig's prediction."""
+    asked = found.asked
+    return Curves(found.rig.name, tuple(asked.pretensions), found.prediction.branches, asked.amplitude_deg)
 
 
 @in_style

@@ -59,10 +59,7 @@ def design_curves(
         "harmonics": prediction.harmonics,
         "error_estimate": prediction.error_estimate,
         "wall_s": prediction.wall_s,
-        "validity": [
-            {"check": c.name, "value": c.value, "limit": c.limit, "holds": c.holds, "sentence": c.sentence}
-            for c in checks
-        ],
+        "validity": [c.to_json() for c in checks],
     }
 
 
