@@ -384,9 +384,7 @@ def recording_records(
             option = "a bootstrap" if repeats else "a pretension"
             raise SpecError(f"{option} is for the recording of a rig; this one was imported; leave it out")
         if excitation is None and drive is not None:
-            raise SpecError(
-                "the recording has a drive; say its excitation: force, torque, base or lever, or none"
-            )
+            raise SpecError("the recording has a drive; say its excitation: force, torque, base or lever, or none")
         rows = [max(rows, key=lambda row: row[2].stop - row[2].start)]
     else:
         excitation = excitation or "lever"
