@@ -49,7 +49,8 @@ class RigAsked(NamedTuple):
         return Effects().without(*self.without)
 
 
-class Drawn(NamedTuple):
+@dataclass(frozen=True)
+class Drawn:
     """How far curves can be off. bands: one for each pretension. draws: of the rig. changed: what a design changed."""
 
     bands: list[Band]
@@ -288,7 +289,7 @@ def rig_backbones(
     effects: Effects,
 ) -> list[dict[str, Any]]:
     """Return the backbone of a rig at each pretension, up to an amplitude of the command."""
-    problem = joint_problem(rig, pretensions, amplitude_deg, band_hz, mode=mode, effects=effects)
+    problem = joint_problem(rig, list(pretensions), amplitude_deg, band_hz, mode=mode, effects=effects)
     documents = []
     for mm, backbone in zip(pretensions, follow_backbones(problem, band_hz, RESOLUTION), strict=True):
         command = backbone.share * np.radians(amplitude_deg)
