@@ -1,5 +1,6 @@
 """What an import loads: heavy packages only where they are used."""
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -31,11 +32,11 @@ def test_importing_all_of_measure_does_load_what_the_check_looks_for_in_kind() -
     assert "xarray" in modules_loaded_by(f"import {', '.join(MEASURE)}")
 
 
-def test_reading_a_csv_file_loads_neither_jax_nor_matplotlib_nor_serial(tmp_path: Path) -> None:
+def test_reading_and_analysing_a_table_loads_neither_jax_nor_matplotlib_nor_serial(tmp_path: Path) -> None:
     file = tmp_path / "swing.csv"
-    file.write_text("t_s,angle_deg\n" + "".join(f"{i / 100},{i % 7}\n" for i in range(50)), encoding="utf-8")
+    swing = (f"{i / 100},{math.exp(-i / 100) * math.cos(i / 5)}\n" for i in range(400))
+    file.write_text("t_s,angle_deg\n" + "".join(swing), encoding="utf-8")
     loaded = modules_loaded_by(
-        "from pathlib import Path; from sinew.measure.csv import import_csv; "
-        f"import_csv(Path({str(file)!r}), time='t_s', response='angle_deg')"
+        f"import sinew as sn; sn.analyse(sn.read({str(file)!r}, time='t_s', response='angle_deg'))"
     )
     assert loaded & {"jax", "matplotlib", "serial"} == set()

@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 
 from sinew.apps.cli import main
+from sinew.identify.joint import calibration
 from sinew.measure.csv import import_csv
 from sinew.measure.estimate import Estimate
 from sinew.measure.extras import how_to_install
@@ -55,7 +56,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             rmse={"gyro_rad_s": 0.01},
         )
 
-    monkeypatch.setattr("sinew.identify.joint.calibration.fit_joint", fit)
+    monkeypatch.setattr(calibration, "fit_joint", fit)
     return tmp_path
 
 

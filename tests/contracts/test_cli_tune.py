@@ -30,12 +30,12 @@ def test_a_setting_is_told_as_json_and_the_rig_without_calibration_says_so(
 FAULTS = {
     "two amplitudes": (("tune", "paper", "--resonance-hz", "3", "--amplitude-deg", "9", "--yaw-deg", "7"), "one of"),
     "words for a frequency": (("tune", "paper", "--resonance-hz", "fast"), "--resonance-hz is 'fast'"),
-    "a draw": (("tune", "paper", "--resonance-hz", "3", "--bands", "1"), "--bands is 1"),
+    "a draw": (("tune", "paper", "--resonance-hz", "3", "--bands", "1"), "found 1 draw"),
     "no intervals to draw from": (("tune", "paper", "--resonance-hz", "3", "--bands", "9"), "holds no intervals"),
     "no gait": (("design", "--yaw-deg", "7"), "--stride-hz LOW:HIGH with --yaw-deg"),
     "half a band": (("design", "--stride-hz", "0.7", "--yaw-deg", "7"), "--stride-hz is '0.7'"),
     "an envelope": (("design", *GAIT, "--envelope-mm", "big"), "--envelope-mm is 'big'"),
-    "a shape": (("design", *GAIT, "--shape", "star"), "--shape holds 'star'"),
+    "a shape": (("design", *GAIT, "--shape", "star"), "the section 'star'"),
     "a silicone": (("design", *GAIT, "--material", "dragon-skin-31"), "did you mean dragon-skin-30"),
     "no gait file": (("design", "--gait", "nowhere.json"), "cannot read nowhere.json"),
 }

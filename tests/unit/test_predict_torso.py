@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sinew.apps.design import _assumptions, _torso
+from sinew.apps.design import _torso
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import section_of, shear_modulus_of
@@ -21,6 +21,7 @@ from sinew.predict.joints.validity import (
     mast_load,
 )
 from sinew.tune.candidate import DesignTarget
+from sinew.tune.design import assumptions
 
 RIG = load_rig("paper")
 REST = Loads(*(np.array([x]) for x in (50.0, 60.0, 0.95, 0.94, 0.3)))
@@ -88,11 +89,11 @@ def target(torso: Torso | None) -> DesignTarget:
 
 
 def test_without_a_mass_it_is_said_that_the_weight_is_left_out() -> None:
-    assert "the weight of what sits on it is left out" in _assumptions(target(None))[0]
+    assert "the weight of what sits on it is left out" in assumptions(target(None))[0]
 
 
 def test_with_a_mass_it_is_said_where_its_centre_is_taken_to_be() -> None:
-    told = _assumptions(target(_torso(30.0, None)))[0]
+    told = assumptions(target(_torso(30.0, None)))[0]
     assert "30 kg" in told
     assert "centre 250 mm above the head plate" in told
     assert "press with 294 N" in told

@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, print_json, print_table, progress_bar, require_file, write_json
+from sinew.apps.console import Json, print_json, print_told, progress_bar, require_file, write_json
 from sinew.measure.errors import FileError, SpecError
-from sinew.measure.estimate import UNKNOWN, interval, number
 
 if TYPE_CHECKING:
-    from sinew.identify.joint.calibration import Calibration
     from sinew.paper.numbers import PaperFit
     from sinew.paper.posterior import PaperPosterior
     from sinew.plan.rig import RigSpec
@@ -62,7 +60,9 @@ def calibrate(
     if json:
         print_json(document)
     else:
-        _print(document)
+        from sinew.identify.joint.calibration import calibration_told
+
+        print_told([*calibration_told(document), _made(document)])
 
 
 def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, extras: bool) -> None:
@@ -86,23 +86,15 @@ def _refuse_overwriting(rig: str, paths: list[Path], force: bool) -> None:
 
 
 def _from_recordings(rig: str, files: list[Path], out: Path, free: str | None, command: list[str]) -> dict[str, Any]:
-    from sinew.measure.netcdf import load_recording
-    from sinew.plan.toml import load_rig
+    from sinew.identify.joint.calibration import calibrate as run
 
-    before = load_rig(rig)
-    loaded = [load_recording(file) for file in files]
-    from sinew.identify.joint.calibration import calibrate_rig, source_of
-    from sinew.twin.cache import configure
-
-    configure()
-    sources = [source_of(file.name, recording) for file, recording in zip(files, loaded, strict=True)]
     chosen = {} if free is None else {"free": [name.strip() for name in free.split(",") if name.strip()]}
     with progress_bar("calibrate") as progress:
-        done = calibrate_rig(loaded, sources, before, name=out.stem, progress=progress, **chosen)
+        done = run(rig, files, name=out.stem, progress=progress, **chosen)
     head = [f"{shlex.join(command)} --out {out.name}"]
-    head += [f"{source.file}: content hash {source.content_hash}" for source in sources]
+    head += [f"{source.file}: content hash {source.content_hash}" for source in done.sources]
     _write_rig(done.rig, out, head)
-    return _recordings_document(done, out)
+    return {"rig": str(out), **done.document()}
 
 
 def _from_paper(
@@ -152,33 +144,6 @@ def _write_rig(rig: "RigSpec", out: Path, head: list[str]) -> None:
     write_atomically(out, write)
 
 
-def _recordings_document(done: "Calibration", out: Path) -> dict[str, Any]:
-    before, after = dict(done.before.parameters()), dict(done.rig.parameters())
-    rows: dict[str, Any] = {}
-    for name in (*done.found, *done.followed):
-        one = done.found.get(name)
-        rows[name] = {
-            "unit": after[name].unit,
-            "before": before[name].value,
-            "after": {
-                "value": after[name].value,
-                "std": None if one is None else one.to_json()["std"],
-                "interval90": list(after[name].interval90 or (None, None)),
-            },
-        }
-    return {
-        "rig": str(out),
-        "name": done.rig.name,
-        "before": done.before.name,
-        "recordings": [{"file": source.file, "content_hash": source.content_hash} for source in done.sources],
-        "parameters": rows,
-        "kept": list(done.kept),
-        "rmse": done.fit.rmse,
-        "converged": done.fit.converged,
-        "remarks": list(done.remarks),
-    }
-
-
 def _paper_document(
     before: "RigSpec",
     after: "RigSpec",
@@ -218,25 +183,5 @@ def _paper_document(
     }
 
 
-def _print(document: dict[str, Any]) -> None:
-    rows = [
-        (name, row["unit"], number(row["before"]), *_after(row["after"]))
-        for name, row in document["parameters"].items()
-    ]
-    print_table(("parameter", "unit", "before", "after", "90 % interval"), rows)
-    if "numbers" in document:
-        cells = [
-            (one["quantity"], *(number(one[key]) for key in ("paper", "twin", "tolerance")))
-            for one in document["numbers"]
-        ]
-        print_table(("number of the paper", "paper", "twin", "tolerance"), cells)
-    for sentence in document["remarks"]:
-        print(f"- {sentence}")
-    print(f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}")
-
-
-def _after(found: dict[str, Any]) -> tuple[str, str]:
-    """Return the value after a calibration and its interval, in step."""
-    low, high = found["interval90"]
-    value, _, ends = interval(found["value"], low, high).partition(" (")
-    return value, ends.rstrip(")") or UNKNOWN
+def _made(document: dict[str, Any]) -> str:
+    return f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"

@@ -2,26 +2,25 @@
 
 import shlex
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, print_json, print_table, progress_bar, require_folder
+from sinew.apps.console import Json, print_json, print_table, print_told, progress_bar, require_folder
 from sinew.apps.predict_rig import (
     Amplitude,
     Mode,
-    Predicted,
     Pretension,
-    RigAsked,
     Without,
-    mark_cell,
-    predict_rig,
-    print_remarks,
     rig_asked,
+    words_of,
     write_comparison,
 )
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import number
+
+if TYPE_CHECKING:
+    from sinew.predict.predicted import Predicted, RigAsked
 
 
 def compare(
@@ -59,8 +58,9 @@ def compare(
         print(f"page: {page}")
 
 
-def _predicted(rigs: list[str], asked: RigAsked) -> list[Predicted]:
+def _predicted(rigs: list[str], asked: "RigAsked") -> "list[Predicted]":
     from sinew.plan.toml import load_rig
+    from sinew.predict.predicted import predict_rig
 
     loaded = [load_rig(rig) for rig in rigs]
     found = []
@@ -72,6 +72,8 @@ def _predicted(rigs: list[str], asked: RigAsked) -> list[Predicted]:
 
 
 def _print(document: dict[str, Any], amplitude_deg: float) -> None:
+    from sinew.predict.predicted import mark_cell, remarks_told
+
     rows = []
     for rig in document["rigs"]:
         for i, branch in enumerate(rig["branches"]):
@@ -83,8 +85,8 @@ def _print(document: dict[str, Any], amplitude_deg: float) -> None:
     for rig in document["rigs"]:
         held = sum(check["holds"] for check in rig["validity"])
         print(f"{rig['rig']}: {held} of {len(rig['validity'])} assumptions hold")
-        print_remarks(rig, faults_only=True)
+        print_told(remarks_told(rig, faults_only=True))
 
 
-def _command(rigs: list[str], asked: RigAsked, out: Path) -> str:
-    return shlex.join(["sinew", "compare", *rigs, *asked.words(), "--out", str(out)])
+def _command(rigs: list[str], asked: "RigAsked", out: Path) -> str:
+    return shlex.join(["sinew", "compare", *rigs, *words_of(asked), "--out", str(out)])

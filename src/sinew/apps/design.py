@@ -1,163 +1,22 @@
 """This is where `sinew design` finds joints that resonate with a gait, and writes a rig and a plan for each."""
 
-import math
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, print_json, print_table, progress_bar, require_folder, write_json
+from sinew.apps.console import Json, print_json, print_told, progress_bar, require_folder, write_json
 from sinew.apps.joint import BASE_RIG, write_rig
 from sinew.measure.errors import FileError, SpecError
-from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     from sinew.figures.design_page import EndCurves
     from sinew.plan.plan import Plan
-    from sinew.plan.rig import RigSpec
     from sinew.predict.joints.validity import Torso
     from sinew.tune.candidate import DesignTarget
-    from sinew.tune.design import Confirmed, Designed, Effort
+    from sinew.tune.design import Designed
     from sinew.tune.proposal import Proposal
-
-
-# Designed joints become the JSON document of `sinew design`.
-
-
-def design_document(found: "Designed", target: "DesignTarget", base: str, effort: "Effort") -> dict[str, Any]:
-    """Return what a search found, as JSON holds it."""
-    proposals = [
-        {**_joint(found.evaluated[i], bool(found.front[i])), **_proposal(found.evaluated[i], confirmed)}
-        for i, confirmed in zip(found.chosen, found.confirmed, strict=True)
-    ]
-    return {
-        "base": base,
-        "target": {
-            "stride_band_hz": list(target.band_hz),
-            "yaw_deg": target.yaw_deg,
-            "inertia_kg_m2": target.inertia,
-            "envelope_mm": [1e3 * target.diameter, 1e3 * target.length],
-            "torso_kg": None if target.torso is None else target.torso.mass,
-            "torso_centre_mm": None if target.torso is None else 1e3 * target.torso.centre,
-        },
-        "assumptions": _assumptions(target),
-        "effort": {**effort.__dict__},
-        "candidates": found.candidates,
-        "feasible": found.feasible,
-        "evaluated": [_joint(one, bool(on)) for one, on in zip(found.evaluated, found.front, strict=True)],
-        "proposals": proposals,
-        "sentences": [*_sentences(found, proposals), *_assumptions(target)],
-        "wall_s": {"search": found.search_s, "exact": found.exact_s, "confirm": found.confirm_s},
-    }
-
-
-def _joint(one: "Proposal", on_front: bool) -> dict[str, Any]:
-    return {
-        "name": one.rig.name,
-        "shape": one.draft.shape,
-        "material": one.draft.material,
-        "feasible": not one.faults,
-        "faults": list(one.faults),
-        "on_front": on_front,
-        "energy_j": one.energy,
-        "volume_cm3": 1e6 * one.volume,
-        "tension_n": one.tension,
-        "diameter_mm": 1e3 * one.diameter,
-        "envelope_length_mm": 1e3 * one.length,
-    }
-
-
-def _proposal(one: "Proposal", confirmed: "tuple[Confirmed, ...]") -> dict[str, Any]:
-    from sinew.predict.joints.design import section_of
-    from sinew.tune.design import ENOUGH
-
-    rig = one.rig
-    rows = [_confirmed(found) for found in confirmed]
-    return {
-        "section": section_of(rig).shape,
-        "length_mm": 1e3 * rig.silicone.length.value,
-        "tendon_circle_mm": 1e3 * rig.tendons.head_radius.value,
-        "lever_inertia_kg_m2": rig.inertia.lever.value,
-        "holding_a": one.holding_a,
-        "ends": [_end(one, i) for i in range(2)],
-        "validity": [
-            {"check": c.name, "value": c.value, "limit": c.limit, "holds": c.holds, "sentence": c.sentence}
-            for c in one.checks
-        ],
-        "confirmed": rows,
-        "is_confirmed": all(row["error"] is not None and abs(row["error"]) <= ENOUGH for row in rows),
-        "rig": None,
-        "plan": None,
-    }
-
-
-def _end(one: "Proposal", i: int) -> dict[str, float]:
-    at, load = one.ends[i], one.loads[i]
-    return {
-        "wanted_hz": one.draft.target.band_hz[i],
-        "frequency_hz": at.frequency_hz,
-        "pretension_mm": at.pretension_mm,
-        "command_deg": math.degrees(at.command),
-        "lever_deg": math.degrees(abs(at.lever)),
-        "torsion_deg": math.degrees(at.torsion),
-        "damping_ratio": one.damping_ratio[i],
-        "rest_tension_n": at.rest_tension,
-        "tension_n": at.tension,
-        "torque_n_m": load.torque,
-        "speed_rad_s": load.speed,
-        "duty": load.duty,
-        "current_a": load.current,
-        "work_j": load.work,
-        "energy_j": load.energy,
-    }
-
-
-def _confirmed(found: "Confirmed") -> dict[str, Any]:
-    def number(x: float) -> float | None:
-        return x if math.isfinite(x) else None
-
-    return {
-        "pretension_mm": found.pretension_mm,
-        "predicted_hz": number(found.predicted_hz),
-        "measured_hz": found.measured_hz.to_json(),
-        "peak_hz": found.peak_hz.to_json(),
-        "yaw_deg": number(found.yaw_deg),
-        "error": number(found.error),
-    }
-
-
-def _assumptions(target: "DesignTarget") -> list[str]:
-    """Return what is taken for granted of the torso, a sentence each."""
-    if target.torso is None:
-        return [
-            "assumed: nothing presses on the joint but its tendons; the weight of what sits on it is left out, for no "
-            "mass was given. Give it with --torso-kg, and buckling, strain, tension and tipping are checked under it"
-        ]
-    torso = target.torso
-    return [
-        f"assumed: {torso.mass:g} kg stand upright on the joint with their centre {1e3 * torso.centre:g} mm above the "
-        f"head plate and press with {torso.weight:.0f} N; pretension counts from the first contact under that weight; "
-        f"the head tilts no further than the rig allows. Candidates that fail under it are refused after the search, "
-        "which does not know of it; the swing's resonance is that without weight"
-    ]
-
-
-def _sentences(found: "Designed", proposals: list[dict[str, Any]]) -> list[str]:
-    told = [f"{found.feasible} of {found.candidates} candidates of the search keep every limit"]
-    fit = sum(not one.faults for one in found.evaluated)
-    told.append(f"{fit} of {len(found.evaluated)} that were computed exactly do, {int(found.front.sum())} undominated")
-    if not proposals:
-        told.append("no joint within these limits was found; allow a larger envelope, a narrower band or less yaw")
-        return told
-    sure = sum(one["is_confirmed"] for one in proposals)
-    told.append(f"{sure} of {len(proposals)} proposals resonate on the full twin within 3 % of what was predicted")
-    held = max(one["holding_a"] for one in proposals)
-    told.append(
-        f"holding the tendons takes up to {held:.2f} A of each tendon motor if its gear holds nothing; that is not in "
-        "the drive's energy"
-    )
-    return told
 
 
 def design(
@@ -203,11 +62,11 @@ def design(
     the plans of a few that differ run on the full twin. No joint within the limits is no error: the answer says so.
     """
     from sinew.plan.toml import load_rig
-    from sinew.tune.design import Effort, design_joints
+    from sinew.tune.design import Effort, design_joints, known_shapes, known_silicones
 
     target = _target(stride, yaw, gait, inertia, envelope, _torso(torso, centre))
     base = load_rig(rig)
-    silicones, shapes = _silicones(base, material), _shapes(shape)
+    silicones, shapes = known_silicones(base, _names(material)), known_shapes(_names(shape))
     if out is not None:
         require_folder(out)
     effort = Effort(starts, exact, proposals, seed)
@@ -221,7 +80,7 @@ def design(
             scheduler=scheduler,
             progress=lambda _, done, total: bar(done, total),
         )
-    document = design_document(found, target, base.name, effort)
+    document = found.document()
     if out is not None:
         words = ["sinew", "design", rig, "--stride-hz", f"{target.band_hz[0]:g}:{target.band_hz[1]:g}"]
         words += ["--yaw-deg", f"{target.yaw_deg:g}", "--inertia-kg-m2", f"{inertia:g}", "--envelope-mm", envelope]
@@ -233,7 +92,9 @@ def design(
     if json:
         print_json(document)
     else:
-        _print(document, out)
+        print_told(found.told())
+        if out is not None:
+            print(f"page: {out / 'design.html'}")
 
 
 def read_gait(path: Path) -> tuple[tuple[float, float], float]:
@@ -292,47 +153,8 @@ def _pair(text: str, mark: str, option: str, expected: str) -> tuple[float, floa
     raise SpecError(f"{option} is {text!r}, expected {expected}")
 
 
-def _shapes(text: str | None) -> list[str]:
-    from sinew.tune.candidate import SHAPES
-
-    names = list(SHAPES) if text is None else list(dict.fromkeys(part.strip() for part in text.split(",")))
-    for name in names:
-        if name not in SHAPES:
-            raise SpecError(f"--shape holds {name!r}, expected some of {', '.join(SHAPES)}")
-    return names
-
-
-def _silicones(base: "RigSpec", text: str | None) -> dict[str, float]:
-    """Return name and shear modulus [Pa] of each silicone that may be used."""
-    from sinew.predict.joints.design import shear_modulus_of
-    from sinew.predict.joints.material import list_materials, load_material
-
-    names = ["base", *list_materials()] if text is None else [part.strip() for part in text.split(",")]
-    known = {}
-    for name in names:
-        if name == "base":
-            known["base"] = shear_modulus_of(base)
-        else:
-            one = load_material(name)
-            known[one.name] = one.shear_modulus.value
-    return known
-
-
-def _print(document: dict[str, Any], out: Path | None) -> None:
-    rows = []
-    for i, one in enumerate(document["proposals"], start=1):
-        twin = ", ".join("-" if end["error"] is None else f"{end['error']:+.1%}" for end in one["confirmed"])
-        pretensions = " to ".join(number(end["pretension_mm"], 3) for end in one["ends"])
-        size = f"{one['diameter_mm']:.0f} x {one['envelope_length_mm']:.0f}"
-        energy, tension = f"{1e3 * one['energy_j']:.0f}", f"{one['tension_n']:.0f}"
-        rows.append((f"{i} {one['name']}", pretensions, size, energy, tension, twin))
-    columns = ("proposal", "pretension/mm", "envelope/mm", "energy/mJ", "tension/N", "twin off by")
-    if rows:
-        print_table(columns, rows)
-    for sentence in document["sentences"]:
-        print(f"- {sentence}")
-    if out is not None:
-        print(f"page: {out / 'design.html'}")
+def _names(text: str | None) -> list[str] | None:
+    return None if text is None else list(dict.fromkeys(part.strip() for part in text.split(",")))
 
 
 # Designed joints are written into a folder: rigs, plans, figures, one page.

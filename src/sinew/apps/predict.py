@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from sinew.apps.console import Json, checked_band, number_list, print_json, remark, require_file, require_folder
+from sinew.apps.console import (
+    Json,
+    checked_band,
+    number_list,
+    print_json,
+    print_told,
+    progress_bar,
+    remark,
+    require_file,
+    require_folder,
+)
 from sinew.apps.joint import BASE_RIG, JointOptions, design_document, designed_rig, with_joint_options, write_rig
 from sinew.apps.predict_against import (
     Against,
@@ -24,18 +34,10 @@ from sinew.apps.predict_rig import (
     Bands,
     BandSeed,
     Mode,
-    Predicted,
     Pretension,
-    RigAsked,
     Without,
-    bands_document,
-    oscillator_backbones,
-    predict_rig,
-    prediction_document,
-    print_backbones,
-    print_bands,
-    print_prediction,
     rig_asked,
+    words_of,
     write_prediction,
 )
 from sinew.measure.errors import SpecError
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sinew.predict.curves.branch import Prediction
+    from sinew.predict.predicted import Predicted, RigAsked
 
 
 # `sinew predict` is asked for more than curves: bands, and a recording to be held against.
@@ -72,7 +75,7 @@ class Further(NamedTuple):
         against = [] if self.against is None else ["--against", str(self.against)]
         fitted = [] if self.fitted_mm is None else ["--fitted-mm", self.fitted_mm]
         if self.against is None:
-            return [*asked.words(), *bands]
+            return [*words_of(asked), *bands]
         off = [word for effect in asked.without for word in ("--without", effect)]
         return [*off, *bands, *against, *fitted]
 
@@ -100,14 +103,17 @@ class Further(NamedTuple):
         document: dict[str, Any] = {}
         figures: dict[str, Figure] = {}
         if self.bands is not None:
-            keys, bands = bands_document(found, base, self.bands, self.seed)
-            document |= keys
-            if drawn:
-                from sinew.figures.predicted import Curves, draw_bands
+            from sinew.plan.toml import load_rig
+            from sinew.predict.predicted import with_bands
 
-                asked, branches = found.asked, found.prediction.branches
-                curves = Curves(found.rig.name, tuple(asked.pretensions), branches, asked.amplitude_deg)
-                figures["predicted_bands"] = draw_bands(curves, bands)
+            with progress_bar("draw") as progress:
+                more = with_bands(found, load_rig(base or BASE_RIG), self.bands, self.seed, progress).drawn
+            assert more is not None
+            document |= more.document(found.asked.pretensions)
+            if drawn:
+                from sinew.figures.predicted import curves_of, draw_bands
+
+                figures["predicted_bands"] = draw_bands(curves_of(found), more.bands)
         if held is not None:
             document["against"], comparison = hold_against(held, found, self.fitted_mm)
             if drawn:
@@ -117,25 +123,19 @@ class Further(NamedTuple):
         return document, figures
 
 
-def print_further(document: dict[str, Any]) -> None:
-    """Print the parts of a prediction that were asked for beside the curves."""
-    if "bands" in document:
-        print_bands(document)
-    if "against" in document:
-        print_against(document["against"])
-
-
 # `sinew predict` takes a rig, or makes one, and writes what it was asked to write.
 
 
 def predict_joint(
-    base: str | None, joint: JointOptions, asked: RigAsked, further: Further, out: Path | None
+    base: str | None, joint: JointOptions, asked: "RigAsked", further: Further, out: Path | None
 ) -> tuple[dict[str, Any], Callable[[], list[dict[str, Any]]]]:
     """Return the document of a rig's prediction, and what gives its backbones; write files where `out` says so.
 
     base: file or name of the rig. joint: what is changed in it. further: what is asked beside the curves. out: a folder
     for figures and page, or a file ending in .toml for the rig alone.
     """
+    from sinew.predict.predicted import predict_rig
+
     alone = out is not None and out.suffix == ".toml"
     if out is not None:
         if alone:
@@ -226,6 +226,8 @@ def predict(
 
     A joint that is not built yet is a RIG, else the paper's, in which what is said of the joint is changed.
     """
+    from sinew.predict.predicted import prediction_document
+
     further = Further(bands, seed, against, fitted, start, stop)
     if oscillator is not None:
         for option in (*joint.given, *further.given, *(["--out"] if out is not None else [])):
@@ -245,10 +247,15 @@ def predict(
     if json:
         print_json(document)
         return
-    print_prediction(document)
-    print_further(document)
+    from sinew.predict.predicted import backbones_told, bands_told, prediction_told
+
+    print_told(prediction_told(document))
+    if "bands" in document:
+        print_told(bands_told(document))
+    if "against" in document:
+        print_against(document["against"])
     if backbone:
-        print_backbones(document["backbone"])
+        print_told(backbones_told(document["backbone"]))
     if out is not None:
         print(f"written: {out}")
 
@@ -265,6 +272,7 @@ def _oscillator(
 
     from sinew.predict.curves.prediction import predict as run
     from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
+    from sinew.predict.predicted import oscillator_backbones
     from sinew.twin.cache import configure
 
     values: dict[str, float] = {}

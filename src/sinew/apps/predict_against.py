@@ -9,8 +9,8 @@ from sinew.apps.console import number_list, print_table
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
-    from sinew.apps.predict_rig import Predicted, RigAsked
     from sinew.predict.against import Comparison, Measured
+    from sinew.predict.predicted import Predicted, RigAsked
 
 Against = Annotated[
     Path | None,

@@ -15,7 +15,6 @@ from sinew.apps.console import (
     require_file,
     require_folder,
 )
-from sinew.apps.predict_rig import equivalent_document, refuse_pretensions
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import fixed, number
 
@@ -76,6 +75,7 @@ def transfer(
 
     from sinew.plan.toml import load_rig
     from sinew.predict.linear import joint_document, linear_joints, write_transfer
+    from sinew.predict.predicted import refuse_pretensions
     from sinew.twin.parameters import Effects
 
     spec = load_rig(rig)
@@ -127,6 +127,7 @@ def _describing(
     from sinew.predict.curves.prediction import predict
     from sinew.predict.describing import describing_function
     from sinew.predict.joint import RESOLUTION, joint_problem
+    from sinew.predict.predicted import equivalent_document
 
     lanes = [(mm, degrees) for mm in pretensions for degrees in amplitudes]
     problem = joint_problem(

@@ -80,26 +80,49 @@ def draw_decay(recording: xr.Dataset, results: xr.Dataset, pretension_mm: float 
     Left: drive and torsion before and after the drive stops; right: the decay, its peaks, and the envelope with λ,
     ⟨ω⟩, D, Q, d and k by the paper's method.
     """
-    if "paper_decay_rate_per_s" not in results:
+    found = _nearest_decay(recording, results, pretension_mm)
+    if found is None:
         return None
-    group = nearest(groups_of(recording, "ring-down"), pretension_mm)
-    if group is None:
-        return None
-    p = int(np.argmin(np.abs(results["pretension_mm"].values - group.segment.pretension_mm)))
-    here = results.isel(pretension_mm=p, repeat=min(group.segment.repeat, results.sizes["repeat"] - 1))
-    numbers = tuple(float(here[name]) for name in ("paper_decay_rate_per_s", "paper_omega_rad_s", "decay_start_s"))
-    if not np.isfinite(numbers).all():
-        return None
-    free, whole = released_motion(recording, group), released_motion(recording, group, with_settle=True)
+    group, here, numbers = found
+    whole = released_motion(recording, group, with_settle=True)
     figure = new_figure(3.1)
     left, right = figure.subplots(1, 2, width_ratios=(1.1, 1.0))
     _draw_whole(left, about_rest(whole, linear_decay(whole, *numbers)))
-    free = about_rest(free, linear_decay(free, *numbers))
-    _draw_envelope(right, free, linear_decay(free, *numbers))
-    right.text(0.98, 0.97, _quantities(here), transform=right.transAxes, ha="right", va="top", linespacing=1.35)
+    _draw_free(right, recording, group, here, numbers)
     note_panel(left, "a", "excitation and free decay" if group.settle is not None else "recorded oscillation")
     note_panel(right, "b", "envelope" + at_pretension(recording, group.segment.pretension_mm))
     return figure
+
+
+def draw_envelope(axes: Axes, recording: xr.Dataset, results: xr.Dataset, pretension_mm: float = 0.0) -> bool:
+    """Draw the decay closest to a pretension [mm], its peaks and envelope; return whether there is one."""
+    found = _nearest_decay(recording, results, pretension_mm)
+    if found is not None:
+        _draw_free(axes, recording, *found)
+    return found is not None
+
+
+Numbers = tuple[float, float, float]
+
+
+def _nearest_decay(
+    recording: xr.Dataset, results: xr.Dataset, pretension_mm: float
+) -> tuple[Group, xr.Dataset, Numbers] | None:
+    """Return the ring-down closest to a pretension, its results, and rate [1/s], ω [rad/s] and start [s] among them."""
+    group = nearest(groups_of(recording, "ring-down"), pretension_mm)
+    if group is None or "paper_decay_rate_per_s" not in results:
+        return None
+    p = int(np.argmin(np.abs(results["pretension_mm"].values - group.segment.pretension_mm)))
+    here = results.isel(pretension_mm=p, repeat=min(group.segment.repeat, results.sizes["repeat"] - 1))
+    numbers = float(here["paper_decay_rate_per_s"]), float(here["paper_omega_rad_s"]), float(here["decay_start_s"])
+    return (group, here, numbers) if np.isfinite(numbers).all() else None
+
+
+def _draw_free(axes: Axes, recording: xr.Dataset, group: Group, here: xr.Dataset, numbers: Numbers) -> None:
+    free = released_motion(recording, group)
+    free = about_rest(free, linear_decay(free, *numbers))
+    _draw_envelope(axes, free, linear_decay(free, *numbers))
+    axes.text(0.98, 0.97, _quantities(here), transform=axes.transAxes, ha="right", va="top", linespacing=1.35)
 
 
 def _draw_whole(axes: Axes, motion: Motion) -> None:

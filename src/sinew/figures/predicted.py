@@ -31,6 +31,7 @@ from sinew.figures.style import (
 )
 from sinew.predict.band import Band, Tube
 from sinew.predict.curves.branch import Branch
+from sinew.predict.predicted import Predicted
 
 _STABLE: dict[str, Any] = {"linestyle": "-", "linewidth": 1.3}
 _UNSTABLE: dict[str, Any] = {"linestyle": (0, (1.2, 1.4)), "linewidth": 1.1}
@@ -50,6 +51,12 @@ class Curves:
         return np.asarray(amplitude) / math.radians(self.amplitude_deg)
 
 
+def curves_of(found: Predicted) -> Curves:
+    """Return the curves of a rig's prediction."""
+    asked = found.asked
+    return Curves(found.rig.name, tuple(asked.pretensions), found.prediction.branches, asked.amplitude_deg)
+
+
 @in_style
 def draw_predicted(curves: Curves) -> Figure:
     """Return gain and lag over frequency, a line for each pretension.
@@ -60,21 +67,26 @@ def draw_predicted(curves: Curves) -> Figure:
     left, right = figure.subplots(1, 2)
     draw_gains(left, curves)
     left.set_ylim(0, None)
-    for branch, colour in zip(curves.branches, pretension_colours(curves.pretension_mm), strict=True):
-        _draw_line(right, branch, np.degrees(branch.phase), colour)
-        for fold in branch.folds:
-            right.plot(fold.frequency_hz, math.degrees(fold.phase), **_diamond(colour))
-    right.axhline(90.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
-    right.set(xlabel="drive frequency in Hz", ylabel="lag of torsion behind lever in degrees")
-    lowest = min((float(np.min(b.phase, initial=0.0)) for b in curves.branches), default=0.0)
-    highest = max((float(np.max(b.phase, initial=np.pi)) for b in curves.branches), default=np.pi)
-    right.set_yticks(range(45 * math.floor(math.degrees(lowest) / 45 + 0.1), math.ceil(math.degrees(highest)) + 1, 45))
-    right.margins(x=0)
+    draw_phases(right, curves)
     note_panel(left, "a", "amplitude")
     note_panel(right, "b", "phase")
     _add_key(left, curves)
     pretension_bar(figure, (left, right), np.array(curves.pretension_mm))
     return figure
+
+
+def draw_phases(axes: Axes, curves: Curves) -> None:
+    """Draw the lag of every branch behind the lever over frequency, with its folds."""
+    for branch, colour in zip(curves.branches, pretension_colours(curves.pretension_mm), strict=True):
+        _draw_line(axes, branch, np.degrees(branch.phase), colour)
+        for fold in branch.folds:
+            axes.plot(fold.frequency_hz, math.degrees(fold.phase), **_diamond(colour))
+    axes.axhline(90.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
+    axes.set(xlabel="drive frequency in Hz", ylabel="lag of torsion behind lever in degrees")
+    lowest = min((float(np.min(b.phase, initial=0.0)) for b in curves.branches), default=0.0)
+    highest = max((float(np.max(b.phase, initial=np.pi)) for b in curves.branches), default=np.pi)
+    axes.set_yticks(range(45 * math.floor(math.degrees(lowest) / 45 + 0.1), math.ceil(math.degrees(highest)) + 1, 45))
+    axes.margins(x=0)
 
 
 def draw_gains(axes: Axes, curves: Curves) -> None:

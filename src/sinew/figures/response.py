@@ -35,29 +35,40 @@ def draw_response(results: xr.Dataset) -> Figure | None:
     """
     if "gain" not in results or results.sizes["frequency_hz"] < 2:
         return None
-    frequency, pretension = results["frequency_hz"].values, results["pretension_mm"].values
+    pretension = results["pretension_mm"].values
     figure = new_figure(3.5)
     left, right = figure.subplots(1, 2)
-    draw_tubes(left, frequency, results["gain"].values, pretension)
-    draw_tubes(right, frequency, np.rad2deg(results["phase_lag_rad"].values), pretension)
+    draw_gain(left, results)
+    draw_lag(right, results)
+    note_panel(left, "a", "amplitude response")
+    note_panel(right, "b", "phase difference")
+    pretension_bar(figure, (left, right), pretension)
+    return figure
+
+
+def draw_gain(axes: Axes, results: xr.Dataset) -> None:
+    """Draw the gain by nominal drive over frequency, with its peaks."""
+    frequency = results["frequency_hz"].values
+    draw_tubes(axes, frequency, results["gain"].values, results["pretension_mm"].values)
     if "resonance_hz" in results:
-        _mark_peaks(left, results)
+        _mark_peaks(axes, results)
     units = (str(results.attrs.get("response_unit", "rad")), str(results.attrs.get("drive_unit", "rad")))
     if units[0] == units[1]:
-        left.axhline(1.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
+        axes.axhline(1.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
     label = (
         "gain: torsion amplitude / nominal drive" if units == ("rad", "rad") else f"gain in {units[0]} per {units[1]}"
     )
-    left.set(xlabel="drive frequency in Hz", ylabel=label, ylim=(0, None))
-    right.axhline(90.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
-    right.set(xlabel="drive frequency in Hz", ylabel="lag of torsion behind drive in degrees")
-    right.set_yticks(range(0, 181, 45))
-    note_panel(left, "a", "amplitude response")
-    note_panel(right, "b", "phase difference")
-    for axes in (left, right):
-        axes.set_xlim(frequency.min(), frequency.max())
-    pretension_bar(figure, (left, right), pretension)
-    return figure
+    axes.set(xlabel="drive frequency in Hz", ylabel=label, ylim=(0, None), xlim=(frequency.min(), frequency.max()))
+
+
+def draw_lag(axes: Axes, results: xr.Dataset) -> None:
+    """Draw the lag of the torsion behind the drive over frequency."""
+    frequency = results["frequency_hz"].values
+    draw_tubes(axes, frequency, np.rad2deg(results["phase_lag_rad"].values), results["pretension_mm"].values)
+    axes.axhline(90.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
+    axes.set(xlabel="drive frequency in Hz", ylabel="lag of torsion behind drive in degrees")
+    axes.set_yticks(range(0, 181, 45))
+    axes.set_xlim(frequency.min(), frequency.max())
 
 
 def draw_tubes(axes: Axes, frequency_hz: Floats, values: Floats, pretension_mm: Floats) -> None:

@@ -156,6 +156,12 @@ def export_csv(recording: xr.Dataset, path: Path | str) -> None:
     Channels with several columns get one for each (`gyro_x_rad_s`, `tendon_1_current_a`); numbers are written so that
     they read back unchanged. Rig, plan and other attributes are not in the table.
     Raises SchemaError where it is not a recording, FileError where the file cannot be written.
+
+    >>> import tempfile, pandas as pd
+    >>> import sinew as sn
+    >>> recording = sn.read(pd.DataFrame({"t": range(50), "x": [0.0, 1.0] * 25}), time="t", response="x")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     sn.export_csv(recording, f"{folder}/mine.csv")
     """
     validate_recording(recording)
     sizes = recording["row_size"].values

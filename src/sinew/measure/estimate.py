@@ -56,6 +56,9 @@ class Estimate:
         half = float(special.stdtrit(degrees_of_freedom, 0.95)) * std
         return Estimate(float(value), float(std), float(value - half), float(value + half))
 
+    def __str__(self) -> str:
+        return self.shown_interval()
+
     def to_json(self) -> dict[str, float | list[float | None] | None]:
         """Return `{"value", "std", "interval90"}`; what is not finite becomes null."""
 

@@ -189,7 +189,16 @@ def load_dataset(path: Path | str) -> xr.Dataset:
 
 
 def save_recording(recording: xr.Dataset, path: Path | str) -> None:
-    """Check a recording and write it atomically. Raises SchemaError or FileError."""
+    """Check a recording and write it atomically. Raises SchemaError or FileError.
+
+    >>> import tempfile, pandas as pd
+    >>> import sinew as sn
+    >>> recording = sn.read(pd.DataFrame({"t": range(50), "x": [0.0, 1.0] * 25}), time="t", response="x")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     sn.save_recording(recording, f"{folder}/mine.nc")
+    ...     sn.read(f"{folder}/mine.nc").sizes["sample"]
+    50
+    """
     save_dataset(validate_recording(recording), path)
 
 
@@ -227,6 +236,12 @@ def export_mat(recording: xr.Dataset, path: Path | str) -> None:
     with a column for each property of the segments and the numbers of their first and last sample, counted from 1;
     `units`, a struct from name to unit; and `attributes`, the provenance as text.
     Raises SchemaError where it is not a recording, FileError where the file cannot be written.
+
+    >>> import tempfile, pandas as pd
+    >>> import sinew as sn
+    >>> recording = sn.read(pd.DataFrame({"t": range(50), "x": [0.0, 1.0] * 25}), time="t", response="x")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     sn.export_mat(recording, f"{folder}/mine.mat")
     """
     validate_recording(recording)
     channels = [name for name in map(str, recording.data_vars) if name not in SEGMENT_VARIABLES]

@@ -257,12 +257,22 @@ _UNSAID = ("sweep.settle", "sweep.settle_tolerance", "sweep.settle_most_s")
 
 
 def load_rig(path_or_name: str | Path) -> RigSpec:
-    """Return the rig of a TOML file, or the shipped one of that name (`paper`). Raises SpecError."""
+    """Return the rig of a TOML file, or the shipped one of that name (`paper`). Raises SpecError.
+
+    >>> import sinew as sn
+    >>> sn.load_rig("paper").silicone.length.value
+    0.095
+    """
     return parse_rig(read_spec("rigs", path_or_name), source=str(path_or_name))
 
 
 def load_plan(path_or_name: str | Path) -> Plan:
-    """Return the plan of a TOML file, or the shipped one of that name (`paper`, `short`). Raises SpecError."""
+    """Return the plan of a TOML file, or the shipped one of that name (`paper`, `short`). Raises SpecError.
+
+    >>> import sinew as sn
+    >>> sn.load_plan("short").pretension.pretension_mm
+    (0.0, 6.0, 12.0)
+    """
     return parse_plan(read_spec("plans", path_or_name), source=str(path_or_name))
 
 
@@ -281,12 +291,22 @@ def parse_plan(text: str, source: str = "plan") -> Plan:
 
 
 def dump_rig(rig: RigSpec) -> str:
-    """Return a rig as TOML, one line a parameter, such that `parse_rig` gives the same rig to the last bit."""
+    """Return a rig as TOML, one line a parameter, such that `parse_rig` gives the same rig to the last bit.
+
+    >>> import sinew as sn
+    >>> "[silicone]" in sn.dump_rig(sn.load_rig("paper"))
+    True
+    """
     return _RIG_HEADER + _table(rig)
 
 
 def dump_plan(plan: Plan) -> str:
-    """Return a plan as TOML, such that `parse_plan` gives the same plan to the last bit."""
+    """Return a plan as TOML, such that `parse_plan` gives the same plan to the last bit.
+
+    >>> import sinew as sn
+    >>> "[sweep]" in sn.dump_plan(sn.load_plan("short"))
+    True
+    """
     return _PLAN_HEADER + _table(plan)
 
 

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -13,12 +14,16 @@ from numpy.typing import NDArray
 from sinew import __version__
 from sinew.analysis.analysis import analyse_recording
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import Estimate, number
 from sinew.measure.extras import how_to_install
+from sinew.measure.told import Table, Told
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
-from sinew.plan.toml import dump_rig
-from sinew.tune.candidate import DesignTarget
+from sinew.plan.toml import dump_rig, load_rig
+from sinew.predict.joints.design import section_of, shear_modulus_of
+from sinew.predict.joints.material import list_materials, load_material
+from sinew.predict.joints.validity import Torso
+from sinew.tune.candidate import SHAPES, DesignTarget
 from sinew.tune.proposal import Draft, Proposal, plan_of, propose
 from sinew.tune.resonance import Swing, find_resonances
 from sinew.tune.search import Found, blocks_of, search_block
@@ -212,11 +217,12 @@ class Effort:
     seed: int = 0
 
 
-@dataclass(frozen=True)
-class Designed:
+@dataclass(frozen=True, repr=False)
+class Designed(Told):
     """What came of it. candidates, feasible: of the search, numbers. evaluated: exactly computed ones that have
     resonances. front: which of them are feasible and not dominated, (n,). chosen: indices of the proposals among them,
-    confirmed: what the twin says of each. search_s, exact_s, confirm_s: wall time of the parts [s]."""
+    confirmed: what the twin says of each. search_s, exact_s, confirm_s: wall time of the parts [s]. base: name of the
+    rig that it began with; target, effort: what was asked for."""
 
     candidates: int
     feasible: int
@@ -227,6 +233,111 @@ class Designed:
     search_s: float
     exact_s: float
     confirm_s: float
+    base: str
+    target: DesignTarget
+    effort: Effort
+
+    def document(self) -> dict[str, Any]:
+        """Return it as `sinew design --json` prints it."""
+        proposals = [
+            {**_joint(self.evaluated[i], bool(self.front[i])), **_proposal(self.evaluated[i], confirmed)}
+            for i, confirmed in zip(self.chosen, self.confirmed, strict=True)
+        ]
+        return {
+            "base": self.base,
+            "target": {
+                "stride_band_hz": list(self.target.band_hz),
+                "yaw_deg": self.target.yaw_deg,
+                "inertia_kg_m2": self.target.inertia,
+                "envelope_mm": [1e3 * self.target.diameter, 1e3 * self.target.length],
+                "torso_kg": None if self.target.torso is None else self.target.torso.mass,
+                "torso_centre_mm": None if self.target.torso is None else 1e3 * self.target.torso.centre,
+            },
+            "assumptions": assumptions(self.target),
+            "effort": {**self.effort.__dict__},
+            "candidates": self.candidates,
+            "feasible": self.feasible,
+            "evaluated": [_joint(one, bool(on)) for one, on in zip(self.evaluated, self.front, strict=True)],
+            "proposals": proposals,
+            "sentences": [*_sentences(self, proposals), *assumptions(self.target)],
+            "wall_s": {"search": self.search_s, "exact": self.exact_s, "confirm": self.confirm_s},
+        }
+
+    def told(self) -> list[Table | str]:
+        """Return a row for each proposal, and what to know of the search."""
+        document, rows = self.document(), []
+        for i, one in enumerate(document["proposals"], start=1):
+            twin = ", ".join("-" if end["error"] is None else f"{end['error']:+.1%}" for end in one["confirmed"])
+            pretensions = " to ".join(number(end["pretension_mm"], 3) for end in one["ends"])
+            size = f"{one['diameter_mm']:.0f} x {one['envelope_length_mm']:.0f}"
+            energy, tension = f"{1e3 * one['energy_j']:.0f}", f"{one['tension_n']:.0f}"
+            rows.append((f"{i} {one['name']}", pretensions, size, energy, tension, twin))
+        columns = ("proposal", "pretension/mm", "envelope/mm", "energy/mJ", "tension/N", "twin off by")
+        sentences = [f"- {sentence}" for sentence in document["sentences"]]
+        return [*([Table(columns, rows)] if rows else []), *sentences]
+
+
+def design(
+    stride_hz: tuple[float, float],
+    yaw_deg: float,
+    rig: RigSpec | str | Path = "paper",
+    *,
+    inertia_kg_m2: float = 0.25,
+    torso_kg: float | None = None,
+    torso_centre_mm: float = 250.0,
+    envelope_mm: tuple[float, float] = (200.0, 250.0),
+    shapes: Sequence[str] | None = None,
+    materials: Sequence[str] | None = None,
+    starts: int = 64,
+    exact: int = 24,
+    proposals: int = 4,
+    seed: int = 0,
+    scheduler: str | None = None,
+    progress: Callable[[str, float, float], None] | None = None,
+) -> Designed:
+    """Return joints whose resonance can follow a gait: section, silicone, length, tendon circle, lever, pretensions.
+
+    stride_hz: lowest and highest stride frequency to resonate at [Hz]. yaw_deg: amplitude of the torsion there.
+    rig: whose motors, guides and sensors are kept. inertia_kg_m2: of what sits on the joint, about its axis. torso_kg,
+    torso_centre_mm: its mass and the height of its centre above the head plate; without a mass its weight is left out.
+    envelope_mm: largest diameter and length, guides included. shapes, materials: by name, where not all are to be
+    tried; "base" is the rig's silicone. starts, exact, proposals, seed: see `Effort`. scheduler: address of a Dask
+    cluster. progress: called with (part, done, total).
+    It takes minutes, with few starts and shapes seconds. No joint within the limits is no error: the answer says so.
+    Raises SpecError where a number cannot be meant.
+
+    >>> import sinew as sn
+    >>> found = sn.design((0.7, 1.1), 7, shapes=["circle"], starts=8, exact=2, proposals=1)  # doctest: +SKIP
+    >>> found.document()["proposals"][0]["is_confirmed"]  # doctest: +SKIP
+    """
+    base = rig if isinstance(rig, RigSpec) else load_rig(rig)
+    torso = None if torso_kg is None else Torso(torso_kg, 1e-3 * torso_centre_mm)
+    size = [1e-3 * one for one in envelope_mm]
+    target = DesignTarget((stride_hz[0], stride_hz[1]), yaw_deg, inertia_kg_m2, size[0], size[1], torso=torso)
+    effort = Effort(starts, exact, proposals, seed)
+    silicones = known_silicones(base, materials)
+    return design_joints(base, target, silicones, known_shapes(shapes), effort, scheduler=scheduler, progress=progress)
+
+
+def known_shapes(wanted: Sequence[str] | None) -> list[str]:
+    """Return the names of sections, all where none is named. Raises SpecError for an unknown one."""
+    for name in wanted or ():
+        if name not in SHAPES:
+            raise SpecError(f"found the section {name!r}, expected some of {', '.join(SHAPES)}")
+    return list(SHAPES if wanted is None else wanted)
+
+
+def known_silicones(base: RigSpec, wanted: Sequence[str] | None) -> dict[str, float]:
+    """Return name and shear modulus [Pa] of each silicone that may be used."""
+    names = ["base", *list_materials()] if wanted is None else wanted
+    known = {}
+    for name in names:
+        if name == "base":
+            known["base"] = shear_modulus_of(base)
+        else:
+            one = load_material(name)
+            known[one.name] = one.shear_modulus.value
+    return known
 
 
 def design_joints(
@@ -268,6 +379,9 @@ def design_joints(
         search_s=searched - begin,
         exact_s=computed - searched,
         confirm_s=time.perf_counter() - computed,
+        base=rig.name,
+        target=target,
+        effort=effort,
     )
 
 
@@ -316,3 +430,108 @@ def _alike(a: Proposal, b: Proposal) -> bool:
     lengths = sorted((a.rig.silicone.length.value, b.rig.silicone.length.value))
     same = (a.draft.shape, a.draft.material) == (b.draft.shape, b.draft.material)
     return same and lengths[1] < _OTHER_LENGTH * lengths[0]
+
+
+# What a search found, as JSON holds it.
+
+
+def _joint(one: Proposal, on_front: bool) -> dict[str, Any]:
+    return {
+        "name": one.rig.name,
+        "shape": one.draft.shape,
+        "material": one.draft.material,
+        "feasible": not one.faults,
+        "faults": list(one.faults),
+        "on_front": on_front,
+        "energy_j": one.energy,
+        "volume_cm3": 1e6 * one.volume,
+        "tension_n": one.tension,
+        "diameter_mm": 1e3 * one.diameter,
+        "envelope_length_mm": 1e3 * one.length,
+    }
+
+
+def _proposal(one: Proposal, confirmed: tuple[Confirmed, ...]) -> dict[str, Any]:
+    rig = one.rig
+    rows = [_confirmed(found) for found in confirmed]
+    return {
+        "section": section_of(rig).shape,
+        "length_mm": 1e3 * rig.silicone.length.value,
+        "tendon_circle_mm": 1e3 * rig.tendons.head_radius.value,
+        "lever_inertia_kg_m2": rig.inertia.lever.value,
+        "holding_a": one.holding_a,
+        "ends": [_end(one, i) for i in range(2)],
+        "validity": [c.to_json() for c in one.checks],
+        "confirmed": rows,
+        "is_confirmed": all(row["error"] is not None and abs(row["error"]) <= ENOUGH for row in rows),
+        "rig": None,
+        "plan": None,
+    }
+
+
+def _end(one: Proposal, i: int) -> dict[str, float]:
+    at, load = one.ends[i], one.loads[i]
+    return {
+        "wanted_hz": one.draft.target.band_hz[i],
+        "frequency_hz": at.frequency_hz,
+        "pretension_mm": at.pretension_mm,
+        "command_deg": math.degrees(at.command),
+        "lever_deg": math.degrees(abs(at.lever)),
+        "torsion_deg": math.degrees(at.torsion),
+        "damping_ratio": one.damping_ratio[i],
+        "rest_tension_n": at.rest_tension,
+        "tension_n": at.tension,
+        "torque_n_m": load.torque,
+        "speed_rad_s": load.speed,
+        "duty": load.duty,
+        "current_a": load.current,
+        "work_j": load.work,
+        "energy_j": load.energy,
+    }
+
+
+def _confirmed(found: Confirmed) -> dict[str, Any]:
+    def number(x: float) -> float | None:
+        return x if math.isfinite(x) else None
+
+    return {
+        "pretension_mm": found.pretension_mm,
+        "predicted_hz": number(found.predicted_hz),
+        "measured_hz": found.measured_hz.to_json(),
+        "peak_hz": found.peak_hz.to_json(),
+        "yaw_deg": number(found.yaw_deg),
+        "error": number(found.error),
+    }
+
+
+def assumptions(target: DesignTarget) -> list[str]:
+    """Return what is taken for granted of the torso, a sentence each."""
+    if target.torso is None:
+        return [
+            "assumed: nothing presses on the joint but its tendons; the weight of what sits on it is left out, for no "
+            "mass was given. Give it (torso-kg), and buckling, strain, tension and tipping are checked under it"
+        ]
+    torso = target.torso
+    return [
+        f"assumed: {torso.mass:g} kg stand upright on the joint with their centre {1e3 * torso.centre:g} mm above the "
+        f"head plate and press with {torso.weight:.0f} N; pretension counts from the first contact under that weight; "
+        f"the head tilts no further than the rig allows. Candidates that fail under it are refused after the search, "
+        "which does not know of it; the swing's resonance is that without weight"
+    ]
+
+
+def _sentences(found: Designed, proposals: list[dict[str, Any]]) -> list[str]:
+    told = [f"{found.feasible} of {found.candidates} candidates of the search keep every limit"]
+    fit = sum(not one.faults for one in found.evaluated)
+    told.append(f"{fit} of {len(found.evaluated)} that were computed exactly do, {int(found.front.sum())} undominated")
+    if not proposals:
+        told.append("no joint within these limits was found; allow a larger envelope, a narrower band or less yaw")
+        return told
+    sure = sum(one["is_confirmed"] for one in proposals)
+    told.append(f"{sure} of {len(proposals)} proposals resonate on the full twin within 3 % of what was predicted")
+    held = max(one["holding_a"] for one in proposals)
+    told.append(
+        f"holding the tendons takes up to {held:.2f} A of each tendon motor if its gear holds nothing; that is not in "
+        "the drive's energy"
+    )
+    return told

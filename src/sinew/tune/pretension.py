@@ -7,8 +7,9 @@ pretension. It holds what is not known of the calibrated parameters and nothing 
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,17 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import Estimate, fixed, number, shown_interval
+from sinew.measure.told import Table, Told
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
-from sinew.predict.band import Draws, drawn_branches, estimate_of_deviations
+from sinew.plan.toml import load_rig
+from sinew.predict.band import Draws, draw_rigs, drawn_branches, estimate_of_deviations
 from sinew.predict.curves.prediction import Problem
 from sinew.predict.joint import joint_problem
 from sinew.tune.candidate import drive_load
 from sinew.tune.resonance import Resonance, Swing, find_resonances
+from sinew.twin.cache import configure
 
 # It is found between which frequencies a rig's pretension can move its resonance, and what ends it.
 
@@ -179,13 +183,150 @@ class Setting:
     draws: int = 0
 
 
-@dataclass(frozen=True)
-class Tuning:
-    """All settings of a rig, the range they can lie in, and what to know of their intervals."""
+_MEANT = "where the torsion lags behind the lever by 90°"
+
+
+@dataclass(frozen=True, repr=False)
+class Tuning(Told):
+    """All settings of a rig, the range they can lie in, and what to know of their intervals.
+
+    rig: its name. swing, mode: that it was tuned for. drawn: count, seed and parameters of the draws, if there were.
+    """
 
     reachable: Reachable
     settings: tuple[Setting, ...]
     remarks: tuple[str, ...]
+    rig: str
+    swing: Swing
+    mode: TendonMode
+    drawn: dict[str, Any] | None = None
+
+    def document(self) -> dict[str, Any]:
+        """Return it as `sinew tune --json` prints it."""
+        return {
+            "settings": [_setting_json(one) for one in self.settings],
+            "range": _range_json(self.reachable),
+            "remarks": list(self.remarks),
+            "rig": self.rig,
+            "resonance": _MEANT,
+            "command_deg": self.swing.command_deg,
+            "yaw_deg": self.swing.yaw_deg,
+            "mode": self.mode,
+            "draws": self.drawn,
+        }
+
+    def told(self) -> list[Table | str]:
+        """Return a row for each wanted frequency, the range that can be reached, and what to know of them."""
+        rows = []
+        for one in (document := self.document())["settings"]:
+            if one["feasible"]:
+                cells = (
+                    shown_interval(one["pretension_mm"]),
+                    shown_interval(one["frequency_hz"]),
+                    fixed(one["torsion_deg"], 1),
+                    fixed(one["command_deg"], 1),
+                )
+                rows.append((f"{one['wanted_hz']:g}", *cells, fixed(one["tension_n"], 0)))
+            else:
+                rows.append((f"{one['wanted_hz']:g}", "-", "-", "-", "-", "-"))
+        columns = ("wanted/Hz", "pretension/mm", "resonance/Hz", "torsion/°", "command/°", "tension/N")
+        told: list[Table | str] = [Table(columns, rows, f"{self.rig}: resonance is {_MEANT}")]
+        reached = document["range"]
+        if reached["frequency_hz"] is not None:
+            ends = zip(reached["frequency_hz"], reached["pretension_mm"], strict=True)
+            told.append("range: " + " to ".join(f"{number(hz, unit='Hz')} at {number(mm, 3, 'mm')}" for hz, mm in ends))
+        return [*told, *(f"- {sentence}" for sentence in (*(one.sentence for one in self.settings), *self.remarks))]
+
+
+def _setting_json(one: Setting) -> dict[str, Any]:
+    at = one.resonance
+    if at is None or one.pretension_mm is None or one.frequency_hz is None:
+        return {"wanted_hz": one.wanted_hz, "feasible": False, "sentence": one.sentence}
+    return {
+        "wanted_hz": one.wanted_hz,
+        "feasible": one.feasible,
+        "sentence": one.sentence,
+        "pretension_mm": one.pretension_mm.to_json(),
+        "frequency_hz": one.frequency_hz.to_json(),
+        "slope_hz_mm": one.slope_hz_mm,
+        "peak_hz": at.peak_hz if at.peak_hz == at.peak_hz else None,
+        "torsion_deg": math.degrees(at.torsion),
+        "command_deg": math.degrees(at.command),
+        "lever_deg": math.degrees(abs(at.lever)),
+        "rest_tension_n": at.rest_tension,
+        "tension_n": at.tension,
+        "draws": one.draws,
+    }
+
+
+def _range_json(reachable: Reachable) -> dict[str, Any]:
+    found = reachable.resonances
+    return {
+        "pretension_mm": None if reachable.pretension_mm is None else list(reachable.pretension_mm),
+        "frequency_hz": None if reachable.frequency_hz is None else list(reachable.frequency_hz),
+        "why": list(reachable.why),
+        "curve": {
+            "pretension_mm": [one.pretension_mm for one in found],
+            "frequency_hz": [one.frequency_hz for one in found],
+            "torsion_deg": [math.degrees(one.torsion) for one in found],
+            "command_deg": [math.degrees(one.command) for one in found],
+            "tension_n": [one.tension for one in found],
+        },
+    }
+
+
+_DRAWS = 100
+
+
+def tune(
+    rig: RigSpec | str | Path,
+    resonance_hz: float | Sequence[float],
+    *,
+    amplitude_deg: float | None = None,
+    yaw_deg: float | None = None,
+    mode: TendonMode = "position",
+    bands: int | None = None,
+    seed: int = 0,
+    progress: Callable[[float, float], None] | None = None,
+) -> Tuning:
+    """Return the pretension at which a rig resonates at each wanted frequency, and the range that it can reach.
+
+    rig: as such, its file or its name. resonance_hz: where it is to resonate: 90° of lag [Hz]. amplitude_deg: of the
+    drive's command, else 20; or yaw_deg: of the torsion, whose command is found. mode: of the tendon motors.
+    bands: draws for 90 % intervals, of a rig that knows how far it can be off; else 100, and 0 for none; seed: of them.
+    progress: called with (done, total) draws.
+    A frequency out of reach is no error: its setting says why. Raises SpecError where a number cannot be meant.
+
+    >>> import sinew as sn
+    >>> setting = sn.tune("paper", 3.5, bands=0).settings[0]
+    >>> setting.feasible, 3 < setting.pretension_mm.value < 8
+    (True, True)
+    """
+    if amplitude_deg is not None and yaw_deg is not None:
+        raise SpecError("found an amplitude of the command and one of the torsion; expected one of them")
+    swing = Swing(20.0 if amplitude_deg is None and yaw_deg is None else amplitude_deg, yaw_deg)
+    made = rig if isinstance(rig, RigSpec) else load_rig(rig)
+    configure()
+    draws, remark = _draws(made, bands, seed)
+    wanted = [float(hertz) for hertz in np.atleast_1d(resonance_hz)]
+    found = tune_pretension(made, wanted, swing, draws=draws, mode=mode, progress=progress)
+    told = None if draws is None else {"count": len(draws.rigs), "seed": seed, "parameters": list(draws.names)}
+    return replace(found, drawn=told, remarks=(*found.remarks, *([remark] if remark else [])))
+
+
+def _draws(rig: RigSpec, bands: int | None, seed: int) -> tuple[Draws | None, str]:
+    """Return (draws where something is known of the rig's uncertainty, the sentence why there are none)."""
+    if bands == 0:
+        return None, ""
+    known = rig.calibration is not None or any(one.interval90 is not None for _, one in rig.parameters())
+    if not known and bands is None:
+        return None, (
+            f"the rig {rig.name} holds no intervals, so nothing is known of how far the pretension can be off; "
+            "sinew calibrate writes a rig that knows"
+        )
+    if bands == 1:
+        raise SpecError("found 1 draw, expected 2 or more, or 0 for no intervals")
+    return draw_rigs(rig, bands or _DRAWS, seed), ""
 
 
 def tune_pretension(
@@ -220,7 +361,7 @@ def tune_pretension(
     if draws is not None:
         settings = _with_intervals(rig, settings, draws, mode, progress)
     remarks = () if draws is None else draws.remarks
-    return Tuning(reachable, tuple(settings), remarks)
+    return Tuning(reachable, tuple(settings), remarks, rig.name, swing, mode)
 
 
 def _guess(reachable: Reachable, hertz: float) -> float | None:

@@ -260,6 +260,12 @@ def simulate(
     progress: called with (done, total) simulated seconds.
     Every group starts from rest; the pause before it is not recorded.
     Raises SpecError for a plan with a [track]: what a drive that listens does is no plan's; see `sinew track`.
+
+    >>> import sinew as sn
+    >>> sweep = sn.Sweep(frequency_hz=(3.0,), settle_s=1.0, periods=3, repeats=1)
+    >>> plan = sn.Plan(name="one", sample_hz=200.0, pretension=sn.Pretension(pretension_mm=(4.0,)), sweep=sweep)
+    >>> sn.simulate(plan, "paper", seed=1).sizes["segment"]
+    3
     """
     plan = load_plan(plan) if isinstance(plan, (str, Path)) else plan
     rig = load_rig(rig) if isinstance(rig, (str, Path)) else rig

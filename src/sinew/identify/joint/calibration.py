@@ -3,6 +3,8 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,11 +13,13 @@ from numpy.typing import NDArray
 from sinew.identify.joint.coordinates import make_coordinates
 from sinew.identify.joint.fit import FREE, JointFit, fit_joint
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import Estimate
-from sinew.measure.netcdf import content_hash
+from sinew.measure.estimate import UNKNOWN, Estimate, interval, number
+from sinew.measure.netcdf import content_hash, load_recording
+from sinew.measure.told import Table, Told
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import Calibrated, RigSpec
-from sinew.plan.toml import parse_rig
+from sinew.plan.toml import load_rig, parse_rig
+from sinew.twin.cache import configure
 
 # A calibrated rig is told how its parameters vary together, those that only follow among them.
 
@@ -187,8 +191,8 @@ _WIDEST_SHARE = 0.5
 _PRIOR90_SHARE = 1.6448536269514722 / 1.959963984540054
 
 
-@dataclass(frozen=True)
-class Calibration:
+@dataclass(frozen=True, repr=False)
+class Calibration(Told):
     """A rig with parameters from recordings.
 
     before, rig: as it was given, and with the new values. found: estimates of what the recordings determined, by
@@ -205,6 +209,67 @@ class Calibration:
     fit: JointFit
     sources: tuple[Source, ...]
     remarks: tuple[str, ...]
+
+    def document(self) -> dict[str, Any]:
+        """Return it as `sinew calibrate --json` prints it, without the path of the rig that was written."""
+        before, after = dict(self.before.parameters()), dict(self.rig.parameters())
+        rows: dict[str, Any] = {}
+        for name in (*self.found, *self.followed):
+            one = self.found.get(name)
+            rows[name] = {
+                "unit": after[name].unit,
+                "before": before[name].value,
+                "after": {
+                    "value": after[name].value,
+                    "std": None if one is None else one.to_json()["std"],
+                    "interval90": list(after[name].interval90 or (None, None)),
+                },
+            }
+        return {
+            "name": self.rig.name,
+            "before": self.before.name,
+            "recordings": [{"file": source.file, "content_hash": source.content_hash} for source in self.sources],
+            "parameters": rows,
+            "kept": list(self.kept),
+            "rmse": self.fit.rmse,
+            "converged": self.fit.converged,
+            "remarks": list(self.remarks),
+        }
+
+    def told(self) -> list[Table | str]:
+        """Return the parameters before and after, and what to know of them."""
+        return calibration_told(self.document())
+
+
+def calibrate(
+    rig: RigSpec | str | Path,
+    recordings: xr.Dataset | str | Path | Sequence[xr.Dataset | str | Path],
+    *,
+    name: str | None = None,
+    free: Sequence[str] = FREE,
+    progress: Callable[[float, float], None] | None = None,
+) -> Calibration:
+    """Return a rig whose parameters come from recordings of it, each with origin, 90 % interval and source.
+
+    rig: that was recorded, as such, its file or its name. recordings: of it, as such or as NetCDF files; one or more.
+    name: of the rig that comes out. free: dotted names of the parameters to find; what the recordings do not determine
+    keeps its value and origin. progress: called with (done, total). It takes about half a minute.
+    Raises SpecError for a parameter that cannot be free, RecordingError where nothing is determined.
+
+    >>> import sinew as sn
+    >>> recording = sn.simulate("short", "paper")  # doctest: +SKIP
+    >>> mine = sn.calibrate("paper", recording, name="mine")  # doctest: +SKIP
+    >>> mine.rig.silicone.shear_modulus.interval90  # doctest: +SKIP
+    """
+    given = [recordings] if isinstance(recordings, (xr.Dataset, str, Path)) else list(recordings)
+    before = rig if isinstance(rig, RigSpec) else load_rig(rig)
+    loaded = [one if isinstance(one, xr.Dataset) else load_recording(one) for one in given]
+    files = [f"recording {i}" if isinstance(one, xr.Dataset) else Path(one).name for i, one in enumerate(given, 1)]
+    sources = [source_of(file, recording) for file, recording in zip(files, loaded, strict=True)]
+    configure()
+    return calibrate_rig(
+        loaded, sources, before, name=name or f"{before.name}-calibrated", free=free, progress=progress
+    )
 
 
 def calibrate_rig(
@@ -299,3 +364,26 @@ def _is_determined(estimate: Estimate, parameter: Parameter) -> bool:
     if not all(map(math.isfinite, (estimate.value, estimate.std, estimate.low, estimate.high))):
         return False
     return estimate.high - estimate.low < _WIDEST_SHARE * _PRIOR90_SHARE * (high - low)
+
+
+def calibration_told(document: Mapping[str, Any]) -> list[Table | str]:
+    """Return the parameters before and after, what else was fitted, and what to know of them."""
+    rows = [
+        (name, row["unit"], number(row["before"]), *_after(row["after"]))
+        for name, row in document["parameters"].items()
+    ]
+    told: list[Table | str] = [Table(("parameter", "unit", "before", "after", "90 % interval"), rows)]
+    if "numbers" in document:
+        cells = [
+            (one["quantity"], *(number(one[key]) for key in ("paper", "twin", "tolerance")))
+            for one in document["numbers"]
+        ]
+        told.append(Table(("number of the paper", "paper", "twin", "tolerance"), cells))
+    return [*told, *(f"- {sentence}" for sentence in document["remarks"])]
+
+
+def _after(found: dict[str, Any]) -> tuple[str, str]:
+    """Return the value after a calibration and its interval, in step."""
+    low, high = found["interval90"]
+    value, _, ends = interval(found["value"], low, high).partition(" (")
+    return value, ends.rstrip(")") or UNKNOWN

@@ -91,6 +91,12 @@ def make_record(
     """Return a record whose arrays are finite, equally long and in time order.
 
     Raises SpecError where excitation and input do not fit together, RecordingError where the samples are not usable.
+
+    >>> import numpy as np
+    >>> import sinew as sn
+    >>> t = np.arange(0, 2, 0.01)
+    >>> sn.make_record(t, np.cos(9 * t), np.sin(8 * t), excitation="torque", output_unit="rad", input_unit="N*m").size
+    200
     """
     if excitation not in get_args(Excitation):
         raise SpecError(f"excitation is {excitation!r}, expected one of {', '.join(get_args(Excitation))}")

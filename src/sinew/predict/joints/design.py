@@ -68,6 +68,10 @@ def design_rig(base: RigSpec, design: Design) -> RigSpec:
     Everything else stays the base's: guides, motors, drive, sensors, and without a loss factor that too. A parameter
     that keeps its value keeps what is known of its uncertainty; a material brings that of its modulus.
     Raises SpecError where a number cannot be meant.
+
+    >>> import sinew as sn
+    >>> sn.design_rig(sn.load_rig("paper"), sn.Design(length=0.09)).silicone.length.value
+    0.09
     """
     if design.material is not None and design.shear_modulus is not None:
         raise SpecError("found a material and a shear modulus; expected one of them")

@@ -236,6 +236,16 @@ class Check:
         )
         assert inside or not self.holds, f"{self.name} is said to hold at {self.value}, its limit is {self.limit}"
 
+    def to_json(self) -> dict[str, str | float | None]:
+        """Return it as JSON holds it."""
+        return {
+            "check": self.name,
+            "value": self.value,
+            "limit": self.limit,
+            "holds": self.holds,
+            "sentence": self.sentence,
+        }
+
 
 def check_joint(
     rig: RigSpec, pretension_mm: list[float], loads: Loads, *, tilt_held: bool, torso: Torso | None = None

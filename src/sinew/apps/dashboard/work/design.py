@@ -59,10 +59,7 @@ def design_curves(
         "harmonics": prediction.harmonics,
         "error_estimate": prediction.error_estimate,
         "wall_s": prediction.wall_s,
-        "validity": [
-            {"check": c.name, "value": c.value, "limit": c.limit, "holds": c.holds, "sentence": c.sentence}
-            for c in checks
-        ],
+        "validity": [c.to_json() for c in checks],
     }
 
 
@@ -279,7 +276,6 @@ def suggest_pretension(
     words, also why not; `range`: pretensions, frequencies and what limits them; `remarks`: sentences on the intervals;
     and what else `sinew tune --json` says of one setting. Raises SpecError where a number cannot be meant.
     """
-    from sinew.apps.tune import tuning_document
     from sinew.predict.band import draw_rigs
     from sinew.tune.pretension import tune_pretension
     from sinew.tune.resonance import Swing
@@ -293,7 +289,7 @@ def suggest_pretension(
     swing = Swing(yaw_deg=float(yaw_deg)) if yaw_deg is not None else Swing(command_deg=command_deg)
     known = made.calibration is not None or any(one.interval90 is not None for _, one in made.parameters())
     drawn = draw_rigs(made, draws, 0) if draws > 1 and known else None
-    document = tuning_document(tune_pretension(made, [float(wanted_hz)], swing, draws=drawn))
+    document = tune_pretension(made, [float(wanted_hz)], swing, draws=drawn).document()
     remarks = list(document["remarks"])
     if not known:
         remarks.append(f"the rig {made.name} holds no intervals, so nothing is known of how far this can be off")
