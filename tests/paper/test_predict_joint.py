@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
-from sinew.predict.curves.branch import Prediction
-from sinew.predict.curves.prediction import predict
 from sinew.predict.joint import RESOLUTION, joint_problem
+from sinew.solve.branch import Prediction
+from sinew.solve.curves import predict
 from sinew.twin.integrate import Track, runge_kutta
 from sinew.twin.motion import State, rate, state_at_rest
 from sinew.twin.simulate import lane_parameters, simulate_tracks

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from sinew.plan.toml import load_rig
-from sinew.predict.curves.prediction import predict
-from sinew.predict.curves.waves import Size, channels, grid, unknowns
 from sinew.predict.joint import FREE_LEVER, PRESCRIBED_LEVER, RESOLUTION, joint_problem
+from sinew.solve.curves import predict
+from sinew.solve.waves import Size, channels, grid, unknowns
 from sinew.twin.energy import potential
 from sinew.twin.motion import State, rate
 from sinew.twin.parameters import Effects, Parameters

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from sinew.plan.plan import TendonMode
     from sinew.plan.rig import RigSpec
     from sinew.predict.band import Band, Marked, Tube
-    from sinew.predict.curves.backbone import Backbone
-    from sinew.predict.curves.branch import Branch, Mark, Prediction
-    from sinew.predict.curves.prediction import Problem
     from sinew.predict.describing import Equivalent
     from sinew.predict.joints.validity import Check
     from sinew.predict.oscillator import Oscillator
+    from sinew.solve.backbone import Backbone
+    from sinew.solve.branch import Branch, Mark, Prediction
+    from sinew.solve.curves import Problem
     from sinew.twin.parameters import Effects
 
 
@@ -210,9 +210,9 @@ def predict_rig(rig: "RigSpec", asked: RigAsked) -> Predicted:
     """
     import numpy as np
 
-    from sinew.predict.curves.prediction import predict
     from sinew.predict.joint import RESOLUTION, joint_problem
     from sinew.predict.joints.validity import check_drive, check_joint, doubt_broken_curves, loads_of
+    from sinew.solve.curves import predict
     from sinew.twin.cache import configure
     from sinew.twin.parameters import Effects
 
@@ -280,9 +280,9 @@ def oscillator_backbones(one: "Oscillator", band_hz: tuple[float, float]) -> lis
     """Return the backbone of an oscillator up to its drive."""
     import numpy as np
 
-    from sinew.predict.curves.backbone import follow_backbones
     from sinew.predict.describing import equivalent_of_oscillator
     from sinew.predict.oscillator import oscillator_problem, resolution_of
+    from sinew.solve.backbone import follow_backbones
 
     (backbone,) = follow_backbones(oscillator_problem([one], band_hz), band_hz, resolution_of([one]))
     share = backbone.share
@@ -303,9 +303,9 @@ def rig_backbones(
     """Return the backbone of a rig at each pretension, up to an amplitude of the command."""
     import numpy as np
 
-    from sinew.predict.curves.backbone import follow_backbones
     from sinew.predict.describing import equivalent_of_rig
     from sinew.predict.joint import RESOLUTION, joint_problem
+    from sinew.solve.backbone import follow_backbones
 
     problem = joint_problem(rig, pretensions, amplitude_deg, band_hz, mode=mode, effects=effects)
     documents = []

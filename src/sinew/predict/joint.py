@@ -20,11 +20,11 @@ from sinew.analysis.signal.torsion import LeverMotion
 from sinew.measure.errors import RecordingError
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
-from sinew.predict.curves.balance import Lane
-from sinew.predict.curves.continuation import Stride
-from sinew.predict.curves.landmark import Search
-from sinew.predict.curves.prediction import Problem, Resolution
-from sinew.predict.curves.waves import Coordinate, Equations, Size
+from sinew.solve.balance import Lane
+from sinew.solve.continuation import Stride
+from sinew.solve.curves import Problem, Resolution
+from sinew.solve.landmark import Search
+from sinew.solve.waves import Coordinate, Equations, Size
 from sinew.twin.drive import commanded_angle
 from sinew.twin.motion import State, rate
 from sinew.twin.parameters import Effects, Parameters

@@ -20,8 +20,8 @@ from sinew.measure.estimate import Estimate
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.predict.band import Draws, drawn_branches, estimate_of_deviations
-from sinew.predict.curves.prediction import Problem
 from sinew.predict.joint import joint_problem
+from sinew.solve.curves import Problem
 from sinew.tune.candidate import drive_load
 from sinew.tune.resonance import Resonance, Swing, find_resonances
 

@@ -21,11 +21,11 @@ from sinew.measure.errors import SpecError
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.predict.band import COARSE
-from sinew.predict.curves.branch import Branch
-from sinew.predict.curves.prediction import predict
 from sinew.predict.describing import fundamental_phasor
 from sinew.predict.joint import joint_problem
 from sinew.predict.joints.validity import loads_of
+from sinew.solve.branch import Branch
+from sinew.solve.curves import predict
 from sinew.twin.energy import total_tension
 from sinew.twin.simulate import lane_parameters
 from sinew.twin.statics import torsional_stiffness

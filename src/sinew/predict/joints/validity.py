@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from sinew.plan.rig import RigSpec
-from sinew.predict.curves.prediction import Problem
 from sinew.predict.joints.design import section_of, shear_modulus_of
 from sinew.predict.sections.section import Section
+from sinew.solve.curves import Problem
 from sinew.twin.energy import potential, tendon_stretch, tendon_tension
 from sinew.twin.parameters import Parameters
 

@@ -1,4 +1,4 @@
-"""This is where the points of a curve are refined and examined: size, phase, harmonics, stability.
+"""Examination of the points of a curve, refined: size, phase, harmonics, stability.
 
 A point of the curve becomes a motion with finer waves, more harmonics and samples, by one step or a few of Newton's
 method across the curve. What that changes in amplitude and frequency estimates what the coarser waves cost; what is
@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.predict.curves.balance import Lane, balance, solve
-from sinew.predict.curves.waves import Equations, Size, embedded, is_symmetric, orders, size_of, slices
+from sinew.solve.balance import Lane, balance, solve
+from sinew.solve.waves import Equations, Size, embedded, is_symmetric, orders, size_of, slices
 
 # The size of steady motions is measured: half of peak to peak, fundamental, phase behind the drive.
 #
@@ -206,7 +206,7 @@ def rows_of(tree: Any, index: NDArray[np.intp]) -> Any:
 @cache
 def pool() -> ThreadPoolExecutor:
     """Return the threads that blocks run in."""
-    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-predict")
+    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-solve")
 
 
 @partial(jax.jit, static_argnames=("equations", "size"))

@@ -1,0 +1,1 @@
+"""What can be asked of equations of motion: steady motions, their curves, folds, stability, backbones."""
