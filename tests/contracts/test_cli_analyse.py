@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sinew.apps.analyse import decay_rows
+from sinew.analysis.analysed import decay_rows
 from sinew.apps.cli import main
 from sinew.measure.netcdf import load_dataset, load_recording
 from sinew.measure.schema import validate_results
@@ -186,7 +186,7 @@ def test_settling_cannot_be_chosen_once_the_groups_are_cut(
 ) -> None:
     run(capsys, "analyse", wide_sweep, *SWEEP, "--out", tmp_path / "out")
     assert main(["analyse", str(tmp_path / "out" / "recording.nc"), "--settle", "1"]) == 2
-    assert "--settle comes too late" in capsys.readouterr().err
+    assert "comes too late" in capsys.readouterr().err
 
 
 def test_a_stretch_of_an_imported_recording_is_analysed_as_that_of_the_table(

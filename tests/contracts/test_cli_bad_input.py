@@ -115,7 +115,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
     "ring-down too short": (too_short, ANALYSE, "longer stretch"),
     "growing oscillation": (growing, ANALYSE, "grow"),
     "start after the end": (table, (*ANALYSE, "--start", "20"), "the file runs from 0 s to 9.99 s"),
-    "sweep without drive": (table, tuple("sweep" if a == "ring-down" else a for a in ANALYSE), "--drive COL"),
+    "sweep without drive": (table, tuple("sweep" if a == "ring-down" else a for a in ANALYSE), "column of its drive"),
     "truncated NetCDF": (truncated, ("export", "in.nc", "--to", "csv", "--out", "out.csv"), "cut short"),
     "truncated NetCDF to analyse": (truncated, ("analyse", "in.nc", "--out", "out"), "cut short"),
     "junk for NetCDF": (junk_recording, ("analyse", "in.nc", "--out", "out"), "in.nc is not a NetCDF file"),

@@ -27,7 +27,7 @@ def test_an_imported_recording_is_asked_what_drives_it(
     sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = imported(capsys, sweep, tmp_path)
-    assert "--excitation force" in unidentified(capsys, file, "--model", "linear")
+    assert "excitation: force" in unidentified(capsys, file, "--model", "linear")
     found = identified(capsys, file, "--excitation", "force", "--model", "linear")
     assert found["natural_frequency_hz"]["value"] == pytest.approx(3.0, rel=1e-3)
 

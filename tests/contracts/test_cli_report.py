@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sinew.apps.analyse import analyse_with
+from sinew.analysis.analysed import analyse_with
 from sinew.apps.answer import stored_answers
 from sinew.apps.cli import main
 from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.analyse import analyse_with, recording_rig
 from sinew.apps.console import Json, print_json, print_table, progress_bar, remark, require_folder, write_json
 from sinew.apps.stored import stored_beyond, stored_results
 from sinew.measure.errors import FileError
@@ -35,6 +34,7 @@ def answer(
     Writes answers.html, answers.json and the figures of the answers. results.nc and beyond.nc beside the recording are
     taken up where they belong to it. A whole campaign takes about a minute or two.
     """
+    from sinew.analysis.analysed import analyse_with, recording_rig
     from sinew.measure.netcdf import load_recording
     from sinew.paper.answers import answer_questions
 

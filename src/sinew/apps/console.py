@@ -4,17 +4,21 @@ import json
 import math
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 import typer
 from typer.core import TyperCommand
 
 from sinew.measure.errors import FileError, SpecError
+from sinew.measure.told import Table
 from sinew.measure.units import number_list as listed
 from sinew.measure.units import one_number
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Progress = Callable[[float, float], None]
 
@@ -44,21 +48,19 @@ def _json_text(document: Any) -> str:
 
 def print_table(columns: Sequence[str], rows: Sequence[Sequence[str]], title: str | None = None) -> None:
     """Print a table on stdout; the first column is text, the others are right-aligned."""
-    from rich.box import SIMPLE_HEAD  # no --help needs it
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+    print_told([Table(columns, rows, title)])
 
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, show_edge=False)
-    for index, column in enumerate(columns):
-        table.add_column(column, justify="left" if index == 0 else "right")
-    for row in rows:
-        table.add_row(*map(Text, row))
+
+def print_told(told: Iterable[Table | str]) -> None:
+    """Print tables and sentences on stdout."""
+    from rich.console import Console  # no --help needs it
+
     console = Console() if sys.stdout.isatty() else Console(width=_PIPE_WIDTH)
-    if title is not None:
-        console.print(Text(title, style="bold"))
-    console.print(table)
-    console.print()
+    for one in told:
+        if isinstance(one, Table):
+            one.put_on(console)
+        else:
+            print(one)
 
 
 def remark(sentence: str) -> None:
@@ -134,6 +136,42 @@ Settle = Annotated[
         "--settle", metavar="S", help="Sweep: how long each group settles before it is measured [s]; else its half."
     ),
 ]
+
+
+def read_csv(
+    file: Path,
+    kind: str,
+    time: str | None,
+    response: str | None,
+    drive: str | None,
+    start: float | None,
+    stop: float | None,
+    gaps: str,
+) -> "xr.Dataset":
+    """Return a CSV file as a recording, with the words of the command line checked. Raises SinewError."""
+    from sinew.measure.csv import import_csv  # pandas and xarray: not for --help
+
+    if time is None or response is None:
+        missing = "--time" if time is None else "--response"
+        raise SpecError(f"{file.name} is a table: name its columns; {missing} COL is missing")
+    one_of("--kind", kind, ("ring-down", "sweep"))
+    one_of("--gaps", gaps, ("refuse", "split"))
+    return import_csv(
+        file,
+        time=time,
+        response=response,
+        drive=drive,
+        kind=cast(Literal["ring-down", "sweep"], kind),
+        start_s=start,
+        stop_s=stop,
+        gaps=cast(Literal["refuse", "split"], gaps),
+    )
+
+
+def one_of(option: str, found: str, expected: tuple[str, ...]) -> None:
+    """Do nothing where a word is one of those expected; else raise SpecError."""
+    if found not in expected:
+        raise SpecError(f"{option} is {found!r}, expected {' or '.join(expected)}")
 
 
 class NumbersCommand(TyperCommand):

@@ -2,74 +2,29 @@
 
 import re
 import shlex
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from sinew.apps.console import ColumnTime, Json, print_json, print_table, progress_bar, require_folder
-from sinew.apps.identify_found import (
-    Found,
-    add_bootstrap,
-    add_posterior,
-    add_profiles,
-    find_joint,
-    find_mechanics,
-    write_pages,
+from sinew.apps.console import (
+    ColumnTime,
+    Json,
+    print_json,
+    print_told,
+    progress_bar,
+    require_folder,
+    write_json,
 )
-from sinew.apps.identify_input import (
-    is_recording,
-    joint_rig,
-    recording_records,
-    refuse_columns,
-    refuse_rig_options,
-    table_record,
-    unit_remarks,
-)
+from sinew.apps.identify_input import refuse_columns, refuse_rig_options, table_record
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import number, shown, span
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from sinew.identify.identified import Identified
     from sinew.identify.oscillator.record import Excitation
-
-
-# `sinew identify` speaks on a terminal.
-
-_TITLES = {
-    "profile": "by profile likelihood",
-    "posterior": "posterior",
-    "bootstrap": "by bootstrap over repeats",
-}
-
-
-def print_found(found: Found) -> None:
-    """Print the numbers, the models that were compared, and the sentences, the verdict first."""
-    document = found.document
-    both = {name: document[name] for name in ("natural_frequency_hz", "damping_ratio")}
-    _print_quantities(f"model {document['model']}", both | document["parameters"])
-    for key, title in _TITLES.items():
-        if document.get(key):
-            _print_quantities(title, document[key])
-    unit = "" if document["unit"] == "1" else f"/({document['unit']})"
-    if document["compared"]:
-        compared = [(row["model"], number(row["rmse_test"]), number(row["bic"])) for row in document["compared"]]
-        print_table(("compared", f"held-out rmse{unit}", "BIC"), compared)
-    verdict, *rest = found.sentences
-    print(f"{verdict[:1].upper()}{verdict[1:]}.")
-    train, test = document["rmse"]["train"], document["rmse"]["test"]
-    held = "" if test is None else f", {number(test)} where it was held out"
-    print(f"- residuals{unit}: {number(train)} rms where it was fitted{held}")
-    for sentence in (*rest, *document["unidentifiable"]):
-        print(f"- {sentence}")
-
-
-def _print_quantities(title: str, quantities: Mapping[str, Mapping[str, Any]]) -> None:
-    cells = [(name, shown(one), span(*(one["interval90"] or (None, None)))) for name, one in quantities.items()]
-    print_table((title, "value ± std", "90 % interval"), cells)
 
 
 # The arguments and options of `sinew identify` are spelt.
@@ -162,15 +117,14 @@ def identify(
         rig,
         _More(profile, posterior, bootstrap, seed),
     )
-    found = _find(asked)
-    _add(found, asked.more)
+    found = _add(_find(asked), asked.more)
     if out is not None:
         with progress_bar("draw"):
-            page = write_pages(found, out, about=asked.about, rebuild=asked.command(out), origins=asked.origins)
+            page = _write(found, asked, out)
     if json:
         print_json(found.document)
         return
-    print_found(found)
+    print_told(found.told())
     if out is not None:
         print(f"page: {page}")
 
@@ -260,12 +214,14 @@ def _range(option: str, text: str | None) -> tuple[int, int] | None:
     return int(found[1]), int(found[2])
 
 
-def _find(asked: _Asked) -> "Found":
+def _find(asked: _Asked) -> "Identified":
+    from sinew.identify.identified import find_mechanics, recording_records, unit_remarks
+    from sinew.measure.netcdf import load_recording
+    from sinew.measure.read import is_recording
+
     columns = asked.columns
     if is_recording(asked.file):
         refuse_columns(columns.time, columns.input, columns.output, columns.rate_hz)
-        from sinew.measure.netcdf import load_recording
-
         recording = load_recording(asked.file)
         if asked.model == "tendon":
             return _find_joint(asked, recording)
@@ -277,19 +233,13 @@ def _find(asked: _Asked) -> "Found":
             raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
         chosen = asked.excitation or "none"
         records = [table_record(asked.file, columns.time, columns.input, columns.output, chosen, columns.rate_hz)]
-
+    remarks = (*unit_remarks(records[0]), *records[0].notes)
     with progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
-        return find_mechanics(
-            records,
-            asked.model,
-            asked.train,
-            asked.test,
-            remarks=(*unit_remarks(records[0]), *records[0].notes),
-            progress=progress,
-        )
+        return find_mechanics(records, asked.model, asked.train, asked.test, remarks=remarks, progress=progress)
 
 
-def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Found":
+def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Identified":
+    from sinew.identify.identified import find_joint, joint_rig
 
     given = {"--train": asked.train, "--test": asked.test, "--pretension": asked.pretension_mm}
     for name, value in given.items():
@@ -306,15 +256,36 @@ def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Found":
         return find_joint(recording, rig, progress)
 
 
-def _add(found: "Found", more: _More) -> None:
+def _add(found: "Identified", more: _More) -> "Identified":
+    from sinew.identify.identified import add_bootstrap, add_posterior, add_profiles
 
     if more.profile:
         with progress_bar("profiles") as progress:
-            add_profiles(found, progress)
+            found = add_profiles(found, progress)
     if more.bootstrap is not None:
         with progress_bar("bootstrap") as progress:
-            add_bootstrap(found, more.bootstrap, more.seed, progress)
+            found = add_bootstrap(found, more.bootstrap, more.seed, progress)
     if more.posterior:
         with progress_bar("posterior") as progress:
-            add_posterior(found, more.seed, progress)
-    found.document["message"] = "; ".join(found.sentences)
+            found = add_posterior(found, more.seed, progress)
+    return found
+
+
+def _write(found: "Identified", asked: _Asked, out: Path) -> Path:
+    """Write fit.json, figures and fit.html into a folder and return the path of the page."""
+    from sinew.figures.fit_page import draw_identified, write_fit_page
+    from sinew.figures.style import save_figure
+
+    paths = []
+    for name, figure in draw_identified(found).items():
+        paths += save_figure(figure, out / "figures", name, ("png", "pdf"))
+    write_json(found.document, out / "fit.json")
+    return write_fit_page(
+        out,
+        found.document,
+        sentences=found.sentences,
+        figures=paths,
+        about=asked.about,
+        rebuild=asked.command(out),
+        origins=asked.origins,
+    )

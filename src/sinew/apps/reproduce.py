@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.analyse import analyse_with, recording_rig
 from sinew.apps.answer import stored_answers
 from sinew.apps.console import Json, Rig, Seed, print_json, print_table, progress_bar, require_folder, write_json
 from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results, stored_times
@@ -64,6 +63,7 @@ def reproduce(
     Writes recording.nc, results.nc, figures/, report.html and summary.json, and beyond.nc, the results of the sweep
     above the paper's range.
     """
+    from sinew.analysis.analysed import analyse_with
     from sinew.apps.check import preview_plan
     from sinew.measure.netcdf import save_dataset, save_recording
     from sinew.plan.check import refuse_beyond_limits
@@ -109,6 +109,7 @@ def report(
     Results that were made from another recording or with another rig are made anew. A recording that names no rig
     needs none: then nothing is said of stiffness and damping constants, and sensors are taken as perfect.
     """
+    from sinew.analysis.analysed import recording_rig
     from sinew.measure.netcdf import load_recording
 
     if not (folder / "recording.nc").is_file():
@@ -157,6 +158,7 @@ def _measure_effects(plan: "Plan", rig: "RigSpec", folder: Path) -> list[dict[st
 
 
 def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path) -> "xr.Dataset":
+    from sinew.analysis.analysed import analyse_with
     from sinew.measure.netcdf import save_dataset
 
     with progress_bar("analyse"):

@@ -1,12 +1,26 @@
 """This is where an identification becomes one HTML page: verdict, numbers, models compared, figures."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sinew.figures.fit_data import parameter_label
+import numpy as np
+from matplotlib.figure import Figure
+
+from sinew.figures.backbone import draw_backbone, draw_over_pretension
+from sinew.figures.corner import Cloud, cloud_of, draw_corner
+from sinew.figures.fit_data import draw_fit, parameter_label, traces_of, traces_of_joint
 from sinew.figures.page import Caption, picture, write_page
+from sinew.figures.residuals import draw_residuals
 from sinew.figures.tables import Table, number
+from sinew.identify.decay.backbone import Backbone, fit_backbone
+from sinew.identify.identified import Identified, joint_names
+from sinew.identify.joint.fit import JointFit
+from sinew.identify.oscillator.fitted import Fit, swing_of
+from sinew.identify.oscillator.record import derivative_order
+from sinew.identify.oscillator.start import dominant_omega
+from sinew.measure.errors import RecordingError
 
 # Each figure of an identification gets its words.
 
@@ -125,3 +139,58 @@ def _sentence(text: str) -> str:
     """Return a sentence as print has it, from one that begins small and ends without a full stop."""
     whole = text[:1].upper() + text[1:]
     return whole if whole.endswith((".", "?", "!")) else f"{whole}."
+
+
+# An identification's figures.
+
+
+def draw_identified(found: Identified) -> dict[str, Figure]:
+    """Return the figures of an identification, by name: those of `FIT_CAPTIONS` that it has."""
+    drawn = _joint_figures(found.joint) if found.joint is not None else {}
+    if found.fit is not None:
+        drawn = _fit_figures(found, found.fit)
+    return {name: figure for name, figure in drawn.items() if figure is not None}
+
+
+def _fit_figures(found: Identified, fit: Fit) -> dict[str, Figure | None]:
+    record = fit.records[0]
+    frequency = fit.natural_frequency_hz.value
+    if not math.isfinite(frequency):
+        frequency = dominant_omega(record) / (2 * math.pi)
+    traces = traces_of(fit, found.split, found.held_out)
+    cloud = cloud_of(fit)
+    if found.posterior is not None:
+        cloud = cloud.drawn(found.posterior.names, found.posterior.draws)
+    return {
+        "fit_data": draw_fit(traces, frequency),
+        "residuals": draw_residuals(traces, frequency),
+        "corner": draw_corner(cloud),
+        "backbone": draw_backbone(swing_of(fit), _decay(fit), record.motion_unit),
+    }
+
+
+def _decay(fit: Fit) -> Backbone | None:
+    """Return the backbone of the first free decay without a model, or None where the record is none."""
+    record = fit.records[0]
+    if record.input is not None or derivative_order(record.output_unit):
+        return None
+    try:
+        return fit_backbone(record.time_s, record.output)
+    except RecordingError:
+        return None
+
+
+def _joint_figures(joint: JointFit) -> dict[str, Figure | None]:
+    traces = traces_of_joint(joint)
+    first = joint.at_pretension("natural_frequency_hz", joint.pretension_mm[0]).value
+    count = len(joint.parameters)
+    value = np.array([one.value for one in joint.parameters.values()])
+    cloud = Cloud(joint_names(joint), value, joint.covariance.matrix[:count, :count])
+    kept = [k for k in range(count) if np.isfinite(cloud.covariance[k, k]) and cloud.covariance[k, k] > 0]
+    pretension = draw_over_pretension(joint) if len(joint.pretension_mm) > 1 else None
+    return {
+        "fit_data": draw_fit(traces, first, "rate"),
+        "residuals": draw_residuals(traces, first),
+        "corner": draw_corner(cloud.take(kept)),
+        "pretension": pretension,
+    }

@@ -96,7 +96,7 @@ def load_own(folder: Path) -> "xr.Dataset":
 
 def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":
     """Return (recording, results) of a run; results that belong to another recording are made anew."""
-    from sinew.apps.analyse import analyse_with, recording_rig, results_document
+    from sinew.analysis.analysed import analyse_with, recording_rig, results_document
     from sinew.apps.console import write_json
     from sinew.apps.stored import stored_results
     from sinew.measure.netcdf import save_dataset
@@ -113,7 +113,7 @@ def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":
 
 
 def _document(results: "xr.Dataset") -> dict[str, Any]:
-    from sinew.apps.analyse import results_document
+    from sinew.analysis.analysed import results_document
 
     document = results_document(results)
     curves = list(_curves(results)) if "gain" in results else []
@@ -245,7 +245,7 @@ def _mat(folder: Path, path: Path) -> None:
 
 
 def _report(folder: Path, path: Path) -> None:
-    from sinew.apps.analyse import recording_rig
+    from sinew.analysis.analysed import recording_rig
     from sinew.paper.figures import draw_figures
     from sinew.paper.report import write_report
 

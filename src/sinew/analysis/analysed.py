@@ -1,0 +1,344 @@
+"""What an analysis answers: results, the document of `sinew analyse`, and its tables."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy import special
+
+from sinew.analysis.analysis import analyse_recording, response_table_json
+from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json
+from sinew.analysis.doubts import doubts_of
+from sinew.analysis.signal.groups import split_by_drive
+from sinew.analysis.signal.repeats import combine_repeats
+from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.estimate import Estimate, number, pair, shown, shown_interval, span
+from sinew.measure.netcdf import load_recording
+from sinew.measure.recording import segment_slices
+from sinew.measure.schema import ENERGY_QUANTITIES, companions
+from sinew.measure.told import Table, Told
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_rig, load_rig, parse_rig
+
+
+@dataclass(frozen=True, repr=False)
+class Analysed(Told):
+    """What a recording says of its oscillation.
+
+    document: as `sinew analyse --json` prints it: every quantity with value, std and interval90. recording: as it was
+    analysed, its groups cut. dataset: the results by the result schema; None for one foreign ring-down. notes: what
+    was done with the recording, or could not be, a sentence each.
+    """
+
+    document: dict[str, Any]
+    recording: xr.Dataset
+    dataset: xr.Dataset | None = None
+    notes: tuple[str, ...] = ()
+
+    def told(self) -> list[Table | str]:
+        """Return tables and sentences in the order of reading."""
+        document = self.document
+        told: list[Table | str] = [f"DOUBT: {one['sentence']}" for one in document.get("doubts", [])]
+        if document["kind"] == "ring-down":
+            return [*told, *_ring_down_told(document, self.recording)]
+        if document.get("response") and self.dataset is not None:
+            told.append(_response_table(document["response"], self.dataset))
+        if document.get("resonance"):
+            told.append(_resonance_table(document["resonance"]))
+        if document.get("energy"):
+            told += _energy_told(document["energy"])
+        if document.get("ring_down"):
+            rows = [
+                [number(row["pretension_mm"]), *(shown(row.get(key)) for key in _DECAY_COLUMNS)]
+                for row in document["ring_down"]
+            ]
+            columns = ("pretension/mm", *_DECAY_COLUMNS.values())
+            told.append(Table(columns, rows, "ring-downs: mean ± standard deviation of it"))
+        return told
+
+
+def analyse(
+    recording: xr.Dataset | str | Path, rig: RigSpec | str | Path | None = None, *, settle_s: float | None = None
+) -> Analysed:
+    """Return frequency and damping of a ring-down, or response, resonance, energy and ring-downs of a recording.
+
+    recording: as `sn.read` or `sn.simulate` gives it, or the path of a NetCDF recording. rig: whose sensor delays and
+    inertia count; else the recording's own. settle_s: of the sweep of a foreign file: how long each group settles
+    before it is measured [s]; else its half.
+
+    A foreign ring-down is one record: its longest part is analysed. Raises RecordingError where there is nothing to
+    analyse, SpecError where the recording does not take what is asked.
+
+    >>> import numpy as np, pandas as pd
+    >>> import sinew as sn
+    >>> t = np.arange(0, 4, 0.01)
+    >>> swing = pd.DataFrame({"t": t, "phi": 20 * np.exp(-1.2 * t) * np.cos(2 * np.pi * 3 * t)})
+    >>> found = sn.analyse(sn.read(swing, time="t", response="phi:deg"))
+    >>> round(found.document["frequency_hz"]["value"], 2)
+    3.0
+    """
+    if isinstance(recording, (str, Path)):
+        recording = load_recording(recording)
+    kinds = set(map(str, recording["kind"].values)) if "kind" in recording else set()
+    imported = recording.attrs.get("source") == "import"
+    notes = str(recording.attrs.get("import_notes", "")).splitlines()
+    if imported and "ring-down" in kinds:
+        if settle_s is not None:
+            raise SpecError("a time to settle is for a sweep, this is a ring-down; its decay is found by itself")
+        document, cut = _foreign_ring_down(recording, rig)
+        return Analysed(document, recording, None, (*cut, *notes))
+    if imported:
+        recording = _grouped(recording, settle_s)
+    elif settle_s is not None:
+        raise SpecError(
+            "a time to settle is for the sweep of a foreign file; this recording says itself where it settles"
+        )
+    results = analyse_with(recording, recording_rig(recording, rig))
+    document = {"kind": "sweep", **_sweep_part(results)} if imported else results_document(results)
+    if "resonance" not in document and results.attrs["resonance_notes"]:
+        notes.append(str(results.attrs["resonance_notes"]))
+    return Analysed(document, recording, results, tuple(notes))
+
+
+def recording_rig(recording: xr.Dataset, rig: RigSpec | str | Path | None) -> RigSpec | None:
+    """Return the rig that was named, else the one in the recording, else None. Raises SpecError if it is bad."""
+    if rig is not None:
+        return rig if isinstance(rig, RigSpec) else load_rig(rig)
+    text = str(recording.attrs.get("rig", ""))
+    return parse_rig(text, source="the recording's rig") if text.strip() else None
+
+
+def analyse_with(recording: xr.Dataset, rig: RigSpec | None) -> xr.Dataset:
+    """Return the results of a recording; their attribute `rig` is the rig they were made with.
+
+    rig: whose inertia and sensor delays are used; None for perfect sensors and no inertia.
+    """
+    results = analyse_recording(recording, rig)
+    return results if rig == recording_rig(recording, None) else results.assign_attrs(rig=dump_rig(rig) if rig else "")
+
+
+def _grouped(recording: xr.Dataset, settle_s: float | None) -> xr.Dataset:
+    if "drive" not in recording and "drive_rad" not in recording:
+        raise RecordingError("a sweep needs the drive beside the response; name the column of its drive")
+    if settle_s is None:
+        return split_by_drive(recording)
+    if not 0 <= settle_s < math.inf:
+        raise SpecError(f"found {settle_s:g} s to settle, expected a time of 0 s or more")
+    grouped = split_by_drive(recording, settle_s=settle_s)
+    if grouped is recording:
+        raise SpecError("the time to settle comes too late, the groups of this recording are cut already; leave it out")
+    return grouped
+
+
+def _foreign_ring_down(
+    recording: xr.Dataset, named: RigSpec | str | Path | None
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Return the document of the longest part of a record, and which that is; gaps split a record into parts."""
+    rig = None if named is None else recording_rig(recording, named)
+    slices = segment_slices(recording)
+    longest = max(slices, key=lambda where: where.stop - where.start)
+    time = recording["time_s"].values[longest]
+    name = "torsion_rad" if "torsion_rad" in recording else "response"
+    drive = next((recording[d].values[longest] for d in ("drive_rad", "drive") if d in recording), None)
+    unit = str(recording[name].attrs["units"])
+    inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
+    result = analyse_ring_down(
+        time,
+        recording[name].values[longest],
+        drive=drive,
+        is_rate=unit == "rad/s",
+        unit=unit,
+        inertia_kg_m2=inertia,
+    )
+    document = dict(ring_down_json(result))
+    if len(slices) == 1:
+        return document, ()
+    return document, (
+        f"gaps split the record into {len(slices)} parts; the longest, {time[0]:g} to {time[-1]:g} s, is analysed; "
+        "choose another with start and stop",
+    )
+
+
+def results_document(results: xr.Dataset) -> dict[str, Any]:
+    """Return the results of a recording as JSON holds them: response, resonance, energy, ring-downs, what there is."""
+    document: dict[str, Any] = {"kind": "recording", "doubts": doubts_of(results), **_sweep_part(results)}
+    if "decay_rate_per_s" in results:
+        document["ring_down"] = decay_rows(results)
+    return document
+
+
+def _sweep_part(results: xr.Dataset) -> dict[str, Any]:
+    """Return the response table, and the resonances where there were frequencies enough for them."""
+    if "gain" not in results:
+        return {}
+    part: dict[str, Any] = {"response": response_table_json(results)}
+    part |= {"resonance": _interval_rows(results, _RESONANCE)} if "resonance_hz" in results else {}
+    return part | (_energy_part(results) if "energy_reduction" in results else {})
+
+
+def _energy_part(results: xr.Dataset) -> dict[str, Any]:
+    """Return what a swing costs, by pretension, and what the servos draw with their torque off (by data sheet)."""
+    idle = float(results.attrs.get("idle_power_w", math.nan))
+    rows = _interval_rows(results, ENERGY_QUANTITIES)
+    return {"energy": {"idle_power_w": idle if math.isfinite(idle) else None, "pretensions": rows}}
+
+
+_RESONANCE = (
+    "paper_resonance_hz",
+    "paper_gain_peak",
+    "resonance_hz",
+    "gain_peak",
+    "gain_peak_measured_drive",
+    "resonance_measured_drive_hz",
+    "phase_90_hz",
+    "half_power_width_hz",
+    "drive_amplitude_at_resonance_rad",
+)
+
+
+def _interval_rows(results: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Return one row for each pretension, each quantity with the standard deviation of its value and its interval."""
+    repeats = np.isfinite(results["gain"].values).any(axis=1).sum(axis=-1)
+    rows = []
+    for index, pretension in enumerate(results["pretension_mm"].values):
+        row: dict[str, Any] = {"pretension_mm": float(pretension)}
+        for name in names:
+            std, low, high = (float(results[end].values[index]) for end in companions(name))
+            row[name] = _of_mean(float(results[name].values[index]), std, low, high, int(repeats[index])).to_json()
+        rows.append(row)
+    return rows
+
+
+def _of_mean(value: float, std: float, low: float, high: float, repeats: int) -> Estimate:
+    """Return an estimate whose std is that of the value, from the standard deviation over repeats that results keep.
+
+    What the interval holds beyond Student's of the scatter (the delay budget) is shared by all repeats, and is added.
+    """
+    if repeats < 2 or not math.isfinite(high - low):
+        return Estimate(value, std, low, high)
+    own = std / math.sqrt(repeats)
+    scatter = float(special.stdtrit(repeats - 1, 0.95)) * own
+    shared = math.sqrt(max(0.0, (0.5 * (high - low)) ** 2 - scatter**2)) / 1.6448536269514722
+    return Estimate(value, math.hypot(own, shared), low, high)
+
+
+def decay_rows(results: xr.Dataset) -> list[dict[str, Any]]:
+    """Return one row for each pretension: mean over the repeats, standard deviation and 90 % interval of that mean.
+
+    Where one repeat is left, the direct fit's own standard deviation and a normal interval.
+    """
+    rows: list[dict[str, Any]] = [{"pretension_mm": float(p)} for p in results["pretension_mm"].values]
+    for name, own in _DECAY.items():
+        values = results[name].values
+        mean = combine_repeats(values, results[own].values if own else np.full(values.shape, np.nan))
+        for row, numbers in zip(
+            rows, zip(mean.value, mean.std_of_value, mean.low, mean.high, strict=True), strict=True
+        ):
+            if np.isfinite(numbers[0]):
+                row[name] = Estimate(*map(float, numbers)).to_json()
+    return rows
+
+
+_DECAY = {
+    "decay_frequency_hz": "decay_frequency_std_hz",
+    "decay_rate_per_s": "decay_rate_std_per_s",
+    "damping_ratio": "damping_ratio_std",
+    "paper_decay_rate_per_s": "",
+}
+
+
+_DECAY_COLUMNS = {
+    "decay_frequency_hz": "frequency/Hz",
+    "decay_rate_per_s": "decay rate/(1/s)",
+    "damping_ratio": "damping ratio",
+    "paper_decay_rate_per_s": "paper's rate/(1/s)",
+}
+
+
+def _response_table(rows: list[dict[str, Any]], results: xr.Dataset) -> Table:
+    """Return the essential columns of a sweep; all others are in the JSON document."""
+    gain = results["gain"].values
+    scatter = combine_repeats(gain, np.full(gain.shape, np.nan)).std_of_value
+    where = {
+        (float(p), float(f)): scatter[i, j]
+        for i, p in enumerate(results["pretension_mm"].values)
+        for j, f in enumerate(results["frequency_hz"].values)
+    }
+    cells = [
+        (
+            number(row["pretension_mm"]),
+            number(row["frequency_hz"]),
+            pair(row["gain"], where[row["pretension_mm"], row["frequency_hz"]]),
+            shown(row["gain_measured_drive"]),
+            shown(row["phase_lag_deg"]),
+            "yes" if row["settled"] else "no",
+        )
+        for row in rows
+    ]
+    names = ("pretension/mm", "frequency/Hz", "gain", "gain, measured drive", "phase lag/°", "settled")
+    return Table(names, cells, "sweep: mean over repeats ± standard deviation of it (everything: --json)")
+
+
+def _resonance_table(rows: list[dict[str, Any]]) -> Table:
+    cells = []
+    for row in rows:
+        cells.append(
+            (
+                number(row["pretension_mm"]),
+                shown_interval(row["resonance_hz"]),
+                shown(row["gain_peak"]),
+                shown(row["phase_90_hz"]),
+                shown(row["half_power_width_hz"]),
+            )
+        )
+    names = ("pretension/mm", "resonance/Hz (90 %)", "peak gain", "lag of 90°/Hz", "half-power/Hz")
+    return Table(names, cells, "resonance: frequency of the largest fundamental, lag of 90°, half-power width")
+
+
+def _energy_told(energy: dict[str, Any]) -> list[Table | str]:
+    def percent(estimate: dict[str, Any]) -> str:
+        value, std = (None if estimate[key] is None else 100 * estimate[key] for key in ("value", "std"))
+        return pair(value, std)
+
+    names = ("p/mm", "drive/W", "tendons/W", "J/rad²", "reduction/%", "with tendons/%", "cheapest/Hz")
+    cells = [
+        [
+            number(row["pretension_mm"]),
+            shown(row["drive_power_at_resonance_w"]),
+            shown(row["holding_at_resonance_w"]),
+            shown(row["swing_cost_at_resonance_j_rad2"]),
+            percent(row["energy_reduction"]),
+            percent(row["energy_reduction_with_holding"]),
+            shown(row["cheapest_hz"]),
+        ]
+        for row in energy["pretensions"]
+    ]
+    title = "energy at resonance, per cycle and squared swing; its reduction against the trend"
+    told: list[Table | str] = [Table(names, cells, title)]
+    if energy["idle_power_w"] is not None:
+        idle = number(energy["idle_power_w"], unit="W")
+        told.append(f"servos with their torque off: {idle} by data sheet, in none of these numbers")
+    return told
+
+
+def _ring_down_told(document: dict[str, Any], recording: xr.Dataset) -> list[Table | str]:
+    rows = [
+        (label, shown(document[key]), span(*document[key]["interval90"]))
+        for label, key in (
+            ("frequency/Hz", "frequency_hz"),
+            ("damping ratio", "damping_ratio"),
+            ("decay rate/(1/s)", "decay_rate_per_s"),
+        )
+    ]
+    paper = [(key, number(value)) for key, value in document["paper_method"].items()]
+    name = "torsion_rad" if "torsion_rad" in recording else "response"
+    return [
+        Table(("ring-down, direct fit", "value ± std", "90 % interval"), rows),
+        Table(("paper's method (Eq. 7)", "value"), paper),
+        f"exponential: {'yes' if document['exponential'] else 'no'}. {document['reason']}",
+        f"drift of the rest position: {number(document['rest_drift'])} {recording[name].attrs['units']}",
+    ]

@@ -1,0 +1,452 @@
+"""What records tell of the mechanics behind them: the fit, the document of `sinew identify`, and its tables."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from sinew.analysis.analysed import recording_rig
+from sinew.analysis.signal.sensor import delay_budget, torsion_delay
+from sinew.analysis.signal.torsion import drive_channel, response_channel
+from sinew.identify.choice.comparison import Comparison, compare, compare_laws, compare_segments, impossible_numbers
+from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
+from sinew.identify.choice.held_out import HeldOut, Split, split_record
+from sinew.identify.joint.fit import JointFit, fit_joint
+from sinew.identify.oscillator.bootstrap import bootstrap_repeats
+from sinew.identify.oscillator.fitted import Fit
+from sinew.identify.oscillator.model import Model, get_model
+from sinew.identify.oscillator.profile import interval90
+from sinew.identify.oscillator.record import Excitation, Record, make_record
+from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.estimate import Estimate, number, shown, span
+from sinew.measure.netcdf import load_recording
+from sinew.measure.recording import Segment, iterate_segments
+from sinew.measure.told import Table, Told
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_rig
+from sinew.twin.cache import configure
+
+if TYPE_CHECKING:
+    from sinew.identify.oscillator.posterior import Posterior
+
+Range = tuple[int, int]
+Progress = Callable[[float, float], None]
+
+# A rig's tendons are the same to both sides: a quadratic term is asked for by name.
+_SEGMENT_LAWS = ("linear", "loss-factor", "coulomb", "cubic", "loss-factor-cubic", "coulomb-cubic")
+
+_TITLES = {
+    "profile": "by profile likelihood",
+    "posterior": "posterior",
+    "bootstrap": "by bootstrap over repeats",
+}
+
+
+@dataclass(frozen=True, repr=False)
+class Identified(Told):
+    """What was found, and what it was found from.
+
+    document: as `sinew identify --json` prints it. sentences: those of its `message`, the verdict first.
+    fit: of one degree of freedom, or None. split, held_out: of one record, what was held out and how it was predicted.
+    joint: of the tendon joint, or None. posterior: draws, where they were asked for.
+    """
+
+    document: dict[str, Any]
+    sentences: tuple[str, ...]
+    fit: Fit | None = None
+    split: Split | None = None
+    held_out: HeldOut | None = None
+    joint: JointFit | None = None
+    posterior: "Posterior | None" = None
+
+    def told(self) -> list[Table | str]:
+        """Return the numbers, the models that were compared, and the sentences, the verdict first."""
+        document = self.document
+        both = {name: document[name] for name in ("natural_frequency_hz", "damping_ratio")}
+        told: list[Table | str] = [_quantities(f"model {document['model']}", both | document["parameters"])]
+        told += [_quantities(title, document[key]) for key, title in _TITLES.items() if document.get(key)]
+        unit = "" if document["unit"] == "1" else f"/({document['unit']})"
+        if document["compared"]:
+            compared = [(row["model"], number(row["rmse_test"]), number(row["bic"])) for row in document["compared"]]
+            told.append(Table(("compared", f"held-out rmse{unit}", "BIC"), compared))
+        verdict, *rest = self.sentences
+        train, test = document["rmse"]["train"], document["rmse"]["test"]
+        held = "" if test is None else f", {number(test)} where it was held out"
+        told += [
+            f"{verdict[:1].upper()}{verdict[1:]}.",
+            f"- residuals{unit}: {number(train)} rms where it was fitted{held}",
+        ]
+        return told + [f"- {sentence}" for sentence in (*rest, *document["unidentifiable"])]
+
+
+def _quantities(title: str, quantities: Mapping[str, Mapping[str, Any]]) -> Table:
+    cells = [(name, shown(one), span(*(one["interval90"] or (None, None)))) for name, one in quantities.items()]
+    return Table((title, "value ± std", "90 % interval"), cells)
+
+
+def identify(
+    record: Record | Sequence[Record] | xr.Dataset | str | Path,
+    model: str = "auto",
+    *,
+    excitation: Excitation | None = None,
+    pretension_mm: float | None = None,
+    rig: RigSpec | str | Path | None = None,
+    train: Range | None = None,
+    test: Range | None = None,
+    profile: bool = False,
+    bootstrap: int | None = None,
+    posterior: bool = False,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Identified:
+    """Return stiffness, damping law and nonlinearity behind an oscillation, with intervals, and which model it is.
+
+    record: from `sn.make_record`, several of the same mechanics, or a recording (or the path of one, NetCDF).
+    model: a name of `sn.MODELS`; "auto" chooses, or says what cannot be told; "tendon" is the whole joint of a rig's
+    recording. excitation: what the drive of a foreign recording is. pretension_mm: which of a rig's recording [mm];
+    else its smallest. rig: where model tendon begins; else the recording's own.
+    train, test: samples of one record to fit and to predict, indices from 0, half open; else every fourth block is held
+    out once. profile, bootstrap (number of draws), posterior (NUTS, minutes): intervals in another way, added.
+    seed: of draws. progress: called with (done, total).
+    Raises RecordingError where the record tells nothing, SpecError where it does not go with what is asked.
+
+    >>> import numpy as np
+    >>> import sinew as sn
+    >>> t = np.arange(0, 4, 0.01)
+    >>> noise = np.random.default_rng(0).normal(0, 0.003, t.size)
+    >>> swing = 0.35 * np.exp(-1.2 * t) * np.cos(2 * np.pi * 3 * t) + noise
+    >>> found = sn.identify(sn.make_record(t, swing, output_unit="rad"), "linear")
+    >>> round(found.fit.natural_frequency_hz.value, 1)
+    3.0
+    """
+    if isinstance(record, (str, Path)):
+        record = load_recording(record)
+    if model == "tendon":
+        if not isinstance(record, xr.Dataset):
+            raise SpecError("model tendon needs the recording of a rig; choose cubic or auto")
+        given = {"train": train, "test": test, "pretension_mm": pretension_mm, "bootstrap": bootstrap}
+        given |= {"profile": profile or None, "posterior": posterior or None}
+        for name, value in given.items():
+            if value is not None:
+                raise SpecError(f"{name} does not go with model tendon, which is fitted to all of a recording")
+        return find_joint(record, joint_rig(record, rig), progress)
+    if isinstance(record, xr.Dataset):
+        records = recording_records(record, excitation, pretension_mm, repeats=bootstrap is not None)
+    else:
+        records = [record] if isinstance(record, Record) else list(record)
+    remarks = (*unit_remarks(records[0]), *records[0].notes)
+    found = find_mechanics(records, model, train, test, remarks=remarks, progress=progress)
+    if profile:
+        found = add_profiles(found, progress)
+    if bootstrap is not None:
+        found = add_bootstrap(found, bootstrap, seed, progress)
+    return add_posterior(found, seed, progress) if posterior else found
+
+
+def joint_rig(recording: xr.Dataset, rig: RigSpec | str | Path | None) -> RigSpec:
+    """Return the rig that model tendon begins with: the one that was named, else the recording's.
+
+    Raises SpecError where there is none.
+    """
+    found = recording_rig(recording, rig)
+    if found is None:
+        raise SpecError("model tendon needs a rig and the recording names none; name one")
+    return found
+
+
+def find_mechanics(
+    records: Sequence[Record],
+    model: str,
+    train: Range | None,
+    test: Range | None,
+    *,
+    remarks: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Identified:
+    """Return what records of one degree of freedom tell. remarks: sentences on the input, put behind the verdict.
+
+    Raises RecordingError and SpecError where they tell nothing.
+    """
+    configure()
+    wanted = None if model == "auto" else get_model(model)
+    for record in records:
+        refuse_hopeless(record)
+    if len(records) > 1:
+        if train is not None or test is not None:
+            raise SpecError("train and test are for one record; this recording has several segments")
+        if len(records) > 2:
+            return _of_segments(records, wanted, remarks, progress)
+        remarks = [*remarks, "of two segments the first was fitted; three and more are fitted together"]
+    split = split_record(records[0], train, test)
+    taught = [int(k) for k in split.kept.nonzero()[0][[0, -1]]]
+    refuse_hopeless(split.record.cut(taught[0], taught[1] + 1))
+    return _of_record(split, wanted, remarks, progress)
+
+
+def _of_record(split: Split, wanted: Model | None, remarks: Sequence[str], progress: Progress | None) -> Identified:
+    compared = compare_laws(split, progress) if wanted is None else compare(split, [wanted])
+    return replace(_of_comparison(compared, remarks), split=split, held_out=compared.rows[0].held_out)
+
+
+def _of_segments(
+    records: Sequence[Record], wanted: Model | None, remarks: Sequence[str], progress: Progress | None
+) -> Identified:
+    """Return what several segments of a rig with the same mechanics tell; every third is held out in turn."""
+    models = _SEGMENT_LAWS if wanted is None else (wanted,)
+    compared = compare_segments(records, models, varying=(), progress=progress)
+    levels = dict.fromkeys(record.group.split(",")[0] for record in records)
+    told = f"{len(records)} segments at {' and '.join(levels)} were fitted together, each third of them held out once"
+    return _of_comparison(compared, [told, *remarks])
+
+
+def _of_comparison(compared: Comparison, remarks: Sequence[str]) -> Identified:
+    best, row = compared.best, compared.rows[0]
+    told = [
+        compared.verdict,
+        *remarks,
+        best.message,
+        *_impossible(best),
+        *suspicions(best, compared=len(compared.rows) > 1),
+    ]
+    rows = [
+        {"model": one.model.name, "rmse_test": _number(one.rmse_test), "bic": _number(one.bic)} for one in compared.rows
+    ]
+    return Identified(_fit_part(best, row.rmse_test, told) | {"compared": rows}, tuple(told), fit=best)
+
+
+def _impossible(best: Fit) -> list[str]:
+    """Return a sentence where a friction or a loss factor is negative for certain."""
+    words = {"coulomb": "dry friction", "loss_factor": "loss factor"}
+    negative = impossible_numbers(best)
+    return [
+        f"the {word} came out negative, which nothing has: the damping depends on amplitude or frequency in another way"
+        for start, word in words.items()
+        if any(name.startswith(start) for name in negative)
+    ]
+
+
+def find_joint(recording: xr.Dataset, rig: RigSpec, progress: Progress | None = None) -> Identified:
+    """Return what the recording of a rig tells of its tendon joint."""
+    configure()
+    joint = fit_joint([recording], rig, progress=progress)
+    whole = joint.document()
+    document = {key: one for key, one in whole.items() if key not in _OWN_KEYS}
+    named = dict(zip(joint_names(joint), (one.to_json() for one in joint.parameters.values()), strict=True))
+    document["parameters"] = named | {name: one.to_json() for name, one in joint.derived.items()}
+    levels = ", ".join(f"{one:g}" for one in joint.pretension_mm)
+    at = f"natural frequency and damping ratio are those at {joint.pretension_mm[0]:g} mm"
+    told = [f"the tendon joint was fitted to {len(joint.segments)} segments at {levels} mm; {at}", joint.message]
+    document["message"] = "; ".join(told)
+    return Identified(document, tuple(told), joint=joint)
+
+
+_OWN_KEYS = ("units", "derived", "by_pretension")
+"""Of a joint fit's document what other models have not; here it stands under `parameters`."""
+
+
+def joint_names(joint: JointFit) -> tuple[str, ...]:
+    """Return the names of the fitted parameters of a tendon joint: the rig's, with their units."""
+    units = {name: parameter.unit for name, parameter in joint.rig.parameters()}
+    return tuple(_with_unit(name, units.get(name, "1")) for name in joint.parameters)
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """Return a rig's name of a parameter with its unit at the end: "tendons.head_radius" gives "..._m"."""
+    token = unit.lower().replace("^", "").replace("*", "_").replace("/", "_per_").replace(" ", "")
+    return name if unit == "1" else f"{name}_{token}"
+
+
+def _fit_part(best: Fit, rmse_test: float | None, told: Sequence[str]) -> dict[str, Any]:
+    return {
+        "model": best.model.name,
+        "parameters": {name: one.to_json() for name, one in best.parameters.items()},
+        "natural_frequency_hz": best.natural_frequency_hz.to_json(),
+        "damping_ratio": best.damping_ratio.to_json(),
+        "rmse": {"train": _number(best.rmse), "test": None if rmse_test is None else _number(rmse_test)},
+        "unit": best.unit,
+        "converged": best.converged,
+        "message": "; ".join(told),
+        "unidentifiable": list(best.unidentifiable),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+# What is asked for beside the fit is added: profiles, a bootstrap over repeats, a posterior.
+
+_NONLINEAR = ("loss_factor", "coulomb", "quadratic", "cubic")
+_DRAWS, _WARMUP = 500, 300  # of each of two chains: intervals to a tenth of a standard deviation
+
+
+def add_profiles(found: Identified, progress: Progress | None = None) -> Identified:
+    """Return it with the key `profile`: intervals of the nonlinear numbers by their profile likelihood, by name."""
+    fit = _fit_of(found, "a profile")
+    chosen = [name for name in fit.parameters if name.startswith(_NONLINEAR)]
+    sentences = [] if chosen else [f"model {fit.model.name} has no nonlinear number to profile"]
+    told: dict[str, Any] = {}
+    for done, name in enumerate(chosen):
+        if progress is not None:
+            progress(done, len(chosen))
+        interval = interval90(fit, name)
+        if interval is None:
+            sentences.append(f"the profile of {name} bounds it on neither side")
+            continue
+        told[name] = interval.to_json()
+        for end, side in ((interval.low, "below"), (interval.high, "above")):
+            if not math.isfinite(end):
+                sentences.append(f"the profile of {name} does not bound it {side}")
+    return _with(found, "profile", told, sentences)
+
+
+def add_bootstrap(found: Identified, resamples: int, seed: int = 0, progress: Progress | None = None) -> Identified:
+    """Return it with the key `bootstrap`: the numbers with the intervals that the scatter of whole repeats gives."""
+    fit = _fit_of(found, "a bootstrap")
+    scatter = bootstrap_repeats(fit.records, fit.model, resamples=resamples, seed=seed, progress=progress)
+    return _with(found, "bootstrap", _json(scatter.estimates), [f"bootstrap: {scatter.message}"])
+
+
+def add_posterior(found: Identified, seed: int = 0, progress: Progress | None = None) -> Identified:
+    """Return it with the key `posterior`: the numbers by the draws of NUTS. Needs the extra posterior."""
+    from sinew.identify.oscillator.posterior import sample_posterior  # numpyro, where it is installed
+
+    fit = _fit_of(found, "a posterior")
+    posterior = sample_posterior(fit, seed=seed, draws=_DRAWS, warmup=_WARMUP, progress=progress)
+    told = _with(found, "posterior", _json(posterior.estimates), [f"posterior: {posterior.message}"])
+    return replace(told, posterior=posterior)
+
+
+def _with(found: Identified, key: str, told: dict[str, Any], sentences: Sequence[str]) -> Identified:
+    said = (*found.sentences, *sentences)
+    return replace(found, document=found.document | {key: told, "message": "; ".join(said)}, sentences=said)
+
+
+def _json(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    return {name: one.to_json() for name, one in estimates.items()}
+
+
+def _fit_of(found: Identified, what: str) -> Fit:
+    if found.fit is None:
+        raise SpecError(f"{what} is for models of one degree of freedom; leave it out with model tendon")
+    return found.fit
+
+
+# A recording of a rig, or a foreign one, becomes the records that are fitted.
+
+_MOST_SEGMENTS = 9
+_MOST_REPEATED = 4
+_Row = tuple[int, Segment, slice]
+
+
+def unit_remarks(record: Record) -> tuple[str, ...]:
+    """Return what is odd about the units of a record, a sentence each.
+
+    Raises SpecError where the input cannot be what it is said to be.
+    """
+    unit, kind = record.input_unit, record.excitation
+    if kind in ("base", "lever") and unit in _EFFORTS:
+        raise SpecError(
+            f"the input is in {unit}, which is no motion, but the excitation is {kind}; choose force or torque, or "
+            "name the column of the motion"
+        )
+    if kind in ("force", "torque") and unit in ("rad", "m", "rad/s", "m/s"):
+        return (f"the input is in {unit}, which is no {kind}: is it the motion of a base or a lever?",)
+    other = {"force": "N*m", "torque": "N"}.get(kind)
+    if unit == other:
+        return (f"the input is in {unit}, which is no {kind}; it was taken as {_EFFORTS[unit]}",)
+    return ()
+
+
+_EFFORTS = {"N": "a force", "N*m": "a torque"}
+
+
+def recording_records(
+    recording: xr.Dataset,
+    excitation: Excitation | None,
+    pretension_mm: float | None,
+    *,
+    repeats: bool = False,
+) -> list[Record]:
+    """Return the records in a recording: of an import its longest segment, of a rig the segments of one pretension.
+
+    Of a rig, the steady segments of the first repeat, evenly thinned to nine, under the lever's measured angle; where
+    there are none, its ring-downs. With repeats, four frequencies in all their repeats, grouped by frequency. Sensor
+    delays are those of the recording's rig.
+    """
+    response, drive = response_channel(recording), drive_channel(recording)
+    rows = list(iterate_segments(recording))
+    if recording.attrs.get("source") == "import":
+        if pretension_mm is not None or repeats:
+            option = "a bootstrap" if repeats else "a pretension"
+            raise SpecError(f"{option} is for the recording of a rig; this one was imported; leave it out")
+        if excitation is None and drive is not None:
+            raise SpecError(
+                "the recording has a drive; say its excitation: force, torque, base or lever, or none"
+            )
+        rows = [max(rows, key=lambda row: row[2].stop - row[2].start)]
+    else:
+        excitation = excitation or "lever"
+        rows = _of_pretension(rows, pretension_mm, repeats=repeats)
+    chosen = excitation or "none"
+    delay = _delay(recording, float(rows[0][1].frequency_hz))
+    return [
+        make_record(
+            recording["time_s"].values[where],
+            response.values[where],
+            None if chosen == "none" or drive is None else drive.values[where],
+            excitation=chosen,
+            output_unit=response.unit,
+            input_unit="1" if chosen == "none" or drive is None else drive.unit,
+            output_delay_s=delay,
+            group=_group(segment, repeats=repeats),
+        )
+        for _, segment, where in rows
+    ]
+
+
+def _group(segment: Segment, *, repeats: bool) -> str:
+    pretension = f"{segment.pretension_mm:g} mm"
+    return f"{pretension}, {segment.frequency_hz:.3g} Hz" if repeats and segment.kind == "steady" else pretension
+
+
+def _of_pretension(rows: list[_Row], pretension_mm: float | None, *, repeats: bool) -> list[_Row]:
+    levels = sorted({row[1].pretension_mm for row in rows})
+    level = levels[0] if pretension_mm is None else min(levels, key=lambda one: abs(one - pretension_mm))
+    if pretension_mm is not None and abs(level - pretension_mm) > 1e-6:
+        listed = ", ".join(f"{one:g}" for one in levels)
+        raise SpecError(f"the pretension asked for is {pretension_mm:g} mm, the recording has {listed}")
+    mine = [row for row in rows if row[1].pretension_mm == level]
+    steady = [row for row in mine if row[1].kind == "steady"]
+    decays = [row for row in mine if row[1].kind == "ring-down"]
+    if not steady and not decays:
+        raise RecordingError("the recording holds neither steady segments nor ring-downs; there is nothing to fit")
+    if repeats:
+        return _repeated(steady or decays)
+    taken = [row for row in steady if row[1].repeat == steady[0][1].repeat] or decays
+    step = max(1, -(-len(taken) // _MOST_SEGMENTS))
+    return taken[::step]
+
+
+def _repeated(rows: list[_Row]) -> list[_Row]:
+    """Return the segments of at most four frequencies that were repeated, in all their repeats."""
+    found: dict[float, list[_Row]] = {}
+    for row in rows:
+        found.setdefault(float(row[1].frequency_hz) if row[1].kind == "steady" else 0.0, []).append(row)
+    often = [found[frequency] for frequency in sorted(found) if len(found[frequency]) > 1]
+    if not often:
+        raise SpecError("a bootstrap draws among repeats, and this recording repeats nothing; leave it out")
+    step = max(1, -(-len(often) // _MOST_REPEATED))
+    return [row for group in often[::step] for row in group]
+
+
+def _delay(recording: xr.Dataset, frequency_hz: float) -> float:
+    """Return how much later the response's stamps are than the drive's [s], by the rig's delay budget."""
+    text = str(recording.attrs.get("rig", ""))
+    if not text.strip():
+        return 0.0
+    budget = delay_budget(recording, parse_rig(text, source="the recording's rig"))
+    return torsion_delay(budget, frequency_hz if frequency_hz > 0 else 3.0) - budget.drive_delay_s
