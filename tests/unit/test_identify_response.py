@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from campaigns.stretches import response_points
 from tests.unit.analysis_sweep import Joint, Sensing, rig_with, sweep
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
@@ -11,7 +12,7 @@ from sinew.analysis.sweep.response import estimate_response
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
 from sinew.identify.stepped.fit import fit_response, squeeze_scatter
-from sinew.identify.stepped.points import ResponsePoints, make_points, points_of_response, response_points
+from sinew.identify.stepped.points import ResponsePoints, make_points, points_of_response
 from sinew.measure.errors import RecordingError, SpecError
 
 INERTIA = 12.74e-3

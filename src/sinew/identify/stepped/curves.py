@@ -20,7 +20,7 @@ from sinew.identify.oscillator.certainty import Covariance
 from sinew.identify.oscillator.record import Scales, derivative_order
 from sinew.identify.stepped.fit import ResponseFit, long_run
 from sinew.identify.stepped.layout import drive_of, motion_and_push
-from sinew.identify.stepped.oscillation import free_frequency, lag_of, lagging, top_of_sweep
+from sinew.identify.stepped.oscillation import free_frequency, fundamentals, lag_of, lagging, swept, top_of_sweep
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
@@ -421,6 +421,22 @@ def peak_of_response(fit: ResponseFit, input_amplitude: float | None = None, *, 
     return ResponsePeak(
         amplitude, spread.estimate(frequency), spread.estimate(largest), spread.estimate(largest * amplitude), crossing
     )
+
+
+def response_curve(fit: ResponseFit, part: int = 0) -> tuple[Array, NDArray[np.complex128]]:
+    """Return frequencies [Hz] and fitted response of one group along its curve, through its folds, shape (n,) each.
+
+    What turn and background the measuring chain adds is in it, as in the points.
+    """
+    points, scales = fit.points[part], fit.layout.layout.parts[part].scales
+    amplitude, laws = float(np.median(points.input_amplitude)), fit.layout.laws(part)
+    numbers, (turn, background) = fit.layout.numbers(fit.solution.values, part), fit.layout.added(fit.solution.values)
+    hertz = scales.omega / (2 * np.pi)
+    low, high = points.frequency_hz[[0, -1]] / hertz
+    found = swept(numbers, laws, drive_of(points, scales, amplitude), float(low), float(high))
+    lanes = np.broadcast_to(numbers, (len(found), numbers.size))
+    moving = _output(fit, scales, lanes, found[:, -1], fundamentals(found, laws), amplitude)
+    return hertz * found[:, -1], np.asarray(moving / amplitude * turn + background)
 
 
 def _none(amplitude: float, reason: str) -> ResponsePeak:

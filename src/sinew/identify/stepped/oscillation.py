@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from sinew.identify.oscillator.track import LOCAL, DampingLaw, StiffnessLaw, smooth_force, stiffness_at
 from sinew.solve.balance import Lane
-from sinew.solve.continuation import Stride
 from sinew.solve.curves import Problem, Resolution, first_curves
 from sinew.solve.examination import evaluate, phasors
 from sinew.solve.steady import at_frequency, steady
-from sinew.solve.waves import Coordinate, Equations, Size, orders, unknowns
+from sinew.solve.waves import Coordinate, Equations, Size, orders
 from sinew.twin.cache import configure
 from sinew.twin.prony import relaxation_times
 
@@ -159,12 +158,12 @@ def oscillate(numbers: Array, omega: Array, drive: Drive, laws: Laws, start: Com
     found = at_frequency(_written(start[:, None] * (h == 1), omega, laws), lane, laws.equations, laws.size)
     cosine, sine = laws.first
     slopes = found.slopes[:, cosine, : len(NUMBERS)] - 1j * found.slopes[:, sine, : len(NUMBERS)]
-    return Oscillations(found.x[:, cosine] - 1j * found.x[:, sine], slopes, found.found)
+    return Oscillations(fundamentals(found.x, laws), slopes, found.found)
 
 
-def top_of_sweep(numbers: Array, laws: Laws, drive: Drive, low: float, high: float) -> tuple[Array, bool]:
-    """Return the unknowns x (m + 1,), the last of them Ω in ω_r, where the fundamental is largest between two
-    frequencies, and whether that is inside. numbers: shape (7,). Followed through folds."""
+def swept(numbers: Array, laws: Laws, drive: Drive, low: float, high: float) -> Array:
+    """Return the unknowns x (n, m + 1), the last of them Ω in ω_r, along the curve between two frequencies, through its
+    folds; numbers: shape (7,)."""
     configure()
     lane = _lane(numbers[None], drive, laws, np.ones(1))
 
@@ -172,19 +171,29 @@ def top_of_sweep(numbers: Array, laws: Laws, drive: Drive, low: float, high: flo
         return p._replace(push=p.push * share)
 
     problem = Problem(laws.equations, lane, np.zeros((1, 1)), weakened)
-    curve = first_curves(problem, np.array([low, high]), Resolution((), 0.0, Stride()), laws.size)
-    points = np.asarray(curve.points)[0, : int(curve.number[0])]
+    curve = first_curves(problem, np.array([low, high]), Resolution((), 0.0), laws.size)
+    return np.asarray(curve.points)[0, : int(curve.number[0])]
+
+
+def fundamentals(x: Array, laws: Laws) -> Complexes:
+    """Return r₁ of unknowns (n, m + 1), shape (n,)."""
+    cosine, sine = laws.first
+    return np.asarray(x[:, cosine] - 1j * x[:, sine])
+
+
+def top_of_sweep(numbers: Array, laws: Laws, drive: Drive, low: float, high: float) -> tuple[Array, bool]:
+    """Return the point of `swept` whose fundamental is largest, (m + 1,), and whether it is inside."""
+    points = swept(numbers, laws, drive, low, high)
     if not len(points):
-        return np.full(unknowns(laws.equations, laws.size.harmonics) + 1, np.nan), False
-    top = int(np.argmax(np.hypot(*points[:, list(laws.first)].T)))
+        return points, False
+    top = int(np.argmax(np.abs(fundamentals(points, laws))))
     return points[top], 0 < top < len(points) - 1
 
 
 def lag_of(x: Array, laws: Laws, drive: Drive) -> float:
     """Return how far the fundamental lags behind the push [rad], from 0 to 2π. x: unknowns (m + 1,)."""
-    cosine, sine = laws.first
     push = 1j**drive.power * np.sign(drive.size)
-    return float(-np.angle((x[cosine] - 1j * x[sine]) / push)) % (2 * np.pi)
+    return float(-np.angle(fundamentals(x[None], laws)[0] / push)) % (2 * np.pi)
 
 
 def lagging(
@@ -207,7 +216,7 @@ def lagging(
     row[:, cosine], row[:, sine] = ray.imag, ray.real
     lane = _lane(numbers, drive, laws, np.full(lag.size, near[-1] * abs(first)))
     done = steady(start, row, np.zeros(lag.size), lane, equations, size)
-    along = ((done.x[:, cosine] - 1j * done.x[:, sine]) * np.conj(ray)).real
+    along = (fundamentals(done.x, laws) * np.conj(ray)).real
     return done.x[:, -1], phasors(done.x, equations, size.harmonics, 0), done.found & (along > 0) & (done.x[:, -1] > 0)
 
 
