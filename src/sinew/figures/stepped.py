@@ -26,12 +26,13 @@ def draw_response_fit(fit: ResponseFit) -> Figure:
         drive, level = points.input_amplitude, float(np.median(points.input_amplitude))
         left.plot(frequency, factor * level * np.abs(response), color=colour)
         look = {"color": colour, "marker": marker, "linestyle": "none", "markerfacecolor": "none"}
-        label = points.group or "measured"
+        label = points.group.replace("*", " ") or "measured"
         left.plot(points.frequency_hz, factor * drive * np.abs(points.response), label=label, **look)
         right.plot(frequency, np.degrees(wrapped_lag(np.conj(response))), color=colour)
         right.plot(points.frequency_hz, np.degrees(wrapped_lag(np.conj(points.response))), **look)
     if not derivative_order(unit) and fit.frame == "relative":
-        backbone = backbone_of_response(fit)
+        largest = int(np.argmax([np.max(np.abs(p.response) * p.input_amplitude) for p in fit.points]))
+        backbone = backbone_of_response(fit, part=largest)
         left.plot(backbone.frequency_hz, factor * backbone.amplitude, color=GREY, linestyle="--", label="backbone")
     left.set(xlabel="frequency in Hz", ylabel=axis_label("amplitude", unit))
     left.set_ylim(bottom=0)

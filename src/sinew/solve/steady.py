@@ -99,7 +99,8 @@ def steady(start: Array, row: Array, goal: Array, lane: Lane, equations: Equatio
     start: scaled unknowns (k, m + 1); where several motions are possible it says which is meant. row, goal: the
     condition, (k, m + 1) and (k,). lane: with a leading axis k; all of its numbers are floats.
     """
-    return Steady(*in_blocks(_steady, (start, row, goal), lane, equations, size))
+    x, slopes, found = in_blocks(_steady, (start, row, goal), lane, equations, size)
+    return Steady(x, slopes, found.astype(bool))
 
 
 def at_frequency(start: Array, lane: Lane, equations: Equations, size: Size) -> Steady:

@@ -112,5 +112,9 @@ def _levels(groups: Sequence[ResponsePoints], turned: bool) -> tuple[dict[str, o
         found = resonance_by_level(groups, turned=turned)
     except RecordingError as error:
         return None, [f"the levels one by one tell no resonance: {error}"]
-    document = {"verdict": found.verdict, "shift_hz": found.shift_hz.to_json(), "bend_hz": found.bend_hz.to_json()}
+    document: dict[str, object] = {
+        "verdict": found.verdict,
+        "shift_hz": found.shift_hz.to_json(),
+        "bend_hz": found.bend_hz.to_json(),
+    }
     return document, [f"without a law: {found.verdict}"]

@@ -128,7 +128,7 @@ def _equations(damping: DampingLaw, stiffness: StiffnessLaw, lopsided: bool) -> 
 def _lane(numbers: Array, drive: Drive, laws: Laws, speed: Array) -> Lane:
     """Return n lanes. numbers: shape (n, 7), speed: the largest of each motion, shape (n,)."""
     one = np.ones(len(numbers))
-    push = np.asarray(drive.size * one) * 1j**drive.power
+    push = drive.size * one * 1j**drive.power
     p = _Numbers(
         np.asarray(numbers, dtype=float),
         np.stack([push.real, push.imag], axis=1),
@@ -234,7 +234,8 @@ def free_frequency(numbers: Array, amplitude: Array, laws: Laws) -> Array:
     for _ in range(_STORAGE_ROUNDS if laws.damping == "loss-factor" else 1):
         if laws.damping == "loss-factor":
             relaxation = laws.natural * np.array(_TIMES)
-            bare[:, 0] = jax.vmap(stiffness_at, (0, 0, None))(numbers, np.nan_to_num(omega, nan=1.0), relaxation)
+            known = jnp.asarray(np.nan_to_num(omega, nan=1.0))
+            bare[:, 0] = jax.vmap(stiffness_at, (0, 0, None))(jnp.asarray(numbers), known, jnp.asarray(relaxation))
         omega = _swing(bare, amplitude, omega, lossless)
     return omega
 

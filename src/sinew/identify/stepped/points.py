@@ -165,7 +165,9 @@ def points_of_table(
     share, freedom = _repeated_scatter(f, level, response / size)
     if share is None:
         share = _ASSUMED
-        remarks.append("no row was repeated: intervals are from what the fit leaves, and lack of fit is not tested")
+        remarks.append(
+            "no row was repeated: intervals follow from what the fit leaves, be that scatter or a law that is missing"
+        )
     groups = []
     for one in range(int(level.max()) + 1):
         mine = level == one
