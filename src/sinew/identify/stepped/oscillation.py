@@ -120,7 +120,7 @@ def _equations(damping: DampingLaw, stiffness: StiffnessLaw, lopsided: bool) -> 
             force = force + p.numbers[3] * jnp.tanh(speed / p.speed)
         wave = p.push[0] * jnp.cos(phase) - p.push[1] * jnp.sin(phase)
         push = p.numbers[6] * wave * (omega / p.natural) ** p.power
-        return (p.natural**2 * (push - force))[None]
+        return jnp.stack([p.natural**2 * (push - force)])
 
     return Equations((Coordinate("motion", "all" if lopsided else "odd", 2, times),), rates)
 

@@ -161,8 +161,9 @@ def points_of_table(
     order = np.argsort(d)
     level = np.zeros(f.size, dtype=int)
     level[order] = np.cumsum(np.diff(np.log(d[order]), prepend=np.log(d[order[0]])) > _SAME_LEVEL)
-    size = np.hypot(np.abs(response), _FLOOR * np.abs(response).max())
-    share, freedom = _repeated_scatter(f, level, response / size)
+    floor = _FLOOR * float(np.abs(response).max())
+    size = np.hypot(np.abs(response), floor)
+    share, freedom = _repeated_scatter(f, level, response, floor)
     if share is None:
         share = _ASSUMED
         remarks.append(
@@ -196,14 +197,17 @@ def _runs_ahead(f: Array, response: Complexes, excitation: Excitation, output_un
     return bool(np.sum((over_push / np.abs(over_push).max()).imag) > 0)
 
 
-def _repeated_scatter(f: Array, level: NDArray[np.int64], relative: Complexes) -> tuple[float | None, float]:
+def _repeated_scatter(
+    f: Array, level: NDArray[np.int64], response: Complexes, floor: float
+) -> tuple[float | None, float]:
     """Return standard deviation of real and imaginary part over the size, from repeated rows, and its degrees of
     freedom; None and infinity without them."""
     total, freedom = 0.0, 0
     order = np.lexsort((f, level))
     new = (np.diff(np.log(f[order]), prepend=-np.inf) > _SAME_FREQUENCY) | (np.diff(level[order], prepend=-1) > 0)
     for rows in np.split(order, np.flatnonzero(new)[1:]):
-        away = relative[rows] - relative[rows].mean()
+        middle = response[rows].mean()
+        away = (response[rows] - middle) / np.hypot(np.abs(middle), floor)
         total, freedom = total + float(np.sum(np.abs(away) ** 2)), freedom + 2 * (rows.size - 1)
     if freedom < _FEWEST_REPEATS or total == 0:
         return None, np.inf
