@@ -17,9 +17,9 @@ import numpy as np
 
 from benchmarks.peer_marks import marks
 from sinew.plan.toml import load_rig
-from sinew.predict.curves.prediction import predict
 from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
+from sinew.solve.curves import predict
 from sinew.twin.cache import configure
 
 __all__ = ["PEAK_RAD", "UPPER_FOLD_HZ", "main", "reference"]

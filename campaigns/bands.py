@@ -19,9 +19,9 @@ from sinew.identify.joint.calibration import Source, calibrate_rig
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.band import Band, band_of, crest, draw_rigs, drawn_branches
-from sinew.predict.curves.branch import Branch, sweep
-from sinew.predict.curves.prediction import Problem
 from sinew.predict.joint import joint_problem
+from sinew.solve.branch import Branch, sweep
+from sinew.solve.curves import Problem
 from sinew.twin.simulate import simulate
 
 __all__ = ["AT_HZ", "Trial", "main", "run_trial", "table"]

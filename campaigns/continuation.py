@@ -19,9 +19,9 @@ import numpy as np
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.curves.branch import Branch, Prediction
-from sinew.predict.curves.prediction import predict
 from sinew.predict.joint import RESOLUTION, joint_problem
+from sinew.solve.branch import Branch, Prediction
+from sinew.solve.curves import predict
 from sinew.solve.march import Track
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate_tracks

@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks, savgol_filter
 
+from campaigns.stretches import response_points
 from sinew.analysis.decay.ring_down import analyse_ring_down
 from sinew.analysis.sweep.resonance import find_peak
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import make_record
 from sinew.identify.stepped.curves import peak_of_response
 from sinew.identify.stepped.fit import fit_response
-from sinew.identify.stepped.points import ResponsePoints, response_points
+from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.estimate import Estimate
 
 __all__ = [

@@ -21,8 +21,8 @@ from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_plan, load_rig
 from sinew.predict.against import Comparison, compare, measured_of
-from sinew.predict.curves.prediction import predict
 from sinew.predict.joint import RESOLUTION, joint_problem, lever_problem
+from sinew.solve.curves import predict
 from sinew.twin.simulate import simulate
 
 __all__ = ["FITTED_MM", "FREQUENCY_SHARE", "GAIN_SHARE", "Outcome", "displaced", "main", "predicted", "run", "table"]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from sinew.mechanics.joint import State, rate, state_at_rest
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
-from sinew.predict.curves.branch import Prediction
-from sinew.predict.curves.prediction import predict
 from sinew.predict.joint import RESOLUTION, joint_problem
+from sinew.solve.branch import Prediction
+from sinew.solve.curves import predict
 from sinew.solve.march import Track, runge_kutta
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 

@@ -18,18 +18,18 @@ from sinew.mechanics.joint import State, rate
 from sinew.mechanics.silicone import BRANCHES
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.predict.curves.backbone import follow_backbones
-from sinew.predict.curves.balance import motion
-from sinew.predict.curves.branch import Branch
-from sinew.predict.curves.continuation import follow
-from sinew.predict.curves.examination import evaluate, maps_of, rows_of
-from sinew.predict.curves.prediction import predict
-from sinew.predict.curves.waves import channels, embedded, grid, slices, unknowns
 from sinew.predict.describing import describing_function, equivalent_of_rig
 from sinew.predict.joint import RESOLUTION, free_lever, joint_problem
 from sinew.predict.linear import linear_joints
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
+from sinew.solve.backbone import follow_backbones
+from sinew.solve.balance import motion
+from sinew.solve.branch import Branch
+from sinew.solve.continuation import follow
+from sinew.solve.curves import predict
+from sinew.solve.examination import evaluate, maps_of, rows_of
 from sinew.solve.march import integrate, runge_kutta
+from sinew.solve.waves import channels, embedded, grid, slices, unknowns
 
 pytestmark = pytest.mark.slow
 Array = NDArray[np.float64]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
-from sinew.predict.curves.branch import Branch
-from sinew.predict.curves.continuation import Stride
-from sinew.predict.curves.prediction import Prediction, predict
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
+from sinew.solve.branch import Branch
+from sinew.solve.continuation import Stride
+from sinew.solve.curves import Prediction, predict
 from sinew.twin.cache import configure
 
 configure()

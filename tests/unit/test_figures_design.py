@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sinew.figures.design_page import EndCurves, draw_design_curves, draw_design_front
-from sinew.predict.curves.branch import Branch
+from sinew.solve.branch import Branch
 
 
 def joint(shape: str, energy: float, *, front: bool, feasible: bool = True) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from sinew.figures.predicted import (
     upper_gain,
 )
 from sinew.figures.prediction_page import PREDICTION_CAPTIONS, write_prediction_page
-from sinew.predict.curves.branch import Branch, Mark
+from sinew.solve.branch import Branch, Mark
 
 
 def bent(shift_hz: float) -> Branch:

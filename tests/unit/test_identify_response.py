@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from campaigns.stretches import response_points
 from tests.unit.analysis_sweep import Joint, Sensing, rig_with, sweep
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
@@ -11,7 +12,7 @@ from sinew.analysis.sweep.response import estimate_response
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
 from sinew.identify.stepped.fit import fit_response, squeeze_scatter
-from sinew.identify.stepped.points import ResponsePoints, make_points, points_of_response, response_points
+from sinew.identify.stepped.points import ResponsePoints, make_points, points_of_response, points_of_table
 from sinew.measure.errors import RecordingError, SpecError
 
 INERTIA = 12.74e-3
@@ -278,6 +279,49 @@ def test_an_analysed_recording_gives_the_points_of_each_pretension_with_the_sens
     found = fit_response(points, "linear", varying=("stiffness", "damping")).parameters
     hertz = [np.sqrt(found[f"stiffness_per_s2[{name}]"].value) / (2 * np.pi) for name in ("0 mm", "1 mm")]
     assert hertz == pytest.approx([3.0, 3.6], rel=2e-3)
+
+
+def table(phase_sign: int = -1, repeats: int = 1, share: float = 0.0) -> dict[str, np.ndarray]:
+    """Return the rows of a linear joint under two torques, each repeated with a scatter.
+
+    It is a share of the size, of a tenth of the largest where that is less.
+    """
+    frequency = np.tile(FREQUENCIES_HZ, 2 * repeats)
+    torque = np.repeat([0.05, 0.2], FREQUENCIES_HZ.size * repeats)
+    rng = np.random.default_rng(11)
+    noise = share * (rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size))
+    bare = mechanical_response(frequency) / INERTIA
+    response = (bare + noise * np.hypot(np.abs(bare), 0.1 * np.abs(bare).max())) * torque
+    phase = -phase_sign * np.angle(response)
+    return {"frequency_hz": frequency, "amplitude": np.abs(response), "phase_rad": phase, "drive": torque}
+
+
+def points_in(**rows: np.ndarray) -> tuple[tuple[ResponsePoints, ...], tuple[str, ...]]:
+    return points_of_table(**rows, excitation="torque", output_unit="rad", input_unit="N*m")
+
+
+def test_rows_of_a_table_are_grouped_by_the_level_of_the_drive() -> None:
+    groups, _ = points_in(**table())
+    assert [(one.group, one.size) for one in groups] == [("0.05 N*m", 14), ("0.2 N*m", 14)]
+
+
+@pytest.mark.parametrize("phase_sign", [-1, 1])
+def test_a_phase_that_counts_either_way_is_the_same_lag(phase_sign: int) -> None:
+    groups, remarks = points_in(**table(phase_sign))
+    assert groups[0].response == pytest.approx(mechanical_response(FREQUENCIES_HZ) / INERTIA, rel=1e-12)
+    assert any("lag" in one for one in remarks) == (phase_sign == 1)
+
+
+def test_repeated_rows_tell_the_scatter_of_all() -> None:
+    groups, _ = points_in(**table(repeats=20, share=0.02))
+    largest = np.argmax(np.abs(groups[1].response))
+    share = np.sqrt(groups[1].covariance[largest, 0, 0]) / np.abs(groups[1].response[largest])
+    assert share == pytest.approx(0.02, rel=0.08)  # of 1064 degrees of freedom, at a largest drawn high
+
+
+def test_rows_that_are_no_steady_states_are_refused() -> None:
+    with pytest.raises(RecordingError, match="above zero"):
+        points_in(**(table() | {"drive": np.zeros(28)}))
 
 
 def test_the_delay_of_the_output_is_undone() -> None:

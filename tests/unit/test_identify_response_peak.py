@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from tests.unit.identify_signals import OMEGA
 
-from sinew.identify.stepped.balance import Drive, Laws, lagging, top_of_sweep
 from sinew.identify.stepped.curves import backbone_of_response, peak_of_response, resonance_by_level
 from sinew.identify.stepped.fit import ResponseFit, fit_response
+from sinew.identify.stepped.oscillation import Drive, Laws, lagging, top_of_sweep
 from sinew.identify.stepped.points import ResponsePoints, make_points
 from sinew.measure.errors import SpecError
 
@@ -86,14 +86,13 @@ def hardening() -> ResponseFit:
 def through_the_folds() -> tuple[np.ndarray, np.ndarray]:
     """Return frequency [Hz] and largest angle [rad] at 0.45 N m against the lag from 0.3 to 2.9 rad."""
     numbers = np.array([1.0, 0.1, 0.0, 0.0, 0.0, CUBIC / INERTIA / OMEGA**2, 1.0])
-    laws = Laws("viscous", "polynomial", True, np.empty(0), 1.0)
+    laws = Laws("viscous", "polynomial", ("cubic",))
     drive = Drive(0.45 / INERTIA / OMEGA**2, 0)
-    start = top_of_sweep(numbers, laws, drive, 0.5, 2.0)
+    top, _ = top_of_sweep(numbers, laws, drive, 0.5, 2.0)
     lag = np.linspace(0.3, 2.9, 1301)
-    omega, q, _ = lagging(np.tile(numbers, (lag.size, 1)), lag, laws, drive, *start[:2])
-    turn = np.exp(1j * np.outer(np.arange(1, (q.shape[1] + 1) // 2), np.linspace(0, 2 * np.pi, 3600)))
-    waves = ((q[:, 1::2] + 1j * q[:, 2::2]) @ turn).real
-    return 3.0 * omega, np.abs(waves + q[:, :1]).max(axis=1)
+    omega, waves, _ = lagging(np.tile(numbers, (lag.size, 1)), lag, laws, drive, top)
+    turn = np.exp(1j * np.outer(laws.orders, np.linspace(0, 2 * np.pi, 3600)))
+    return 3.0 * omega, np.abs((waves @ turn).real).max(axis=1)
 
 
 def test_the_largest_angle_of_a_folded_response_is_the_published_one() -> None:

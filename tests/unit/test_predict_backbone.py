@@ -13,11 +13,11 @@ from scipy.integrate import quad
 from scipy.special import ellipk
 
 from sinew.apps.cli import main
-from sinew.predict.curves.backbone import Backbone, follow_backbones
-from sinew.predict.curves.branch import Branch
-from sinew.predict.curves.prediction import predict
 from sinew.predict.describing import equivalent_of_oscillator, harmonic_shares
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
+from sinew.solve.backbone import Backbone, follow_backbones
+from sinew.solve.branch import Branch
+from sinew.solve.curves import predict
 from sinew.twin.cache import configure
 
 configure()

@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import norm
 
 from sinew.predict.band import band_of, crest
-from sinew.predict.curves.branch import Branch, sweep
-from sinew.predict.curves.prediction import predict
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
+from sinew.solve.branch import Branch, sweep
+from sinew.solve.curves import predict
 from sinew.twin.cache import configure
 
 configure()

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sinew.measure.errors import SpecError
-from sinew.predict.curves.branch import Branch
-from sinew.predict.curves.prediction import predict
 from sinew.predict.oscillator import Oscillator, expected_amplitude, oscillator_problem, resolution_of
+from sinew.solve.branch import Branch
+from sinew.solve.curves import predict
 from sinew.twin.cache import configure
 
 configure()

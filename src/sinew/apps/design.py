@@ -209,8 +209,8 @@ def _write_plan(plan: "Plan", path: Path) -> None:
 def _curves(one: "Proposal", plan: "Plan", row: dict[str, Any]) -> "EndCurves":
     from sinew.figures.design_page import EndCurves
     from sinew.predict.band import COARSE
-    from sinew.predict.curves.prediction import predict
     from sinew.predict.joint import joint_problem
+    from sinew.solve.curves import predict
 
     assert plan.sweep is not None
     band = 0.8 * plan.sweep.frequency_hz[0], 1.1 * plan.sweep.frequency_hz[-1]

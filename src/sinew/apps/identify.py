@@ -17,7 +17,13 @@ from sinew.apps.console import (
     require_folder,
     write_json,
 )
-from sinew.apps.identify_input import refuse_columns, refuse_rig_options, table_record
+from sinew.apps.identify_input import (
+    recording_points,
+    refuse_columns,
+    refuse_rig_options,
+    table_points,
+    table_record,
+)
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -30,6 +36,7 @@ if TYPE_CHECKING:
 # The arguments and options of `sinew identify` are spelt.
 
 EXCITATIONS = ("force", "torque", "base", "lever", "none")
+KINDS = ("samples", "stepped")
 _MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|tendon|auto"
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")]
@@ -61,6 +68,24 @@ Bootstrap = Annotated[
     int | None,
     typer.Option("--bootstrap", metavar="N", min=20, help="Of a rig's repeats: add intervals from N draws of them."),
 ]
+Kind = Annotated[
+    str,
+    typer.Option("--kind", metavar="|".join(KINDS), help="What FILE holds: samples, or steady states of a sine."),
+]
+Frequency = Annotated[
+    str | None,
+    typer.Option("--frequency", metavar="COL", help="Of steady states: column of frequencies; else frequency_hz."),
+]
+Phase = Annotated[
+    str | None,
+    typer.Option("--phase", metavar="COL[:unit]", help="Of steady states: column of phases; else phase_deg."),
+]
+ChainOption = Annotated[
+    str | None,
+    typer.Option(
+        "--chain", metavar="phase,background", help="Of steady states: what the measuring chain may add; a constant."
+    ),
+]
 DrawSeed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of posterior and bootstrap.")]
 Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for fit.json, fit.html and figures.")]
 
@@ -81,6 +106,10 @@ def identify(
     posterior: Posterior = False,
     bootstrap: Bootstrap = None,
     seed: DrawSeed = 0,
+    kind: Kind = "samples",
+    frequency: Frequency = None,
+    phase: Phase = None,
+    chain: ChainOption = None,
     out: Out = None,
     json: Json = False,
 ) -> None:
@@ -101,9 +130,13 @@ def identify(
     a recording of a rig, one pretension as one degree of freedom, or all of it as the tendon joint:
       sinew identify recording.nc --pretension 4 --model cubic
       sinew identify recording.nc --model tendon --out out/joint
+    a stepped sine, each row a steady state with columns frequency_hz and phase_deg; each level of the drive a curve:
+      sinew identify steps.csv --kind stepped --output amplitude:deg --input torque:N*m --excitation torque --out out/e
     """
     if excitation is not None and excitation not in EXCITATIONS:
         raise SpecError(f"--excitation is {excitation!r}, expected one of {', '.join(EXCITATIONS)}")
+    if kind not in KINDS:
+        raise SpecError(f"--kind is {kind!r}, expected one of {', '.join(KINDS)}")
     if out is not None:
         require_folder(out)
     asked = _Asked(
@@ -116,6 +149,7 @@ def identify(
         pretension,
         rig,
         _More(profile, posterior, bootstrap, seed),
+        _Steps(kind, frequency, phase, chain),
     )
     found = _add(_find(asked), asked.more)
     if out is not None:
@@ -154,6 +188,21 @@ class _More:
 
 
 @dataclass(frozen=True)
+class _Steps:
+    """What is asked of steady states."""
+
+    kind: str
+    frequency: str | None
+    phase: str | None
+    chain: str | None
+
+    def options(self) -> dict[str, str | None]:
+        """Return what was given, by option."""
+        kind = None if self.kind == "samples" else self.kind
+        return {"--kind": kind, "--frequency": self.frequency, "--phase": self.phase, "--chain": self.chain}
+
+
+@dataclass(frozen=True)
 class _Asked:
     """What the command line asked for."""
 
@@ -166,6 +215,7 @@ class _Asked:
     pretension_mm: float | None
     rig: str | None
     more: _More
+    steps: _Steps
 
     @property
     def about(self) -> str:
@@ -196,6 +246,7 @@ class _Asked:
             "--test": _text(self.test),
             "--pretension": None if self.pretension_mm is None else f"{self.pretension_mm:g}",
             "--rig": self.rig,
+            **self.steps.options(),
         }
         words = [word for name, value in options.items() if value is not None for word in (name, value)]
         return shlex.join(["sinew", "identify", str(self.file), *words, *self.more.words(), "--out", str(out)])
@@ -220,6 +271,11 @@ def _find(asked: _Asked) -> "Identified":
     from sinew.measure.read import is_recording
 
     columns = asked.columns
+    if asked.steps.kind == "stepped":
+        return _find_stepped(asked)
+    for name, value in asked.steps.options().items():
+        if value is not None:
+            raise SpecError(f"{name} is for steady states; add --kind stepped, or leave it out")
     if is_recording(asked.file):
         refuse_columns(columns.time, columns.input, columns.output, columns.rate_hz)
         recording = load_recording(asked.file)
@@ -236,6 +292,41 @@ def _find(asked: _Asked) -> "Identified":
     remarks = (*unit_remarks(records[0]), *records[0].notes)
     with progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
         return find_mechanics(records, asked.model, asked.train, asked.test, remarks=remarks, progress=progress)
+
+
+def _find_stepped(asked: _Asked) -> "Identified":
+    from sinew.identify.stepped.choice import identify_response
+    from sinew.measure.read import is_recording
+
+    columns, steps = asked.columns, asked.steps
+    given = {"--time": columns.time, "--rate": columns.rate_hz, "--train": asked.train, "--test": asked.test}
+    given |= dict.fromkeys(asked.more.words(), "")
+    for name, value in given.items():
+        if value is not None:
+            raise SpecError(f"{name} is for samples over time, FILE holds steady states; leave it out")
+    if asked.model == "tendon":
+        raise SpecError("model tendon is fitted to samples of a rig's recording; leave --kind stepped out")
+    chain = _chain(steps.chain)
+    remarks: tuple[str, ...] = ()
+    if is_recording(asked.file):
+        refuse_columns(columns.input, columns.output, steps.frequency, steps.phase)
+        points = recording_points(asked.file, asked.excitation, asked.pretension_mm, asked.rig)
+    else:
+        refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, None)
+        points, remarks = table_points(
+            asked.file, steps.frequency, steps.phase, columns.input, columns.output, asked.excitation
+        )
+    with progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
+        return identify_response(points, asked.model, chain=chain, remarks=remarks, progress=progress)
+
+
+def _chain(text: str | None) -> tuple[str, ...]:
+    known = {"phase": ("phase",), "background": ("background_real", "background_imag")}
+    parts = [] if text is None else [part.strip() for part in text.split(",")]
+    for part in parts:
+        if part not in known:
+            raise SpecError(f"--chain holds {part!r}, expected phase, background or both: phase,background")
+    return tuple(name for part in known if part in parts for name in known[part])
 
 
 def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Identified":

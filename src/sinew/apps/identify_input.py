@@ -1,8 +1,8 @@
-"""Tables for `sinew identify`: the columns that its options name, as a record."""
+"""Files for `sinew identify`: the columns that its options name as a record, and steady states as points."""
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from sinew.measure.errors import RecordingError, SpecError
 
@@ -10,7 +10,11 @@ if TYPE_CHECKING:
     import numpy as np
 
     from sinew.identify.oscillator.record import Excitation, Record
+    from sinew.identify.stepped.points import ResponsePoints
+    from sinew.measure.table import Table
     from sinew.measure.timing import Timeline
+
+    Array = np.ndarray[tuple[int], np.dtype[np.float64]]
 
 _RATE_OFF = 0.01  # of the rate: how far the stamps' own may be from the one that was given
 
@@ -63,7 +67,7 @@ def _read(
     from sinew.identify.oscillator.record import make_record
     from sinew.measure.table import find_columns, numbers, read_table
     from sinew.measure.timing import straighten_times
-    from sinew.measure.units import canonical_unit, convert, unit_in_name
+    from sinew.measure.units import convert, unit_in_name
 
     if output is None or (time is None and rate_hz is None):
         missing = "--output COL" if output is None else "--time COL (or --rate HZ)"
@@ -71,13 +75,8 @@ def _read(
     table = read_table(file)
     notes: tuple[str, ...] = ()
 
-    def signal(spec: str) -> tuple["np.ndarray[tuple[int], np.dtype[np.float64]]", str]:
-        names, stated = find_columns(table, spec)
-        unit, factor = canonical_unit(stated or unit_in_name(names[0]) or "1")
-        return np.mean([numbers(table, name) for name in names], axis=0) * factor, unit
-
-    response, response_unit = signal(output)
-    drive, drive_unit = (None, "1") if given is None else signal(given)
+    response, response_unit = _column(table, output)
+    drive, drive_unit = (None, "1") if given is None else _column(table, given)
     if rate_hz is not None and not 0 < rate_hz < float("inf"):
         raise SpecError(f"--rate is {rate_hz:g}, expected a positive number of samples per second")
     if time is None:
@@ -99,6 +98,77 @@ def _read(
         stamps, response, drive, excitation=excitation, output_unit=response_unit, input_unit=drive_unit
     )
     return replace(record, notes=notes)
+
+
+def _column(table: "Table", spec: str) -> "tuple[Array, str]":
+    """Return a column, or the mean of several, in the SI unit that comes with it."""
+    import numpy as np
+
+    from sinew.measure.table import find_columns, numbers
+    from sinew.measure.units import canonical_unit, unit_in_name
+
+    names, stated = find_columns(table, spec)
+    unit, factor = canonical_unit(stated or unit_in_name(names[0]) or "1")
+    return np.mean([numbers(table, name) for name in names], axis=0) * factor, unit
+
+
+def table_points(
+    file: Path, frequency: str | None, phase: str | None, given: str | None, output: str | None, excitation: str | None
+) -> tuple[tuple["ResponsePoints", ...], tuple[str, ...]]:
+    """Return the points in a table of steady states, and remarks on them. Columns "COL[:unit]"."""
+    from sinew.identify.stepped.points import points_of_table
+    from sinew.measure.table import find_columns, numbers, read_table
+
+    if given is None or output is None:
+        missing = "--output COL" if output is None else "--input COL"
+        raise SpecError(f"{file.name} holds steady states: name its columns of amplitudes; {missing} is missing")
+    if excitation in (None, "none"):
+        raise SpecError("say what the input is: --excitation force|torque|base|lever")
+    table = read_table(file)
+    names, stated = find_columns(table, frequency or "frequency_hz")
+    if (stated or "Hz").lower() != "hz":
+        raise SpecError(f"--frequency is in {stated}, expected Hz")
+    angle, angle_unit = _column(table, phase or "phase_deg")
+    if angle_unit not in ("rad", "1"):
+        raise SpecError(f"--phase is in {angle_unit}, expected degrees or radians: COL:deg or COL:rad")
+    response, response_unit = _column(table, output)
+    drive, drive_unit = _column(table, given)
+    return points_of_table(
+        numbers(table, names[0]),
+        response,
+        angle,
+        drive,
+        excitation=cast("Excitation", excitation),
+        output_unit=response_unit,
+        input_unit=drive_unit,
+    )
+
+
+def recording_points(
+    file: Path, excitation: str | None, pretension_mm: float | None, rig: str | None
+) -> tuple["ResponsePoints", ...]:
+    """Return the points of a rig's recording at one pretension, else its smallest, in one group."""
+    from sinew.analysis.analysed import recording_rig
+    from sinew.analysis.sweep.response import estimate_response
+    from sinew.identify.stepped.points import points_of_response
+    from sinew.measure.netcdf import load_recording
+
+    recording = load_recording(file)
+    if recording.attrs.get("source") == "import":
+        raise SpecError(
+            "this recording was imported; give a table of its steady states, one row each with frequency_hz, "
+            "amplitude, phase_deg and the drive's amplitude"
+        )
+    if excitation not in (None, "lever"):
+        raise SpecError(f"--excitation is {excitation}, but a rig is driven by its lever; leave it out")
+    found = points_of_response(estimate_response(recording, recording_rig(recording, rig)))
+    if pretension_mm is None:
+        return found[:1]
+    chosen = [one for one in found if one.group == f"{pretension_mm:g} mm"]
+    if not chosen:
+        listed = ", ".join(one.group for one in found)
+        raise SpecError(f"--pretension is {pretension_mm:g} mm, the recording has steady segments at {listed}")
+    return tuple(chosen)
 
 
 def _mended(timeline: "Timeline", stamps: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> tuple[str, ...]:

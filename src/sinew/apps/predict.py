@@ -45,8 +45,8 @@ from sinew.measure.errors import SpecError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from sinew.predict.curves.branch import Prediction
     from sinew.predict.predicted import Predicted, RigAsked
+    from sinew.solve.branch import Prediction
 
 
 # `sinew predict` is asked for more than curves: bands, and a recording to be held against.
@@ -270,9 +270,9 @@ def _oscillator(
     import math
     from functools import partial
 
-    from sinew.predict.curves.prediction import predict as run
     from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
     from sinew.predict.predicted import oscillator_backbones
+    from sinew.solve.curves import predict as run
     from sinew.twin.cache import configure
 
     values: dict[str, float] = {}

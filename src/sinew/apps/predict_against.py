@@ -84,8 +84,8 @@ def asked_of(held: Held, asked: "RigAsked", start: float | None, stop: float | N
 def hold_against(held: Held, found: "Predicted", fitted_mm: str | None) -> "tuple[dict[str, Any], Comparison]":
     """Return (the key `against` of a prediction, the comparison)."""
     from sinew.predict.against import compare
-    from sinew.predict.curves.prediction import predict
     from sinew.predict.joint import RESOLUTION, lever_problem
+    from sinew.solve.curves import predict
     from sinew.twin.parameters import Effects
 
     measured, asked = held.measured, found.asked

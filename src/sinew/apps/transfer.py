@@ -124,10 +124,10 @@ def _describing(
 ) -> list[dict[str, Any]]:
     import math
 
-    from sinew.predict.curves.prediction import predict
     from sinew.predict.describing import describing_function
     from sinew.predict.joint import RESOLUTION, joint_problem
     from sinew.predict.predicted import equivalent_document
+    from sinew.solve.curves import predict
 
     lanes = [(mm, degrees) for mm in pretensions for degrees in amplitudes]
     problem = joint_problem(

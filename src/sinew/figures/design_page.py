@@ -13,7 +13,7 @@ from sinew.figures.page import Caption, picture, write_page
 from sinew.figures.predicted import label_outer, shortened
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, in_style, new_figure, note_panel
 from sinew.figures.tables import Table
-from sinew.predict.curves.branch import Branch
+from sinew.solve.branch import Branch
 
 _SIZES = [
     "proposal",

@@ -13,6 +13,7 @@ from sinew.figures.corner import Cloud, cloud_of, draw_corner
 from sinew.figures.fit_data import draw_fit, parameter_label, traces_of, traces_of_joint
 from sinew.figures.page import Caption, picture, write_page
 from sinew.figures.residuals import draw_residuals
+from sinew.figures.stepped import draw_response_fit
 from sinew.figures.tables import Table, number
 from sinew.identify.decay.backbone import Backbone, fit_backbone
 from sinew.identify.identified import Identified, joint_names
@@ -57,6 +58,14 @@ FIT_CAPTIONS = {
         "joint. A curve that leaves the other's band speaks against the model.",
         "",
         "Frequency and damping ratio over amplitude, each a line with a band.",
+    ),
+    "response": Caption(
+        "Steady states and fit",
+        "(a) Amplitude of the output at each frequency, one colour a level of the drive: markers as measured, lines "
+        "the fitted model's, through their folds where there are any; dashed the backbone, on which the motion lags "
+        "the drive's force by 90°. (b) Lag of the output behind the input.",
+        "",
+        "Two panels over frequency: amplitude with points, curves and backbone, and lag.",
     ),
     "pretension": Caption(
         "Frequency and damping over pretension",
@@ -123,6 +132,9 @@ def _tables(document: Mapping[str, Any]) -> list[Table]:
             found = {name: one for name, one in rows.items() if isinstance(one, Mapping) and "interval90" in one}
             if found:
                 tables.append(Table(key.capitalize(), _HEAD, _rows(found), text))
+    for peak in document.get("peaks", ()):
+        rows = _rows({name: one for name, one in peak.items() if name != "input_amplitude"})
+        tables.append(Table(f"Peak at a drive of {number(peak['input_amplitude'], 3)}", _HEAD, rows, ""))
     return tables
 
 
@@ -149,6 +161,8 @@ def draw_identified(found: Identified) -> dict[str, Figure]:
     drawn = _joint_figures(found.joint) if found.joint is not None else {}
     if found.fit is not None:
         drawn = _fit_figures(found, found.fit)
+    if found.response is not None:
+        drawn = {"response": draw_response_fit(found.response)}
     return {name: figure for name, figure in drawn.items() if figure is not None}
 
 

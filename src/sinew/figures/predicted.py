@@ -30,8 +30,8 @@ from sinew.figures.style import (
     pretension_colours,
 )
 from sinew.predict.band import Band, Tube
-from sinew.predict.curves.branch import Branch
 from sinew.predict.predicted import Predicted
+from sinew.solve.branch import Branch
 
 _STABLE: dict[str, Any] = {"linestyle": "-", "linewidth": 1.3}
 _UNSTABLE: dict[str, Any] = {"linestyle": (0, (1.2, 1.4)), "linewidth": 1.1}

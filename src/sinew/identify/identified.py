@@ -31,6 +31,7 @@ from sinew.twin.cache import configure
 
 if TYPE_CHECKING:
     from sinew.identify.oscillator.posterior import Posterior
+    from sinew.identify.stepped.fit import ResponseFit
 
 Range = tuple[int, int]
 Progress = Callable[[float, float], None]
@@ -51,7 +52,7 @@ class Identified(Told):
 
     document: as `sinew identify --json` prints it. sentences: those of its `message`, the verdict first.
     fit: of one degree of freedom, or None. split, held_out: of one record, what was held out and how it was predicted.
-    joint: of the tendon joint, or None. posterior: draws, where they were asked for.
+    joint: of the tendon joint, or None. posterior: draws, where they were asked for. response: of a stepped sine.
     """
 
     document: dict[str, Any]
@@ -61,6 +62,7 @@ class Identified(Told):
     held_out: HeldOut | None = None
     joint: JointFit | None = None
     posterior: "Posterior | None" = None
+    response: "ResponseFit | None" = None
 
     def told(self) -> list[Table | str]:
         """Return the numbers, the models that were compared, and the sentences, the verdict first."""
@@ -72,6 +74,10 @@ class Identified(Told):
         if document["compared"]:
             compared = [(row["model"], number(row["rmse_test"]), number(row["bic"])) for row in document["compared"]]
             told.append(Table(("compared", f"held-out rmse{unit}", "BIC"), compared))
+        if peaks := document.get("peaks"):
+            names = ("frequency_hz", "gain", "phase_90_hz")
+            cells = [(number(one["input_amplitude"]), *(shown(one[name]) for name in names)) for one in peaks]
+            told.append(Table(("drive", "peak/Hz", "gain", "90° of lag/Hz"), cells))
         verdict, *rest = self.sentences
         train, test = document["rmse"]["train"], document["rmse"]["test"]
         held = "" if test is None else f", {number(test)} where it was held out"

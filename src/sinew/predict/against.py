@@ -29,7 +29,7 @@ from sinew.measure.estimate import Estimate
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
-from sinew.predict.curves.branch import Prediction, Swept, sweep
+from sinew.solve.branch import Prediction, Swept, sweep
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """This is where the curves of drawn rigs become bands over frequency, and intervals of what is marked on a curve.
 
 Curves with folds have several motions at one frequency. A band is therefore of what a sweep meets
-(`sinew.predict.curves.branch`): up, with growing frequency, and down. Near a fold some draws have jumped and others
+(`sinew.solve.branch`): up, with growing frequency, and down. Near a fold some draws have jumped and others
 have not; there the band spans both.
 
 Draws are computed with few harmonics, and the nominal curve with few and with many. What the many change there is taken
@@ -21,10 +21,10 @@ from sinew.measure.estimate import Estimate
 from sinew.plan.parameter import Parameter
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
-from sinew.predict.curves.branch import Branch, Direction, Mark, Prediction, Swept, sweep
-from sinew.predict.curves.prediction import Problem, Resolution, predict
-from sinew.predict.curves.waves import Size
 from sinew.predict.joint import RESOLUTION, joint_problem
+from sinew.solve.branch import Branch, Direction, Mark, Prediction, Swept, sweep
+from sinew.solve.curves import Problem, Resolution, predict
+from sinew.solve.waves import Size
 from sinew.twin.parameters import Effects
 
 Array = NDArray[np.float64]

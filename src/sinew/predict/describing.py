@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.plan.rig import RigSpec
-from sinew.predict.curves.branch import Branch
 from sinew.predict.oscillator import Oscillator
+from sinew.solve.branch import Branch
 
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -25,11 +25,11 @@ from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import BRANCHES, relaxation_times
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
-from sinew.predict.curves.balance import Lane
-from sinew.predict.curves.continuation import Stride
-from sinew.predict.curves.landmark import Search
-from sinew.predict.curves.prediction import Problem, Resolution
-from sinew.predict.curves.waves import Coordinate, Equations, Size
+from sinew.solve.balance import Lane
+from sinew.solve.continuation import Stride
+from sinew.solve.curves import Problem, Resolution
+from sinew.solve.landmark import Search
+from sinew.solve.waves import Coordinate, Equations, Size
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
-from sinew.predict.curves.balance import Lane
-from sinew.predict.curves.prediction import Problem, Resolution
-from sinew.predict.curves.waves import Coordinate, Equations, Size
+from sinew.solve.balance import Lane
+from sinew.solve.curves import Problem, Resolution
+from sinew.solve.waves import Coordinate, Equations, Size
 
 SLIDING_SHARE = 0.02
 """Speed over which dry friction turns round, as a share of the natural frequency times the expected amplitude, or times

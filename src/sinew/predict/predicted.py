@@ -12,20 +12,21 @@ from numpy.typing import NDArray
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate, number, span
 from sinew.measure.told import Table, Told
+from sinew.mechanics.parameters import TENDON_MODES
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.band import Band, Draws, Marked, Tube, bands_of, carried_over, draw_rigs
-from sinew.predict.curves.backbone import Backbone, follow_backbones
-from sinew.predict.curves.branch import Branch, Mark, Prediction
-from sinew.predict.curves.prediction import Problem
-from sinew.predict.curves.prediction import predict as predict_problem
 from sinew.predict.describing import Equivalent, equivalent_of_oscillator, equivalent_of_rig, harmonic_shares
 from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.predict.joints.validity import Check, check_drive, check_joint, doubt_broken_curves, loads_of
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
+from sinew.solve.backbone import Backbone, follow_backbones
+from sinew.solve.branch import Branch, Mark, Prediction
+from sinew.solve.curves import Problem
+from sinew.solve.curves import predict as predict_problem
 from sinew.twin.cache import configure
-from sinew.twin.parameters import TENDON_MODES, Effects
+from sinew.twin.parameters import Effects
 
 
 class RigAsked(NamedTuple):

@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.predict.band import crest
-from sinew.predict.curves.balance import Lane
-from sinew.predict.curves.branch import Branch, Mark, Prediction
-from sinew.predict.curves.continuation import OUTSIDE, Stride
-from sinew.predict.curves.examination import (
+from sinew.predict.joint import RESOLUTION
+from sinew.solve.balance import Lane
+from sinew.solve.branch import Branch, Mark, Prediction
+from sinew.solve.continuation import OUTSIDE, Stride
+from sinew.solve.curves import ENDS, Problem, first_curves, wrapped_lag
+from sinew.solve.examination import (
     drive_phasor,
     half_range,
     lag_product,
@@ -27,10 +29,8 @@ from sinew.predict.curves.examination import (
     phasors,
     rows_of,
 )
-from sinew.predict.curves.landmark import FOLD, QUARTER, guesses
-from sinew.predict.curves.prediction import ENDS, Problem, first_curves, wrapped_lag
-from sinew.predict.curves.waves import Equations, Size, orders
-from sinew.predict.joint import RESOLUTION
+from sinew.solve.landmark import FOLD, QUARTER, guesses
+from sinew.solve.waves import Equations, Size, orders
 
 Array = NDArray[np.float64]
 

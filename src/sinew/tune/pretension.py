@@ -23,8 +23,8 @@ from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.band import Draws, draw_rigs, drawn_branches, estimate_of_deviations
-from sinew.predict.curves.prediction import Problem
 from sinew.predict.joint import joint_problem
+from sinew.solve.curves import Problem
 from sinew.tune.candidate import drive_load
 from sinew.tune.resonance import Resonance, Swing, find_resonances
 from sinew.twin.cache import configure

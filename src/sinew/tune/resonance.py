@@ -22,11 +22,11 @@ from sinew.mechanics.tendons import total_tension
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.predict.band import COARSE
-from sinew.predict.curves.branch import Branch
-from sinew.predict.curves.prediction import predict
 from sinew.predict.describing import fundamental_phasor
 from sinew.predict.joint import joint_problem
 from sinew.predict.joints.validity import loads_of
+from sinew.solve.branch import Branch
+from sinew.solve.curves import predict
 from sinew.solve.rest import torsional_stiffness
 from sinew.twin.simulate import lane_parameters
 

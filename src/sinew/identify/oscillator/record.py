@@ -201,7 +201,7 @@ def grid_of(record: Record, scales: Scales, frame: Frame, *, stiff: bool) -> tup
     is where the samples are noisy, is integrated twice by the simulation, which gives the spline back.
     """
     steps = np.diff(record.time_s)
-    relaxation = _relaxation(scales.omega)
+    relaxation = relaxation_of(scales.omega)
     parts = math.ceil(float(np.median(steps)) * scales.omega / _PHASE)
     if stiff:
         parts = max(parts, math.ceil(float(np.median(steps)) / (_STIFF * float(relaxation.min()))))
@@ -234,7 +234,7 @@ def grid_of(record: Record, scales: Scales, frame: Frame, *, stiff: bool) -> tup
     return grid, samples
 
 
-def _relaxation(omega: float) -> Array:
+def relaxation_of(omega: float) -> Array:
     """Return the relaxation times [s]: the twin's, moved along where the oscillation is not well inside its band."""
     centre = math.sqrt(BAND_HZ[0] * BAND_HZ[1])
     frequency = omega / (2 * math.pi)

@@ -104,13 +104,22 @@ class _Law(NamedTuple):
     amplitude: jax.Array
 
 
-def _law(p: jax.Array, grid: Grid, damping: DampingLaw) -> _Law:
+def _storage(shares: jax.Array, omega: jax.Array, relaxation: jax.Array | Array) -> jax.Array:
+    """Return the series' storage stiffness over the relaxed one at a frequency in ω_r."""
+    wt = (omega * relaxation) ** 2
+    return 1.0 + jnp.sum(shares * wt / (1.0 + wt))
+
+
+def _natural(p: jax.Array) -> jax.Array:
+    return jnp.sqrt(jnp.maximum(p[0], 1e-6))
+
+
+def _law(p: jax.Array, relaxation: jax.Array | Array, amplitude: jax.Array | Array, damping: DampingLaw) -> _Law:
     if damping != "loss-factor":
-        return _Law(p, jnp.zeros(0), p[0], jnp.zeros(0), jnp.asarray(grid.amplitude))
+        return _Law(p, jnp.zeros(0), p[0], jnp.zeros(0), jnp.asarray(amplitude))
     shares = _shares(p[2])
-    wt = (jnp.sqrt(jnp.maximum(p[0], 1e-6)) * grid.relaxation) ** 2
-    storage = 1.0 + jnp.sum(shares * wt / (1.0 + wt))
-    return _Law(p, shares, p[0] / storage, jnp.asarray(grid.relaxation), jnp.asarray(grid.amplitude))
+    relaxed = p[0] / _storage(shares, _natural(p), relaxation)
+    return _Law(p, shares, relaxed, jnp.asarray(relaxation), jnp.asarray(amplitude))
 
 
 def _restoring(motion: _Motion, law: _Law, stiffness: StiffnessLaw) -> jax.Array:
@@ -118,6 +127,28 @@ def _restoring(motion: _Motion, law: _Law, stiffness: StiffnessLaw) -> jax.Array
     linear = jnp.sin(r * law.amplitude) / law.amplitude if stiffness == "pendulum" else r
     branches = jnp.sum(law.shares * (r - motion.z))
     return law.relaxed * (linear + branches) + p[1] * motion.v + r * r * (p[4] + p[5] * r)
+
+
+def smooth_force(
+    p: jax.Array,
+    state: jax.Array,
+    relaxation: jax.Array,
+    amplitude: jax.Array,
+    damping: DampingLaw,
+    stiffness: StiffnessLaw,
+) -> jax.Array:
+    """Return K s(r) + κ₂ r² + κ₃ r³ and what is viscous or of the series: all but dry friction.
+
+    p: at least the first seven numbers of `LOCAL`. state: r, r', and the springs' positions for a loss factor.
+    """
+    motion = _Motion(state[0], state[1], state[2:])
+    return _restoring(motion, _law(p, relaxation, amplitude, damping), stiffness)
+
+
+def stiffness_at(p: jax.Array, omega: jax.Array, relaxation: jax.Array) -> jax.Array:
+    """Return the storage stiffness of a constant loss factor at a frequency in ω_r."""
+    shares = _shares(p[2])
+    return p[0] * _storage(shares, omega, relaxation) / _storage(shares, _natural(p), relaxation)
 
 
 def _rate(motion: _Motion, push: jax.Array, law: _Law, stiffness: StiffnessLaw) -> _Motion:
@@ -204,7 +235,7 @@ def _turning_share(
 
 
 def _begin(p: jax.Array, grid: Grid, damping: DampingLaw) -> tuple[_Law, _Motion]:
-    law = _law(p, grid, damping)
+    law = _law(p, grid.relaxation, grid.amplitude, damping)
     swinging = (p[7] - p[8] * law.relaxation) / (1.0 + law.relaxation**2)
     return law, _Motion(p[7], p[8], swinging + p[12] * (p[7] - swinging))
 

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from sinew.identify.oscillator.certainty import Covariance
-from sinew.identify.oscillator.record import Scales, derivative_order, input_derivative
-from sinew.identify.stepped.balance import Drive, free_frequency, lagging, top_of_sweep
+from sinew.identify.oscillator.record import Scales, derivative_order
 from sinew.identify.stepped.fit import ResponseFit, long_run
-from sinew.identify.stepped.layout import motion_and_push
+from sinew.identify.stepped.layout import drive_of, motion_and_push
+from sinew.identify.stepped.oscillation import free_frequency, fundamentals, lag_of, lagging, swept, top_of_sweep
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
@@ -397,23 +397,21 @@ def peak_of_response(fit: ResponseFit, input_amplitude: float | None = None, *, 
     points, scales = fit.points[part], fit.layout.layout.parts[part].scales
     amplitude = float(np.median(points.input_amplitude)) if input_amplitude is None else float(input_amplitude)
     spread, laws = _spread(fit, part), fit.layout.laws(part)
-    power = input_derivative(points.signals)
-    sign = -1.0 if points.excitation in ("base", "lever") else 1.0
-    drive = Drive(sign * amplitude * scales.omega**power / scales.forcing, power)
+    drive = drive_of(points, scales, amplitude)
     hertz = scales.omega / (2 * np.pi)
     margin = _BEYOND * float(np.ptp(points.frequency_hz))
     low = max(float(points.frequency_hz[0]) - margin, 0.02 * hertz)
     high = float(points.frequency_hz[-1]) + margin
-    first, harmonics, inside = top_of_sweep(spread.numbers[0], laws, drive, low / hertz, high / hertz)
+    top, inside = top_of_sweep(spread.numbers[0], laws, drive, low / hertz, high / hertz)
     if not inside:
         return _none(amplitude, "the response is largest at the edge of the sweep; extend the sweep beyond it")
-    push = drive.push(np.array([first]))[0]
-    lag = float(-np.angle((harmonics[1] + 1j * harmonics[2]) / push)) % (2 * np.pi)
+    lag = lag_of(top, laws, drive)
     lags = np.r_[lag + np.linspace(-_REACH, _REACH, _LAGS), 0.5 * np.pi]
     lanes = spread.numbers.shape[0]
     numbers = np.repeat(spread.numbers, lags.size, axis=0)
-    omega, motion, found = lagging(numbers, np.tile(lags, lanes), laws, drive, first, harmonics)
-    gain = np.abs(_output(fit, scales, numbers, omega, motion, amplitude)) / amplitude
+    omega, motion, found = lagging(numbers, np.tile(lags, lanes), laws, drive, top)
+    first = motion[:, laws.orders == 1][:, 0]
+    gain = np.abs(_output(fit, scales, numbers, omega, first, amplitude)) / amplitude
     shape = (lanes, lags.size)
     omega, gain, found = omega.reshape(shape), gain.reshape(shape), found.reshape(shape)
     if not found[:, :-1].all():
@@ -425,16 +423,37 @@ def peak_of_response(fit: ResponseFit, input_amplitude: float | None = None, *, 
     )
 
 
+def response_curve(fit: ResponseFit, part: int = 0) -> tuple[Array, NDArray[np.complex128]]:
+    """Return frequencies [Hz] and fitted response of one group along its curve, through its folds, shape (n,) each.
+
+    What turn and background the measuring chain adds is in it, as in the points.
+    """
+    points, scales = fit.points[part], fit.layout.layout.parts[part].scales
+    amplitude, laws = float(np.median(points.input_amplitude)), fit.layout.laws(part)
+    numbers, (turn, background) = fit.layout.numbers(fit.solution.values, part), fit.layout.added(fit.solution.values)
+    hertz = scales.omega / (2 * np.pi)
+    low, high = points.frequency_hz[[0, -1]] / hertz
+    found = swept(numbers, laws, drive_of(points, scales, amplitude), float(low), float(high))
+    lanes = np.broadcast_to(numbers, (len(found), numbers.size))
+    moving = _output(fit, scales, lanes, found[:, -1], fundamentals(found, laws), amplitude)
+    return hertz * found[:, -1], np.asarray(moving / amplitude * turn + background)
+
+
 def _none(amplitude: float, reason: str) -> ResponsePeak:
     return ResponsePeak(amplitude, _UNKNOWN, _UNKNOWN, _UNKNOWN, _UNKNOWN, reason)
 
 
 def _output(
-    fit: ResponseFit, scales: Scales, numbers: Array, omega: Array, motion: Array, amplitude: float
+    fit: ResponseFit,
+    scales: Scales,
+    numbers: Array,
+    omega: Array,
+    fundamental: NDArray[np.complex128],
+    amplitude: float,
 ) -> NDArray[np.complex128]:
     """Return the output's fundamental, in its unit."""
     points = fit.points[0]
-    moving = (motion[:, 1] + 1j * motion[:, 2]) * scales.amplitude
+    moving = fundamental * scales.amplitude
     turn = 1j * omega * scales.omega
     if fit.frame == "absolute":
         carried = turn ** (-derivative_order(points.input_unit)) * amplitude

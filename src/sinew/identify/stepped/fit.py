@@ -1,7 +1,7 @@
-"""This is where a model is fitted to the points of a stepped sine: least squares in the frequency domain.
+"""The fit of a model to the points of a stepped sine: least squares in the frequency domain.
 
-Linear laws in closed form, the others by harmonic balance at each point's own drive amplitude
-(`sinew.identify.stepped.balance`); residuals are weighted by the points' scatter. Where a joint has several steady
+The model's steady oscillations at each point's own drive amplitude are balanced by `sinew.solve`
+(`sinew.identify.stepped.oscillation`); residuals are weighted by the points' scatter. Where a joint has several steady
 oscillations at one frequency, the measured one says which is meant.
 """
 
@@ -383,7 +383,7 @@ def _tell(layout: ResponseLayout, solution: Solution) -> ResponseFit:
         name: one if name == "phase" else _times(one, layout.size)
         for name, one in zip(layout.chain, every, strict=True)
     }
-    lost = int(sum((~f.balance.found).sum() for f in found))
+    lost = int(sum((~f.found).sum() for f in found))
     message = solution.message + (f"; at {lost} points no steady oscillation was found" if lost else "")
     units = (points[0].output_unit, points[0].input_unit)
     return ResponseFit(

@@ -1,4 +1,4 @@
-"""This is where the points of one or several stepped sines are laid out for a search, in normal form."""
+"""The points of one or several stepped sines, laid out for a search in normal form."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from sinew.identify.oscillator.layout import Entry, Layout, Part, free_mechanics
 from sinew.identify.oscillator.model import Model
-from sinew.identify.oscillator.record import Frame, Scales, derivative_order, input_derivative
+from sinew.identify.oscillator.record import Frame, Scales, derivative_order, input_derivative, relaxation_of
 from sinew.identify.oscillator.track import LOCAL, Grid
-from sinew.identify.stepped.balance import NUMBERS, Balance, Laws, balance
+from sinew.identify.stepped.oscillation import NUMBERS, Drive, Laws, oscillate
 from sinew.identify.stepped.points import ResponsePoints
-from sinew.mechanics.silicone import BAND_HZ, relaxation_times
+from sinew.mechanics.silicone import relaxation_times
 
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -24,38 +24,44 @@ a share of the largest."""
 
 
 class Normal(NamedTuple):
-    """Points in normal form: omega in ω_r; push, carried: a and z of the drive at the points' input amplitudes;
-    to_output: what r₁ is multiplied by to be the response; shape (n,) each."""
+    """Points in normal form: omega in ω_r; drive; carried: z of it at the points' input amplitudes; to_output: what r₁
+    is multiplied by to be the response; shape (n,) each."""
 
     omega: Array
-    push: Complexes
+    drive: Drive
     carried: Complexes
     to_output: Complexes
 
 
 def normal_form(points: ResponsePoints, scales: Scales, frame: Frame) -> Normal:
     """Return the drive of the points in normal form, the conventions those of `sinew.identify.oscillator.record`."""
-    signals = points.signals
     turn = 2j * np.pi * points.frequency_hz
     amplitude = points.input_amplitude
-    sign = -1.0 if points.excitation in ("base", "lever") else 1.0
-    push = sign * turn ** input_derivative(signals) * amplitude / scales.forcing
+    drive = drive_of(points, scales, amplitude)
     order = derivative_order(points.output_unit)
     to_output = (turn / scales.omega) ** order * scales.amplitude * scales.omega**order / amplitude
     carried = np.zeros(points.size, dtype=complex)
     if frame == "absolute":  # the base's own motion, in the normal form of the relative motion
         carried = turn ** (-derivative_order(points.input_unit)) * amplitude * scales.omega**2 / scales.forcing
     omega = 2 * np.pi * points.frequency_hz / scales.omega
-    return Normal(omega, np.asarray(push, dtype=complex), carried, np.asarray(to_output, dtype=complex))
+    return Normal(omega, drive, carried, np.asarray(to_output, dtype=complex))
+
+
+def drive_of(points: ResponsePoints, scales: Scales, amplitude: float | Array) -> Drive:
+    """Return what an input of given amplitudes, in its unit, drives in normal form."""
+    power = input_derivative(points.signals)
+    sign = -1.0 if points.excitation in ("base", "lever") else 1.0
+    return Drive(sign * amplitude * scales.omega**power / scales.forcing, power)
 
 
 @dataclass(frozen=True)
 class Predicted:
-    """The response of one group of points, shape (n,), its slopes by the vector x, shape (n, m), and the balance."""
+    """The response of one group of points, shape (n,), its slopes by the vector x, shape (n, m), and at which points
+    the balance was reached, shape (n,)."""
 
     response: Complexes
     slopes: Complexes
-    balance: Balance
+    found: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,8 @@ class ResponseLayout:
     def laws(self, part: int) -> Laws:
         """Return the laws of one group."""
         model, grid = self.layout.model, self.layout.parts[part].grid
-        return Laws(model.damping, model.stiffness, bool(model.terms), grid.relaxation, float(grid.amplitude))
+        natural = float(grid.relaxation[0] / relaxation_times()[0])
+        return Laws(model.damping, model.stiffness, model.terms, natural, float(grid.amplitude))
 
     def numbers(self, x: Array, part: int) -> Array:
         """Return the numbers of `NUMBERS` of one group, shape (7,)."""
@@ -98,16 +105,16 @@ class ResponseLayout:
         turn = complex(np.exp(1j * held.get("phase", 0.0)))
         return turn, self.size * complex(held.get("background_real", 0.0), held.get("background_imag", 0.0))
 
-    def predict(self, x: Array, part: int, points: ResponsePoints | None = None) -> Predicted:
-        """Return the response of one group; points: others than its own, whose measured response chooses the branch."""
-        points = self.points[part] if points is None else points
+    def predict(self, x: Array, part: int) -> Predicted:
+        """Return the response of one group; of several oscillations at a frequency the one nearest to the measured."""
+        points = self.points[part]
         scales = self.layout.parts[part].scales
         normal = normal_form(points, scales, self.frame)
         numbers, (turn, background) = self.numbers(x, part), self.added(x)
         begin = (points.response - background) / turn / normal.to_output - numbers[6] * normal.carried
-        steady = balance(numbers, normal.omega, normal.push, self.laws(part), begin)
+        steady = oscillate(numbers, normal.omega, normal.drive, self.laws(part), begin)
         bare = (steady.fundamental + numbers[6] * normal.carried) * normal.to_output * turn
-        by_number = steady.slopes[:, 1] + 1j * steady.slopes[:, 2]
+        by_number = steady.slopes.copy()
         by_number[:, 6] += normal.carried
         by_number = by_number * (normal.to_output * turn)[:, None]
         slopes = np.zeros((points.size, self.width), dtype=complex)
@@ -115,14 +122,7 @@ class ResponseLayout:
         slopes[:, layout.index[part]] = by_number[:, layout.column[part]] * layout.ratio[part]
         for k, name in enumerate(self.chain, start=self.mechanics):
             slopes[:, k] = {"phase": 1j * bare, "background_real": self.size, "background_imag": 1j * self.size}[name]
-        return Predicted(np.asarray(bare + background), slopes, steady)
-
-
-def _relaxation(omega: float) -> Array:
-    """Return the relaxation times in 1/ω_r, moved along where the oscillation is not well inside the twin's band."""
-    centre, frequency = float(np.sqrt(BAND_HZ[0] * BAND_HZ[1])), omega / (2 * np.pi)
-    move = 1.0 if 0.2 * centre <= frequency <= 5 * centre else centre / frequency
-    return relaxation_times() * move * omega
+        return Predicted(np.asarray(bare + background), slopes, steady.found)
 
 
 def make_response_layout(
@@ -150,7 +150,7 @@ def make_response_layout(
         if record.excitation == "base":
             fixed[LOCAL.index("gain")] = 1.0 / own.physical("gain")
         none = np.empty(0)
-        grid = Grid(none, np.empty((0, 3)), none, none, _relaxation(own.omega), np.asarray(own.amplitude))
+        grid = Grid(none, np.empty((0, 3)), none, none, relaxation_of(own.omega) * own.omega, np.asarray(own.amplitude))
         order = derivative_order(record.output_unit)
         unit_size = own.amplitude * own.omega**order
         nothing = np.empty(0, dtype=bool)

@@ -1,24 +1,22 @@
-"""This is where the points of a stepped sine are held: frequency, complex response, scatter, size of the input."""
+"""Points of a stepped sine: frequency, complex response, scatter, size of the input; from a table or a recording."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sinew.analysis.signal.harmonics import fit_harmonics, refine_frequency, relative_noise
 from sinew.analysis.sweep.response import Response
-from sinew.identify.oscillator.record import Excitation, Record
+from sinew.identify.oscillator.record import Excitation, Record, derivative_order, input_derivative
 from sinew.measure.errors import RecordingError, SpecError
 
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-_PADDING = 8
-_FEWEST_PERIODS = 2.0
-_PLAIN, _PER_PAIR = 24.0, 4.0  # degrees of freedom of a scatter read off twelve lines; of each pair of sidebands
-_FIVE_PERIODS = 12.0  # the same of a stretch of five periods, whose residual has three such pairs
+_FIVE_PERIODS = 12.0  # degrees of freedom of the scatter of a stretch of five periods: three pairs of sidebands
+_ASSUMED, _FLOOR = 0.05, 0.1  # scatter where no row is repeated, over the size; sizes below this share of the largest
+_FEWEST_REPEATS = 5  # degrees of freedom of a scatter from repeated rows
+_SAME_LEVEL, _SAME_FREQUENCY = 0.1, 1e-4
 
 
 @dataclass(frozen=True)
@@ -128,93 +126,95 @@ def make_points(
     )
 
 
-def response_points(
-    records: Sequence[Record], frequency_hz: Sequence[float] | None = None
-) -> tuple[ResponsePoints, ...]:
-    """Return the points that steady stretches hold, one stretch a point, those of one group together.
+def points_of_table(
+    frequency_hz: ArrayLike,
+    amplitude: ArrayLike,
+    phase_rad: ArrayLike,
+    drive: ArrayLike,
+    *,
+    excitation: Excitation,
+    output_unit: str = "1",
+    input_unit: str = "1",
+) -> tuple[tuple[ResponsePoints, ...], tuple[str, ...]]:
+    """Return the points of a table of steady states, one group for each level of the drive, and remarks on them.
 
-    records: each driven by one frequency, its transient gone. frequency_hz: of each; found in the input where it is
-    None. Fundamental and harmonics 2 to 5 of input and output are fitted by least squares to the samples; the scatter
-    is what the residual holds near the fundamental (`sinew.analysis.signal.harmonics`), so slow drift, colour and a
-    rest of the transient are in it. The records' `output_delay_s` is undone.
-    Raises RecordingError for a stretch without a steady input or shorter than two periods.
+    frequency_hz, amplitude (of the output's fundamental), phase_rad (against the input's), drive (amplitude of the
+    input's): shape (n,), in any order, rows may be repeated. A phase may count ahead or behind: a joint never runs
+    ahead of what drives it, which tells. The scatter, the same share of each size, is that of repeated rows; without
+    them it is taken for 5 %, of which intervals do not depend, as they follow from what the fit leaves.
+    Raises RecordingError for fewer than four rows, a drive that is not positive, or as `make_points` does.
     """
-    if not records:
-        raise SpecError("no record to take a response from")
-    if frequency_hz is not None and len(frequency_hz) != len(records):
-        raise SpecError(f"found {len(frequency_hz)} frequencies for {len(records)} records, expected one each")
-    known = [_dominant(record) for record in records] if frequency_hz is None else [float(f) for f in frequency_hz]
-    for record, frequency in zip(records, known, strict=True):
-        _check_span(record, frequency)
-    sizes = np.array([record.size for record in records])
-    h, scatter = np.empty(sizes.size, dtype=complex), np.empty((sizes.size, 2, 2))
-    amplitude, freedom = np.empty(sizes.size), np.empty(sizes.size)
-    for size in np.unique(sizes):
-        rows = [i for i, record in enumerate(records) if record.size == size]
-        batch = _batch([records[i] for i in rows], np.array([known[i] for i in rows]))
-        h[rows], scatter[rows], amplitude[rows], freedom[rows] = batch
-    found = []
-    for group in dict.fromkeys(record.group for record in records):
-        mine = [i for i, record in enumerate(records) if record.group == group]
-        first = records[mine[0]]
-        made = make_points(
-            np.array(known)[mine],
-            h[mine],
-            scatter[mine],
-            amplitude[mine],
-            excitation=first.excitation,
-            output_unit=first.output_unit,
-            input_unit=first.input_unit,
-            group=group,
-            scatter_freedom=float(freedom[mine].min()),
+    f, a, phase, d = (np.asarray(one, dtype=float) for one in (frequency_hz, amplitude, phase_rad, drive))
+    known = np.isfinite(f) & np.isfinite(a) & np.isfinite(phase) & np.isfinite(d)
+    f, a, phase, d = f[known], a[known], phase[known], d[known]
+    if f.size < 4:
+        raise RecordingError(f"found {f.size} whole rows of steady states, expected at least 4; measure more of them")
+    if not (f > 0).all() or not (d > 0).all():
+        raise RecordingError(
+            "found a frequency or an amplitude of the drive that is not above zero; each row is one steady state"
         )
-        found.append(made)
-    return tuple(found)
+    response = a * np.exp(1j * phase) / d
+    remarks = []
+    if _runs_ahead(f, response, excitation, output_unit, input_unit):
+        response = response.conj()
+        remarks.append("the phase was taken as a lag: nothing runs ahead of what drives it")
+    order = np.argsort(d)
+    level = np.zeros(f.size, dtype=int)
+    level[order] = np.cumsum(np.diff(np.log(d[order]), prepend=np.log(d[order[0]])) > _SAME_LEVEL)
+    floor = _FLOOR * float(np.abs(response).max())
+    size = np.hypot(np.abs(response), floor)
+    share, freedom = _repeated_scatter(f, level, response, floor)
+    if share is None:
+        share = _ASSUMED
+        remarks.append(
+            "no row was repeated: intervals follow from what the fit leaves, be that scatter or a law that is missing"
+        )
+    groups = []
+    for one in range(int(level.max()) + 1):
+        mine = level == one
+        groups.append(
+            make_points(
+                f[mine],
+                response[mine],
+                share * size[mine],
+                d[mine],
+                excitation=excitation,
+                output_unit=output_unit,
+                input_unit=input_unit,
+                group=f"{float(np.median(d[mine])):.3g}{'' if input_unit == '1' else f' {input_unit}'}",
+                scatter_freedom=freedom,
+            )
+        )
+    return tuple(groups), tuple(remarks)
 
 
-def _check_span(record: Record, frequency: float) -> None:
-    periods = (record.time_s[-1] - record.time_s[0]) * record.size / (record.size - 1) * frequency
-    if periods < _FEWEST_PERIODS * 0.99:
-        raise RecordingError(f"a steady stretch holds {periods:.2g} periods of its input; record at least two")
+def _runs_ahead(f: Array, response: Complexes, excitation: Excitation, output_unit: str, input_unit: str) -> bool:
+    """Return whether the motion, the input being what it is, would take no energy up but give it."""
+    signals = Record(np.empty(0), np.empty(0), np.empty(0), excitation, output_unit, input_unit)
+    turn = 2j * np.pi * f
+    sign = -1.0 if excitation in ("base", "lever") else 1.0
+    over_push = sign * response / turn ** (derivative_order(output_unit) + input_derivative(signals))
+    return bool(np.sum((over_push / np.abs(over_push).max()).imag) > 0)
 
 
-def _batch(records: Sequence[Record], frequency: Array) -> tuple[Complexes, Array, Array, Array]:
-    """Return response, its covariance (s, 2, 2), input amplitude and degrees of freedom of records of one length."""
-    time = np.stack([record.time_s for record in records])
-    signals = np.stack([np.stack([record.output, _driven(record)]) for record in records])
-    try:
-        fitted = fit_harmonics(time, signals, frequency)
-    except ValueError as error:
-        raise RecordingError(f"{error}; record faster or longer") from error
-    late = np.exp(2j * np.pi * frequency * np.array([record.output_delay_s for record in records]))
-    response = fitted.coefficient[:, 0, 0] / fitted.coefficient[:, 1, 0] * late
-    relative = np.stack(relative_noise(fitted, 0, 1), axis=1)
-    pairs = np.isfinite(fitted.sidebands[:, 0, :, 0]).sum(axis=1)
-    freedom = np.where(pairs < 3, _PLAIN, _PER_PAIR * pairs)
-    return response, _turned(response, relative), np.abs(fitted.coefficient[:, 1, 0]), freedom
+def _repeated_scatter(
+    f: Array, level: NDArray[np.int64], response: Complexes, floor: float
+) -> tuple[float | None, float]:
+    """Return standard deviation of real and imaginary part over the size, from repeated rows, and its degrees of
+    freedom; None and infinity without them."""
+    total, freedom = 0.0, 0
+    order = np.lexsort((f, level))
+    new = (np.diff(np.log(f[order]), prepend=-np.inf) > _SAME_FREQUENCY) | (np.diff(level[order], prepend=-1) > 0)
+    for rows in np.split(order, np.flatnonzero(new)[1:]):
+        middle = response[rows].mean()
+        away = (response[rows] - middle) / np.hypot(np.abs(middle), floor)
+        total, freedom = total + float(np.sum(np.abs(away) ** 2)), freedom + 2 * (rows.size - 1)
+    if freedom < _FEWEST_REPEATS or total == 0:
+        return None, np.inf
+    return float(np.sqrt(total / freedom)), float(freedom)
 
 
-def _driven(record: Record) -> Array:
-    if record.input is None:
-        raise SpecError("a response needs a measured input; this record is a free decay")
-    driven = record.input - record.input.mean()
-    if not np.abs(driven).max() > 0:
-        raise RecordingError("the input is constant; a stepped sine needs one frequency in each stretch")
-    return np.asarray(driven)
-
-
-def _dominant(record: Record) -> float:
-    """Return the frequency of the input [Hz]."""
-    driven, span = _driven(record), float(record.time_s[-1] - record.time_s[0])
-    even = np.linspace(record.time_s[0], record.time_s[-1], driven.size)
-    windowed = np.interp(even, record.time_s, driven) * np.hanning(driven.size)
-    size = _PADDING * driven.size
-    first = float(np.fft.rfftfreq(size, span / (driven.size - 1))[np.argmax(np.abs(np.fft.rfft(windowed, size)))])
-    _check_span(record, first * 1.1)
-    return refine_frequency(record.time_s, driven, first)
-
-
-def _turned(response: Complexes, relative: Array) -> Array:
+def turned(response: Complexes, relative: Array) -> Array:
     """Return covariances of real and imaginary part, (n, 2, 2), from relative noise of size and angle, (n, 2)."""
     turn = np.moveaxis(np.array([[response.real, -response.imag], [response.imag, response.real]]), 2, 0)
     return np.asarray(turn @ (relative[:, :, None] ** 2 * np.eye(2)) @ np.swapaxes(turn, 1, 2))
@@ -238,7 +238,7 @@ def points_of_response(response: Response, *, excitation: Excitation = "lever") 
         if not seen.any():
             continue
         h = transfer[seen]
-        scatter = _turned(h, np.stack([gain_std[seen] / gain[seen], angle_std[seen]], axis=1))
+        scatter = turned(h, np.stack([gain_std[seen] / gain[seen], angle_std[seen]], axis=1))
         name = f"{pretension:g} mm" if np.isfinite(pretension) else ""
         found.append(
             make_points(

@@ -14,9 +14,9 @@ from sinew.mechanics.joint import potential
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension
 from sinew.plan.rig import RigSpec
-from sinew.predict.curves.prediction import Problem
 from sinew.predict.joints.design import section_of, shear_modulus_of
 from sinew.predict.sections.section import Section
+from sinew.solve.curves import Problem
 
 # A predicted joint's tensions and compression are found, at rest and where it twists most.
 

@@ -15,9 +15,9 @@ from sinew.analysis.signal.sensor import DelayBudget, torsion_chain
 from sinew.measure.errors import SpecError
 from sinew.plan.plan import Group, Held, Plan, TendonMode, Track
 from sinew.plan.rig import RigSpec
-from sinew.predict.curves.backbone import follow_backbones
 from sinew.predict.describing import equivalent_of_rig
 from sinew.predict.joint import RESOLUTION, joint_problem
+from sinew.solve.backbone import follow_backbones
 from sinew.tune.track.tracker import Follow, Mode, PretensionPath, Ramp, Stand, Tracker, TrackerSetting, design_loop
 from sinew.twin.cache import configure
 

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
     from sinew.predict.band import Band
-    from sinew.predict.curves.branch import Branch, Mark, Prediction
     from sinew.predict.joints.validity import Check
+    from sinew.solve.branch import Branch, Mark, Prediction
 
 
 _ROUND, _FLAT = {"outer_mm", "inner_mm"}, {"width_mm", "height_mm"}
@@ -132,10 +132,10 @@ def _predicted(
     """Return (prediction, checks of what is assumed)."""
     import numpy as np
 
-    from sinew.predict.curves.prediction import predict
     from sinew.predict.joint import RESOLUTION, joint_problem
     from sinew.predict.joints.validity import check_joint, loads_of
     from sinew.predict.sketch import sketch
+    from sinew.solve.curves import predict
     from sinew.twin.cache import configure
 
     configure()
@@ -196,8 +196,8 @@ def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[s
 
     from sinew.plan.toml import parse_plan, parse_rig
     from sinew.predict.band import bands_of, draw_rigs, spread_of
-    from sinew.predict.curves.prediction import predict
     from sinew.predict.joint import RESOLUTION, joint_problem
+    from sinew.solve.curves import predict
     from sinew.twin.cache import configure
 
     configure()

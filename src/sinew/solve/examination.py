@@ -1,4 +1,4 @@
-"""This is where the points of a curve are refined and examined: size, phase, harmonics, stability.
+"""Examination of the points of a curve, refined: size, phase, harmonics, stability.
 
 A point of the curve becomes a motion with finer waves, more harmonics and samples, by one step or a few of Newton's
 method across the curve. What that changes in amplitude and frequency estimates what the coarser waves cost; what is
@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.predict.curves.balance import Lane, balance, solve
-from sinew.predict.curves.waves import Equations, Size, embedded, is_symmetric, orders, size_of, slices
+from sinew.solve.balance import Lane, balance, solve
+from sinew.solve.waves import Equations, Size, embedded, is_symmetric, orders, size_of, slices
 
 # The size of steady motions is measured: half of peak to peak, fundamental, phase behind the drive.
 #
@@ -206,7 +206,7 @@ def rows_of(tree: Any, index: NDArray[np.intp]) -> Any:
 @cache
 def pool() -> ThreadPoolExecutor:
     """Return the threads that blocks run in."""
-    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-predict")
+    return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-solve")
 
 
 @partial(jax.jit, static_argnames=("equations", "size"))
@@ -222,15 +222,17 @@ def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tupl
     return (jax.vmap(one)(x, lane),)
 
 
-def _in_blocks(compiled: Any, x: Array, lane: Lane, equations: Equations, size: Size) -> tuple[Array, ...]:
-    """Return what a compiled function says of k motions, which it takes in blocks."""
-    blocks = [np.minimum(np.arange(i, i + BLOCK), len(x) - 1) for i in range(0, len(x), BLOCK)]
+def in_blocks(compiled: Any, x: Any, lane: Lane, equations: Equations, size: Size) -> tuple[Array, ...]:
+    """Return what a compiled function says of k motions x, a tree with a leading axis, which it takes in blocks."""
+    count = len(jax.tree.leaves(x)[0])
+    blocks = [np.minimum(np.arange(i, i + BLOCK), count - 1) for i in range(0, count, BLOCK)]
 
     def run(index: NDArray[np.intp]) -> list[Array]:
-        return [np.asarray(leaf) for leaf in compiled(x[index], rows_of(lane, index), equations=equations, size=size)]
+        rows, lanes = rows_of(x, index), rows_of(lane, index)
+        return [np.asarray(leaf) for leaf in compiled(rows, lanes, equations=equations, size=size)]
 
     parts = [run(blocks[0])] if len(blocks) == 1 else list(pool().map(run, blocks))
-    return tuple(np.concatenate(part)[: len(x)] for part in zip(*parts, strict=True))
+    return tuple(np.concatenate(part)[:count] for part in zip(*parts, strict=True))
 
 
 def evaluate(x: Array, lane: Lane, equations: Equations, size: Size) -> Evaluation:
@@ -238,14 +240,14 @@ def evaluate(x: Array, lane: Lane, equations: Equations, size: Size) -> Evaluati
     if not len(x):
         m = x.shape[1] - 1
         return Evaluation(np.zeros((0, m)), np.zeros((0, m, m + 1)))
-    return Evaluation(*_in_blocks(_balances, x, lane, equations, size))
+    return Evaluation(*in_blocks(_balances, x, lane, equations, size))
 
 
 def maps_of(x: Array, lane: Lane, equations: Equations, size: Size) -> Array:
     """Return the map of disturbances (k, s, s) of k motions x (k, m + 1); lane: with a leading axis k."""
     if not len(x):
         return np.zeros((0, size_of(equations), size_of(equations)))
-    return _in_blocks(_maps, x, lane, equations, size)[0]
+    return in_blocks(_maps, x, lane, equations, size)[0]
 
 
 def examine(

@@ -1,4 +1,4 @@
-"""This is where a periodic motion is written in harmonics: which unknowns there are, and their samples over a period.
+"""Harmonics of a periodic motion: which unknowns there are, and their samples over a period.
 
 A coordinate y of the phase τ = Ωt is y = Σ a_h cos hτ + b_h sin hτ. What the equations need of it are channels: its
 derivatives by time, and copies that lag behind it with a relaxation time T, each a linear filter of its harmonics,

@@ -1,4 +1,4 @@
-"""This is where the marked points of a curve are located as points of their own: folds, peak and 90° of phase.
+"""Marked points of a curve, located as points of their own: folds, peak and 90° of phase.
 
 With x = (q / scale, Ω / omega), balance F(x) = 0 and tangent t(x), [F_x; nᵀ] t = (0, 1), a fold is an extremum of the
 frequency along the curve and the peak one of the amplitude: g = ∇h·t = 0. The point is the solution of the extended
@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.predict.curves.balance import Lane
-from sinew.predict.curves.examination import evaluate, half_range, lag_product, rows_of
-from sinew.predict.curves.waves import Equations, Size
+from sinew.solve.balance import Lane
+from sinew.solve.examination import evaluate, half_range, lag_product, rows_of
+from sinew.solve.waves import Equations, Size
 
 Array = NDArray[np.float64]
 

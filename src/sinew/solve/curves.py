@@ -1,4 +1,4 @@
-"""This is where lanes become curves: first points, continuation, examination, marked points, harmonics enough."""
+"""Curves of lanes: first points, continuation, examination, marked points, harmonics enough."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.predict.curves.balance import Lane
-from sinew.predict.curves.branch import Branch, Mark, Prediction
-from sinew.predict.curves.continuation import LIMIT, LOST, OUTSIDE, POINTS, STUCK, Curve, Stride, follow
-from sinew.predict.curves.examination import Examination, examine, largest_multiplier, pool, rows_of
-from sinew.predict.curves.landmark import (
+from sinew.solve.balance import Lane
+from sinew.solve.branch import Branch, Mark, Prediction
+from sinew.solve.continuation import LIMIT, LOST, OUTSIDE, POINTS, STUCK, Curve, Stride, follow
+from sinew.solve.examination import Examination, examine, largest_multiplier, pool, rows_of
+from sinew.solve.landmark import (
     FOLD,
     PEAK,
     QUARTER,
@@ -23,7 +23,7 @@ from sinew.predict.curves.landmark import (
     interpolated_peak,
     locate,
 )
-from sinew.predict.curves.waves import Equations, Size, embedded, orders, slices, unknowns
+from sinew.solve.waves import Equations, Size, embedded, orders, slices, unknowns
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from sinew.predict.curves.waves import Equations, Size, channels, grid, slices
+from sinew.solve.waves import Equations, Size, channels, grid, slices
 
 
 class Lane(NamedTuple):

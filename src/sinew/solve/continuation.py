@@ -1,4 +1,4 @@
-"""This is where a curve of steady motions is followed over the frequency, through its folds, by pseudo-arc-length.
+"""Continuation: a curve of steady motions over the frequency, through its folds, by pseudo-arc-length.
 
 The next point lies on the plane at a distance along the tangent, t₀·(x - x₀) = s, and Newton's method solves it with
 the balance. Each step starts from the cubic through the last two points and tangents. The step grows and shrinks so
@@ -15,8 +15,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from sinew.predict.curves.balance import Lane, balance, solve
-from sinew.predict.curves.waves import Equations, Size
+from sinew.solve.balance import Lane, balance, solve
+from sinew.solve.waves import Equations, Size
 
 POINTS = 512
 """Points that a curve can have."""

@@ -1,4 +1,4 @@
-"""This is where a predicted response is kept: its curve, what is marked on it, and how good it is."""
+"""A response curve: its points, what is marked on it, how good it is, and how a sweep meets it."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from sinew.predict.curves.landmark import interpolated_peak
+from sinew.solve.landmark import interpolated_peak
 
 Array = NDArray[np.float64]
 

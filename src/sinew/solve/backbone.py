@@ -1,4 +1,4 @@
-"""This is where backbones are followed: where a joint resonates, in frequency and amplitude, over the drive.
+"""Backbones: where a joint resonates, in frequency and amplitude, over the drive.
 
 Resonance is phase resonance: the response's fundamental lags 90° behind what drives it, the torque, the base's motion
 or the lever. A viscous damper then takes up just what the drive puts in, and what is left is the free motion of the
@@ -13,9 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.predict.curves.balance import Lane, balance
-from sinew.predict.curves.branch import Branch
-from sinew.predict.curves.examination import (
+from sinew.solve.balance import Lane, balance
+from sinew.solve.branch import Branch
+from sinew.solve.curves import Problem, Resolution
+from sinew.solve.examination import (
     BLOCK,
     drive_phasor,
     half_map,
@@ -26,8 +27,7 @@ from sinew.predict.curves.examination import (
     pool,
     rows_of,
 )
-from sinew.predict.curves.prediction import Problem, Resolution
-from sinew.predict.curves.waves import Equations, Size, embedded, orders, size_of, slices, unknowns
+from sinew.solve.waves import Equations, Size, embedded, orders, size_of, slices, unknowns
 
 # The balance is extended by two unknowns' worth of conditions: phase resonance, followed over the drive.
 #

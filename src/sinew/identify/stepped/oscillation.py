@@ -1,0 +1,263 @@
+"""Steady oscillations of one degree of freedom in normal form: at given frequencies, lags, and free without losses.
+
+In the normal form of `sinew.identify.oscillator.track`, driven by g Re(a exp(jΩt)), the motion is balanced by
+`sinew.solve`. Linear laws have one harmonic, which one step of Newton's method finds. Dry friction turns round over
+`SLIDING_SHARE` of the largest speed; a motion that rests for a part of its period creeps instead.
+
+Time is counted so that the relaxation times of a loss factor are the twin's own, whatever the oscillator's frequency:
+what is compiled depends on the laws alone.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.identify.oscillator.track import LOCAL, DampingLaw, StiffnessLaw, smooth_force, stiffness_at
+from sinew.mechanics.silicone import relaxation_times
+from sinew.solve.balance import Lane
+from sinew.solve.curves import Problem, Resolution, first_curves
+from sinew.solve.examination import evaluate, phasors
+from sinew.solve.steady import at_frequency, steady
+from sinew.solve.waves import Coordinate, Equations, Size, orders
+from sinew.twin.cache import configure
+
+Array = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+NUMBERS = LOCAL[:7]
+"""The numbers that a steady oscillation depends on: stiffness to gain."""
+
+SLIDING_SHARE = 0.02
+"""Speed over which dry friction turns round, as a share of the largest; its fundamental is then right to 2e-4."""
+
+_TIMES = tuple(float(tau) for tau in relaxation_times())
+_FREE_STEPS, _FREE_TOLERANCE = 40, 1e-12
+_STORAGE_ROUNDS = 4
+
+
+class Laws(NamedTuple):
+    """What kind of joint it is. terms: of the stiffness beyond the linear one, of "quadratic" and "cubic".
+    natural: ω_r in the time whose relaxation times are the twin's. amplitude: A where a pendulum's sin(r A) needs it
+    [rad]."""
+
+    damping: DampingLaw
+    stiffness: StiffnessLaw
+    terms: tuple[str, ...] = ()
+    natural: float = 1.0
+    amplitude: float = 1.0
+
+    @property
+    def linear(self) -> bool:
+        """Return whether the steady oscillation has one harmonic."""
+        return self.damping != "coulomb" and self.stiffness == "polynomial" and not self.terms
+
+    @property
+    def equations(self) -> Equations:
+        """Return the equations of motion, for `_Numbers`."""
+        return _equations(self.damping, self.stiffness, "quadratic" in self.terms)
+
+    @property
+    def size(self) -> Size:
+        """Return how finely the motion is resolved."""
+        whole = 2 if "quadratic" in self.terms else 1
+        if self.linear:
+            return Size(1, 4)
+        return Size(9, 512 * whole) if self.damping == "coulomb" else Size(7, 32 * whole)
+
+    @property
+    def orders(self) -> NDArray[np.int64]:
+        """Return the orders h of the motion's harmonics."""
+        return orders(self.equations.coordinates[0], self.size.harmonics)
+
+    @property
+    def first(self) -> tuple[int, int]:
+        """Return where Re r₁ and -Im r₁ stand among the unknowns."""
+        h = self.orders
+        return int(np.flatnonzero(h == 1)[0]), h.size + int(np.flatnonzero(h[h > 0] == 1)[0])
+
+
+class Drive(NamedTuple):
+    """A drive in normal form: a = size·(jΩ)^power, as of a force (0) or a moved base or lever (2). size: one number, or
+    one for each lane."""
+
+    size: float | Array
+    power: int
+
+
+class Oscillations(NamedTuple):
+    """Steady oscillations of n lanes. fundamental: r₁, shape (n,). slopes: its derivatives by `NUMBERS`, shape (n, 7).
+    found: whether the balance was reached, shape (n,)."""
+
+    fundamental: Complexes
+    slopes: Complexes
+    found: NDArray[np.bool_]
+
+
+class _Numbers(NamedTuple):
+    """numbers: of `NUMBERS`. push: real and imaginary part of a / Ω^power. speed: over which dry friction turns."""
+
+    numbers: Any
+    push: Any
+    power: Any
+    natural: Any
+    speed: Any
+    amplitude: Any
+
+
+@cache
+def _equations(damping: DampingLaw, stiffness: StiffnessLaw, lopsided: bool) -> Equations:
+    times = _TIMES if damping == "loss-factor" else ()
+
+    def rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Numbers) -> jax.Array:
+        speed = u[1] / p.natural
+        relaxation = p.natural * jnp.asarray(_TIMES)
+        force = smooth_force(p.numbers, u.at[1].set(speed), relaxation, p.amplitude, damping, stiffness)
+        if damping == "coulomb":
+            force = force + p.numbers[3] * jnp.tanh(speed / p.speed)
+        wave = p.push[0] * jnp.cos(phase) - p.push[1] * jnp.sin(phase)
+        push = p.numbers[6] * wave * (omega / p.natural) ** p.power
+        return jnp.stack([p.natural**2 * (push - force)])
+
+    return Equations((Coordinate("motion", "all" if lopsided else "odd", 2, times),), rates)
+
+
+def _lane(numbers: Array, drive: Drive, laws: Laws, speed: Array) -> Lane:
+    """Return n lanes. numbers: shape (n, 7), speed: the largest of each motion, shape (n,)."""
+    one = np.ones(len(numbers))
+    push = drive.size * one * 1j**drive.power
+    p = _Numbers(
+        np.asarray(numbers, dtype=float),
+        np.stack([push.real, push.imag], axis=1),
+        drive.power * one,
+        laws.natural * one,
+        SLIDING_SHARE * np.maximum(speed, 1e-12),
+        laws.amplitude * one,
+    )
+    return Lane(p, one[:, None], laws.natural * one)  # type: ignore[arg-type]
+
+
+def _written(waves: Complexes, omega: Array, laws: Laws) -> Array:
+    """Return scaled unknowns (n, m + 1) of harmonics (n, h), as `sinew.solve.examination.phasors` reads them."""
+    h = laws.orders
+    return np.concatenate([waves.real, -waves.imag[:, h > 0], omega[:, None]], axis=1)
+
+
+def oscillate(numbers: Array, omega: Array, drive: Drive, laws: Laws, start: Complexes) -> Oscillations:
+    """Return the steady oscillations nearest to a start.
+
+    numbers: of `NUMBERS`, shape (7,). omega: drive frequency in ω_r, shape (n,). start: r₁ as measured, shape (n,):
+    where several oscillations are possible it says which is meant.
+    """
+    configure()
+    lane = _lane(np.broadcast_to(numbers, (omega.size, len(NUMBERS))), drive, laws, omega * np.abs(start))
+    h = laws.orders
+    found = at_frequency(_written(start[:, None] * (h == 1), omega, laws), lane, laws.equations, laws.size)
+    cosine, sine = laws.first
+    slopes = found.slopes[:, cosine, : len(NUMBERS)] - 1j * found.slopes[:, sine, : len(NUMBERS)]
+    return Oscillations(fundamentals(found.x, laws), slopes, found.found)
+
+
+def swept(numbers: Array, laws: Laws, drive: Drive, low: float, high: float) -> Array:
+    """Return the unknowns x (n, m + 1), the last of them Ω in ω_r, along the curve between two frequencies, through its
+    folds; numbers: shape (7,)."""
+    configure()
+    lane = _lane(numbers[None], drive, laws, np.ones(1))
+
+    def weakened(p: _Numbers, share: float) -> _Numbers:
+        return p._replace(push=p.push * share)
+
+    problem = Problem(laws.equations, lane, np.zeros((1, 1)), weakened)
+    curve = first_curves(problem, np.array([low, high]), Resolution((), 0.0), laws.size)
+    return np.asarray(curve.points)[0, : int(curve.number[0])]
+
+
+def fundamentals(x: Array, laws: Laws) -> Complexes:
+    """Return r₁ of unknowns (n, m + 1), shape (n,)."""
+    cosine, sine = laws.first
+    return np.asarray(x[:, cosine] - 1j * x[:, sine])
+
+
+def top_of_sweep(numbers: Array, laws: Laws, drive: Drive, low: float, high: float) -> tuple[Array, bool]:
+    """Return the point of `swept` whose fundamental is largest, (m + 1,), and whether it is inside."""
+    points = swept(numbers, laws, drive, low, high)
+    if not len(points):
+        return points, False
+    top = int(np.argmax(np.abs(fundamentals(points, laws))))
+    return points[top], 0 < top < len(points) - 1
+
+
+def lag_of(x: Array, laws: Laws, drive: Drive) -> float:
+    """Return how far the fundamental lags behind the push [rad], from 0 to 2π. x: unknowns (m + 1,)."""
+    push = 1j**drive.power * np.sign(drive.size)
+    return float(-np.angle(fundamentals(x[None], laws)[0] / push)) % (2 * np.pi)
+
+
+def lagging(
+    numbers: Array, lag: Array, laws: Laws, drive: Drive, near: Array
+) -> tuple[Array, Complexes, NDArray[np.bool_]]:
+    """Return (frequency in ω_r, harmonics, whether they were found) of the oscillations that lag by given angles.
+
+    numbers: shape (n, 7). lag: of the fundamental behind j^power, shape (n,) [rad]. near: unknowns of a neighbour,
+    (m + 1,). Against frequency a hardening joint's response folds back; against the lag it does not.
+    """
+    equations, size = laws.equations, laws.size
+    h = laws.orders
+    ray = np.exp(-1j * lag) * 1j**drive.power * np.sign(drive.size)
+    waves = phasors(near[None], equations, size.harmonics, 0)
+    first = complex(waves[0, h == 1][0])
+    turned = np.angle(ray / first)
+    start = _written(waves * np.exp(1j * turned[:, None] * h), np.full(lag.size, near[-1]), laws)
+    row = np.zeros_like(start)
+    cosine, sine = laws.first
+    row[:, cosine], row[:, sine] = ray.imag, ray.real
+    lane = _lane(numbers, drive, laws, np.full(lag.size, near[-1] * abs(first)))
+    done = steady(start, row, np.zeros(lag.size), lane, equations, size)
+    along = (fundamentals(done.x, laws) * np.conj(ray)).real
+    return done.x[:, -1], phasors(done.x, equations, size.harmonics, 0), done.found & (along > 0) & (done.x[:, -1] > 0)
+
+
+def free_frequency(numbers: Array, amplitude: Array, laws: Laws) -> Array:
+    """Return the frequency, in ω_r, at which the joint swings freely without losses at given amplitudes, shape (n,).
+
+    numbers: shape (n, 7). amplitude: |r₁|, in A, shape (n,). NaN where there is no such oscillation. The stiffness of a
+    loss factor is its storage part at the frequency that is found.
+    """
+    configure()
+    lossless = laws._replace(damping="viscous", natural=1.0)
+    bare = numbers.copy()
+    bare[:, [1, 2, 3, 6]] = 0.0
+    omega = np.sqrt(np.maximum(bare[:, 0], 1e-12))
+    for _ in range(_STORAGE_ROUNDS if laws.damping == "loss-factor" else 1):
+        if laws.damping == "loss-factor":
+            relaxation = laws.natural * np.array(_TIMES)
+            known = jnp.asarray(np.nan_to_num(omega, nan=1.0))
+            bare[:, 0] = jax.vmap(stiffness_at, (0, 0, None))(jnp.asarray(numbers), known, jnp.asarray(relaxation))
+        omega = _swing(bare, amplitude, omega, lossless)
+    return omega
+
+
+def _swing(numbers: Array, amplitude: Array, omega: Array, laws: Laws) -> Array:
+    """Return the frequencies of lossless oscillations; unknown are mean, frequency and the higher cosines."""
+    equations, size = laws.equations, laws.size
+    h = laws.orders
+    lane = _lane(numbers, Drive(0.0, 0), laws, np.ones(omega.size))
+    x = _written(amplitude[:, None] * (h == 1) + 0j, omega, laws)
+    cosines = np.arange(h.size)
+    free = np.append(cosines[h != 1], x.shape[1] - 1)
+    done = np.zeros(omega.size, dtype=bool)
+    for _ in range(_FREE_STEPS):
+        seen = evaluate(x, lane, equations, size)
+        left = seen.left[:, cosines]
+        done = np.linalg.norm(left, axis=1) <= _FREE_TOLERANCE * amplitude * numbers[:, 0]
+        if done.all():
+            break
+        matrix = seen.slope[:, cosines][:, :, free]
+        matrix[done] = np.eye(h.size)
+        step = np.nan_to_num(np.linalg.solve(matrix, left[:, :, None])[:, :, 0])
+        step[:, -1] = np.clip(step[:, -1], -0.3 * x[:, -1], 0.3 * x[:, -1])
+        x[:, free] -= np.where(done[:, None], 0.0, step)
+    return np.where(done & (x[:, -1] > 0), x[:, -1], np.nan)

@@ -1,1 +1,0 @@
-"""Response curves of a joint: harmonic balance, continuation, folds, stability."""

@@ -1,0 +1,60 @@
+"""Steady motions and their derivatives by the numbers, against closed forms and against solving anew."""
+
+import numpy as np
+import pytest
+
+from sinew.identify.stepped.oscillation import Drive, Laws, oscillate
+from sinew.mechanics.silicone import complex_stiffness, prony_shares
+
+OMEGA = np.linspace(0.5, 1.6, 23)  # more than a block, and no whole number of blocks
+LAWS = [
+    Laws("viscous", "polynomial", ("cubic",)),
+    Laws("viscous", "polynomial", ("quadratic", "cubic")),
+    Laws("loss-factor", "polynomial", natural=19.0),
+    Laws("coulomb", "polynomial"),
+    Laws("viscous", "pendulum", amplitude=0.8),
+]
+
+
+def numbers_of(laws: Laws) -> np.ndarray:
+    """Return numbers of a law, stiffness to gain, those zero that it has not."""
+    loss, dry = laws.damping == "loss-factor", laws.damping == "coulomb"
+    quadratic, cubic = (0.4 * (term in laws.terms) for term in ("quadratic", "cubic"))
+    return np.array([1.1, 0.0 if loss else 0.2, 0.3 * loss, 0.05 * dry, quadratic, cubic, 1.3])
+
+
+LINEAR = Laws("viscous", "polynomial")
+NUMBERS = numbers_of(LINEAR)
+
+
+def linear(numbers: np.ndarray) -> np.ndarray:
+    return numbers[6] * 0.2 / (numbers[0] - OMEGA**2 + 1j * OMEGA * numbers[1])
+
+
+def test_a_linear_response_is_its_closed_form_at_every_frequency() -> None:
+    found = oscillate(NUMBERS, OMEGA, Drive(0.2, 0), LINEAR, linear(NUMBERS) * 1.3)
+    assert np.abs(found.fundamental / linear(NUMBERS) - 1).max() < 1e-12
+
+
+def test_a_moved_base_drives_with_its_acceleration() -> None:
+    found = oscillate(NUMBERS, OMEGA, Drive(0.2, 2), LINEAR, linear(NUMBERS))
+    assert np.abs(found.fundamental / (-(OMEGA**2) * linear(NUMBERS)) - 1).max() < 1e-12
+
+
+def test_a_loss_factor_is_the_series_of_its_relaxation_times() -> None:
+    stiffness = complex_stiffness(prony_shares(0.3), 19.0 / (2 * np.pi))
+    laws = Laws("loss-factor", "polynomial", natural=19.0)
+    found = oscillate(np.array([1.0, 0, 0.3, 0, 0, 0, 1.0]), np.ones(1), Drive(1.0, 0), laws, np.array([-3j]))
+    assert 1 / found.fundamental[0] == pytest.approx(1j * stiffness.imag / stiffness.real, abs=1e-6)
+
+
+@pytest.mark.parametrize("laws", LAWS, ids=lambda laws: f"{laws.damping}-{laws.stiffness}-{len(laws.terms)}")
+def test_derivatives_by_the_numbers_are_those_of_solving_anew(laws: Laws) -> None:
+    numbers, start, drive = numbers_of(laws), 0.5 * linear(NUMBERS), Drive(0.1, 0)
+    found = oscillate(numbers, OMEGA, drive, laws, start)
+    assert found.found.all()
+    step = 1e-5
+    for k in np.flatnonzero(numbers):
+        moved = [oscillate(numbers + s * step * np.eye(7)[k], OMEGA, drive, laws, start) for s in (1, -1)]
+        change = (moved[0].fundamental - moved[1].fundamental) / (2 * step)
+        assert np.abs(change - found.slopes[:, k]).max() < 1e-6 * max(np.abs(found.slopes[:, k]).max(), 1.0)
