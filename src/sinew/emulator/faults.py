@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 
 from sinew.emulator.line import Line
-from sinew.emulator.motor import OVERLOAD
 from sinew.emulator.rig import EmulatedRig
+from sinew.hardware.register_tables import OVERLOAD
 from sinew.measure.errors import SpecError
 
 # A fault of the emulated bench is written down: which, how strong, from when to when.

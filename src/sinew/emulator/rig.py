@@ -12,7 +12,7 @@ import numpy as np
 
 from sinew.emulator.imu_node import ImuNode
 from sinew.emulator.line import Line
-from sinew.emulator.motor import BROWN_OUT, Motor
+from sinew.emulator.motor import Motor
 from sinew.emulator.plant import Horn, Law, Mechanics, Motion, Plant
 from sinew.hardware.register_tables import BAUD_RATES, MOTORS, OPENCR_NODE
 from sinew.measure.errors import SpecError
@@ -238,13 +238,13 @@ class EmulatedRig:
         self._motors_due = min(self.trips.due, *[motor.due for motor in self._motors])
 
     def set_supply(self, voltage: float) -> None:
-        """Feed the bench another voltage [V], from now on; below `BROWN_OUT` every device goes off."""
+        """Feed the bench another voltage [V], from now on; too little turns it off, the sensor with the motors."""
         self.supply = voltage
         self.mechanics.catch_up().set_supply(voltage)
         for motor in self._motors:
             motor.set_supply(voltage, self.time)
         self._look_ahead()
-        self.imu.set_power(voltage >= BROWN_OUT, self.time)
+        self.imu.set_power(all(motor.is_powered for motor in self._motors), self.time)
 
     def stick(self, tendon: int, stuck: bool) -> None:
         """Jam a tendon's pulley from now on, or let it go; tendons count from 0."""

@@ -31,7 +31,6 @@ from sinew.plan.rig import RigSpec
 
 _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
 _CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")
-_SPAN_OF_TICK = 32_768
 _READ_MOST_S = 0.02  # on the wire; the bus watchdogs of a run wait four times as long
 
 
@@ -90,7 +89,7 @@ class _Present:
         sign = motor.sign
         self._duty, self._current, self._speed, self._angle = sign * duty, sign * current, sign * speed, sign * angle
         self._zero = zero
-        self.track = ClockTrack(short.scales[0], _SPAN_OF_TICK)
+        self.track = ClockTrack(short.scales[0], motor.table["realtime_tick"].highest + 1)
 
     def decode(self, reply: Reply, time: float) -> MotorReading | None:
         """Return what a good answer says, or None if it does not belong to this host time [s]."""

@@ -7,14 +7,13 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from sinew.plan.parameter import Parameter, not_negative, positive, signed
+from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON
 
 # It is written which device of the bus is which part of the rig, and which way round it is mounted.
 
 Id = Annotated[int, Field(ge=0, le=252)]
 Sign = Literal[1, -1]
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-
-_POSSIBLE_TURNS = 1_048_575  # counts of goal_position, either way
 
 
 class Wiring(BaseModel):
@@ -35,12 +34,12 @@ class Wiring(BaseModel):
     tendon_ids: Annotated[tuple[Id, ...], Field(min_length=2, max_length=12)] = (1, 2, 3, 4)
     drive_id: Id = 5
     imu_id: Id = 200
-    tendon_model: str = "XH430-W350"
-    drive_model: str = "XM430-W350"
+    tendon_model: str = PAPER_TENDON
+    drive_model: str = PAPER_DRIVE
     imu_model: str = "OpenCR node"
     tendon_pull: tuple[Sign, ...] = (1, 1, 1, 1)
     drive_sign: Sign = 1
-    drive_zero_counts: int = Field(default=2048, ge=-_POSSIBLE_TURNS, le=_POSSIBLE_TURNS)
+    drive_zero_counts: int = Field(default=2048, ge=-MOST_TURN_COUNTS, le=MOST_TURN_COUNTS)
     imu_axes: tuple[Axis, Axis, Axis] = ("+x", "+y", "+z")
     latency_ms: float = Field(default=4.0, gt=0, le=1000)
 

@@ -17,7 +17,7 @@ from sinew.measure.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 from sinew.plan.plan import Group, Plan, TendonMode
 from sinew.plan.rig import Bus, Imu, RigSpec
-from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
+from sinew.plan.servo import VOLTAGE_LSB, servo_of
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 from sinew.twin.cache import configure
 from sinew.twin.drive import motor_current
@@ -367,10 +367,10 @@ def _tendon_duty(
 ) -> NDArray[np.float64]:
     """Return the duty of the tendon motors, (sample, tendon), for their current [A] and angle [rad] of that shape.
 
-    (R i + k_e ω)/V: what holds the current against winding and back-EMF. R and k_e of the model's data sheet (of the
-    XH430-W350 where the model is not known): nominal voltage over stall current, and over no-load speed.
+    (R i + k_e ω)/V: what holds the current against winding and back-EMF. R and k_e of the model's data sheet: nominal
+    voltage over stall current, and over no-load speed.
     """
-    servo = servo_of(rig.wiring.tendon_model) or SERVOS["XH430-W350"]
+    servo = servo_of(rig.wiring.tendon_model)
     supply = rig.drive.supply_voltage.value
     duty = (servo.resistance / supply) * current
     turned = angle[2:] - angle[:-2]
