@@ -5,7 +5,7 @@ manual's 0.229 rev/min a count; ROBOTIS's driver uses 0.2289.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from sinew.hardware.registers import Register, RegisterTable
@@ -103,10 +103,10 @@ _PRESENT = (
 )
 
 
-def _indirect(first: int, address: int, data: int) -> tuple[Register, ...]:
-    """Return 28 indirect addresses and the bytes they point to; each points to its own byte at the start."""
-    ways = [_kept(f"indirect_address_{first + i}", address + 2 * i, 2, 64, 661, data + i) for i in range(28)]
-    return (*ways, *(_kept(f"indirect_data_{first + i}", data + i, 1, 0, 255, 0) for i in range(28)))
+def _indirect(first: int, address: int, data: int, count: int = 28, last: int = 661) -> tuple[Register, ...]:
+    """Return indirect addresses and the bytes they point to; each points to its own byte at the start."""
+    ways = [_kept(f"indirect_address_{first + i}", address + 2 * i, 2, 64, last, data + i) for i in range(count)]
+    return (*ways, *(_kept(f"indirect_data_{first + i}", data + i, 1, 0, 255, 0) for i in range(count)))
 
 
 _ROWS = (*_EEPROM, *_CONTROL, *_PRESENT)
@@ -114,9 +114,12 @@ _INDIRECT = (*_indirect(1, 168, 224), *_indirect(29, 578, 634))
 
 
 def _motor(
-    model: str, own: Mapping[str, Mapping[str, int]] | None = None, indirect: tuple[Register, ...] = _INDIRECT
+    model: str, own: Mapping[str, Mapping[str, int]] | None = None, more: Iterable[Register] = _INDIRECT
 ) -> RegisterTable:
-    """Return the table of a servo: the rows that all share, with its numbers, and what is its `own` by register."""
+    """Return the table of a servo: the rows that all share, with its numbers, and what is its `own` by register.
+
+    more: rows that not all have.
+    """
     servo = SERVOS[model]
     numbers: dict[str, Mapping[str, float]] = {
         "model_number": {"initial": servo.number},
@@ -125,7 +128,8 @@ def _motor(
     numbers |= own or {}
     rows = (replace(row, **numbers.get(row.name, {})) for row in _ROWS)  # type: ignore[arg-type]
     rows = (replace(row, scale=servo.current_lsb) if row.unit == "A" else row for row in rows)
-    return RegisterTable(model, servo.number, (*rows, *indirect), eeprom_stop=64)
+    ordered = sorted((*rows, *more), key=lambda row: row.address)
+    return RegisterTable(model, servo.number, tuple(ordered), eeprom_stop=64)
 
 
 XH430_W350 = _motor("XH430-W350")
@@ -137,7 +141,26 @@ XM430_W350 = _motor(
         "velocity_limit": {"initial": 350},
     },
 )
-MOTORS = {table.number: table for table in (XH430_W350, XM430_W350)}
+XL330_M288 = _motor(
+    "XL330-M288",
+    {
+        "baud_rate": {"high": 6},
+        "protocol_type": {"low": 2, "high": 22},
+        "temperature_limit": {"initial": 70},
+        "max_voltage_limit": {"low": 31, "high": 70, "initial": 70},
+        "min_voltage_limit": {"low": 31, "high": 70, "initial": 35},
+        "current_limit": {"high": 1750, "initial": 1750},
+        "velocity_limit": {"high": 2047, "initial": 445},
+        "shutdown": {"initial": SHUTDOWN | VOLTAGE},
+        "velocity_i_gain": {"initial": 1600},
+        "velocity_p_gain": {"initial": 180},
+        "goal_current": {"low": -1750, "high": 1750},
+        "goal_velocity": {"low": -2047, "high": 2047},
+    },
+    # pwm_slope is not emulated: with the factory's 140 the duty takes 18 ms from nothing to all of 5 V.
+    (_kept("pwm_slope", 62, 1, 1, 255, 140, unit="V/s", scale=1.977), *_indirect(1, 168, 208, 20, 227)),
+)
+MOTORS = {table.number: table for table in (XH430_W350, XM430_W350, XL330_M288)}
 
 
 # The control tables of the head's inertial sensor stand: an OpenCR board that answers like a motor.

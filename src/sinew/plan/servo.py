@@ -73,6 +73,8 @@ SERVOS = {
         # 1.34 mA a count, which one finds too, belongs to the 24 V types XH430-V350 and V210.
         Servo("XH430-W350", 1000, 12.0, 3.4, 1.3, 30 * math.tau / 60, 0.040, 900, 2.69e-3, 6.5),
         Servo("XM430-W350", 1020, 12.0, 4.1, 2.3, 46 * math.tau / 60, 0.040, 800, 2.69e-3, 6.5),
+        # The manual does not say where it browns out either: below 3.1 V, the least that its voltage limits take.
+        Servo("XL330-M288", 1200, 5.0, 0.52, 1.47, 103 * math.tau / 60, 0.017, 400, 1e-3, 3.1),
     )
 }
 """By model."""
