@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinew.emulator.imu_node import ImuNode
+from sinew.emulator.imu_node import ImuNode, SensorNode
 from sinew.emulator.line import Line
 from sinew.emulator.motor import Motor
 from sinew.emulator.plant import Horn, Law, Mechanics, Motion, Plant
@@ -177,7 +177,9 @@ class EmulatedRig:
         self.imu = ImuNode(
             spec.imu, self.mechanics, rng, device_id=wiring.imu_id, baud=baud, axes=wiring.imu_axes, ppm=imu_ppm
         )
-        self.line = Line([*self._motors, self.imu], wiring.baud)
+        nodes = (SensorNode(s, self.mechanics, np.random.default_rng((seed, s.id)), baud) for s in spec.sensors)
+        self.sensors = tuple(nodes)
+        self.line = Line([*self._motors, self.imu, *self.sensors], wiring.baud)
         self.trips = TripLog(self._motors, self.line)
 
     @property
@@ -244,7 +246,8 @@ class EmulatedRig:
         for motor in self._motors:
             motor.set_supply(voltage, self.time)
         self._look_ahead()
-        self.imu.set_power(all(motor.is_powered for motor in self._motors), self.time)
+        for board in (self.imu, *self.sensors):
+            board.set_power(all(motor.is_powered for motor in self._motors), self.time)
 
     def stick(self, tendon: int, stuck: bool) -> None:
         """Jam a tendon's pulley from now on, or let it go; tendons count from 0."""

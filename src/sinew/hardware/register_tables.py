@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from sinew.hardware.registers import Register, RegisterTable
+from sinew.plan.rig import BusSensor
 from sinew.plan.servo import (
     ACCELERATION_LSB,
     COUNTS_PER_TURN,
@@ -219,3 +220,9 @@ TURTLEBOT3 = RegisterTable(
     ),
 )
 IMUS = {table.number: table for table in (OPENCR_NODE, TURTLEBOT3)}
+
+
+def sensor_table(sensor: BusSensor) -> RegisterTable:
+    """Return the table of a sensor's node; its register is called as the channel of a recording."""
+    value = Register(sensor.channel, 32, 2, signed=True, unit=sensor.unit, scale=sensor.lsb)
+    return RegisterTable(sensor.model, sensor.number, (Register("model_number", 0, 2, initial=sensor.number), value))

@@ -2,8 +2,10 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from sinew.plan.parameter import Parameter, not_negative, positive, signed
@@ -327,6 +329,38 @@ class Limits(BaseModel):
         return 3 if self.safe_state == "release" else 0
 
 
+class BusSensor(BaseModel):
+    """A sensor on a node of its own on the bus; a kind of it is a part of the rig, and says what it measures.
+
+    The node has two registers of two bytes: its model number at 0 and its value at 32, signed. model, number: what the
+    node is called and answers to a ping. channel: variable of the recording schema, one value a sample. unit: of
+    channel and noise, as register tables write it. lsb: of the register [unit].
+    id: on the bus. noise: standard deviation of a value.
+    """
+
+    model_config = _STRICT
+    model: ClassVar[str]
+    number: ClassVar[int]
+    channel: ClassVar[str]
+    unit: ClassVar[str]
+    lsb: ClassVar[float]
+
+    id: Id
+    noise: Parameter
+
+    def true_value(self, tension_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what it would tell without noise, (...), where the tendons carry such tensions [N], (..., tendon)."""
+        raise NotImplementedError
+
+    def told(self, tension_n: NDArray[np.float64], rng: np.random.Generator | None) -> NDArray[np.float64]:
+        """Return what it tells [unit]: the true value; with an rng, noisy and in whole counts of its register."""
+        value = self.true_value(tension_n)
+        if rng is None:
+            return value
+        counts = np.round((value + self.noise.value * rng.standard_normal(value.shape)) / self.lsb)
+        return np.asarray(np.clip(counts, -32_768, 32_767) * self.lsb)
+
+
 class RigSpec(BaseModel):
     """A whole test bed, as data.
 
@@ -368,6 +402,21 @@ class RigSpec(BaseModel):
                 "expected one motor for each tendon"
             )
         return self
+
+    @model_validator(mode="after")
+    def _sensors_have_ids_of_their_own(self) -> Self:
+        taken = {*self.wiring.tendon_ids, self.wiring.drive_id, self.wiring.imu_id}
+        for sensor in self.sensors:
+            if sensor.id in taken:
+                raise ValueError(f"id {sensor.id} of the {sensor.model} stands for two devices; expected another")
+            taken.add(sensor.id)
+        return self
+
+    @property
+    def sensors(self) -> tuple[BusSensor, ...]:
+        """Return the sensors that have a node of their own, in the order of the rig's parts."""
+        parts = (getattr(self, name) for name in type(self).model_fields)
+        return tuple(part for part in parts if isinstance(part, BusSensor))
 
     @model_validator(mode="after")
     def _calibrated_parameters_are_there(self) -> Self:

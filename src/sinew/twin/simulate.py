@@ -341,7 +341,7 @@ def _read(
     pull = tension * tendons.pulley_radius.value / tendons.torque_constant.value
     supply = np.full(command.size, drive.supply_voltage.value)
     turn = 2 * np.pi
-    return {
+    channels: dict[str, NDArray[Any]] = {
         "time_s": stamp(counts, plan.sample_hz, bus, effects, rng),
         "drive_command_rad": command.astype(np.float32),
         "drive_rad": read_rounded(lever, turn / drive.counts_per_turn.value, effects).astype(np.float32),
@@ -360,6 +360,8 @@ def _read(
             joined.torsion_rate, joined.torsion_acceleration, rig.imu, effects, rng
         ),
     }
+    noise = rng if effects.sensor_noise else None
+    return channels | {s.channel: s.told(tension, noise).astype(np.float32) for s in rig.sensors}
 
 
 def _tendon_duty(
