@@ -361,10 +361,26 @@ class BusSensor(BaseModel):
         return np.asarray(np.clip(counts, -32_768, 32_767) * self.lsb)
 
 
+class LoadCell(BusSensor):
+    """A load cell in one tendon: a strain gauge whose amplifier hangs on a microcontroller that answers on the bus.
+
+    tendon: in which it sits, from 1. Its register counts 10 mN, up to 327 N.
+    """
+
+    model, number, channel, unit, lsb = "load cell", 0x7401, "load_cell_n", "N", 0.01
+
+    tendon: int = Field(ge=1)
+    noise: Annotated[Parameter, not_negative("N")]
+
+    def true_value(self, tension_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(tension_n[..., self.tendon - 1])
+
+
 class RigSpec(BaseModel):
     """A whole test bed, as data.
 
-    section: of a silicone that is no solid circle; None where the diameter says it all.
+    section: of a silicone that is no solid circle; None where the diameter says it all. load_cell: None where no
+    tendon has one.
     calibration: how the calibrated parameters vary together; None where that is not known. As the intervals it is left
     out of `model_dump`: a rig with other values was not calibrated to them.
     """
@@ -382,6 +398,7 @@ class RigSpec(BaseModel):
     repeatability: Repeatability
     limits: Limits
     wiring: Wiring = Wiring()
+    load_cell: LoadCell | None = None
     calibration: Calibrated | None = Field(default=None, exclude=True)
 
     @model_validator(mode="before")
@@ -410,6 +427,10 @@ class RigSpec(BaseModel):
             if sensor.id in taken:
                 raise ValueError(f"id {sensor.id} of the {sensor.model} stands for two devices; expected another")
             taken.add(sensor.id)
+        if self.load_cell is not None and self.load_cell.tendon > self.tendons.count:
+            raise ValueError(
+                f"load_cell.tendon is {self.load_cell.tendon}; expected one of {self.tendons.count} tendons"
+            )
         return self
 
     @property
