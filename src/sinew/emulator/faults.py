@@ -1,4 +1,4 @@
-"""This is where the faults of an emulated bench happen, when their time has come.
+"""Faults of an emulated bench, which happen when their time has come.
 
 Faults strike packets on either way, or do to the devices and the mechanics what a bad day does. With a seed they are
 the same again, as long as the same packets are sent at the same times.

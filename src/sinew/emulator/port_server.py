@@ -1,4 +1,4 @@
-"""This is where an emulated bench is served on a pseudo-terminal, or a socket, in real time.
+"""An emulated bench on a pseudo-terminal, or a socket, in real time.
 
 To whom it shares its clock with, time passes as `sinew.hardware.shared_clock` says; to all others by itself.
 """

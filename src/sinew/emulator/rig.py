@@ -1,4 +1,4 @@
-"""This is where the emulated bench stands: five motors and a sensor on one line, with mechanics behind them.
+"""The emulated bench: motors and sensors on one line, with mechanics behind them.
 
 Times are seconds since the bench was made. Things happen when they are due: a sample of the sensor, a step of a
 trajectory, a watchdog, an answer. The mechanics move only as far as somebody needs them.

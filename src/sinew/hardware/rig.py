@@ -1,4 +1,4 @@
-"""This is where all devices of a bench are one: read in one transaction, told their goals in another, set up alike.
+"""All devices of a bench as one: read in one transaction, told their goals in another, set up alike.
 
 A cycle of the bench is `write_goals` and `read`. What a device did not answer, or answered too late, is missing from a
 reading and never repeated: the next cycle comes soon enough.

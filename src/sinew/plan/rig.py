@@ -1,4 +1,4 @@
-"""This is where a test bed is described: every parameter with value, unit, origin and bounds."""
+"""A test bed: every parameter with value, unit, origin and bounds."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
