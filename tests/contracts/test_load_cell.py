@@ -44,6 +44,13 @@ def test_a_load_cell_that_does_not_fit_the_rig_is_refused(found: str, wrong: str
         celled(SECTION.replace(found, wrong))
 
 
+def test_a_load_cell_tells_the_tension_of_its_own_tendon_up_to_what_two_bytes_hold() -> None:
+    (cell,) = celled().sensors
+    tensions, rng = np.array([[10.0, 20.0, 30.0, 40.0], [0.0, 400.0, 0.0, 0.0]]), np.random.default_rng(0)
+    assert cell.told(tensions, None).tolist() == [20.0, 400.0]
+    assert cell.told(tensions, rng) == pytest.approx([20.0, 327.67], abs=0.12)
+
+
 def test_the_twin_records_the_tension_that_the_motor_of_that_tendon_pulls_with() -> None:
     rig, plan = celled(), parse_plan(TINY)
     recording = simulate(plan, rig)
@@ -93,7 +100,11 @@ def test_a_load_cell_that_falls_silent_ends_the_run_by_name() -> None:
     bench, guard = virtual_bench(celled(), plant=Unloaded(4, celled())), Guard(celled())
     bench.emulated.sensors[0].is_powered = False
     watch = Watch(tuple(motor.angle() for motor in bench.rig.tendons), (0.0,) * 4)
-    with pytest.raises(LostError, match="load cell has not answered"):
+
+    def listen() -> None:
         for _ in range(20):
             guard.check(bench.rig.read(), np.nan, bench.port.now(), watch)
             bench.port.wait_until(bench.port.now() + 5e-3)
+
+    with pytest.raises(LostError, match="load cell has not answered"):
+        listen()
