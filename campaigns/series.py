@@ -34,7 +34,7 @@ from sinew.measure.errors import RecordingError
 from sinew.measure.netcdf import load_recording
 from sinew.measure.recording import read_registers, segment_slices
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import FULL_DUTY_COUNTS
+from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, PULSE
 from sinew.plan.toml import load_rig, parse_plan
 
 __all__ = ["PLAN", "Kill", "Series", "kill_series"]
@@ -285,7 +285,7 @@ class _Trial:
         gain = self._spec.drive.position_gain.value
         for run in read_registers(recording):
             drive = run["motors"]["drive"]["registers"]
-            duty_per_rad = drive["position_p_gain"] / 128 / FULL_DUTY_COUNTS * 4096 / math.tau
+            duty_per_rad = drive["position_p_gain"] * P_GAIN_LSB / FULL_DUTY_COUNTS / PULSE
             if drive["goal_pwm"] != FULL_DUTY_COUNTS or abs(duty_per_rad / gain - 1) > 1e-3:
                 self.series.wrong.append(f"run {run['run']} measured with {drive}")
         doubts = doubts_of(analyse_recording(recording, self._spec))

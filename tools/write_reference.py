@@ -24,6 +24,7 @@ from sinew.hardware.register_tables import (
     EXTENDED_POSITION_MODE,
     HARDWARE_ERRORS,
     IMUS,
+    MOTORS,
     POSITION_MODE,
     XH430_W350,
     XM430_W350,
@@ -182,15 +183,30 @@ def _register_table(table: RegisterTable) -> str:
     """Return a Markdown table of registers; of the indirect ones only the first and the last of a run."""
     lines = ["| address | bytes | register | access | kind | one count | counts allowed | initial |"]
     lines.append("|---|---|---|---|---|---|---|---|")
-    shown = {f"indirect_{what}_{n}" for what in ("address", "data") for n in (1, 28, 29, 56)}
-    rows = [row for row in table if not row.name.startswith("indirect_") or row.name in shown]
+    indirect = [row for row in table if row.name.startswith("indirect_")]
+    runs = {(row.name.rstrip("0123456789"), row.address) for row in indirect}
+    inner = {
+        row.address
+        for row in indirect
+        if {(row.name.rstrip("0123456789"), row.address + way) for way in (-row.size, row.size)} <= runs
+    }
+    rows = [row for row in table if row.address not in inner]
     return "\n".join([*lines, *(_register_row(row) for row in rows)]) + "\n"
+
+
+def _unlike(table: RegisterTable, first: RegisterTable) -> str:
+    """Return the section of a motor: in what its registers differ from those of the first one."""
+    other = RegisterTable(
+        table.model, table.number, tuple(r for r in table if r.name not in first or r != first[r.name])
+    )
+    lacks = [f"`{row.name}`" for row in first if row.name not in table]
+    without = f"\nIt has no {lacks[0]} to {lacks[-1]}.\n" if lacks else ""
+    return f"## {table.model}, model {table.number}\n\nAs {first.model} except:\n\n{_register_table(other)}{without}"
 
 
 def registers_page() -> str:
     """Return the page on registers, from the tables of `sinew.hardware`."""
-    other = [row for row in XM430_W350 if row != XH430_W350[row.name]]
-    differences = RegisterTable(XM430_W350.model, XM430_W350.number, tuple(other))
+    others = "\n".join(_unlike(table, XH430_W350) for table in MOTORS.values() if table is not XH430_W350)
     bauds = ", ".join(f"{count}: {baud}" for count, baud in enumerate(BAUD_RATES))
     errors = ", ".join(f"bit {bit}: {what}" for bit, what in HARDWARE_ERRORS.items())
     imus = "\n".join(f"## {t.model}, model {t.number:#06x}\n\n{_register_table(t)}" for t in IMUS.values())
@@ -213,11 +229,7 @@ Of the 56 indirect addresses and data bytes the table shows the ends of the two 
 - `hardware_error_status`, `shutdown`: {errors}.
 - `bus_watchdog`: reads -1 after it has stopped the motor; writing 0 clears it.
 
-## {XM430_W350.model}, model {XM430_W350.number}
-
-As above except:
-
-{_register_table(differences)}
+{others}
 {imus}
 ## What a run sets
 

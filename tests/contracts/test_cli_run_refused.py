@@ -11,8 +11,8 @@ import pytest
 from tests.contracts.emulated_bench import QUESTIONS, TINY, rig_file, virtual_port
 from tests.contracts.virtual_run import run, without_motor
 
-from sinew.emulator.motor import OVERLOAD
 from sinew.emulator.rig import EmulatedRig
+from sinew.hardware.register_tables import OVERLOAD
 
 
 def with_torque(rig: EmulatedRig) -> None:

@@ -20,6 +20,7 @@ from sinew.bench.journal_reader import JournalReader
 from sinew.bench.sample import MISSING, Sample, sample_columns, sample_row
 from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
+from sinew.plan.toml import parse_rig
 
 STEADY = Segment("steady", 3.0, 4.3, 20.0, 0)
 
@@ -44,7 +45,7 @@ def test_a_row_holds_every_number_of_a_sample_in_the_order_of_its_fields() -> No
 
 
 def test_the_columns_of_a_row_are_named_with_their_unit() -> None:
-    named = dict(zip(sample_columns(4), sample_row(sample()), strict=True))
+    named = dict(zip(sample_columns(parse_rig(RIG_TEXT)), sample_row(sample()), strict=True))
     assert (named["tendon_2_current_a"], named["gyro_z_rad_s"], named["acceleration_x_m_s2"]) == (10, 15, 16)
 
 
@@ -55,7 +56,8 @@ def test_what_was_appended_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     with JournalReader(tmp_path / "journal.sqlite") as reader:
         table = reader.samples(1, len(group) + 1)
     assert np.array_equal(
-        np.stack([table[name] for name in sample_columns(4)], axis=1), np.array([sample_row(s) for s in group])
+        np.stack([table[name] for name in sample_columns(parse_rig(RIG_TEXT))], axis=1),
+        np.array([sample_row(s) for s in group]),
     )
 
 

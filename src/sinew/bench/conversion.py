@@ -171,7 +171,7 @@ def _sum(s: Sample) -> float:
     """Return a number that is NaN if any reading is."""
     return (
         s.time_s + s.imu_time_s + s.drive_rad + s.drive_current_a + s.drive_pwm + sum(s.tendon_rad)
-        + sum(s.tendon_current_a) + sum(s.gyro_rad_s) + sum(s.acceleration_m_s2)
+        + sum(s.tendon_current_a) + sum(s.gyro_rad_s) + sum(s.acceleration_m_s2) + sum(s.sensors)
     )  # fmt: skip
 
 
@@ -206,8 +206,8 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
     groups: their indices in the plan; None for all that are finished.
     Rows have the time of the drive's reading plus the rig's drive_delay, so that the rig's delay budget holds; the
     IMU's readings are brought from its own times to those. Rows without a reading of
-    drive, tendons or IMU are left out. Time counts from the first run; those that resumed it follow after as long as
-    the computer's calendar says.
+    drive, tendons, IMU or another sensor are left out. Time counts from the first run; those that resumed it follow
+    after as long as the computer's calendar says.
     Attributes beside those of `provenance`, and those given to the journal: `started` (date), `runs`, `left_out_rows`,
     `left_out_groups` (found to have too many holes), `registers` (see `sinew.measure.recording.read_registers`), and
     the journal's statistics.
@@ -277,6 +277,7 @@ def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSp
         "tendon_current_a": np.stack([rows[f"tendon_{i}_current_a"] for i in tendons], axis=1),
         "gyro_rad_s": readings[:, :3],
         "acceleration_m_s2": readings[:, 3:6],
+        **{sensor.channel: rows[sensor.channel] for sensor in rig.sensors},
     }
     came = np.all([np.isfinite(rows[name]) for name in ("imu_time_s", *_IMU_COLUMNS[:6])], axis=0)
     kept = came & np.all([np.isfinite(v.reshape(time.size, -1)).all(axis=1) for v in values.values()], axis=0)

@@ -11,7 +11,6 @@ from typing import Literal
 from sinew.hardware.bus import Bus
 from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
 from sinew.hardware.errors import DeviceError, HardwareError, PortError
-from sinew.hardware.imu import Imu
 from sinew.hardware.motor import Identity, Motor, name_hardware_errors
 from sinew.hardware.register_tables import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
@@ -106,8 +105,7 @@ def call_roll(rig: Rig) -> Roll:
     """Return who answers on the bus: the devices of the wiring, and others. Raises PortError."""
     roll = Roll()
     scanned = rig.bus.scan()
-    devices: tuple[Motor | Imu, ...] = (*rig.motors, rig.imu)
-    for device in devices:
+    for device in rig.devices:
         try:
             identity = device.identify()
         except PortError:
@@ -119,8 +117,8 @@ def call_roll(rig: Rig) -> Roll:
         roll.present[device.name] = identity
     if not roll.present:
         found = f"no device of the wiring answers at {rig.bus.timing.baud} baud"
-        roll.findings = [Finding("fault", "bus", found, f"{len(devices)} devices", "check supply, cable and baud")]
-    known = {device.id for device in devices}
+        roll.findings = [Finding("fault", "bus", found, f"{len(rig.devices)} devices", "check supply, cable and baud")]
+    known = {device.id for device in rig.devices}
     for stranger, reply in sorted(scanned.items()):
         if stranger not in known:
             model = _model_name(int.from_bytes(reply.data[:2], "little")) if reply.ok else "unknown model"
@@ -180,13 +178,22 @@ def examine_port(timer: LatencyTimer | None, baud: int, wiring_baud: int) -> lis
 
 
 def examine_motors(rig: Rig, roll: Roll) -> list[Finding]:
-    """Return what is to be said about every motor present: settings, limits, errors, climate. Raises PortError."""
-    return [
+    """Return what is to be said about every motor present: settings, limits, errors, climate. Raises PortError.
+
+    And of every sensor that has a node of its own, what it tells.
+    """
+    findings = [
         finding
         for motor in rig.motors
         if motor.name in roll.present
         for finding in _examine_motor(rig, motor, roll.present[motor.name])
     ]
+    for sensor in rig.sensors:
+        if sensor.name in roll.present:
+            reply = sensor.ask()
+            told = f"id {sensor.id}, {sensor.row.name} {sensor.value(reply):.4g} {sensor.row.unit}"
+            findings.append(Finding("ok" if reply.ok else "fault", sensor.name, told if reply.ok else str(reply)))
+    return findings
 
 
 def _examine_motor(rig: Rig, motor: Motor, identity: Identity) -> list[Finding]:

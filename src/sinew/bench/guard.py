@@ -49,7 +49,7 @@ class Guard:
     """
 
     def __init__(self, spec: RigSpec, gyro_bias: float = 0.0) -> None:
-        self._limits = spec.limits
+        self._limits, self._sensors = spec.limits, [sensor.model for sensor in spec.sensors]
         self._radius = spec.tendons.pulley_radius.value
         self._force = spec.tendons.torque_constant.value / self._radius  # N/A
         self._give = 1 / (spec.tendons.servo_stiffness.value * self._radius)  # rad/N
@@ -91,6 +91,7 @@ class Guard:
         """Raise if a device is lost; return whether the IMU brought a new sample."""
         present = {f"tendon {i + 1}": motor is not None for i, motor in enumerate(reading.tendons)}
         present["drive"] = reading.drive is not None
+        present |= {name: not math.isnan(told) for name, told in zip(self._sensors, reading.sensors, strict=True)}
         fresh = reading.imu is not None and reading.imu.counter != self._counter
         self._counter = reading.imu.counter if reading.imu is not None else self._counter
         present["IMU"] = fresh

@@ -23,6 +23,7 @@ from sinew.bench.sample import (
     REGISTERS,
     Sample,
     insert_sample,
+    sample_columns,
     sample_row,
     statements,
 )
@@ -53,9 +54,9 @@ class Journal:
     next call raises FileError.
     """
 
-    def __init__(self, path: Path, lock: int, session: int, tendons: int, counts: tuple[int, int]) -> None:
+    def __init__(self, path: Path, lock: int, session: int, columns: tuple[str, ...], counts: tuple[int, int]) -> None:
         self._path, self._lock, self._session = path, lock, session
-        self._insert = insert_sample(tendons)
+        self._insert = insert_sample(columns)
         self._next_sample, self._next_segment = counts
         self._segment: int | None = None
         self._asked: tuple[int | None, int] = (None, 0)
@@ -74,7 +75,7 @@ class Journal:
         them where the bench is not a real one.
         Raises FileError where the file exists, or the folder cannot be written; SpecError where the rig is not valid.
         """
-        tendons = parse_rig(rig_toml).tendons.count
+        columns = sample_columns(parse_rig(rig_toml))
         lock = _lock(path)
         fresh = path.with_name(f".{path.name}.new")
         try:
@@ -83,13 +84,13 @@ class Journal:
             fresh.unlink(missing_ok=True)
             meta = {"plan": plan_toml, "rig": rig_toml, "attrs": json.dumps(dict(attrs or {}))}
             with closing(sqlite3.connect(fresh)) as connection:
-                for statement in statements(tendons):
+                for statement in statements(columns):
                     connection.execute(statement)
                 connection.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
                 connection.commit()
             # Only a whole journal gets the name: whenever the process is killed, there is one or there is none.
             fresh.rename(path)
-            return cls._begin(path, lock, tendons)
+            return cls._begin(path, lock, columns)
         except (sqlite3.Error, OSError) as error:
             os.close(lock)
             raise cannot_write(path, _reason(error)) from error
@@ -110,7 +111,7 @@ class Journal:
         try:
             with closing(sqlite3.connect(path)) as connection:
                 _refuse_unfit(connection, path, {"plan": plan_toml, "rig": rig_toml})
-            return cls._begin(path, lock, parse_rig(rig_toml).tendons.count)
+            return cls._begin(path, lock, sample_columns(parse_rig(rig_toml)))
         except sqlite3.DatabaseError as error:
             os.close(lock)
             raise _trouble(path, error) from error
@@ -119,7 +120,7 @@ class Journal:
             raise
 
     @classmethod
-    def _begin(cls, path: Path, lock: int, tendons: int) -> Self:
+    def _begin(cls, path: Path, lock: int, columns: tuple[str, ...]) -> Self:
         with closing(sqlite3.connect(path)) as connection:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute(
@@ -133,7 +134,7 @@ class Journal:
                 for table in ("samples", "segments")
             ]
         assert session is not None
-        journal = cls(path, lock, session, tendons, (counts[0], counts[1]))
+        journal = cls(path, lock, session, columns, (counts[0], counts[1]))
         journal._finished = finished
         return journal
 

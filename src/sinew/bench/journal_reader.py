@@ -57,7 +57,7 @@ class JournalReader:
             self.plan_toml, self.rig_toml = str(meta["plan"]), str(meta["rig"])
             self.attrs: Mapping[str, str | int | float] = json.loads(meta["attrs"])
             self.dates = tuple(date for (date,) in self._connection.execute("SELECT date FROM sessions ORDER BY id"))
-            self._columns = sample_columns(parse_rig(self.rig_toml).tendons.count, READABLE_VERSIONS[version])
+            self._columns = sample_columns(parse_rig(self.rig_toml), READABLE_VERSIONS[version])
         except (sqlite3.DatabaseError, KeyError) as error:
             self._connection.close()
             raise FileError(f"{path} is not a journal, or is damaged ({error})") from error

@@ -187,6 +187,7 @@ class Loop:
             imu_counter_s=1e-6 * imu.counter if imu is not None else MISSING,
             tendon_pwm=tuple(motor.duty if motor is not None else MISSING for motor in reading.tendons),
             supply_v=sum(self._volts.values()) / len(self._volts) if self._volts else MISSING,
+            sensors=reading.sensors,
         )
 
     def _unmixed(self, reading: Reading) -> ImuReading | None:

@@ -48,7 +48,7 @@ def _refuse_slow_bus(rig: Rig, plan: Plan) -> None:
 
 def _refuse_strangers(rig: Rig, clock: Clock) -> None:
     """Refuse a bus on which a device is missing, or is another one, or shares its id."""
-    names = {**{motor.id: motor.name for motor in rig.motors}, rig.imu.id: "IMU"}
+    names = {device.id: device.name for device in rig.devices}
     replies = {device: _pinged(rig, clock, device) for device in names}
     silent = [f"{names[d]} (id {d})" for d, reply in replies.items() if reply.outcome is Outcome.SILENT]
     baud = rig.spec.wiring.baud
@@ -103,9 +103,9 @@ def _answers_damaged(rig: Rig, clock: Clock, motor: Motor) -> bool:
 
 def _other_models(rig: Rig) -> Iterator[str]:
     """Yield which devices are of another model than expected."""
-    for identify in (*(motor.identify for motor in rig.motors), rig.imu.identify):
+    for device in rig.devices:
         try:
-            identify()
+            device.identify()
         except PortError:
             raise
         except HardwareError as trouble:

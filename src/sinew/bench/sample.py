@@ -3,6 +3,8 @@
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, fields
 
+from sinew.plan.rig import RigSpec
+
 MISSING = float("nan")
 """Stands for a reading that a device did not give; the row is kept, and the recording leaves it out."""
 
@@ -20,7 +22,8 @@ class Sample:
     imu_counter_s: the node's own time of that IMU sample [s], wrapping at 2³² µs; MISSING where it is not known, then
     the samples' order has to do.
     tendon_pwm: duty of the tendon motors, by tendon; pulling is positive. supply_v: mean over the motors of the voltage
-    that each told last [V].
+    that each told last [V]. sensors: what those with a node of their own told, in the rig's order and their channels'
+    units.
     """
 
     time_s: float
@@ -39,6 +42,7 @@ class Sample:
     imu_counter_s: float = MISSING
     tendon_pwm: tuple[float, ...] = ()
     supply_v: float = MISSING
+    sensors: tuple[float, ...] = ()
 
 
 # The tables of a journal are written down, and how a sample becomes a row of them.
@@ -78,11 +82,12 @@ _TABLES = (
 )
 
 
-def sample_columns(tendons: int, without: Collection[str] = ()) -> tuple[str, ...]:
-    """Return the columns of a sample for so many tendons, in the order of `sample_row`.
+def sample_columns(rig: RigSpec, without: Collection[str] = ()) -> tuple[str, ...]:
+    """Return the columns of a sample of a rig, in the order of `sample_row`.
 
     without: fields of a sample to leave out, see `READABLE_VERSIONS`.
     """
+    tendons = rig.tendons.count
     names: list[str] = []
     for name in (field.name for field in fields(Sample) if field.name not in without):
         if name in _TENDON:
@@ -90,6 +95,8 @@ def sample_columns(tendons: int, without: Collection[str] = ()) -> tuple[str, ..
         elif name in _AXES:
             what, unit = _AXES[name]
             names += [f"{what}_{axis}_{unit}" for axis in "xyz"]
+        elif name == "sensors":
+            names += [sensor.channel for sensor in rig.sensors]
         else:
             names.append(name)
     return tuple(names)
@@ -115,22 +122,22 @@ def sample_row(sample: Sample) -> tuple[float, ...]:
         sample.imu_counter_s,
         *(sample.tendon_pwm or (MISSING,) * len(sample.tendon_rad)),
         sample.supply_v,
+        *sample.sensors,
     )
 
 
-def insert_sample(tendons: int) -> str:
+def insert_sample(columns: Collection[str]) -> str:
     """Return the statement that takes (id, session, segment, *sample_row)."""
-    columns = sample_columns(tendons)
     return (
         f"INSERT INTO samples (id, session, segment, {', '.join(columns)}) "
         f"VALUES ({', '.join('?' * (3 + len(columns)))})"
     )
 
 
-def statements(tendons: int) -> Iterator[str]:
-    """Yield the statements that make the tables of a journal for so many tendons."""
+def statements(sample: Collection[str]) -> Iterator[str]:
+    """Yield the statements that make the tables of a journal for samples of these columns."""
     yield f"PRAGMA application_id = {APPLICATION_ID}"
     yield f"PRAGMA user_version = {JOURNAL_VERSION}"
     yield from _TABLES
-    columns = ", ".join(f"{name} REAL" for name in sample_columns(tendons))
+    columns = ", ".join(f"{name} REAL" for name in sample)
     yield f"CREATE TABLE samples (id INTEGER PRIMARY KEY, session INTEGER NOT NULL, segment INTEGER, {columns})"

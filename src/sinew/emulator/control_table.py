@@ -1,4 +1,4 @@
-"""This is where a device keeps its registers, and decides what may be read and written where.
+"""The registers of an emulated device, and what may be read and written where.
 
 What the manual leaves open is assumed, and said here: a gap between registers reads as 0, but a read that touches no
 register at all, or runs past the table, is an access error; a write that touches a gap is an access error; a write to

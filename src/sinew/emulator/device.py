@@ -1,5 +1,6 @@
-"""This is where it is said what every device on the line does with an instruction: motor and sensor alike."""
+"""What every device on the line does with an instruction, motor and sensor alike; and the sensors' plain board."""
 
+import math
 from abc import ABC, abstractmethod
 
 from sinew.emulator.control_table import DATA_LENGTH, ControlTable
@@ -101,3 +102,65 @@ class Device(ABC):
     def status(self, number: int, data: bytes = b"", sender: int | None = None) -> Status:
         """Return a status with an error number, and the alert where there is one."""
         return Status(self.id if sender is None else sender, number | 0x80 * self.alert, data)
+
+
+_START_TIME = 0.3
+
+
+class Board(Device):
+    """A sensor's board: it answers at once and to everything, and knows nothing but ping, read and write.
+
+    is_powered: whether it has a supply.
+    """
+
+    def __init__(self, registers: ControlTable, firmware: int, device_id: int, baud: int) -> None:
+        super().__init__(registers, firmware)
+        self._id, self._baud = device_id, baud
+        self.is_powered = True
+        self._deaf_until = -math.inf
+
+    @property
+    def id(self) -> int:
+        return self._id
+
+    @property
+    def baud(self) -> int:
+        return self._baud
+
+    @property
+    def return_delay(self) -> float:
+        return 0.0
+
+    @property
+    def status_return_level(self) -> int:
+        return 2
+
+    @property
+    def alert(self) -> bool:
+        return False
+
+    @property
+    def knows_fast_reads(self) -> bool:
+        return False
+
+    def hears(self, now: float) -> bool:
+        return self.is_powered and now >= self._deaf_until
+
+    def heed(self, now: float) -> None:
+        pass
+
+    def set_power(self, on: bool, now: float) -> None:
+        """Take the power away, or give it back: the board then starts anew, deaf for a while."""
+        if on and not self.is_powered:
+            self._deaf_until = now + _START_TIME
+            self.registers.restart()
+        self.is_powered = on
+
+    def write(self, address: int, data: bytes, now: float) -> int:
+        number, parts = self.registers.parts(address, data, locked=False)
+        for row, count in parts:
+            self.registers.store(row, count)
+        return number
+
+    def carry_out(self, instruction: Instruction, now: float) -> int:
+        return INSTRUCTION

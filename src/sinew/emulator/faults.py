@@ -1,4 +1,4 @@
-"""This is where the faults of an emulated bench happen, when their time has come.
+"""Faults of an emulated bench, which happen when their time has come.
 
 Faults strike packets on either way, or do to the devices and the mechanics what a bad day does. With a seed they are
 the same again, as long as the same packets are sent at the same times.
@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 
 from sinew.emulator.line import Line
-from sinew.emulator.motor import OVERLOAD
 from sinew.emulator.rig import EmulatedRig
+from sinew.hardware.register_tables import OVERLOAD
 from sinew.measure.errors import SpecError
 
 # A fault of the emulated bench is written down: which, how strong, from when to when.

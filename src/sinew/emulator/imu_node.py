@@ -1,10 +1,10 @@
-"""This is where the head's inertial sensor is emulated: the OpenCR board as a node on the bus, as its firmware has it.
+"""The emulated sensors: the head's, an OpenCR board as its firmware has it, and those with a node of their own.
 
-The gyroscope is read at the node's own rate, by its own crystal; a reading is the mean over the newest samples behind
-the chip's low-pass, with bias and noise, clipped, in whole LSB, and zero within the dead band. Noise is white at the
-node's rate, and drawn before the mean, as it is in the twin, there coloured by the chip's low-pass. A reading
-appears `residual_delay` after the moment it belongs to, with the time of its appearance. Roll and pitch are
-those of the accelerometer alone; yaw stays 0.
+The head's gyroscope is read at its node's own rate, by its own crystal; a reading is the mean over the newest samples
+behind the chip's low-pass, with bias and noise, clipped, in whole LSB, and zero within the dead band. Noise is white
+at the node's rate, and drawn before the mean, as it is in the twin, there coloured by the chip's low-pass. A reading
+appears `residual_delay` after the moment it belongs to, with the time of its appearance. Roll and pitch are those of
+the accelerometer alone; yaw stays 0.
 """
 
 import math
@@ -16,23 +16,21 @@ from typing import cast
 import numpy as np
 
 from sinew.emulator.control_table import ControlTable
-from sinew.emulator.device import INSTRUCTION, Device
+from sinew.emulator.device import Board
 from sinew.emulator.plant import Mechanics
-from sinew.hardware.codec import Instruction
-from sinew.hardware.register_tables import EMULATED_FIRMWARE, OPENCR_NODE
-from sinew.plan.rig import Imu
+from sinew.hardware.register_tables import EMULATED_FIRMWARE, OPENCR_NODE, sensor_table
+from sinew.plan.rig import BusSensor, Imu
 
 SAMPLE_PERIOD = 5e-3
 """Time between two samples, by the node's own clock [s]."""
 
 _READINGS = struct.Struct("<9h")
 _DRAWN_AT_ONCE = 512  # samples' noise; drawing it one by one would take most of the node's time
-_START_TIME = 0.3
 
 Vector = tuple[float, float, float]
 
 
-class ImuNode(Device):
+class ImuNode(Board):
     """The sensor.
 
     spec: range, noise and bias of the chip. axes: the chip's axes that point along x, y and z of the head.
@@ -53,16 +51,13 @@ class ImuNode(Device):
         ppm: float | None = None,
         firmware: int = EMULATED_FIRMWARE,
     ) -> None:
-        super().__init__(ControlTable(OPENCR_NODE), firmware)
-        self._id, self._baud = device_id, baud
+        super().__init__(ControlTable(OPENCR_NODE), firmware, device_id, baud)
         self._spec, self._mechanics, self._rng = spec, mechanics, rng
         self.frozen = False
-        self.is_powered = True
         self._rate = 1 + 1e-6 * (float(rng.normal(0, 20)) if ppm is None else ppm)
         self._phase = float(rng.uniform(0, 0.5))
         self._count = int(self._phase / SAMPLE_PERIOD) + 1
         self.due = self._time_of_sample()
-        self._deaf_until = -math.inf
         self._bias = spec.gyro_bias.value * rng.standard_normal(3)
         self._noise: Iterator[list[float]] = iter(())
         self._newest: deque[Vector] = deque(maxlen=spec.average_samples)
@@ -72,48 +67,15 @@ class ImuNode(Device):
         self._chip = tuple(places[letter] for letter in "xyz")
         self._readings_start = OPENCR_NODE["gyro_x"].address
 
-    @property
-    def id(self) -> int:
-        return self._id
-
-    @property
-    def baud(self) -> int:
-        return self._baud
-
-    @property
-    def return_delay(self) -> float:
-        return 0.0
-
-    @property
-    def status_return_level(self) -> int:
-        return 2
-
-    @property
-    def alert(self) -> bool:
-        return False
-
-    @property
-    def knows_fast_reads(self) -> bool:
-        return False
-
     def clock(self, now: float) -> float:
         """Return the time by the node's own clock [s]."""
         return now * self._rate + self._phase
 
-    def hears(self, now: float) -> bool:
-        return self.is_powered and now >= self._deaf_until
-
-    def heed(self, now: float) -> None:
-        pass
-
     def set_power(self, on: bool, now: float) -> None:
-        """Take the power away, or give it back: the node then starts anew, deaf for a while."""
         if on and not self.is_powered:
-            self._deaf_until = now + _START_TIME
-            self.registers.restart()
             self._newest.clear()
             self._waiting = None
-        self.is_powered = on
+        super().set_power(on, now)
 
     def advance(self, now: float) -> None:
         """Take a sample, if one is due."""
@@ -145,15 +107,6 @@ class ImuNode(Device):
     def refresh(self, address: int, length: int, now: float) -> None:
         self._publish(now)
         self.registers["clock"] = self._microseconds(now)
-
-    def write(self, address: int, data: bytes, now: float) -> int:
-        number, parts = self.registers.parts(address, data, locked=False)
-        for row, count in parts:
-            self.registers.store(row, count)
-        return number
-
-    def carry_out(self, instruction: Instruction, now: float) -> int:
-        return INSTRUCTION
 
     def _time_of_sample(self) -> float:
         return (self._count * SAMPLE_PERIOD - self._phase) / self._rate
@@ -196,3 +149,16 @@ class ImuNode(Device):
             self._noise = iter(drawn.tolist())
             values = next(self._noise)
         return values
+
+
+class SensorNode(Board):
+    """A sensor with a node of its own, which takes its value as it is asked for it."""
+
+    def __init__(self, spec: BusSensor, mechanics: Mechanics, rng: np.random.Generator, baud: int) -> None:
+        super().__init__(ControlTable(sensor_table(spec)), EMULATED_FIRMWARE, spec.id, baud)
+        self._spec, self._mechanics, self._rng = spec, mechanics, rng
+
+    def refresh(self, address: int, length: int, now: float) -> None:
+        spec = self._spec
+        told = spec.told(np.asarray(self._mechanics.motion().tension), self._rng)
+        self.registers[spec.channel] = round(float(told) / spec.lsb)

@@ -9,19 +9,15 @@ import numpy as np
 
 from sinew.emulator.joint import TICK_S, Kind, Layout, Tilting, joint_of, layout, move_on, steps_per_tick
 from sinew.emulator.plant import HornMotion, Law, Motion
-from sinew.emulator.unloaded import TENDON_NO_LOAD_SPEED, TENDON_VOLTAGE
 from sinew.measure.errors import SpecError
 from sinew.mechanics.parameters import POSITION
 from sinew.mechanics.tendons import span_lengths
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import FULL_DUTY_COUNTS, SERVOS
+from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, servo_of
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
 from sinew.twin.parameters import from_rig
 from sinew.twin.simulate import GRAVITY
-
-TENDON_STALL_TORQUE = SERVOS["XH430-W350"].stall_torque
-"""XH430-W350 at its horn [N m], at `TENDON_VOLTAGE` (data sheet)."""
 
 GEAR_HOLD = 0.1
 """Torque at the horn that the gear of an unpowered tendon motor holds [N m]; assumed. Gears of 353:1 hardly yield."""
@@ -226,9 +222,10 @@ class JointPlant:
 
     def _order_tendon(self, tendon: int) -> None:
         law, held, radius = self._laws[tendon], self._stuck[tendon], self._radius
-        share = self._supply / TENDON_VOLTAGE
-        stall = max(1e-9, TENDON_STALL_TORQUE * share / radius)
-        fastest = TENDON_NO_LOAD_SPEED * share * radius
+        servo = servo_of(self.spec.wiring.tendon_model)
+        share = self._supply / servo.nominal_voltage
+        stall = max(1e-9, servo.stall_torque * share / radius)
+        fastest = servo.no_load_speed * share * radius
         speed_limit = min(_FAR, law.speed_limit * radius)
         orders: dict[str, float] = {
             "goal": _FAR, "speed": 0.0, "compliance": 0.0, "limit": stall * law.duty_limit, "duty": law.duty_limit,
@@ -340,5 +337,5 @@ def _specific_force(
 
 def _servo_gain(spec: RigSpec) -> float:
     """Return the gain of a tendon motor's position loop [duty/rad] to which the rig's servo_stiffness belongs."""
-    servo = SERVOS.get(spec.wiring.tendon_model, SERVOS["XH430-W350"])
-    return servo.position_gain_counts / 128 / FULL_DUTY_COUNTS * spec.tendons.counts_per_turn.value / math.tau
+    per_count = servo_of(spec.wiring.tendon_model).position_gain_counts * P_GAIN_LSB / FULL_DUTY_COUNTS
+    return per_count * spec.tendons.counts_per_turn.value / math.tau

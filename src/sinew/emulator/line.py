@@ -1,4 +1,4 @@
-"""This is where bytes are on the wire: a half-duplex line with devices, in which every byte takes its time.
+"""The wire: a half-duplex line with devices, on which every byte takes its time.
 
 An instruction is heard when its last byte has come; a device answers when its return delay has passed, with what its
 registers hold then. In a sync or bulk read the answers follow one another; a device that does not answer costs the time

@@ -1,4 +1,4 @@
-"""This is where an emulated motor stands: an XH430-W350 or XM430-W350 as a master sees it.
+"""An emulated motor, as a master sees it.
 
 Not emulated: the secondary (shadow) id, the status with a CRC error, startup_configuration, backups, and the integral,
 derivative and feed-forward gains. Assumed where the manual is silent: torque on is refused with error 1 after a
@@ -16,9 +16,18 @@ from sinew.emulator.plant import Horn
 from sinew.emulator.servo import MODES, Servo, goal_of, reset_for_mode
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import BROADCAST, Instruction
-from sinew.hardware.register_tables import BAUD_RATES, POSITION_MODE, WATCHDOG_TRIPPED
+from sinew.hardware.register_tables import (
+    BAUD_RATES,
+    ELECTRICAL_SHOCK,
+    OVERHEATING,
+    OVERLOAD,
+    POSITION_MODE,
+    VOLTAGE,
+    WATCHDOG_TRIPPED,
+)
 from sinew.hardware.registers import RegisterTable
-from sinew.plan.servo import SERVOS
+from sinew.plan.servo import COUNTS_PER_VOLT, RETURN_DELAY_LSB, SERVOS, WATCHDOG_LSB
+from sinew.plan.servo import Servo as DataSheet
 
 # A motor grows warm, and notices that it is too warm, overloaded or badly fed.
 #
@@ -28,15 +37,10 @@ from sinew.plan.servo import SERVOS
 # stays at 80 % of the stall current or more for 1 s. The voltage's bit follows the voltage unless it is in the shutdown
 # mask; all others stay until the motor starts anew.
 
-VOLTAGE, OVERHEATING, ENCODER, ELECTRICAL_SHOCK, OVERLOAD = 0x01, 0x04, 0x08, 0x10, 0x20
-"""Bits of the registers hardware_error_status and shutdown."""
 PERIOD = 0.05
 """How often a motor looks after itself [s]."""
-STALL_CURRENT = {1000: SERVOS["XH430-W350"].stall_current, 1020: SERVOS["XM430-W350"].stall_current}
-"""By model number, at 12 V [A]; data sheets of XH430-W350 and XM430-W350."""
 
 _AMBIENT, _PER_WATT, _TIME_CONSTANT = 25.0, 6.0, 300.0
-_NOMINAL_VOLTAGE = SERVOS["XH430-W350"].nominal_voltage
 _OVERLOAD_SHARE, _OVERLOAD_TIME = 0.8, 1.0
 
 
@@ -44,21 +48,20 @@ _OVERLOAD_SHARE, _OVERLOAD_TIME = 0.8, 1.0
 class Protection:
     """What a motor knows about its own health.
 
-    stall_current: [A]. temperature: of the winding, taken for that of the register [°C]. overloaded_for: [s].
+    servo: its model. temperature: of the winding, taken for that of the register [°C]. overloaded_for: [s].
     latched: bits that stay until the motor starts anew.
     """
 
-    stall_current: float
+    servo: DataSheet
     temperature: float = _AMBIENT
     overloaded_for: float = 0.0
     latched: int = 0
 
     def advance(self, dt: float, current: float) -> None:
         """Carry a current [A] for a time [s]."""
-        resistance = _NOMINAL_VOLTAGE / self.stall_current
-        target = _AMBIENT + _PER_WATT * resistance * current * current
+        target = _AMBIENT + _PER_WATT * self.servo.resistance * current * current
         self.temperature += (target - self.temperature) * min(1.0, dt / _TIME_CONSTANT)
-        loaded = abs(current) >= _OVERLOAD_SHARE * self.stall_current
+        loaded = abs(current) >= _OVERLOAD_SHARE * self.servo.stall_current
         self.overloaded_for = self.overloaded_for + dt if loaded else 0.0
 
     def errors(self, supply: float, low: float, high: float, temperature_limit: float, shutdown: int) -> int:
@@ -78,12 +81,9 @@ class Protection:
         self.overloaded_for = 0.0
 
 
-BROWN_OUT = 6.5
-"""Supply below which a motor's controller stops working [V]; assumed."""
 START_TIME = 0.3
 """How long a motor is deaf after power-on or reboot [s]; assumed."""
 
-_WATCHDOG_UNIT = 20e-3  # s
 _FAST_READ_FIRMWARE = 45
 _GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
 _LIMITS = {"goal_pwm": "pwm_limit", "goal_current": "current_limit", "goal_velocity": "velocity_limit"}
@@ -118,7 +118,7 @@ class Motor(Device):
         registers["firmware_version"] = firmware
         registers["id"], registers["baud_rate"] = device_id, baud_code
         self.horn = horn
-        self.protection = Protection(STALL_CURRENT[rows.number])
+        self.protection = Protection(SERVOS[rows.model])
         self.supply = supply
         self.loses: set[str] = set()
         self._servo = Servo(registers, horn)
@@ -139,7 +139,7 @@ class Motor(Device):
 
     @property
     def return_delay(self) -> float:
-        return self.registers.memory[9] * 2e-6
+        return self.registers.memory[9] * RETURN_DELAY_LSB
 
     @property
     def status_return_level(self) -> int:
@@ -168,12 +168,17 @@ class Motor(Device):
         """When `advance` has something to do [s]."""
         return min(self._servo.due, self._watchdog_due, self._next_check)
 
+    @property
+    def is_powered(self) -> bool:
+        """Whether the supply is enough for its controller."""
+        return self.supply >= self.protection.servo.brown_out
+
     def hears(self, now: float) -> bool:
-        return self.supply >= BROWN_OUT and now >= self._deaf_until and self.registers.memory[13] == 2
+        return self.is_powered and now >= self._deaf_until and self.registers.memory[13] == 2
 
     def heed(self, now: float) -> None:
         if self._watchdog_due < math.inf:
-            self._watchdog_due = now + self.registers["bus_watchdog"] * _WATCHDOG_UNIT
+            self._watchdog_due = now + self.registers["bus_watchdog"] * WATCHDOG_LSB
 
     def advance(self, now: float) -> None:
         """Do what is due: trajectory, watchdog, protection."""
@@ -189,9 +194,9 @@ class Motor(Device):
 
     def set_supply(self, voltage: float, now: float) -> None:
         """Feed it another voltage [V]: too little turns it off, and from there it starts anew."""
-        was_on = self.supply >= BROWN_OUT
+        was_on = self.is_powered
         self.supply = voltage
-        if (voltage >= BROWN_OUT) != was_on:
+        if self.is_powered != was_on:
             self.restart(now)
         self._check()
 
@@ -302,13 +307,13 @@ class Motor(Device):
     def _arm(self, now: float) -> None:
         """Let the watchdog count from now on, where it is set and the torque is on."""
         units = self.registers["bus_watchdog"]
-        self._watchdog_due = now + units * _WATCHDOG_UNIT if units > 0 and self.torque else math.inf
+        self._watchdog_due = now + units * WATCHDOG_LSB if units > 0 and self.torque else math.inf
 
     def _check(self) -> None:
         """Look for hardware errors, and take the torque off if one asks for it."""
         registers, memory = self.registers, self.registers.memory
         shutdown = registers["shutdown"]
-        low, high = registers["min_voltage_limit"] / 10, registers["max_voltage_limit"] / 10
+        low, high = (registers[f"{end}_voltage_limit"] / COUNTS_PER_VOLT for end in ("min", "max"))
         errors = self.protection.errors(self.supply, low, high, registers["temperature_limit"], shutdown)
         memory[_ERRORS] = errors
         if self.torque and self.protection.latched & shutdown:

@@ -1,13 +1,14 @@
-"""This is where it is said what an emulated motor asks of the mechanics, and what the mechanics answer.
+"""What an emulated motor asks of the mechanics, and what the mechanics answer.
 
 The device side (registers, modes, limits) sets a `Law` for each horn; the mechanics side (`Plant`) moves on in time and
 tells a `Motion`. Angles are at the horn, in the motor's own positive sense being *pulling* for a tendon motor and
 the lever's positive sense for the drive; everything is in SI.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Literal, Protocol
+
+from sinew.plan.servo import PULSE
 
 LawKind = Literal["off", "pwm", "velocity", "position", "current"]
 
@@ -94,9 +95,6 @@ class Plant(Protocol):
 
 
 # The devices meet the mechanics: one plant, moved on only when somebody looks or pushes.
-
-PULSE = math.tau / 4096
-"""One count of a motor's encoder [rad]."""
 
 
 class Mechanics:

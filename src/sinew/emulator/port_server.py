@@ -1,4 +1,4 @@
-"""This is where an emulated bench is served on a pseudo-terminal, or a socket, in real time.
+"""An emulated bench on a pseudo-terminal, or a socket, in real time.
 
 To whom it shares its clock with, time passes as `sinew.hardware.shared_clock` says; to all others by itself.
 """
@@ -26,16 +26,84 @@ from sinew.hardware.transport import Clock
 from sinew.measure.errors import FileError
 
 
-class _Listener:
-    """A listening socket with a link to it, and one master at most.
+def refuse_taken(link: Path) -> None:
+    """Raise FileError where something stands in the place of a link, except a link that an emulator left when it was
+    killed: one that leads nowhere, or to a socket at which nobody listens."""
+    if link.is_symlink():
+        if link.exists() and not _is_left(link):
+            raise FileError(
+                f"{link} leads to {link.readlink()}, which is there; expected a free name: "
+                "is another emulator running? stop it, remove the link, or choose another name"
+            )
+    elif link.exists():
+        raise FileError(f"{link} is there already and is no link; choose another name, nothing is replaced")
 
-    Raises FileError where something stands there that is no stale link, or where the folder takes no link; PortError
-    where the system gives no socket.
+
+def _is_left(link: Path) -> bool:
+    """Return whether a link leads to a socket at which nobody listens any more."""
+    if not link.is_socket():
+        return False
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+        asking.settimeout(_ASKS_S)
+        try:
+            asking.connect(str(link.resolve()))
+        except ConnectionRefusedError:
+            return True
+        except OSError:
+            pass
+    return False
+
+
+_ASKS_S = 1.0
+
+
+def make_link(link: Path, terminal: str) -> None:
+    """Make a link, or turn a stale one over, in one stroke. Raises OSError."""
+    if link.is_symlink():
+        fresh = link.with_name(f".{link.name}.{os.getpid()}")
+        fresh.symlink_to(terminal)
+        fresh.replace(link)
+    else:
+        link.symlink_to(terminal)
+
+
+class _Named:
+    """What stands behind a link. terminal: where the link leads to.
+
+    Raises FileError where something stands there that is no stale link, or where the folder takes no link.
     """
 
-    def __init__(self, link: Path, name: str) -> None:
+    terminal: str
+
+    def __init__(self, link: Path) -> None:
         self.link = link
         refuse_taken(link)
+
+    def _make_link(self) -> None:
+        try:
+            make_link(self.link, self.terminal)
+        except OSError as trouble:
+            self._close_ends()
+            raise FileError(
+                f"cannot link {self.link}: {trouble.strerror}; choose a folder that you may write"
+            ) from trouble
+
+    def close(self) -> None:
+        """Hang up and remove the link; a master that is still there sees the end of the file or EIO."""
+        with contextlib.suppress(OSError):
+            if self.link.readlink() == Path(self.terminal):
+                self.link.unlink()
+        self._close_ends()
+
+    def _close_ends(self) -> None:
+        raise NotImplementedError
+
+
+class _Listener(_Named):
+    """A listening socket with a link to it, and one master at most. Raises PortError where the system gives none."""
+
+    def __init__(self, link: Path, name: str) -> None:
+        super().__init__(link)
         self._folder = Path(tempfile.mkdtemp(prefix="sinew-"))  # paths of sockets are short, and nobody else's
         self.terminal = str(self._folder / name)
         self._listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -49,22 +117,11 @@ class _Listener:
             raise PortError(f"no socket to be had ({trouble}); expected a system with Unix sockets") from trouble
         self._listening.setblocking(False)
         self._ready.register(self._listening, selectors.EVENT_READ)
-        try:
-            make_link(link, self.terminal)
-        except OSError as trouble:
-            self._close_ends()
-            raise FileError(f"cannot link {link}: {trouble.strerror}; choose a folder that you may write") from trouble
+        self._make_link()
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when a master has come, said something or left."""
         return self._ready.fileno()
-
-    def close(self) -> None:
-        """Hang up and remove the link; a master that is still there sees the end. May be called again."""
-        with contextlib.suppress(OSError):
-            if self.link.readlink() == Path(self.terminal):
-                self.link.unlink()
-        self._close_ends()
 
     def _accept(self) -> bool:
         """Return whether a master has come that is served now; turn it away while another is served."""
@@ -189,16 +246,14 @@ _AT_ONCE = 65536  # bytes
 _TCGETS2, _TERMIOS2 = 0x802C542A, struct.Struct("4I20s2I")
 
 
-class PtyPort:
+class PtyPort(_Named):
     """A pseudo-terminal with a link to it.
 
-    link: name of the port. Raises FileError where something stands there that is no stale link, or where the folder
-    takes no link; PortError where the system gives no pseudo-terminal.
+    link: name of the port. Raises PortError where the system gives no pseudo-terminal.
     """
 
     def __init__(self, link: Path) -> None:
-        self.link = link
-        refuse_taken(link)
+        super().__init__(link)
         try:
             self._ours, self._theirs = os.openpty()
         except OSError as trouble:
@@ -206,11 +261,7 @@ class PtyPort:
         tty.setraw(self._theirs)
         os.set_blocking(self._ours, False)
         self.terminal = os.ttyname(self._theirs)
-        try:
-            make_link(link, self.terminal)
-        except OSError as trouble:
-            self._close_ends()
-            raise FileError(f"cannot link {link}: {trouble.strerror}; choose a folder that you may write") from trouble
+        self._make_link()
 
     def fileno(self) -> int:
         """Return the descriptor that is readable when a master has sent something."""
@@ -247,58 +298,63 @@ class PtyPort:
         """Drop what was sent and no master has read."""
         termios.tcflush(self._theirs, termios.TCIFLUSH)
 
-    def close(self) -> None:
-        """Hang up and remove the link; a master that is still there sees the end of the file or EIO."""
-        with contextlib.suppress(OSError):
-            if self.link.readlink() == Path(self.terminal):
-                self.link.unlink()
-        self._close_ends()
-
     def _close_ends(self) -> None:
         os.close(self._ours)
         os.close(self._theirs)
 
 
-def refuse_taken(link: Path) -> None:
-    """Raise FileError where something stands in the place of a link, except a link that an emulator left when it was
-    killed: one that leads nowhere, or to a socket at which nobody listens."""
-    if link.is_symlink():
-        if link.exists() and not _is_left(link):
-            raise FileError(
-                f"{link} leads to {link.readlink()}, which is there; expected a free name: "
-                "is another emulator running? stop it, remove the link, or choose another name"
-            )
-    elif link.exists():
-        raise FileError(f"{link} is there already and is no link; choose another name, nothing is replaced")
+# A socket of this computer stands in for a serial port, for masters that keep time on a busy computer.
+#
+# Other programs than Sinew's cannot open it; for them there is `PtyPort`. One master is served at a
+# time: it hears a plus sign first, the next one is turned away.
 
 
-def _is_left(link: Path) -> bool:
-    """Return whether a link leads to a socket at which nobody listens any more."""
-    if not link.is_socket():
-        return False
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
-        asking.settimeout(_ASKS_S)
+class SocketPort(_Listener):
+    """A listening socket with a link to it.
+
+    link: name of the port. host_baud: rate that a master's adapter is taken to have [1/s], for none is told.
+    """
+
+    def __init__(self, link: Path, host_baud: int) -> None:
+        super().__init__(link, "port")
+        self._baud = host_baud
+
+    def baud(self) -> int:
+        """Return the rate that a master is taken to have set [1/s]; 0 where there is none."""
+        return self._baud if self._master is not None else 0
+
+    def read(self) -> bytes:
+        """Return what the master has sent and nobody has read; b"" where there is nothing."""
+        if self._accept():
+            self._greet()
+        return self._receive(_AT_ONCE)
+
+    def write(self, data: bytes) -> int:
+        """Send bytes to the master; return how many the system took, all of them where there is no master."""
+        if self._master is None:
+            return len(data)
         try:
-            asking.connect(str(link.resolve()))
-        except ConnectionRefusedError:
-            return True
+            return self._master.send(data)
+        except BlockingIOError:
+            return 0
         except OSError:
-            pass
-    return False
+            self._part()
+            return len(data)
+
+    def release(self) -> None:
+        """Do nothing: a master that has left holds nothing."""
+
+    def forget(self) -> None:
+        """Do nothing: every master has a connection of its own."""
+
+    def _greet(self) -> None:
+        assert self._master is not None
+        with contextlib.suppress(OSError):
+            self._master.send(b"+")
 
 
-_ASKS_S = 1.0
-
-
-def make_link(link: Path, terminal: str) -> None:
-    """Make a link, or turn a stale one over, in one stroke. Raises OSError."""
-    if link.is_symlink():
-        fresh = link.with_name(f".{link.name}.{os.getpid()}")
-        fresh.symlink_to(terminal)
-        fresh.replace(link)
-    else:
-        link.symlink_to(terminal)
-
+Port = PtyPort | SocketPort
+"""What a master opens."""
 
 _TICK = 1e-3
 """How long it sleeps at most [s]; in between the plant moves on, so that no answer has to wait for much of it."""
@@ -360,40 +416,6 @@ class Served(Protocol):
 
     def catch_up(self) -> None:
         """Do now, while nobody waits, what an answer would otherwise have to wait for."""
-        ...
-
-
-class Port(Protocol):
-    """What a master opens. terminal: what its link leads to."""
-
-    terminal: str
-
-    def fileno(self) -> int:
-        """Return the descriptor that is readable when a master has sent something."""
-        ...
-
-    def baud(self) -> int:
-        """Return the rate that the master has set [1/s]; 0 where there is none."""
-        ...
-
-    def read(self) -> bytes:
-        """Return what masters have sent and nobody has read; b"" where there is nothing."""
-        ...
-
-    def write(self, data: bytes) -> int:
-        """Send bytes to the master; return how many the system took."""
-        ...
-
-    def release(self) -> None:
-        """Let others open the port after a master that has left."""
-        ...
-
-    def forget(self) -> None:
-        """Drop what was sent and no master has read."""
-        ...
-
-    def close(self) -> None:
-        """Hang up and remove the link."""
         ...
 
 
@@ -654,53 +676,3 @@ class PtyServer:
         if baud:
             self._rig.line.host_baud = baud
             self._rig.receive(data, self._heard)
-
-
-# A socket of this computer stands in for a serial port, for masters that keep time on a busy computer.
-#
-# Other programs than Sinew's cannot open it; for them there is `PtyPort`. One master is served at a
-# time: it hears a plus sign first, the next one is turned away.
-
-
-class SocketPort(_Listener):
-    """A listening socket with a link to it.
-
-    link: name of the port. host_baud: rate that a master's adapter is taken to have [1/s], for none is told.
-    """
-
-    def __init__(self, link: Path, host_baud: int) -> None:
-        super().__init__(link, "port")
-        self._baud = host_baud
-
-    def baud(self) -> int:
-        """Return the rate that a master is taken to have set [1/s]; 0 where there is none."""
-        return self._baud if self._master is not None else 0
-
-    def read(self) -> bytes:
-        """Return what the master has sent and nobody has read; b"" where there is nothing."""
-        if self._accept():
-            self._greet()
-        return self._receive(_AT_ONCE)
-
-    def write(self, data: bytes) -> int:
-        """Send bytes to the master; return how many the system took, all of them where there is no master."""
-        if self._master is None:
-            return len(data)
-        try:
-            return self._master.send(data)
-        except BlockingIOError:
-            return 0
-        except OSError:
-            self._part()
-            return len(data)
-
-    def release(self) -> None:
-        """Do nothing: a master that has left holds nothing."""
-
-    def forget(self) -> None:
-        """Do nothing: every master has a connection of its own."""
-
-    def _greet(self) -> None:
-        assert self._master is not None
-        with contextlib.suppress(OSError):
-            self._master.send(b"+")

@@ -1,4 +1,4 @@
-"""This is where the emulated bench stands: five motors and a sensor on one line, with mechanics behind them.
+"""The emulated bench: motors and sensors on one line, with mechanics behind them.
 
 Times are seconds since the bench was made. Things happen when they are due: a sample of the sensor, a step of a
 trajectory, a watchdog, an answer. The mechanics move only as far as somebody needs them.
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinew.emulator.imu_node import ImuNode
+from sinew.emulator.imu_node import ImuNode, SensorNode
 from sinew.emulator.line import Line
-from sinew.emulator.motor import BROWN_OUT, Motor
+from sinew.emulator.motor import Motor
 from sinew.emulator.plant import Horn, Law, Mechanics, Motion, Plant
 from sinew.hardware.register_tables import BAUD_RATES, MOTORS, OPENCR_NODE
 from sinew.measure.errors import SpecError
@@ -177,7 +177,9 @@ class EmulatedRig:
         self.imu = ImuNode(
             spec.imu, self.mechanics, rng, device_id=wiring.imu_id, baud=baud, axes=wiring.imu_axes, ppm=imu_ppm
         )
-        self.line = Line([*self._motors, self.imu], wiring.baud)
+        nodes = (SensorNode(s, self.mechanics, np.random.default_rng((seed, s.id)), baud) for s in spec.sensors)
+        self.sensors = tuple(nodes)
+        self.line = Line([*self._motors, self.imu, *self.sensors], wiring.baud)
         self.trips = TripLog(self._motors, self.line)
 
     @property
@@ -238,13 +240,14 @@ class EmulatedRig:
         self._motors_due = min(self.trips.due, *[motor.due for motor in self._motors])
 
     def set_supply(self, voltage: float) -> None:
-        """Feed the bench another voltage [V], from now on; below `BROWN_OUT` every device goes off."""
+        """Feed the bench another voltage [V], from now on; too little turns it off, the sensor with the motors."""
         self.supply = voltage
         self.mechanics.catch_up().set_supply(voltage)
         for motor in self._motors:
             motor.set_supply(voltage, self.time)
         self._look_ahead()
-        self.imu.set_power(voltage >= BROWN_OUT, self.time)
+        for board in (self.imu, *self.sensors):
+            board.set_power(all(motor.is_powered for motor in self._motors), self.time)
 
     def stick(self, tendon: int, stuck: bool) -> None:
         """Jam a tendon's pulley from now on, or let it go; tendons count from 0."""

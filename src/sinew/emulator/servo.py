@@ -1,11 +1,11 @@
-"""This is where a motor's goals move its horn, and the horn's motion becomes its present registers."""
+"""A motor at its horn: its goals move it, and its motion becomes the present registers."""
 
 import math
 import struct
 from dataclasses import dataclass
 
 from sinew.emulator.control_table import ControlTable
-from sinew.emulator.plant import PULSE, Horn, Law
+from sinew.emulator.plant import Horn, Law
 from sinew.hardware.register_tables import (
     CURRENT_MODE,
     CURRENT_POSITION_MODE,
@@ -14,7 +14,15 @@ from sinew.hardware.register_tables import (
     PWM_MODE,
     VELOCITY_MODE,
 )
-from sinew.plan.servo import FULL_DUTY_COUNTS
+from sinew.plan.servo import (
+    ACCELERATION_LSB,
+    COUNTS_PER_TURN,
+    COUNTS_PER_VOLT,
+    FULL_DUTY_COUNTS,
+    P_GAIN_LSB,
+    PULSE,
+    SPEED_LSB,
+)
 
 # A goal becomes a trajectory: a motor's speed and acceleration profile.
 #
@@ -84,7 +92,7 @@ class Profile:
 #     5 current-based     as 4, and the current limited by goal_current
 #     16 PWM              goal_pwm
 #
-# Source: e-Manual, pages XH430-W350 and XM430-W350, "Operating Mode(11)". Integral, derivative and feed-forward gains
+# Source: e-Manual, "Operating Mode(11)". Integral, derivative and feed-forward gains
 # are kept in their registers and have no effect; the velocity loop's missing integral part is made up for by a larger
 # P gain.
 
@@ -92,12 +100,6 @@ MODES = (CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_POSITION_MODE, CUR
 """Values of operating_mode that there are."""
 POSITION_MODES = (POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE)
 """Those that go to goal_position."""
-FULL_DUTY = FULL_DUTY_COUNTS
-"""Counts of PWM that are the whole supply."""
-SPEED = 0.229 * math.tau / 60
-"""One count of speed [rad/s]."""
-CURRENT = 2.69e-3
-"""One count of current [A]."""
 
 _INTEGRAL = 16.0  # factor on the velocity loop's P gain that stands for its integral part
 _GAINS = (
@@ -138,31 +140,30 @@ def law_of(registers: ControlTable, sign: int, angle: float, speed: float) -> La
     sign: of the plant's sense that counts have. angle: the plant's angle to go to [rad], speed: the plant's speed to
     keep [rad/s], in the modes that do so.
     """
-    mode = registers["operating_mode"]
+    mode, ampere = registers["operating_mode"], registers.rows["goal_current"].scale
     if mode == PWM_MODE:
         return Law("pwm", sign * _duty(registers["goal_pwm"]))
     limit = abs(_duty(registers["goal_pwm"]))
     if mode == CURRENT_MODE:
-        return Law("current", sign * registers["goal_current"] * CURRENT, duty_limit=limit)
+        return Law("current", sign * registers["goal_current"] * ampere, duty_limit=limit)
     if mode == VELOCITY_MODE:
-        gain = registers["velocity_p_gain"] / 128 / FULL_DUTY / SPEED * _INTEGRAL
+        gain = registers["velocity_p_gain"] * P_GAIN_LSB / FULL_DUTY_COUNTS / SPEED_LSB * _INTEGRAL
         return Law("velocity", speed, gain, limit)
-    gain = registers["position_p_gain"] / 128 / FULL_DUTY / PULSE
-    current = abs(registers["goal_current"]) * CURRENT if mode == CURRENT_POSITION_MODE else math.inf
+    gain = registers["position_p_gain"] * P_GAIN_LSB / FULL_DUTY_COUNTS / PULSE
+    current = abs(registers["goal_current"]) * ampere if mode == CURRENT_POSITION_MODE else math.inf
     return Law("position", angle, gain, limit, current)
 
 
 def _duty(counts: int) -> float:
-    return max(-1.0, min(1.0, counts / FULL_DUTY))
+    return max(-1.0, min(1.0, counts / FULL_DUTY_COUNTS))
 
 
-_TURN = 4096
 _LARGEST_OFFSET_IN_ONE_TURN = 1024  # homing offset beyond it is ignored in position mode
 _PRESENT = struct.Struct("<HBBhhiiiiHB")  # realtime_tick .. present_temperature
 _PRESENT_START = 120
 _DRIVE_MODE, _MODE = 10, 11  # addresses of single bytes that are asked for all the time
-_COUNTS_PER_SPEED = SPEED / PULSE  # counts/s
-_COUNTS_PER_ACCELERATION = 214.577 / 60**2 * _TURN  # counts/s²
+_COUNTS_PER_SPEED = SPEED_LSB / PULSE  # counts/s
+_COUNTS_PER_ACCELERATION = ACCELERATION_LSB / PULSE  # counts/s²
 _REACHED = 20.0  # counts within which a goal counts as reached, or a trajectory as followed; assumed
 _REVERSE, _TIME_BASED = 0x01, 0x04
 _ONGOING, _FOLLOWING_ERROR, _IN_POSITION = 0x02, 0x08, 0x01
@@ -206,13 +207,13 @@ class Servo:
         registers = self._registers
         counts = self._direction * self._horn.counts_of(self._horn.motion().angle)
         if not self.is_on and registers.memory[_MODE] == POSITION_MODE:
-            self._turns = math.floor(round(counts) / _TURN) * _TURN
+            self._turns = math.floor(round(counts) / COUNTS_PER_TURN) * COUNTS_PER_TURN
         return counts - self._turns + self._offset()
 
     def forget_turns(self) -> None:
         """Take the present position for one within the first turn."""
         counts = self._direction * self._horn.counts_of(self._horn.motion().angle)
-        self._turns = math.floor(round(counts) / _TURN) * _TURN
+        self._turns = math.floor(round(counts) / COUNTS_PER_TURN) * COUNTS_PER_TURN
         self._profile.jump(self.position())
         if self.is_on:
             self._settle_on_present()
@@ -275,7 +276,7 @@ class Servo:
             self._next_step = math.inf
         at, sign = self._profile.position, self.sign
         is_speed = self._registers.memory[_MODE] == VELOCITY_MODE
-        angle, speed = (0.0, sign * at * SPEED) if is_speed else (self._angle_of(at), 0.0)
+        angle, speed = (0.0, sign * at * SPEED_LSB) if is_speed else (self._angle_of(at), 0.0)
         self._horn.set_law(law_of(self._registers, sign, angle, speed))
 
     def advance(self, now: float) -> None:
@@ -287,7 +288,7 @@ class Servo:
 
     def is_moving(self) -> bool:
         """Return what the register `moving` says."""
-        speed = abs(self._horn.motion().speed) / SPEED
+        speed = abs(self._horn.motion().speed) / SPEED_LSB
         return speed > self._registers["moving_threshold"] or self._is_underway()
 
     def tell(self, tick: int, volts: float, degrees: float) -> None:
@@ -301,13 +302,13 @@ class Servo:
             tick & 0x7FFF,
             self.is_moving(),
             self._status(position),
-            _clip(sign * motion.duty * FULL_DUTY, 16),
-            _clip(sign * motion.current / CURRENT, 16),
-            _clip(sign * motion.speed / SPEED, 32),
+            _clip(sign * motion.duty * FULL_DUTY_COUNTS, 16),
+            _clip(sign * motion.current / registers.rows["present_current"].scale, 16),
+            _clip(sign * motion.speed / SPEED_LSB, 32),
             _clip(position, 32),
             _clip(profile.position if speed else profile.speed / _COUNTS_PER_SPEED, 32),
             0 if speed else _clip(profile.position, 32),
-            max(0, min(0xFFFF, round(volts * 10))),
+            max(0, min(0xFFFF, round(volts * COUNTS_PER_VOLT))),
             max(0, min(0xFF, int(degrees))),
         )
 

@@ -1,4 +1,4 @@
-"""This is where motors turn with nothing attached: a plant for trying the bus, in closed form and at no cost."""
+"""Motors that turn with nothing attached: a plant for trying the bus, in closed form and at no cost."""
 
 import math
 from collections.abc import Callable
@@ -6,10 +6,7 @@ from dataclasses import dataclass, field
 
 from sinew.emulator.plant import HornMotion, Law, Motion
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import SERVOS
-
-TENDON_NO_LOAD_SPEED, TENDON_VOLTAGE = SERVOS["XH430-W350"].no_load_speed, SERVOS["XH430-W350"].nominal_voltage
-"""XH430-W350 at its horn [rad/s], at [V] (data sheet)."""
+from sinew.plan.servo import servo_of
 
 RESPONSE_S = 0.02
 """Time constant with which the speed of an unloaded motor follows what its law asks for [s]; assumed."""
@@ -90,10 +87,10 @@ class Unloaded:
     """
 
     def __init__(self, count: int, spec: RigSpec) -> None:
-        drive = spec.drive
+        drive, servo = spec.drive, servo_of(spec.wiring.tendon_model)
         self._time = 0.0
-        self._voltages = [TENDON_VOLTAGE] * count + [drive.nominal_voltage.value]
-        speeds = [TENDON_NO_LOAD_SPEED] * count + [drive.no_load_speed.value]
+        self._voltages = [servo.nominal_voltage] * count + [drive.nominal_voltage.value]
+        speeds = [servo.no_load_speed] * count + [drive.no_load_speed.value]
         self._horns = [_Horn(speed) for speed in speeds]
         self.set_supply(drive.supply_voltage.value)
 

@@ -1,4 +1,4 @@
-"""This is where an emulated bench is played with in virtual time: port and clock in one, and nothing sleeps."""
+"""An emulated bench in virtual time: port and clock in one, and nothing sleeps."""
 
 from sinew.emulator.faults import FaultyRig
 from sinew.emulator.rig import EmulatedRig

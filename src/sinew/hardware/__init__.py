@@ -1,1 +1,1 @@
-"""This is where motors and sensors are spoken to: packets, registers, the port and the bus."""
+"""What speaks to motors and sensors: packets, registers, the port and the bus."""

@@ -1,4 +1,4 @@
-"""This is where packets of the Dynamixel Protocol 2.0 become bytes.
+"""Packets of the Dynamixel Protocol 2.0, as bytes and back.
 
     instruction   FF FF FD 00 | ID | LEN_L LEN_H | INST | params | CRC_L CRC_H
     status        FF FF FD 00 | ID | LEN_L LEN_H | 0x55 | ERR | params | CRC_L CRC_H

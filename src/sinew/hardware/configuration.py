@@ -14,13 +14,10 @@ from typing import Literal
 
 from sinew.hardware.errors import DeviceError
 from sinew.hardware.motor import Motor
-from sinew.hardware.register_tables import CURRENT_MODE
+from sinew.hardware.register_tables import CURRENT_MODE, SHUTDOWN
 from sinew.hardware.servos import DriveServo
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, SERVOS
-
-SHUTDOWN = 1 << 2 | 1 << 4 | 1 << 5
-"""Overheating, electrical shock and overload: the bits of the register shutdown as from the factory."""
 
 NO_SECOND_ID = 253
 """From here on a shadow id stands for none."""

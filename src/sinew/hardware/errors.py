@@ -1,4 +1,4 @@
-"""This is where what can go wrong between Sinew and a bench gets its name.
+"""Names for what can go wrong between Sinew and a bench.
 
     SinewError
     └── HardwareError

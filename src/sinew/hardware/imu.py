@@ -1,4 +1,4 @@
-"""This is where the head's inertial sensor is read: rates and accelerations in the head's frame, and their age."""
+"""The head's inertial sensor as it is read: rates and accelerations in the head's frame, and their age."""
 
 import math
 from dataclasses import dataclass

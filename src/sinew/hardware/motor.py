@@ -1,4 +1,4 @@
-"""This is where one motor of the bus is set up and asked: registers by name, torque, watchdog, modes, errors.
+"""One motor of the bus, set up and asked: registers by name, torque, watchdog, modes, errors.
 
 What a motor does not do raises DeviceError with a sentence. The bench's cycle does not go this way, see
 `sinew.hardware.rig`.

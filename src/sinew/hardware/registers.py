@@ -1,4 +1,4 @@
-"""This is where a register is described, and its bytes become a quantity and back.
+"""A register: how it is described, and how its bytes become a quantity and back.
 
 A register is a row: where it lies, what may be done to it, and what one count of it means. Quantities are in SI and
 radians; a duty (PWM) is a fraction of the supply and temperatures are in degrees Celsius.

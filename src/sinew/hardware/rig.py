@@ -1,4 +1,4 @@
-"""This is where all devices of a bench are one: read in one transaction, told their goals in another, set up alike.
+"""All devices of a bench as one: read in one transaction, told their goals in another, set up alike.
 
 A cycle of the bench is `write_goals` and `read`. What a device did not answer, or answered too late, is missing from a
 reading and never repeated: the next cycle comes soon enough.
@@ -24,6 +24,7 @@ from sinew.hardware.imu import ClockTrack, Imu, ImuReading
 from sinew.hardware.motor import Motor
 from sinew.hardware.register_tables import CURRENT_POSITION_MODE, IMUS, MOTORS, POSITION_MODE
 from sinew.hardware.registers import RegisterTable, lay_out
+from sinew.hardware.sensor import SensorNode
 from sinew.hardware.servos import TENDON_MODES, DriveServo, TendonServo
 from sinew.hardware.transport import Clock, Reply
 from sinew.plan.plan import TendonMode
@@ -31,7 +32,6 @@ from sinew.plan.rig import RigSpec
 
 _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
 _CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")
-_SPAN_OF_TICK = 32_768
 _READ_MOST_S = 0.02  # on the wire; the bus watchdogs of a run wait four times as long
 
 
@@ -66,7 +66,8 @@ class Reading:
 
     time: host's time at which the drive read its encoder [s]; what port and operating system take is not in it.
     climate: of the one motor that was asked for it this time. faults: answers that were not ok.
-    stale: names of devices whose answer was whole but of an earlier time.
+    stale: names of devices whose answer was whole but of an earlier time. sensors: in the order of the rig's, NaN for
+    one that gave no answer.
     """
 
     time: float
@@ -76,6 +77,7 @@ class Reading:
     climate: Climate | None
     faults: tuple[Reply, ...]
     stale: tuple[str, ...] = ()
+    sensors: tuple[float, ...] = ()
 
 
 class _Present:
@@ -90,7 +92,7 @@ class _Present:
         sign = motor.sign
         self._duty, self._current, self._speed, self._angle = sign * duty, sign * current, sign * speed, sign * angle
         self._zero = zero
-        self.track = ClockTrack(short.scales[0], _SPAN_OF_TICK)
+        self.track = ClockTrack(short.scales[0], motor.table["realtime_tick"].highest + 1)
 
     def decode(self, reply: Reply, time: float) -> MotorReading | None:
         """Return what a good answer says, or None if it does not belong to this host time [s]."""
@@ -110,8 +112,8 @@ class Rig:
     """The bench's devices.
 
     bus, clock: the seams; nothing is sent while it is made. spec: wiring, limits and gear of the rig.
-    tendons, drive, imu: the devices. motors: tendons first, then the drive. stale: answers of an earlier time, by
-    device.
+    tendons, drive, imu, sensors: the devices. motors: tendons first, then the drive. stale: answers of an earlier time,
+    by device.
     Raises RegisterError if the wiring names a model of which there is no register table.
     """
 
@@ -130,7 +132,9 @@ class Rig:
             bus, "drive", wiring.drive_id, drive, wiring.drive_sign, zero=wiring.drive_zero_counts, window=window
         )
         self.imu = Imu(bus, wiring.imu_id, imu, wiring.imu_axes)
+        self.sensors = tuple(SensorNode(bus, sensor) for sensor in spec.sensors)
         self.motors: tuple[Motor, ...] = (*self.tendons, self.drive)
+        self.devices: tuple[Motor | Imu | SensorNode, ...] = (*self.motors, self.imu, *self.sensors)
         self.stale: Counter[str] = Counter()
         self._mode: TendonMode | None = None
         self._needed_a = 0.0
@@ -143,8 +147,9 @@ class Rig:
         grouped = len(self._turns[0])
         answers = sum(wire_bytes(read.length, status=True) for read in self._turns[0])
         self._read_bytes = wire_bytes(5 * grouped) + answers
-        if not self.imu.is_grouped:
-            self._read_bytes += wire_bytes(4) + wire_bytes(self.imu.ask.length, status=True)
+        alone = [] if self.imu.is_grouped else [self.imu.ask.length]
+        for length in (*alone, *(sensor.row.size for sensor in self.sensors)):
+            self._read_bytes += wire_bytes(4) + wire_bytes(length, status=True)
 
     @property
     def cycle_bytes(self) -> int:
@@ -158,7 +163,8 @@ class Rig:
     def read(self) -> Reading:
         """Return what all devices say, in one transaction that is never repeated; a missing answer raises nothing.
 
-        The drive answers first and the IMU second. One motor in turn also tells its climate. Raises PortError.
+        The drive answers first and the IMU second; sensors with a node of their own are asked after it, one by one. One
+        motor in turn also tells its climate. Raises PortError.
         """
         turn, bus = self._turn, self.bus
         self._turn = (turn + 1) % len(self._turns)
@@ -171,9 +177,11 @@ class Rig:
         asked = self._presents[turn]
         there = drive if asked is self._drive_present else tendons[turn]
         climate = asked.climate(replies[asked.id]) if there is not None else None
+        replies |= {sensor.id: sensor.ask() for sensor in self.sensors}
+        told = tuple([sensor.value(replies[sensor.id]) for sensor in self.sensors])
         faults = tuple([reply for reply in replies.values() if not reply.ok])
         self.stale.update(stale)
-        return Reading(time, drive, tendons, imu, climate, faults, tuple(stale))
+        return Reading(time, drive, tendons, imu, climate, faults, tuple(stale), told)
 
     def write_goals(self, drive_angle: float, tendon_goals: Sequence[float]) -> None:
         """Tell all motors their goals, in one packet that nobody answers.

@@ -1,4 +1,4 @@
-"""This is where a serial port becomes a transport, and the only place that imports pyserial."""
+"""Serial ports and sockets as transports, and the latency timer of an adapter; only here is pyserial imported."""
 
 import os
 import select
@@ -11,40 +11,28 @@ from sinew.hardware.errors import PortError
 from sinew.hardware.transport import Clock
 
 _AT_ONCE = 4096  # bytes
+_OPENS_S = 5.0  # on a busy computer
 
 
-class SerialPort:
-    """A serial port of Linux or macOS, locked against other masters.
+class _Port:
+    """What serial port and socket share. opened: what was opened; None when closed. advice: where it is lost."""
 
-    path: such as /dev/ttyUSB0. baud: 1/s. clock: the one that deadlines are told by.
-    Raises PortError if there is no such port, or it is in use, or it cannot do that baud.
-    """
-
-    def __init__(self, path: str, baud: int, clock: Clock) -> None:
-        import serial
-
-        self._path, self._clock = path, clock
-        self._port: Any = None
-        try:
-            self._port = serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
-        except (OSError, ValueError, termios.error) as trouble:
-            reason = os.strerror(trouble.errno) if isinstance(trouble, OSError) and trouble.errno else trouble
-            raise PortError(
-                f"cannot open {path} at {baud} baud ({reason}); "
-                "expected a free serial port; is it plugged in, and no other program on it?"
-            ) from trouble
+    def __init__(self, path: str, clock: Clock, advice: str) -> None:
+        self._path, self._clock, self._advice = path, clock, advice
+        self._opened: Any = None
 
     def write(self, data: bytes) -> None:
-        """Send bytes; raises PortError if the port is gone."""
+        """Send bytes; raises PortError if the port, or the other end, is gone."""
+        opened = self._open()
         try:
-            self._open().write(data)
+            opened.sendall(data) if isinstance(opened, socket.socket) else opened.write(data)
         except OSError as trouble:
             raise self._gone(trouble) from trouble
 
     def read(self, deadline: float) -> bytes:
         """Return what has arrived, waiting for at least a byte until `deadline` [s]; then b"".
 
-        Raises PortError if the port is gone.
+        Raises PortError if the port, or the other end, is gone.
         """
         file = self._open().fileno()
         try:
@@ -59,41 +47,56 @@ class SerialPort:
 
     def close(self) -> None:
         """Give the port back; may be called again."""
-        if self._port is not None:
-            self._port.close()
-            self._port = None
+        if self._opened is not None:
+            self._opened.close()
+            self._opened = None
 
     def _open(self) -> Any:
-        if self._port is None:
+        if self._opened is None:
             raise self._gone("closed")
-        return self._port
+        return self._opened
 
     def _gone(self, why: object) -> PortError:
-        return PortError(f"lost {self._path} ({why}); expected an open port; check plug and power, then start again")
+        return PortError(f"lost {self._path} ({why}); {self._advice}")
 
 
-# A socket of this computer becomes a transport: the way to an emulated bench that keeps time.
-#
-# A pseudo-terminal passes bytes on by a worker of the kernel, which on a busy computer waits its turn behind whatever
-# computes, for 50 ms and more; a real bench would count as lost. A socket has no such worker.
+class SerialPort(_Port):
+    """A serial port of Linux or macOS, locked against other masters.
 
-_OPENS_S = 5.0  # on a busy computer
+    path: such as /dev/ttyUSB0. baud: 1/s. clock: the one that deadlines are told by.
+    Raises PortError if there is no such port, or it is in use, or it cannot do that baud.
+    """
+
+    def __init__(self, path: str, baud: int, clock: Clock) -> None:
+        import serial
+
+        super().__init__(path, clock, "expected an open port; check plug and power, then start again")
+        try:
+            self._opened = serial.Serial(path, baud, timeout=0, write_timeout=1.0, exclusive=True)
+        except (OSError, ValueError, termios.error) as trouble:
+            reason = os.strerror(trouble.errno) if isinstance(trouble, OSError) and trouble.errno else trouble
+            raise PortError(
+                f"cannot open {path} at {baud} baud ({reason}); "
+                "expected a free serial port; is it plugged in, and no other program on it?"
+            ) from trouble
 
 
-class LocalPort:
-    """A Unix socket at which `sinew emulate --socket` listens.
+class LocalPort(_Port):
+    """A Unix socket at which `sinew emulate --socket` listens: an emulated bench that keeps time.
 
+    A pseudo-terminal passes bytes on by a worker of the kernel, which on a busy computer waits its turn behind whatever
+    computes, for 50 ms and more; a real bench would count as lost. A socket has no such worker.
     path: of the socket, or of a link to it. clock: the one that deadlines are told by.
     Raises PortError if nobody listens there, or another master is served.
     """
 
     def __init__(self, path: str, clock: Clock) -> None:
-        self._path, self._clock = path, clock
-        self._socket: socket.socket | None = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        super().__init__(path, clock, "expected an emulated bench; is it running? then start again")
+        self._opened = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            self._socket.settimeout(_OPENS_S)
-            self._socket.connect(os.path.realpath(path))
-            if self._socket.recv(1) != b"+":
+            self._opened.settimeout(_OPENS_S)
+            self._opened.connect(os.path.realpath(path))
+            if self._opened.recv(1) != b"+":
                 raise OSError("another master is served")
         except OSError as trouble:
             self.close()
@@ -101,42 +104,6 @@ class LocalPort:
                 f"cannot open {path} ({trouble.strerror or trouble}); expected an emulated bench that nobody uses; is "
                 "`sinew emulate --socket` running?"
             ) from trouble
-
-    def write(self, data: bytes) -> None:
-        """Send bytes; raises PortError if the other end is gone."""
-        try:
-            self._open().sendall(data)
-        except OSError as trouble:
-            raise self._gone(trouble) from trouble
-
-    def read(self, deadline: float) -> bytes:
-        """Return what has arrived, waiting for at least a byte until `deadline` [s]; then b"".
-
-        Raises PortError if the other end is gone.
-        """
-        opened = self._open()
-        try:
-            ready, _, _ = select.select([opened], [], [], max(0.0, deadline - self._clock.now()))
-            data = opened.recv(_AT_ONCE) if ready else b""
-        except OSError as trouble:
-            raise self._gone(trouble) from trouble
-        if ready and not data:
-            raise self._gone("nothing there any more")
-        return data
-
-    def close(self) -> None:
-        """Give the port back; may be called again."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
-
-    def _open(self) -> socket.socket:
-        if self._socket is None:
-            raise self._gone("closed")
-        return self._socket
-
-    def _gone(self, why: object) -> PortError:
-        return PortError(f"lost {self._path} ({why}); expected an emulated bench; is it running? then start again")
 
 
 # The latency timer of a USB adapter is read and set: how long it gathers bytes before it passes them on.

@@ -1,4 +1,4 @@
-"""This is where a motor becomes a tendon or the drive: angles and currents in the rig's own sense, modes by name."""
+"""A motor as a tendon or the drive: angles and currents in the rig's own sense, modes by name."""
 
 import math
 
@@ -9,12 +9,10 @@ from sinew.hardware.register_tables import (
     CURRENT_MODE,
     CURRENT_POSITION_MODE,
     EXTENDED_POSITION_MODE,
-    XH430_W350,
-    XM430_W350,
 )
 from sinew.hardware.registers import Register, RegisterTable
 from sinew.plan.plan import TendonMode
-from sinew.plan.servo import SERVOS
+from sinew.plan.servo import COUNTS_PER_TURN, SERVOS
 
 TENDON_MODES: dict[TendonMode, int] = {
     "position": EXTENDED_POSITION_MODE,
@@ -22,12 +20,6 @@ TENDON_MODES: dict[TendonMode, int] = {
     "current": CURRENT_MODE,
 }
 """Value of the register `operating_mode` for each way a plan may run the tendon motors."""
-
-STALL_VOLTAGE = 12.0
-STALL_CURRENTS = {model: SERVOS[model].stall_current for model in (XH430_W350.model, XM430_W350.model)}
-"""Current of the motor that is held still at full duty and `STALL_VOLTAGE` [A]; data sheets."""
-
-_DRIVE_TURN = 4096  # counts of position mode, which has one turn
 
 
 class GoalEncoder:
@@ -68,7 +60,8 @@ class TendonServo(Motor):
     """A motor that pulls a tendon. Angles and currents are positive where it pulls.
 
     pull: 1 where more counts pull, else -1. current_limit: the largest current it may be told [A].
-    supply: voltage of the bench [V]; the current that a duty drives through a motor at rest goes with it.
+    supply: voltage of the bench [V], by default the model's nominal one; the current that a duty drives through a motor
+    at rest goes with it.
     """
 
     def __init__(
@@ -80,14 +73,16 @@ class TendonServo(Motor):
         pull: int = 1,
         *,
         current_limit: float = math.inf,
-        supply: float = STALL_VOLTAGE,
+        supply: float | None = None,
     ) -> None:
         super().__init__(bus, name, device, table, pull)
         row = table["goal_current"]
         most = int(min(current_limit / row.scale + 1e-6, row.highest))
         self.goal_angle = GoalEncoder(name, table["goal_position"], pull)
         self.goal_current = GoalEncoder(name, row, pull, low=-most, high=most)
-        self._stall_current = STALL_CURRENTS[table.model] * supply / STALL_VOLTAGE
+        servo = SERVOS[table.model]
+        volts = servo.nominal_voltage if supply is None else supply
+        self._stall_current = servo.stall_current * volts / servo.nominal_voltage
 
     def angle(self) -> float:
         """Return the angle of the horn [rad], from the encoder's zero and over all turns. Raises DeviceError."""
@@ -147,14 +142,14 @@ class DriveServo(Motor):
         table: RegisterTable,
         sign: int = 1,
         *,
-        zero: int = _DRIVE_TURN // 2,
+        zero: int = COUNTS_PER_TURN // 2,
         window: float = math.pi,
     ) -> None:
         super().__init__(bus, name, device, table, sign)
         row = table["goal_position"]
         reach = int(window / row.scale)
         self.zero = zero
-        self.lowest_count, self.highest_count = max(0, zero - reach), min(_DRIVE_TURN - 1, zero + reach)
+        self.lowest_count, self.highest_count = max(0, zero - reach), min(COUNTS_PER_TURN - 1, zero + reach)
         self.goal_angle = GoalEncoder(name, row, sign, zero, self.lowest_count, self.highest_count)
 
     def angle(self) -> float:

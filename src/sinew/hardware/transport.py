@@ -1,4 +1,4 @@
-"""This is where the seams to the outside stand: what the bus asks of a port, and of a clock.
+"""The seams to the outside: what the bus asks of a port, and of a clock.
 
 Both are handed in by the caller: a serial port and the computer's clock on a bench, lists of bytes and a clock moved by
 hand in a test.

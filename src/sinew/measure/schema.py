@@ -43,6 +43,7 @@ SAMPLE_VARIABLES: dict[str, Variable] = {
     ),
     "tendon_pwm": Variable(("sample", "tendon"), "1", "measured duty of the tendon motors, -1..1; pulling is positive"),
     "supply_v": Variable(("sample",), "V", "supply voltage at the motors, mean over those that told it"),
+    "load_cell_n": Variable(("sample",), "N", "tension of one tendon, by a load cell in it"),
     "gyro_rad_s": Variable(("sample", "axis"), "rad/s", "gyroscope on the head plate, axes of frame H"),
     "acceleration_m_s2": Variable(("sample", "axis"), "m/s2", "accelerometer on the head plate, axes of frame H"),
     "torsion_rad": Variable(("sample",), "rad", "torsion of the head, where an angle was measured directly"),

@@ -1,1 +1,1 @@
-"""This is where what we intend is written as data: rigs, limits, sweeps, ring-downs, plans."""
+"""What we intend, as data: rigs, limits, sweeps, ring-downs, plans."""

@@ -1,4 +1,4 @@
-"""This is where one number of a rig keeps its unit, its origin and its bounds."""
+"""One number of a rig, with its unit, its origin and its bounds."""
 
 import math
 from collections.abc import Callable

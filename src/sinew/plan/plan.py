@@ -1,4 +1,4 @@
-"""This is where a campaign is written down: pretensions, sweep, ring-downs, and the segments they unroll to."""
+"""A campaign: pretensions, sweep, ring-downs, and the segments they unroll to."""
 
 import math
 from collections import Counter

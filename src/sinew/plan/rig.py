@@ -1,21 +1,22 @@
-"""This is where a test bed is described: every parameter with value, unit, origin and bounds."""
+"""A test bed: every parameter with value, unit, origin and bounds."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from sinew.mechanics.guides import GUIDE_LAWS, GuideFriction, GuideLaw
 from sinew.plan.parameter import Parameter, not_negative, positive, signed
+from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON
 
 # It is written which device of the bus is which part of the rig, and which way round it is mounted.
 
 Id = Annotated[int, Field(ge=0, le=252)]
 Sign = Literal[1, -1]
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
-
-_POSSIBLE_TURNS = 1_048_575  # counts of goal_position, either way
 
 
 class Wiring(BaseModel):
@@ -36,12 +37,12 @@ class Wiring(BaseModel):
     tendon_ids: Annotated[tuple[Id, ...], Field(min_length=2, max_length=12)] = (1, 2, 3, 4)
     drive_id: Id = 5
     imu_id: Id = 200
-    tendon_model: str = "XH430-W350"
-    drive_model: str = "XM430-W350"
+    tendon_model: str = PAPER_TENDON
+    drive_model: str = PAPER_DRIVE
     imu_model: str = "OpenCR node"
     tendon_pull: tuple[Sign, ...] = (1, 1, 1, 1)
     drive_sign: Sign = 1
-    drive_zero_counts: int = Field(default=2048, ge=-_POSSIBLE_TURNS, le=_POSSIBLE_TURNS)
+    drive_zero_counts: int = Field(default=2048, ge=-MOST_TURN_COUNTS, le=MOST_TURN_COUNTS)
     imu_axes: tuple[Axis, Axis, Axis] = ("+x", "+y", "+z")
     latency_ms: float = Field(default=4.0, gt=0, le=1000)
 
@@ -335,10 +336,58 @@ class Limits(BaseModel):
         return 3 if self.safe_state == "release" else 0
 
 
+class BusSensor(BaseModel):
+    """A sensor on a node of its own on the bus; a kind of it is a part of the rig, and says what it measures.
+
+    The node has two registers of two bytes: its model number at 0 and its value at 32, signed. model, number: what the
+    node is called and answers to a ping. channel: variable of the recording schema, one value a sample. unit: of
+    channel and noise, as register tables write it. lsb: of the register [unit].
+    id: on the bus. noise: standard deviation of a value.
+    """
+
+    model_config = _STRICT
+    model: ClassVar[str]
+    number: ClassVar[int]
+    channel: ClassVar[str]
+    unit: ClassVar[str]
+    lsb: ClassVar[float]
+
+    id: Id
+    noise: Parameter
+
+    def true_value(self, tension_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what it would tell without noise, (...), where the tendons carry such tensions [N], (..., tendon)."""
+        raise NotImplementedError
+
+    def told(self, tension_n: NDArray[np.float64], rng: np.random.Generator | None) -> NDArray[np.float64]:
+        """Return what it tells [unit]: the true value; with an rng, noisy and in whole counts of its register."""
+        value = self.true_value(tension_n)
+        if rng is None:
+            return value
+        counts = np.round((value + self.noise.value * rng.standard_normal(value.shape)) / self.lsb)
+        return np.asarray(np.clip(counts, -32_768, 32_767) * self.lsb)
+
+
+class LoadCell(BusSensor):
+    """A load cell in one tendon: a strain gauge whose amplifier hangs on a microcontroller that answers on the bus.
+
+    tendon: in which it sits, from 1. Its register counts 10 mN, up to 327 N.
+    """
+
+    model, number, channel, unit, lsb = "load cell", 0x7401, "load_cell_n", "N", 0.01
+
+    tendon: int = Field(ge=1)
+    noise: Annotated[Parameter, not_negative("N")]
+
+    def true_value(self, tension_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(tension_n[..., self.tendon - 1])
+
+
 class RigSpec(BaseModel):
     """A whole test bed, as data.
 
-    section: of a silicone that is no solid circle; None where the diameter says it all.
+    section: of a silicone that is no solid circle; None where the diameter says it all. load_cell: None where no
+    tendon has one.
     calibration: how the calibrated parameters vary together; None where that is not known. As the intervals it is left
     out of `model_dump`: a rig with other values was not calibrated to them.
     """
@@ -356,6 +405,7 @@ class RigSpec(BaseModel):
     repeatability: Repeatability
     limits: Limits
     wiring: Wiring = Wiring()
+    load_cell: LoadCell | None = None
     calibration: Calibrated | None = Field(default=None, exclude=True)
 
     @model_validator(mode="before")
@@ -376,6 +426,25 @@ class RigSpec(BaseModel):
                 "expected one motor for each tendon"
             )
         return self
+
+    @model_validator(mode="after")
+    def _sensors_have_ids_of_their_own(self) -> Self:
+        taken = {*self.wiring.tendon_ids, self.wiring.drive_id, self.wiring.imu_id}
+        for sensor in self.sensors:
+            if sensor.id in taken:
+                raise ValueError(f"id {sensor.id} of the {sensor.model} stands for two devices; expected another")
+            taken.add(sensor.id)
+        if self.load_cell is not None and self.load_cell.tendon > self.tendons.count:
+            raise ValueError(
+                f"load_cell.tendon is {self.load_cell.tendon}; expected one of {self.tendons.count} tendons"
+            )
+        return self
+
+    @property
+    def sensors(self) -> tuple[BusSensor, ...]:
+        """Return the sensors that have a node of their own, in the order of the rig's parts."""
+        parts = (getattr(self, name) for name in type(self).model_fields)
+        return tuple(part for part in parts if isinstance(part, BusSensor))
 
     @model_validator(mode="after")
     def _calibrated_parameters_are_there(self) -> Self:

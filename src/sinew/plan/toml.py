@@ -1,4 +1,4 @@
-"""This is where rigs and plans become TOML files and come back, number for number."""
+"""Rigs and plans as TOML files, number for number there and back."""
 
 import difflib
 import json

@@ -20,7 +20,7 @@ from sinew.mechanics.parameters import CURRENT, TENDON_MODES, Parameters
 from sinew.mechanics.tendons import tendon_tension
 from sinew.plan.plan import Group, Plan, TendonMode
 from sinew.plan.rig import Bus, Imu, RigSpec
-from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
+from sinew.plan.servo import VOLTAGE_LSB, servo_of
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 from sinew.solve.march import LANES, STEPS_PER_SAMPLE, Track, integrate
 from sinew.solve.rest import set_pretension
@@ -348,7 +348,7 @@ def _read(
     pull = tension * tendons.pulley_radius.value / tendons.torque_constant.value
     supply = np.full(command.size, drive.supply_voltage.value)
     turn = 2 * np.pi
-    return {
+    channels: dict[str, NDArray[Any]] = {
         "time_s": stamp(counts, plan.sample_hz, bus, effects, rng),
         "drive_command_rad": command.astype(np.float32),
         "drive_rad": read_rounded(lever, turn / drive.counts_per_turn.value, effects).astype(np.float32),
@@ -367,6 +367,8 @@ def _read(
             joined.torsion_rate, joined.torsion_acceleration, rig.imu, effects, rng
         ),
     }
+    noise = rng if effects.sensor_noise else None
+    return channels | {s.channel: s.told(tension, noise).astype(np.float32) for s in rig.sensors}
 
 
 def _tendon_duty(
@@ -374,10 +376,10 @@ def _tendon_duty(
 ) -> NDArray[np.float64]:
     """Return the duty of the tendon motors, (sample, tendon), for their current [A] and angle [rad] of that shape.
 
-    (R i + k_e ω)/V: what holds the current against winding and back-EMF. R and k_e of the model's data sheet (of the
-    XH430-W350 where the model is not known): nominal voltage over stall current, and over no-load speed.
+    (R i + k_e ω)/V: what holds the current against winding and back-EMF. R and k_e of the model's data sheet: nominal
+    voltage over stall current, and over no-load speed.
     """
-    servo = servo_of(rig.wiring.tendon_model) or SERVOS["XH430-W350"]
+    servo = servo_of(rig.wiring.tendon_model)
     supply = rig.drive.supply_voltage.value
     duty = (servo.resistance / supply) * current
     turned = angle[2:] - angle[:-2]

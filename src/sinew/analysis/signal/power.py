@@ -77,7 +77,7 @@ def idle_power(rig: RigSpec) -> float | None:
     Standby current times supply voltage, of the tendons' servos and the drive's; None for a model that is not known.
     """
     models = [rig.wiring.tendon_model] * rig.tendons.count + [rig.wiring.drive_model]
-    servos = [servo_of(model) for model in models]
+    servos = [SERVOS.get(model) for model in models]
     currents = [servo.standby_current for servo in servos if servo is not None]
     return sum(currents) * rig.drive.supply_voltage.value if len(currents) == len(models) else None
 
@@ -131,7 +131,7 @@ def rest_power(recording: xr.Dataset, rig: RigSpec) -> dict[tuple[float, int], t
         holding = _holding(recording, rig, samples, _supply(recording, rig, samples))
         mean = float(drive[where].mean()) + (0.0 if holding is None else float(holding.mean()))
         found.setdefault((segment.pretension_mm, segment.repeat), []).append(mean)
-    servo = servo_of(rig.wiring.tendon_model) or SERVOS["XH430-W350"]
+    servo = servo_of(rig.wiring.tendon_model)
     unit = rig.tendons.current_lsb.value / math.sqrt(12.0)
 
     def std(watts: float) -> float:
@@ -178,5 +178,5 @@ def _holding(recording: xr.Dataset, rig: RigSpec, samples: NDArray[np.int64], su
     current = recording["tendon_current_a"].values[samples].astype(float)
     if "tendon_pwm" in recording:
         return np.asarray((recording["tendon_pwm"].values[samples] * current).sum(axis=2) * supply)
-    servo = servo_of(rig.wiring.tendon_model) or SERVOS["XH430-W350"]
+    servo = servo_of(rig.wiring.tendon_model)
     return np.asarray(servo.resistance * (current**2).sum(axis=2))
