@@ -62,10 +62,10 @@ def _swing(plant: JointPlant, frequency_hz: float, seconds: float) -> np.ndarray
     return np.array(seen).T
 
 
-def _twin(pretension_mm: float, mode: TendonMode) -> tuple[list[Law], Track]:
+def _twin(pretension_mm: float, mode: TendonMode, rig: RigSpec = RIG) -> tuple[list[Law], Track]:
     """Return (laws that set the twin's pretension, the twin's swing at 3.6 Hz)."""
     group = Group("steady", pretension_mm, 3.6, 20.0, 0, 0.0, 2.0)
-    lanes = lane_parameters([group], RIG, mode=mode)
+    lanes = lane_parameters([group], rig, mode=mode)
     end, held = float(lanes[0].cable_end[0]), float(lanes[0].held_tension[0])
     wound = RIG.tendons.free_span.value - end
     laws: dict[str, Law] = {
@@ -79,10 +79,15 @@ def _twin(pretension_mm: float, mode: TendonMode) -> tuple[list[Law], Track]:
 MODES: list[TendonMode] = ["position", "position-with-current-limit", "current"]
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_the_joint_swings_as_the_twin_does(mode: TendonMode) -> None:
-    laws, track = _twin(6.0, mode)
-    seen = _swing(_pulled(laws), 3.6, 2.0)
+SLIDING = RIG.model_copy(update={"tendons": RIG.tendons.model_copy(update={"guide_law": "maxwell-slip"})})
+
+
+@pytest.mark.parametrize(
+    ("mode", "rig"), [*((mode, RIG) for mode in MODES), pytest.param("position", SLIDING, marks=pytest.mark.slow)]
+)
+def test_the_joint_swings_as_the_twin_does(mode: TendonMode, rig: RigSpec) -> None:
+    laws, track = _twin(6.0, mode, rig)
+    seen = _swing(_pulled(laws, rig), 3.6, 2.0)
     truth = np.array([track.torsion, track.lever, track.shortening, track.gyro])[:, : seen.shape[1]]
     assert (np.abs(seen - truth).max(axis=1) / (0.5 * np.ptp(truth, axis=1)) < 1e-3).all()
 

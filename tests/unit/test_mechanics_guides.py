@@ -1,0 +1,101 @@
+"""Guide friction: what every law must keep, and that all who ask of a law hear the same."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from sinew.mechanics.guides import GUIDE_LAWS, Dahl, GuideFriction
+from sinew.plan.plan import Group
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_rig, load_rig, parse_rig
+
+TENSION = 3.0
+each_law = pytest.mark.parametrize("law", [law(0.7, 0.2) for law in GUIDE_LAWS.values()], ids=list(GUIDE_LAWS))
+
+
+def slipping_rig() -> RigSpec:
+    return parse_rig(dump_rig(load_rig("paper")).replace('guide_law = "dahl"', 'guide_law = "maxwell-slip"'))
+
+
+def cycle(law: GuideFriction, amplitude: float) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+    """Return phase, torsion and bristles of the third cycle of a swing φ = a cos t."""
+    t = np.linspace(4 * np.pi, 6 * np.pi, 4001)
+    found = solve_ivp(
+        lambda t, z: np.array(law.rates(-amplitude * math.sin(t), tuple(z))),
+        (0.0, t[-1]),
+        np.zeros(len(law.spread)),
+        t_eval=t,
+        rtol=1e-8,
+        atol=1e-10,
+        max_step=0.02,
+    )
+    return t, amplitude * np.cos(t), list(found.y)
+
+
+@each_law
+@pytest.mark.parametrize("turns", [5.0, 15.0])
+def test_its_loop_and_loss_are_those_that_its_bristles_settle_to(law: GuideFriction, turns: float) -> None:
+    amplitude = turns * law.reach
+    t, torsion, bristles = cycle(law, amplitude)
+    torque = law.torque(TENSION, tuple(bristles))
+    rising = t >= 5 * np.pi
+    assert np.abs(law.greatest_torque(TENSION) * law.loop(torsion[rising], amplitude) - torque[rising]).max() < 1e-4
+    work = np.trapezoid(torque * -amplitude * np.sin(t), t)
+    assert law.loss(TENSION, amplitude) == pytest.approx(work, rel=1e-5)
+
+
+@each_law
+def test_what_it_takes_up_is_stored_or_lost_at_every_moment(law: GuideFriction) -> None:
+    t, _, bristles = cycle(law, 2.5 * law.reach)
+    speed = -2.5 * law.reach * np.sin(t)
+    taken = np.trapezoid(law.torque(TENSION, tuple(bristles)) * speed, t)
+    lost = np.trapezoid(law.power(TENSION, speed, tuple(bristles)), t)
+    stored = law.stored(TENSION, tuple(bristles))
+    assert taken == pytest.approx(lost + stored[-1] - stored[0], rel=1e-5)
+    assert (law.power(TENSION, speed, tuple(bristles)) >= 0).all()
+
+
+@each_law
+def test_held_guides_are_a_spring_without_loss(law: GuideFriction) -> None:
+    spring, loss = law.fundamental(TENSION, 1e-4 * law.reach)
+    assert spring == pytest.approx(law.stiffness(TENSION), rel=1e-3)
+    assert loss < 1e-3 * spring
+
+
+@each_law
+def test_slipping_guides_take_four_times_torque_and_swing(law: GuideFriction) -> None:
+    assert law.loss(TENSION, 1e4 * law.reach) == pytest.approx(4 * 0.7 * TENSION * 1e4 * law.reach, rel=1e-3)
+
+
+def test_springs_that_slide_lose_less_than_dahls_bristle_where_nothing_slips_yet() -> None:
+    dahl, slip = (law(0.7, 0.2) for law in GUIDE_LAWS.values())
+    assert slip.loss(TENSION, 0.04) < 0.01 * dahl.loss(TENSION, 0.04)
+
+
+def test_an_unknown_law_is_refused_with_those_there_are() -> None:
+    from sinew.measure.errors import SpecError
+
+    with pytest.raises(SpecError, match="maxwell-slip"):
+        parse_rig(dump_rig(load_rig("paper")).replace('guide_law = "dahl"', 'guide_law = "lugre"'))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("frequency_hz", [2.6, 3.6])
+def test_time_integration_and_harmonic_balance_agree_on_springs_that_slide(frequency_hz: float) -> None:
+    from sinew.predict.joint import RESOLUTION, joint_problem
+    from sinew.solve.curves import predict
+    from sinew.solve.march import integrate
+    from sinew.twin.simulate import lane_parameters
+
+    rig = slipping_rig()
+    group = Group("steady", 6.0, frequency_hz, 20.0, 0, 8.0, 10.0)
+    p, rest = lane_parameters([group], rig)
+    assert not isinstance(p.guides, Dahl)
+    (track,) = integrate(p, rest, [int(12 / 0.005)], 0.005, steps=8)
+    swung = track.torsion[-round(200 * 5 / frequency_hz) :]
+    prediction = predict(joint_problem(rig, [6.0], 20.0, (2.0, 4.5)), (2.0, 4.5), RESOLUTION)
+    branch = prediction.branches[0]
+    told = np.interp(frequency_hz, branch.frequency_hz, branch.amplitude)
+    assert told == pytest.approx(0.5 * np.ptp(swung), rel=5e-3)
