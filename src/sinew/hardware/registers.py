@@ -5,7 +5,6 @@ radians; a duty (PWM) is a fraction of the supply and temperatures are in degree
 """
 
 import difflib
-import math
 import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -98,13 +97,6 @@ class RegisterTable:
         start = min(row.address for row in rows)
         return start, max(row.stop for row in rows) - start
 
-    def values(self, names: Iterable[str], start: int, data: bytes) -> dict[str, float]:
-        """Return quantities by name out of a block of bytes that begins at address `start`.
-
-        Raises RegisterError if the block does not hold one of them.
-        """
-        return {name: decode(self[name], _cut(self[name], start, data)) for name in names}
-
 
 def decode_raw(register: Register, data: bytes) -> int | float:
     """Return the counts that the bytes of a register stand for; of a float register, the number itself.
@@ -139,30 +131,6 @@ def decode(register: Register, data: bytes) -> float:
     Raises RegisterError if there are more or fewer bytes than the register has.
     """
     return decode_raw(register, data) * register.scale
-
-
-def encode(register: Register, value: float) -> bytes:
-    """Return the bytes of the count nearest to a quantity [register.unit].
-
-    Raises RegisterError if the register cannot be written, or not with that.
-    """
-    if not math.isfinite(value):
-        raise RegisterError(f"{register.name} cannot hold {value}; expected a finite number")
-    if register.is_float:
-        if not register.writable:
-            raise RegisterError(f"{register.name} can only be read; expected one that can be written")
-        return _FLOAT.pack(value)
-    return encode_raw(register, round(value / register.scale))
-
-
-def _cut(register: Register, start: int, data: bytes) -> bytes:
-    at = register.address - start
-    if at < 0 or at + register.size > len(data):
-        raise RegisterError(
-            f"{register.name} lies at {register.address} to {register.stop - 1}, "
-            f"not within the {len(data)} bytes from {start} on; read a block that holds it"
-        )
-    return data[at : at + register.size]
 
 
 # Several registers are unpacked from one block of bytes at once, as fast as Python can.
