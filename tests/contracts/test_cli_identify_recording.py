@@ -39,8 +39,8 @@ def test_an_imported_recording_is_asked_what_drives_it(
         (("--model", "tendon"), "names none"),
         (("--pretension", "4", "--excitation", "force"), "imported"),
         (("--bootstrap", "50", "--excitation", "force"), "imported"),
-        (("--model", "tendon", "--posterior"), "--posterior is for models"),
-        (("--model", "tendon", "--train", "0:100"), "--train does not go"),
+        (("--model", "tendon", "--posterior"), "posterior does not go"),
+        (("--model", "tendon", "--train", "0:100"), "train does not go"),
     ],
 )
 def test_a_recording_is_not_asked_what_it_cannot_answer(

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from sinew.identify.identified import Identified
-    from sinew.identify.oscillator.record import Excitation
+    from sinew.identify.oscillator.record import Excitation, Record
 
 
 # The arguments and options of `sinew identify` are spelt.
@@ -151,7 +151,7 @@ def identify(
         _More(profile, posterior, bootstrap, seed),
         _Steps(kind, frequency, phase, chain),
     )
-    found = _add(_find(asked), asked.more)
+    found = _find(asked)
     if out is not None:
         with progress_bar("draw"):
             page = _write(found, asked, out)
@@ -266,32 +266,41 @@ def _range(option: str, text: str | None) -> tuple[int, int] | None:
 
 
 def _find(asked: _Asked) -> "Identified":
-    from sinew.identify.identified import find_mechanics, recording_records, unit_remarks
+    from sinew.identify.identified import identify as run
     from sinew.measure.netcdf import load_recording
     from sinew.measure.read import is_recording
 
-    columns = asked.columns
+    columns, more = asked.columns, asked.more
     if asked.steps.kind == "stepped":
         return _find_stepped(asked)
     for name, value in asked.steps.options().items():
         if value is not None:
             raise SpecError(f"{name} is for steady states; add --kind stepped, or leave it out")
+    record: xr.Dataset | Record
     if is_recording(asked.file):
         refuse_columns(columns.time, columns.input, columns.output, columns.rate_hz)
-        recording = load_recording(asked.file)
-        if asked.model == "tendon":
-            return _find_joint(asked, recording)
-        repeats = asked.more.bootstrap is not None
-        records = recording_records(recording, asked.excitation, asked.pretension_mm, repeats=repeats)
+        record = load_recording(asked.file)
     else:
-        refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, asked.more.bootstrap)
+        refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, more.bootstrap)
         if asked.excitation is None and columns.input is not None:
             raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
         chosen = asked.excitation or "none"
-        records = [table_record(asked.file, columns.time, columns.input, columns.output, chosen, columns.rate_hz)]
-    remarks = (*unit_remarks(records[0]), *records[0].notes)
+        record = table_record(asked.file, columns.time, columns.input, columns.output, chosen, columns.rate_hz)
     with progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
-        return find_mechanics(records, asked.model, asked.train, asked.test, remarks=remarks, progress=progress)
+        return run(
+            record,
+            asked.model,
+            excitation=asked.excitation,
+            pretension_mm=asked.pretension_mm,
+            rig=asked.rig,
+            train=asked.train,
+            test=asked.test,
+            profile=more.profile,
+            bootstrap=more.bootstrap,
+            posterior=more.posterior,
+            seed=more.seed,
+            progress=progress,
+        )
 
 
 def _find_stepped(asked: _Asked) -> "Identified":
@@ -327,39 +336,6 @@ def _chain(text: str | None) -> tuple[str, ...]:
         if part not in known:
             raise SpecError(f"--chain holds {part!r}, expected phase, background or both: phase,background")
     return tuple(name for part in known if part in parts for name in known[part])
-
-
-def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Identified":
-    from sinew.identify.identified import find_joint, joint_rig
-
-    given = {"--train": asked.train, "--test": asked.test, "--pretension": asked.pretension_mm}
-    for name, value in given.items():
-        if value is not None:
-            raise SpecError(f"{name} does not go with model tendon, which is fitted to all segments of the recording")
-    if asked.more.words():
-        raise SpecError(
-            f"{asked.more.words()[0]} is for models of one degree of freedom; leave it out with model tendon"
-        )
-    if asked.excitation not in (None, "lever"):
-        raise SpecError(f"--excitation is {asked.excitation}, but a rig is driven by its lever; leave it out")
-    rig = joint_rig(recording, asked.rig)
-    with progress_bar("fit the tendon joint") as progress:
-        return find_joint(recording, rig, progress)
-
-
-def _add(found: "Identified", more: _More) -> "Identified":
-    from sinew.identify.identified import add_bootstrap, add_posterior, add_profiles
-
-    if more.profile:
-        with progress_bar("profiles") as progress:
-            found = add_profiles(found, progress)
-    if more.bootstrap is not None:
-        with progress_bar("bootstrap") as progress:
-            found = add_bootstrap(found, more.bootstrap, more.seed, progress)
-    if more.posterior:
-        with progress_bar("posterior") as progress:
-            found = add_posterior(found, more.seed, progress)
-    return found
 
 
 def _write(found: "Identified", asked: _Asked, out: Path) -> Path:

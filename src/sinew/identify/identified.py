@@ -138,6 +138,8 @@ def identify(
         for name, value in given.items():
             if value is not None:
                 raise SpecError(f"{name} does not go with model tendon, which is fitted to all of a recording")
+        if excitation not in (None, "lever"):
+            raise SpecError(f"the excitation is {excitation}, but a rig is driven by its lever; leave it out")
         return find_joint(record, joint_rig(record, rig), progress)
     if isinstance(record, xr.Dataset):
         records = recording_records(record, excitation, pretension_mm, repeats=bootstrap is not None)
