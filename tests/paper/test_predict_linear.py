@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from sinew.mechanics.silicone import BRANCHES
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.curves.backbone import follow_backbones
@@ -29,7 +30,6 @@ from sinew.predict.linear import linear_joints
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.twin.integrate import integrate, runge_kutta
 from sinew.twin.motion import State, rate
-from sinew.twin.prony import BRANCHES
 
 pytestmark = pytest.mark.slow
 Array = NDArray[np.float64]

@@ -136,9 +136,9 @@ def test_a_joint_built_from_the_page_alone_has_the_twins_gain_and_phase() -> Non
 
 
 def test_the_pages_numbers_are_those_of_the_shipped_rig() -> None:
+    from sinew.mechanics.silicone import prony_shares, relaxation_times
     from sinew.plan.toml import load_rig
     from sinew.twin.drive import SLIDING_SPEED
-    from sinew.twin.prony import prony_shares, relaxation_times
 
     rig = load_rig("paper")
     parameters, found = dict(rig.parameters()), numbers()

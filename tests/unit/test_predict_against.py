@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sinew.analysis.signal.torsion import LeverMotion, measure_lever
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.recording import Segment, build_recording
+from sinew.mechanics.silicone import complex_stiffness
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.against import Comparison, Reading, error_of, estimate_at, measured_of, scores_of
@@ -21,7 +22,6 @@ from sinew.predict.joint import RESOLUTION, joint_problem, lever_problem
 from sinew.twin.cache import configure
 from sinew.twin.energy import potential
 from sinew.twin.parameters import Effects
-from sinew.twin.prony import complex_stiffness
 
 configure()
 Array = NDArray[np.float64]

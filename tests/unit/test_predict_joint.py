@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from sinew.mechanics.silicone import BRANCHES, complex_stiffness
 from sinew.plan.toml import load_rig
 from sinew.predict.curves.prediction import predict
 from sinew.predict.curves.waves import Size, channels, grid, unknowns
@@ -14,7 +15,6 @@ from sinew.predict.joint import FREE_LEVER, PRESCRIBED_LEVER, RESOLUTION, joint_
 from sinew.twin.energy import potential
 from sinew.twin.motion import State, rate
 from sinew.twin.parameters import Effects, Parameters
-from sinew.twin.prony import BRANCHES, complex_stiffness
 
 BAND_HZ = (1.0, 6.0)
 

@@ -11,11 +11,11 @@ from tests.contracts.refusals import refused
 
 from sinew.apps.cli import main
 from sinew.measure.errors import SpecError
+from sinew.mechanics.silicone import complex_stiffness, prony_shares
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 from sinew.predict.linear import LinearJoint, StateSpace, joint_document, linear_joints, write_transfer
 from sinew.twin.parameters import Effects
-from sinew.twin.prony import complex_stiffness, prony_shares
 from sinew.twin.simulate import lane_parameters
 
 PRETENSIONS = [0.0, 6.0, 12.0]

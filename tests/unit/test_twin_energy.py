@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from sinew.mechanics.silicone import complex_stiffness, prony_shares
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.twin.cache import configure
 from sinew.twin.energy import potential, silicone_energy, tendon_energy, tendon_stretch, tendon_tension, total_tension
 from sinew.twin.kinematics import cos_sin, guide_directions, guide_points, tendon_lengths
 from sinew.twin.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters, from_rig
-from sinew.twin.prony import complex_stiffness, prony_shares
 from sinew.twin.statics import axial_force, rest_shortening, set_pretension, torsional_stiffness
 
 configure()

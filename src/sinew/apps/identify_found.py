@@ -125,8 +125,9 @@ def _of_comparison(compared: "Comparison", remarks: Sequence[str]) -> Found:
 def _impossible(best: "Fit") -> list[str]:
     """Return a sentence where a friction or a loss factor is negative for certain."""
     from sinew.identify.choice.comparison import impossible_numbers
+    from sinew.mechanics.laws import TERMS
 
-    words = {"coulomb": "dry friction", "loss_factor": "loss factor"}
+    words = {n.name: n.word for term in TERMS if term.lost and not term.plain for n in term.numbers}
     negative = impossible_numbers(best)
     return [
         f"the {word} came out negative, which nothing has: the damping depends on amplitude or frequency in another way"
@@ -189,16 +190,17 @@ def _number(value: float) -> float | None:
 
 # `sinew identify` adds what an option asks for: profiles, a bootstrap over repeats, a posterior.
 
-_NONLINEAR = ("loss_factor", "coulomb", "quadratic", "cubic")
 _DRAWS, _WARMUP = 500, 300  # of each of two chains: intervals to a tenth of a standard deviation
 
 
 def add_profiles(found: Found, progress: Progress) -> None:
     """Add the key `profile`: intervals of the nonlinear numbers by their profile likelihood, by name."""
     from sinew.identify.oscillator.profile import interval90
+    from sinew.mechanics.laws import NUMBERS
 
     fit = _fit_of(found, "--profile")
-    chosen = [name for name in fit.parameters if name.startswith(_NONLINEAR)]
+    nonlinear = tuple(name for name in NUMBERS if name not in ("stiffness", "damping"))
+    chosen = [name for name in fit.parameters if name.startswith(nonlinear)]
     if not chosen:
         found.sentences.append(f"model {fit.model.name} has no nonlinear number to profile")
     told: dict[str, Any] = {}

@@ -23,13 +23,13 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.mechanics.silicone import BRANCHES
 from sinew.plan.rig import RigSpec
 from sinew.twin.drive import electrical_torque, gear_friction
 from sinew.twin.energy import silicone_energy, span_lengths, viscoelastic_energy
 from sinew.twin.integrate import runge_kutta
 from sinew.twin.motion import State, derivative, free_lever_acceleration
 from sinew.twin.parameters import Parameters, from_rig
-from sinew.twin.prony import BRANCHES
 
 TICK_S = 1.25e-3
 """Time between two states of the joint [s]."""

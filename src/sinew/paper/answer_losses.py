@@ -27,6 +27,7 @@ from sinew.identify.joint.fit import JointFit
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import iterate_segments
+from sinew.mechanics.silicone import relaxation_times
 from sinew.paper.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
@@ -35,7 +36,6 @@ from sinew.twin.energy import total_tension, twist_rigidity
 from sinew.twin.integrate import LANES, Track, runge_kutta
 from sinew.twin.motion import State, friction_torque, mechanical_energy, rate, state_at_rest
 from sinew.twin.parameters import Effects, Parameters
-from sinew.twin.prony import relaxation_times
 from sinew.twin.simulate import lane_parameters, read_gyro, simulate_tracks
 
 # A simulated ring-down tells who took its energy: silicone, guides, or the recoiling lever's servo.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from sinew.analysis.signal.torsion import LeverMotion
 from sinew.measure.errors import RecordingError
+from sinew.mechanics.silicone import BRANCHES, relaxation_times
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.predict.curves.balance import Lane
@@ -28,7 +29,6 @@ from sinew.predict.curves.waves import Coordinate, Equations, Size
 from sinew.twin.drive import commanded_angle
 from sinew.twin.motion import State, rate
 from sinew.twin.parameters import Effects, Parameters
-from sinew.twin.prony import BRANCHES, relaxation_times
 from sinew.twin.simulate import lane_parameters
 
 RESOLUTION = Resolution(

@@ -31,12 +31,12 @@ from scipy.linalg import null_space
 
 from sinew.measure.errors import SpecError
 from sinew.measure.netcdf import write_atomically
+from sinew.mechanics.silicone import BRANCHES
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.twin.energy import tendon_stretch, tendon_tension, total_tension
 from sinew.twin.motion import State, derivative, free_lever_acceleration, rate, state_at_rest
 from sinew.twin.parameters import Effects, Parameters
-from sinew.twin.prony import BRANCHES
 from sinew.twin.simulate import lane_parameters
 
 # A linear system is kept as a state space, and asked for poles, zeros, gains and frequency response.

@@ -10,9 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sinew.mechanics.silicone import relaxation_times
 from sinew.twin.energy import potential, tendon_stretch, tendon_tension, twist_rigidity
 from sinew.twin.parameters import Parameters
-from sinew.twin.prony import relaxation_times
 from sinew.twin.statics import axial_force
 
 _NODES = np.cos((2 * np.arange(4) + 1) * np.pi / 16)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
+from sinew.mechanics.silicone import relaxation_times
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS, servo_of
@@ -18,7 +19,6 @@ from sinew.twin.energy import tendon_stretch, tendon_tension, twist_rigidity
 from sinew.twin.integrate import runge_kutta
 from sinew.twin.motion import State, friction_torque, mechanical_energy, rate, state_at_rest
 from sinew.twin.parameters import Parameters
-from sinew.twin.prony import relaxation_times
 from sinew.twin.simulate import Lanes, lane_parameters
 
 # The powers of a state stand: what the drive takes up, and where it goes.

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from sinew.mechanics.silicone import BRANCHES, relaxation_times
 from sinew.twin.drive import commanded_angle, duty, horn_torque
 from sinew.twin.energy import potential, total_tension, twist_rigidity, viscoelastic_energy
 from sinew.twin.parameters import Parameters
-from sinew.twin.prony import BRANCHES, relaxation_times
 
 LOCKING_TIME = 5e-3
 """Time in which the speed of a lever that is locked on stopping is forgotten [s]; it acts on nothing."""

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from sinew.measure.errors import SpecError
+from sinew.mechanics.silicone import prony_shares
 from sinew.plan.rig import RigSpec
 from sinew.twin.kinematics import guide_directions
-from sinew.twin.prony import prony_shares
 
 POSITION, POSITION_LIMITED, CURRENT = 0.0, 1.0, 2.0
 TENDON_MODES = {"position": POSITION, "position-with-current-limit": POSITION_LIMITED, "current": CURRENT}

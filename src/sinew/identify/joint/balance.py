@@ -17,9 +17,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from sinew.identify.joint.coordinates import Numbers
+from sinew.mechanics.silicone import relaxation_times
 from sinew.twin.energy import potential, tendon_stretch, tendon_tension, total_tension, twist_rigidity
 from sinew.twin.parameters import Parameters
-from sinew.twin.prony import relaxation_times
 from sinew.twin.simulate import LIMIT_RESERVE_N
 from sinew.twin.statics import set_pretension
 

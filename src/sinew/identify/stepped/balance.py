@@ -18,20 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from sinew.identify.oscillator.track import LARGEST_LOSS_FACTOR, LOCAL, DampingLaw, StiffnessLaw
-from sinew.twin.prony import prony_shares
+from sinew.mechanics.laws import Law, LossFactor, Pendulum, share_table
 
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-NUMBERS = LOCAL[:7]
+NUMBERS = ("stiffness", "damping", "loss_factor", "coulomb", "quadratic", "cubic", "gain")
 """The numbers that a steady oscillation depends on: stiffness to gain."""
 
 _HARMONICS = 7
 _GRID, _DRY_GRID = 64, 256
 _STEPS, _HALVINGS = 40, 6
 _TOLERANCE = 1e-10
-_TABLE = 401
 _NUDGE = 1e-6
 
 
@@ -39,8 +37,7 @@ class Laws(NamedTuple):
     """What kind of joint it is. terms: whether any stiffness beyond the linear one takes part. relaxation: of the Prony
     branches in 1/ω_r, shape (b,). amplitude: A where a pendulum's sin(r A) needs it [rad]."""
 
-    damping: DampingLaw
-    stiffness: StiffnessLaw
+    law: Law
     terms: bool
     relaxation: Array
     amplitude: float
@@ -48,7 +45,7 @@ class Laws(NamedTuple):
     @property
     def linear(self) -> bool:
         """Return whether the steady oscillation follows in closed form."""
-        return self.damping != "coulomb" and self.stiffness == "polynomial" and not self.terms
+        return not (self.law.sticks or self.law.has(Pendulum) or self.terms)
 
 
 class Balance(NamedTuple):
@@ -67,17 +64,17 @@ class Balance(NamedTuple):
 
 @cache
 def _share_table() -> CubicHermiteSpline:
-    factors = np.linspace(0.0, LARGEST_LOSS_FACTOR, _TABLE)
-    table = np.stack([prony_shares(factor) for factor in factors])
+    table = share_table()
+    factors = np.linspace(0.0, LossFactor.LARGEST, table.shape[0])
     return CubicHermiteSpline(factors, table, np.gradient(table, factors, axis=0))
 
 
 def dynamic_stiffness(numbers: Array, omega: Array, laws: Laws) -> Complexes:
     """Return S at the frequencies omega (n, h), shape (n, h)."""
     k, factor = numbers[:, 0, None], numbers[:, 2, None]
-    if laws.damping != "loss-factor":
+    if not laws.law.has(LossFactor):
         return np.asarray(k + 0j * omega)
-    size = np.clip(np.abs(factor), 0.0, LARGEST_LOSS_FACTOR)
+    size = np.clip(np.abs(factor), 0.0, LossFactor.LARGEST)
     shares = np.sign(factor)[..., None] * _share_table()(size)
 
     def series(at: Array) -> Complexes:
@@ -140,7 +137,7 @@ class System:
     def __init__(self, numbers: Array, omega: Array, push: Complexes, laws: Laws) -> None:
         self.laws, self.numbers, self.omega, self.push = laws, numbers, omega, push
         self.count = 1 if laws.linear else _HARMONICS
-        self.waves = _waves(self.count, _DRY_GRID if laws.damping == "coulomb" else _GRID)
+        self.waves = _waves(self.count, _DRY_GRID if laws.law.sticks else _GRID)
         self.at = omega[:, None] * np.arange(self.count + 1)
         self.complex_stiffness = dynamic_stiffness(numbers, self.at, laws)
         self.blocks = self.complex_stiffness - self.at**2 + 1j * self.at * numbers[:, 1, None]
@@ -152,7 +149,7 @@ class System:
         """Return the terms beyond the linear stiffness and their slope by r, (n, t)."""
         quadratic, cubic = self.numbers[:, 4, None], self.numbers[:, 5, None]
         force, slope = r * r * (quadratic + cubic * r), r * (2 * quadratic + 3 * cubic * r)
-        if self.laws.stiffness == "pendulum":
+        if self.laws.law.has(Pendulum):
             relaxed, a = self.complex_stiffness[:, 0].real[:, None], self.laws.amplitude
             force = force + relaxed * (np.sin(r * a) / a - r)
             slope = slope + relaxed * (np.cos(r * a) - 1.0)
@@ -164,7 +161,7 @@ class System:
         out[:, 2] -= self.numbers[:, 6] * self.push.imag
         if not self.laws.linear:
             out = out + self._powers(q @ self.waves.basis.T)[0] @ self.waves.project.T
-        if self.laws.damping == "coulomb":
+        if self.laws.law.sticks:
             mean = _sign(q @ self.waves.rate.T)[0]
             out = out + self.numbers[:, 3, None] * (mean @ self.waves.project_middle.T)
         return out
@@ -174,7 +171,7 @@ class System:
         if not self.laws.linear:
             slope = self._powers(q @ self.waves.basis.T)[1]
             out = out + self.waves.project @ (slope[:, :, None] * self.waves.basis)
-        if self.laws.damping == "coulomb":
+        if self.laws.law.sticks:
             _, begin, end = _sign(q @ self.waves.rate.T)
             ahead = np.roll(self.waves.rate, -1, axis=0)
             moved = begin[:, :, None] * self.waves.rate + end[:, :, None] * ahead
@@ -185,18 +182,18 @@ class System:
         """Return the derivatives of the residual by `NUMBERS`, (n, m, 7)."""
         motion, r = _complex(q), q @ self.waves.basis.T
         out = np.zeros((*q.shape, len(NUMBERS)))
-        for place in (0, 2) if self.laws.damping == "loss-factor" else (0,):
+        for place in (0, 2) if self.laws.law.has(LossFactor) else (0,):
             moved = np.zeros(len(NUMBERS))
             moved[place] = _NUDGE
             pair = [dynamic_stiffness(self.numbers + s * moved, self.at, self.laws) for s in (1, -1)]
             change = (pair[0] - pair[1]) / (2 * _NUDGE)
             out[:, :, place] = _real(change * motion)
-            if self.laws.stiffness == "pendulum":
+            if self.laws.law.has(Pendulum):
                 a = self.laws.amplitude
                 bent = (np.sin(r * a) / a - r) @ self.waves.project.T
                 out[:, :, place] += change[:, 0].real[:, None] * bent
         out[:, :, 1] = _real(1j * self.at * motion)
-        if self.laws.damping == "coulomb":
+        if self.laws.law.sticks:
             out[:, :, 3] = _sign(q @ self.waves.rate.T)[0] @ self.waves.project_middle.T
         if self.laws.terms:
             out[:, :, 4], out[:, :, 5] = r**2 @ self.waves.project.T, r**3 @ self.waves.project.T
@@ -388,12 +385,12 @@ def free_frequency(numbers: Array, amplitude: Array, laws: Laws) -> Array:
     numbers: shape (n, 7). amplitude: |r₁|, in A, shape (n,). NaN where there is no such oscillation. The stiffness of a
     loss factor is its storage part at the frequency that is found.
     """
-    lossless = laws._replace(damping="viscous", terms=True)
+    lossless = laws._replace(law=laws.law.springs, terms=True)
     bare = numbers.copy()
     bare[:, [1, 2, 3, 6]] = 0.0
     omega = np.sqrt(np.maximum(bare[:, 0], 1e-12))
-    for _ in range(4 if laws.damping == "loss-factor" else 1):
-        if laws.damping == "loss-factor":
+    for _ in range(4 if laws.law.has(LossFactor) else 1):
+        if laws.law.has(LossFactor):
             at = np.where(np.isfinite(omega), omega, 1.0)
             bare[:, 0] = dynamic_stiffness(numbers, at[:, None], laws)[:, 0].real
         omega = _swing(bare, amplitude, omega, lossless)

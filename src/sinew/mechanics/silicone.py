@@ -1,4 +1,4 @@
-"""This is where a constant loss factor becomes a short Prony series."""
+"""Silicone: the memory that makes its loss factor, as a short Prony series."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
