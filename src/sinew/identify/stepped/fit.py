@@ -19,6 +19,7 @@ from sinew.identify.oscillator.least_squares import Problem, Solution, solve
 from sinew.identify.oscillator.model import Model, get_model
 from sinew.identify.oscillator.record import Frame, Scales, frames_of
 from sinew.identify.oscillator.track import LOCAL
+from sinew.identify.stepped.balance import NUMBERS
 from sinew.identify.stepped.layout import (
     CHAIN,
     Predicted,
@@ -291,6 +292,8 @@ def _check(points: Sequence[ResponsePoints], model: Model, chain: Sequence[str])
         raise SpecError(f"model {model.name} needs an angle, the output is in {points[0].output_unit}")
     if unknown := [name for name in chain if name not in CHAIN]:
         raise SpecError(f"the chain adds {unknown[0]!r}, expected some of {', '.join(CHAIN)}")
+    if unknown := [number.word for number in model.law.numbers if number.name not in NUMBERS]:
+        raise SpecError(f"a steady response is not balanced with a {unknown[0]}; choose cubic, or fit a record in time")
     if model.rest != "offset":
         raise SpecError("a steady response says nothing of drift or creep; leave the rest position as it is")
 
