@@ -3,9 +3,21 @@
 import numpy as np
 import pytest
 
-from sinew.identify.oscillator.model import MODELS
+from sinew.identify.choice.comparison import laws_to_try
 from sinew.measure.errors import SpecError
-from sinew.mechanics.laws import TERMS, Cubic, Cycle, DryFriction, Law, Linear, LossFactor, Pendulum, Term, Viscous
+from sinew.mechanics.laws import (
+    TERMS,
+    Cubic,
+    Cycle,
+    Drag,
+    DryFriction,
+    Law,
+    Linear,
+    LossFactor,
+    Pendulum,
+    Term,
+    Viscous,
+)
 
 SPRINGS = [term for term in TERMS if not term.lost]
 SIZES = {number.name: 0.3 for term in TERMS for number in term.numbers} | {"amplitude": 1.0}
@@ -43,15 +55,16 @@ def swing(amplitude: float, omega: float) -> Cycle:
         (Viscous(), np.pi * 0.3 * 2.0 * 0.5**2),
         (DryFriction(), 4 * 0.3 * 0.5),
         (LossFactor(), np.pi * 0.3 * 0.3 * 0.5**2),
+        (Drag(), 8 / 3 * 0.3 * 2.0**2 * 0.5**3),
     ],
-    ids=["viscous", "dry friction", "loss factor"],
+    ids=["viscous", "dry friction", "loss factor", "drag"],
 )
 def test_a_harmonic_swing_loses_what_textbooks_say(term: Term, lost: float) -> None:
     assert term.dissipated(SIZES, swing(0.5, 2.0)) == pytest.approx(lost, rel=1e-5)
 
 
 def test_springs_of_all_powers_share_one_compiled_program_with_each_damping_law() -> None:
-    assert len({MODELS[name].law.compiled for name in MODELS if "pendulum" not in name}) == 3
+    assert len({model.law.compiled for model in laws_to_try()}) == 3
 
 
 @pytest.mark.parametrize(

@@ -252,6 +252,20 @@ class DryFriction(Term):
         return np.sign(v), 0
 
 
+class Drag(Term):
+    """Drag c |r'| r', as of a body in air or water: damping that grows with the amplitude."""
+
+    numbers = (Number("drag", "quadratic drag", 0.3, (0, -1), True, True, absent=True, start=(1e-3, 10.0)),)
+    lost = "quadratic drag"
+    by_name = True
+
+    def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
+        return p["drag"] * jnp.abs(v) * v
+
+    def dissipated(self, p: Values, cycle: Cycle) -> Any:
+        return p["drag"] * cycle.around(cycle.speed**2)
+
+
 class Quadratic(Term):
     """A spring's k₂ r²."""
 
@@ -278,7 +292,7 @@ class Cubic(Term):
         return p["cubic"] * r**4 / 4.0
 
 
-TERMS: tuple[Term, ...] = (Linear(), Pendulum(), Viscous(), LossFactor(), DryFriction(), Quadratic(), Cubic())
+TERMS: tuple[Term, ...] = (Linear(), Pendulum(), Viscous(), LossFactor(), DryFriction(), Drag(), Quadratic(), Cubic())
 """Every term there is, in the order in which a sum holds them."""
 
 
