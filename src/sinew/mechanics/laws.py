@@ -31,8 +31,8 @@ class Number(NamedTuple):
     name: of it in a search; word: on the screen. natural: size of a change that matters, in normal form.
     scale: powers of ω_r and A that the normal form is multiplied by to be in SI units and radians.
     force: whether it is the factor of a force, and so in proportion to the inertia. positive: whether nothing has a
-    negative one. absent: whether zero says that the term is not there. start: bounds of where a search begins.
-    prior: width of a weak prior, if not 20 natural scales.
+    negative one. absent: whether zero says that the term is not there. start: bounds of where a search begins,
+    tried: or all the values at which it does, in normal form. prior: width of a weak prior, if not 20 natural scales.
     """
 
     name: str
@@ -43,6 +43,7 @@ class Number(NamedTuple):
     positive: bool = False
     absent: bool = False
     start: tuple[float, float] = (-1e3, 1e3)
+    tried: tuple[float, ...] = ()
     prior: float | None = None
 
     def over_inertia(self, unit: str) -> str:
@@ -185,7 +186,7 @@ class LossFactor(Term):
 
     LARGEST: ClassVar[float] = 1.0
     numbers = (Number("loss_factor", "loss factor", 0.3, positive=True, start=(1e-3, 0.8), prior=1.0),)
-    history = Number("memory", "memory", 1.0, prior=1.0)
+    history = Number("memory", "memory", 1.0, start=(0.0, 1.0), prior=1.0)
     only_decays = True
     lost = "a constant loss factor"
 
@@ -292,7 +293,16 @@ class Cubic(Term):
         return p["cubic"] * r**4 / 4.0
 
 
-TERMS: tuple[Term, ...] = (Linear(), Pendulum(), Viscous(), LossFactor(), DryFriction(), Drag(), Quadratic(), Cubic())
+TERMS: tuple[Term, ...] = (
+    Linear(),
+    Pendulum(),
+    Viscous(),
+    LossFactor(),
+    DryFriction(),
+    Drag(),
+    Quadratic(),
+    Cubic(),
+)
 """Every term there is, in the order in which a sum holds them."""
 
 

@@ -20,6 +20,7 @@ from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.model import MODELS, VISCOUS, Model, get_model
 from sinew.identify.oscillator.record import Excitation, Record
+from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.laws import HISTORIES, NUMBERS, TERMS
 
@@ -231,7 +232,7 @@ def criterion(found: Fit, independent: float) -> float:
             cost += whole
             continue
         told = -2 * np.log(max(float(std), 1e-12) * np.sqrt(2 * np.pi)) if np.isfinite(std) else 0.0
-        cost += float(np.clip(told, 0.0, whole)) + float(value - np.clip(value, 0.0, 1.0)) ** 2
+        cost += float(np.clip(told, 0.0, whole)) + float(value - np.clip(value, *LOCAL[entry.local].start)) ** 2
     return float(independent * np.log(max(found.rmse, 1e-300) ** 2) + cost)
 
 
