@@ -1,5 +1,6 @@
 """Laws of one degree of freedom: how terms add up, and that what each says of itself goes together."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -7,6 +8,7 @@ from sinew.identify.choice.comparison import laws_to_try
 from sinew.measure.errors import SpecError
 from sinew.mechanics.laws import (
     TERMS,
+    BoucWen,
     Cubic,
     Cycle,
     Drag,
@@ -61,6 +63,19 @@ def swing(amplitude: float, omega: float) -> Cycle:
 )
 def test_a_harmonic_swing_loses_what_textbooks_say(term: Term, lost: float) -> None:
     assert term.dissipated(SIZES, swing(0.5, 2.0)) == pytest.approx(lost, rel=1e-5)
+
+
+@pytest.mark.parametrize("amplitude", [0.2, 1.0])
+def test_a_steady_swing_loses_the_area_of_the_bouc_wen_loop(amplitude: float) -> None:
+    term, moved = BoucWen(), np.diff(amplitude * np.sin(np.linspace(0, 20 * np.pi, 20001)))
+
+    def step(w: jax.Array, dr: jax.Array) -> tuple[jax.Array, jax.Array]:
+        first = term.rate(SIZES, 0.0, dr, w)
+        after = w + 0.5 * (first + term.rate(SIZES, 0.0, dr, w + first))
+        return after, SIZES["hysteresis"] * 0.5 * (w + after) * dr
+
+    area = float(np.sum(jax.lax.scan(step, 0.0, moved)[1][-2000:]))
+    assert term.dissipated(SIZES, swing(amplitude, 1.0)) == pytest.approx(area, rel=1e-3)
 
 
 def test_springs_of_all_powers_share_one_compiled_program_with_each_damping_law() -> None:

@@ -75,7 +75,7 @@ def _print_quantities(title: str, quantities: Mapping[str, Mapping[str, Any]]) -
 # The arguments and options of `sinew identify` are spelt.
 
 EXCITATIONS = ("force", "torque", "base", "lever", "none")
-_MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|drag|tendon|auto"
+_MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|bouc-wen|drag|tendon|auto"
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")]
 ColumnInput = Annotated[str | None, typer.Option("--input", metavar="COL[:unit]", help="Column of what drives it.")]

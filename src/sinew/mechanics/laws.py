@@ -267,6 +267,54 @@ class Drag(Term):
         return p["drag"] * cycle.around(cycle.speed**2)
 
 
+class BoucWen(Term):
+    """Hysteresis f w, whose state w follows the motion as far as it yields (Bouc 1967, Wen 1976).
+
+    w' = r'/y (1 - w² where r' and w have the same sign, else 1): Wen's equation with n = 2 and β = γ, by which w turns
+    back elastically and then goes to its limit as tanh(r/y). A small motion sees a spring f/y, a large one friction f.
+    """
+
+    numbers = (
+        Number("hysteresis", "hysteresis", 0.1, (2, 1), True, True, absent=True, start=(0.02, 0.8)),
+        Number("yield", "yield motion", 0.3, (0, 1), positive=True, start=(0.03, 2.0), tried=(0.05, 0.2, 0.6)),
+    )
+    history = Number("hysteresis_start", "hysteresis at the start", 0.5, start=(-2.0, 2.0), prior=1.0)
+    lost = "Bouc-Wen hysteresis"
+    by_name = True
+    phase = 0.03
+    _LEAST: ClassVar[float] = 0.03
+
+    def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
+        return p["hysteresis"] * z
+
+    def begin(self, p: Values, r: Any, v: Any) -> Any:
+        return jnp.tanh(p["hysteresis_start"])  # a state that the motion can have led to
+
+    def rate(self, p: Values, r: Any, v: Any, z: Any) -> Any:
+        return v / jnp.maximum(p["yield"], self._LEAST) * (1.0 - jnp.where(v * z > 0, z * z, 0.0))
+
+    def stored(self, p: Values, r: Any) -> Any:
+        return 0.5 * p["hysteresis"] * self._turning(p, np.abs(r)) * np.abs(r)  # to first order: the loop's secant
+
+    def dissipated(self, p: Values, cycle: Cycle) -> Any:
+        w = self._turning(p, cycle.amplitude)
+        slid = 2.0 * cycle.amplitude / p["yield"] - w
+        return 2.0 * p["hysteresis"] * p["yield"] * (np.logaddexp(slid, -slid) - np.log(2.0) - 0.5 * w**2)
+
+    def regressor(self, r: Array, v: Array) -> tuple[Array, int]:
+        return np.sign(v), 0
+
+    @staticmethod
+    def _turning(p: Values, amplitude: Array) -> Array:
+        """Return the state where a steady swing turns: w = tanh(2 A/y - w)."""
+        twice = 2.0 * amplitude / p["yield"]
+        w = np.tanh(0.5 * twice)
+        for _ in range(20):
+            end = np.tanh(twice - w)
+            w = w - (w - end) / (2.0 - end**2)
+        return np.asarray(w)
+
+
 class Quadratic(Term):
     """A spring's k₂ r²."""
 
@@ -300,6 +348,7 @@ TERMS: tuple[Term, ...] = (
     LossFactor(),
     DryFriction(),
     Drag(),
+    BoucWen(),
     Quadratic(),
     Cubic(),
 )

@@ -7,7 +7,18 @@ from typing import Literal
 from sinew.identify.oscillator.record import Excitation
 from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.errors import SpecError
-from sinew.mechanics.laws import Cubic, Drag, DryFriction, Law, Linear, LossFactor, Pendulum, Quadratic, Viscous
+from sinew.mechanics.laws import (
+    BoucWen,
+    Cubic,
+    Drag,
+    DryFriction,
+    Law,
+    Linear,
+    LossFactor,
+    Pendulum,
+    Quadratic,
+    Viscous,
+)
 
 Rest = Literal["offset", "drift", "creep"]
 
@@ -59,6 +70,8 @@ MODELS: dict[str, Model] = {
         "coulomb-cubic-quadratic": Linear() + Viscous() + DryFriction() + Quadratic() + Cubic(),
         "pendulum": Pendulum() + Viscous(),
         "coulomb-pendulum": Pendulum() + Viscous() + DryFriction(),
+        "bouc-wen": Linear() + Viscous() + BoucWen(),
+        "bouc-wen-cubic": Linear() + Viscous() + BoucWen() + Cubic(),
         "drag": Linear() + Viscous() + Drag(),
         "drag-cubic": Linear() + Viscous() + Drag() + Cubic(),
         "drag-pendulum": Pendulum() + Viscous() + Drag(),
