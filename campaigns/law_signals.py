@@ -16,12 +16,12 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import nnls
 
 from sinew.identify.oscillator.record import Record, make_record
-from sinew.identify.oscillator.track import DampingLaw
 
-__all__ = ["EXCITATIONS", "LAWS", "Kind", "Truth", "clean_record", "draw_truth", "noisy_record"]
+__all__ = ["EXCITATIONS", "LAWS", "DampingLaw", "Kind", "Truth", "clean_record", "draw_truth", "noisy_record"]
 
 Array = NDArray[np.float64]
 Kind = Literal["decay", "torque", "lever"]
+DampingLaw = Literal["viscous", "loss-factor", "coulomb"]
 
 LAWS: tuple[DampingLaw, ...] = ("viscous", "loss-factor", "coulomb")
 EXCITATIONS: tuple[Kind, ...] = ("decay", "torque", "lever")

@@ -16,9 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from campaigns.law_signals import LAWS
+from campaigns.law_signals import LAWS, DampingLaw
 from sinew.apps.cli import main as command
-from sinew.identify.oscillator.track import DampingLaw
 from sinew.measure.netcdf import save_recording
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.rig import RigSpec

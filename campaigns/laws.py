@@ -19,14 +19,23 @@ from typing import Literal
 
 import numpy as np
 
-from campaigns.law_signals import EXCITATIONS, LAWS, Kind, Truth, clean_record, draw_truth, noisy_record
-from sinew.identify.choice.comparison import Comparison, compare_laws
+from campaigns.law_signals import (
+    EXCITATIONS,
+    LAWS,
+    DampingLaw,
+    Kind,
+    Truth,
+    clean_record,
+    draw_truth,
+    noisy_record,
+)
+from sinew.identify.choice.comparison import Comparison, compare_laws, laws_to_try
 from sinew.identify.choice.held_out import split_record
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
-from sinew.identify.oscillator.model import MODELS, Rest
+from sinew.identify.oscillator.model import Model, Rest
 from sinew.identify.oscillator.record import Record
-from sinew.identify.oscillator.track import DampingLaw
+from sinew.mechanics.laws import DryFriction, LossFactor
 
 __all__ = ["Margin", "Outcome", "Verdict", "expected_margin", "main", "run_trial", "run_trials", "table"]
 
@@ -80,12 +89,16 @@ def expected_margin(clean: Record, truth: Truth, samples: int) -> tuple[float, f
     return min(others) - own, math.sqrt(misfit / noise)
 
 
+def _law_of(model: Model) -> DampingLaw:
+    return "coulomb" if model.law.has(DryFriction) else "loss-factor" if model.law.has(LossFactor) else "viscous"
+
+
 def _fitted(clean: Record, law: DampingLaw, rest: Rest, viscous: Sequence[Fit]) -> list[Fit]:
     """Return the fits of a law with springs of more and more terms; viscous: the same of that law, to begin at."""
     fits = list(viscous)
-    for model in MODELS.values():
-        if model.damping == law and not model.pendulum and not (viscous and law == "viscous"):
-            known = [one for one in fits if set(one.model.terms) <= set(model.terms)]
+    for model in laws_to_try():
+        if _law_of(model) == law and not (viscous and law == "viscous"):
+            known = [one for one in fits if set(one.model.law.bends) <= set(model.law.bends)]
             fits.append(fit(clean, model.resting(rest), smaller=min(known, key=lambda one: one.rmse, default=None)))
     return fits
 
@@ -99,7 +112,7 @@ def run_trial(law: DampingLaw, kind: Kind, cubic: bool, seed: int) -> Outcome:
     found = compare_laws(split)
     chosen = found.best.model
     return Outcome(
-        truth, seed, evidence, chosen.damping, chosen.name, _verdict(found, truth), own, found.verdict
+        truth, seed, evidence, _law_of(chosen), chosen.name, _verdict(found, truth), own, found.verdict
     )  # fmt: skip
 
 
@@ -115,10 +128,11 @@ def run_trials(trials: Sequence[tuple[DampingLaw, Kind, bool, int]], workers: in
 def _verdict(found: Comparison, truth: Truth) -> Verdict:
     if not found.decided:
         return "cannot tell"
-    if found.best.model.damping == truth.law:
+    told = _law_of(found.best.model)
+    if told == truth.law:
         return "picked"
     bound = found.dry_bound
-    if truth.law == "coulomb" and found.best.model.damping == "viscous" and bound is not None and truth.dry <= bound:
+    if truth.law == "coulomb" and told == "viscous" and bound is not None and truth.dry <= bound:
         return "bounded"
     return "wrong"
 

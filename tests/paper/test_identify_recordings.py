@@ -15,8 +15,9 @@ from sinew.identify.choice.comparison import Comparison, compare
 from sinew.identify.choice.held_out import split_record
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
-from sinew.identify.oscillator.model import MODELS, get_model
+from sinew.identify.oscillator.model import MODELS, VISCOUS, get_model
 from sinew.identify.oscillator.record import Record, make_record
+from sinew.mechanics.laws import DryFriction, Law, LossFactor, Viscous
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real recordings are not beside this repository")
@@ -94,7 +95,7 @@ def beam(name: str, model: str = "linear") -> Fit:
 @each_pendulum
 def test_the_spring_pendulum_is_damped_by_viscous_and_dry_friction(name: str) -> None:
     found = pendulum(name)
-    assert (found.rows[0].model.damping, found.decided) == ("coulomb", True)
+    assert (found.rows[0].model.law.losses, found.decided) == (Viscous() + DryFriction(), True)
 
 
 @pytest.mark.slow
@@ -102,7 +103,8 @@ def test_the_spring_pendulum_is_damped_by_viscous_and_dry_friction(name: str) ->
 def test_dry_friction_makes_the_held_out_error_of_the_spring_pendulum_smaller(name: str) -> None:
     rows = pendulum(name).rows
     dry, *others = (
-        min(r.rmse_test for r in rows if r.model.damping == d) for d in ("coulomb", "viscous", "loss-factor")
+        min(r.rmse_test for r in rows if r.model.law.losses == losses)
+        for losses in (Viscous() + DryFriction(), VISCOUS, Law((LossFactor(),)))
     )
     assert dry < min(others)
 

@@ -183,18 +183,22 @@ def test_a_loss_factor_is_found_again_from_the_twins_own_series() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("damping", ["viscous", "coulomb", "loss-factor"])
-def test_the_derivatives_of_a_track_are_its_differences(damping) -> None:
+@pytest.mark.parametrize("model", ["linear", "coulomb", "loss-factor", "drag", "bouc-wen"])
+def test_the_derivatives_of_a_track_are_its_differences(model: str) -> None:
+    from sinew.identify.oscillator.model import get_model
     from sinew.identify.oscillator.record import Scales, grid_of
 
+    law = get_model(model).law
     record = make_record(TIME, np.sin(TIME), 0.3 * np.sin(OMEGA * TIME), excitation="force")
-    grid, _ = grid_of(record, Scales(OMEGA, 1.0, 1.0), "relative", stiff=True)
-    p = np.array([1.0, 0.1, 0.1025, 0.02, 0.05, 0.1, 0.1, 0.3, 0.1, 0.0, 0.1, -1.0, 0.3])
+    grid, _ = grid_of(record, Scales(OMEGA, 1.0, 1.0), "relative", law)
+    sizes = {"stiffness": 1.0, "loss_factor": 0.1025, "coulomb": 0.02, "quadratic": 0.05, "start": 0.3, "offset": 0.0}
+    sizes |= {"creep_time": -1.0, "memory": 0.3, "yield": 0.4}
+    p = np.array([sizes.get(name, 0.1) for name in LOCAL])
     free = np.array([i for i, name in enumerate(LOCAL)])
-    slopes = track_slopes(p, free, grid, damping, "polynomial", 0)
+    slopes = track_slopes(p, free, grid, law, 0)
     for i in free:
         step = np.where(np.arange(p.size) == i, 1e-6, 0.0)
-        ends = [track(p + sign * step, grid, damping, "polynomial", 0) for sign in (-1, 1)]
+        ends = [track(p + sign * step, grid, law, 0) for sign in (-1, 1)]
         assert slopes[:, i] == pytest.approx((ends[1] - ends[0]) / 2e-6, abs=1e-5)
 
 

@@ -12,6 +12,7 @@ from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.profile import find_quantity, interval90
 from sinew.identify.oscillator.record import make_record
 from sinew.measure.errors import SpecError
+from sinew.mechanics.laws import Linear, Quadratic, Viscous
 
 TIME = np.arange(0, 6, 0.01)
 PHASE = chirp(1, 6, 6)
@@ -84,7 +85,7 @@ def odd_swing(noise: float) -> Fit:
     half = np.random.default_rng(5).normal(0, noise, (4, 5))
     x = motion(viscous(0.003), lambda t: 0.0, t, (0.5, 0.0))[0]
     record = make_record(t, x + np.concatenate([half, -half], axis=1).ravel(), output_unit="rad")
-    return fit(record, Model("quadratic", terms=("quadratic",)))
+    return fit(record, Model("quadratic", Linear() + Viscous() + Quadratic()))
 
 
 def test_offset_and_quadratic_term_of_a_noisy_steady_swing_are_said_not_to_be_told_apart() -> None:

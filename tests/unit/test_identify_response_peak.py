@@ -12,6 +12,7 @@ from sinew.identify.stepped.fit import ResponseFit, fit_response
 from sinew.identify.stepped.oscillation import Drive, Laws, lagging, top_of_sweep
 from sinew.identify.stepped.points import ResponsePoints, make_points
 from sinew.measure.errors import SpecError
+from sinew.mechanics.laws import Cubic, Linear, Viscous
 
 INERTIA, CUBIC = 12.74e-3, 6.0
 
@@ -86,7 +87,7 @@ def hardening() -> ResponseFit:
 def through_the_folds() -> tuple[np.ndarray, np.ndarray]:
     """Return frequency [Hz] and largest angle [rad] at 0.45 N m against the lag from 0.3 to 2.9 rad."""
     numbers = np.array([1.0, 0.1, 0.0, 0.0, 0.0, CUBIC / INERTIA / OMEGA**2, 1.0])
-    laws = Laws("viscous", "polynomial", ("cubic",))
+    laws = Laws(Linear() + Viscous() + Cubic())
     drive = Drive(0.45 / INERTIA / OMEGA**2, 0)
     top, _ = top_of_sweep(numbers, laws, drive, 0.5, 2.0)
     lag = np.linspace(0.3, 2.9, 1301)

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 
 from sinew.identify.stepped.oscillation import Drive, Laws, oscillate
+from sinew.mechanics.laws import Cubic, DryFriction, Linear, LossFactor, Pendulum, Quadratic, Viscous
 from sinew.mechanics.silicone import complex_stiffness, prony_shares
 
 OMEGA = np.linspace(0.5, 1.6, 23)  # more than a block, and no whole number of blocks
 LAWS = [
-    Laws("viscous", "polynomial", ("cubic",)),
-    Laws("viscous", "polynomial", ("quadratic", "cubic")),
-    Laws("loss-factor", "polynomial", natural=19.0),
-    Laws("coulomb", "polynomial"),
-    Laws("viscous", "pendulum", amplitude=0.8),
+    Laws(Linear() + Viscous() + Cubic()),
+    Laws(Linear() + Viscous() + Quadratic() + Cubic()),
+    Laws(Linear() + LossFactor(), natural=19.0),
+    Laws(Linear() + Viscous() + DryFriction()),
+    Laws(Pendulum() + Viscous(), amplitude=0.8),
 ]
 
 
@@ -23,7 +24,7 @@ def numbers_of(laws: Laws) -> np.ndarray:
     return np.array([1.1, 0.0 if loss else 0.2, 0.3 * loss, 0.05 * dry, quadratic, cubic, 1.3])
 
 
-LINEAR = Laws("viscous", "polynomial")
+LINEAR = Laws(Linear() + Viscous())
 NUMBERS = numbers_of(LINEAR)
 
 
@@ -43,7 +44,7 @@ def test_a_moved_base_drives_with_its_acceleration() -> None:
 
 def test_a_loss_factor_is_the_series_of_its_relaxation_times() -> None:
     stiffness = complex_stiffness(prony_shares(0.3), 19.0 / (2 * np.pi))
-    laws = Laws("loss-factor", "polynomial", natural=19.0)
+    laws = Laws(Linear() + LossFactor(), natural=19.0)
     found = oscillate(np.array([1.0, 0, 0.3, 0, 0, 0, 1.0]), np.ones(1), Drive(1.0, 0), laws, np.array([-3j]))
     assert 1 / found.fundamental[0] == pytest.approx(1j * stiffness.imag / stiffness.real, abs=1e-6)
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 EXCITATIONS = ("force", "torque", "base", "lever", "none")
 KINDS = ("samples", "stepped")
-_MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|tendon|auto"
+_MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|bouc-wen|drag|tendon|auto"
 
 FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")]
 ColumnInput = Annotated[str | None, typer.Option("--input", metavar="COL[:unit]", help="Column of what drives it.")]

@@ -14,6 +14,7 @@ from sinew.figures.fit_data import parameter_label, value_and_std
 from sinew.figures.style import ACCENT, GREY, INK, Floats, in_style, new_figure
 from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
 from sinew.identify.oscillator.layout import free_mechanics
+from sinew.mechanics.laws import NUMBERS
 
 # The parameters of a fit become a cloud: values, covariance and, where there are any, draws.
 
@@ -70,9 +71,10 @@ def cloud_of(fit: Fit) -> Cloud:
     every, x = number_names(fit), fit.solution.values
     mechanical = free_mechanics(fit.model, fit.layout.parts[0].record)
     count = sum(entry.local in mechanical for entry in fit.layout.entries)
+    without = tuple(name for name, number in NUMBERS.items() if not number.force)
     # `Fit.parameters` holds the numbers over the inertia first, then those in full where the inertia is known.
     over, full = every[:count], every[count : len(fit.parameters)]
-    names = (*full, *(name for name in over if name.startswith("loss_factor"))) if full else over
+    names = (*full, *(name for name in over if name.startswith(without))) if full else over
     steps = 1e-6 * np.maximum(np.abs(x), 1e-3)
     ends = [physical_numbers(fit, x + sign * np.diag(steps)) for sign in (1.0, -1.0)]
     slope = ((ends[0] - ends[1]) / (2.0 * steps[:, None])).T[[every.index(name) for name in names]]

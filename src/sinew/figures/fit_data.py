@@ -19,6 +19,7 @@ from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.record import Record
 from sinew.identify.oscillator.start import dominant_omega
 from sinew.measure.estimate import pair, typeset
+from sinew.mechanics.laws import NUMBERS
 
 # What a fit found gets the words and units that a figure shows.
 
@@ -34,7 +35,7 @@ _SHOWN: dict[str, tuple[float, str]] = {
 _UNITS = {
     "n": "N", "m": "m", "kg": "kg", "s": "s", "rad": "rad", "v": "V", "a": "A", "pa": "Pa", "mm": "mm", "hz": "Hz",
 }  # fmt: skip
-_WORDS = {"coulomb": "dry friction", "quadratic": "quadratic term", "cubic": "cubic term"}
+_WORDS = {name: number.word for name, number in NUMBERS.items() if number.absent}
 _POWERS = {"2": "²", "3": "³"}
 
 

@@ -25,6 +25,7 @@ from sinew.measure.estimate import Estimate, number, shown, span
 from sinew.measure.netcdf import load_recording
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.told import Table, Told
+from sinew.mechanics.laws import NUMBERS, TERMS
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
 from sinew.twin.cache import configure
@@ -227,7 +228,7 @@ def _of_comparison(compared: Comparison, remarks: Sequence[str]) -> Identified:
 
 def _impossible(best: Fit) -> list[str]:
     """Return a sentence where a friction or a loss factor is negative for certain."""
-    words = {"coulomb": "dry friction", "loss_factor": "loss factor"}
+    words = {n.name: n.word for term in TERMS if term.lost and not term.plain for n in term.numbers}
     negative = impossible_numbers(best)
     return [
         f"the {word} came out negative, which nothing has: the damping depends on amplitude or frequency in another way"
@@ -287,7 +288,7 @@ def _number(value: float) -> float | None:
 
 # What is asked for beside the fit is added: profiles, a bootstrap over repeats, a posterior.
 
-_NONLINEAR = ("loss_factor", "coulomb", "quadratic", "cubic")
+_NONLINEAR = tuple(name for name in NUMBERS if name not in ("stiffness", "damping"))
 _DRAWS, _WARMUP = 500, 300  # of each of two chains: intervals to a tenth of a standard deviation
 
 

@@ -1,9 +1,10 @@
 """This is where an oscillator of one degree of freedom is described by a handful of numbers.
 
-    I φ̈ + d φ̇ + k φ + k₂ φ² + k₃ φ³ + M_c tanh(φ̇/v) = M sin Ωt + I Ω² b sin Ωt
+    I φ̈ + d φ̇ + k φ + k₂ φ² + k₃ φ³ + M_c tanh(φ̇/v) = M sin Ωt + I Ω² b sin Ωt,
 
-φ is the rotation against the base, which turns by b sin Ωt. Dry friction M_c turns round over the speed v, which is
-`SLIDING_SHARE` of a speed that is expected; a motion that rests for a part of its period creeps instead.
+the left side being `LAW`, a sum of terms (`sinew.mechanics.laws`). φ is the rotation against the base, which turns by
+b sin Ωt. Dry friction M_c turns round over the speed v, which is `SLIDING_SHARE` of a speed that is expected; a motion
+that rests for a part of its period creeps instead.
 """
 
 from typing import NamedTuple
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
+from sinew.mechanics.laws import Cubic, DryFriction, Linear, Quadratic, Viscous
 from sinew.solve.balance import Lane
 from sinew.solve.curves import Problem, Resolution
 from sinew.solve.waves import Coordinate, Equations, Size
@@ -21,6 +23,8 @@ from sinew.solve.waves import Coordinate, Equations, Size
 SLIDING_SHARE = 0.02
 """Speed over which dry friction turns round, as a share of the natural frequency times the expected amplitude, or times
 three static rotations where that is less; the more of the torque the friction takes up, the less."""
+
+LAW = Linear() + Viscous() + DryFriction() + Quadratic() + Cubic()
 
 _LEAST_LEFT, _HEAVY = 0.1, 0.5
 
@@ -87,11 +91,8 @@ class _Numbers(NamedTuple):
 
 
 def _rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Numbers) -> jax.Array:
-    phi, rate = u[0], u[1]
-    spring = phi * (p.stiffness + phi * (p.quadratic + phi * p.cubic))
-    losses = p.damping * rate + p.coulomb * jnp.tanh(rate / p.speed)
     push = (p.torque + p.inertia * omega**2 * p.base) * jnp.sin(phase)
-    return ((push - losses - spring) / p.inertia)[None]
+    return jnp.asarray((push - LAW.force(p._asdict(), u[0], u[1])) / p.inertia)[None]
 
 
 SYMMETRIC = Equations((Coordinate("angle", "odd", 2),), _rates)

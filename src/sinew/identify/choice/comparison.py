@@ -18,9 +18,11 @@ from sinew.identify.choice.held_out import HeldOut, Split, fit_and_predict, pred
 from sinew.identify.choice.residual_tests import ask_fit
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
-from sinew.identify.oscillator.model import MODELS, Model, get_model
+from sinew.identify.oscillator.model import MODELS, VISCOUS, Model, get_model
 from sinew.identify.oscillator.record import Excitation, Record
+from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.mechanics.laws import HISTORIES, NUMBERS, TERMS
 
 Array = NDArray[np.float64]
 
@@ -32,7 +34,6 @@ _NEAR = 30.0  # a difference of BIC that another spring, or a better minimum, ma
 _SURE = 8.0  # standard deviations from zero of a term without which nothing needs to be tried
 _REFINEMENTS = 3
 _POOR, _SMOOTH = 0.1, 0.5  # residuals' share of the output, and correlation of neighbours, of a misfit that is no noise
-_LAWS = {"viscous": "viscous damping", "loss-factor": "a constant loss factor", "coulomb": "viscous and dry friction"}
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def compare_laws(split: Split, progress: Callable[[float, float], None] | None =
         if progress is not None:
             progress(done, 4)
 
-    rows = _race(split, [model for model in laws_to_try() if model.damping == "viscous"])
+    rows = _race(split, [model for model in laws_to_try() if model.law.losses == VISCOUS])
     told(1)
     first = choose(rows).best.model
     if split.record.excitation == "none":
@@ -104,11 +105,11 @@ def compare_laws(split: Split, progress: Callable[[float, float], None] | None =
         if choose(rows).best.model.rest == "creep":
             rows += _race(split, _new(rows, (row.model.resting("creep") for row in rows)), rows)
             first = choose(rows).best.model
-    plain = next((row for row in rows if not row.model.terms and row.model.rest == first.rest), None)
+    plain = next((row for row in rows if not row.model.law.bends and row.model.rest == first.rest), None)
     # A damping law can do what a stiffness term had mimicked, unless the linear spring is hopeless.
     hopeless = plain is None or plain.rmse_test > _HOPELESS * choose(rows).best.rmse_test
-    terms = {first.terms} if hopeless else {(), first.terms}
-    alike = [one.resting(first.rest) for one in laws_to_try() if one.terms in terms]
+    bends = {first.law.bends} if hopeless else {(), first.law.bends}
+    alike = [one.resting(first.rest) for one in laws_to_try() if one.law.bends in bends]
     rows += _race(split, _new(rows, alike), rows)
     told(2)
     for _ in range(_REFINEMENTS):  # of a law that comes near, the spring and the rest position
@@ -117,7 +118,7 @@ def compare_laws(split: Split, progress: Callable[[float, float], None] | None =
             break
         rows += _race(split, tried, rows)
     told(3)
-    near = [id(row) for row in _near(rows) if row.model.damping == "coulomb"]
+    near = [id(row) for row in _near(rows) if row.model.law.sticks]
     rows = [_followed(split, row) if id(row) in near else row for row in rows]
     told(4)
     return _finish(split, rows)
@@ -127,7 +128,8 @@ def _near(rows: Sequence[Row]) -> list[Row]:
     """Return of every damping law the row with the most evidence, if it may still win."""
     rows = _with_criterion(rows)
     lowest = min(row.bic for row in rows)
-    best = (min((r for r in rows if r.model.damping == law), key=lambda r: r.bic, default=None) for law in _LAWS)
+    laws = dict.fromkeys(model.law.losses for model in laws_to_try())
+    best = (min((r for r in rows if r.model.law.losses == law), key=lambda r: r.bic, default=None) for law in laws)
     return [row for row in best if row is not None and row.bic < lowest + _NEAR]
 
 
@@ -140,10 +142,10 @@ def _neighbours(row: Row, excitation: Excitation) -> Iterable[Model]:
         k = names.index(local)
         return bool(abs(found.solution.values[k]) > _SURE * found.covariance.std[k])
 
-    ladder = [one for one in laws_to_try() if one.damping == model.damping]
-    at = next(i for i, one in enumerate(ladder) if one.terms == model.terms)
+    ladder = [one for one in laws_to_try() if one.law.losses == model.law.losses]
+    at = next(i for i, one in enumerate(ladder) if one.law.springs == model.law.springs)
     for less in ladder[:at]:
-        if not any(surely(term) for term in set(model.terms) - set(less.terms)):
+        if not any(surely(term) for term in set(model.law.bends) - set(less.law.bends)):
             yield less.resting(model.rest)
     if at + 1 < len(ladder):
         yield ladder[at + 1].resting(model.rest)
@@ -158,8 +160,8 @@ def _followed(split: Split, row: Row) -> Row:
 
 
 def laws_to_try() -> tuple[Model, ...]:
-    """Return every damping law with every stiffness law; a pendulum is asked for by name."""
-    return tuple(model for model in MODELS.values() if not model.pendulum)
+    """Return every damping law with every stiffness law, less what is asked for by name."""
+    return tuple(model for model in MODELS.values() if not any(term.by_name for term in model.law.terms))
 
 
 def _new(rows: Sequence[Row], models: Iterable[Model]) -> list[Model]:
@@ -193,9 +195,8 @@ def _smaller(rows: Sequence[Row], model: Model) -> Fit | None:
     extended = [
         row.held_out.fit
         for row in rows
-        if row.model.damping in ("viscous", model.damping)
-        and row.model.pendulum == model.pendulum
-        and set(row.model.terms) <= set(model.terms)
+        if row.model.law.losses in (VISCOUS, model.law.losses)
+        and set(row.model.law.springs.terms) <= set(model.law.springs.terms)
         and row.model.rest in ("offset", model.rest)
     ]
     return min(extended, key=lambda one: one.rmse, default=None)
@@ -227,11 +228,11 @@ def criterion(found: Fit, independent: float) -> float:
     whole = float(np.log(independent))
     cost = 0.0
     for entry, std, value in zip(found.layout.entries, found.covariance.std, found.solution.values, strict=True):
-        if entry.local != "memory":
+        if entry.local not in HISTORIES:
             cost += whole
             continue
         told = -2 * np.log(max(float(std), 1e-12) * np.sqrt(2 * np.pi)) if np.isfinite(std) else 0.0
-        cost += float(np.clip(told, 0.0, whole)) + float(value - np.clip(value, 0.0, 1.0)) ** 2
+        cost += float(np.clip(told, 0.0, whole)) + float(value - np.clip(value, *LOCAL[entry.local].start)) ** 2
     return float(independent * np.log(max(found.rmse, 1e-300) ** 2) + cost)
 
 
@@ -243,9 +244,9 @@ def choose(rows: Sequence[Row]) -> Choice:
     lowest = min(row.bic for row in staying)
     best = min((row for row in staying if row.bic < lowest + _HINT), key=lambda row: (_size(row.model), row.bic))
     rivals = [row for row in staying if _rivals(row, best, staying)]
-    if any(row.model.damping == "viscous" for row in rivals):  # nothing speaks against the plainest law
-        plain = min((row for row in rivals if row.model.damping == "viscous"), key=lambda row: row.bic)
-        best, rivals = plain, [best, *(row for row in rivals if row.model.damping != "viscous")]
+    if any(row.model.law.losses == VISCOUS for row in rivals):  # nothing speaks against the plainest law
+        plain = min((row for row in rivals if row.model.law.losses == VISCOUS), key=lambda row: row.bic)
+        best, rivals = plain, [best, *(row for row in rivals if row.model.law.losses != VISCOUS)]
     stays = [id(row) for row in staying]
     rows.sort(key=lambda row: (row is not best, id(row) not in stays, row.bic))
     names = [row.model.name for row in rows]  # of two rest positions the better
@@ -257,7 +258,7 @@ def choose(rows: Sequence[Row]) -> Choice:
 
 def impossible_numbers(found: Fit) -> list[str]:
     """Return the damping numbers of a fit that are negative for certain, beyond their 90 % interval."""
-    damping = ("damping", "loss_factor", "coulomb")
+    damping = tuple(number.name for term in TERMS if term.lost for number in term.numbers if number.positive)
     return [name for name, one in found.parameters.items() if name.startswith(damping) and one.high < 0]
 
 
@@ -302,12 +303,12 @@ def _is_worse(one: Array, other: Array) -> bool:
 
 def _rivals(row: Row, best: Row, staying: Sequence[Row]) -> bool:
     """Return whether another damping law has nearly the evidence of the best and is no mere extension of it."""
-    if row.model.damping == best.model.damping or row.bic > best.bic + _CLEAR:
+    if row.model.law.losses == best.model.law.losses or row.bic > best.bic + _CLEAR:
         return False
-    if row.model.damping != "coulomb":
+    if not row.model.law.sticks:
         return True
     # Dry friction extends viscous damping, and is no rival where it adds nothing to it.
-    return not any(other.model.damping == "viscous" and other.bic <= row.bic for other in staying)
+    return not any(other.model.law.losses == VISCOUS and other.bic <= row.bic for other in staying)
 
 
 def _impossible(choice: Choice) -> str:
@@ -336,9 +337,9 @@ def _begins_late(found: Fit) -> str:
 def _dry_bound(choice: Choice) -> tuple[float | None, str]:
     """Return how much dry friction there may be beside viscous damping that is told, and the words for it."""
     best = choice.best.model
-    if choice.rivals or best.damping != "viscous":
+    if choice.rivals or best.law.losses != VISCOUS:
         return None, ""
-    same = [row for row in choice.rows if row.model.damping == "coulomb" and row.model.terms == best.terms]
+    same = [row for row in choice.rows if row.model.law.sticks and row.model.law.bends == best.law.bends]
     if not same:
         return None, ""
     ends = {name: one.high for name, one in same[0].held_out.fit.parameters.items() if name.startswith("coulomb")}
@@ -353,18 +354,17 @@ def _dry_bound(choice: Choice) -> tuple[float | None, str]:
 
 def _verdict(choice: Choice, what: str) -> str:
     best, rivals, rows = choice.best, choice.rivals, choice.rows
-    law = _LAWS[best.model.damping]
-    stiffness = {(): "a linear spring", ("cubic",): "a cubic spring"}.get(
-        best.model.terms, "a spring with quadratic and cubic terms"
+    loss, stiffness = (one.in_words() for one in (best.model.law.losses, best.model.law.springs))
+    law = (
+        loss
+        + {"offset": "", "drift": " and a drifting rest position", "creep": " and a creeping rest position"}[
+            best.model.rest
+        ]
     )
-    stiffness = "a pendulum" if best.model.pendulum else stiffness
-    law += {"offset": "", "drift": " and a drifting rest position", "creep": " and a creeping rest position"}[
-        best.model.rest
-    ]
     if rivals:
-        others = " or ".join(dict.fromkeys(_LAWS[row.model.damping] for row in rivals))
+        others = " or ".join(dict.fromkeys(row.model.law.losses.in_words() for row in rivals))
         return (
-            f"cannot tell {_LAWS[best.model.damping]} from {others} in this {what} (BIC within {_CLEAR:g}, held-out "
+            f"cannot tell {loss} from {others} in this {what} (BIC within {_CLEAR:g}, held-out "
             f"errors alike); {stiffness} with {law} is reported"
         )
     if len(rows) == 1:
@@ -394,7 +394,7 @@ def varying_mechanics(records: Sequence[Record]) -> tuple[str, ...]:
     """Return the names (of `LOCAL`) that differ from group to group: all mechanics but the gain; none for one group."""
     if len({record.group for record in records}) < 2:
         return ()
-    return ("stiffness", "damping", "loss_factor", "coulomb", "quadratic", "cubic")
+    return tuple(NUMBERS)
 
 
 def compare_segments(

@@ -17,7 +17,7 @@ from sinew.identify.oscillator.least_squares import Problem, solve
 from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.record import FEWEST, Record
 from sinew.identify.oscillator.start import dominant_omega
-from sinew.identify.oscillator.track import LOCAL
+from sinew.identify.oscillator.track import PLACE
 from sinew.measure.errors import RecordingError, SpecError
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ def predict(fitted: Fit, record: Record) -> Array:
     part = make_part(record, fitted.model.resting("offset"), scales, fitted.frame, np.ones(record.size, dtype=bool))
     each = [fitted.layout.local(fitted.solution.values, i) for i in mine]
     known = each[0].copy()
-    offset = LOCAL.index("offset")
+    offset = PLACE["offset"]
     sizes = [one[offset] * fitted.layout.parts[i].unit_size for one, i in zip(each, mine, strict=True)]
     known[offset] = float(np.median(sizes)) / part.unit_size
     layout = make_layout(fitted.model.resting("offset"), [part])

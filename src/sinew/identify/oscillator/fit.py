@@ -25,6 +25,7 @@ from sinew.identify.oscillator.model import Model, get_model
 from sinew.identify.oscillator.record import FEWEST, Frame, Record, Scales, frames_of
 from sinew.identify.oscillator.search import begin, carried_over, first_values, search
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.mechanics.laws import Pendulum
 from sinew.twin.cache import configure
 
 Array = NDArray[np.float64]
@@ -73,7 +74,7 @@ def _check(records: Sequence[Record], model: Model) -> None:
         raise SpecError("no record to fit")
     if len({(r.excitation, r.output_unit, r.input_unit) for r in records}) > 1:
         raise SpecError("records of one fit need the same excitation and units")
-    if model.pendulum and records[0].motion_unit not in ("rad", "1"):
+    if model.law.has(Pendulum) and records[0].motion_unit not in ("rad", "1"):
         raise SpecError(f"model {model.name} needs an angle, the output is in {records[0].output_unit}")
 
 

@@ -9,10 +9,11 @@ from scipy import special
 from sinew.identify.oscillator.certainty import Covariance, correlation, estimates, find_unidentifiable
 from sinew.identify.oscillator.layout import Layout, free_mechanics
 from sinew.identify.oscillator.least_squares import Solution
-from sinew.identify.oscillator.model import NATURAL, WORDS, Model, parameter_name
+from sinew.identify.oscillator.model import Model, parameter_name
 from sinew.identify.oscillator.record import Frame, Record, derivative_order
 from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.estimate import Estimate
+from sinew.mechanics.laws import HISTORIES, NUMBERS, Cycle, Law, LossFactor
 
 # The numbers of a solution get their names, units and intervals.
 
@@ -30,39 +31,23 @@ def mechanical_parameters(layout: Layout, solution: Solution, certainty: Covaria
     record, scales = layout.parts[0].record, layout.parts[0].scales
     found, full = {}, {}
     gain = next((k for k, entry in enumerate(layout.entries) if entry.local == "gain"), None)
-    inertial = _INERTIAL.get((record.motion_unit, record.input_unit)) if gain is not None else None
+    kind = _FULL.get((record.motion_unit, record.input_unit)) if gain is not None else None
     for k, one in enumerate(estimates(solution.values, certainty)):
         entry = layout.entries[k]
         if entry.local not in free_mechanics(layout.model, record):
             continue
         name = parameter_name(entry.local, record.excitation, record.motion_unit, record.input_motion_unit)
         found[name + (entry.label() if entry.group else "")] = _scaled(one, scales.physical(entry.local))
-        if inertial is not None and gain is not None and entry.local in inertial:
+        if kind is not None and gain is not None and (entry.local == "gain" or LOCAL[entry.local].force):
+            called = kind[0] if entry.local == "gain" else LOCAL[entry.local].in_full(*kind[1:])
             factor = (1.0 if entry.local == "gain" else scales.physical(entry.local)) / scales.physical("gain")
             whole = _over(k, gain, solution.values, certainty)
-            full[inertial[entry.local] + (entry.label() if entry.group else "")] = _scaled(whole, factor)
+            full[called + (entry.label() if entry.group else "")] = _scaled(whole, factor)
     return found | full
 
 
-_INERTIAL: dict[tuple[str, str], dict[str, str]] = {
-    ("rad", "N*m"): {
-        "gain": "inertia_kg_m2",
-        "stiffness": "stiffness_n_m_per_rad",
-        "damping": "damping_n_m_s_per_rad",
-        "coulomb": "coulomb_n_m",
-        "quadratic": "quadratic_n_m_per_rad2",
-        "cubic": "cubic_n_m_per_rad3",
-    },
-    ("m", "N"): {
-        "gain": "mass_kg",
-        "stiffness": "stiffness_n_per_m",
-        "damping": "damping_n_s_per_m",
-        "coulomb": "coulomb_n",
-        "quadratic": "quadratic_n_per_m2",
-        "cubic": "cubic_n_per_m3",
-    },
-}
-"""Names of the numbers in full, by the units of motion and input: gain becomes the inertia 1/gain."""
+_FULL = {("rad", "N*m"): ("inertia_kg_m2", "n_m", "rad"), ("m", "N"): ("mass_kg", "n", "m")}
+"""By the units of motion and input what the gain becomes in full, 1/gain, and the words of the units in other names."""
 
 
 def _over(k: int, gain: int, x: Array, certainty: Covariance) -> Estimate:
@@ -81,8 +66,8 @@ def nuisance_parameters(layout: Layout, solution: Solution, certainty: Covarianc
     for entry, one in zip(layout.entries, estimates(solution.values, certainty), strict=True):
         part = layout.parts[max(entry.record, 0)]
         if entry.local in layout.model.nuisance(part.record.excitation):
-            size = {"offset": part.unit_size, "drift": part.unit_size, "creep_time": 1.0, "memory": 1.0}
-            factor = size[entry.local] if entry.local in size else part.scales.physical(entry.local)
+            scaled = entry.local in ("offset", "drift")
+            factor = part.unit_size if scaled else part.scales.physical(entry.local)
             found[entry.local + entry.label()] = _scaled(one, factor)
     return found
 
@@ -102,7 +87,7 @@ def oscillation(layout: Layout, solution: Solution, certainty: Covariance) -> tu
     slope[at["stiffness"]] = hertz / (2 * root)
     frequency = Estimate.student(hertz * root, _std(slope, certainty), freedom)
     slope = np.zeros(x.size)
-    if layout.model.damping == "loss-factor":
+    if layout.model.law.has(LossFactor):
         slope[at["loss_factor"]] = 0.5
         return frequency, Estimate.student(0.5 * float(x[at["loss_factor"]]), _std(slope, certainty), freedom)
     damping = float(x[at["damping"]]) / (2 * root)
@@ -119,10 +104,10 @@ def _std(slope: Array, certainty: Covariance) -> float:
 
 def unidentifiable_directions(layout: Layout, solution: Solution, certainty: Covariance) -> tuple[str, ...]:
     """Return one sentence for each direction that the records do not determine."""
-    natural = np.array([NATURAL[entry.local] for entry in layout.entries])
+    natural = np.array([LOCAL[entry.local].natural for entry in layout.entries])
     gain = [k for k, entry in enumerate(layout.entries) if entry.local == "gain"]
     natural[gain] = 0.5 * np.maximum(np.abs(solution.values[gain]), 1e-6)
-    names = [WORDS[entry.local] + (f" of {entry.group}" if entry.group else "") for entry in layout.entries]
+    names = [LOCAL[entry.local].word + (f" of {entry.group}" if entry.group else "") for entry in layout.entries]
     n, m = solution.jacobian.shape
     shared = n / (certainty.degrees_of_freedom + m)
     noise = float(np.sqrt(solution.sum_of_squares / max(n - m, 1) * max(shared, 1.0)))
@@ -191,7 +176,7 @@ class Fit:
         m: the record hardly tells it, and it is no mechanics.
         """
         n = self.effective_samples if effective_samples is None else effective_samples
-        counted = sum(entry.local != "memory" for entry in self.layout.entries)
+        counted = sum(entry.local not in HISTORIES for entry in self.layout.entries)
         return float(n * np.log(max(self.rmse, 1e-300) ** 2) + counted * np.log(n))
 
     def residuals(self) -> list[Array]:
@@ -314,43 +299,31 @@ def _reached(fit: Fit, i: int) -> float:
 def _curves(fit: Fit, x: Array, amplitude: Array) -> Array:
     """Return damped frequency [Hz] and damping ratio at amplitudes of the motion, shape (2, a)."""
     scales = fit.layout.parts[0].scales
+    law = fit.model.law
     local = dict(zip(LOCAL, fit.layout.local(x, 0), strict=True))
-    p = {name: local[name] * scales.physical(name) for name in _MECHANICS}
+    p = {name: local[name] * scales.physical(name) for name in NUMBERS} | {"amplitude": 1.0}
     with np.errstate(invalid="ignore", divide="ignore"):
-        energy, omega, path = _conservative(p, amplitude, fit.model.pendulum)
-        up, down = (_conservative(p, amplitude * (1 + s), fit.model.pendulum)[0] for s in (1e-4, -1e-4))
-        lost = p["damping"] * path + 4.0 * p["coulomb"] * amplitude
-        lost = lost + np.pi * p["loss_factor"] * p["stiffness"] * amplitude**2
-        rate = lost * omega / (2 * np.pi) / ((up - down) / 2e-4)
+        energy, omega, cycle = _conservative(p, amplitude, law)
+        up, down = (_conservative(p, amplitude * (1 + s), law)[0] for s in (1e-4, -1e-4))
+        rate = law.dissipated(p, cycle) * omega / (2 * np.pi) / ((up - down) / 2e-4)
         damped = np.sqrt(omega**2 - 0.25 * p["damping"] ** 2) / (2 * np.pi)
     return np.stack([np.where(np.isfinite(energy), damped, np.nan), rate / omega])
 
 
-_MECHANICS = ("stiffness", "damping", "loss_factor", "coulomb", "quadratic", "cubic")
-
-
-def _conservative(p: dict[str, float], amplitude: Array, pendulum: bool) -> tuple[Array, Array, Array]:
-    """Return energy over the inertia, angular frequency, and ∮ v dr of the swing without loss, shape (a,) each."""
-
-    def potential(r: Array) -> Array:
-        linear = (1.0 - np.cos(r)) if pendulum else 0.5 * r**2
-        return np.asarray(p["stiffness"] * linear + p["quadratic"] * r**3 / 3.0 + p["cubic"] * r**4 / 4.0)
-
-    def force(r: Array) -> Array:
-        linear = np.sin(r) if pendulum else r
-        return np.asarray(p["stiffness"] * linear + p["quadratic"] * r**2 + p["cubic"] * r**3)
-
+def _conservative(p: dict[str, float], amplitude: Array, law: Law) -> tuple[Array, Array, Cycle]:
+    """Return energy over the inertia and angular frequency, shape (a,) each, and the swing without loss."""
     middle = np.zeros_like(amplitude)
     if p["quadratic"]:
         for _ in range(30):
-            off = potential(middle + amplitude) - potential(middle - amplitude)
-            slope = force(middle + amplitude) - force(middle - amplitude)
+            ends = middle + amplitude, middle - amplitude
+            off = law.stored(p, ends[0]) - law.stored(p, ends[1])
+            slope = np.asarray(law.springs.force(p, ends[0], 0.0) - law.springs.force(p, ends[1], 0.0))
             middle = np.clip(middle - off / slope, -0.9 * amplitude, 0.9 * amplitude)
-    energy = potential(middle + amplitude)
+    energy = law.stored(p, middle + amplitude)
     u = (np.arange(_NODES) + 0.5) / _NODES * np.pi - 0.5 * np.pi
     r = middle[:, None] + amplitude[:, None] * np.sin(u)
-    left = 2.0 * (energy[:, None] - potential(r))
+    left = 2.0 * (energy[:, None] - law.stored(p, r))
     speed = np.sqrt(np.where(left > 0, left, np.nan))
     weight = amplitude[:, None] * np.cos(u) * (np.pi / _NODES)
     period = 2.0 * np.sum(weight / speed, axis=1)
-    return energy, 2 * np.pi / period, 2.0 * np.sum(weight * speed, axis=1)
+    return energy, 2 * np.pi / period, Cycle(amplitude, r, speed, weight)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from sinew.identify.oscillator.least_squares import Problem
 from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.record import Frame, Record, Scales, derivative_order, grid_of
-from sinew.identify.oscillator.track import LOCAL, Grid, track, track_slopes
+from sinew.identify.oscillator.track import LOCAL, PLACE, Grid, track, track_slopes
+from sinew.mechanics.laws import HISTORIES
 
 Array = NDArray[np.float64]
 _LINEAR_CREEP = 6.0  # of `creep_time`: the drift is a straight line
@@ -65,7 +66,7 @@ class Layout:
     ratio: tuple[Array, ...]
 
     def local(self, x: Array, part: int) -> Array:
-        """Return the numbers of `LOCAL` of one part, shape (13,)."""
+        """Return the numbers of `LOCAL` of one part, shape (local,)."""
         p = self.parts[part].fixed.copy()
         p[self.column[part]] = x[self.index[part]] * self.ratio[part]
         return p
@@ -76,7 +77,7 @@ class Layout:
 
     def _track(self, x: Array, i: int) -> Array:
         part = self.parts[i]
-        found = track(self.local(x, i), part.grid, self.model.damping, self.model.stiffness, part.order)
+        found = track(self.local(x, i), part.grid, self.model.law, part.order)
         return np.asarray(found[part.samples])
 
     def problem(self, seen: Sequence[NDArray[np.bool_]]) -> Problem:
@@ -98,7 +99,7 @@ class Layout:
     def _slopes(self, x: Array, i: int) -> Array:
         part = self.parts[i]
         p = self.local(x, i)
-        slopes = track_slopes(p, self.column[i], part.grid, self.model.damping, self.model.stiffness, part.order)
+        slopes = track_slopes(p, self.column[i], part.grid, self.model.law, part.order)
         found = np.zeros((part.record.size, x.size))
         found[:, self.index[i]] = slopes[part.samples] * self.ratio[i]
         return found
@@ -106,12 +107,12 @@ class Layout:
 
 def make_part(record: Record, model: Model, scales: Scales, frame: Frame, kept: NDArray[np.bool_]) -> Part:
     """Return a record ready to be simulated with a model."""
-    grid, samples = grid_of(record, scales, frame, stiff=model.damping == "loss-factor")
+    grid, samples = grid_of(record, scales, frame, model.law)
     order = derivative_order(record.output_unit)
     fixed = np.zeros(len(LOCAL))
-    fixed[LOCAL.index("creep_time")] = _LINEAR_CREEP
+    fixed[PLACE["creep_time"]] = _LINEAR_CREEP
     if record.excitation == "base":
-        fixed[LOCAL.index("gain")] = 1.0 / scales.physical("gain")
+        fixed[PLACE["gain"]] = 1.0 / scales.physical("gain")
     size = scales.amplitude * scales.omega**order
     return Part(record, scales, grid, samples, kept, order, size, fixed)
 
@@ -139,12 +140,12 @@ def make_layout(model: Model, parts: Sequence[Part], varying: Sequence[str] = ()
             k for k, entry in enumerate(entries) if entry.group in ("", part.record.group) and entry.record in (-1, i)
         ]
         index.append(np.array(mine, dtype=np.intp))
-        column.append(np.array([LOCAL.index(entries[k].local) for k in mine], dtype=np.intp))
+        column.append(np.array([PLACE[entries[k].local] for k in mine], dtype=np.intp))
         ratio.append(np.array([_ratio(entries[k].local, parts[0].scales, part.scales) for k in mine]))
     return Layout(model, tuple(parts), tuple(entries), tuple(index), tuple(column), tuple(ratio))
 
 
 def _ratio(local: str, first: Scales, own: Scales) -> float:
-    if local in ("start", "start_rate", "offset", "drift", "creep_time", "memory"):
+    if local in ("start", "start_rate", "offset", "drift", "creep_time", *HISTORIES):
         return 1.0
     return first.physical(local) / own.physical(local)

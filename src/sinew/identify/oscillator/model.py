@@ -1,103 +1,82 @@
-"""This is where a model is put together: a damping law, a stiffness law, and how its numbers are called."""
+"""This is where a model is put together: a law of its motion, what its rest does, and how its numbers are called."""
 
 import re
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from sinew.identify.oscillator.record import Excitation
-from sinew.identify.oscillator.track import LOCAL, DampingLaw, StiffnessLaw
+from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.errors import SpecError
+from sinew.mechanics.laws import (
+    BoucWen,
+    Cubic,
+    Drag,
+    DryFriction,
+    Law,
+    Linear,
+    LossFactor,
+    Pendulum,
+    Quadratic,
+    Viscous,
+)
 
 Rest = Literal["offset", "drift", "creep"]
 
 
 @dataclass(frozen=True)
 class Model:
-    """One degree of freedom: I r'' + damping + stiffness = input.
+    """One degree of freedom: r'' + law = input.
 
-    name: what the command line calls it. damping: viscous, viscous and Coulomb, or a constant loss factor.
-    terms: of the stiffness beyond the linear one, of "quadratic" and "cubic". pendulum: sin r instead of r (angles).
+    name: what the command line calls it. law: the sum of its terms.
     rest: what the rest position does during the record: an offset, a linear drift, or an exponential creep.
     """
 
     name: str
-    damping: DampingLaw = "viscous"
-    terms: tuple[str, ...] = ()
-    pendulum: bool = False
+    law: Law
     rest: Rest = "offset"
 
     def resting(self, rest: Rest) -> "Model":
         """Return the same model with another rest position."""
         return replace(self, rest=rest)
 
-    @property
-    def stiffness(self) -> StiffnessLaw:
-        """Return the form of the linear restoring term."""
-        return "pendulum" if self.pendulum else "polynomial"
+    def damped(self, losses: Law) -> "Model":
+        """Return the same model with other losses."""
+        return replace(self, law=self.law.springs + losses)
 
     def mechanics(self, excitation: Excitation) -> tuple[str, ...]:
         """Return the names (of `LOCAL`) of its mechanical numbers under an excitation."""
-        damping = {"viscous": ("damping",), "coulomb": ("damping", "coulomb"), "loss-factor": ("loss_factor",)}
-        names = {"stiffness", *damping[self.damping], *self.terms} | ({"gain"} if excitation != "none" else set())
-        return tuple(name for name in LOCAL if name in names)
+        return tuple(n.name for n in self.law.numbers) + (() if excitation == "none" else ("gain",))
 
     def nuisance(self, excitation: Excitation) -> tuple[str, ...]:
         """Return the names (of `LOCAL`) of the numbers that every record has for itself."""
-        memory = ("memory",) if self.damping == "loss-factor" and excitation == "none" else ()
         more = {"offset": (), "drift": ("drift",), "creep": ("drift", "creep_time")}
-        return ("start", "start_rate", "offset", *more[self.rest], *memory)
+        return ("start", "start_rate", "offset", *more[self.rest], *self.law.histories(excitation == "none"))
 
+
+VISCOUS = Law((Viscous(),))
+"""The plainest loss, which other laws are held against."""
 
 MODELS: dict[str, Model] = {
-    model.name: model
-    for model in (
-        Model("linear"),
-        Model("loss-factor", "loss-factor"),
-        Model("coulomb", "coulomb"),
-        Model("cubic", terms=("cubic",)),
-        Model("cubic-quadratic", terms=("quadratic", "cubic")),
-        Model("loss-factor-cubic", "loss-factor", ("cubic",)),
-        Model("loss-factor-cubic-quadratic", "loss-factor", ("quadratic", "cubic")),
-        Model("coulomb-cubic", "coulomb", ("cubic",)),
-        Model("coulomb-cubic-quadratic", "coulomb", ("quadratic", "cubic")),
-        Model("pendulum", pendulum=True),
-        Model("coulomb-pendulum", "coulomb", pendulum=True),
-    )
+    name: Model(name, law)
+    for name, law in {
+        "linear": Linear() + Viscous(),
+        "loss-factor": Linear() + LossFactor(),
+        "coulomb": Linear() + Viscous() + DryFriction(),
+        "cubic": Linear() + Viscous() + Cubic(),
+        "cubic-quadratic": Linear() + Viscous() + Quadratic() + Cubic(),
+        "loss-factor-cubic": Linear() + LossFactor() + Cubic(),
+        "loss-factor-cubic-quadratic": Linear() + LossFactor() + Quadratic() + Cubic(),
+        "coulomb-cubic": Linear() + Viscous() + DryFriction() + Cubic(),
+        "coulomb-cubic-quadratic": Linear() + Viscous() + DryFriction() + Quadratic() + Cubic(),
+        "pendulum": Pendulum() + Viscous(),
+        "coulomb-pendulum": Pendulum() + Viscous() + DryFriction(),
+        "bouc-wen": Linear() + Viscous() + BoucWen(),
+        "bouc-wen-cubic": Linear() + Viscous() + BoucWen() + Cubic(),
+        "drag": Linear() + Viscous() + Drag(),
+        "drag-cubic": Linear() + Viscous() + Drag() + Cubic(),
+        "drag-pendulum": Pendulum() + Viscous() + Drag(),
+    }.items()
 }
-
-NATURAL: dict[str, float] = {
-    "stiffness": 0.5,
-    "damping": 0.3,
-    "loss_factor": 0.3,
-    "coulomb": 0.1,
-    "quadratic": 0.5,
-    "cubic": 0.5,
-    "gain": 0.5,
-    "start": 0.5,
-    "start_rate": 0.5,
-    "offset": 0.5,
-    "drift": 0.5,
-    "creep_time": 2.0,
-    "memory": 1.0,
-}
-"""Size of a change that matters, in the normal form of `LOCAL`; of the gain as a share of its value."""
-
-WORDS: dict[str, str] = {
-    "stiffness": "stiffness",
-    "damping": "damping",
-    "loss_factor": "loss factor",
-    "coulomb": "dry friction",
-    "quadratic": "quadratic term",
-    "cubic": "cubic term",
-    "gain": "input gain",
-    "start": "start position",
-    "start_rate": "start velocity",
-    "offset": "offset",
-    "drift": "drift",
-    "creep_time": "creep time",
-    "memory": "memory",
-}
-"""What people call the numbers of `LOCAL`."""
 
 
 def get_model(name: str) -> Model:
@@ -122,15 +101,9 @@ def parameter_name(local: str, excitation: Excitation, motion_unit: str, input_u
         return {"lever": "lever_inertia_ratio", "base": "base_gain"}.get(excitation, "input_gain_per_s2")
     if local == "gain" and excitation in ("lever", "base"):
         return "_".join(filter(None, (f"{excitation}_gain", unit, "per" if given else "", given)))
-    return {
-        "stiffness": "stiffness_per_s2",
-        "damping": "damping_per_s",
-        "loss_factor": "loss_factor",
-        "coulomb": "_".join(filter(None, ("coulomb", unit, "per_s2"))),
-        "quadratic": "_".join(filter(None, ("quadratic_per_s2", unit))),
-        "cubic": "cubic_per_s2" + (f"_{unit}2" if unit else ""),
-        "gain": "_".join(filter(None, ("input_gain", unit, "per_s2", given))),  # 1/I where unit over unit is 1/I's
-    }[local]
+    if local == "gain":
+        return "_".join(filter(None, ("input_gain", unit, "per_s2", given)))  # 1/I where unit over unit is 1/I's
+    return LOCAL[local].over_inertia(unit)
 
 
 def _token(unit: str) -> str:

@@ -3,7 +3,7 @@
 The likelihood is output error, stretched to the fit's robust covariance.
 
 The priors are weak, and normal about zero in the normal form of `sinew.identify.oscillator.track`, in which numbers are
-near one: 20 natural scales wide (`sinew.identify.oscillator.model.NATURAL`), so a stiffness, damping, friction or
+near one: 20 natural scales wide (`Number.natural` of `sinew.mechanics.laws`), so a stiffness, damping, friction or
 nonlinear term up to ten times what rules the motion is welcome; a loss factor about one wide; the creep time and
 memory, which a record hardly tells, one natural scale. Stiffness, damping, loss factor and dry friction are not
 negative (half-normal), unless the fit says so by more than two standard deviations. An interval of quantiles therefore
@@ -27,19 +27,11 @@ from scipy import fft, special, stats
 
 from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
 from sinew.identify.oscillator.layout import Layout, Part
-from sinew.identify.oscillator.model import NATURAL
-from sinew.identify.oscillator.track import (
-    LARGEST_LOSS_FACTOR,
-    LOCAL,
-    DampingLaw,
-    Grid,
-    StiffnessLaw,
-    traced_slopes,
-    traced_track,
-)
+from sinew.identify.oscillator.track import LOCAL, Grid, traced_slopes, traced_track
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate
 from sinew.measure.extras import how_to_install
+from sinew.mechanics.laws import Law
 from sinew.twin.cache import configure
 
 # The logarithm of a fit's posterior density is computed, with its gradient, for JAX.
@@ -59,22 +51,16 @@ from sinew.twin.cache import configure
 
 Array = NDArray[np.float64]
 
-PRIOR: dict[str, float] = {name: 20.0 * scale for name, scale in NATURAL.items()} | {
-    "loss_factor": LARGEST_LOSS_FACTOR,
-    "creep_time": NATURAL["creep_time"],
-    "memory": NATURAL["memory"],
-}
+PRIOR: dict[str, float] = {name: one.prior or 20.0 * one.natural for name, one in LOCAL.items()}
 """Standard deviation of the normal prior about zero, in normal form; of the gain as a share of its value."""
 
-_NEVER_NEGATIVE = ("stiffness", "damping", "loss_factor", "coulomb")
 _FAR_BELOW = 2.0  # standard deviations: a fit that lies there is not forced to be positive
 
 
 class Laws(NamedTuple):
     """What a simulation is compiled for; orders: of the derivative that each stack of records measured."""
 
-    damping: DampingLaw
-    stiffness: StiffnessLaw
+    law: Law
     orders: tuple[int, ...]
 
 
@@ -82,8 +68,8 @@ class _Stack(NamedTuple):
     """Records of one shape, stacked: grid, what was measured on it, how much it counts, and where their numbers are.
 
     target, weight: shape (records, s + 1), the weight zero where there is no sample or none that was fitted.
-    fixed: shape (records, 13); mixing: of the local numbers by those of the search, shape (records, 13, f); chosen:
-    which those are, shape (records, f, m).
+    fixed: shape (records, local); mixing: of the local numbers by those of the search, shape (records, local, f);
+    chosen: which those are, shape (records, f, m).
     """
 
     grid: Grid
@@ -132,10 +118,10 @@ def density_of(fit: Fit) -> tuple[Laws, Density]:
     scaled = precision * np.outer(widths, widths)
     root = widths[:, None] * np.linalg.inv(np.linalg.cholesky(scaled)).T
     below = x < -_FAR_BELOW * np.nan_to_num(fit.covariance.std, posinf=np.inf)
-    never = np.array([entry.local in _NEVER_NEGATIVE for entry in fit.layout.entries])
+    never = np.array([LOCAL[entry.local].positive for entry in fit.layout.entries])
     folded = (never & ~below).astype(float)
     orders, stacks = _stacks(fit.layout, fit.kept)
-    laws = Laws(fit.model.damping, fit.model.stiffness, orders)
+    laws = Laws(fit.model.law.compiled, orders)
     least, freedom = np.asarray(fit.solution.sum_of_squares), np.asarray(float(fit.covariance.degrees_of_freedom))
     return laws, Density(
         stacks, x, least, np.asarray(variance), freedom, turned, robust, widths, folded, np.asarray(root)
@@ -185,8 +171,8 @@ def _squares(x: jax.Array, stack: _Stack, laws: Laws, order: int) -> tuple[jax.A
 
     def one(own: _Stack) -> tuple[jax.Array, jax.Array]:
         p = own.fixed + own.mixing @ (own.chosen @ x)
-        residual = own.weight * (traced_track(p, own.grid, laws.damping, laws.stiffness, order) - own.target)
-        slopes = traced_slopes(p, own.mixing.T, own.grid, laws.damping, laws.stiffness, order)
+        residual = own.weight * (traced_track(p, own.grid, laws.law, order) - own.target)
+        slopes = traced_slopes(p, own.mixing.T, own.grid, laws.law, order)
         return jnp.sum(residual**2), 2.0 * own.chosen.T @ (slopes.T @ residual)
 
     squares, gradients = jax.vmap(one)(stack)

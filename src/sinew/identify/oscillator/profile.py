@@ -19,6 +19,7 @@ from sinew.identify.oscillator.least_squares import Problem, Solution, solve
 from sinew.identify.oscillator.model import parameter_name
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate
+from sinew.mechanics.laws import LossFactor
 
 # A number that a fit names is made one coordinate of its search, so that it can be held and profiled.
 #
@@ -143,7 +144,7 @@ def _oscillation(fit: Fit, name: str) -> Quantity:
     hertz = fit.layout.parts[0].scales.omega / (2 * np.pi)
     if name == FREQUENCY:
         return Quantity(spring, lambda y: hertz * float(np.sqrt(max(y, 0.0))))
-    if fit.model.damping == "loss-factor":
+    if fit.model.law.has(LossFactor):
         return Quantity(at["loss_factor"], _times(0.5))
     return Quantity(
         at["damping"],

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
-from sinew.identify.oscillator.track import Grid
+from sinew.identify.oscillator.track import LOCAL, Grid
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.mechanics.laws import Law, LossFactor
 from sinew.mechanics.silicone import BAND_HZ, relaxation_times
 
 Array = NDArray[np.float64]
@@ -138,7 +139,6 @@ def make_record(
 
 Frame = Literal["relative", "absolute"]
 
-_PHASE = 0.15  # of a step of RK4 [rad]: its frequency is then wrong by less than 5e-6
 _STIFF = 1.5  # shortest relaxation times in a step of RK4, whose decay is then right to 2 %
 
 
@@ -155,18 +155,10 @@ class Scales:
 
     def physical(self, local: str) -> float:
         """Return what a number of `LOCAL` in normal form is multiplied by to be in SI units and radians."""
-        square = self.omega**2
-        return {
-            "stiffness": square,
-            "damping": self.omega,
-            "loss_factor": 1.0,
-            "coulomb": square * self.amplitude,
-            "quadratic": square / self.amplitude,
-            "cubic": square / self.amplitude**2,
-            "gain": square * self.amplitude / self.forcing,
-            "start": self.amplitude,
-            "start_rate": self.amplitude * self.omega,
-        }[local]
+        if local == "gain":
+            return self.omega**2 * self.amplitude / self.forcing
+        fast, far = LOCAL[local].scale
+        return float(self.omega**fast * self.amplitude**far)
 
 
 def input_derivative(record: Record) -> int:
@@ -192,18 +184,16 @@ def _spline(record: Record) -> BSpline | CubicSpline | None:
     return make_interp_spline(record.time_s, record.input, k=5)
 
 
-def grid_of(record: Record, scales: Scales, frame: Frame, *, stiff: bool) -> tuple[Grid, NDArray[np.intp]]:
+def grid_of(record: Record, scales: Scales, frame: Frame, law: Law) -> tuple[Grid, NDArray[np.intp]]:
     """Return the grid of a record and the indices of its samples on it.
-
-    stiff: whether the Prony branches have to be followed.
 
     Between the samples a force is a quintic spline and a motion a cubic one. The second derivative of that, wild as it
     is where the samples are noisy, is integrated twice by the simulation, which gives the spline back.
     """
     steps = np.diff(record.time_s)
     relaxation = relaxation_of(scales.omega)
-    parts = math.ceil(float(np.median(steps)) * scales.omega / _PHASE)
-    if stiff:
+    parts = math.ceil(float(np.median(steps)) * scales.omega / law.phase)
+    if law.has(LossFactor):
         parts = max(parts, math.ceil(float(np.median(steps)) / (_STIFF * float(relaxation.min()))))
     edges = np.concatenate([[0.0], np.repeat(steps / parts, parts)]).cumsum() + record.time_s[0]
     samples = np.arange(record.size) * parts

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.layout import Entry, Layout, Part, make_layout
 from sinew.identify.oscillator.least_squares import Problem, Solution, solve
-from sinew.identify.oscillator.model import Model
+from sinew.identify.oscillator.model import VISCOUS, Model
 from sinew.identify.oscillator.record import Frame, Record, Scales, derivative_order, input_derivative
 from sinew.identify.oscillator.start import dominant_omega, regress_together, ringing, ringing_misfit
+from sinew.identify.oscillator.track import LOCAL
+from sinew.mechanics.laws import HISTORIES, LossFactor
 
 # The search for a damping law begins: at a smaller model's fit, or beside a minimum of friction.
 
@@ -47,7 +49,7 @@ def carried_over(layout: Layout, first: Array, smaller: Fit) -> Array:
         elif entry.local == "loss_factor":
             damping = found.get(("damping", entry.group, entry.record), found.get(("damping", "", -1), 0.0))
             x[k] = _loss_factor(damping, found, entry)
-        elif entry.local in ("coulomb", "quadratic", "cubic"):
+        elif LOCAL[entry.local].absent:
             x[k] = 0.0
     return x
 
@@ -75,12 +77,12 @@ def remembering_starts(layout: Layout, first: Array, masks: Masks, taught: Array
 
 def _from_viscous(layout: Layout, first: Array, masks: Masks) -> Array:
     at = {_key(entry): k for k, entry in enumerate(layout.entries)}
-    viscous = make_layout(replace(layout.model, damping="viscous"), layout.parts)
+    viscous = make_layout(layout.model.damped(VISCOUS), layout.parts)
     same = [(entry.local.replace("damping", "loss_factor"), entry.group, entry.record) for entry in viscous.entries]
     if not all(key in at for key in same):
         return first
     whose = [at[key] for key in same]
-    bent = np.array([entry.local in layout.model.terms for entry in viscous.entries])
+    bent = np.array([entry.local in layout.model.law.bends for entry in viscous.entries])
     starts = [first[whose], np.where(bent, 0.0, first[whose])] if bent.any() else [first[whose]]
     values = solve(viscous.problem(masks), *starts, tolerance=1e-6, max_evaluations=60).values
     found = {_key(entry): value for entry, value in zip(viscous.entries, values, strict=True)}
@@ -106,7 +108,7 @@ def dry_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None)
     if base is None:
         base = first.copy()
         base[coulomb] = 0.0
-        viscous = replace(layout, model=replace(layout.model, damping="viscous"))
+        viscous = replace(layout, model=layout.model.damped(VISCOUS))
         base = solve(viscous.problem(moving), base, tolerance=1e-6, max_evaluations=60).values
     turning = 0.25 * np.pi * np.sqrt(max(float(np.median(base[stiffness])), 1e-3))
     starts = [base] if np.any(base[coulomb] != 0.0) else []
@@ -221,7 +223,7 @@ def _ringing(record: Record) -> dict[str, float] | None:
 def _with_ringing(values: dict[str, float], own: dict[str, float], shared: dict[str, float]) -> dict[str, float]:
     """Return a start with the mechanics of one oscillation, and the start of its own, about the same rest position."""
     mechanics = {name: shared[name] for name in ("stiffness", "damping", "loss_factor") if name in values}
-    none = {name: 0.0 for name in ("coulomb", "quadratic", "cubic") if name in values}
+    none = {name: 0.0 for name in values if name in LOCAL and LOCAL[name].absent}
     rest = own["offset"] if abs(values["offset"]) > abs(own["start"]) else values["offset"]
     return values | mechanics | none | {"start": own["start"], "start_rate": own["start_rate"], "offset": rest}
 
@@ -278,7 +280,7 @@ def first_values(layout: Layout, starts: Sequence[dict[str, float]]) -> Array:
             for i, part in enumerate(layout.parts)
             if entry.record in (-1, i) and entry.group in ("", part.record.group)
         ]
-        if entry.local in ("drift", "creep_time", "memory"):
+        if entry.local in ("drift", "creep_time", *HISTORIES):
             own = max(entry.record, 0)
             size = layout.parts[own].unit_size if entry.local == "drift" else 1.0
             x[k] = starts[own].get(entry.local, -1.0 if entry.local == "creep_time" else 0.0) / size
@@ -289,11 +291,7 @@ def first_values(layout: Layout, starts: Sequence[dict[str, float]]) -> Array:
             size = part.unit_size if entry.local == "offset" else part.scales.physical(entry.local)
             normal.append(starts[i].get(entry.local, 0.0) / size)
         shared = [n / r for n, r in zip(normal, _ratios(layout, k, which), strict=True)]
-        x[k] = float(np.clip(np.median(shared), -1e3, 1e3))
-        if entry.local == "damping":
-            x[k] = max(x[k], 0.004)
-        if entry.local in ("coulomb", "loss_factor"):
-            x[k] = float(np.clip(x[k], 1e-3, 0.8))
+        x[k] = float(np.clip(np.median(shared), *LOCAL[entry.local].start))
     return x
 
 
@@ -314,12 +312,12 @@ def search(layout: Layout, first: Array, masks: Masks, taught: Array | None = No
     if len(starts) > 1:
         starts = [solve(problem, *starts, tolerance=1e-3, max_evaluations=12).values]
     direct = solve(problem, *starts, tolerance=_TOLERANCE, max_evaluations=60)
-    if layout.model.damping == "coulomb" and taught is None:
+    if layout.model.law.sticks and taught is None:
         direct = beside_friction(layout, problem, direct)
     if np.sqrt(direct.sum_of_squares) <= _POOR * size:
         return direct
     grown = [direct]
-    if taught is not None and layout.model.damping == "viscous":
+    if taught is not None and layout.model.law.losses == VISCOUS:
         grown.append(solve(problem, first, taught, tolerance=_TOLERANCE, max_evaluations=60))
     for factor in (1.0, 0.85, 1.18):
         x = first.copy()
@@ -334,10 +332,13 @@ def search(layout: Layout, first: Array, masks: Masks, taught: Array | None = No
 
 def _law_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None, problem: Problem) -> list[Array]:
     """Return the starts that a damping law has; of several the best is followed to the end."""
-    if layout.model.damping == "coulomb":
+    if layout.model.law.sticks:
         return dry_starts(layout, first, masks, taught)
-    if layout.model.damping == "loss-factor":
+    if layout.model.law.has(LossFactor):
         return remembering_starts(layout, first, masks, taught)
+    for k, entry in enumerate(layout.entries):
+        if LOCAL[entry.local].tried:
+            return [np.where(np.arange(first.size) == k, value, first) for value in LOCAL[entry.local].tried]
     return [first] if taught is None else [min(first, taught, key=lambda x: _squares(problem.residual(x)))]
 
 

@@ -248,7 +248,7 @@ class _Weak:
         x = np.linspace(-1.0, 1.0, 2 * half + 1)
         bump = np.polynomial.Polynomial([1.0, 0.0, -1.0]) ** 5
         self._weights = [bump.deriv(k)(x) * (-1.0) ** k / (half * step) ** k if k else bump(x) for k in range(3)]
-        self._stride = max(1, half // 4)
+        self._stride, self.step = max(1, half // 4), step
 
     def of(self, signal: Array, derivative: int) -> Array:
         """Return ∫ w · d^k signal/dt^k over every window."""
@@ -257,14 +257,8 @@ class _Weak:
 
 
 def _columns(weak: _Weak, motion: Array, driving: Array | None, model: Model, record: Record) -> dict[str, Array]:
-    bent = np.sin(motion) if model.pendulum else motion
-    columns = {"stiffness": -weak.of(bent, 0), "damping": -weak.of(motion, 1)}
-    if model.damping == "coulomb":
-        columns["coulomb"] = -weak.of(np.sign(np.gradient(motion)), 0)
-    if "quadratic" in model.terms:
-        columns["quadratic"] = -weak.of(motion**2, 0)
-    if "cubic" in model.terms:
-        columns["cubic"] = -weak.of(motion**3, 0)
+    rate = np.gradient(motion, weak.step)
+    columns = {term.numbers[0].name: -weak.of(*term.regressor(motion, rate)) for term in model.law.terms}
     if driving is not None:
         columns["gain"] = driving if record.excitation not in ("base", "lever") else -driving
     return columns
@@ -277,7 +271,7 @@ def _finished(
     if derivative_order(record.output_unit) == 0 and values["stiffness"] > 0:
         shift = float(constant / values["stiffness"])
         shift = shift if abs(shift) <= 0.5 * np.abs(equation.motion).max() else 0.0
-    if model.damping == "loss-factor":
-        values["loss_factor"] = values.pop("damping") / math.sqrt(max(values["stiffness"], 1e-12))
+    for term in model.law.terms:
+        values |= term.started(values, float(np.abs(equation.motion).max()))
     position, rate = equation.start
     return values | {"offset": equation.centre + shift, "start": position - shift, "start_rate": rate}

@@ -16,8 +16,9 @@ from sinew.identify.choice.residual_tests import rank_trend, trend_sentences
 from sinew.identify.oscillator.certainty import Covariance, correlation, estimates, find_unidentifiable
 from sinew.identify.oscillator.fitted import mechanical_parameters, oscillation
 from sinew.identify.oscillator.least_squares import Problem, Solution, solve
-from sinew.identify.oscillator.model import NATURAL, WORDS, Model, get_model
+from sinew.identify.oscillator.model import Model, get_model
 from sinew.identify.oscillator.record import Frame, Scales, frames_of
+from sinew.identify.oscillator.track import LOCAL
 from sinew.identify.stepped.layout import (
     CHAIN,
     Predicted,
@@ -26,9 +27,11 @@ from sinew.identify.stepped.layout import (
     regress_response,
     scales_of_points,
 )
+from sinew.identify.stepped.oscillation import NUMBERS
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
+from sinew.mechanics.laws import Pendulum
 
 # The scatter of single points borrows strength from that of all.
 
@@ -285,10 +288,12 @@ def _check(points: Sequence[ResponsePoints], model: Model, chain: Sequence[str])
         raise SpecError("no point of a response to fit")
     if len({(one.excitation, one.output_unit, one.input_unit) for one in points}) > 1:
         raise SpecError("points of one fit need the same excitation and units")
-    if model.pendulum and points[0].signals.motion_unit not in ("rad", "1"):
+    if model.law.has(Pendulum) and points[0].signals.motion_unit not in ("rad", "1"):
         raise SpecError(f"model {model.name} needs an angle, the output is in {points[0].output_unit}")
     if unknown := [name for name in chain if name not in CHAIN]:
         raise SpecError(f"the chain adds {unknown[0]!r}, expected some of {', '.join(CHAIN)}")
+    if unknown := [number.word for number in model.law.numbers if number.name not in NUMBERS]:
+        raise SpecError(f"a steady response is not balanced with a {unknown[0]}; choose cubic, or fit a record in time")
     if model.rest != "offset":
         raise SpecError("a steady response says nothing of drift or creep; leave the rest position as it is")
 
@@ -434,11 +439,11 @@ def _certainty(layout: ResponseLayout, solution: Solution, tests: ResponseTests)
 
 def _unidentifiable(layout: ResponseLayout, solution: Solution) -> tuple[str, ...]:
     entries = layout.layout.entries
-    natural = [NATURAL[entry.local] for entry in entries] + [_CHAIN_NATURAL[name] for name in layout.chain]
+    natural = [LOCAL[entry.local].natural for entry in entries] + [_CHAIN_NATURAL[name] for name in layout.chain]
     for k, entry in enumerate(entries):
         if entry.local == "gain":
             natural[k] = 0.5 * max(abs(float(solution.values[k])), 1e-6)
-    names = [WORDS[entry.local] + (f" of {entry.group}" if entry.group else "") for entry in entries]
+    names = [LOCAL[entry.local].word + (f" of {entry.group}" if entry.group else "") for entry in entries]
     names += [_CHAIN_WORDS[name] for name in layout.chain]
     n, m = solution.jacobian.shape
     if n <= m:

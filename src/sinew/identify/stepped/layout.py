@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from sinew.identify.oscillator.layout import Entry, Layout, Part, free_mechanics
 from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.record import Frame, Scales, derivative_order, input_derivative, relaxation_of
-from sinew.identify.oscillator.track import LOCAL, Grid
+from sinew.identify.oscillator.track import Grid
 from sinew.identify.stepped.oscillation import NUMBERS, Drive, Laws, oscillate
 from sinew.identify.stepped.points import ResponsePoints
+from sinew.mechanics.laws import Cubic, LossFactor
 from sinew.mechanics.silicone import relaxation_times
 
 Array = NDArray[np.float64]
@@ -93,11 +94,11 @@ class ResponseLayout:
         """Return the laws of one group."""
         model, grid = self.layout.model, self.layout.parts[part].grid
         natural = float(grid.relaxation[0] / relaxation_times()[0])
-        return Laws(model.damping, model.stiffness, model.terms, natural, float(grid.amplitude))
+        return Laws(model.law, natural, float(grid.amplitude))
 
     def numbers(self, x: Array, part: int) -> Array:
         """Return the numbers of `NUMBERS` of one group, shape (7,)."""
-        return self.layout.local(x[: self.mechanics], part)[: len(NUMBERS)]
+        return self.layout.local(x[: self.mechanics], part)
 
     def added(self, x: Array) -> tuple[complex, complex]:
         """Return the turn and the background of the measuring chain."""
@@ -143,12 +144,12 @@ def make_response_layout(
     for record, own in zip(signals, scales, strict=True):
         mine = [k for k, entry in enumerate(entries) if entry.group in ("", record.group)]
         index.append(np.array(mine, dtype=np.intp))
-        column.append(np.array([LOCAL.index(entries[k].local) for k in mine], dtype=np.intp))
+        column.append(np.array([NUMBERS.index(entries[k].local) for k in mine], dtype=np.intp))
         names = [entries[k].local for k in mine]
         ratio.append(np.array([scales[0].physical(name) / own.physical(name) for name in names]))
-        fixed = np.zeros(len(LOCAL))
+        fixed = np.zeros(len(NUMBERS))
         if record.excitation == "base":
-            fixed[LOCAL.index("gain")] = 1.0 / own.physical("gain")
+            fixed[NUMBERS.index("gain")] = 1.0 / own.physical("gain")
         none = np.empty(0)
         grid = Grid(none, np.empty((0, 3)), none, none, relaxation_of(own.omega) * own.omega, np.asarray(own.amplitude))
         order = derivative_order(record.output_unit)
@@ -199,11 +200,11 @@ def regress_response(points: Sequence[ResponsePoints], model: Model, frame: Fram
         [np.sqrt(0.5 * np.trace(one.covariance, axis1=1, axis2=2)) * s for one, s in zip(points, size, strict=True)]
     )
     columns: dict[str, Complexes] = {"stiffness": y, "damping": 1j * omega * y}
-    if model.damping == "loss-factor":
+    if model.law.has(LossFactor):
         columns["damping"] = 1j * y
-    if model.damping == "coulomb":
+    if model.law.sticks:
         columns["coulomb"] = 4j / np.pi * y / np.abs(y)
-    if "cubic" in model.terms:
+    if model.law.has(Cubic):
         columns["cubic"] = 0.75 * np.abs(y) ** 2 * y
     target = omega**2 * y
     signals = points[0].signals
@@ -214,7 +215,7 @@ def regress_response(points: Sequence[ResponsePoints], model: Model, frame: Fram
     found = _weighted(columns, target, std, y)
     if not found["stiffness"] > 0:
         found["stiffness"] = float(omega[np.argmax(np.abs(y))] ** 2)
-    if model.damping == "loss-factor":
+    if model.law.has(LossFactor):
         found["loss_factor"] = found.pop("damping") / found["stiffness"]
     if "gain_imag" in found:
         turned_gain = complex(found["gain"], found.pop("gain_imag"))

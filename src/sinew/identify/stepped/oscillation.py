@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.identify.oscillator.track import LOCAL, DampingLaw, StiffnessLaw, smooth_force, stiffness_at
+from sinew.mechanics.laws import Law, LossFactor, Pendulum, Quadratic
 from sinew.mechanics.silicone import relaxation_times
 from sinew.solve.balance import Lane
 from sinew.solve.curves import Problem, Resolution, first_curves
@@ -28,7 +28,7 @@ from sinew.twin.cache import configure
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
-NUMBERS = LOCAL[:7]
+NUMBERS = ("stiffness", "damping", "loss_factor", "coulomb", "quadratic", "cubic", "gain")
 """The numbers that a steady oscillation depends on: stiffness to gain."""
 
 SLIDING_SHARE = 0.02
@@ -40,33 +40,30 @@ _STORAGE_ROUNDS = 4
 
 
 class Laws(NamedTuple):
-    """What kind of joint it is. terms: of the stiffness beyond the linear one, of "quadratic" and "cubic".
-    natural: ω_r in the time whose relaxation times are the twin's. amplitude: A where a pendulum's sin(r A) needs it
-    [rad]."""
+    """What kind of joint it is. natural: ω_r in the time whose relaxation times are the twin's. amplitude: A where a
+    pendulum's sin(r A) needs it [rad]."""
 
-    damping: DampingLaw
-    stiffness: StiffnessLaw
-    terms: tuple[str, ...] = ()
+    law: Law
     natural: float = 1.0
     amplitude: float = 1.0
 
     @property
     def linear(self) -> bool:
         """Return whether the steady oscillation has one harmonic."""
-        return self.damping != "coulomb" and self.stiffness == "polynomial" and not self.terms
+        return not (self.law.sticks or self.law.has(Pendulum) or self.law.bends)
 
     @property
     def equations(self) -> Equations:
         """Return the equations of motion, for `_Numbers`."""
-        return _equations(self.damping, self.stiffness, "quadratic" in self.terms)
+        return _equations(self.law.compiled, self.law.has(Quadratic))
 
     @property
     def size(self) -> Size:
         """Return how finely the motion is resolved."""
-        whole = 2 if "quadratic" in self.terms else 1
+        whole = 2 if self.law.has(Quadratic) else 1
         if self.linear:
             return Size(1, 4)
-        return Size(9, 512 * whole) if self.damping == "coulomb" else Size(7, 32 * whole)
+        return Size(9, 512 * whole) if self.law.sticks else Size(7, 32 * whole)
 
     @property
     def orders(self) -> NDArray[np.int64]:
@@ -109,15 +106,15 @@ class _Numbers(NamedTuple):
 
 
 @cache
-def _equations(damping: DampingLaw, stiffness: StiffnessLaw, lopsided: bool) -> Equations:
-    times = _TIMES if damping == "loss-factor" else ()
+def _equations(law: Law, lopsided: bool) -> Equations:
+    times = _TIMES if law.has(LossFactor) else ()
 
     def rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Numbers) -> jax.Array:
         speed = u[1] / p.natural
-        relaxation = p.natural * jnp.asarray(_TIMES)
-        force = smooth_force(p.numbers, u.at[1].set(speed), relaxation, p.amplitude, damping, stiffness)
-        if damping == "coulomb":
-            force = force + p.numbers[3] * jnp.tanh(speed / p.speed)
+        given = {"relaxation": p.natural * jnp.asarray(_TIMES), "amplitude": p.amplitude, "speed": p.speed}
+        values = law.prepared(dict(zip(NUMBERS, p.numbers, strict=True)) | given)
+        own = tuple(u[2:] if isinstance(term, LossFactor) else () for term in law.terms)
+        force = law.force(values, u[0], speed, own)
         wave = p.push[0] * jnp.cos(phase) - p.push[1] * jnp.sin(phase)
         push = p.numbers[6] * wave * (omega / p.natural) ** p.power
         return jnp.stack([p.natural**2 * (push - force)])
@@ -227,15 +224,15 @@ def free_frequency(numbers: Array, amplitude: Array, laws: Laws) -> Array:
     loss factor is its storage part at the frequency that is found.
     """
     configure()
-    lossless = laws._replace(damping="viscous", natural=1.0)
+    lossless = laws._replace(law=laws.law.springs, natural=1.0)
     bare = numbers.copy()
     bare[:, [1, 2, 3, 6]] = 0.0
     omega = np.sqrt(np.maximum(bare[:, 0], 1e-12))
-    for _ in range(_STORAGE_ROUNDS if laws.damping == "loss-factor" else 1):
-        if laws.damping == "loss-factor":
-            relaxation = laws.natural * np.array(_TIMES)
-            known = jnp.asarray(np.nan_to_num(omega, nan=1.0))
-            bare[:, 0] = jax.vmap(stiffness_at, (0, 0, None))(jnp.asarray(numbers), known, jnp.asarray(relaxation))
+    given = {name: jnp.asarray(column) for name, column in zip(NUMBERS, numbers.T, strict=True)}
+    given["relaxation"] = jnp.tile(laws.natural * np.array(_TIMES), (len(numbers), 1))
+    for _ in range(_STORAGE_ROUNDS if laws.law.has(LossFactor) else 1):
+        if laws.law.has(LossFactor):
+            bare[:, 0] = jax.vmap(LossFactor.storage)(given, jnp.asarray(np.nan_to_num(omega, nan=1.0)))
         omega = _swing(bare, amplitude, omega, lossless)
     return omega
 
