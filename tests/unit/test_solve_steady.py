@@ -19,8 +19,8 @@ LAWS = [
 
 def numbers_of(laws: Laws) -> np.ndarray:
     """Return numbers of a law, stiffness to gain, those zero that it has not."""
-    loss, dry = laws.damping == "loss-factor", laws.damping == "coulomb"
-    quadratic, cubic = (0.4 * (term in laws.terms) for term in ("quadratic", "cubic"))
+    loss, dry = laws.law.has(LossFactor), laws.law.sticks
+    quadratic, cubic = (0.4 * laws.law.has(term) for term in (Quadratic, Cubic))
     return np.array([1.1, 0.0 if loss else 0.2, 0.3 * loss, 0.05 * dry, quadratic, cubic, 1.3])
 
 
@@ -49,7 +49,7 @@ def test_a_loss_factor_is_the_series_of_its_relaxation_times() -> None:
     assert 1 / found.fundamental[0] == pytest.approx(1j * stiffness.imag / stiffness.real, abs=1e-6)
 
 
-@pytest.mark.parametrize("laws", LAWS, ids=lambda laws: f"{laws.damping}-{laws.stiffness}-{len(laws.terms)}")
+@pytest.mark.parametrize("laws", LAWS, ids=lambda laws: laws.law.in_words())
 def test_derivatives_by_the_numbers_are_those_of_solving_anew(laws: Laws) -> None:
     numbers, start, drive = numbers_of(laws), 0.5 * linear(NUMBERS), Drive(0.1, 0)
     found = oscillate(numbers, OMEGA, drive, laws, start)
