@@ -7,12 +7,13 @@ from sinew.identify.stepped.oscillation import Drive, Laws, oscillate
 from sinew.twin.prony import complex_stiffness, prony_shares
 
 OMEGA = np.linspace(0.5, 1.6, 23)  # more than a block, and no whole number of blocks
+SLOW = pytest.mark.slow  # each law is compiled by itself
 LAWS = [
     Laws("viscous", "polynomial", ("cubic",)),
-    Laws("viscous", "polynomial", ("quadratic", "cubic")),
+    pytest.param(Laws("viscous", "polynomial", ("quadratic", "cubic")), marks=SLOW),
     Laws("loss-factor", "polynomial", natural=19.0),
-    Laws("coulomb", "polynomial"),
-    Laws("viscous", "pendulum", amplitude=0.8),
+    pytest.param(Laws("coulomb", "polynomial"), marks=SLOW),
+    pytest.param(Laws("viscous", "pendulum", amplitude=0.8), marks=SLOW),
 ]
 
 
