@@ -8,12 +8,13 @@ from sinew.mechanics.laws import Cubic, DryFriction, Linear, LossFactor, Pendulu
 from sinew.mechanics.silicone import complex_stiffness, prony_shares
 
 OMEGA = np.linspace(0.5, 1.6, 23)  # more than a block, and no whole number of blocks
+SLOW = pytest.mark.slow  # each law is compiled by itself
 LAWS = [
     Laws(Linear() + Viscous() + Cubic()),
-    Laws(Linear() + Viscous() + Quadratic() + Cubic()),
+    pytest.param(Laws(Linear() + Viscous() + Quadratic() + Cubic()), marks=SLOW),
     Laws(Linear() + LossFactor(), natural=19.0),
-    Laws(Linear() + Viscous() + DryFriction()),
-    Laws(Pendulum() + Viscous(), amplitude=0.8),
+    pytest.param(Laws(Linear() + Viscous() + DryFriction()), marks=SLOW),
+    pytest.param(Laws(Pendulum() + Viscous(), amplitude=0.8), marks=SLOW),
 ]
 
 

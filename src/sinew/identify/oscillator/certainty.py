@@ -91,10 +91,19 @@ def _scores(scores: Array, pieces: Sequence[slice]) -> Array:
         rho = np.clip(np.sum(own[1:] * own[:-1], axis=0) / np.maximum(np.sum(own**2, axis=0), 1e-300), -0.97, 0.97)
         alpha = float(np.max(4 * rho**2 / (1 - rho**2) ** 2))
         lags = min(int(1.1447 * (alpha * own.shape[0]) ** (1 / 3)), own.shape[0] // 4)
-        total += own.T @ own
-        for k in range(1, lags + 1):
-            lagged = own[:-k].T @ own[k:]
-            total += (1 - k / (lags + 1)) * (lagged + lagged.T)
+        total += long_run(own, lags)
+    return total
+
+
+def long_run(scores: Array, lags: int) -> Array:
+    """Return the covariance of the sum of scores (n, m) whose neighbours go together, with Bartlett's weights, (m, m).
+
+    Newey and West, Econometrica 55, 1987.
+    """
+    total = np.asarray(scores.T @ scores)
+    for k in range(1, lags + 1):
+        lagged = scores[:-k].T @ scores[k:]
+        total += (1 - k / (lags + 1)) * (lagged + lagged.T)
     return total
 
 

@@ -1,4 +1,4 @@
-"""This is where a driven response shows how frequency and damping move with amplitude, without a law for either.
+"""Curves of a driven response: frequency and damping over amplitude without a law, peak and backbone of a fit.
 
 In a steady state of amplitude a the joint is, for its fundamental, a linear one whose stiffness and damping are those
 of that amplitude (its describing functions):
@@ -18,7 +18,7 @@ from scipy import optimize
 
 from sinew.identify.oscillator.certainty import Covariance
 from sinew.identify.oscillator.record import Scales, derivative_order
-from sinew.identify.stepped.fit import ResponseFit, long_run
+from sinew.identify.stepped.fit import ResponseFit, sandwich
 from sinew.identify.stepped.layout import drive_of, motion_and_push
 from sinew.identify.stepped.oscillation import free_frequency, fundamentals, lag_of, lagging, swept, top_of_sweep
 from sinew.identify.stepped.points import ResponsePoints
@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 
 _ROUNDS = 12
 _MOST_TERMS = 3
-_CURVE = 25
 _UNKNOWN = Estimate(np.nan, np.nan, np.nan, np.nan)
 
 
@@ -89,10 +88,6 @@ class ResponseCurves:
             slope[even.size : even.size + every.size] = every / (2 * np.sqrt(stiff))
             found.append(self._estimate(damped / (2 * np.sqrt(stiff)), slope))
         return found
-
-    def amplitudes(self, count: int = _CURVE) -> Array:
-        """Return amplitudes from the smallest to the largest of the points, shape (count,)."""
-        return np.linspace(self.amplitude_low, self.amplitude_high, count)
 
     def resonance(self, input_amplitude: float) -> PhaseResonance:
         """Return where a drive of this amplitude is lagged by 90°, standard deviations to first order."""
@@ -220,13 +215,7 @@ def _real(columns: NDArray[np.complex128]) -> Array:
 
 def _covariance(rows: Array, residual: Array, sizes: Sequence[int]) -> Covariance:
     n, m = rows.shape
-    lengths = np.linalg.norm(rows, axis=0)
-    lengths[lengths == 0] = 1.0
-    scaled = rows / lengths
-    gram = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
-    classical = float(residual @ residual) / (n - m) * gram
-    scores = (scaled * residual[:, None]).reshape(-1, 2, m).sum(axis=1)
-    robust = gram @ long_run(scores, sizes) * (n / (n - m)) @ gram
+    classical, robust, lengths = sandwich(rows, residual, sizes)
     ratio = np.sqrt(np.maximum(np.diag(classical), 0.0) / np.maximum(np.diag(robust), 1e-300))
     larger = np.maximum(ratio, 1.0)
     return Covariance(robust * np.outer(larger, larger) / np.outer(lengths, lengths), float(n - m))

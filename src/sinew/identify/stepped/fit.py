@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sinew.identify.choice.residual_tests import rank_trend, trend_sentences
-from sinew.identify.oscillator.certainty import Covariance, correlation, estimates, find_unidentifiable
+from sinew.identify.oscillator.certainty import Covariance, estimates, find_unidentifiable, long_run
 from sinew.identify.oscillator.fitted import mechanical_parameters, oscillation
 from sinew.identify.oscillator.least_squares import Problem, Solution, solve
 from sinew.identify.oscillator.model import Model, get_model
@@ -181,19 +181,20 @@ def _neighbours(whitened: Sequence[Array]) -> tuple[float, int]:
     return (above / below if below > 0 else 0.0), pairs
 
 
-def long_run(scores: Array, sizes: Sequence[int]) -> Array:
-    """Return the covariance of the sum of the scores of points (n, m) whose neighbours in a group go together, (m, m).
+def sandwich(rows: Array, residual: Array, sizes: Sequence[int]) -> tuple[Array, Array, Array]:
+    """Return (classical, robust, lengths): covariances (m, m) of coefficients over `lengths`, of the columns (m,).
 
-    Bartlett weights over a sixth of each group (Newey and West, Econometrica 55, 1987). sizes: of the groups.
+    rows, residual: weighted, two for each point, (2n, m) and (2n,). sizes: of the groups. The robust one is that of the
+    scores of points, which go together over a sixth of their group.
     """
-    total = np.zeros((scores.shape[1], scores.shape[1]))
-    for own in np.split(scores, np.cumsum(sizes)[:-1]):
-        total += own.T @ own
-        lags = own.shape[0] // 6
-        for k in range(1, lags + 1):
-            lagged = own[:-k].T @ own[k:]
-            total += (1 - k / (lags + 1)) * (lagged + lagged.T)
-    return total
+    n, m = rows.shape
+    lengths = np.linalg.norm(rows, axis=0)
+    lengths[lengths == 0] = 1.0
+    scaled, freedom = rows / lengths, max(n - m, 1)
+    gram = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
+    scores = (scaled * residual[:, None]).reshape(-1, 2, m).sum(axis=1)
+    summed = sum(long_run(own, own.shape[0] // 6) for own in np.split(scores, np.cumsum(sizes)[:-1]))
+    return float(residual @ residual) / freedom * gram, gram @ summed @ gram * (n / freedom), lengths
 
 
 _SIGNIFICANT = 0.01
@@ -229,25 +230,10 @@ class ResponseFit:
     solution: Solution
     layout: ResponseLayout
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the numbers in the covariance, in order."""
-        entries = self.layout.layout.entries
-        return (*(entry.local + entry.label() for entry in entries), *self.layout.chain)
-
-    @property
-    def correlation(self) -> NDArray[np.float64]:
-        """Return the correlation matrix of the numbers in `names`, shape (m, m)."""
-        return correlation(self.covariance.matrix)
-
     def bic(self) -> float:
         """Return the information criterion n ln(mean squared weighted residual) + m ln n, n = 2 for each point."""
         n = self.solution.residual.size
         return float(n * np.log(max(self.solution.sum_of_squares / n, 1e-300)) + self.solution.values.size * np.log(n))
-
-    def residuals(self) -> list[Complexes]:
-        """Return measured less predicted response of every group."""
-        return [one.response - fitted for one, fitted in zip(self.points, self.predicted, strict=True)]
 
 
 _TOLERANCE = 1e-10
@@ -417,24 +403,17 @@ def _times(one: Estimate, factor: float) -> Estimate:
 
 
 def _certainty(layout: ResponseLayout, solution: Solution, tests: ResponseTests) -> Covariance:
-    jacobian, residual = solution.jacobian, solution.residual
-    n, m = jacobian.shape
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0] = 1.0
-    scaled = jacobian / scale
-    gram = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
-    freedom = max(n - m, 1)
-    matrix = solution.sum_of_squares / freedom * gram
+    n, m = solution.jacobian.shape
+    sizes = [one.size for one in layout.points]
+    matrix, robust, scale = sandwich(solution.jacobian, solution.residual, sizes)
     if tests.chi_square_p < _TOLD or tests.neighbours_p < _TOLD:
-        scores = (scaled * residual[:, None]).reshape(-1, 2, m).sum(axis=1)
-        robust = gram @ long_run(scores, [one.size for one in layout.points]) * (n / freedom) @ gram
         ratio = np.sqrt(np.maximum(np.diag(robust), 0.0) / np.maximum(np.diag(matrix), 1e-300))
         larger = np.maximum(ratio, 1.0)
         matrix = matrix * np.outer(larger, larger)
     matrix = matrix / np.outer(scale, scale)
-    unseen = np.linalg.norm(jacobian, axis=0) == 0
+    unseen = np.linalg.norm(solution.jacobian, axis=0) == 0
     matrix[unseen, unseen] = np.inf
-    return Covariance(np.asarray(matrix), float(freedom))
+    return Covariance(np.asarray(matrix), float(max(n - m, 1)))
 
 
 def _unidentifiable(layout: ResponseLayout, solution: Solution) -> tuple[str, ...]:
