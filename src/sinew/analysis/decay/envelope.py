@@ -41,11 +41,6 @@ class Envelope:
         return self.decay_rate_per_s / self.omega_rad_s
 
     @property
-    def lehr_damping_undamped(self) -> float:
-        """Return λ/sqrt(⟨ω⟩² + λ²), the damping ratio by the undamped frequency."""
-        return self.decay_rate_per_s / float(np.hypot(self.omega_rad_s, self.decay_rate_per_s))
-
-    @property
     def lehr_damping_std(self) -> float:
         """Return the standard deviation of D from those of λ and ⟨ω⟩."""
         relative = np.hypot(self.decay_rate_std_per_s / self.decay_rate_per_s, self.omega_std_rad_s / self.omega_rad_s)

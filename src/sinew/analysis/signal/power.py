@@ -50,22 +50,6 @@ def cycle_mean(time_s: Floats, signal: Floats, frequency_hz: Floats) -> tuple[Fl
     return solution[:, 0], std
 
 
-def energy_between(time_s: Floats, power_w: Floats, edges_s: Floats) -> Floats:
-    """Return the energy [J] between successive times, (e - 1,): of the cycles of a motion whose frequency moves.
-
-    time_s, power_w: (n,). edges_s: where cycles begin and end, (e,), inside the record. Trapezoidal rule on the actual
-    stamps, with the power at the edges linear between samples.
-    """
-    steps = 0.5 * (power_w[1:] + power_w[:-1]) * np.diff(time_s)
-    total = np.concatenate([[0.0], np.cumsum(steps)])
-    place = np.clip(np.searchsorted(time_s, edges_s, side="right") - 1, 0, time_s.size - 2)
-    begin, height = time_s[place], power_w[place]
-    inside = edges_s - begin
-    slope = (power_w[place + 1] - height) / (time_s[place + 1] - begin)
-    at_edges = total[place] + inside * (height + 0.5 * slope * inside)
-    return np.diff(at_edges)
-
-
 def winding_resistance(rig: RigSpec) -> float:
     """Return the drive's resistance [Ω], winding, brushes and bridge: nominal voltage over stall current."""
     return rig.drive.nominal_voltage.value / rig.drive.stall_current.value

@@ -49,7 +49,8 @@ class ModalDecay:
     modes: the largest amplitude first. covariance: of (λ_1, ω_1, λ_2, ...) in that order, shape (2m, 2m).
     bic: of each number of modes that was tried, by that number; the smallest number wins that no other beats by 10.
     creeps: whether the rest position has a relaxation beside its line.
-    noise_std, noise_coefficients: as in `FreeDecay`. time_s, values, curve: of the window, shape (n,).
+    noise_std: of one sample; noise_coefficients: of its autoregression, empty where white. time_s, values, curve: of
+        the window, shape (n,).
     message: a sentence on what to beware of, or empty.
     """
 
