@@ -24,6 +24,7 @@ from sinew.apps.console import (
 from sinew.apps.convert import cut_recording, read_csv
 from sinew.apps.tables import print_analysis
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.estimate import NORMAL_90
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -210,7 +211,7 @@ def _of_mean(value: float, std: float, low: float, high: float, repeats: int) ->
         return Estimate(value, std, low, high)
     own = std / math.sqrt(repeats)
     scatter = float(special.stdtrit(repeats - 1, 0.95)) * own
-    shared = math.sqrt(max(0.0, (0.5 * (high - low)) ** 2 - scatter**2)) / 1.6448536269514722
+    shared = math.sqrt(max(0.0, (0.5 * (high - low)) ** 2 - scatter**2)) / NORMAL_90
     return Estimate(value, math.hypot(own, shared), low, high)
 
 

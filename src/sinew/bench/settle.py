@@ -16,12 +16,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array, Complexes
 from sinew.plan.plan import Sweep
-
-Complexes = NDArray[np.complex128]
-Floats = NDArray[np.float64]
 
 _MEMORY = 16  # periods; a joint that is not quite linear is followed rather than averaged
 _FEWEST = 5  # periods
@@ -84,7 +81,7 @@ class SettleRule:
             self.remaining = _remaining(_late(np.array(self._amplitudes), _FAR * self._tolerance))
 
 
-def _amplitudes(time: Floats, rate: Floats, frequency_hz: float) -> Complexes:
+def _amplitudes(time: Array, rate: Array, frequency_hz: float) -> Complexes:
     """Return √2 times the mean and the amplitudes of the harmonics over one period, such that their squares add up."""
     phase = 2.0 * np.pi * frequency_hz * time
     columns = [np.full(time.size, math.sqrt(0.5))]
@@ -138,14 +135,14 @@ def _square(z: Complexes) -> float:
     return float((np.abs(z) ** 2).sum())
 
 
-def _basis(point: Floats, count: int) -> Complexes:
+def _basis(point: Array, count: int) -> Complexes:
     """Return (1, q^k, q̄^k) for periods k = 0 .. count - 1; point: (log of the decay, turn) per period, (..., 2)."""
     k = np.arange(count)
     q = np.exp(k * (-np.exp(point[..., :1]) + 1j * point[..., 1:]))
     return np.stack([np.ones_like(q), q, q.conj()], axis=-1)
 
 
-def _fit(point: Floats, z: Complexes) -> tuple[Complexes, Complexes]:
+def _fit(point: Array, z: Complexes) -> tuple[Complexes, Complexes]:
     """Return (Z, a and b with k = 0 at the first period, shape (3, channels); what they leave of z)."""
     basis = _basis(point, len(z))
     value = np.asarray(np.linalg.lstsq(basis, z, rcond=1e-6)[0], dtype=complex)

@@ -5,10 +5,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sinew.figures.fit_data import axis_label, shown_unit
-from sinew.figures.style import ACCENT, GREEN, Floats, in_style, new_figure, note_panel
+from sinew.figures.style import ACCENT, GREEN, in_style, new_figure, note_panel
 from sinew.identify.decay.backbone import Backbone
 from sinew.identify.joint.fit import JointFit
 from sinew.identify.oscillator.fitted import Swing
+from sinew.measure.arrays import Array
 
 
 @in_style
@@ -47,12 +48,12 @@ def draw_backbone(model: Swing | None, decay: Backbone | None, unit: str, quanti
     return figure
 
 
-def _draw_band(axes: Axes, at: Floats, value: Floats, low: Floats, high: Floats, *, color: str, label: str) -> None:
+def _draw_band(axes: Axes, at: Array, value: Array, low: Array, high: Array, *, color: str, label: str) -> None:
     axes.fill_between(at, low, high, color=color, alpha=0.2, linewidth=0)
     axes.plot(at, value, color=color, label=label)
 
 
-def _frame(axes: Axes, values: list[Floats], smallest: float) -> None:
+def _frame(axes: Axes, values: list[Array], smallest: float) -> None:
     """Show the curves, bands cut where they open; never less than a small share of the value from top to bottom."""
     known = np.concatenate([value[np.isfinite(value)] for value in values])
     low, high = float(known.min()), float(known.max())

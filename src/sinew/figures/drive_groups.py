@@ -14,7 +14,6 @@ from sinew.figures.style import (
     GREY,
     INK,
     RED,
-    Floats,
     few,
     frequency_colours,
     in_style,
@@ -22,6 +21,7 @@ from sinew.figures.style import (
     note_panel,
     pretension_bar,
 )
+from sinew.measure.arrays import Array
 
 
 @in_style
@@ -79,7 +79,7 @@ def _draw_sweep(axes: Axes, recording: xr.Dataset, sweep: list[Group]) -> None:
     note_panel(axes, "a", f"outline of a sweep{place}: settling (grey), recorded (colour), frequency in Hz")
 
 
-def _outline(time_s: Floats, values: Floats, frequency_hz: float) -> tuple[Floats, Floats, Floats]:
+def _outline(time_s: Array, values: Array, frequency_hz: float) -> tuple[Array, Array, Array]:
     """Return (time, lowest, highest) period by period: an oscillation too dense to draw becomes its outline."""
     periods = max(1, int((time_s[-1] - time_s[0]) * frequency_hz))
     starts = np.linspace(0, values.size, periods + 1).astype(int)[:-1]
@@ -152,12 +152,12 @@ def draw_drive_amplitude(recording: xr.Dataset, results: xr.Dataset) -> Figure |
 _ABOVE: dict[str, Any] = {"xytext": (-2, 4), "textcoords": "offset points", "ha": "right", "fontsize": 8}
 
 
-def sine_ceiling(frequency_hz: Floats, speed: float) -> Floats:
+def sine_ceiling(frequency_hz: Array, speed: float) -> Array:
     """Return the amplitude [rad] of the sine at a frequency [Hz] whose peak speed is `speed` [rad/s]: ω₀/(2πf)."""
     return np.asarray(speed / (2 * np.pi * frequency_hz))
 
 
-def triangle_ceiling(frequency_hz: Floats, speed: float) -> Floats:
+def triangle_ceiling(frequency_hz: Array, speed: float) -> Array:
     """Return the fundamental's amplitude [rad] of the triangle at constant speed [rad/s]: 2ω₀/(π²f).
 
     Its peak is ω₀/(4f), of which the fundamental is the share 8/π².

@@ -14,7 +14,6 @@ from sinew.figures.response import draw_tubes
 from sinew.figures.style import (
     GREY,
     INK,
-    Floats,
     few,
     in_style,
     mean_and_spread,
@@ -23,6 +22,7 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
+from sinew.measure.arrays import Array
 
 _SHARES = (
     ("electronics (data sheet)", "", "#c9ced6"),
@@ -99,7 +99,7 @@ def _draw_shares(axes: Axes, results: xr.Dataset) -> None:
     pretension = results["pretension_mm"].values
     idle = float(results.attrs.get("idle_power_w", math.nan))
     width = 0.7 * float(np.min(np.diff(pretension))) if pretension.size > 1 else 0.7
-    floor: Floats = np.zeros(pretension.size)
+    floor: Array = np.zeros(pretension.size)
     for label, name, colour in _SHARES:
         height = np.nan_to_num(results[name].values if name else np.full(pretension.size, idle))
         axes.bar(pretension, height, width, bottom=floor, color=colour, label=label)

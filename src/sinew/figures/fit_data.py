@@ -12,12 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sinew.figures.style import ACCENT, GREY, INK, RED, Floats, few, in_style, new_figure, note_panel
+from sinew.figures.style import ACCENT, GREY, INK, RED, few, in_style, new_figure, note_panel
 from sinew.identify.choice.held_out import HeldOut, Split
 from sinew.identify.joint.fit import JointFit
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.record import Record
 from sinew.identify.oscillator.start import dominant_omega
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import pair, typeset
 
 # What a fit found gets the words and units that a figure shows.
@@ -88,15 +89,15 @@ class Trace:
     unit: of the output, SI. title: its condition, empty where there is one stretch only.
     """
 
-    time_s: Floats
-    measured: Floats
-    fitted: Floats
+    time_s: Array
+    measured: Array
+    fitted: Array
     held: NDArray[np.bool_]
     unit: str
     title: str = ""
 
     @property
-    def residual(self) -> Floats:
+    def residual(self) -> Array:
         """Return measured less fitted, shape (n,)."""
         return self.measured - self.fitted
 

@@ -21,7 +21,6 @@ from sinew.figures.style import (
     INK,
     MARKERS,
     RED,
-    Floats,
     few,
     in_style,
     new_figure,
@@ -29,6 +28,7 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
+from sinew.measure.arrays import Array
 from sinew.predict.band import Band, Tube
 from sinew.predict.curves.branch import Branch
 
@@ -45,7 +45,7 @@ class Curves:
     branches: tuple[Branch, ...]
     amplitude_deg: float
 
-    def gain(self, amplitude: Floats | float) -> Floats:
+    def gain(self, amplitude: Array | float) -> Array:
         """Return half of peak to peak [rad] over the amplitude of the drive's command."""
         return np.asarray(amplitude) / math.radians(self.amplitude_deg)
 
@@ -108,7 +108,7 @@ def stretches(stable: ArrayLike) -> list[tuple[slice, bool]]:
     return [(slice(int(a), int(b) + 1), bool(solid[a])) for a, b in zip(begins, ends, strict=True)]
 
 
-def upper_gain(curves: Curves, frequency_hz: Floats) -> Floats:
+def upper_gain(curves: Curves, frequency_hz: Array) -> Array:
     """Return the largest stable gain (p, f) at each frequency [Hz]; NaN where no stable motion was found.
 
     It is what a sweep that comes from the side of the larger amplitude finds.
@@ -122,7 +122,7 @@ def upper_gain(curves: Curves, frequency_hz: Floats) -> Floats:
     return out
 
 
-def _raise_to(row: Floats, frequency_hz: Floats, at_hz: Floats, gain: Floats) -> None:
+def _raise_to(row: Array, frequency_hz: Array, at_hz: Array, gain: Array) -> None:
     """Raise a row to a stretch of a curve, which may run either way and turn at folds."""
     turns = np.flatnonzero(np.diff(np.sign(np.diff(at_hz)))) + 1
     for piece in np.split(np.arange(at_hz.size), turns):
@@ -132,13 +132,13 @@ def _raise_to(row: Floats, frequency_hz: Floats, at_hz: Floats, gain: Floats) ->
         row[:] = np.fmax(row, found)
 
 
-def _draw_line(axes: Axes, branch: Branch, values: Floats, colour: Floats) -> None:
+def _draw_line(axes: Axes, branch: Branch, values: Array, colour: Array) -> None:
     for part, is_stable in stretches(branch.stable):
         look = _STABLE if is_stable else _UNSTABLE
         axes.plot(branch.frequency_hz[part], values[part], color=colour, **look)
 
 
-def _diamond(colour: Floats) -> dict[str, Any]:
+def _diamond(colour: Array) -> dict[str, Any]:
     return {"marker": "D", "markersize": 3.5, "color": colour, "markeredgecolor": "white", "zorder": 4}
 
 
@@ -186,7 +186,7 @@ def draw_bands(curves: Curves, bands: Sequence[Band]) -> Figure:
     return figure
 
 
-def _draw_tube(axes: Axes, frequency_hz: Floats, tube: Tube, colour: Floats, factor: float) -> None:
+def _draw_tube(axes: Axes, frequency_hz: Array, tube: Tube, colour: Array, factor: float) -> None:
     axes.fill_between(frequency_hz, factor * tube.low, factor * tube.high, color=colour, alpha=0.35, linewidth=0)
     axes.plot(frequency_hz, factor * tube.median, color=colour, linewidth=0.9)
 
@@ -308,7 +308,7 @@ def draw_predicted_map(rigs: list[Curves]) -> Figure | None:
     return figure
 
 
-def _map(curves: Curves) -> tuple[Floats, Floats, Floats]:
+def _map(curves: Curves) -> tuple[Array, Array, Array]:
     """Return frequency [Hz], pretension [mm] and gain, all (p, s), on a mesh along the ridge."""
     order = np.argsort(curves.pretension_mm)
     pretension = np.asarray(curves.pretension_mm)[order]
@@ -324,7 +324,7 @@ def _map(curves: Curves) -> tuple[Floats, Floats, Floats]:
     return across[0], np.broadcast_to(fine[:, None], across[0].shape), across[1]
 
 
-def _draw(axes: Axes, x: Floats, y: Floats, gain: Floats, top: float) -> QuadMesh:
+def _draw(axes: Axes, x: Array, y: Array, gain: Array, top: float) -> QuadMesh:
     axes.grid(False)
     mesh = axes.pcolormesh(x, y, gain, cmap=_MAP_COLOURS, vmin=0, vmax=top, shading="gouraud", rasterized=True)
     levels = [level for level in _LEVELS if np.nanmin(gain) < level < np.nanmax(gain)]

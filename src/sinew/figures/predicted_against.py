@@ -13,7 +13,6 @@ from sinew.figures.style import (
     GREY,
     INK,
     RED,
-    Floats,
     few,
     in_style,
     new_figure,
@@ -21,6 +20,7 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
+from sinew.measure.arrays import Array
 from sinew.predict.against import Comparison, Reading, error_of
 
 _SHOWN = 7
@@ -114,7 +114,7 @@ def _draw_readings(axes: Axes, comparison: Comparison) -> None:
     axes.legend(handles=keys, fontsize=7.5)
 
 
-def _face(fitted: Any, colour: Floats | str) -> Any:
+def _face(fitted: Any, colour: Array | str) -> Any:
     return colour if fitted else "white"
 
 

@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sinew.figures.fit_data import Trace, axis_label, shown_unit
-from sinew.figures.style import ACCENT, GREY, INK, RED, Floats, in_style, new_figure, note_panel
+from sinew.figures.style import ACCENT, GREY, INK, RED, in_style, new_figure, note_panel
+from sinew.measure.arrays import Array
 
 _PERIODS = 2.0
 _FEWEST_LAGS, _MOST_LAGS = 20, 400
@@ -57,7 +58,7 @@ def _draw_over_time(axes: Axes, traces: Sequence[Trace]) -> None:
     note_panel(axes, "a", "over time")
 
 
-def autocorrelation(traces: Sequence[Trace], lags: int) -> tuple[Floats, int]:
+def autocorrelation(traces: Sequence[Trace], lags: int) -> tuple[Array, int]:
     """Return the autocorrelation of the fitted samples' residuals at lags 1 to `lags`, shape (lags,), and their number.
 
     Pairs that reach over a held-out sample or from one stretch to the next are left out.

@@ -15,7 +15,6 @@ from sinew.figures.style import (
     INK,
     MARKERS,
     RED,
-    Floats,
     few,
     in_style,
     mean_and_spread,
@@ -24,6 +23,7 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
+from sinew.measure.arrays import Array
 
 
 @in_style
@@ -60,7 +60,7 @@ def draw_response(results: xr.Dataset) -> Figure | None:
     return figure
 
 
-def draw_tubes(axes: Axes, frequency_hz: Floats, values: Floats, pretension_mm: Floats) -> None:
+def draw_tubes(axes: Axes, frequency_hz: Array, values: Array, pretension_mm: Array) -> None:
     """Draw one mean line with a tube of ±1 standard deviation for each pretension.
 
     values: (p, f, r), in the unit of the axes. Every few pretensions carry a marker of their own.
@@ -127,10 +127,10 @@ def draw_response_map(results: xr.Dataset) -> Figure | None:
     return figure
 
 
-Ridge = tuple[Floats, Floats, Floats]
+Ridge = tuple[Array, Array, Array]
 
 
-def along_ridge(frequency_hz: Floats, gain: Floats, ridge_hz: Floats) -> tuple[Floats, Floats]:
+def along_ridge(frequency_hz: Array, gain: Array, ridge_hz: Array) -> tuple[Array, Array]:
     """Return (frequency [Hz], gain), both (p, s), on a mesh whose lines run along the ridge.
 
     On the measured grid (f) a narrow ridge that crosses it becomes a row of teeth. Here column s is at the same share
@@ -151,7 +151,7 @@ def along_ridge(frequency_hz: Floats, gain: Floats, ridge_hz: Floats) -> tuple[F
     return mesh, out
 
 
-def _draw_surface(axes: Axes3D, x: Floats, y: Floats, gain: Floats, ridge: Ridge) -> None:
+def _draw_surface(axes: Axes3D, x: Array, y: Array, gain: Array, ridge: Ridge) -> None:
     look = {"cmap": _COLOURS, "vmin": 0, "linewidth": 0.15, "edgecolor": "#ffffff55", "rasterized": True}
     axes.plot_surface(x, y, gain, rstride=1, cstride=1, **look)
     axes.plot(*ridge[:2], ridge[2] + 0.02, color=RED, linewidth=1.6, zorder=10)
@@ -166,7 +166,7 @@ def _draw_surface(axes: Axes3D, x: Floats, y: Floats, gain: Floats, ridge: Ridge
     note_panel(axes, "a", "gain over frequency and pretension")
 
 
-def _label_places(lines: QuadContourSet, x: Floats, y: Floats) -> list[tuple[float, float]]:
+def _label_places(lines: QuadContourSet, x: Array, y: Array) -> list[tuple[float, float]]:
     """Return a place on each line of equal gain up to 1.5, at middle pretension and well inside the frame."""
     (left, right), (low, high) = ((float(v.min()), float(v.max())) for v in (x, y))
     places = []
@@ -180,7 +180,7 @@ def _label_places(lines: QuadContourSet, x: Floats, y: Floats) -> list[tuple[flo
     return places
 
 
-def _draw_above(figure: Figure, axes: Axes, x: Floats, y: Floats, gain: Floats, ridge: Ridge) -> None:
+def _draw_above(figure: Figure, axes: Axes, x: Array, y: Array, gain: Array, ridge: Ridge) -> None:
     axes.grid(False)
     mesh = axes.pcolormesh(x, y, gain, cmap=_COLOURS, vmin=0, shading="gouraud", rasterized=True)
     levels = [level for level in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0) if np.nanmin(gain) < level < np.nanmax(gain)]

@@ -19,9 +19,8 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.netcdf import write_atomically
-
-Floats = NDArray[np.float64]
 
 WIDTH_IN = 7.1
 INK, GREY, ACCENT, RED, GREEN = "#1a1a1a", "#8c8c8c", "#0b5fa5", "#c1272d", "#1b7f3b"
@@ -169,7 +168,7 @@ def save_figure(figure: Figure, folder: Path, stem: str, formats: Sequence[str])
 # Repeats become a mean and a spread.
 
 
-def mean_and_spread(values: ArrayLike) -> tuple[Floats, Floats]:
+def mean_and_spread(values: ArrayLike) -> tuple[Array, Array]:
     """Return mean and sample standard deviation over the last axis, leaving out NaN.
 
     The mean is NaN where nothing was measured; the spread is NaN with fewer than two measurements.

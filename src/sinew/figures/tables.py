@@ -9,8 +9,9 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
-from sinew.figures.style import Floats, mean_and_spread
+from sinew.figures.style import mean_and_spread
 from sinew.measure import estimate
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import DIGITS, typeset
 from sinew.measure.schema import companions
 from sinew.plan.rig import RigSpec
@@ -35,7 +36,7 @@ _COLUMNS = (
 )
 
 
-def energy_columns(results: xr.Dataset) -> list[tuple[str, Floats, Floats]]:
+def energy_columns(results: xr.Dataset) -> list[tuple[str, Array, Array]]:
     """Return (head, value, standard deviation over repeats) of every column, (p,); empty without the energy part."""
     if "energy_reduction" not in results:
         return []
@@ -74,7 +75,7 @@ class Table:
     note: str
 
 
-Column = tuple[str, Floats, Floats]
+Column = tuple[str, Array, Array]
 
 
 def number(value: float | None, digits: int = DIGITS) -> str:

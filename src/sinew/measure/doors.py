@@ -15,9 +15,8 @@ import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 import xarray as xr
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SchemaError, TimeError
-
-Array = NDArray[np.float64]
 
 
 def as_numbers(values: Any, name: str) -> Array:

@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+NORMAL_90 = 1.6448536269514722
+"""Half width of a normal 90 % interval by its standard deviation."""
 DIGITS = 4
 """Significant digits of a number whose uncertainty is not known."""
 MOST_DIGITS = 5
@@ -40,7 +42,7 @@ class Estimate:
     @staticmethod
     def normal(value: float, std: float) -> "Estimate":
         """Return an estimate whose 90 % interval is the normal one, value ± 1.645 std."""
-        half = 1.6448536269514722 * std
+        half = NORMAL_90 * std
         return Estimate(float(value), float(std), float(value - half), float(value + half))
 
     @staticmethod

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate, interval, typeset
 
-Array = NDArray[np.float64]
 Cell = float | Estimate
 
 CANNOT_TELL = "cannot tell"

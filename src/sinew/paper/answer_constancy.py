@@ -20,8 +20,9 @@ from sinew.analysis.decay.decay_windows import DecayWindow, decay_windows, descr
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
 from sinew.analysis.signal.repeats import pool_repeats
 from sinew.analysis.sweep.slope import Trend, detectable, fit_trend
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
-from sinew.paper.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
+from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 
 NAME = "constancy"
 QUESTION = "Does Lehr's damping D stay constant over pretension, beyond chance? (section 4.2)"

@@ -24,10 +24,11 @@ from sinew.analysis.signal.power import supply_uncertainty
 from sinew.analysis.signal.repeats import Pooled, pool_repeats
 from sinew.analysis.signal.sensor import sample_rate
 from sinew.identify.joint.fit import JointFit
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import iterate_segments
-from sinew.paper.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
+from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.twin.drive import gear_friction

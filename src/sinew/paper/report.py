@@ -12,9 +12,9 @@ import xarray as xr
 from sinew.analysis.doubts import doubts_of
 from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
 from sinew.figures.page import CAPTIONS, picture, write_page
-from sinew.figures.style import Floats
 from sinew.figures.tables import measured_tables, number, parameter_rows, reaches, window_table
 from sinew.measure import estimate
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate, interval, span, typeset
 from sinew.paper.answer import Answer, Cell
 from sinew.paper.table import count_roles, is_the_papers
@@ -71,7 +71,7 @@ def describe_threshold(
     ]
 
 
-def _rise(pretension: Floats, resonance: Floats) -> str:
+def _rise(pretension: Array, resonance: Array) -> str:
     falls = int((np.diff(resonance) <= 0).sum())
     how = "rises at every step" if falls == 0 else f"fails to rise at {falls} of {resonance.size - 1} steps"
     return (
@@ -80,7 +80,7 @@ def _rise(pretension: Floats, resonance: Floats) -> str:
     )
 
 
-def _upper_half(pretension: Floats, gain: Floats, by_measured: Floats, drive: Floats) -> str:
+def _upper_half(pretension: Array, gain: Array, by_measured: Array, drive: Array) -> str:
     """Return whose the change over the upper half of the range is: the drive's or the joint's."""
     first = int(np.searchsorted(pretension, (pretension[0] + pretension[-1]) / 2))
     nominal, joint, reached = (float(row[-1] / row[first] - 1) for row in (gain, by_measured, drive))

@@ -12,8 +12,8 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.predict.band import crest
 from sinew.predict.curves.balance import Lane
 from sinew.predict.curves.branch import Branch, Mark, Prediction
@@ -31,8 +31,6 @@ from sinew.predict.curves.landmark import FOLD, QUARTER, guesses
 from sinew.predict.curves.prediction import ENDS, Problem, first_curves, wrapped_lag
 from sinew.predict.curves.waves import Equations, Size, orders
 from sinew.predict.joint import RESOLUTION
-
-Array = NDArray[np.float64]
 
 SKETCH_ERROR = 5e-3
 """Error of a sketched amplitude, in shares of the largest [1]: above the largest that was found."""

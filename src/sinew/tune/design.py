@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from sinew import __version__
 from sinew.analysis.analysis import analyse_recording
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate
 from sinew.measure.extras import how_to_install
@@ -86,8 +87,6 @@ def _once(plan: Plan) -> Plan:
 
 
 # Candidates are compared in several objectives: who is dominated, and which few stand for the rest.
-
-Array = NDArray[np.float64]
 
 
 def nondominated(objectives: Array) -> NDArray[np.bool_]:

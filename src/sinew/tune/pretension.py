@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate
 from sinew.plan.plan import TendonMode
@@ -27,7 +27,6 @@ from sinew.tune.resonance import Resonance, Swing, find_resonances
 
 # It is found between which frequencies a rig's pretension can move its resonance, and what ends it.
 
-Array = NDArray[np.float64]
 
 _GRID, _FINE = 5, 401
 _JUST = 1e-6

@@ -14,11 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.plan.toml import parse_rig
 from sinew.tune.candidate import OBJECTIVES, SIZES, DesignTarget, Frame, frame_of, judge, unpacked
 from sinew.twin.cache import configure
-
-Array = NDArray[np.float64]
 
 _STEPS = 240
 _RATE, _LAST_RATE = 0.05, 0.003

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from sinew.analysis.signal.coloured_noise import orthonormal, sandwich
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-
-Array = NDArray[np.float64]
 
 # Places of the parameters in the vector of the fit; time runs from 0 to 1 over the window.
 _RATE, _OMEGA, _COS, _SIN, _REST, _SLOPE = range(6)

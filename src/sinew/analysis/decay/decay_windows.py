@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.repeats import pool_repeats
 from sinew.analysis.sweep.slope import fit_trend
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

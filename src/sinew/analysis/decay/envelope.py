@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from sinew.analysis.decay.peaks import Peaks
-
-Array = NDArray[np.float64]
+from sinew.measure.arrays import Array
 
 _NOISE_SHARE = 5.0  # a peak is used while it is this many times its own uncertainty,
 _SMALLEST_PEAK = 0.02  # and this share of the largest

@@ -6,12 +6,12 @@ from scipy import interpolate
 
 from sinew.analysis.decay.decay_fit import DecayFit, fit_decay, fit_decay_and_rest
 from sinew.analysis.decay.peaks import Peaks, find_peaks, noise_level
+from sinew.measure.arrays import Array
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, TimeError
 
 # The free decay begins: after a rest, a hold, a hand's release or a forced oscillation.
 
-Array = NDArray[np.float64]
 
 _BEFORE, _AFTER = 6, 8  # swings looked at on both sides of a possible stop of the drive
 _FLAT = 0.35  # forced: before the stop the swings shrink by less than this share of what they do after it

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import interpolate, signal
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-
-Array = NDArray[np.float64]
 
 _DIFFERENCES = 5
 _LARGE_SWING = 0.2  # of the largest swing: swings that set the half period

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy import special
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
-
-Floats = NDArray[np.float64]
+from sinew.measure.estimate import NORMAL_90, Estimate
 
 FEWEST_PRETENSIONS = 6
 _GRID = 401
@@ -36,7 +34,7 @@ class SaturationFit:
     sentence: str
 
 
-def fit_saturation(pretension_mm: Floats, gain_peak: Floats, gain_std: Floats | None = None) -> SaturationFit:
+def fit_saturation(pretension_mm: Array, gain_peak: Array, gain_std: Array | None = None) -> SaturationFit:
     """Return the saturation threshold of a campaign (paper, sections 4.1 and 5.2.4).
 
     pretension_mm, gain_peak: shape (p,); NaN pairs are left out. gain_std: weights, or None for equal ones.
@@ -69,7 +67,7 @@ def fit_saturation(pretension_mm: Floats, gain_peak: Floats, gain_std: Floats | 
     low, high = float(inside[0]), float(inside[-1])
     bic_gain = x.size * math.log(max(straight, smallest) / smallest) - 2.0 * math.log(x.size)
     level, below, bend = lines[best]
-    threshold = Estimate(float(kinks[best]), (high - low) / (2.0 * 1.6448536269514722), low, high)
+    threshold = Estimate(float(kinks[best]), (high - low) / (2.0 * NORMAL_90), low, high)
     preferred = bic_gain >= 2.0
     return SaturationFit(
         threshold,
@@ -82,7 +80,7 @@ def fit_saturation(pretension_mm: Floats, gain_peak: Floats, gain_std: Floats | 
     )
 
 
-def _line(x: Floats, y: Floats, weight: Floats, kink: float | None) -> tuple[float, tuple[float, float, float]]:
+def _line(x: Array, y: Array, weight: Array, kink: float | None) -> tuple[float, tuple[float, float, float]]:
     """Return residual sum of squares and (level, slope, bend) of a line through y, bent at the kink if there is one."""
     columns = [np.ones_like(x), x - (kink or 0.0)]
     if kink is not None:

@@ -20,9 +20,8 @@ from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.model import MODELS, Model, get_model
 from sinew.identify.oscillator.record import Excitation, Record
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
-
-Array = NDArray[np.float64]
 
 _CLEAR, _HINT = 6.0, 2.0  # differences of BIC: told for certain; too small to add a term
 _WORSE = 2.0  # standard errors of the paired difference of squared errors

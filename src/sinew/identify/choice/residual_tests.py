@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special, stats
 
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.record import Record
-
-Array = NDArray[np.float64]
+from sinew.measure.arrays import Array
 
 _LAGS = 20
 _SIGNIFICANT = 0.01

@@ -5,16 +5,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, optimize, signal
 
 from sinew.analysis.signal.coloured_noise import autoregression
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 
 # A model is fitted by maximum likelihood under noise whose neighbouring samples are alike.
 
-Array = NDArray[np.float64]
 Model = Callable[[Array], Array]
 
 _ROUNDS = 6
@@ -171,8 +170,6 @@ def _colour(noise: Array) -> float:
     spectrum = 1.0 / np.abs(np.fft.fft(np.concatenate([[1.0], -noise]), 4096)) ** 2
     return float(np.mean(spectrum**2) / np.mean(spectrum) ** 2)
 
-
-Complexes = NDArray[np.complex128]
 
 _LARGEST = 50.0  # of the exponent: an amplitude of e^50 is no fit
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, free_decay
 from sinew.analysis.decay.peaks import find_peaks
@@ -16,10 +16,9 @@ from sinew.identify.decay.decay_likelihood import (
     polynomials,
 )
 from sinew.identify.oscillator.start import Poles, split_poles
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-
-Array = NDArray[np.float64]
 
 _EXTRA = (0, 2, 4, 8)  # poles beyond two a mode: rest, creep and noise take them
 _STRONG = 10.0  # fall of Bayes' criterion that lets one more mode in,

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from sinew.measure.arrays import Array
 from sinew.plan.rig import RigSpec
 from sinew.predict.curves.prediction import Problem
 from sinew.predict.joints.design import section_of, shear_modulus_of
@@ -19,7 +19,6 @@ from sinew.twin.parameters import Parameters
 
 # A predicted joint's tensions and compression are found, at rest and where it twists most.
 
-Array = NDArray[np.float64]
 
 _STEPS = 12
 

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, SpecError
-
-Array = NDArray[np.float64]
 
 _CORNERS = 360
 _TOUCH = 1e-9

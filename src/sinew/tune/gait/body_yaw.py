@@ -8,15 +8,13 @@ later repeats with every stride; offset and drift are taken out there. A pair of
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 from scipy.signal import butter, sosfiltfilt
 from vqf import offlineVQF
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.walk_file import Imu, MarkerPair, WalkRecord
-
-Floats = NDArray[np.float64]
 
 _GRAVITY = 9.80665
 _SLOWEST_STEP_HZ = 0.4
@@ -35,17 +33,17 @@ class BodyMotion:
     (inertial sensors). given_speed_m_s: walking speed that somebody knows, NaN else.
     """
 
-    time_s: Floats
-    pelvis: Floats | None
-    trunk: Floats | None
-    relative: Floats | None
-    bounce: Floats | None
-    place: Floats | None
+    time_s: Array
+    pelvis: Array | None
+    trunk: Array | None
+    relative: Array | None
+    bounce: Array | None
+    place: Array | None
     drifts: bool
     given_speed_m_s: float = np.nan
 
     @property
-    def swing(self) -> tuple[str, Floats]:
+    def swing(self) -> tuple[str, Array]:
         """What the joint must do: trunk against pelvis, else the one that is known, with its name."""
         for name, yaw in (
             ("trunk against pelvis", self.relative),
@@ -90,7 +88,7 @@ def body_motion(record: WalkRecord) -> BodyMotion:
     return BodyMotion(time, pelvis, trunk, relative, bounce, place, drifts)
 
 
-def _of_imu(time: Floats, imu: Imu) -> tuple[Floats, Floats]:
+def _of_imu(time: Array, imu: Imu) -> tuple[Array, Array]:
     """Return yaw [rad] and vertical velocity [m/s], both drifting or high-passed, shape (n,)."""
     step = float(time[1] - time[0])
     found = offlineVQF(imu.gyro, imu.acceleration, None, step)
@@ -104,7 +102,7 @@ def _of_imu(time: Floats, imu: Imu) -> tuple[Floats, Floats]:
     return np.asarray(yaw), np.asarray(sosfiltfilt(sections, velocity, padlen=min(time.size - 1, int(2.0 / step))))
 
 
-def _of_markers(time: Floats, pair: MarkerPair, name: str) -> tuple[Floats, Floats, Floats]:
+def _of_markers(time: Array, pair: MarkerPair, name: str) -> tuple[Array, Array, Array]:
     """Return yaw [rad], vertical velocity [m/s], both (n,), and the place on the ground [m], (n, 2)."""
     across, middle = pair.left - pair.right, 0.5 * (pair.left + pair.right)
     length = np.median(np.linalg.norm(across, axis=1))

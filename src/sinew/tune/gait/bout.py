@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import stdtr
 
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 from sinew.tune.gait.body_yaw import BodyMotion
@@ -26,13 +27,12 @@ from sinew.tune.gait.body_yaw import BodyMotion
 # taking them as independent gives intervals that are too short. So the mean is taken under every first-order likeness
 # from 0 to 0.9, each weighed by how well the strides speak for it (Bayes, flat in likeness, mean and log scale).
 
-Floats = NDArray[np.float64]
 
 _MOST_ALIKE, _GRID = 0.9, 46
 _FEWEST = 4
 
 
-def mean_of_strides(values: Floats) -> Estimate:
+def mean_of_strides(values: Array) -> Estimate:
     """Return the mean of what strides in a row tell, shape (s,), with its standard deviation and 90 % interval.
 
     Under the likeness ρ the covariance is σ²R, R_ij = ρ^|i-j|, the variance of the plain mean is σ² 1ᵀR1/s², and σ² is
@@ -84,7 +84,7 @@ class Strides:
     regularity: autocorrelation of the motion at one stride, the mean over the windows there.
     """
 
-    start_s: Floats
+    start_s: Array
     regularity: float
 
 
@@ -108,9 +108,9 @@ class Walk:
 class _Windows:
     """Windows of a record: middle [s], stride frequency [Hz], autocorrelation at one stride, shape (w,) each."""
 
-    middle_s: Floats
-    frequency_hz: Floats
-    regularity: Floats
+    middle_s: Array
+    frequency_hz: Array
+    regularity: Array
 
 
 def find_walk(motion: BodyMotion) -> Walk:
@@ -146,7 +146,7 @@ def find_walk(motion: BodyMotion) -> Walk:
     return Walk(tuple(bouts), ends, frequency, _mean_regularity(windows, *ends), left_out)
 
 
-def _windows(time: Floats, rate: Floats, bounce: Floats | None) -> _Windows:
+def _windows(time: Array, rate: Array, bounce: Array | None) -> _Windows:
     step = float(time[1] - time[0])
     size = min(time.size, round(_WINDOW_S / step))
     lowest = max(_LOWEST_HZ, SHORTEST_STRIDES / (size * step))
@@ -171,7 +171,7 @@ def _windows(time: Floats, rate: Floats, bounce: Floats | None) -> _Windows:
     return _Windows(time[first] + 0.5 * (size - 1) * step, smooth, regularity)
 
 
-def _shares(windows: Floats, cycles: Floats) -> Floats:
+def _shares(windows: Array, cycles: Array) -> Array:
     """Return the share of each window's variance (w, n) that a sine of so many cycles per sample holds, (w, f)."""
     taper = np.hanning(windows.shape[1])
     clean = taper * (windows - (windows @ taper / taper.sum())[:, None])
@@ -181,7 +181,7 @@ def _shares(windows: Floats, cycles: Floats) -> Floats:
     return np.asarray(power / np.maximum(np.sum(clean**2, axis=1), 1e-300)[:, None])
 
 
-def _crest(at: Floats, height: Floats) -> float:
+def _crest(at: Array, height: Array) -> float:
     """Return where a curve on an even grid is largest, by the parabola through its three highest points."""
     top = int(np.clip(np.argmax(height), 1, at.size - 2))
     before, here, after = height[top - 1 : top + 2]
@@ -190,7 +190,7 @@ def _crest(at: Floats, height: Floats) -> float:
     return float(at[top] + np.clip(shift, -1, 1) * (at[1] - at[0]))
 
 
-def _autocorrelation(signal: Floats, lag: int) -> float:
+def _autocorrelation(signal: Array, lag: int) -> float:
     if signal.size - lag < 8:
         return 0.0
     a, b = signal[:-lag] - signal[:-lag].mean(), signal[lag:] - signal[lag:].mean()
@@ -205,7 +205,7 @@ def _mean_regularity(windows: _Windows, start_s: float, stop_s: float) -> float:
     return float(windows.regularity[inside].mean())
 
 
-def _cut(motion: BodyMotion, rate: Floats, windows: _Windows, walking: Mask) -> tuple[Floats, Mask]:
+def _cut(motion: BodyMotion, rate: Array, windows: _Windows, walking: Mask) -> tuple[Array, Mask]:
     """Return (starts of all strides [s], (s + 1,); which of the s strides are walking, lively and straight, (s,))."""
     time = motion.time_s
     step = float(time[1] - time[0])
@@ -236,7 +236,7 @@ def _smooth(signal: NDArray[np.complex128], width: float) -> NDArray[np.complex1
     return np.asarray((real + 1j * gaussian_filter1d(signal.imag, width, mode="constant")) / weight)
 
 
-def _straight(motion: BodyMotion, starts: Floats) -> Mask:
+def _straight(motion: BodyMotion, starts: Array) -> Mask:
     """Return which strides turn the body by less than 20°/s on average; all of them where no part's yaw is known."""
     heading = motion.trunk if motion.pelvis is None else motion.pelvis
     if heading is None:
@@ -245,7 +245,7 @@ def _straight(motion: BodyMotion, starts: Floats) -> Mask:
     return np.asarray(np.abs(turned) < _TURNING)
 
 
-def _alike(period: Floats) -> list[tuple[int, int]]:
+def _alike(period: Array) -> list[tuple[int, int]]:
     """Return the runs of at least five strides whose length is within 20 % of that of their neighbours.
 
     The first and the last two strides of a run are left out as far as five remain: there a walker starts and stops.
@@ -261,8 +261,6 @@ def _runs(mask: Mask) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
-
-Complexes = NDArray[np.complex128]
 
 POINTS = 64
 _AVERAGED = 5
@@ -299,7 +297,7 @@ class BoutGait:
     trunk_lag_deg: Estimate | None
     regularity: float
     speed_m_s: float
-    cycles_deg: Floats
+    cycles_deg: Array
 
 
 def bout_gait(motion: BodyMotion, bout: Strides) -> BoutGait:
@@ -344,13 +342,13 @@ def unknown(value: float) -> Estimate:
     return Estimate(float(value), np.nan, np.nan, np.nan)
 
 
-def fundamental(cycles: Floats) -> Complexes:
+def fundamental(cycles: Array) -> Complexes:
     """Return the complex fundamental c, x = Re(c e^{jφ}), of cycles of shape (s, points), shape (s,)."""
     points = cycles.shape[1]
     return np.asarray(2.0 / points * cycles @ np.exp(-2j * np.pi * np.arange(points) / points))
 
 
-def _cycles(motion: BodyMotion, yaw: Floats, start_s: Floats) -> Floats:
+def _cycles(motion: BodyMotion, yaw: Array, start_s: Array) -> Array:
     """Return the drift-free yaw of each stride over its phase, in the unit of yaw, shape (strides, 64)."""
     strides, half = start_s.size - 1, POINTS // 2
     before, after = start_s[0] - (start_s[1] - start_s[0]), start_s[-1] + (start_s[-1] - start_s[-2])
@@ -364,7 +362,7 @@ def _cycles(motion: BodyMotion, yaw: Floats, start_s: Floats) -> Floats:
     return np.asarray(clean[:-1].reshape(strides, POINTS))
 
 
-def _line(cycles: Floats, start_s: Floats) -> float:
+def _line(cycles: Array, start_s: Array) -> float:
     """Return the amplitude of the sine of constant frequency that fits the strides (s, points) best in time."""
     phase = np.arange(cycles.size) / cycles.shape[1]
     time = np.interp(phase, np.arange(start_s.size), start_s) - start_s[0]
@@ -423,7 +421,7 @@ def short_gait(motion: BodyMotion, walk: Walk) -> BoutGait:
     ends = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
     frequency = float(minimize_scalar(left, bounds=ends, method="bounded").x)
 
-    def harmonics(yaw: Floats | None) -> NDArray[np.complex128] | None:
+    def harmonics(yaw: Array | None) -> NDArray[np.complex128] | None:
         if yaw is None:
             return None
         weights, _ = _fit(since, yaw[inside], frequency, _YAW_HARMONICS, motion.drifts)
@@ -456,7 +454,7 @@ def short_gait(motion: BodyMotion, walk: Walk) -> BoutGait:
     )
 
 
-def _fit(since: Floats, signal: Floats, frequency: float, harmonics: int, slope: bool) -> tuple[Floats, Floats]:
+def _fit(since: Array, signal: Array, frequency: float, harmonics: int, slope: bool) -> tuple[Array, Array]:
     """Return (level, slope if asked, cosine and sine of each harmonic; residual) by least squares."""
     angle = 2 * np.pi * frequency * since
     waves = [wave(h * angle) for h in range(1, harmonics + 1) for wave in (np.cos, np.sin)]
@@ -465,12 +463,12 @@ def _fit(since: Floats, signal: Floats, frequency: float, harmonics: int, slope:
     return weights, signal - design @ weights
 
 
-def _left(since: Floats, signal: Floats, frequency: float, harmonics: int, slope: bool) -> float:
+def _left(since: Array, signal: Array, frequency: float, harmonics: int, slope: bool) -> float:
     spread = float(np.var(signal))
     residual = _fit(since, signal, frequency, harmonics, slope)[1]
     return float(np.mean(residual**2)) / spread if spread > 0 else 0.0
 
 
-def _level(since: Floats, signal: Floats, slope: bool) -> Floats:
+def _level(since: Array, signal: Array, slope: bool) -> Array:
     """Return a signal without its straight drift, where it may drift."""
     return signal - np.polyval(np.polyfit(since, signal, 1), since) if slope else signal
