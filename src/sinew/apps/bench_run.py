@@ -10,9 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from sinew.apps.console import require_folder
+from sinew.apps.console import option, require_folder
 
 if TYPE_CHECKING:
     from sinew.bench.journal import Journal
@@ -22,10 +20,8 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-Port = Annotated[str, typer.Option("--port", metavar="PORT", help="Serial port of the bench, or of `sinew emulate`.")]
-Wait = Annotated[
-    float, typer.Option("--wait", metavar="S", min=0.0, max=3600.0, help="Wait so long for the port to appear [s].")
-]
+Port = Annotated[str, option("--port", "PORT", "Serial port of the bench, or of `sinew emulate`.")]
+Wait = Annotated[float, option("--wait", "S", "Wait so long for the port to appear [s].", min=0.0, max=3600.0)]
 
 JOURNAL = "journal.sqlite"
 """Name of a run's journal in its folder."""

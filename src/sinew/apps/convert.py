@@ -14,6 +14,7 @@ from sinew.apps.console import (
     Json,
     Start,
     Stop,
+    option,
     print_json,
     remark,
     require_file,
@@ -61,11 +62,11 @@ def _one_of(option: str, found: str, expected: tuple[str, ...]) -> None:
 
 def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The recording to write, NetCDF.")],
+    out: Annotated[Path, option("--out", "FILE", "The recording to write, NetCDF.")],
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
-    kind: Annotated[str, typer.Option("--kind", metavar="ring-down|sweep", help="What was recorded.")] = "ring-down",
+    kind: Annotated[str, option("--kind", "ring-down|sweep", "What was recorded.")] = "ring-down",
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",
@@ -97,8 +98,8 @@ def import_(
 
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording, NetCDF.")],
-    to: Annotated[str, typer.Option("--to", metavar="csv|mat", help="The format to write.")],
-    out: Annotated[Path, typer.Option("--out", metavar="PATH", help="The file to write.")],
+    to: Annotated[str, option("--to", "csv|mat", "The format to write.")],
+    out: Annotated[Path, option("--out", "PATH", "The file to write.")],
     json: Json = False,
 ) -> None:
     """Write a recording as a CSV table or a MATLAB file."""
