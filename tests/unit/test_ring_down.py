@@ -6,8 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, dry_friction, lever, times
 
-from sinew.analysis.decay.free_decay import drive_stop
-from sinew.analysis.decay.peaks import find_peaks
+from sinew.analysis.decay.free_decay import drive_stop, find_peaks
 from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json
 
 dampings = pytest.mark.parametrize("damping", [0.005, 0.03, 0.08, 0.17, 0.25])

@@ -133,7 +133,7 @@ def _of_files(
     from dataclasses import replace
 
     from sinew.measure.walk_file import WalkColumns, read_walk
-    from sinew.tune.gait.body_yaw import body_motion
+    from sinew.tune.gait.bout import body_motion
     from sinew.tune.gait.target import estimate_gait, target_of_walks
 
     asked = WalkColumns(**columns)

@@ -280,10 +280,9 @@ def _figures(found: Found) -> "dict[str, Figure]":
 def _fit_figures(found: Found, fit: "Fit") -> "dict[str, Figure | None]":
     import math
 
-    from sinew.figures.backbone import draw_backbone
     from sinew.figures.corner import cloud_of, draw_corner
-    from sinew.figures.fit_data import draw_fit, traces_of
-    from sinew.figures.residuals import draw_residuals
+    from sinew.figures.fit_data import draw_backbone, draw_fit, traces_of
+    from sinew.figures.fit_page import draw_residuals
     from sinew.identify.oscillator.fitted import swing_of
     from sinew.identify.oscillator.start import dominant_omega
 
@@ -320,10 +319,9 @@ def _decay(fit: "Fit") -> "Backbone | None":
 def _joint_figures(joint: "JointFit") -> "dict[str, Figure | None]":
     import numpy as np
 
-    from sinew.figures.backbone import draw_over_pretension
     from sinew.figures.corner import Cloud, draw_corner
-    from sinew.figures.fit_data import draw_fit, traces_of_joint
-    from sinew.figures.residuals import draw_residuals
+    from sinew.figures.fit_data import draw_fit, draw_over_pretension, traces_of_joint
+    from sinew.figures.fit_page import draw_residuals
 
     traces = traces_of_joint(joint)
     first = joint.at_pretension("natural_frequency_hz", joint.pretension_mm[0]).value

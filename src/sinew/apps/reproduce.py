@@ -170,8 +170,7 @@ def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path) -> "x
 
 
 def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: float | None = None) -> dict[str, Any]:
-    from sinew.paper.figures import draw_figures
-    from sinew.paper.report import write_report
+    from sinew.paper.report import draw_figures, write_report
     from sinew.paper.summary import summarise
 
     with progress_bar("draw"):

@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from sinew.analysis.decay.envelope import large_peaks
-from sinew.analysis.decay.peaks import find_peaks
+from sinew.analysis.decay.free_decay import find_peaks
 from sinew.figures.motion import Group, Motion, at_pretension, groups_of, nearest, released_motion
 from sinew.figures.style import (
     ACCENT,

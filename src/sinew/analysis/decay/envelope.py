@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize
 
-from sinew.analysis.decay.peaks import Peaks
+from sinew.analysis.decay.free_decay import Peaks
 from sinew.measure.arrays import Array
 
 _NOISE_SHARE = 5.0  # a peak is used while it is this many times its own uncertainty,

@@ -11,8 +11,7 @@ from scipy import integrate, special
 
 from sinew.analysis.decay.decay_fit import DecayFit, fit_decay
 from sinew.analysis.decay.envelope import Envelope, fit_envelope, large_peaks
-from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, free_decay
-from sinew.analysis.decay.peaks import Peaks, find_peaks
+from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, find_peaks, free_decay
 from sinew.measure.arrays import Array
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError

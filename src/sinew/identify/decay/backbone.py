@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate, special
 
-from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, free_decay
-from sinew.analysis.decay.peaks import Peaks
+from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, free_decay
 from sinew.identify.decay.decay_likelihood import FreeOscillation, LikelihoodFit, fit_oscillation, polynomials
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError

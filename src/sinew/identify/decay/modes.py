@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, free_decay
-from sinew.analysis.decay.peaks import find_peaks
+from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, find_peaks, free_decay
 from sinew.identify.decay.decay_likelihood import (
     FreeOscillation,
     LikelihoodFit,

@@ -246,8 +246,7 @@ def _mat(folder: Path, path: Path) -> None:
 
 def _report(folder: Path, path: Path) -> None:
     from sinew.apps.analyse import recording_rig
-    from sinew.paper.figures import draw_figures
-    from sinew.paper.report import write_report
+    from sinew.paper.report import draw_figures, write_report
 
     recording, results = results_of(folder)
     figures = draw_figures(recording, results, path.with_name("figures"), formats=("png",))
