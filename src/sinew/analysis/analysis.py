@@ -17,7 +17,7 @@ from sinew.analysis.sweep.response import estimate_response, response_dataset
 from sinew.measure.arrays import mean_of_known
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import Estimate, finite
 from sinew.measure.netcdf import content_hash, provenance
 from sinew.measure.schema import RESULTS_SCHEMA, validate_results
 from sinew.plan.rig import RigSpec
@@ -131,7 +131,7 @@ def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
             "frequency_hz": float(results["frequency_hz"].values[f]),
             "repeats": repeats,
         }
-        row |= {name: float(mean[p, f]) if np.isfinite(mean[p, f]) else None for name, mean in plain.items()}
+        row |= {name: finite(mean[p, f]) for name, mean in plain.items()}
         for name, part, scale in (("gain_measured_drive", gain, 1.0), ("phase_lag_deg", lag, 180.0 / np.pi)):
             numbers = (part.value[p, f], part.std_of_value[p, f], part.low[p, f], part.high[p, f])
             row[name] = Estimate(*(float(number) * scale for number in numbers)).to_json()

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from sinew.analysis.signal.sensor import sample_rate
 from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.errors import SinewError
-from sinew.measure.estimate import number
+from sinew.measure.estimate import finite, number
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.plan.check import Reach, drive_reach
 from sinew.plan.rig import RigSpec
@@ -87,7 +87,7 @@ class Doubt:
         return {
             "kind": self.kind,
             "sentence": self.sentence,
-            "distance": self.distance if math.isfinite(self.distance) else None,
+            "distance": finite(self.distance),
             "where": [
                 {
                     "pretension_mm": one.pretension_mm,

@@ -28,14 +28,9 @@ def print_json(document: Any) -> None:
 
 def write_json(document: Any, path: Path) -> None:
     """Write one JSON document, atomically. Raises FileError where the folder cannot be written."""
-    from sinew.measure.netcdf import write_atomically  # xarray: half a second
+    from sinew.measure.netcdf import write_text  # xarray: half a second
 
-    text = _json_text(document)
-
-    def write(temporary: Path) -> None:
-        temporary.write_text(text, encoding="utf-8")
-
-    write_atomically(path, write)
+    write_text(path, _json_text(document))
 
 
 def _json_text(document: Any) -> str:

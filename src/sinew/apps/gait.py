@@ -1,6 +1,5 @@
 """This is where `sinew gait` turns recordings of walking, or numbers, into what a torso joint has to do."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,7 +18,7 @@ from sinew.apps.console import (
     write_json,
 )
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import Estimate, fixed, number, pair
+from sinew.measure.estimate import Estimate, finite, fixed, number, pair
 
 if TYPE_CHECKING:
     from sinew.tune.gait.bout import BoutGait
@@ -94,7 +93,7 @@ def gait_document(target: "GaitTarget") -> dict[str, Any]:
         "yaw_band_deg": list(target.yaw_band_deg),
         "yaw_of": target.swing,
         "strides": target.strides,
-        "regularity": _number(target.regularity),
+        "regularity": finite(target.regularity),
         "bouts": rows,
         "sentences": list(target.sentences),
     }
@@ -108,7 +107,7 @@ def _row(name: str, bout: "BoutGait") -> dict[str, Any]:
         "file": name,
         "start_s": bout.start_s,
         "stop_s": bout.stop_s,
-        "speed_m_s": _number(bout.speed_m_s),
+        "speed_m_s": finite(bout.speed_m_s),
         "strides": bout.strides,
         "stride_frequency_hz": bout.frequency_hz.to_json(),
         "stride_band_hz": [bout.slowest_hz, bout.fastest_hz],
@@ -121,10 +120,6 @@ def _row(name: str, bout: "BoutGait") -> dict[str, Any]:
         "trunk_lag_deg": known(bout.trunk_lag_deg),
         "regularity": bout.regularity,
     }
-
-
-def _number(x: float) -> float | None:
-    return float(x) if math.isfinite(x) else None
 
 
 def _of_files(

@@ -259,13 +259,10 @@ def joint(
 
 def write_rig(rig: "RigSpec", path: Path) -> None:
     """Write a rig as TOML, atomically. Raises FileError where the file cannot be written."""
-    from sinew.measure.netcdf import write_atomically
+    from sinew.measure.netcdf import write_text
     from sinew.plan.toml import dump_rig
 
-    def write(temporary: Path) -> None:
-        temporary.write_text(dump_rig(rig), encoding="utf-8")
-
-    write_atomically(path, write)
+    write_text(path, dump_rig(rig))
 
 
 def design_document(rig: "RigSpec", design: "Design | None") -> dict[str, Any]:

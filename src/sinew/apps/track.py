@@ -36,7 +36,7 @@ from sinew.apps.console import (
 )
 from sinew.apps.run_control import keeping_time, listening, showing
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import fixed, number, pair, shown
+from sinew.measure.estimate import finite, fixed, number, pair, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -405,7 +405,7 @@ def _point(turns: Any, rig: "RigSpec", expected: "Sequence[ExpectedBackbone]") -
         return None
     near = min(expected, key=lambda one: abs(one.pretension_mm - point.pretension_mm))
     predicted = near.frequency_at(math.radians(point.torsion_deg.value))
-    return _point_document(point) | {"predicted_hz": predicted if math.isfinite(predicted) else None}
+    return _point_document(point) | {"predicted_hz": finite(predicted)}
 
 
 def _point_document(point: "TrackedPoint") -> dict[str, Any]:

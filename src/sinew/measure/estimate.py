@@ -26,6 +26,11 @@ _TWO_DIGITS_BELOW = 3.55
 _PLAIN_FROM, _PLAIN_TO = -4, 6  # powers of ten that are written without an exponent
 
 
+def finite(value: float) -> float | None:
+    """Return a number as JSON holds it: null for one that is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A measured or fitted quantity: value, standard deviation and 90 % interval, in one unit.
@@ -60,15 +65,15 @@ class Estimate:
 
     def to_json(self) -> dict[str, float | list[float | None] | None]:
         """Return `{"value", "std", "interval90"}`; what is not finite becomes null."""
-
-        def number(x: float) -> float | None:
-            return float(x) if math.isfinite(x) else None
-
         return {
-            "value": number(self.value),
-            "std": number(self.std),
-            "interval90": [number(self.low), number(self.high)],
+            "value": finite(self.value),
+            "std": finite(self.std),
+            "interval90": [finite(self.low), finite(self.high)],
         }
+
+    def times(self, factor: float) -> "Estimate":
+        """Return the estimate in a unit that is 1/factor as large; factor: positive."""
+        return Estimate(*(factor * x for x in (self.value, self.std, self.low, self.high)))
 
     def shown(self, unit: str = "") -> str:
         """Return "value ± std unit", see `pair`."""

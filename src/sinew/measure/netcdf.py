@@ -74,6 +74,12 @@ def _attributes_text(attrs: Mapping[Any, Any]) -> str:
     return "\0".join(f"{key}={values}" for key, values in rows)
 
 
+def write_text(path: Path | str, text: str) -> None:
+    """Write a text file, see `write_atomically`."""
+    content = text.encode("utf-8")
+    write_atomically(path, lambda temporary: temporary.write_bytes(content) and None)
+
+
 def write_atomically(path: Path | str, write: Callable[[Path], None]) -> None:
     """Write a file whole or not at all: to a temporary neighbour, flushed to disk, then renamed.
 

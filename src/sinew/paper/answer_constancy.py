@@ -66,7 +66,7 @@ def answer_constancy(results: xr.Dataset) -> Answer:
     rows, std, freedom = _rows(series)
     trend = fit_trend(series.pretension, series.mean, std, freedom)
     span = float(np.ptp(series.pretension))
-    change = _relative(trend.slope, span / trend.middle.value)
+    change = trend.slope.times(span / trend.middle.value)
     seen = span / trend.middle.value * detectable(trend.slope.std, trend.degrees_of_freedom)
     laws = {
         "change_by_constant_d": _expected(series, 1.0),
@@ -133,10 +133,6 @@ def _rows(series: _Series) -> tuple[tuple[dict[str, Cell], ...], float, float]:
     stds = stds[np.isfinite(stds)]
     std = float(np.sqrt(np.mean(stds**2))) if stds.size else math.nan
     return tuple(rows), std, pooled.degrees_of_freedom
-
-
-def _relative(slope: Estimate, factor: float) -> Estimate:
-    return Estimate(*(factor * x for x in (slope.value, slope.std, slope.low, slope.high)))
 
 
 def _exact(value: float) -> Estimate:
@@ -224,5 +220,5 @@ def _paper(results: xr.Dataset, span: float) -> list[str]:
         return []
     _, std, freedom = _rows(series)
     trend = fit_trend(series.pretension, series.mean, std, freedom)
-    change = _relative(trend.slope, span / trend.middle.value)
+    change = trend.slope.times(span / trend.middle.value)
     return [f"By the paper's peaks and Eq. 7 the change is {in_words(change, 100.0, '%')}."]

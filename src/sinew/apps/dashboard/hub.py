@@ -24,6 +24,7 @@ from sinew.apps.dashboard.operators import unlinked
 from sinew.bench.journal_reader import JournalReader, Stretch
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError
+from sinew.measure.estimate import finite
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
 
@@ -353,9 +354,9 @@ class Hub:
             live.segment = {
                 "kind": news.segment.kind,
                 "state": news.segment.state,
-                "pretension_mm": _known(asked.pretension_mm),
-                "frequency_hz": _known(asked.frequency_hz),
-                "amplitude_deg": _known(asked.amplitude_deg),
+                "pretension_mm": finite(asked.pretension_mm),
+                "frequency_hz": finite(asked.frequency_hz),
+                "amplitude_deg": finite(asked.amplitude_deg),
             }
 
     def _put(self, live: Live, rows: dict[str, Array]) -> None:
@@ -379,10 +380,6 @@ class Hub:
         live.latest["tension_n"] = self._channels.tensions(traces)
         if self._tail is not None and rows["id"][-1] > self._tail.found:
             live.seen = wall_clock()
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _in_words(kind: str, sentence: str) -> str:

@@ -145,6 +145,11 @@ def live_card(title: str, span: int) -> Iterator[ui.element]:
         yield made
 
 
+def heading(text: str) -> ui.label:
+    """Show what a page is about."""
+    return ui.label(text).props("role=heading aria-level=1").classes("text-h6")
+
+
 def empty(sentence: str) -> ui.label:
     """Show what to do where there is nothing to show yet."""
     return ui.label(sentence).classes("sinew-empty")
@@ -188,7 +193,7 @@ def add_error_pages(site: Site) -> None:
 
     def broken() -> None:
         with framed(site, "Not shown", ""), ui.element("div").classes("sinew-card"):
-            ui.label("This page cannot be shown").props("role=heading aria-level=1").classes("text-h6")
+            heading("This page cannot be shown")
             ui.label("The dashboard made a mistake; its log says which. The bench goes on as it was.")
 
     app.on_page_exception(broken)

@@ -123,10 +123,7 @@ def _curves(site: Site) -> None:
                 curves.show(site.results.predicted, site.results.measured)
             for note in notes:
                 note.set_text(site.results.remark)
-            rows = [
-                f"{row['pretension_mm']:g} mm: {quantity(row['damping_ratio'], '')}" for row in site.results.damping
-            ]
-            damping.set_text(f"Lehr's damping D of the ring-downs: {'; '.join(rows)}" if rows else "")
+            damping.set_text(_in_words(site.results.damping))
             wrong.set_text(" ".join(filter(None, (site.results.trouble, *site.results.notes[-3:]))))
 
     look()

@@ -9,7 +9,7 @@ from nicegui import events, ui
 
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
-from sinew.apps.dashboard.pages.frame import Site, card, empty, framed
+from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading
 from sinew.apps.dashboard.work.form import fields_of, form_of, plan_from_form
 from sinew.measure.errors import SinewError
 from sinew.plan.plan import Plan
@@ -26,7 +26,7 @@ def add_plan_page(site: Site) -> None:
     @ui.page("/plan")
     async def plan() -> None:
         with framed(site, "Plan", "/plan"):
-            ui.label("Plan a run").props("role=heading aria-level=1").classes("text-h6")
+            heading("Plan a run")
             desk = _Desk(site)
             desk.lay_out()
             await ui.context.client.connected()
