@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import pytest
-from tests.contracts.emulated_bench import TINY, WatchedPort, virtual_port
+from campaigns.same_numbers import TINY
+from tests.contracts.emulated_bench import WatchedPort, virtual_port
 from tests.contracts.identify_sweep import write_sweep
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.contracts.emulated_bench import QUESTIONS, TINY, WatchedPort, rig_file, virtual_port
+from campaigns.same_numbers import TINY
+from tests.contracts.emulated_bench import QUESTIONS, WatchedPort, rig_file, virtual_port
 from tests.contracts.virtual_run import run, without_motor
 
 from sinew.emulator.motor import OVERLOAD

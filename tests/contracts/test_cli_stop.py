@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import (
     PATIENCE,
-    TINY,
     WatchedPort,
     joint,
     playing,

@@ -76,8 +76,11 @@ def _attributes_text(attrs: Mapping[Any, Any]) -> str:
 
 def write_text(path: Path | str, text: str) -> None:
     """Write a text file, see `write_atomically`."""
-    content = text.encode("utf-8")
-    write_atomically(path, lambda temporary: temporary.write_bytes(content) and None)
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(text.encode("utf-8"))
+
+    write_atomically(path, write)
 
 
 def write_atomically(path: Path | str, write: Callable[[Path], None]) -> None:
