@@ -131,7 +131,7 @@ def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
             "frequency_hz": float(results["frequency_hz"].values[f]),
             "repeats": repeats,
         }
-        row |= {name: finite(mean[p, f]) for name, mean in plain.items()}
+        row |= {name: finite(float(mean[p, f])) for name, mean in plain.items()}
         for name, part, scale in (("gain_measured_drive", gain, 1.0), ("phase_lag_deg", lag, 180.0 / np.pi)):
             numbers = (part.value[p, f], part.std_of_value[p, f], part.low[p, f], part.high[p, f])
             row[name] = Estimate(*(float(number) * scale for number in numbers)).to_json()

@@ -104,7 +104,7 @@ def track(
         bench = _emulated(spec, seed, fault or []) if port is None else _real(port, spec, wait)
         document = _run(bench, plan, spec, expected, out, words, stack, virtual=port is None)
     document |= found_tracks(document, plan, spec, expected)
-    write_found(document, expected, out)
+    write_found(document, out)
     if json:
         print_json(document)
     else:
@@ -454,7 +454,7 @@ def _expected(one: "ExpectedBackbone") -> dict[str, Any]:
     }
 
 
-def write_found(document: dict[str, Any], expected: "Sequence[ExpectedBackbone]", folder: Path) -> None:
+def write_found(document: dict[str, Any], folder: Path) -> None:
     """Write track.json, and the figure of the tracked motions where there is one."""
     if not document["tracks"]:
         return

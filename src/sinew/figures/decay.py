@@ -20,11 +20,10 @@ from sinew.figures.style import (
     RED,
     few,
     in_style,
-    mean_and_spread,
     new_figure,
     note_panel,
 )
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, mean_and_spread
 from sinew.measure.errors import RecordingError
 
 

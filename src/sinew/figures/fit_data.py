@@ -292,7 +292,7 @@ def _draw_many(traces: Sequence[Trace], frequency_hz: float, output: str) -> Fig
 
 
 @in_style
-def draw_backbone(model: Swing | None, decay: Backbone | None, unit: str, quantity: str = "amplitude") -> Figure | None:
+def draw_backbone(model: Swing | None, decay: Backbone | None, unit: str) -> Figure | None:
     """Return the figure of frequency and damping over amplitude with 90 % bands, or None where there is neither.
 
     model: of the fitted model's free swing. decay: what the record itself says without a model, of a free decay.
@@ -319,7 +319,7 @@ def draw_backbone(model: Swing | None, decay: Backbone | None, unit: str, quanti
         (left, "a", "frequency in Hz", "frequency"),
         (right, "b", "damping ratio", "damping"),
     ):
-        axes.set(xlabel=axis_label(quantity, unit), ylabel=label)
+        axes.set(xlabel=axis_label("amplitude", unit), ylabel=label)
         axes.set_xlim(left=0)
         axes.ticklabel_format(axis="y", useOffset=False)
         note_panel(axes, letter, f"{title} of the free swing")

@@ -25,13 +25,12 @@ from sinew.figures.style import (
     few,
     frequency_colours,
     in_style,
-    mean_and_spread,
     new_figure,
     note_panel,
     pretension_bar,
     pretension_colours,
 )
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, mean_and_spread
 
 
 @in_style

@@ -19,7 +19,6 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from sinew.measure.arrays import Array
 from sinew.measure.netcdf import write_atomically
 
 WIDTH_IN = 7.1
@@ -163,19 +162,3 @@ def save_figure(figure: Figure, folder: Path, stem: str, formats: Sequence[str])
             write_atomically(path, write)
             figure.set_layout_engine("none")  # arranged once; the second file keeps the places
     return paths
-
-
-# Repeats become a mean and a spread.
-
-
-def mean_and_spread(values: ArrayLike) -> tuple[Array, Array]:
-    """Return mean and sample standard deviation over the last axis, leaving out NaN.
-
-    The mean is NaN where nothing was measured; the spread is NaN with fewer than two measurements.
-    """
-    array = np.asarray(values, dtype=float)
-    known = np.isfinite(array)
-    count = known.sum(axis=-1)
-    mean = np.where(known, array, 0.0).sum(axis=-1) / np.where(count > 0, count, np.nan)
-    squares = np.where(known, (array - mean[..., None]) ** 2, 0.0).sum(axis=-1)
-    return mean, np.sqrt(squares / np.where(count > 1, count - 1, np.nan))

@@ -9,9 +9,8 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
-from sinew.figures.style import mean_and_spread
 from sinew.measure import estimate
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, mean_and_spread
 from sinew.measure.estimate import DIGITS, typeset
 from sinew.measure.schema import companions
 from sinew.plan.rig import RigSpec

@@ -12,7 +12,7 @@ from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
 from sinew.analysis.sweep.resonance import MEANINGS, resonance_table
 from sinew.figures.motion import rig_of
-from sinew.figures.style import mean_and_spread
+from sinew.measure.arrays import mean_and_spread
 from sinew.measure.estimate import finite
 from sinew.measure.schema import ENERGY_QUANTITIES, companions
 from sinew.paper.table import paper_table

@@ -14,8 +14,7 @@ import xarray as xr
 from sinew.analysis.decay.decay_windows import decay_windows
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
 from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
-from sinew.figures.style import mean_and_spread
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, mean_and_spread
 from sinew.plan.rig import RigSpec
 
 Role = Literal["fitted", "input", "follows"]

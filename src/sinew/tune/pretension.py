@@ -102,14 +102,11 @@ def stresses_of(rig: RigSpec, one: Resonance, swing: Swing) -> list[Stress]:
     return found
 
 
-def find_reachable(rig: RigSpec, swing: Swing, *, mode: TendonMode = "position", count: int = _GRID) -> Reachable:
-    """Return the frequencies that pretension alone can make a rig resonate at, within every limit of the rig.
-
-    count: of pretensions across the rig's window at which the resonance is computed.
-    """
+def find_reachable(rig: RigSpec, swing: Swing, *, mode: TendonMode = "position") -> Reachable:
+    """Return the frequencies that pretension alone can make a rig resonate at, within every limit of the rig."""
     low, high = rig.limits.pretension_mm
     low, high = max(0.0, low), min(high, rig.limits.tendon_travel_mm[1])
-    grid = np.linspace(low, high, count)
+    grid = np.linspace(low, high, _GRID)
     every = find_resonances(rig, grid.tolist(), swing, mode=mode)
     found = tuple(one for one in every if one is not None)
     if len(found) < 2:

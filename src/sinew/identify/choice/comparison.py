@@ -19,7 +19,7 @@ from sinew.identify.choice.held_out import HeldOut, Split, fit_and_predict, pred
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.model import MODELS, Model, get_model
-from sinew.identify.oscillator.record import Excitation, Record
+from sinew.identify.oscillator.record import Record
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 
@@ -111,7 +111,7 @@ def compare_laws(split: Split, progress: Callable[[float, float], None] | None =
     rows += _race(split, _new(rows, alike), rows)
     told(2)
     for _ in range(_REFINEMENTS):  # of a law that comes near, the spring and the rest position
-        tried = _new(rows, (model for row in _near(rows) for model in _neighbours(row, split.record.excitation)))
+        tried = _new(rows, (model for row in _near(rows) for model in _neighbours(row)))
         if not tried:
             break
         rows += _race(split, tried, rows)
@@ -130,7 +130,7 @@ def _near(rows: Sequence[Row]) -> list[Row]:
     return [row for row in best if row is not None and row.bic < lowest + _NEAR]
 
 
-def _neighbours(row: Row, excitation: Excitation) -> Iterable[Model]:
+def _neighbours(row: Row) -> Iterable[Model]:
     """Return the models with terms less, where those may be nothing, and with a term more."""
     model, found = row.model, row.held_out.fit
     names = [entry.local for entry in found.layout.entries]

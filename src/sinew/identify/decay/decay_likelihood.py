@@ -27,9 +27,9 @@ class LikelihoodFit:
 
     parameters: shape (m,); covariance: shape (m, m), the inverse Fisher information, its scale from the residual.
     degrees_of_freedom: of that scale, for Student's t: effective samples less parameters.
-    residual: data less model, shape (n,); innovation: the same whitened, shape (n,).
-    noise: coefficients a of residual_n = Σ a_k residual_{n-k} + e_n, shape (order,); noise_std, innovation_std: of the
-        residual and of e, unit of the data.
+    residual: data less model, shape (n,).
+    noise: coefficients a of residual_n = Σ a_k residual_{n-k} + e_n, shape (order,); noise_std: of the residual, unit
+        of the data.
     log_likelihood: at the parameters. converged: whether search and noise settled.
     """
 
@@ -37,10 +37,8 @@ class LikelihoodFit:
     covariance: Array
     degrees_of_freedom: float
     residual: Array
-    innovation: Array
     noise: Array
     noise_std: float
-    innovation_std: float
     log_likelihood: float
     converged: bool
 
@@ -154,10 +152,8 @@ def _described_noise(
         np.asarray(variance * inverse, dtype=float),
         freedom,
         residual,
-        innovation,
         noise,
         math.sqrt(variance * float(lags[0])),
-        math.sqrt(variance),
         likelihood,
         converged,
     )

@@ -252,9 +252,9 @@ def check_joint(
         _torsion_ends(rig, section),
         _strain(rig, section, pretension_mm, loads),
         _bending(rig, section, modulus, pretension_mm, loads, tilt_held=tilt_held),
-        _twisting(rig, section, modulus, pretension_mm, loads),
+        _twisting(section, modulus, pretension_mm, loads),
         _tension(rig, pretension_mm, loads),
-        _current(rig, pretension_mm, loads),
+        _current(rig, loads),
         _torsion(rig, pretension_mm, loads),
     ]
 
@@ -430,7 +430,7 @@ def _bending(
     return Check("buckling_sideways", value, 1.0, value < 1, sentence)
 
 
-def _twisting(rig: RigSpec, section: Section, modulus: float, pretension_mm: list[float], loads: Loads) -> Check:
+def _twisting(section: Section, modulus: float, pretension_mm: list[float], loads: Loads) -> Check:
     critical = twisting_stretch(section.torsion_constant, section.polar_moment)
     worst = int(np.argmin(loads.stretch))
     stretch = float(loads.stretch[worst])
@@ -458,7 +458,7 @@ def _tension(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
     return Check("tension_n", value, limit, value <= limit, sentence)
 
 
-def _current(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
+def _current(rig: RigSpec, loads: Loads) -> Check:
     worst, limit = int(np.argmax(loads.tension)), rig.limits.tendon_current_a
     value = float(loads.tension[worst]) * rig.tendons.pulley_radius.value / rig.tendons.torque_constant.value
     told = "" if value <= limit else "; take a smaller pulley or lower the pretension"

@@ -78,12 +78,12 @@ def framed(site: Site, title: str, here: str) -> Iterator[None]:
         yield
 
 
-def plain_page(site: Site, title: str, content: str, more_head: str = "") -> str:
+def plain_page(site: Site, title: str, content: str) -> str:
     """Return the HTML of a page that needs no server once it is there. content: HTML of its main part."""
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<title>{title} · Sinew</title><link rel="icon" href="/sinew/icon.svg">{_style(site)}{more_head}</head>'
+        f'<title>{title} · Sinew</title><link rel="icon" href="/sinew/icon.svg">{_style(site)}</head>'
         f'<body class="sinew-plain">{_head(site, "")}<main class="nicegui-content"><div class="sinew-content">{content}'
         "</div></main></body></html>"
     )

@@ -74,7 +74,7 @@ class _Desk:
             row["name"]: f"{row['name']} ({row['about']})" if row["about"] else row["name"] for row in shelves["plans"]
         }
         name = f"run-{datetime.now():%Y%m%d-%H%M%S}"
-        letters = {"letters, digits, dot, dash and underscore; a letter or digit first": is_run_name}
+        letters: Any = {"letters, digits, dot, dash and underscore; a letter or digit first": is_run_name}
         rig = ui.select(rigs, value=self._rig, label="Rig", on_change=self._change_rig)
         plan = ui.select(plans, value=_FIRST_PLAN, label="Begin with the plan", on_change=lambda e: self._take(e.value))
         self._name = ui.input("Name of the run's folder", value=name, validation=letters)
