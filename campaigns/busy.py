@@ -38,19 +38,9 @@ from sinew.twin.simulate import simulate
 
 PLAN = """
 name = "busy"
-[pretension]
-pretension_mm = [6]
-rest_s = 0.5
-[sweep]
-frequency_hz = [3.0, 3.7]
-settle_s = 2.5
-periods = 4
-repeats = 1
-[ring_down]
-frequency_hz = [3.7, 3.7]
-drive_s = 2
-record_s = 2.5
-repeats = 1
+pretension = { pretension_mm = [6], rest_s = 0.5 }
+sweep = { frequency_hz = [3.0, 3.7], settle_s = 2.5, periods = 4, repeats = 1 }
+ring_down = { frequency_hz = [3.7, 3.7], drive_s = 2, record_s = 2.5, repeats = 1 }
 """
 """Every kind of group, as short as settles."""
 

@@ -138,19 +138,21 @@ def test_a_script_in_a_name_is_text(opened: Open, shown: Served, path: str) -> N
     assert page.locator("img[src=x]").count() == 0
 
 
-def test_a_wrong_number_is_told_with_its_key_and_nothing_can_start(opened: Open, shown: Served) -> None:
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        (r"repeats = \d+", 'repeats = "many"', "sweep.repeats: found 'many', expected"),
+        (r"pretension_mm = .*", "pretension_mm = [2, 60]", "Refused:"),
+    ],
+    ids=["no number", "beyond the rig"],
+)
+def test_what_is_wrong_with_a_plan_is_told_and_nothing_can_start(
+    opened: Open, shown: Served, before: str, after: str, said: str
+) -> None:
     page = opened(shown, "/plan")
     page.wait_for_selector("#sinew-duration")
-    edit_plan(page, r"repeats = \d+", 'repeats = "many"')
-    page.wait_for_selector("text=sweep.repeats: found 'many', expected")
-    assert page.locator("#sinew-start").is_disabled()
-
-
-def test_a_plan_beyond_the_rig_is_refused_in_words(opened: Open, shown: Served) -> None:
-    page = opened(shown, "/plan")
-    page.wait_for_selector("#sinew-duration")
-    edit_plan(page, r"pretension_mm = .*", "pretension_mm = [2, 60]")
-    page.wait_for_selector("text=Refused:")
+    edit_plan(page, before, after)
+    page.wait_for_selector(f"text={said}")
     assert page.locator("#sinew-start").is_disabled()
 
 

@@ -232,31 +232,24 @@ def test_quadratic_drag_is_named_by_losses_that_grow_with_amplitude() -> None:
     assert "losses that grow with amplitude" in analyse_ring_down(t, swing.y[0]).shape.reason
 
 
+def pendulum(t: np.ndarray, from_deg: float) -> np.ndarray:
+    """Return the swing of a pendulum of 1 Hz that is let go at an angle."""
+    rate = lambda _, y: [y[1], -((2 * np.pi) ** 2) * np.sin(y[0]) - 0.15 * y[1]]  # noqa: E731
+    return solve_ivp(rate, (0, 20), [np.deg2rad(from_deg), 0], t_eval=t, rtol=1e-9, atol=1e-11).y[0]
+
+
 def test_a_large_swing_keeps_the_exact_period_of_the_pendulum() -> None:
     t = times(duration_s=20.0)
-    swing = solve_ivp(
-        lambda _, y: [y[1], -((2 * np.pi) ** 2) * np.sin(y[0]) - 0.15 * y[1]],
-        (0, 20),
-        [np.deg2rad(150), 0],
-        t_eval=t,
-        rtol=1e-9,
-        atol=1e-11,
-    )
-    table = analyse_ring_down(t, swing.y[0]).dependence
+    swing = pendulum(t, 150)
+    table = analyse_ring_down(t, swing).dependence
     exact = np.pi / (2 * ellipk(np.sin(table.amplitude / 2) ** 2))
     assert table.frequency_hz == pytest.approx(exact, rel=0.01)
 
 
 def test_a_softening_swing_says_so() -> None:
     t = times(duration_s=20.0)
-    swing = solve_ivp(
-        lambda _, y: [y[1], -((2 * np.pi) ** 2) * np.sin(y[0]) - 0.15 * y[1]],
-        (0, 20),
-        [np.deg2rad(90), 0],
-        t_eval=t,
-        rtol=1e-9,
-    )
-    assert "softening" in analyse_ring_down(t, swing.y[0]).shape.reason
+    swing = pendulum(t, 90)
+    assert "softening" in analyse_ring_down(t, swing).shape.reason
 
 
 def test_samples_taken_at_jittering_times_leave_the_damping_exact() -> None:
