@@ -448,9 +448,7 @@ class Runner:
         goals = tuple(motor.angle() for motor in self._rig.tendons)
         by_current = mode == "current"
         self._loop.watch = Watch(
-            origin=tuple(angles),
-            goals=(contact.current,) * len(angles) if by_current else goals,
-            by_current=by_current,
+            origin=tuple(angles), goals=(contact.current,) * len(angles) if by_current else goals, by_current=by_current
         )
         self._loop.restart()
         return Contact(tuple(angles), contact.current)

@@ -340,8 +340,6 @@ def _draw(axes: Axes, x: Array, y: Array, gain: Array, top: float) -> QuadMesh:
     return mesh
 
 
-# The page of a prediction.
-
 # Each figure of a prediction gets its words.
 
 PREDICTION_CAPTIONS = {

@@ -179,12 +179,7 @@ def _resonance(results: xr.Dataset) -> list[Column]:
             (f"gain{per}", "paper_gain_peak", "paper_gain_peak_std", 1.0),
             (f"gain by measured drive{per}", "gain_peak_measured_drive", "gain_peak_measured_drive_std", 1.0),
             ("half-power width in Hz", "half_power_width_hz", "half_power_width_std_hz", 1.0),
-            (
-                f"drive in {drive}",
-                "drive_amplitude_at_resonance_rad",
-                "drive_amplitude_at_resonance_std_rad",
-                scale,
-            ),
+            (f"drive in {drive}", "drive_amplitude_at_resonance_rad", "drive_amplitude_at_resonance_std_rad", scale),
         )
     ]
 

@@ -87,11 +87,7 @@ class WalkRecord:
 
 
 def read_walk(
-    path: Path,
-    columns: WalkColumns | None = None,
-    *,
-    start_s: float | None = None,
-    stop_s: float | None = None,
+    path: Path, columns: WalkColumns | None = None, *, start_s: float | None = None, stop_s: float | None = None
 ) -> WalkRecord:
     """Return the record of a walking person, the longest stretch without missing values between start and stop.
 

@@ -68,10 +68,7 @@ def answer_constancy(results: xr.Dataset) -> Answer:
     span = float(np.ptp(series.pretension))
     change = trend.slope.times(span / trend.middle.value)
     seen = span / trend.middle.value * detectable(trend.slope.std, trend.degrees_of_freedom)
-    laws = {
-        "change_by_constant_d": _expected(series, 1.0),
-        "change_by_silicone_alone": _expected(series, 2.0),
-    }
+    laws = {"change_by_constant_d": _expected(series, 1.0), "change_by_silicone_alone": _expected(series, 2.0)}
     numbers = {
         "relative_change": change,
         "slope_per_mm": trend.slope,

@@ -8,18 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.figures.style import (
-    ACCENT,
-    GREEN,
-    GREY,
-    INK,
-    MARKERS,
-    RED,
-    in_style,
-    new_figure,
-    note_panel,
-    save_figure,
-)
+from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, in_style, new_figure, note_panel, save_figure
 from sinew.measure.arrays import Array
 from sinew.paper.answer import Answer
 

@@ -289,11 +289,7 @@ def build_figures(recording: xr.Dataset, results: xr.Dataset) -> Iterator[tuple[
 
 
 def draw_figures(
-    recording: xr.Dataset,
-    results: xr.Dataset,
-    folder: Path,
-    formats: Sequence[str] = ("png", "pdf"),
-    workers: int = 1,
+    recording: xr.Dataset, results: xr.Dataset, folder: Path, formats: Sequence[str] = ("png", "pdf"), workers: int = 1
 ) -> list[Path]:
     """Draw all figures into a folder and return the paths that were written, in the order of the paper.
 

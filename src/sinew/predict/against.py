@@ -32,13 +32,7 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
 from sinew.predict.curves.branch import Prediction, Swept, sweep
 
-_READINGS = (
-    "resonance_hz",
-    "gain_peak",
-    "resonance_measured_drive_hz",
-    "gain_peak_measured_drive",
-    "phase_90_hz",
-)
+_READINGS = ("resonance_hz", "gain_peak", "resonance_measured_drive_hz", "gain_peak_measured_drive", "phase_90_hz")
 
 
 @dataclass(frozen=True)
@@ -131,10 +125,7 @@ def measured_of(recording: xr.Dataset, rig: RigSpec) -> Measured:
 
 
 def compare(
-    measured: Measured,
-    command: Prediction,
-    lever: Prediction | None,
-    fitted_mm: Sequence[float] = (),
+    measured: Measured, command: Prediction, lever: Prediction | None, fitted_mm: Sequence[float] = ()
 ) -> Comparison:
     """Return a prediction beside a recording.
 

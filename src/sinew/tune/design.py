@@ -264,10 +264,7 @@ def run_tasks(
 
 
 def _on_cluster(
-    function: Callable[[T], R],
-    tasks: Sequence[T],
-    address: str,
-    progress: Callable[[float, float], None] | None,
+    function: Callable[[T], R], tasks: Sequence[T], address: str, progress: Callable[[float, float], None] | None
 ) -> list[R]:
     try:
         from distributed import Client, as_completed

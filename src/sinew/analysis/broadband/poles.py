@@ -155,12 +155,7 @@ def fit_poles(
 
 
 def _points(
-    frequency_hz: Array,
-    response: Complexes,
-    size_std: Array,
-    angle_std: Array,
-    modes: int,
-    lag_window: Array | None,
+    frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array, modes: int, lag_window: Array | None
 ) -> tuple[Array, _Points]:
     """Return the frequencies at which everything is known, and what is fitted there."""
     known = np.isfinite(response) & np.isfinite(size_std) & np.isfinite(angle_std) & (np.abs(response) > 0)
@@ -187,12 +182,7 @@ def fit_poles_of(response: FrequencyResponse, low_hz: float, high_hz: float, *, 
     errors = response.relative_std[inside], response.phase_std_rad[inside]
     frequency, h1 = response.frequency_hz[inside], response.h1[inside]
     return fit_poles(
-        frequency,
-        h1,
-        *errors,
-        modes=modes,
-        bin_correlation=response.bin_correlation,
-        lag_window=response.lag_window,
+        frequency, h1, *errors, modes=modes, bin_correlation=response.bin_correlation, lag_window=response.lag_window
     )
 
 

@@ -162,14 +162,7 @@ def fit_decay(
         return _jacobian(s, q, relaxes, bends)
 
     found = optimize.least_squares(
-        deviation,
-        p,
-        jac=slope,
-        method="lm",
-        x_scale="jac",
-        ftol=1e-9,
-        xtol=1e-10,
-        max_nfev=60,
+        deviation, p, jac=slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-10, max_nfev=60
     )
     covariance, freedom = sandwich(np.asarray(found.jac), np.asarray(found.fun))
     sizes = np.full(p.size, scale)

@@ -187,12 +187,7 @@ def _of_voltage(value: Mapping[str, Array], volts: float) -> dict[str, Array]:
 
 
 def energy_of_repeat(
-    frequency_hz: Array,
-    columns: Mapping[str, Array],
-    resonance_hz: float,
-    resistance: float,
-    *,
-    second: bool = False,
+    frequency_hz: Array, columns: Mapping[str, Array], resonance_hz: float, resistance: float, *, second: bool = False
 ) -> dict[str, tuple[float, float]]:
     """Return (value, standard deviation) of the energy quantities of one sweep, by name; those that it cannot say fail.
 

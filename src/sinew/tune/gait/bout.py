@@ -52,11 +52,7 @@ class BodyMotion:
     @property
     def swing(self) -> tuple[str, Array]:
         """What the joint must do: trunk against pelvis, else the one that is known, with its name."""
-        for name, yaw in (
-            ("trunk against pelvis", self.relative),
-            ("pelvis", self.pelvis),
-            ("trunk", self.trunk),
-        ):
+        for name, yaw in (("trunk against pelvis", self.relative), ("pelvis", self.pelvis), ("trunk", self.trunk)):
             if yaw is not None:
                 return name, yaw
         raise AssertionError("a body motion without a yaw")

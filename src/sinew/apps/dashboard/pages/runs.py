@@ -132,10 +132,7 @@ def _doubts(found: list[tuple[str, dict[str, Any]]]) -> None:
     """Say what speaks against the runs, above everything that they found."""
     for name, results in found:
         if results.get("doubts"):
-            with (
-                card(f"{name} contradicts itself or its rig", 12),
-                ui.element("div").props("role=alert data-doubts"),
-            ):
+            with card(f"{name} contradicts itself or its rig", 12), ui.element("div").props("role=alert data-doubts"):
                 for sentence in results["doubts"]:
                     ui.label(sentence).classes("sinew-bad")
 
