@@ -11,9 +11,8 @@ from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import shear_modulus_of
 from sinew.predict.joints.material import list_materials, load_material
 from sinew.tune.candidate import SHAPES, DesignTarget
-from sinew.tune.design import drafts_of, run_tasks
+from sinew.tune.design import blocks_of, drafts_of, run_tasks, search_block
 from sinew.tune.proposal import propose
-from sinew.tune.search import blocks_of, search_block
 
 STARTS, EXACT, WORKERS = 64, 8, 2
 TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)

@@ -7,7 +7,6 @@ have every sample of the plan and no hole, and its gain, phase and damping be th
 the plan gives. Exit status 1 where one does not.
 """
 
-import argparse
 import contextlib
 import json
 import os
@@ -29,6 +28,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from campaigns.options import campaign_parser
 from sinew.analysis.analysis import analyse_recording
 from sinew.measure.netcdf import load_recording
 from sinew.measure.recording import segment_slices
@@ -38,19 +38,9 @@ from sinew.twin.simulate import simulate
 
 PLAN = """
 name = "busy"
-[pretension]
-pretension_mm = [6]
-rest_s = 0.5
-[sweep]
-frequency_hz = [3.0, 3.7]
-settle_s = 2.5
-periods = 4
-repeats = 1
-[ring_down]
-frequency_hz = [3.7, 3.7]
-drive_s = 2
-record_s = 2.5
-repeats = 1
+pretension = { pretension_mm = [6], rest_s = 0.5 }
+sweep = { frequency_hz = [3.0, 3.7], settle_s = 2.5, periods = 4, repeats = 1 }
+ring_down = { frequency_hz = [3.7, 3.7], drive_s = 2, record_s = 2.5, repeats = 1 }
 """
 """Every kind of group, as short as settles."""
 
@@ -208,13 +198,10 @@ def table(runs: Sequence[Run]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign, print its table, and return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m campaigns.busy", description=__doc__)
+    parser = campaign_parser("busy", __doc__, count=10)
     parser.add_argument("--minutes", type=float, default=10.0, help="how long every core is busy, at least [10]")
-    parser.add_argument("--runs", type=int, default=10, help="how many runs [10]")
-    parser.add_argument("--seed", type=int, default=0, help="of the pauses and the benches [0]")
     parser.add_argument("--together", type=int, default=1, help="how many runs at once [1]")
     parser.add_argument("--no-pauses", action="store_true", help="stop no process by SIGSTOP")
-    parser.add_argument("--out", type=Path, help="file for everything, as JSON")
     given = parser.parse_args(arguments)
     loops = 2 * (os.cpu_count() or 1)
     with contextlib.ExitStack() as stack:

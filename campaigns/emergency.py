@@ -7,7 +7,6 @@ torque, or told to stay with limited output (`EmulatedRig.frozen`); at rest mean
 (`EmulatedRig.in_safe_state`). Exit status 1 if something happened that may not.
 """
 
-import argparse
 import json
 import math
 import multiprocessing
@@ -24,6 +23,7 @@ from typing import get_args
 
 import numpy as np
 
+from campaigns.options import campaign_parser
 from sinew.bench.errors import StartError
 from sinew.bench.journal import Journal
 from sinew.bench.run import Runner
@@ -294,11 +294,7 @@ def table(outcomes: Sequence[Outcome]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign, print its table, and return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m campaigns.emergency", description=__doc__)
-    parser.add_argument("--runs", type=int, default=90, help="how many [90]")
-    parser.add_argument("--seed", type=int, default=0, help="of the whole campaign [0]")
-    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1), help="processes")
-    parser.add_argument("--out", type=Path, help="file for everything, as JSON")
+    parser = campaign_parser("emergency", __doc__, count=90, workers=min(2, os.cpu_count() or 1))
     given = parser.parse_args(arguments)
     cases = [draw_case(given.seed, number) for number in range(given.runs)]
     # Spawned, not forked: JAX has threads.

@@ -1,7 +1,7 @@
 """This is where the measured energy is held against the twin's exact balance: `python -m campaigns.energy --seeds 20`.
 
 Each trial records the paper's sweep on the twin with every effect on (noise, delays, rounding, jitter, scatter between
-repeats) and analyses it. Its numbers are held against the power balance of `sinew.twin.balance`, twice: of the very
+repeats) and analyses it. Its numbers are held against the power balance of `campaigns.balance`, twice: of the very
 lanes that were recorded, which shows what the measuring adds; and of the rig without scatter, of which the intervals
 should hold nine in ten.
 """
@@ -18,6 +18,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import stats
 
+from campaigns.balance import Balance, balance_lanes
 from sinew.analysis.signal.power import winding_resistance
 from sinew.analysis.sweep.energy import energy_of_repeat, estimate_energy, fit_line_trend, fit_swing_trend
 from sinew.analysis.sweep.resonance import read_resonances
@@ -26,7 +27,6 @@ from sinew.measure.schema import companions
 from sinew.plan.plan import Group, Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_plan, load_rig
-from sinew.twin.balance import Balance, balance_lanes
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import Lanes, lane_parameters, record_tracks, simulate_tracks
 

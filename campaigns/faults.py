@@ -4,14 +4,13 @@ Each run is a short plan on the emulated bench in virtual time, with one fault, 
 all moments. The table says how they ended; exit status 1 if something happened that may not, see `campaigns.trial`.
 """
 
-import argparse
 import json
 import multiprocessing
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 
+from campaigns.options import campaign_parser
 from campaigns.scenario import PLANS, draw_scenario
 from campaigns.table import summary, text
 from campaigns.trial import Verdict, judge
@@ -53,14 +52,7 @@ def _judge_number(seed: int, tension_n: Mapping[float, float], number: int) -> V
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a campaign, print its table, and return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m campaigns.faults", description=__doc__)
-    parser.add_argument("--runs", type=int, default=500, help="how many [500]")
-    parser.add_argument("--first", type=int, default=0, help="number of the first run [0]")
-    parser.add_argument("--seed", type=int, default=0, help="of the whole campaign [0]")
-    parser.add_argument("--workers", type=int, default=1, help="processes [1]")
-    parser.add_argument("--out", type=Path, help="file for table and verdicts, as JSON")
-    parser.add_argument("--verbose", action="store_true", help="a line for every run, on stderr")
-    given = parser.parse_args(arguments)
+    given = campaign_parser("faults", __doc__, count=500, numbered=True, workers=1, verbose=True).parse_args(arguments)
     done: list[Verdict] = []
     for verdict in verdicts(given.seed, range(given.first, given.first + given.runs), given.workers):
         done.append(verdict)

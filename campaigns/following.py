@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from campaigns.energy import paper_sweep
+from campaigns.motion_energy import MotionEnergy, energy_between, energy_per_cycle
 from campaigns.tracked import track_plan, tracked
 from campaigns.tracking import expected_at
 from sinew.analysis.analysis import analyse_recording
-from sinew.analysis.signal.power import electrical_power, energy_between, holding_power
-from sinew.analysis.sweep.energy import MotionEnergy, energy_per_cycle
+from sinew.analysis.signal.power import electrical_power, holding_power
 from sinew.analysis.tracked import tracked_turns
 from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec

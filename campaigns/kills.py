@@ -5,7 +5,6 @@ The table says how soon the motors were stopped, what the journals lack, and whe
 something happened that may not. Takes real time: about 12 s for each kill.
 """
 
-import argparse
 import json
 import os
 import re
@@ -18,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from campaigns.options import campaign_parser
 from campaigns.series import Kill, Series, kill_series
 
 __all__ = ["MOST_MISSING", "MOST_STOPPED_MS", "main", "run_series", "violations"]
@@ -87,12 +87,7 @@ def table(series: Sequence[Series]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign, print its table, and return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m campaigns.kills", description=__doc__)
-    parser.add_argument("--runs", type=int, default=50, help="how many kills [50]")
-    parser.add_argument("--seed", type=int, default=0, help="of the moments [0]")
-    parser.add_argument("--out", type=Path, help="file for everything, as JSON")
-    parser.add_argument("--verbose", action="store_true", help="a line for every kill, on stderr")
-    given = parser.parse_args(arguments)
+    given = campaign_parser("kills", __doc__, count=50, verbose=True).parse_args(arguments)
     done: list[Series] = []
     for series in run_series(given.runs, given.seed):
         done.append(series)

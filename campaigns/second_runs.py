@@ -9,7 +9,6 @@ where the analysis says that the recording contradicts itself; or silently wrong
     python -m campaigns.second_runs --pairs 200 --seed 0 --workers 2
 """
 
-import argparse
 import gc
 import json
 import math
@@ -27,6 +26,7 @@ from typing import Literal, get_args
 import numpy as np
 import xarray as xr
 
+from campaigns.options import campaign_parser
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.doubts import doubts_of
 from sinew.bench.conversion import recording_from_journal
@@ -494,13 +494,7 @@ def text(done: Sequence[Result]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the campaign, print its table, and return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m campaigns.second_runs", description=__doc__)
-    parser.add_argument("--pairs", type=int, default=200, help="how many [200]")
-    parser.add_argument("--first", type=int, default=0, help="number of the first pair [0]")
-    parser.add_argument("--seed", type=int, default=0, help="of the whole campaign [0]")
-    parser.add_argument("--workers", type=int, default=1, help="processes [1]")
-    parser.add_argument("--out", type=Path, help="file for table and results, as JSON")
-    parser.add_argument("--verbose", action="store_true", help="a line for every pair, on stderr")
+    parser = campaign_parser("second_runs", __doc__, count=200, of="pairs", numbered=True, workers=1, verbose=True)
     given = parser.parse_args(arguments)
     done: list[Result] = []
     for one in results(given.seed, range(given.first, given.first + given.pairs), given.workers):

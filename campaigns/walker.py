@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from sinew.tune.gait.body_yaw import BodyMotion
+from sinew.tune.gait.bout import BodyMotion
 
 __all__ = ["RATE_HZ", "Walker", "alike", "phase_of", "sensor_columns", "walk", "yaw_of"]
 

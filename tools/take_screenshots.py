@@ -63,7 +63,7 @@ def start_run(page: Page, base: str) -> None:
     page.click("#sinew-take")
     page.wait_for_function("Sinew.status().operator?.mine")
     choose_plan(page, "demonstration")
-    page.wait_for_function("document.querySelector('.sinew-code').textContent.includes('demonstration')")
+    page.wait_for_function("document.querySelector('textarea.sinew-code').value.includes('demonstration')")
     page.wait_for_selector("#sinew-start:not([disabled])")
     page.click("#sinew-start")
     page.wait_for_url(f"{base}/")

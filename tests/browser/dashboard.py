@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import select
 import shutil
 import signal
@@ -88,6 +89,12 @@ def choose_plan(page: Any, name: str) -> None:
             return
         page.keyboard.press("Tab")
     raise AssertionError(f"no plan {name} can be chosen")
+
+
+def edit_plan(page: Any, before: str, after: str) -> None:
+    """Write something else into the plan. before: a pattern."""
+    text = page.get_by_label("Plan as TOML")
+    text.fill(re.sub(before, after, text.input_value(), count=1))
 
 
 def two_ports() -> int:

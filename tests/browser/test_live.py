@@ -53,7 +53,7 @@ def start(page: Any, dashboard: Served, plan: str) -> Path:
         page.click("#sinew-take")
         page.wait_for_function("Sinew.status().operator?.mine")
     choose_plan(page, plan)
-    page.wait_for_function("document.querySelector('.sinew-code').textContent.includes('watched')")
+    page.wait_for_function("document.querySelector('textarea.sinew-code').value.includes('watched')")
     page.wait_for_selector("#sinew-start:not([disabled])")
     page.click("#sinew-start")
     page.wait_for_url(f"{dashboard.base}/")

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.browser.dashboard import Served, choose_plan
+from tests.browser.dashboard import Served, choose_plan, edit_plan
 
 from sinew.measure.netcdf import load_recording
 
@@ -130,7 +130,7 @@ def test_a_script_in_a_name_is_text(opened: Open, shown: Served, path: str) -> N
     page.wait_for_selector("#sinew-open, a[data-kind=csv], #sinew-duration")
     if path == "/plan":
         choose_plan(page, "odd")
-        page.wait_for_function("document.querySelector('.sinew-code').textContent.includes('onerror')")
+        page.wait_for_function("document.querySelector('textarea.sinew-code').value.includes('onerror')")
     if path == "/runs":
         assert page.locator("td", has_text="onerror").count() >= 2
     page.wait_for_timeout(500)
@@ -138,19 +138,21 @@ def test_a_script_in_a_name_is_text(opened: Open, shown: Served, path: str) -> N
     assert page.locator("img[src=x]").count() == 0
 
 
-def test_a_wrong_field_is_told_at_its_place_and_nothing_can_start(opened: Open, shown: Served) -> None:
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        (r"repeats = \d+", 'repeats = "many"', "sweep.repeats: found 'many', expected"),
+        (r"pretension_mm = .*", "pretension_mm = [2, 60]", "Refused:"),
+    ],
+    ids=["no number", "beyond the rig"],
+)
+def test_what_is_wrong_with_a_plan_is_told_and_nothing_can_start(
+    opened: Open, shown: Served, before: str, after: str, said: str
+) -> None:
     page = opened(shown, "/plan")
     page.wait_for_selector("#sinew-duration")
-    page.get_by_label("Repeats").first.fill("many")
-    page.wait_for_selector("text=found 'many', expected")
-    assert page.locator("#sinew-start").is_disabled()
-
-
-def test_a_plan_beyond_the_rig_is_refused_in_words(opened: Open, shown: Served) -> None:
-    page = opened(shown, "/plan")
-    page.wait_for_selector("#sinew-duration")
-    page.get_by_label("Pretensions / mm").fill("2, 60")
-    page.wait_for_selector("text=Refused:")
+    edit_plan(page, before, after)
+    page.wait_for_selector(f"text={said}")
     assert page.locator("#sinew-start").is_disabled()
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from tests.browser import played_run
-from tests.browser.dashboard import choose_plan
+from tests.browser.dashboard import choose_plan, edit_plan
 from tests.browser.stage import Stage, staged
 from tests.contracts.serving import until
 
@@ -323,7 +323,7 @@ def test_a_stop_is_confirmed_within_200_ms_while_a_preview_computes(opened: Open
     for number in range(5):
         stage.begin(f"{name}-{number}")
         stage.until("running")
-        page.get_by_label("Pretensions / mm").fill(f"2, 4, {5 + number}")
+        edit_plan(page, r"pretension_mm = .*", f"pretension_mm = [2, 4, {5 + number}]")
         page.wait_for_selector("[aria-label='The preview is computed']")
         page.keyboard.press("F9")
         page.wait_for_function("document.getElementById('sinew-emergency').dataset.stop === 'done'")

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import pytest
-from tests.contracts.emulated_bench import TINY
+from campaigns.same_numbers import TINY
+from tests.contracts.emulated_bench import WatchedPort, virtual_port
 from tests.contracts.identify_sweep import write_sweep
 
 
@@ -17,6 +18,12 @@ def plan(tmp_path: Path) -> str:
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
     return tmp_path / "deep" / "out"
+
+
+@pytest.fixture
+def port(monkeypatch: pytest.MonkeyPatch) -> WatchedPort:
+    """Return the port of an emulated bench that stands in for every serial port."""
+    return virtual_port(monkeypatch)
 
 
 @pytest.fixture(scope="session")

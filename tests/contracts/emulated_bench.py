@@ -30,18 +30,6 @@ PATIENCE = 90.0  # s; how long a step of another process may take, see tests.pat
 STARTS = 5
 QUESTIONS = {ask.PING, ask.READ, ask.SYNC_READ, ask.BULK_READ}
 
-TINY = """
-name = "tiny"
-[pretension]
-pretension_mm = [2]
-rest_s = 0.5
-[sweep]
-frequency_hz = [3]
-settle_s = 1
-periods = 3
-repeats = 1
-"""
-
 
 class WatchedPort(VirtualPort):
     """A port that notes which instructions were sent, and when the last; it may be closed and used again.

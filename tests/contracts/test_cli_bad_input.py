@@ -149,15 +149,13 @@ def test_bad_input_is_one_line_status_2_and_no_new_file(
     prepare: Callable[[Path], None],
     arguments: tuple[str, ...],
     sentence: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    here: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    prepare(tmp_path)
-    before = sorted(tmp_path.rglob("*"))
+    prepare(here)
+    before = sorted(here.rglob("*"))
     status = main([*arguments, *(() if arguments[0] == "check" else ("--json",))])
     out, err = capsys.readouterr()
     assert (status, out, err.count("\n")) == (2, "", 1), err
     assert sentence in err
-    assert sorted(tmp_path.rglob("*")) == before
+    assert sorted(here.rglob("*")) == before

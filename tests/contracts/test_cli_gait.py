@@ -119,12 +119,7 @@ FAULTS = {
 
 @pytest.mark.parametrize(("arguments", "sentence"), FAULTS.values(), ids=FAULTS.keys())
 def test_what_is_no_gait_is_one_line_and_status_2(
-    arguments: tuple[str, ...],
-    sentence: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
-    walk_file(tmp_path / "walk.csv", Walker(), strides=12)
+    walk_file(here / "walk.csv", Walker(), strides=12)
     assert sentence in refused(capsys, "gait", *arguments)

@@ -72,14 +72,8 @@ ASKED: list[tuple[tuple[str, ...], str, tuple[str, ...]]] = [
     ],
 )
 def test_what_nobody_can_mean_is_refused_in_one_line(
-    command: tuple[str, ...],
-    option: str,
-    value: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    command: tuple[str, ...], option: str, value: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     words = list(command)
     if option in words:
         words[words.index(option) + 1] = value
@@ -90,7 +84,7 @@ def test_what_nobody_can_mean_is_refused_in_one_line(
     assert said.out == ""
     assert len(said.err.splitlines()) == 1
     assert said.err.startswith("sinew: ")
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 def test_every_command_refuses_a_number_that_is_none() -> None:

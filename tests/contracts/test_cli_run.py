@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from tests.contracts.emulated_bench import TINY, joint, virtual_port
+from campaigns.same_numbers import TINY
+from tests.contracts.emulated_bench import joint, virtual_port
 from tests.contracts.virtual_run import spoken
 
 from sinew.measure.netcdf import load_recording

@@ -8,7 +8,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from tests.contracts.emulated_bench import rig_file, virtual_port
+from tests.contracts.emulated_bench import WatchedPort, rig_file
 from tests.contracts.virtual_run import interrupt, run, torques
 
 from sinew.bench.journal_reader import JournalReader
@@ -27,10 +27,9 @@ def test_a_signal_ends_a_run_in_the_declared_safe_state(
     plan: str,
     out: Path,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    port: WatchedPort,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    port = virtual_port(monkeypatch)
     rig = rig_file(tmp_path, limits={"safe_state": state})
     interrupt(port, 3.0, number=number)
     told = run(capsys, plan, out, "--rig", rig, "--json")
@@ -41,9 +40,8 @@ def test_a_signal_ends_a_run_in_the_declared_safe_state(
 
 
 def test_a_second_and_a_third_interrupt_change_nothing(
-    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     interrupt(port, 3.0, 3.0, 3.03)
     told = run(capsys, plan, out)
     assert (told.status, port.agenda, any(torques(port.rig))) == (1, [], False)
@@ -51,9 +49,8 @@ def test_a_second_and_a_third_interrupt_change_nothing(
 
 
 def test_after_a_run_the_signals_are_what_they_were(
-    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     before = [signal.getsignal(number) for number in SIGNALS]
     interrupt(port, 2.0)
     run(capsys, plan, out)
@@ -61,9 +58,9 @@ def test_after_a_run_the_signals_are_what_they_were(
 
 
 def test_a_run_that_ended_early_says_how_to_go_on(
-    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    interrupt(virtual_port(monkeypatch), 2.0)
+    interrupt(port, 2.0)
     told = run(capsys, plan, out)
     assert told.err.splitlines()[-1] == (
         f"sinew: go on with: sinew run {plan} --rig paper --port /dev/bench --out {out} --resume"
@@ -71,9 +68,8 @@ def test_a_run_that_ended_early_says_how_to_go_on(
 
 
 def test_an_unplugged_port_is_said_and_the_watchdogs_stop_the_motors(
-    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     port.agenda = [(port.now() + 3.0, lambda: setattr(port.rig, "unplugged", True))]
     told = run(capsys, plan, out)
     assert told.status == 1
@@ -84,18 +80,17 @@ def test_an_unplugged_port_is_said_and_the_watchdogs_stop_the_motors(
 
 
 def test_a_bench_without_cables_is_let_go_with_a_sentence(
-    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     told = run(capsys, plan, out)
     assert (told.status, any(torques(port.rig))) == (1, False)
     assert "expected -20 to 40 (tendon_travel_mm); is the cable off its pulley" in told.out
 
 
 def test_the_journal_of_a_run_that_ended_early_has_its_samples_and_its_end(
-    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    interrupt(virtual_port(monkeypatch), 3.0)
+    interrupt(port, 3.0)
     cycles = json.loads(run(capsys, plan, out, "--json").out)["cycles"]["cycles"]
     with JournalReader(out / "journal.sqlite") as journal:
         assert journal.last_sample() == cycles > 300

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from tests.contracts.emulated_bench import QUESTIONS, virtual_port
+from tests.contracts.emulated_bench import QUESTIONS, WatchedPort
 from tests.contracts.virtual_run import run
 
 
@@ -40,10 +40,9 @@ def test_an_unfit_folder_is_refused_and_left_as_it_was(
     plan: str,
     out: Path,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    port: WatchedPort,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    port = virtual_port(monkeypatch)
     prepare(out)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     told = run(capsys, plan, out, *options)
@@ -54,18 +53,16 @@ def test_an_unfit_folder_is_refused_and_left_as_it_was(
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="a folder that takes no file, whoever asks")
 def test_a_folder_that_may_not_be_written_is_refused(
-    plan: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     told = run(capsys, plan, Path("/proc/out"))
     assert (told.status, told.err.count("\n"), port.codes) == (2, 1, set())
     assert "cannot write into /proc/out" in told.err
 
 
 def test_a_disk_without_room_for_the_run_is_refused(
-    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, out: Path, port: WatchedPort, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
     told = run(capsys, plan, out)
     assert (told.status, told.err.count("\n"), out.parent.exists()) == (2, 1, False)

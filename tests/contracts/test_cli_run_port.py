@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.contracts.emulated_bench import PATIENCE, SINEW, STARTS, TINY, Playing, ended, playing, rig_file, running
+from campaigns.same_numbers import TINY
+from tests.contracts.emulated_bench import PATIENCE, SINEW, STARTS, Playing, ended, playing, rig_file, running
 from tests.patience import await_end, comes, finished
 
 from sinew.apps.cli import main

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.contracts.emulated_bench import QUESTIONS, TINY, rig_file, virtual_port
+from campaigns.same_numbers import TINY
+from tests.contracts.emulated_bench import QUESTIONS, WatchedPort, rig_file, virtual_port
 from tests.contracts.virtual_run import run, without_motor
 
 from sinew.emulator.rig import EmulatedRig
@@ -71,10 +72,9 @@ def test_an_unfit_bench_is_refused_with_a_reason_and_nothing_is_touched(
     words: tuple[str, ...],
     plan: str,
     out: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    port: WatchedPort,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    port = virtual_port(monkeypatch)
     spoil(port.rig)
     told = run(capsys, plan, out)
     assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
@@ -111,10 +111,9 @@ def test_a_rig_that_is_not_the_bench_is_refused_with_a_reason_and_nothing_is_tou
     plan: str,
     out: Path,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    port: WatchedPort,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    port = virtual_port(monkeypatch)
     told = run(capsys, plan, out, "--rig", rig_file(tmp_path, **wiring))
     assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
     assert [word for word in words if word not in told.err] == []
@@ -132,9 +131,8 @@ def test_another_baud_than_the_devices_is_refused(
 
 
 def test_several_reasons_are_said_at_once(
-    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     for spoil in (with_torque, with_offset, with_heat):
         spoil(port.rig)
     told = run(capsys, plan, out)
@@ -143,9 +141,8 @@ def test_several_reasons_are_said_at_once(
 
 
 def test_a_port_that_goes_away_while_the_bench_is_looked_at_is_a_refusal(
-    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     port.agenda = [(port.now() + 0.01, lambda: setattr(port.rig, "unplugged", True))]
     told = run(capsys, plan, out)
     assert (told.status, told.err.count("\n"), out.parent.exists()) == (2, 1, False)
@@ -153,11 +150,10 @@ def test_a_port_that_goes_away_while_the_bench_is_looked_at_is_a_refusal(
 
 
 def test_a_plan_beyond_a_limit_of_the_rig_is_refused(
-    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    out: Path, tmp_path: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "hard.toml"
     path.write_text(TINY.replace("[2]", "[20]"))
-    port = virtual_port(monkeypatch)
     told = run(capsys, str(path), out)
     assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
     assert all(word in told.err for word in ("20 mm", "16", "pretension_mm"))
@@ -166,9 +162,8 @@ def test_a_plan_beyond_a_limit_of_the_rig_is_refused(
 
 @pytest.mark.slow
 def test_one_broken_reading_of_the_imu_is_no_refusal(
-    plan: str, out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     lost: list[float] = []
 
     def disturb(now: float, data: bytes) -> list[tuple[float, bytes]]:

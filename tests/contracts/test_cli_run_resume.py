@@ -4,7 +4,8 @@ import json
 from pathlib import Path
 
 import pytest
-from tests.contracts.emulated_bench import TINY, WatchedPort, joint, rig_file, virtual_port
+from campaigns.same_numbers import TINY
+from tests.contracts.emulated_bench import WatchedPort, joint, rig_file, virtual_port
 from tests.contracts.virtual_run import interrupt, run, spoken, torques, without_motor
 
 from sinew.measure.netcdf import load_recording

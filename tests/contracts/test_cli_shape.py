@@ -84,15 +84,10 @@ USAGE_FAULTS = {
 
 @pytest.mark.parametrize(("arguments", "sentence"), USAGE_FAULTS.values(), ids=USAGE_FAULTS.keys())
 def test_a_wrong_command_line_is_one_line_and_status_2(
-    arguments: tuple[str, ...],
-    sentence: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     assert sentence in refused(capsys, *arguments)
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
 
 
 def test_a_wrong_command_line_leaves_the_process_with_status_2_and_one_line() -> None:

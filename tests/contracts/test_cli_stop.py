@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import (
     PATIENCE,
-    TINY,
     WatchedPort,
     joint,
     playing,
@@ -99,9 +99,8 @@ BOTH = UNDER_TORQUE | WITHOUT_TORQUE
 
 @pytest.mark.parametrize("prepare", BOTH.values(), ids=BOTH.keys())
 def test_a_bench_is_released_from_any_state(
-    prepare: Callable[[WatchedPort], None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    prepare: Callable[[WatchedPort], None], port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     prepare(port)
     told = stop(capsys, "--state", "release")
     assert told == (0, "release: tension let down, torque off on all motors\n", "")
@@ -111,9 +110,8 @@ def test_a_bench_is_released_from_any_state(
 
 @pytest.mark.parametrize("prepare", UNDER_TORQUE.values(), ids=UNDER_TORQUE.keys())
 def test_a_bench_under_torque_is_held_from_any_state(
-    prepare: Callable[[WatchedPort], None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    prepare: Callable[[WatchedPort], None], port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     prepare(port)
     told = stop(capsys, "--state", "hold")
     assert (told.status, told.err, told.out.startswith("hold: all motors stand still")) == (0, "", True)
@@ -123,9 +121,8 @@ def test_a_bench_under_torque_is_held_from_any_state(
 
 @pytest.mark.parametrize("prepare", WITHOUT_TORQUE.values(), ids=WITHOUT_TORQUE.keys())
 def test_a_bench_without_torque_is_not_said_to_hold(
-    prepare: Callable[[WatchedPort], None], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    prepare: Callable[[WatchedPort], None], port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     prepare(port)
     told = stop(capsys, "--state", "hold")
     assert (told.status, told.out.count("\n"), any(torques(port.rig))) == (1, 1, False)
@@ -133,10 +130,7 @@ def test_a_bench_without_torque_is_not_said_to_hold(
 
 
 @pytest.mark.parametrize("state", ["hold", "release"])
-def test_after_it_no_watchdog_waits_to_bite(
-    state: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    port = virtual_port(monkeypatch)
+def test_after_it_no_watchdog_waits_to_bite(state: str, port: WatchedPort, capsys: pytest.CaptureFixture[str]) -> None:
     in_motion(port)
     stop(capsys, "--state", state)
     port.wait_until(port.now() + 2.0)
@@ -144,17 +138,13 @@ def test_after_it_no_watchdog_waits_to_bite(
 
 
 @pytest.mark.parametrize("state", ["hold", "release"])
-def test_twice_is_as_good_as_once(
-    state: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    port = virtual_port(monkeypatch)
+def test_twice_is_as_good_as_once(state: str, port: WatchedPort, capsys: pytest.CaptureFixture[str]) -> None:
     in_motion(port)
     first, second = (stop(capsys, "--state", state) for _ in range(2))
     assert (first, port.rig.in_safe_state()) == (second, True)
 
 
-def test_a_held_bench_is_let_go(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    port = virtual_port(monkeypatch)
+def test_a_held_bench_is_let_go(port: WatchedPort, capsys: pytest.CaptureFixture[str]) -> None:
     in_motion(port)
     stop(capsys, "--state", "hold")
     held = torques(port.rig)
@@ -164,18 +154,16 @@ def test_a_held_bench_is_let_go(monkeypatch: pytest.MonkeyPatch, capsys: pytest.
 
 @pytest.mark.parametrize("state", ["hold", "release"])
 def test_without_an_option_the_state_is_the_rigs(
-    state: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    state: str, tmp_path: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    in_motion(virtual_port(monkeypatch))
+    in_motion(port)
     told = stop(capsys, "--rig", rig_file(tmp_path, limits={"safe_state": state}), "--json")
     assert (told.status, json.loads(told.out)["state"]) == (0, state)
 
 
 @pytest.mark.parametrize("state", ["hold", "release"])
-def test_the_json_names_every_motor(
-    state: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    in_motion(virtual_port(monkeypatch))
+def test_the_json_names_every_motor(state: str, port: WatchedPort, capsys: pytest.CaptureFixture[str]) -> None:
+    in_motion(port)
     document = json.loads(stop(capsys, "--state", state, "--json").out)
     assert set(document.pop("reached")) == NAMES
     assert document == {"state": state, "is_safe": True, "failed": []}
@@ -183,9 +171,8 @@ def test_the_json_names_every_motor(
 
 @pytest.mark.parametrize("state", ["hold", "release"])
 def test_a_motor_that_does_not_answer_is_named_and_the_others_obey(
-    state: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    state: str, port: WatchedPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = virtual_port(monkeypatch)
     in_motion(port)
     port.rig.line.devices = [device for device in port.rig.line.devices if device.id != 3]
     told = stop(capsys, "--state", state)

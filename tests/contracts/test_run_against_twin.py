@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from tests.contracts.emulated_bench import SINEW, playing
 from tests.patience import finished
+from tests.unit.test_bench_run_against_twin import PLAN
 
 from sinew.measure.netcdf import load_dataset, load_recording, save_recording
 from sinew.measure.recording import segment_slices
@@ -18,18 +19,6 @@ from sinew.twin.parameters import Effects
 from sinew.twin.simulate import simulate
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
-
-PLAN = """
-name = "through the pseudo-terminal"
-[pretension]
-pretension_mm = [2, 8]
-[sweep]
-frequency_hz = [2.5, 3.2, 4.0]
-repeats = 1
-[ring_down]
-frequency_hz = [3.0, 4.0]
-repeats = 1
-"""
 
 
 class Through(NamedTuple):

@@ -162,18 +162,13 @@ REFUSED = {
 
 @pytest.mark.parametrize(("options", "sentence"), REFUSED.values(), ids=REFUSED.keys())
 def test_what_cannot_be_served_is_refused_in_one_line_and_nothing_is_begun(
-    options: tuple[str, ...],
-    sentence: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     before = signal.getsignal(signal.SIGTERM)
     status = main(["serve", *options])
     signal.signal(signal.SIGTERM, before)
     err = capsys.readouterr().err.splitlines()
-    assert (status, sentence in err[-1], list(tmp_path.iterdir())) == (2, True, [])
+    assert (status, sentence in err[-1], list(here.iterdir())) == (2, True, [])
 
 
 @pytest.mark.parametrize("mode", [0o644, 0o640, 0o604, 0o620])

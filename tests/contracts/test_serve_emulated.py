@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.contracts.emulated_bench import TINY, alone
+from campaigns.same_numbers import TINY
+from tests.contracts.emulated_bench import alone
 from tests.contracts.serving import PAGE, RIG, Served, serving, until
 
 from sinew.apps.dashboard.emergency import bring_to_rest

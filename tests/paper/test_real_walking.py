@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from sinew.measure.walk_file import read_walk
-from sinew.tune.gait.body_yaw import BodyMotion, body_motion
-from sinew.tune.gait.bout import BoutGait
+from sinew.tune.gait.bout import BodyMotion, BoutGait, body_motion
 from sinew.tune.gait.target import WalkGait, estimate_gait, target_of_walks
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

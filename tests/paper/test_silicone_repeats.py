@@ -10,10 +10,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.paper.test_real_ring_downs import DATA, SILICONE, beam, beam_record
+from tests.paper.test_real_ring_downs import DATA, beam, beam_record
 
 from sinew.identify.decay.backbone import Backbone, fit_backbone
-from sinew.identify.decay.decay_likelihood import FreeDecay, fit_free_decay
 from sinew.identify.decay.modes import ModalDecay, fit_modes
 
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real recordings are not beside this repository")
@@ -22,11 +21,6 @@ pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real recordings are n
 @cache
 def backbone(name: str) -> Backbone:
     return fit_backbone(*beam_record(name), free_from_s=beam(name).start_s, creeps=True, harmonics=False)
-
-
-@cache
-def single(name: str) -> FreeDecay:
-    return fit_free_decay(*beam_record(name), free_from_s=beam(name).start_s)
 
 
 @cache
@@ -85,21 +79,6 @@ def test_the_damping_with_a_load_rises_as_the_swing_dies() -> None:
         found = backbone(name)
         large, small = at(found, [6.0, 1.0], found.damping_ratio)
         assert small > 1.2 * large
-
-
-@pytest.mark.slow
-def test_the_rest_position_creeps_after_the_release_in_a_fifth_of_a_second_to_one_second() -> None:
-    found = [single(name).creep_time_s for name in SILICONE]
-    times_s = [creep.value for creep in found if creep is not None]
-    assert len(times_s) >= 5
-    assert 0.2 < min(times_s) < max(times_s) < 1.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SILICONE)
-def test_a_single_mode_says_that_it_misses_a_part_of_the_record(name: str) -> None:
-    # Residuals are 25 to 260 micrometres, the markers scatter by 2 to 4.
-    assert "misses a part" in single(name).message
 
 
 def test_two_close_modes_with_52_g_have_one_frequency_in_both_repeats() -> None:

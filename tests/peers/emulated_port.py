@@ -3,12 +3,13 @@
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tests.patience import await_end, comes
+from tests.patience import Patience, await_end, comes
 
 SINEW = Path(sys.executable).with_name("sinew")
 PATIENCE = 60.0  # s; how long a start may take on a busy computer
@@ -36,3 +37,13 @@ def emulated(folder: Path, *options: str) -> Iterator[str]:
 def said(line: str) -> dict[str, Any]:
     """Return what the emulator said when it was ready."""
     return dict(json.loads(line))
+
+
+def eventually(claim: Callable[[], bool], seconds: float = 10.0) -> bool:
+    """Return whether a claim comes true."""
+    patience = Patience(seconds)
+    while not claim():
+        if patience.is_over():
+            return False
+        time.sleep(0.01)
+    return True

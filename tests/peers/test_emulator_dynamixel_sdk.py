@@ -5,14 +5,12 @@ FF FF FD; it fails a group as a whole for one device that is not there; it drops
 """
 
 import termios
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.patience import Patience
-from tests.peers.emulated_port import emulated
+from tests.peers.emulated_port import emulated, eventually
 
 pytestmark = pytest.mark.slow
 
@@ -53,16 +51,6 @@ def port(bench: str) -> Iterator[Any]:
     eventually(lambda: all(PACKETS.ping(port, motor)[1] == SUCCESS for motor in MOTORS))
     yield port
     port.closePort()
-
-
-def eventually(claim: Callable[[], bool], seconds: float = 10.0) -> bool:
-    """Return whether a claim comes true."""
-    patience = Patience(seconds)
-    while not claim():
-        if patience.is_over():
-            return False
-        time.sleep(0.01)
-    return True
 
 
 def write1(port: Any, motor: int, address: int, value: int) -> None:

@@ -1,13 +1,11 @@
 """The emulated bench against rustypot, a master in Rust, over a pseudo-terminal."""
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.patience import Patience
-from tests.peers.emulated_port import emulated
+from tests.peers.emulated_port import emulated, eventually
 
 pytestmark = pytest.mark.slow
 
@@ -36,16 +34,6 @@ def master(bench: str) -> Any:
         master.reboot(motor)
     assert eventually(lambda: all(master.ping(motor) for motor in MOTORS))
     return master
-
-
-def eventually(claim: Callable[[], bool], seconds: float = 10.0) -> bool:
-    """Return whether a claim comes true."""
-    patience = Patience(seconds)
-    while not claim():
-        if patience.is_over():
-            return False
-        time.sleep(0.01)
-    return True
 
 
 def number(data: Any) -> int:

@@ -17,13 +17,8 @@ PLAN = parse_plan(
     """
 name = "swing"
 sample_hz = 200
-[pretension]
-pretension_mm = [3]
-rest_s = 0.5
-[sweep]
-frequency_hz = [2.9, 4.3]
-settle_s = 0.5
-repeats = 1
+pretension = { pretension_mm = [3], rest_s = 0.5 }
+sweep = { frequency_hz = [2.9, 4.3], settle_s = 0.5, repeats = 1 }
 """
 )
 PLAN_TEXT = dump_plan(PLAN)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from tests.unit.figures_panels import titled
 from tests.unit.figures_sample import SMALL, sample_recording, sample_results
 
-from sinew.paper.figures import build_figures
+from sinew.paper.report import build_figures
 
 
 @functools.cache

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from campaigns.motion_energy import energy_between
 
-from sinew.analysis.signal.power import cycle_mean, energy_between
+from sinew.analysis.signal.power import cycle_mean
 
 
 @pytest.mark.parametrize("frequency_hz", [1.5, 3.1, 4.0, 6.0])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from campaigns.motion_energy import energy_per_cycle
 from tests.unit.ideal_motor import (
     ARMATURE,
     CONSTANT,
@@ -19,7 +20,6 @@ from tests.unit.ideal_motor import (
 
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.signal.power import idle_power
-from sinew.analysis.sweep.energy import energy_per_cycle
 from sinew.measure.errors import RecordingError
 from sinew.measure.netcdf import load_dataset, save_dataset
 from sinew.measure.schema import validate_results

@@ -29,25 +29,13 @@ pytestmark = pytest.mark.slow
 RIG = load_rig("paper")
 PLAN = parse_plan("""
 name = "paused"
-[pretension]
-pretension_mm = [2]
-rest_s = 0.5
-[sweep]
-frequency_hz = [2.5, 3]
-settle_s = 2.5
-periods = 3
-repeats = 1
+pretension = { pretension_mm = [2], rest_s = 0.5 }
+sweep = { frequency_hz = [2.5, 3], settle_s = 2.5, periods = 3, repeats = 1 }
 """)
 SHORT = parse_plan("""
 name = "paused"
-[pretension]
-pretension_mm = [0]
-rest_s = 0.2
-[sweep]
-frequency_hz = [3]
-settle_s = 0.5
-periods = 2
-repeats = 1
+pretension = { pretension_mm = [0], rest_s = 0.2 }
+sweep = { frequency_hz = [3], settle_s = 0.5, periods = 2, repeats = 1 }
 """)
 SWINGING = 1200  # samples in which the lever is away from zero: in the second record, with its settling behind it
 

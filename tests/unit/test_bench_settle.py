@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sinew.bench.settle import SettleRule
+from sinew.bench.group import SettleRule
 from sinew.plan.plan import Sweep
 
 RATE_HZ = 200.0

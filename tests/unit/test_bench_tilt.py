@@ -1,16 +1,14 @@
 """The tilt of the head plate: signs, rest, swing, and the gyroscope's bias, on motions in closed form."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from scipy import signal
-from tests.unit.bench_journal import PLAN, Node, cycles
 
 from sinew.bench.sample import MISSING
-from sinew.bench.tilt import TiltEstimator, rest_tilt
-from sinew.measure.errors import RecordingError
+from sinew.bench.tilt import TiltEstimator
 from sinew.plan.toml import load_rig
 
 RIG = load_rig("paper")
@@ -18,7 +16,6 @@ GRAVITY = 9.80665
 RATE_HZ = 200
 FINE = 10  # steps of the motion between two samples
 NOISE_RAD_S, NOISE_M_S2 = math.radians(0.08), 0.0024 * GRAVITY
-REST = [replace(s, gyro_rad_s=(0.0, 0.0, 0.0)) for s in cycles(PLAN.groups()[0], 0.0, Node())][:100]
 
 
 @dataclass(frozen=True)
@@ -148,41 +145,3 @@ def test_a_sample_that_is_read_twice_counts_once() -> None:
         for jitter in (0.0, 3e-4):
             twice.update(tuple(gyro), tuple(force), k / RATE_HZ + jitter)
     assert twice.components == pytest.approx(once.components, abs=math.radians(0.02))
-
-
-def rest(lean_deg: tuple[float, float], seed: int = 0) -> list:
-    """A hundred samples at rest with the accelerometer's noise."""
-    random = np.random.default_rng(seed)
-    about_y, about_z = np.radians(lean_deg)
-    force = GRAVITY * np.array([math.cos(math.hypot(about_y, about_z)), -about_z, about_y])
-    return [replace(s, acceleration_m_s2=tuple(force + NOISE_M_S2 * random.standard_normal(3))) for s in REST]
-
-
-def test_the_tilt_at_rest_comes_back_within_its_error() -> None:
-    found = rest_tilt(rest((0.3, -0.2)))
-    errors = [
-        (math.degrees(part.value) - true) / math.degrees(part.std)
-        for part, true in ((found.about_y, 0.3), (found.about_z, -0.2))
-    ]
-    assert np.abs(errors).max() < 3.0
-
-
-def test_half_a_second_at_rest_tells_the_tilt_to_a_fiftieth_of_a_degree() -> None:
-    assert math.degrees(rest_tilt(rest((0.3, -0.2))).about_y.std) < 0.02
-
-
-def test_nine_in_ten_intervals_of_the_tilt_at_rest_hold_it() -> None:
-    found = [rest_tilt(rest((0.3, -0.2), seed)).about_y for seed in range(200)]
-    share = np.mean([part.low <= math.radians(0.3) <= part.high for part in found])
-    assert 0.83 <= share <= 0.96
-
-
-def test_an_accelerometer_on_its_side_is_refused() -> None:
-    lying = [replace(s, acceleration_m_s2=(0.1, 9.8, 0.0)) for s in REST]
-    with pytest.raises(RecordingError, match=r"reads 0.1 m/s² along the joint, expected about 9.8; is imu_axes right"):
-        rest_tilt(lying)
-
-
-def test_too_few_readings_at_rest_are_refused() -> None:
-    with pytest.raises(RecordingError, match="found 3 readings of the accelerometer, expected 20"):
-        rest_tilt(REST[:3])

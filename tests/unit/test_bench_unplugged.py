@@ -17,12 +17,8 @@ from sinew.twin.simulate import rest_tension
 RIG = load_rig("paper")
 PLAN = parse_plan("""
 name = "unplugged"
-[pretension]
-pretension_mm = [2]
-rest_s = 0.5
-[sweep]
-frequency_hz = [3]
-repeats = 1
+pretension = { pretension_mm = [2], rest_s = 0.5 }
+sweep = { frequency_hz = [3], repeats = 1 }
 """)
 SWINGS = 200  # samples, a second: three swings at full amplitude
 

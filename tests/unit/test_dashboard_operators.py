@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinew.apps.dashboard.operators import LAPSES_S, LEAVES_S, Operators, RefusedError
+from sinew.apps.dashboard.operators import LAPSES_S, LEAVES_S, Operators, RefusedError, Ticket
 
 
 @given(st.lists(st.integers(-5, 30)))
@@ -71,13 +71,19 @@ def test_a_ticket_with_odd_characters_operates_nothing() -> None:
     assert told["mine"] is False
 
 
-def test_control_ends_soon_after_its_page_was_closed() -> None:
+def left() -> tuple[Operators, Ticket, list[float]]:
+    """Return who operated from a page that is closed, half of the grace ago, and the clock."""
     time = [0.0]
     operators = Operators(clock=lambda: time[0])
     ticket = operators.give_ticket()
     operators.take(ticket)
     operators.leave(ticket.id)
     time[0] = LEAVES_S / 2
+    return operators, ticket, time
+
+
+def test_control_ends_soon_after_its_page_was_closed() -> None:
+    operators, ticket, time = left()
     assert operators.operator(ticket.id) is not None
     time[0] = LEAVES_S + 0.1
     assert operators.operator(ticket.id) is None
@@ -86,12 +92,7 @@ def test_control_ends_soon_after_its_page_was_closed() -> None:
 
 
 def test_control_stays_with_a_tab_that_goes_from_page_to_page() -> None:
-    time = [0.0]
-    operators = Operators(clock=lambda: time[0])
-    ticket = operators.give_ticket()
-    operators.take(ticket)
-    operators.leave(ticket.id)
-    time[0] = LEAVES_S / 2
+    operators, ticket, time = left()
     operators.see(ticket.id)
     time[0] = 2 * LEAVES_S
     assert operators.operator(ticket.id) is not None

@@ -12,11 +12,18 @@ from tests.unit.figures_pages import alternatives, asked_outside
 from tests.unit.figures_panels import drawn, labelled, smallest_type, titled
 from tests.unit.identify_signals import OMEGA, dry_decay, motion, noisy, viscous
 
-from sinew.figures.backbone import draw_backbone
 from sinew.figures.corner import Cloud, cloud_of, draw_corner, ellipse
-from sinew.figures.fit_data import Trace, axis_label, draw_fit, parameter_label, shown_unit, traces_of, value_and_std
-from sinew.figures.fit_page import FIT_CAPTIONS, write_fit_page
-from sinew.figures.residuals import autocorrelation, draw_residuals
+from sinew.figures.fit_data import (
+    Trace,
+    axis_label,
+    draw_backbone,
+    draw_fit,
+    parameter_label,
+    shown_unit,
+    traces_of,
+    value_and_std,
+)
+from sinew.figures.fit_page import FIT_CAPTIONS, autocorrelation, draw_residuals, write_fit_page
 from sinew.identify.choice.held_out import HeldOut, Split, fit_and_predict, split_record
 from sinew.identify.decay.backbone import fit_backbone
 from sinew.identify.oscillator.fit import fit

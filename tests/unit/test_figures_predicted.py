@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from sinew.figures.predicted import (
+    PREDICTION_CAPTIONS,
     Curves,
     draw_comparison,
     draw_predicted,
@@ -15,8 +16,8 @@ from sinew.figures.predicted import (
     shortened,
     stretches,
     upper_gain,
+    write_prediction_page,
 )
-from sinew.figures.prediction_page import PREDICTION_CAPTIONS, write_prediction_page
 from sinew.solve.branch import Branch, Mark
 
 

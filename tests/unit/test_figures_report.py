@@ -12,8 +12,7 @@ from tests.unit.figures_sample import SMALL, foreign_ring_down, sample_recording
 from sinew.figures.page import CAPTIONS
 from sinew.figures.tables import Table, measured_tables, number, reaches
 from sinew.measure.errors import FileError
-from sinew.paper.figures import draw_figures
-from sinew.paper.report import write_report
+from sinew.paper.report import draw_figures, write_report
 from sinew.paper.summary import shares_plan, summarise
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig

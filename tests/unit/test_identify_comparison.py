@@ -7,9 +7,16 @@ import pytest
 from benchmarks.sweep_fit import sweep_record
 from tests.unit.identify_signals import OMEGA, chirp, dry_decay, motion, noisy, viscous
 
-from sinew.identify.choice.comparison import Comparison, compare, compare_laws, criterion, impossible_numbers
+from sinew.identify.choice.comparison import (
+    Comparison,
+    ask_fit,
+    ask_residuals,
+    compare,
+    compare_laws,
+    criterion,
+    impossible_numbers,
+)
 from sinew.identify.choice.held_out import fit_and_predict, split_record
-from sinew.identify.choice.residual_tests import ask_fit, ask_residuals
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.model import MODELS
 from sinew.identify.oscillator.record import Record, make_record

@@ -8,8 +8,8 @@ import netCDF4
 import numpy as np
 import pytest
 
+from sinew.measure.doors import most_bytes
 from sinew.measure.errors import FileError
-from sinew.measure.memory import most_bytes
 from sinew.measure.netcdf import load_dataset
 from sinew.measure.table import read_table
 

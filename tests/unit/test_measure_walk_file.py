@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sinew.measure.errors import FileError, RecordingError, TimeError
 from sinew.measure.walk_file import Imu, MarkerPair, WalkColumns, read_walk
-from sinew.tune.gait.body_yaw import body_motion
+from sinew.tune.gait.bout import body_motion
 from sinew.tune.gait.target import estimate_gait
 
 Columns = dict[str, NDArray[np.float64]]

@@ -27,15 +27,11 @@ def test_shipped_rigs_and_plans_are_listed_by_name() -> None:
 
 
 @pytest.mark.parametrize("name", ["paper", "paper.toml", "rigs/paper.toml", ROOT / "rigs" / "paper.toml"])
-def test_a_shipped_rig_is_found_by_name_and_by_path(
-    name: str | Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_shipped_rig_is_found_by_name_and_by_path(name: str | Path, here: Path) -> None:
     assert load_rig(name) == parse_rig((ROOT / "rigs" / "paper.toml").read_text(encoding="utf-8"))
 
 
-def test_a_file_comes_before_a_shipped_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_a_file_comes_before_a_shipped_name(here: Path) -> None:
     Path("paper.toml").write_text(PLAN_TEXT.replace('name = "paper"', 'name = "mine"'), encoding="utf-8")
     assert load_plan("paper.toml").name == "mine"
 
@@ -259,7 +255,6 @@ def test_a_plan_that_would_last_for_years_is_refused_before_anything_is_made_of_
         Plan(name="long", pretension=Pretension(pretension_mm=(1.0, 2.0)), sweep=sweep)
 
 
-def test_a_folder_does_not_hide_the_shipped_rig_of_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "paper").mkdir()
-    monkeypatch.chdir(tmp_path)
+def test_a_folder_does_not_hide_the_shipped_rig_of_its_name(here: Path) -> None:
+    (here / "paper").mkdir()
     assert load_rig("paper").name == "paper"

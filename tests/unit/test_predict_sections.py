@@ -8,9 +8,6 @@ import pytest
 from sinew.measure.errors import FileError, SpecError
 from sinew.predict.sections.outline import (
     Outline,
-    annulus,
-    circle,
-    ellipse,
     moments,
     outline,
     read_polygon,
@@ -26,6 +23,22 @@ from sinew.predict.sections.section import (
     star_section,
 )
 from sinew.predict.sections.torsion import solve_torsion
+
+
+def ellipse(width: float, height: float, corners: int = 360) -> Outline:
+    """Return an ellipse with two axes [m] as a polygon with its corners on the ellipse."""
+    angle = 2 * np.pi * np.arange(corners) / corners
+    return Outline(np.column_stack([0.5 * width * np.cos(angle), 0.5 * height * np.sin(angle)]))
+
+
+def circle(diameter: float, corners: int = 360) -> Outline:
+    return ellipse(diameter, diameter, corners)
+
+
+def annulus(outer: float, inner: float) -> Outline:
+    """Return a ring between two diameters [m] as polygons."""
+    return Outline(circle(outer).outer, (circle(inner).outer[::-1],))
+
 
 TRIANGLE = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(0.75)]])
 ANGLE = [[0, 0], [3, 0], [3, 1], [1, 1], [1, 3], [0, 3]]

@@ -15,9 +15,8 @@ from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
 from sinew.predict.joints.validity import largest_strain
 from sinew.predict.sections.section import annulus_section
 from sinew.tune.candidate import SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
-from sinew.tune.design import nondominated, run_tasks, spread_out
+from sinew.tune.design import blocks_of, nondominated, run_tasks, search_block, spread_out
 from sinew.tune.resonance import Swing, find_resonances
-from sinew.tune.search import blocks_of, search_block
 from sinew.twin.cache import configure
 
 RIG = load_rig("paper")

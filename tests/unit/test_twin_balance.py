@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from campaigns.balance import Balance, balance_groups, balance_lanes
 
 from sinew.measure.errors import SpecError
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
-from sinew.twin.balance import Balance, balance_groups, balance_lanes
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters
 

@@ -14,9 +14,10 @@ from sinew.analysis.signal.torsion import drive_channel, response_channel
 from sinew.analysis.sweep.energy import estimate_energy
 from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, estimate_resonance, read_resonances
 from sinew.analysis.sweep.response import estimate_response, response_dataset
+from sinew.measure.arrays import mean_of_known
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import Estimate, finite
 from sinew.measure.netcdf import content_hash, provenance
 from sinew.measure.schema import RESULTS_SCHEMA, validate_results
 from sinew.plan.rig import RigSpec
@@ -116,10 +117,10 @@ def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
     if "gain" not in results:
         raise RecordingError("these results hold no sweep; analyse a recording with steady segments")
     columns = {str(name): results[name].values for name in results.data_vars}
-    delay = _mean(columns["phase_delay_std_rad"])
+    delay = mean_of_known(columns["phase_delay_std_rad"])
     gain = combine_repeats(columns["gain_measured_drive"], columns["gain_measured_drive_std"])
     lag = combine_repeats(columns["phase_lag_rad"], columns["phase_std_rad"], np.inf, np.nan_to_num(delay))
-    plain, settled = {name: _mean(columns[name]) for name in _PLAIN}, _mean(columns["settled"])
+    plain, settled = {name: mean_of_known(columns[name]) for name in _PLAIN}, mean_of_known(columns["settled"])
     rows = []
     for p, f in np.ndindex(*delay.shape):
         repeats = int(np.isfinite(columns["distortion"][p, f]).sum())
@@ -130,7 +131,7 @@ def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
             "frequency_hz": float(results["frequency_hz"].values[f]),
             "repeats": repeats,
         }
-        row |= {name: float(mean[p, f]) if np.isfinite(mean[p, f]) else None for name, mean in plain.items()}
+        row |= {name: finite(float(mean[p, f])) for name, mean in plain.items()}
         for name, part, scale in (("gain_measured_drive", gain, 1.0), ("phase_lag_deg", lag, 180.0 / np.pi)):
             numbers = (part.value[p, f], part.std_of_value[p, f], part.low[p, f], part.high[p, f])
             row[name] = Estimate(*(float(number) * scale for number in numbers)).to_json()
@@ -151,10 +152,3 @@ _PLAIN = (
     "saturated_share",
     "drive_current_rms_a",
 )
-
-
-def _mean(values: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return the mean over the last axis, NaN left out, NaN where there is nothing."""
-    valid = np.isfinite(values)
-    count = valid.sum(axis=-1)
-    return np.where(count > 0, np.where(valid, values, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)

@@ -20,14 +20,13 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.analysis.signal.sensor import sample_rate
+from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.errors import SinewError
-from sinew.measure.estimate import number
+from sinew.measure.estimate import finite, number
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.plan.check import Reach, drive_reach
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
-
-Floats = NDArray[np.float64]
 
 DOUBTED_FROM = 3.0
 """Distance from the expectation, in standard uncertainties, from which a number is doubted."""
@@ -88,7 +87,7 @@ class Doubt:
         return {
             "kind": self.kind,
             "sentence": self.sentence,
-            "distance": self.distance if math.isfinite(self.distance) else None,
+            "distance": finite(self.distance),
             "where": [
                 {
                     "pretension_mm": one.pretension_mm,
@@ -135,7 +134,7 @@ def foretold(results: xr.Dataset) -> str:
         if name in results:
             values = np.asarray(results[name].values, dtype=float)
             if values.ndim and results[name].dims[-1] == "repeat":
-                values = _mean(values)
+                values = mean_of_known(values)
             document[name] = [[_plain(x) for x in row] if np.ndim(row) else _plain(row) for row in values]
     for axis in ("pretension_mm", "frequency_hz"):
         if axis in results:
@@ -155,7 +154,7 @@ _FORETOLD = (
 )
 
 
-def expectation(recording: xr.Dataset) -> dict[str, Floats] | None:
+def expectation(recording: xr.Dataset) -> dict[str, Array] | None:
     """Return what was foretold of a recording, arrays by name; None where nothing was, or it cannot be read."""
     text = str(recording.attrs.get("expected", ""))
     if not text:
@@ -180,11 +179,11 @@ def doubts_of(results: xr.Dataset) -> list[dict[str, Any]]:
 class _Sweep:
     """The sweep part of results: axes (p,), (f,), columns (p, f, r), and the commanded amplitude [rad], (p, f, r)."""
 
-    pretension_mm: Floats
-    frequency_hz: Floats
-    columns: Mapping[str, Floats]
-    command: Floats
-    supply_v: Floats
+    pretension_mm: Array
+    frequency_hz: Array
+    columns: Mapping[str, Array]
+    command: Array
+    supply_v: Array
 
     @staticmethod
     def of(results: xr.Dataset, recording: xr.Dataset) -> "_Sweep":
@@ -205,7 +204,7 @@ class _Sweep:
     def place(self, index: tuple[int, ...]) -> Place:
         return Place(float(self.pretension_mm[index[0]]), float(self.frequency_hz[index[1]]), int(index[2]))
 
-    def at(self, expected: Mapping[str, Floats], name: str, factor: float = 1.0) -> Floats:
+    def at(self, expected: Mapping[str, Array], name: str, factor: float = 1.0) -> Array:
         """Return a foretold column at the sweep's frequencies times a factor, (p, f), NaN where it does not reach."""
         out = np.full((self.pretension_mm.size, self.frequency_hz.size), np.nan)
         table = expected.get(name)
@@ -222,7 +221,7 @@ class _Sweep:
                 out[i] = np.where(inside, np.interp(asked, f, values), np.nan)
         return out
 
-    def gather(self, kind: str, distance: Floats, sentence: Callable[[tuple[int, ...]], str]) -> Iterator[Doubt]:
+    def gather(self, kind: str, distance: Array, sentence: Callable[[tuple[int, ...]], str]) -> Iterator[Doubt]:
         """Yield the doubt of all places beyond the threshold; sentence: of the worst, and its advice."""
         distance = np.nan_to_num(distance, nan=0.0, posinf=np.inf)
         places = np.argwhere(distance > DOUBTED_FROM)
@@ -235,7 +234,7 @@ class _Sweep:
         yield Doubt(kind, tuple(map(self.place, ranked)), text, float(distance[ranked[0]]))
 
 
-def _lever_doubts(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Floats] | None) -> Iterator[Doubt]:
+def _lever_doubts(sweep: _Sweep, rig: RigSpec, expected: Mapping[str, Array] | None) -> Iterator[Doubt]:
     """Yield where the lever did not go as far as its servo takes it, and where lever and torsion contradict each other.
 
     The servo's balance with the torsion as measured gives the lever. Where it is off, the lever is to blame if it is
@@ -370,8 +369,8 @@ def _silent_doubts(sweep: _Sweep, recording: xr.Dataset) -> Iterator[Doubt]:
 
 
 def _off_curve(
-    sweep: _Sweep, expected: Mapping[str, Floats]
-) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats], tuple[Floats, Floats]]:
+    sweep: _Sweep, expected: Mapping[str, Array]
+) -> tuple[tuple[Array, Array], tuple[Array, Array], tuple[Array, Array]]:
     """Return how far gain and lag lie from the foretold curve in standard uncertainties, (p, f, r) each, and the ends
     of what it takes within `_SHIFT` of their frequencies, (p, f, 1) each: of the gain, and of the lag [rad]."""
     gain, gain_std = sweep.columns["gain_measured_drive"], sweep.columns["gain_measured_drive_std"]
@@ -388,7 +387,7 @@ def _off_curve(
     return (off, turn), (low, high), (first, last)
 
 
-def _curve_doubts(sweep: _Sweep, expected: Mapping[str, Floats]) -> Iterator[Doubt]:
+def _curve_doubts(sweep: _Sweep, expected: Mapping[str, Array]) -> Iterator[Doubt]:
     """Yield where gain or phase by the measured lever is far from the twin's curve.
 
     The curve may lie shifted by `_SHIFT` in frequency: what it takes in between is expected as well.
@@ -413,7 +412,7 @@ def _curve_doubts(sweep: _Sweep, expected: Mapping[str, Floats]) -> Iterator[Dou
     yield from sweep.gather("response", distance, sentence)
 
 
-def _resonance_doubts(results: xr.Dataset, expected: Mapping[str, Floats]) -> Iterator[Doubt]:
+def _resonance_doubts(results: xr.Dataset, expected: Mapping[str, Array]) -> Iterator[Doubt]:
     """Yield where resonance or decay lie at another frequency than the twin's."""
     ends = {"resonance_measured_drive_hz": "resonance_measured_drive_std_hz", "decay_frequency_hz": ""}
     for name, spread in ends.items():
@@ -421,7 +420,7 @@ def _resonance_doubts(results: xr.Dataset, expected: Mapping[str, Floats]) -> It
             continue
         values = np.asarray(results[name].values, dtype=float)
         own = np.zeros(values.shape[:1]) if not spread else np.nan_to_num(results[spread].values)
-        value = values if values.ndim == 1 else _mean(values)
+        value = values if values.ndim == 1 else mean_of_known(values)
         rows: list[tuple[float, Place, str]] = []
         for p, mm in enumerate(results["pretension_mm"].values):
             row = np.flatnonzero(np.abs(expected["pretension_mm"] - mm) < 1e-6)
@@ -441,7 +440,7 @@ def _resonance_doubts(results: xr.Dataset, expected: Mapping[str, Floats]) -> It
         yield from _worst("resonance", rows)
 
 
-def _damping_doubts(results: xr.Dataset, rig: RigSpec, expected: Mapping[str, Floats] | None) -> Iterator[Doubt]:
+def _damping_doubts(results: xr.Dataset, rig: RigSpec, expected: Mapping[str, Array] | None) -> Iterator[Doubt]:
     """Yield where Lehr's damping lies outside what the rig's losses can give, or far from the twin's."""
     if "damping_ratio" not in results:
         return
@@ -501,7 +500,7 @@ def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
     return by_silicone + by_dashpot, 0.5 * silicone.loss_factor.value + by_guides + by_dashpot
 
 
-def group_doubts(rig: RigSpec, segment: Segment, time_s: Floats, drive_rad: Floats, gyro_rad_s: Floats) -> list[str]:
+def group_doubts(rig: RigSpec, segment: Segment, time_s: Array, drive_rad: Array, gyro_rad_s: Array) -> list[str]:
     """Return what can be said against a steady group while its run goes on, in sentences.
 
     time_s, drive_rad: (n,); gyro_rad_s: about the joint's axis, (n,); NaN where a reading did not come. The lever is
@@ -545,7 +544,7 @@ def frozen_channels(recording: xr.Dataset, rig: RigSpec | None = None) -> Iterat
     rate = sample_rate(recording)
     quiet = "sensor_noise" in str(recording.attrs.get("effects_off", "")).split()
     noisy = rig is not None and not quiet and rig.imu.accelerometer_noise.value > rig.imu.accelerometer_lsb.value
-    channels: list[tuple[str, str, Floats, float]] = []
+    channels: list[tuple[str, str, Array, float]] = []
     if "gyro_rad_s" in recording:
         channels.append(("gyro", "the gyro", recording["gyro_rad_s"].values[:, :1], _FROZEN_SHARE))
     if "acceleration_m_s2" in recording and noisy:
@@ -584,7 +583,7 @@ def _moving(recording: xr.Dataset, rate: float) -> Iterator[tuple[Segment, slice
             yield segment, slice(where.start, min(where.stop, where.start + round(rate)))
 
 
-def _same_as_before(values: Floats) -> NDArray[np.bool_]:
+def _same_as_before(values: Array) -> NDArray[np.bool_]:
     """Return whether each sample equals the one before it on all axes, shape (n,); readings that were brought onto
     other times by interpolation are equal but for their last bits."""
     tolerance = _SAME * np.abs(values).max(axis=0, initial=0.0)
@@ -668,9 +667,3 @@ def _deg(radians: float) -> str:
 
 def _plain(value: float) -> float | None:
     return float(f"{value:.4g}") if math.isfinite(value) else None
-
-
-def _mean(values: Floats) -> Floats:
-    """Return the mean over the last axis, NaN left out, NaN where there is nothing."""
-    count = np.isfinite(values).sum(axis=-1)
-    return np.asarray(np.where(count > 0, np.nansum(values, axis=-1) / np.maximum(count, 1), np.nan))

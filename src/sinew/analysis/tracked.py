@@ -6,16 +6,14 @@ from itertools import pairwise
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.sensor import DelayBudget, delay_budget, drive_chain, torsion_chain
 from sinew.analysis.signal.torsion import drive_channel, response_channel
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
-
-Floats = NDArray[np.float64]
 
 _ORDERS = (1, 3)
 _FEWEST_ROWS = 16
@@ -72,14 +70,14 @@ def tracked_turns(recording: xr.Dataset, segment: int, rig: RigSpec) -> xr.Datas
     return xr.Dataset({name: ("turn", column) for name, column in zip(names, np.array(rows).T, strict=True)})
 
 
-def _rising_zeros(time: Floats, command: Floats) -> Floats:
+def _rising_zeros(time: Array, command: Array) -> Array:
     at = np.flatnonzero((command[:-1] < 0) & (command[1:] >= 0))
     share = -command[at] / (command[at + 1] - command[at])
     return np.asarray(time[at] + share * (time[at + 1] - time[at]))
 
 
 def _turn(
-    time: Floats, signals: Floats, begin: float, end: float, budget: DelayBudget
+    time: Array, signals: Array, begin: float, end: float, budget: DelayBudget
 ) -> tuple[float, float, float] | None:
     """Return (phase error [rad], amplitudes of lever and torsion [rad]) of one turn; None where it has holes."""
     longest = float(np.diff(time, prepend=begin, append=end).max())
@@ -96,7 +94,7 @@ def _turn(
     return math.remainder(lag - 0.5 * math.pi, math.tau), abs(lever), abs(torsion)
 
 
-def _pretension(recording: xr.Dataset, where: slice, segment: int, rig: RigSpec) -> Floats:
+def _pretension(recording: xr.Dataset, where: slice, segment: int, rig: RigSpec) -> Array:
     """Return the pretension of every row [mm]: the segment's, and what the motors took up since its begin.
 
     What their position loops give way under load is added, as the plan counts by goals.
@@ -145,13 +143,13 @@ def tracked_point(turns: xr.Dataset, rig: RigSpec, share: float = 0.5) -> Tracke
     )
 
 
-def _mean(values: Floats) -> Estimate:
+def _mean(values: Array) -> Estimate:
     means = np.array([block.mean() for block in np.array_split(values, _BLOCKS)])
     return Estimate.student(float(values.mean()), float(means.std(ddof=1) / math.sqrt(_BLOCKS)), _BLOCKS - 1)
 
 
 def _widened(estimate: Estimate, std: float) -> Estimate:
     """Return an estimate with another, normal uncertainty added in squares, to its interval as well."""
-    half = math.hypot(estimate.high - estimate.value, 1.6448536269514722 * std)
+    half = math.hypot(estimate.high - estimate.value, NORMAL_90 * std)
     value = estimate.value
     return Estimate(value, math.hypot(estimate.std, std), value - half, value + half)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, print_json, print_table, progress_bar, remark, require_folder, write_json
+from sinew.apps.console import Json, option, print_json, print_table, progress_bar, remark, require_folder, write_json
 from sinew.apps.stored import stored_beyond, stored_results
 from sinew.measure.errors import FileError
 
@@ -23,10 +23,8 @@ _WIDTH = 100
 
 def answer(
     file: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording of Sinew (NetCDF).")],
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder for the page; the recording's own by default.")
-    ] = None,
-    rig: Annotated[str | None, typer.Option("--rig", metavar="RIG", help="A rig; else the recording's.")] = None,
+    out: Annotated[Path | None, option("--out", "DIR", "Folder for the page; the recording's own by default.")] = None,
+    rig: Annotated[str | None, option("--rig", "RIG", "A rig; else the recording's.")] = None,
     json: Json = False,
 ) -> None:
     """Answer the paper's open questions from a recording: numbers with intervals, and what cannot be told.

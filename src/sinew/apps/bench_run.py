@@ -1,6 +1,5 @@
 """This is where what every run on a bench needs stands: port, folder, journal, signals, and how it is told."""
 
-import math
 import shlex
 import shutil
 import signal
@@ -10,9 +9,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
-from sinew.apps.console import require_folder
+from sinew.apps.console import option, require_folder
+from sinew.measure.estimate import finite
 
 if TYPE_CHECKING:
     from sinew.bench.journal import Journal
@@ -22,10 +20,8 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-Port = Annotated[str, typer.Option("--port", metavar="PORT", help="Serial port of the bench, or of `sinew emulate`.")]
-Wait = Annotated[
-    float, typer.Option("--wait", metavar="S", min=0.0, max=3600.0, help="Wait so long for the port to appear [s].")
-]
+Port = Annotated[str, option("--port", "PORT", "Serial port of the bench, or of `sinew emulate`.")]
+Wait = Annotated[float, option("--wait", "S", "Wait so long for the port to appear [s].", min=0.0, max=3600.0)]
 
 JOURNAL = "journal.sqlite"
 """Name of a run's journal in its folder."""
@@ -221,7 +217,7 @@ def run_document(
     assert report.stop is not None
     cycles = report.loop
     keys = ("asked_mm", "reached_mm", "asked_current_a", "current_a", "tilt_deg", "levelling_s")
-    pretensions = [{key: _known(getattr(result, key)) for key in keys} for result in report.pretensions]
+    pretensions = [{key: finite(getattr(result, key)) for key in keys} for result in report.pretensions]
     return {
         "plan": plan.name,
         "rig": spec.name,
@@ -248,10 +244,6 @@ def run_document(
 
 def _ms(seconds: float | None) -> float | None:
     return None if seconds is None else round(1e3 * seconds, 1)
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def print_run(document: dict[str, Any]) -> None:

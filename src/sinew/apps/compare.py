@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, print_json, print_table, print_told, progress_bar, require_folder
+from sinew.apps.console import Json, option, print_json, print_table, print_told, progress_bar, require_folder
 from sinew.apps.predict_rig import (
     Amplitude,
     Mode,
@@ -31,9 +31,9 @@ def compare(
     amplitude: Amplitude = 20.0,
     mode: Mode = "position",
     without: Without = None,
-    start: Annotated[float | None, typer.Option("--from-hz", metavar="HZ", help="Lowest frequency; else 1.")] = None,
-    stop: Annotated[float | None, typer.Option("--to-hz", metavar="HZ", help="Highest frequency; else 6.")] = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Write figures and a page there.")] = None,
+    start: Annotated[float | None, option("--from-hz", "HZ", "Lowest frequency; else 1.")] = None,
+    stop: Annotated[float | None, option("--to-hz", "HZ", "Highest frequency; else 6.")] = None,
+    out: Annotated[Path | None, option("--out", "DIR", "Write figures and a page there.")] = None,
     json: Json = False,
 ) -> None:
     """Predict the response of several rigs and set them beside each other: tables, curves and maps of gain."""

@@ -32,14 +32,9 @@ def print_json(document: Any) -> None:
 
 def write_json(document: Any, path: Path) -> None:
     """Write one JSON document, atomically. Raises FileError where the folder cannot be written."""
-    from sinew.measure.netcdf import write_atomically  # xarray: half a second
+    from sinew.measure.netcdf import write_text  # xarray: half a second
 
-    text = _json_text(document)
-
-    def write(temporary: Path) -> None:
-        temporary.write_text(text, encoding="utf-8")
-
-    write_atomically(path, write)
+    write_text(path, _json_text(document))
 
 
 def _json_text(document: Any) -> str:
@@ -115,26 +110,27 @@ HIGHEST_HZ = 1000.0
 LARGEST_DEG = 180.0
 """Largest amplitude of an angle that may be asked for [deg]."""
 
+
+def option(flag: str, metavar: str, help_: str, **more: Any) -> Any:
+    """Return an option of a command: its flag, what stands for its value, and its line in `--help`."""
+    return typer.Option(flag, metavar=metavar, help=help_, **more)
+
+
 PlanArgument = Annotated[str, typer.Argument(metavar="PLAN", help="A plan: a TOML file, or the name of a shipped one.")]
-Rig = Annotated[str, typer.Option("--rig", metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")]
+Rig = Annotated[str, option("--rig", "RIG", "A rig: a TOML file, or the name of a shipped one.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of scatter, noise and jitter.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
-ColumnTime = Annotated[str | None, typer.Option("--time", metavar="COL[:unit]", help="Column of the time stamps.")]
+ColumnTime = Annotated[str | None, option("--time", "COL[:unit]", "Column of the time stamps.")]
 ColumnResponse = Annotated[
-    str | None,
-    typer.Option(
-        "--response", metavar="COL[:unit]", help="Column of the response; several are averaged: COL,COL:unit."
-    ),
+    str | None, option("--response", "COL[:unit]", "Column of the response; several are averaged: COL,COL:unit.")
 ]
-ColumnDrive = Annotated[str | None, typer.Option("--drive", metavar="COL[:unit]", help="Column of the drive.")]
-Start = Annotated[float | None, typer.Option("--start", metavar="S", help="Take samples from this time on [s].")]
-Stop = Annotated[float | None, typer.Option("--stop", metavar="S", help="Take samples up to this time [s].")]
-Gaps = Annotated[str, typer.Option("--gaps", metavar="refuse|split", help="What to do where samples are missing.")]
+ColumnDrive = Annotated[str | None, option("--drive", "COL[:unit]", "Column of the drive.")]
+Start = Annotated[float | None, option("--start", "S", "Take samples from this time on [s].")]
+Stop = Annotated[float | None, option("--stop", "S", "Take samples up to this time [s].")]
+Gaps = Annotated[str, option("--gaps", "refuse|split", "What to do where samples are missing.")]
 Settle = Annotated[
     float | None,
-    typer.Option(
-        "--settle", metavar="S", help="Sweep: how long each group settles before it is measured [s]; else its half."
-    ),
+    option("--settle", "S", "Sweep: how long each group settles before it is measured [s]; else its half."),
 ]
 
 

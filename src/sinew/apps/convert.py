@@ -14,6 +14,7 @@ from sinew.apps.console import (
     Start,
     Stop,
     one_of,
+    option,
     print_json,
     read_csv,
     remark,
@@ -23,11 +24,11 @@ from sinew.apps.console import (
 
 def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The recording to write, NetCDF.")],
+    out: Annotated[Path, option("--out", "FILE", "The recording to write, NetCDF.")],
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
-    kind: Annotated[str, typer.Option("--kind", metavar="ring-down|sweep", help="What was recorded.")] = "ring-down",
+    kind: Annotated[str, option("--kind", "ring-down|sweep", "What was recorded.")] = "ring-down",
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",
@@ -59,8 +60,8 @@ def import_(
 
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording, NetCDF.")],
-    to: Annotated[str, typer.Option("--to", metavar="csv|mat", help="The format to write.")],
-    out: Annotated[Path, typer.Option("--out", metavar="PATH", help="The file to write.")],
+    to: Annotated[str, option("--to", "csv|mat", "The format to write.")],
+    out: Annotated[Path, option("--out", "PATH", "The file to write.")],
     json: Json = False,
 ) -> None:
     """Write a recording as a CSV table or a MATLAB file."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.bench_run import Port, Wait, await_port, open_rig
-from sinew.apps.console import Json, Rig, print_json, remark
+from sinew.apps.console import Json, Rig, option, print_json, remark
 
 if TYPE_CHECKING:
     from sinew.bench.doctor import Finding, Fix
@@ -27,7 +27,7 @@ _PIPE_WIDTH = 200
 def doctor(
     port: Port,
     rig: Rig = "paper",
-    baud: Annotated[int | None, typer.Option("--baud", metavar="N", help="Instead of the rig's.")] = None,
+    baud: Annotated[int | None, option("--baud", "N", "Instead of the rig's.")] = None,
     fix: Annotated[bool, typer.Option("--fix", help="Write safe settings, after asking once.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="With --fix: write without asking.")] = False,
     wait: Wait = 0.0,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, Rig, Seed, require_file, write_json
+from sinew.apps.console import Json, Rig, Seed, option, require_file, write_json
 from sinew.apps.run_control import keeping_time
 
 if TYPE_CHECKING:
@@ -26,43 +26,29 @@ _WARM_UP = 0.02  # s of emulated time, before a master can open the port
 
 
 def emulate(
-    link: Annotated[Path, typer.Option("--link", metavar="PATH", help="Name of the port: a link to make.")],
+    link: Annotated[Path, option("--link", "PATH", "Name of the port: a link to make.")],
     rig: Rig = "paper",
-    baud: Annotated[
-        int | None, typer.Option("--baud", metavar="N", help="What the devices are set to; else the rig's.")
-    ] = None,
-    speed: Annotated[
-        float, typer.Option("--speed", metavar="X", min=0.01, max=100.0, help="Emulated seconds in a second.")
-    ] = 1.0,
+    baud: Annotated[int | None, option("--baud", "N", "What the devices are set to; else the rig's.")] = None,
+    speed: Annotated[float, option("--speed", "X", "Emulated seconds in a second.", min=0.01, max=100.0)] = 1.0,
     fault: Annotated[
-        list[str] | None,
-        typer.Option("--fault", metavar="SPEC", help="A fault, as drop:p=0.01 or unplug@12.5; may be repeated."),
+        list[str] | None, option("--fault", "SPEC", "A fault, as drop:p=0.01 or unplug@12.5; may be repeated.")
     ] = None,
     seed: Seed = 0,
     tilt: Annotated[
-        float | None,
-        typer.Option(
-            "--tilt", metavar="DEG", min=0.0, max=20.0, help="Tilt of the slack head plate; else drawn, about 1."
-        ),
+        float | None, option("--tilt", "DEG", "Tilt of the slack head plate; else drawn, about 1.", min=0.0, max=20.0)
     ] = None,
     slack: Annotated[
-        str | None,
-        typer.Option("--slack", metavar="MM,...", help="Cable to take up until each tendon pulls; else drawn."),
+        str | None, option("--slack", "MM,...", "Cable to take up until each tendon pulls; else drawn.")
     ] = None,
     unloaded: Annotated[bool, typer.Option("--unloaded", help="Motors on the table, without the joint.")] = False,
-    for_s: Annotated[
-        float | None, typer.Option("--for", metavar="S", min=0.0, help="End after so much emulated time.")
-    ] = None,
+    for_s: Annotated[float | None, option("--for", "S", "End after so much emulated time.", min=0.0)] = None,
     socket: Annotated[
-        bool,
-        typer.Option("--socket", help="A socket, not a terminal: for Sinew alone; keeps time on a busy computer."),
+        bool, typer.Option("--socket", help="A socket, not a terminal: for Sinew alone; keeps time on a busy computer.")
     ] = False,
     own_time: Annotated[
         bool, typer.Option("--own-time", help="Go on while Sinew's run is held up by the computer, as a real bench.")
     ] = False,
-    truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="FILE", help="Write at the end what truly happened, as JSON.")
-    ] = None,
+    truth: Annotated[Path | None, option("--truth", "FILE", "Write at the end what truly happened, as JSON.")] = None,
     json: Json = False,
 ) -> None:
     """Play a bench on a pseudo-terminal, byte by byte, until interrupted.

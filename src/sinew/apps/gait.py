@@ -1,6 +1,5 @@
 """This is where `sinew gait` turns recordings of walking, or numbers, into what a torso joint has to do."""
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +10,7 @@ from sinew.apps.console import (
     Start,
     Stop,
     number_list,
+    option,
     print_json,
     print_table,
     remark,
@@ -18,7 +18,7 @@ from sinew.apps.console import (
     write_json,
 )
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import Estimate, fixed, number, pair
+from sinew.measure.estimate import Estimate, finite, fixed, number, pair
 
 if TYPE_CHECKING:
     from sinew.tune.gait.bout import BoutGait
@@ -32,34 +32,22 @@ def gait(
         list[Path] | None, typer.Argument(metavar="FILE...", help="Recordings of walking: CSV, or npz of NumPy.")
     ] = None,
     pelvis: Annotated[
-        str | None, typer.Option("--pelvis", metavar="NAME|LEFT,RIGHT", help="Sensor or pair of markers on the pelvis.")
+        str | None, option("--pelvis", "NAME|LEFT,RIGHT", "Sensor or pair of markers on the pelvis.")
     ] = None,
-    trunk: Annotated[
-        str | None, typer.Option("--trunk", metavar="NAME|LEFT,RIGHT", help="The same on the trunk or shoulders.")
-    ] = None,
-    yaw: Annotated[
-        str | None, typer.Option("--yaw", metavar="COL[:unit]", help="Instead: a column of trunk against pelvis.")
-    ] = None,
-    time: Annotated[str | None, typer.Option("--time", metavar="COL[:unit]", help="Column of the time stamps.")] = None,
+    trunk: Annotated[str | None, option("--trunk", "NAME|LEFT,RIGHT", "The same on the trunk or shoulders.")] = None,
+    yaw: Annotated[str | None, option("--yaw", "COL[:unit]", "Instead: a column of trunk against pelvis.")] = None,
+    time: Annotated[str | None, option("--time", "COL[:unit]", "Column of the time stamps.")] = None,
     start: Start = None,
     stop: Stop = None,
-    up: Annotated[str, typer.Option("--up", metavar="x|y|z", help="The markers' upward axis.")] = "z",
-    gyro_unit: Annotated[
-        str | None, typer.Option("--gyro-unit", metavar="UNIT", help="Where names do not tell it; else rad/s.")
-    ] = None,
-    acc_unit: Annotated[
-        str | None, typer.Option("--acc-unit", metavar="UNIT", help="The same (g_0 for gravities); else m/s2.")
-    ] = None,
-    speed: Annotated[
-        str | None, typer.Option("--speed-m-s", metavar="V,...", help="Walking speed of each file, for the table.")
-    ] = None,
-    stride: Annotated[
-        str | None, typer.Option("--stride-hz", metavar="LOW:HIGH", help="Instead of files: the stride band.")
-    ] = None,
+    up: Annotated[str, option("--up", "x|y|z", "The markers' upward axis.")] = "z",
+    gyro_unit: Annotated[str | None, option("--gyro-unit", "UNIT", "Where names do not tell it; else rad/s.")] = None,
+    acc_unit: Annotated[str | None, option("--acc-unit", "UNIT", "The same (g_0 for gravities); else m/s2.")] = None,
+    speed: Annotated[str | None, option("--speed-m-s", "V,...", "Walking speed of each file, for the table.")] = None,
+    stride: Annotated[str | None, option("--stride-hz", "LOW:HIGH", "Instead of files: the stride band.")] = None,
     yaw_deg: Annotated[
-        float | None, typer.Option("--yaw-deg", metavar="DEG", help="With it: the amplitude, half of peak to peak.")
+        float | None, option("--yaw-deg", "DEG", "With it: the amplitude, half of peak to peak.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for gait.json and a figure.")] = None,
+    out: Annotated[Path | None, option("--out", "DIR", "Folder for gait.json and a figure.")] = None,
     json: Json = False,
 ) -> None:
     """Find the stride frequency and the yaw between trunk and pelvis that a torso joint has to follow.
@@ -105,7 +93,7 @@ def gait_document(target: "GaitTarget") -> dict[str, Any]:
         "yaw_band_deg": list(target.yaw_band_deg),
         "yaw_of": target.swing,
         "strides": target.strides,
-        "regularity": _number(target.regularity),
+        "regularity": finite(target.regularity),
         "bouts": rows,
         "sentences": list(target.sentences),
     }
@@ -119,7 +107,7 @@ def _row(name: str, bout: "BoutGait") -> dict[str, Any]:
         "file": name,
         "start_s": bout.start_s,
         "stop_s": bout.stop_s,
-        "speed_m_s": _number(bout.speed_m_s),
+        "speed_m_s": finite(bout.speed_m_s),
         "strides": bout.strides,
         "stride_frequency_hz": bout.frequency_hz.to_json(),
         "stride_band_hz": [bout.slowest_hz, bout.fastest_hz],
@@ -134,20 +122,13 @@ def _row(name: str, bout: "BoutGait") -> dict[str, Any]:
     }
 
 
-def _number(x: float) -> float | None:
-    return float(x) if math.isfinite(x) else None
-
-
 def _of_files(
-    files: list[Path],
-    columns: dict[str, Any],
-    stretch: tuple[float | None, float | None],
-    speeds: list[float] | None,
+    files: list[Path], columns: dict[str, Any], stretch: tuple[float | None, float | None], speeds: list[float] | None
 ) -> tuple["GaitTarget", list[str]]:
     from dataclasses import replace
 
     from sinew.measure.walk_file import WalkColumns, read_walk
-    from sinew.tune.gait.body_yaw import body_motion
+    from sinew.tune.gait.bout import body_motion
     from sinew.tune.gait.target import estimate_gait, target_of_walks
 
     asked = WalkColumns(**columns)

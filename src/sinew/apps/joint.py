@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from sinew.apps.console import Json, checked_number, print_json, print_table, require_file
+from sinew.apps.console import Json, checked_number, option, print_json, print_table, require_file
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import number
 
@@ -36,57 +36,42 @@ _SHAPES = {
 class JointOptions(NamedTuple):
     """What was asked for, in the units of the options; None where nothing was."""
 
-    section: Annotated[
-        str | None, typer.Option("--section", metavar="|".join(_SHAPES), help="Joint: cross-section of the silicone.")
-    ] = None
-    outer_mm: Annotated[
-        float | None, typer.Option("--outer-mm", metavar="MM", help="Joint: outer diameter (circle, annulus, star).")
-    ] = None
-    inner_mm: Annotated[
-        float | None, typer.Option("--inner-mm", metavar="MM", help="Joint: inner diameter (annulus, star).")
-    ] = None
-    width_mm: Annotated[
-        float | None, typer.Option("--width-mm", metavar="MM", help="Joint: width (ellipse, rectangle).")
-    ] = None
-    height_mm: Annotated[
-        float | None, typer.Option("--height-mm", metavar="MM", help="Joint: height (ellipse, rectangle).")
-    ] = None
-    star_points: Annotated[int | None, typer.Option("--star-points", metavar="N", help="Joint: points of a star.")] = (
+    section: Annotated[str | None, option("--section", "|".join(_SHAPES), "Joint: cross-section of the silicone.")] = (
         None
     )
+    outer_mm: Annotated[float | None, option("--outer-mm", "MM", "Joint: outer diameter (circle, annulus, star).")] = (
+        None
+    )
+    inner_mm: Annotated[float | None, option("--inner-mm", "MM", "Joint: inner diameter (annulus, star).")] = None
+    width_mm: Annotated[float | None, option("--width-mm", "MM", "Joint: width (ellipse, rectangle).")] = None
+    height_mm: Annotated[float | None, option("--height-mm", "MM", "Joint: height (ellipse, rectangle).")] = None
+    star_points: Annotated[int | None, option("--star-points", "N", "Joint: points of a star.")] = None
     polygon: Annotated[
-        Path | None,
-        typer.Option("--polygon", metavar="FILE", help="Joint: x,y in mm a line; an empty line begins a hole."),
+        Path | None, option("--polygon", "FILE", "Joint: x,y in mm a line; an empty line begins a hole.")
     ] = None
-    length_mm: Annotated[
-        float | None, typer.Option("--length-mm", metavar="MM", help="Joint: length of the silicone.")
-    ] = None
-    material: Annotated[
-        str | None, typer.Option("--material", metavar="NAME", help="Joint: silicone by name, e.g. dragon-skin-30.")
-    ] = None
-    shear_modulus_kpa: Annotated[
-        float | None, typer.Option("--shear-modulus-kpa", metavar="KPA", help="Joint: of the silicone, E/3.")
-    ] = None
-    loss_factor: Annotated[
-        float | None, typer.Option("--loss-factor", metavar="1", help="Joint: tan δ of the silicone.")
-    ] = None
-    tendons: Annotated[int | None, typer.Option("--tendons", metavar="N", help="Joint: number of tendons.")] = None
+    length_mm: Annotated[float | None, option("--length-mm", "MM", "Joint: length of the silicone.")] = None
+    material: Annotated[str | None, option("--material", "NAME", "Joint: silicone by name, e.g. dragon-skin-30.")] = (
+        None
+    )
+    shear_modulus_kpa: Annotated[float | None, option("--shear-modulus-kpa", "KPA", "Joint: of the silicone, E/3.")] = (
+        None
+    )
+    loss_factor: Annotated[float | None, option("--loss-factor", "1", "Joint: tan δ of the silicone.")] = None
+    tendons: Annotated[int | None, option("--tendons", "N", "Joint: number of tendons.")] = None
     tendon_circle_mm: Annotated[
-        float | None, typer.Option("--tendon-circle-mm", metavar="MM", help="Joint: radius of the circle of guides.")
+        float | None, option("--tendon-circle-mm", "MM", "Joint: radius of the circle of guides.")
     ] = None
     first_contact_n: Annotated[
-        float | None, typer.Option("--first-contact-n", metavar="N", help="Joint: tension of a tendon at 0 mm.")
+        float | None, option("--first-contact-n", "N", "Joint: tension of a tendon at 0 mm.")
     ] = None
     head_inertia_kg_m2: Annotated[
-        float | None, typer.Option("--head-inertia-kg-m2", metavar="I", help="Joint: of the head without the lever.")
+        float | None, option("--head-inertia-kg-m2", "I", "Joint: of the head without the lever.")
     ] = None
     lever_inertia_kg_m2: Annotated[
-        float | None, typer.Option("--lever-inertia-kg-m2", metavar="I", help="Joint: of the lever with its weights.")
+        float | None, option("--lever-inertia-kg-m2", "I", "Joint: of the lever with its weights.")
     ] = None
-    head_mass_kg: Annotated[
-        float | None, typer.Option("--head-mass-kg", metavar="KG", help="Joint: head, lever, drive.")
-    ] = None
-    name: Annotated[str | None, typer.Option("--name", metavar="NAME", help="Joint: name of its rig.")] = None
+    head_mass_kg: Annotated[float | None, option("--head-mass-kg", "KG", "Joint: head, lever, drive.")] = None
+    name: Annotated[str | None, option("--name", "NAME", "Joint: name of its rig.")] = None
 
     @property
     def given(self) -> list[str]:
@@ -241,7 +226,7 @@ def _flags(names: tuple[str, ...]) -> str:
 @with_joint_options
 def joint(
     rig: Annotated[str, typer.Argument(metavar="RIG", help="The rig to derive it from; else the paper's.")] = BASE_RIG,
-    out: Annotated[Path | None, typer.Option("--out", metavar="RIG.toml", help="Write the rig into this file.")] = None,
+    out: Annotated[Path | None, option("--out", "RIG.toml", "Write the rig into this file.")] = None,
     *,
     joint: JointOptions,
     json: Json = False,
@@ -274,13 +259,10 @@ def joint(
 
 def write_rig(rig: "RigSpec", path: Path) -> None:
     """Write a rig as TOML, atomically. Raises FileError where the file cannot be written."""
-    from sinew.measure.netcdf import write_atomically
+    from sinew.measure.netcdf import write_text
     from sinew.plan.toml import dump_rig
 
-    def write(temporary: Path) -> None:
-        temporary.write_text(dump_rig(rig), encoding="utf-8")
-
-    write_atomically(path, write)
+    write_text(path, dump_rig(rig))
 
 
 def design_document(rig: "RigSpec", design: "Design | None") -> dict[str, Any]:

@@ -117,7 +117,7 @@ class Further(NamedTuple):
         if held is not None:
             document["against"], comparison = hold_against(held, found, self.fitted_mm)
             if drawn:
-                from sinew.figures.predicted_against import draw_against
+                from sinew.figures.predicted import draw_against
 
                 figures["predicted_against"] = draw_against(comparison)
         return document, figures

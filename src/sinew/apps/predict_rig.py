@@ -113,7 +113,7 @@ def _write(
     found: "Predicted",
     rebuild: str,
 ) -> Path:
-    from sinew.figures.prediction_page import write_prediction_page
+    from sinew.figures.predicted import write_prediction_page
     from sinew.figures.style import save_figure
     from sinew.measure.netcdf import provenance
 

@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.answer import stored_answers
-from sinew.apps.console import Json, Rig, Seed, print_json, print_table, progress_bar, require_folder, write_json
+from sinew.apps.console import (
+    Json,
+    Rig,
+    Seed,
+    option,
+    print_json,
+    print_table,
+    progress_bar,
+    require_folder,
+    write_json,
+)
 from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results, stored_times
 from sinew.measure.errors import FileError
 from sinew.measure.estimate import number, shown_interval
@@ -42,19 +52,13 @@ class _Campaign:
 
 
 def reproduce(
-    plan: Annotated[str, typer.Option("--plan", metavar="PLAN", help="A plan: a file or a shipped name.")] = "paper",
+    plan: Annotated[str, option("--plan", "PLAN", "A plan: a file or a shipped name.")] = "paper",
     rig: Rig = "paper",
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for everything that is written.")] = Path(
-        "out/reproduce"
-    ),
+    out: Annotated[Path, option("--out", "DIR", "Folder for everything that is written.")] = Path("out/reproduce"),
     seed: Seed = 0,
     beyond: Annotated[
         str | None,
-        typer.Option(
-            "--beyond",
-            metavar="PLAN",
-            help="A sweep above 12 mm for the paper's threshold; `beyond` with plan `paper`.",
-        ),
+        option("--beyond", "PLAN", "A sweep above 12 mm for the paper's threshold; `beyond` with plan `paper`."),
     ] = None,
     json: Json = False,
 ) -> None:
@@ -101,7 +105,7 @@ def reproduce(
 
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with a recording.nc.")],
-    rig: Annotated[str | None, typer.Option("--rig", metavar="RIG", help="A rig; else the recording's.")] = None,
+    rig: Annotated[str | None, option("--rig", "RIG", "A rig; else the recording's.")] = None,
     json: Json = False,
 ) -> None:
     """Write figures, summary and report of a recording anew, from the files in its folder.
@@ -168,8 +172,7 @@ def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path) -> "x
 
 
 def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: float | None = None) -> dict[str, Any]:
-    from sinew.paper.figures import draw_figures
-    from sinew.paper.report import write_report
+    from sinew.paper.report import draw_figures, write_report
     from sinew.paper.summary import summarise
 
     with progress_bar("draw"):
@@ -177,11 +180,7 @@ def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: flo
         figures = draw_figures(campaign.recording, campaign.results, folder / "figures", workers=workers)
         elapsed = wall_s if wall_s is not None else time.monotonic() - began
         summary = summarise(
-            campaign.results,
-            wall_s=elapsed,
-            simulated_s=campaign.simulated_s,
-            beyond=campaign.beyond,
-            rig=campaign.rig,
+            campaign.results, wall_s=elapsed, simulated_s=campaign.simulated_s, beyond=campaign.beyond, rig=campaign.rig
         )
         write_json(summary, folder / "summary.json")
         write_report(

@@ -24,7 +24,7 @@ from sinew.apps.bench_run import (
     run_journal,
     source_of,
 )
-from sinew.apps.console import Json, PlanArgument, Rig, print_json, remark
+from sinew.apps.console import Json, PlanArgument, Rig, option, print_json, remark
 from sinew.apps.run_control import keeping_time, listening, showing
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def run(
     plan: PlanArgument,
     port: Port,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for journal and recording.")],
+    out: Annotated[Path, option("--out", "DIR", "Folder for journal and recording.")],
     rig: Rig = "paper",
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the interrupted run in --out.")] = False,
     wait: Wait = 0.0,
@@ -99,7 +99,7 @@ def run(
 def stop(
     port: Port,
     rig: Rig = "paper",
-    state: Annotated[str | None, typer.Option("--state", metavar="hold|release", help="Instead of the rig's.")] = None,
+    state: Annotated[str | None, option("--state", "hold|release", "Instead of the rig's.")] = None,
     json: Json = False,
 ) -> int:
     """Bring a bench to its safe state, from whatever state it is in: hold, or release the tension and the torque.

@@ -16,7 +16,7 @@ from urllib.parse import quote
 
 import typer
 
-from sinew.apps.console import Json, Seed, remark
+from sinew.apps.console import Json, Seed, option, remark
 
 if TYPE_CHECKING:
     from sinew.apps.dashboard.access import Access
@@ -30,27 +30,21 @@ _ANY = ("0.0.0.0", "::")
 
 
 def serve(
-    port_bench: Annotated[
-        str | None, typer.Option("--port-bench", metavar="PORT", help="Serial port of the bench to steer.")
-    ] = None,
+    port_bench: Annotated[str | None, option("--port-bench", "PORT", "Serial port of the bench to steer.")] = None,
     emulate: Annotated[bool, typer.Option("--emulate", help="Steer an emulated bench, which is begun here.")] = False,
     rig: Annotated[
-        str, typer.Option("--rig", metavar="RIG", help="The rig that is emulated, and offered first; a file or a name.")
+        str, option("--rig", "RIG", "The rig that is emulated, and offered first; a file or a name.")
     ] = "paper",
-    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="Folder of the runs.")] = Path("runs"),
-    http: Annotated[
-        str, typer.Option("--http", metavar="HOST:PORT", help="Where the pages are served.")
-    ] = "127.0.0.1:8080",
+    runs: Annotated[Path, option("--runs", "DIR", "Folder of the runs.")] = Path("runs"),
+    http: Annotated[str, option("--http", "HOST:PORT", "Where the pages are served.")] = "127.0.0.1:8080",
     steering_port: Annotated[
-        int | None,
-        typer.Option("--steering-port", metavar="PORT", min=1, max=65535, help="Port of the commands; else PORT+1."),
+        int | None, option("--steering-port", "PORT", "Port of the commands; else PORT+1.", min=1, max=65535)
     ] = None,
     host: Annotated[
-        list[str] | None,
-        typer.Option("--host", metavar="NAME", help="A name under which a proxy brings browsers; may be repeated."),
+        list[str] | None, option("--host", "NAME", "A name under which a proxy brings browsers; may be repeated.")
     ] = None,
     token_file: Annotated[
-        Path | None, typer.Option("--token-file", metavar="FILE", help="Take the token from a file, not a new one.")
+        Path | None, option("--token-file", "FILE", "Take the token from a file, not a new one.")
     ] = None,
     seed: Seed = 0,
     json: Json = False,

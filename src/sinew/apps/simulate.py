@@ -4,19 +4,16 @@ import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
-from sinew.apps.console import Json, PlanArgument, Rig, Seed, print_json, progress_bar, require_file
+from sinew.apps.console import Json, PlanArgument, Rig, Seed, option, print_json, progress_bar, require_file
 
 
 def simulate(
     plan: PlanArgument,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The recording to write, NetCDF.")],
+    out: Annotated[Path, option("--out", "FILE", "The recording to write, NetCDF.")],
     rig: Rig = "paper",
     seed: Seed = 0,
     without: Annotated[
-        list[str] | None,
-        typer.Option("--without", metavar="EFFECT", help="Switch an effect of the twin off; may be repeated."),
+        list[str] | None, option("--without", "EFFECT", "Switch an effect of the twin off; may be repeated.")
     ] = None,
     json: Json = False,
 ) -> None:

@@ -23,10 +23,20 @@ from sinew.apps.bench_run import (
     run_journal,
     source_of,
 )
-from sinew.apps.console import HIGHEST_HZ, LARGEST_DEG, Json, Seed, number_list, print_json, print_table, write_json
+from sinew.apps.console import (
+    HIGHEST_HZ,
+    LARGEST_DEG,
+    Json,
+    Seed,
+    number_list,
+    option,
+    print_json,
+    print_table,
+    write_json,
+)
 from sinew.apps.run_control import keeping_time, listening, showing
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import fixed, number, pair, shown
+from sinew.measure.estimate import finite, fixed, number, pair, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -47,36 +57,26 @@ def track(
     rig: Annotated[
         str, typer.Argument(metavar="[RIG]", help="A rig: a TOML file, or the name of a shipped one.")
     ] = "paper",
-    port: Annotated[str | None, typer.Option("--port", metavar="PORT", help="Serial port of the bench.")] = None,
+    port: Annotated[str | None, option("--port", "PORT", "Serial port of the bench.")] = None,
     emulate: Annotated[bool, typer.Option("--emulate", help="Instead: an emulated bench, in virtual time.")] = False,
     pretension: Annotated[
-        str | None,
-        typer.Option("--pretension-mm", metavar="MM,...|FROM:TO", help="Pretensions, or one that moves; else 4."),
+        str | None, option("--pretension-mm", "MM,...|FROM:TO", "Pretensions, or one that moves; else 4.")
     ] = None,
-    amplitude: Annotated[
-        str, typer.Option("--amplitude-deg", metavar="DEG,...", help="Amplitudes that are held.")
-    ] = "20",
+    amplitude: Annotated[str, option("--amplitude-deg", "DEG,...", "Amplitudes that are held.")] = "20",
     hold: Annotated[
-        str, typer.Option("--hold", metavar="command|lever|torsion", help="Of what they are: half of peak to peak.")
+        str, option("--hold", "command|lever|torsion", "Of what they are: half of peak to peak.")
     ] = "command",
     duration: Annotated[
-        float | None,
-        typer.Option("--duration-s", metavar="S", min=3.0, max=3600.0, help="Of each; else 10, moving 30."),
+        float | None, option("--duration-s", "S", "Of each; else 10, moving 30.", min=3.0, max=3600.0)
     ] = None,
     start: Annotated[
-        float | None,
-        typer.Option("--from-hz", metavar="HZ", min=0.1, help="First drive frequency; else the expected one."),
+        float | None, option("--from-hz", "HZ", "First drive frequency; else the expected one.", min=0.1)
     ] = None,
     follow: Annotated[
-        str | None,
-        typer.Option("--follow-hz", metavar="FROM:TO", help="Move the pretension so that it resonates there."),
+        str | None, option("--follow-hz", "FROM:TO", "Move the pretension so that it resonates there.")
     ] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for journal, recording, figure.")] = Path(
-        "out/track"
-    ),
-    fault: Annotated[
-        list[str] | None, typer.Option("--fault", metavar="SPEC", help="With --emulate: as of `sinew emulate`.")
-    ] = None,
+    out: Annotated[Path, option("--out", "DIR", "Folder for journal, recording, figure.")] = Path("out/track"),
+    fault: Annotated[list[str] | None, option("--fault", "SPEC", "With --emulate: as of `sinew emulate`.")] = None,
     seed: Seed = 0,
     wait: Wait = 0.0,
     json: Json = False,
@@ -104,7 +104,7 @@ def track(
         bench = _emulated(spec, seed, fault or []) if port is None else _real(port, spec, wait)
         document = _run(bench, plan, spec, expected, out, words, stack, virtual=port is None)
     document |= found_tracks(document, plan, spec, expected)
-    write_found(document, expected, out)
+    write_found(document, out)
     if json:
         print_json(document)
     else:
@@ -405,7 +405,7 @@ def _point(turns: Any, rig: "RigSpec", expected: "Sequence[ExpectedBackbone]") -
         return None
     near = min(expected, key=lambda one: abs(one.pretension_mm - point.pretension_mm))
     predicted = near.frequency_at(math.radians(point.torsion_deg.value))
-    return _point_document(point) | {"predicted_hz": predicted if math.isfinite(predicted) else None}
+    return _point_document(point) | {"predicted_hz": finite(predicted)}
 
 
 def _point_document(point: "TrackedPoint") -> dict[str, Any]:
@@ -454,7 +454,7 @@ def _expected(one: "ExpectedBackbone") -> dict[str, Any]:
     }
 
 
-def write_found(document: dict[str, Any], expected: "Sequence[ExpectedBackbone]", folder: Path) -> None:
+def write_found(document: dict[str, Any], folder: Path) -> None:
     """Write track.json, and the figure of the tracked motions where there is one."""
     if not document["tracks"]:
         return

@@ -10,6 +10,7 @@ from sinew.apps.console import (
     Json,
     checked_band,
     number_list,
+    option,
     print_json,
     print_table,
     require_file,
@@ -31,28 +32,21 @@ _GEARS = ("sliding", "creeping")
 def transfer(
     rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")],
     pretension: Annotated[
-        str, typer.Option("--pretension-mm", metavar="MM,...", help="Pretensions, one linear joint for each.")
+        str, option("--pretension-mm", "MM,...", "Pretensions, one linear joint for each.")
     ] = "0,4,8,12",
     gear: Annotated[
-        str,
-        typer.Option(
-            "--gear", metavar="|".join(_GEARS), help="Friction of the gear: the lever slides, or hardly moves."
-        ),
+        str, option("--gear", "|".join(_GEARS), "Friction of the gear: the lever slides, or hardly moves.")
     ] = "sliding",
     amplitude: Annotated[
-        str | None,
-        typer.Option("--amplitude-deg", metavar="DEG,...", help="Also the describing function at these commands."),
+        str | None, option("--amplitude-deg", "DEG,...", "Also the describing function at these commands.")
     ] = None,
-    start: Annotated[float, typer.Option("--from-hz", metavar="HZ", help="Its lowest frequency.")] = 1.0,
-    stop: Annotated[float, typer.Option("--to-hz", metavar="HZ", help="Its highest frequency.")] = 6.0,
-    mode: Annotated[str, typer.Option("--mode", metavar="|".join(_MODES), help="Mode of the motors.")] = "position",
+    start: Annotated[float, option("--from-hz", "HZ", "Its lowest frequency.")] = 1.0,
+    stop: Annotated[float, option("--to-hz", "HZ", "Its highest frequency.")] = 6.0,
+    mode: Annotated[str, option("--mode", "|".join(_MODES), "Mode of the motors.")] = "position",
     without: Annotated[
-        list[str] | None,
-        typer.Option("--without", metavar="EFFECT", help="Switch an effect of the twin off; may be repeated."),
+        list[str] | None, option("--without", "EFFECT", "Switch an effect of the twin off; may be repeated.")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="PATH", help="FILE.json, FILE.mat, or a folder for both.")
-    ] = None,
+    out: Annotated[Path | None, option("--out", "PATH", "FILE.json, FILE.mat, or a folder for both.")] = None,
     json: Json = False,
 ) -> None:
     """Give the transfer functions of a rig's joint: linear at rest, and the describing function over amplitude.

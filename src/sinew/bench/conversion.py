@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sinew.bench.journal_reader import JournalReader, Stretch
 from sinew.bench.sample import Sample
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.netcdf import provenance, save_recording
 from sinew.measure.recording import REGISTERS_ATTRIBUTE, Segment, build_recording
@@ -28,7 +29,6 @@ from sinew.plan.toml import parse_plan, parse_rig
 # them over the node's own time, and readings are taken between samples by cubics: straight lines would lose 0.2 % at
 # 4 Hz.
 
-Floats = NDArray[np.float64]
 
 MOST_PERIODS = 2.5
 """Between samples further apart than so many periods of the node there are no readings."""
@@ -46,13 +46,13 @@ class ImuSeries:
     period_s: of the node by the host's clock [s]. jitter_s: median distance of the host's times from their line [s].
     """
 
-    time_s: Floats
-    values: Floats
+    time_s: Array
+    values: Array
     period_s: float
     jitter_s: float
 
 
-def imu_series(imu_time_s: Floats, values: Floats, counter_s: Floats | None = None) -> ImuSeries:
+def imu_series(imu_time_s: Array, values: Array, counter_s: Array | None = None) -> ImuSeries:
     """Return the node's own samples out of cycles that read its newest one, some seconds of them.
 
     imu_time_s: host's time of the sample read in each cycle [s], shape (n,), NaN where none came; the same sample may
@@ -78,7 +78,7 @@ def imu_series(imu_time_s: Floats, values: Floats, counter_s: Floats | None = No
     return ImuSeries(offset + slope * own, values[sure][first], period * slope, float(np.median(np.abs(off))))
 
 
-def _by_order(host: Floats) -> tuple[Floats, float]:
+def _by_order(host: Array) -> tuple[Array, float]:
     """Return (times by the node's clock [s], its period by the host's clock [s]) of samples counted by their times."""
     steps = np.diff(host)
     period = float(np.median(steps[steps > 0.5 * np.median(steps)]))
@@ -89,7 +89,7 @@ def _by_order(host: Floats) -> tuple[Floats, float]:
     return number * period, period
 
 
-def _line(x: Floats, y: Floats) -> tuple[float, float]:
+def _line(x: Array, y: Array) -> tuple[float, float]:
     """Return (offset, slope) of the straight line through most of the points: least squares, then Tukey's weights."""
     weight = np.ones(x.size)
     offset, slope = 0.0, 1.0
@@ -105,7 +105,7 @@ def _line(x: Floats, y: Floats) -> tuple[float, float]:
     return offset, slope
 
 
-def readings_at(series: ImuSeries, time_s: Floats) -> Floats:
+def readings_at(series: ImuSeries, time_s: Array) -> Array:
     """Return the readings at other times, shape (n, columns): the cubic through the four samples around each.
 
     Beside a gap or an end the cubic leans to one side. NaN outside the samples, and between two that are more than
@@ -175,7 +175,7 @@ def _sum(s: Sample) -> float:
     )  # fmt: skip
 
 
-def _has_few_holes(complete: Floats, stamps: Floats, sample_hz: float, grace: int = 1) -> bool:
+def _has_few_holes(complete: Array, stamps: Array, sample_hz: float, grace: int = 1) -> bool:
     """Return whether rows with these times are enough for a group whose cycles had these stamps [s].
 
     grace: so many rows more may be missing. The conversion grants more of them than who decides to measure again: a
@@ -291,7 +291,7 @@ def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSp
     return _Rows({name: v[kept] for name, v in single.items()}, sizes, int((~kept).sum()), whole)
 
 
-def _power_columns(rows: dict[str, Floats], tendons: Sequence[int]) -> dict[str, Floats]:
+def _power_columns(rows: dict[str, Array], tendons: Sequence[int]) -> dict[str, Array]:
     """Return duty of the tendons and supply voltage, where the journal has them; it may be older than they are.
 
     A motor that has not told its voltage yet is no hole: the first cycles get the first one told.

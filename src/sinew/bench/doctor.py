@@ -76,13 +76,7 @@ _MODES = {
     5: "position with current limit",
     16: "PWM",
 }
-_STATE = (
-    "torque_enable",
-    "hardware_error_status",
-    "bus_watchdog",
-    "present_input_voltage",
-    "present_temperature",
-)
+_STATE = ("torque_enable", "hardware_error_status", "bus_watchdog", "present_input_voltage", "present_temperature")
 
 OpenBus = Callable[[int], AbstractContextManager[Bus]]
 

@@ -10,15 +10,13 @@ from types import TracebackType
 from typing import Any, Self, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinew.bench.sample import APPLICATION_ID, JOURNAL_VERSION, READABLE_VERSIONS, REGISTERS, sample_columns
+from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 from sinew.plan.toml import parse_rig
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -93,7 +91,7 @@ class JournalReader:
         )
         return [_stretch(row) for row in rows]
 
-    def samples(self, first: int, end: int, session: int | None = None) -> dict[str, Floats]:
+    def samples(self, first: int, end: int, session: int | None = None) -> dict[str, Array]:
         """Return the samples with ids in [first, end), of one run or of all, by column; NaN for what did not come.
 
         Besides the columns of the journal there is `id`.

@@ -112,7 +112,7 @@ class Loop:
         self._rig.write_goals(drive(began + self._lead), self.watch.goals)
         reading = self._rig.read()
         self.last = reading
-        sample = self._sample(reading, drive, began)
+        sample = self._sample(reading, drive)
         statistics = self.statistics
         statistics.cycles += 1
         self._after_hole = bool(reading.faults)
@@ -164,7 +164,7 @@ class Loop:
             f"{100 * _MISSED_MOST:.0f} %; run `sinew doctor` (return delay, latency timer, baud) or lower sample_hz"
         )
 
-    def _sample(self, reading: Reading, drive: Drive, began: float) -> Sample:
+    def _sample(self, reading: Reading, drive: Drive) -> Sample:
         none3 = (MISSING, MISSING, MISSING)
         imu, lever = self._unmixed(reading), reading.drive
         if reading.climate is not None:

@@ -13,7 +13,7 @@ import numpy as np
 from sinew.analysis.doubts import group_doubts
 from sinew.bench.conversion import group_is_whole
 from sinew.bench.errors import BenchError, LostError, PauseError, StartError, StoppedError
-from sinew.bench.group import pause, run_group
+from sinew.bench.group import DriveLaw, Levelled, Mover, SettleRule, pause, run_group, run_tracking
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
 from sinew.bench.journal import Journal
 from sinew.bench.listeners import Listener
@@ -21,11 +21,9 @@ from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.preflight import refuse_unready
 from sinew.bench.pretension import Contact, MotorMap, Pretensioned, pull_to_contact, set_pretension
 from sinew.bench.sample import Sample
-from sinew.bench.settle import SettleRule
 from sinew.bench.steering import SafeState, Steering
 from sinew.bench.stops import StopReport, stop
 from sinew.bench.tilt import TiltEstimator
-from sinew.bench.tracking import DriveLaw, Levelled, Mover, run_tracking
 from sinew.hardware.bus import Bus
 from sinew.hardware.configuration import prepare_goal
 from sinew.hardware.errors import HardwareError, PortError
@@ -450,9 +448,7 @@ class Runner:
         goals = tuple(motor.angle() for motor in self._rig.tendons)
         by_current = mode == "current"
         self._loop.watch = Watch(
-            origin=tuple(angles),
-            goals=(contact.current,) * len(angles) if by_current else goals,
-            by_current=by_current,
+            origin=tuple(angles), goals=(contact.current,) * len(angles) if by_current else goals, by_current=by_current
         )
         self._loop.restart()
         return Contact(tuple(angles), contact.current)

@@ -7,58 +7,16 @@ twists. At rest the torsion is about zero and the axes are those of the base pla
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from vqf import VQF
 
-from sinew.bench.sample import Sample
-from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
 from sinew.plan.rig import RigSpec
 
 Vector = tuple[float, float, float]
 
 _ASLEEP_S = 0.5
-_BLOCKS = 10
-
-
-@dataclass(frozen=True, slots=True)
-class RestTilt:
-    """Tilt of a plate at rest about y and z of frame H [rad]; angle: of both together [rad]."""
-
-    about_y: Estimate
-    about_z: Estimate
-
-    @property
-    def angle(self) -> float:
-        """Angle between plate and level [rad]."""
-        return math.hypot(self.about_y.value, self.about_z.value)
-
-
-def rest_tilt(samples: Sequence[Sample]) -> RestTilt:
-    """Return the tilt of the plate over a stretch of rest, from the accelerometer's mean.
-
-    The standard deviations are those of the mean, from ten blocks, so the noise's colour is in them; an offset of the
-    accelerometer (of an MPU9250 up to 60 mg, 3.4°) is not.
-    Raises RecordingError where fewer than 20 samples came, or gravity is not mainly along x.
-    """
-    came = np.array([s.acceleration_m_s2 for s in samples if s.acceleration_m_s2[0] == s.acceleration_m_s2[0]])
-    if len(came) < 2 * _BLOCKS:
-        raise RecordingError(f"found {len(came)} readings of the accelerometer, expected {2 * _BLOCKS} at rest or more")
-    means = np.array([block.mean(axis=0) for block in np.array_split(came, _BLOCKS)])
-    x, y, z = (float(v) for v in came.mean(axis=0))
-    if x <= math.hypot(y, z):
-        raise RecordingError(
-            f"the accelerometer reads {x:.1f} m/s² along the joint, expected about 9.8; is imu_axes right?"
-        )
-    about_y, about_z = _components(x, y, z)
-    std = means.std(axis=0, ddof=1) / math.sqrt(_BLOCKS) / math.hypot(x, y, z)
-    return RestTilt(
-        Estimate.student(about_y, float(std[2]), _BLOCKS - 1), Estimate.student(about_z, float(std[1]), _BLOCKS - 1)
-    )
 
 
 def _components(x: float, y: float, z: float) -> tuple[float, float]:

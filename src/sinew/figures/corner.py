@@ -11,9 +11,11 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from sinew.figures.fit_data import parameter_label, value_and_std
-from sinew.figures.style import ACCENT, GREY, INK, Floats, in_style, new_figure
+from sinew.figures.style import ACCENT, GREY, INK, in_style, new_figure
 from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
 from sinew.identify.oscillator.layout import free_mechanics
+from sinew.measure.arrays import Array
+from sinew.measure.estimate import NORMAL_90
 from sinew.mechanics.laws import NUMBERS
 
 # The parameters of a fit become a cloud: values, covariance and, where there are any, draws.
@@ -28,19 +30,19 @@ class Cloud:
     """
 
     names: tuple[str, ...]
-    value: Floats
-    covariance: Floats
-    draws: Floats | None = None
+    value: Array
+    covariance: Array
+    draws: Array | None = None
 
     @property
-    def std(self) -> Floats:
+    def std(self) -> Array:
         """Return the standard deviations: of the draws, else by the covariance, shape (m,)."""
         if self.draws is not None:
             return np.asarray(self.draws.std(axis=0), dtype=float)
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), dtype=float)
 
     @property
-    def correlation(self) -> Floats:
+    def correlation(self) -> Array:
         """Return the correlations: of the draws, else by the covariance, shape (m, m)."""
         matrix = self.covariance if self.draws is None else np.atleast_2d(np.cov(self.draws.T))
         std = np.maximum(np.sqrt(np.maximum(np.diag(matrix), 0.0)), 1e-300)
@@ -87,7 +89,6 @@ def cloud_of(fit: Fit) -> Cloud:
 
 _SHARES = (0.5, 0.9)
 _REACH = 3.2  # standard deviations on the axes
-_NORMAL90 = 1.6448536269514722
 _MOST = 6
 _BINS = 34
 _LINE = 14  # characters
@@ -148,7 +149,7 @@ def _words(name: str) -> str:
     return textwrap.fill(parameter_label(name.rpartition(".")[2])[0], _LINE)
 
 
-def _off(cloud: Cloud, k: int) -> Floats:
+def _off(cloud: Cloud, k: int) -> Array:
     """Return the draws of one parameter in standard deviations from its value, shape (d,)."""
     assert cloud.draws is not None
     return np.asarray((cloud.draws[:, k] - cloud.value[k]) / cloud.std[k])
@@ -164,9 +165,9 @@ def _draw_alone(axes: Axes, cloud: Cloud, k: int) -> None:
         ends = np.quantile(off, [0.05, 0.95])
     else:
         fine = np.linspace(-_REACH, _REACH, 161)
-        bell, ends = np.exp(-0.5 * fine**2), np.array([-_NORMAL90, _NORMAL90])
+        bell, ends = np.exp(-0.5 * fine**2), np.array([-NORMAL_90, NORMAL_90])
         axes.plot(fine, bell, color=ACCENT)
-        inside = np.abs(fine) <= _NORMAL90
+        inside = np.abs(fine) <= NORMAL_90
         axes.fill_between(fine[inside], 0, bell[inside], color=ACCENT, alpha=0.25, linewidth=0)
     for end in ends:
         axes.axvline(float(end), color=GREY, linestyle=":", linewidth=0.9)
@@ -191,7 +192,7 @@ def _draw_pair(axes: Axes, cloud: Cloud, x: int, y: int) -> None:
     axes.plot(0, 0, "+", color=INK, markersize=6)
 
 
-def ellipse(covariance: Floats, share: float) -> Floats:
+def ellipse(covariance: Array, share: float) -> Array:
     """Return the outline of the ellipse that holds a share of a normal distribution about zero, shape (2, 121).
 
     covariance: shape (2, 2). Its squared radius in standard deviations is -2 ln(1 - share) (chi square, two degrees).
@@ -202,7 +203,7 @@ def ellipse(covariance: Floats, share: float) -> Floats:
     return np.asarray(turned @ (np.sqrt(np.maximum(size, 0.0))[:, None] * circle))
 
 
-def _smoothed(density: Floats) -> Floats:
+def _smoothed(density: Array) -> Array:
     """Return a histogram smoothed by a short bell along both axes, so that its outlines do not fray."""
     bell = np.exp(-0.5 * (np.arange(-4, 5) / 1.3) ** 2)
     bell /= bell.sum()
@@ -211,7 +212,7 @@ def _smoothed(density: Floats) -> Floats:
     return density
 
 
-def _level(density: Floats, share: float) -> float:
+def _level(density: Array, share: float) -> float:
     """Return the density above which a share of all lies."""
     falling = np.sort(density.ravel())[::-1]
     inside = np.searchsorted(np.cumsum(falling), share * falling.sum())

@@ -10,21 +10,10 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from sinew.analysis.decay.envelope import large_peaks
-from sinew.analysis.decay.peaks import find_peaks
+from sinew.analysis.decay.free_decay import find_peaks
 from sinew.figures.motion import Group, Motion, at_pretension, groups_of, nearest, released_motion
-from sinew.figures.style import (
-    ACCENT,
-    GREEN,
-    GREY,
-    INK,
-    RED,
-    Floats,
-    few,
-    in_style,
-    mean_and_spread,
-    new_figure,
-    note_panel,
-)
+from sinew.figures.style import ACCENT, GREEN, GREY, INK, RED, few, in_style, new_figure, note_panel
+from sinew.measure.arrays import Array, mean_and_spread
 from sinew.measure.errors import RecordingError
 
 
@@ -45,11 +34,11 @@ class LinearDecay:
     rest: float
     drift: float
 
-    def baseline(self, time_s: Floats) -> Floats:
+    def baseline(self, time_s: Array) -> Array:
         """Return the position about which the response swings, (n,)."""
         return np.asarray(self.rest + self.drift * time_s)
 
-    def at(self, time_s: Floats) -> Floats:
+    def at(self, time_s: Array) -> Array:
         """Return the model's response at times (n,) [s] from the start of the record."""
         swing = self.cosine * np.cos(self.omega * time_s) + self.sine * np.sin(self.omega * time_s)
         return np.asarray(np.exp(-self.decay_rate * time_s) * swing + self.baseline(time_s))
@@ -164,7 +153,7 @@ def _draw_envelope(axes: Axes, motion: Motion, model: LinearDecay) -> None:
     axes.set_ylim(model.rest - 1.45 * span, model.rest + 1.4 * span)
 
 
-def _peaks(motion: Motion, model: LinearDecay) -> tuple[Floats, Floats]:
+def _peaks(motion: Motion, model: LinearDecay) -> tuple[Array, Array]:
     """Return times [s] and sizes about the rest position of the peaks of the free decay; none where none stand out."""
     try:
         found = find_peaks(motion.time_s, motion.torsion).between(model.from_s, motion.time_s[-1])
@@ -214,7 +203,7 @@ def draw_damping(recording: xr.Dataset, results: xr.Dataset, at_most: int = 7) -
 
 
 def _draw_quantities(row: NDArray[np.object_], results: xr.Dataset) -> None:
-    def values(name: str) -> Floats:
+    def values(name: str) -> Array:
         return np.asarray(results[name].values, dtype=float)
 
     rows = [
@@ -239,7 +228,7 @@ def _draw_quantities(row: NDArray[np.object_], results: xr.Dataset) -> None:
     row[0].legend(loc="lower right", borderaxespad=0.1)
 
 
-def _draw_bars(axes: Axes, pretension: Floats, values: Floats, **look: object) -> None:
+def _draw_bars(axes: Axes, pretension: Array, values: Array, **look: object) -> None:
     mean, spread = mean_and_spread(values)
     bars = np.where(np.isfinite(spread), spread, 0.0)
     axes.errorbar(pretension, mean, bars, linestyle="none", capsize=2.5, elinewidth=1.0, **look)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""This is where an identification becomes one HTML page: verdict, numbers, models compared, figures."""
+"""Page of a fitted model, and the figure of what its fit leaves."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -6,14 +6,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.figures.backbone import draw_backbone, draw_over_pretension
 from sinew.figures.corner import Cloud, cloud_of, draw_corner
-from sinew.figures.fit_data import draw_fit, parameter_label, traces_of, traces_of_joint
+from sinew.figures.fit_data import (
+    Trace,
+    axis_label,
+    draw_backbone,
+    draw_fit,
+    draw_over_pretension,
+    parameter_label,
+    shown_unit,
+    traces_of,
+    traces_of_joint,
+)
 from sinew.figures.page import Caption, picture, write_page
-from sinew.figures.residuals import draw_residuals
 from sinew.figures.stepped import draw_response_fit
+from sinew.figures.style import ACCENT, GREY, INK, RED, in_style, new_figure, note_panel
 from sinew.figures.tables import Table, number
 from sinew.identify.decay.backbone import Backbone, fit_backbone
 from sinew.identify.identified import Identified, joint_names
@@ -21,6 +31,7 @@ from sinew.identify.joint.fit import JointFit
 from sinew.identify.oscillator.fitted import Fit, swing_of
 from sinew.identify.oscillator.record import derivative_order
 from sinew.identify.oscillator.start import dominant_omega
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 
 # Each figure of an identification gets its words.
@@ -151,6 +162,132 @@ def _sentence(text: str) -> str:
     """Return a sentence as print has it, from one that begins small and ends without a full stop."""
     whole = text[:1].upper() + text[1:]
     return whole if whole.endswith((".", "?", "!")) else f"{whole}."
+
+
+# What a fit leaves: over time, its spectrum, and over the inputs.
+
+_PERIODS = 2.0
+_FEWEST_LAGS, _MOST_LAGS = 20, 400
+_DOTTED = 80  # lags up to which each gets a dot
+_BAND = 1.959963984540054  # standard deviations: 95 % of a normal distribution
+
+
+@in_style
+def draw_residuals(traces: Sequence[Trace], frequency_hz: float) -> Figure:
+    """Return the figure of measured less fitted.
+
+    traces: of a fit, several segments one behind the other. frequency_hz: whose period makes lags and blocks.
+    The autocorrelation and the histogram are of the fitted samples, held-out ones are drawn in another colour.
+    """
+    figure = new_figure(4.6)
+    (over, lags), (against, spread) = figure.subplots(2, 2)
+    _draw_over_time(over, traces)
+    _draw_lags(lags, traces, frequency_hz)
+    _draw_amplitudes(against, traces, frequency_hz)
+    _draw_histogram(spread, traces)
+    return figure
+
+
+def _step(traces: Sequence[Trace]) -> float:
+    return float(np.median(np.diff(traces[0].time_s)))
+
+
+def _draw_over_time(axes: Axes, traces: Sequence[Trace]) -> None:
+    begin, any_held, factor = 0.0, False, shown_unit(traces[0].unit)[0]
+    for trace in traces:
+        t = trace.time_s - trace.time_s[0] + begin if trace.title else trace.time_s - traces[0].time_s[0]
+        for held, colour in ((False, ACCENT), (True, RED)):
+            chosen = trace.held == held
+            axes.plot(t[chosen], factor * trace.residual[chosen], ".", color=colour, markersize=1.6, rasterized=True)
+        any_held = any_held or bool(trace.held.any())
+        begin = float(t[-1])
+    axes.axhline(0, color=INK, linewidth=0.7)
+    if any_held:
+        for name, colour in (("fitted", ACCENT), ("held out", RED)):
+            axes.plot([], [], "o", color=colour, markersize=4, label=name)
+        axes.legend(loc="upper right", ncols=2, borderaxespad=0.1, handletextpad=0.1)
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + 0.15 * (high - low))
+    axes.set_xlabel("recorded time in s" if traces[0].title else "time in s")
+    axes.set_ylabel(axis_label("measured less fitted", traces[0].unit))
+    axes.margins(x=0.01)
+    note_panel(axes, "a", "over time")
+
+
+def autocorrelation(traces: Sequence[Trace], lags: int) -> tuple[Array, int]:
+    """Return the autocorrelation of the fitted samples' residuals at lags 1 to `lags`, shape (lags,), and their number.
+
+    Pairs that reach over a held-out sample or from one stretch to the next are left out.
+    """
+    mean = float(np.mean(np.concatenate([trace.residual[~trace.held] for trace in traces])))
+    products, power, count = np.zeros(lags), 0.0, 0
+    for trace in traces:
+        r = np.where(trace.held, 0.0, trace.residual - mean)
+        power += float(r @ r)
+        count += int((~trace.held).sum())
+        most = min(lags, r.size - 1)
+        products[:most] += [float(r[k:] @ r[:-k]) for k in range(1, most + 1)]
+    return products / max(power, 1e-300), count
+
+
+def _draw_lags(axes: Axes, traces: Sequence[Trace], frequency_hz: float) -> None:
+    step, shortest = _step(traces), min(trace.time_s.size for trace in traces)
+    wanted = max(_FEWEST_LAGS, round(_PERIODS / frequency_hz / step))
+    lags = max(2, min(wanted, _MOST_LAGS, shortest // 3))
+    found, count = autocorrelation(traces, lags)
+    at = 1e3 * step * np.arange(1, lags + 1)
+    band = _BAND / np.sqrt(count)
+    axes.axhspan(-band, band, color=GREY, alpha=0.3, linewidth=0, label="95 % of white noise")
+    axes.vlines(at, 0, found, color=ACCENT, linewidth=min(1.2, 80 / lags))
+    if lags <= _DOTTED:
+        axes.plot(at, found, "o", color=ACCENT, markersize=2.2)
+    axes.axhline(0, color=INK, linewidth=0.7)
+    low, high = min(-3 * band, 1.15 * float(found.min())), max(4 * band, 1.3 * float(found.max()))
+    axes.set(
+        xlabel="lag in ms", ylabel="correlation", xlim=(0, float(at[-1]) * 1.02), ylim=(max(low, -1), min(high, 1.3))
+    )
+    axes.legend(loc="upper right", borderaxespad=0.1)
+    note_panel(axes, "b", "autocorrelation")
+
+
+def _draw_amplitudes(axes: Axes, traces: Sequence[Trace], frequency_hz: float) -> None:
+    factor, size = shown_unit(traces[0].unit)[0], max(4, round(1.0 / frequency_hz / _step(traces)))
+    for held, colour in ((False, ACCENT), (True, RED)):
+        points = [point for trace in traces for point in _blocks(trace, size, held)]
+        if points:
+            axes.plot(*(factor * np.array(points)).T, "o", color=colour, markersize=3.0, alpha=0.6, markeredgewidth=0)
+    axes.set_xlabel(axis_label("amplitude of the output", traces[0].unit))
+    axes.set_ylabel(axis_label("rms of residuals", traces[0].unit))
+    axes.set_xlim(left=0)
+    axes.set_ylim(bottom=0)
+    note_panel(axes, "c", "against amplitude, each period a point")
+
+
+def _blocks(trace: Trace, size: int, held: bool) -> list[tuple[float, float]]:
+    """Return (amplitude of the output, rms of the residuals) of every whole period that is all held out, or not."""
+    found = []
+    for begin in range(0, trace.time_s.size - size + 1, size):
+        block = slice(begin, begin + size)
+        if np.all(trace.held[block] == held):
+            rms = float(np.sqrt(np.mean(trace.residual[block] ** 2)))
+            found.append((float(np.sqrt(2.0) * trace.measured[block].std()), rms))
+    return found
+
+
+def _draw_histogram(axes: Axes, traces: Sequence[Trace]) -> None:
+    factor = shown_unit(traces[0].unit)[0]
+    values = factor * np.concatenate([trace.residual[~trace.held] for trace in traces])
+    count, edges, _ = axes.hist(values, bins=int(np.clip(np.sqrt(values.size), 8, 40)), color=ACCENT, alpha=0.45)
+    mean, std = float(values.mean()), float(values.std())
+    fine = np.linspace(mean - 4 * std, mean + 4 * std, 200)
+    width = float(edges[1] - edges[0])
+    bell = values.size * width * np.exp(-0.5 * ((fine - mean) / max(std, 1e-300)) ** 2) / max(std, 1e-300)
+    axes.plot(fine, bell / np.sqrt(2 * np.pi), color=INK, linewidth=1.1, label="normal, same spread")
+    axes.set_ylim(top=1.25 * max(float(np.max(count)), float(bell.max() / np.sqrt(2 * np.pi))))
+    axes.set_xlabel(axis_label("measured less fitted", traces[0].unit))
+    axes.set_ylabel("samples")
+    axes.legend(loc="upper right", borderaxespad=0.1)
+    note_panel(axes, "d", "distribution")
 
 
 # An identification's figures.

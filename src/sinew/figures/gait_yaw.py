@@ -4,25 +4,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.figures.page import Caption
 from sinew.figures.style import GREY, INK, MARKERS, frequency_colours, in_style, new_figure, note_panel
 from sinew.tune.gait.bout import BoutGait
 from sinew.tune.gait.target import GaitTarget
 
 _NAMED = 6
-
-GAIT_CAPTIONS = {
-    "gait_yaw": Caption(
-        "Yaw over the stride",
-        "(a) Yaw over one stride, without zero and drift, from its greatest value on: the mean of each bout with ±1 "
-        "standard deviation over the strides as a band; colour is the stride frequency. Dashed: the fundamental, whose "
-        "height is the amplitude. (b) Amplitude over stride frequency, a mark for each bout; bars are 90 % intervals, "
-        "absent where there are too few strides; grey is the band of five strides in a row.",
-        "A torso joint that swings in resonance with the gait has to reach this amplitude over this band; the figure "
-        "is added for the application that the paper names.",
-        "Yaw over one stride as lines with bands, and the amplitude of each bout over its stride frequency.",
-    ),
-}
 
 
 @in_style

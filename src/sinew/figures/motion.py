@@ -10,7 +10,7 @@ import xarray as xr
 from sinew.analysis.signal.sensor import delay_budget, torsion_delay
 from sinew.analysis.signal.torsion import drive_channel, integrate_rate, response_channel, steady_motion
 from sinew.analysis.sweep.portrait import Ellipse, fit_ellipse
-from sinew.figures.style import Floats
+from sinew.measure.arrays import Array
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.schema import SegmentKind
 from sinew.plan.rig import RigSpec
@@ -53,10 +53,10 @@ class Motion:
     is_integral: the torsion was integrated from its rate, so that its rest position means nothing.
     """
 
-    time_s: Floats
-    torsion: Floats
-    rate: Floats
-    drive: Floats | None
+    time_s: Array
+    torsion: Array
+    rate: Array
+    drive: Array | None
     unit: str
     is_integral: bool = False
 
@@ -128,7 +128,7 @@ def at_pretension(recording: xr.Dataset, pretension_mm: float) -> str:
     return "" if recording.attrs.get("source") == "import" else f" at a pretension of {pretension_mm:g} mm"
 
 
-def drive_of(recording: xr.Dataset, where: slice, origin_s: float) -> tuple[Floats, Floats, Floats | None]:
+def drive_of(recording: xr.Dataset, where: slice, origin_s: float) -> tuple[Array, Array, Array | None]:
     """Return time from an origin [s], measured drive [deg] and commanded drive [deg], None where not recorded."""
     time = recording["time_s"].values[where] - origin_s
     command = None

@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from sinew.figures.tables import fixed, number
-from sinew.measure.netcdf import write_atomically
+from sinew.measure.netcdf import write_text
 
 # Each figure gets its words: title, what to see, what the paper shows there, and what it looks like.
 
@@ -128,12 +128,7 @@ def write_page(path: Path, template: str, **context: Any) -> Path:
 
     Raises FileError where the folder cannot be written.
     """
-    content = _environment().get_template(template).render(**context).encode("utf-8")
-
-    def write(temporary: Path) -> None:
-        temporary.write_bytes(content)
-
-    write_atomically(path, write)
+    write_text(path, _environment().get_template(template).render(**context))
     return path
 
 

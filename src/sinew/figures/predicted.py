@@ -1,8 +1,9 @@
-"""This is where a predicted response is drawn: amplitude and phase over frequency, through folds, with stability."""
+"""Figures and page of a prediction: curves, bands, maps, and a recording that it did not know beside them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
+from sinew.figures.page import Caption, picture, write_page
 from sinew.figures.response import along_ridge
 from sinew.figures.style import (
     ACCENT,
@@ -21,7 +23,6 @@ from sinew.figures.style import (
     INK,
     MARKERS,
     RED,
-    Floats,
     few,
     in_style,
     new_figure,
@@ -29,6 +30,9 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
+from sinew.figures.tables import Table, number
+from sinew.measure.arrays import Array
+from sinew.predict.against import Comparison, Reading, error_of
 from sinew.predict.band import Band, Tube
 from sinew.predict.predicted import Predicted
 from sinew.solve.branch import Branch
@@ -46,7 +50,7 @@ class Curves:
     branches: tuple[Branch, ...]
     amplitude_deg: float
 
-    def gain(self, amplitude: Floats | float) -> Floats:
+    def gain(self, amplitude: Array | float) -> Array:
         """Return half of peak to peak [rad] over the amplitude of the drive's command."""
         return np.asarray(amplitude) / math.radians(self.amplitude_deg)
 
@@ -120,7 +124,7 @@ def stretches(stable: ArrayLike) -> list[tuple[slice, bool]]:
     return [(slice(int(a), int(b) + 1), bool(solid[a])) for a, b in zip(begins, ends, strict=True)]
 
 
-def upper_gain(curves: Curves, frequency_hz: Floats) -> Floats:
+def upper_gain(curves: Curves, frequency_hz: Array) -> Array:
     """Return the largest stable gain (p, f) at each frequency [Hz]; NaN where no stable motion was found.
 
     It is what a sweep that comes from the side of the larger amplitude finds.
@@ -134,7 +138,7 @@ def upper_gain(curves: Curves, frequency_hz: Floats) -> Floats:
     return out
 
 
-def _raise_to(row: Floats, frequency_hz: Floats, at_hz: Floats, gain: Floats) -> None:
+def _raise_to(row: Array, frequency_hz: Array, at_hz: Array, gain: Array) -> None:
     """Raise a row to a stretch of a curve, which may run either way and turn at folds."""
     turns = np.flatnonzero(np.diff(np.sign(np.diff(at_hz)))) + 1
     for piece in np.split(np.arange(at_hz.size), turns):
@@ -144,13 +148,13 @@ def _raise_to(row: Floats, frequency_hz: Floats, at_hz: Floats, gain: Floats) ->
         row[:] = np.fmax(row, found)
 
 
-def _draw_line(axes: Axes, branch: Branch, values: Floats, colour: Floats) -> None:
+def _draw_line(axes: Axes, branch: Branch, values: Array, colour: Array) -> None:
     for part, is_stable in stretches(branch.stable):
         look = _STABLE if is_stable else _UNSTABLE
         axes.plot(branch.frequency_hz[part], values[part], color=colour, **look)
 
 
-def _diamond(colour: Floats) -> dict[str, Any]:
+def _diamond(colour: Array) -> dict[str, Any]:
     return {"marker": "D", "markersize": 3.5, "color": colour, "markeredgecolor": "white", "zorder": 4}
 
 
@@ -198,7 +202,7 @@ def draw_bands(curves: Curves, bands: Sequence[Band]) -> Figure:
     return figure
 
 
-def _draw_tube(axes: Axes, frequency_hz: Floats, tube: Tube, colour: Floats, factor: float) -> None:
+def _draw_tube(axes: Axes, frequency_hz: Array, tube: Tube, colour: Array, factor: float) -> None:
     axes.fill_between(frequency_hz, factor * tube.low, factor * tube.high, color=colour, alpha=0.35, linewidth=0)
     axes.plot(frequency_hz, factor * tube.median, color=colour, linewidth=0.9)
 
@@ -320,7 +324,7 @@ def draw_predicted_map(rigs: list[Curves]) -> Figure | None:
     return figure
 
 
-def _map(curves: Curves) -> tuple[Floats, Floats, Floats]:
+def _map(curves: Curves) -> tuple[Array, Array, Array]:
     """Return frequency [Hz], pretension [mm] and gain, all (p, s), on a mesh along the ridge."""
     order = np.argsort(curves.pretension_mm)
     pretension = np.asarray(curves.pretension_mm)[order]
@@ -336,7 +340,7 @@ def _map(curves: Curves) -> tuple[Floats, Floats, Floats]:
     return across[0], np.broadcast_to(fine[:, None], across[0].shape), across[1]
 
 
-def _draw(axes: Axes, x: Floats, y: Floats, gain: Floats, top: float) -> QuadMesh:
+def _draw(axes: Axes, x: Array, y: Array, gain: Array, top: float) -> QuadMesh:
     axes.grid(False)
     mesh = axes.pcolormesh(x, y, gain, cmap=_MAP_COLOURS, vmin=0, vmax=top, shading="gouraud", rasterized=True)
     levels = [level for level in _LEVELS if np.nanmin(gain) < level < np.nanmax(gain)]
@@ -346,3 +350,220 @@ def _draw(axes: Axes, x: Floats, y: Floats, gain: Floats, top: float) -> QuadMes
         for text in axes.clabel(lines, levels=told, fmt="%g", fontsize=8):
             text.set_path_effects([patheffects.withStroke(linewidth=1.2, foreground="#333333")])
     return mesh
+
+
+# Each figure of a prediction gets its words.
+
+PREDICTION_CAPTIONS = {
+    "predicted_response": Caption(
+        "Predicted response",
+        "(a) Half of peak to peak of the torsion over the amplitude of the drive's command. (b) Lag of the torsion's "
+        "fundamental behind the lever's. Colour is pretension. Solid lines are stable, dotted ones are not; rings mark "
+        "the peaks, diamonds the folds, where a sweep jumps; dashed lines a gain of one and a lag of 90°.",
+        "",
+        "Two panels over drive frequency, a line for each pretension: gain on the left, lag on the right.",
+    ),
+    "predicted_comparison": Caption(
+        "Rigs compared",
+        "(a) Resonance and (b) gain there over pretension, a line for each rig. Below, each rig's gain over frequency "
+        "on equal axes, coloured by pretension; solid lines are stable, dotted ones are not, diamonds are folds.",
+        "",
+        "Resonance and gain over pretension for all rigs, above a panel of response curves for each.",
+    ),
+    "predicted_map": Caption(
+        "Map of gain",
+        "The largest stable gain over frequency and pretension, lines of equal gain in white. The red line is the "
+        "resonance; its rings stand at the predicted pretensions, between them the map follows the line.",
+        "",
+        "Gain as colour over drive frequency and pretension, with a red line along the resonance.",
+    ),
+    "predicted_bands": Caption(
+        "How far the curves can be off",
+        "Medians and 90 % bands of rigs drawn from what the calibration knows of the parameters. (a) and (b): what a "
+        "sweep with growing frequency meets; dashed edges, where there are folds, what one with falling frequency "
+        "meets. (c) Half the width of the gain's band over its median. Assumed parameters do not vary.",
+        "",
+        "Gain, lag and the half width of the gain's band over drive frequency, a tube for each pretension.",
+    ),
+    "predicted_against": Caption(
+        "Against the recording",
+        "(a) and (b): points are measured, bars their 90 % intervals, lines predicted. (c) Error of the predicted gain "
+        "at every point. (d) Error of the peak's frequency and gain, both read off the prediction as off the "
+        "recording, with the measurement's 90 % intervals. Full marks: pretensions that the rig was calibrated to; "
+        "open ones are predictions.",
+        "",
+        "Measured points and predicted lines of gain and lag, and their differences over frequency and pretension.",
+    ),
+}
+"""By the name of the figure's files, in the order of the page."""
+
+
+_HEAD = ["p in mm", "peak in Hz", "amplitude in °", "gain", "90° of lag in Hz", "folds in Hz", "complete"]
+
+
+def write_prediction_page(
+    path: Path,
+    rigs: Sequence[Mapping[str, Any]],
+    *,
+    amplitude_deg: float,
+    figures: Sequence[Path] = (),
+    rebuild: str = "",
+    origins: Sequence[tuple[str, str]] = (),
+) -> Path:
+    """Write the page, atomically, and return its path.
+
+    rigs: documents of `sinew predict`. amplitude_deg: of the drive's command. figures: the PNGs among them are put
+    into the page. rebuild: the command that makes all of this again. origins: (name, value) of what it was made from.
+    Raises FileError where the folder cannot be written.
+    """
+    several = len(rigs) > 1
+    broken = sum(not check["holds"] for rig in rigs for check in rig["validity"])
+    worth = (
+        "Every assumption that was checked holds."
+        if not broken
+        else f"{broken} of the checked assumptions {'does' if broken == 1 else 'do'} not hold."
+    )
+    return write_page(
+        path,
+        "prediction.html",
+        title="Rigs compared" if several else f"Predicted response of “{rigs[0]['rig']}”",
+        about=f"Steady response to a lever that is commanded to swing by {amplitude_deg:g}°.",
+        lead=worth,
+        tables=[
+            Table(str(rig["rig"]) if several else "", _HEAD, _rows(rig, amplitude_deg), _note(rig)) for rig in rigs
+        ],
+        pictures=[picture(one, PREDICTION_CAPTIONS) for one in figures if one.suffix == ".png"],
+        validity=[{"title": rig["rig"] if several else "", "checks": rig["validity"]} for rig in rigs],
+        rebuild=rebuild,
+        origins=list(origins),
+    )
+
+
+def _rows(rig: Mapping[str, Any], amplitude_deg: float) -> list[list[str]]:
+    rows = []
+    for branch in rig["branches"]:
+        peak, quarter = branch["peak"] or {}, branch["phase_90"] or {}
+        height = peak.get("amplitude_deg")
+        rows.append(
+            [
+                f"{branch['pretension_mm']:g}",
+                number(peak.get("frequency_hz"), 5),
+                number(height),
+                number(None if height is None else height / amplitude_deg),
+                number(quarter.get("frequency_hz"), 5),
+                ", ".join(number(fold["frequency_hz"], 5) for fold in branch["folds"]) or "none",
+                "yes" if branch["complete"] else branch["message"],
+            ]
+        )
+    return rows
+
+
+def _note(rig: Mapping[str, Any]) -> str:
+    return (
+        f"{rig['harmonics']} harmonics; the last refinement changed no point by more than {rig['error_estimate']:.1e}."
+    )
+
+
+# A prediction and a recording that it did not know.
+
+_SHOWN = 7
+_POINT: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 2.6, "markeredgewidth": 0.6}
+
+
+@in_style
+def draw_against(comparison: Comparison) -> Figure:
+    """Return the overlay of a prediction on a recording.
+
+    (a) and (b): gain by the command and lag behind the lever, points measured with 90 % intervals, lines predicted.
+    (c) error of the gain at every point. (d) errors of the resonance and of the gain there over pretension. Full marks
+    are pretensions that the rig was calibrated to, open ones are not.
+    """
+    figure = new_figure(5.6)
+    (upper_left, upper_right), (lower_left, lower_right) = figure.subplots(2, 2)
+    lag = "phase_lag_rad" if "phase_lag_rad" in comparison.points else "phase_from_command_rad"
+    _draw_curves(upper_left, comparison, comparison.points["gain"], 1.0)
+    upper_left.legend(handles=_keys("measured, fitted to", "measured, not fitted to", "predicted"), fontsize=7.5)
+    _draw_curves(upper_right, comparison, comparison.points[lag], 180 / math.pi)
+    upper_left.set(ylabel="gain: torsion amplitude / command", ylim=(0, None))
+    upper_right.set(ylabel="lag of torsion behind lever in degrees")
+    upper_right.set_yticks(range(0, 181, 45))
+    _draw_errors(lower_left, comparison)
+    _draw_readings(lower_right, comparison)
+    for axes, letter, text in (
+        (upper_left, "a", "gain"),
+        (upper_right, "b", "phase"),
+        (lower_left, "c", "error of the gain"),
+        (lower_right, "d", "error at the resonance"),
+    ):
+        note_panel(axes, letter, text)
+    for axes in (upper_left, upper_right, lower_left):
+        axes.set_xlabel("drive frequency in Hz")
+    pretension_bar(figure, (upper_left, upper_right, lower_left, lower_right), comparison.pretension_mm)
+    return figure
+
+
+def _draw_curves(axes: Axes, comparison: Comparison, reading: Reading, factor: float) -> None:
+    """Draw measured points under predicted lines, of a few pretensions where there are many."""
+    colours = pretension_colours(comparison.pretension_mm)
+    for i in few(len(colours), _SHOWN):
+        bars = factor * np.stack([reading.measured[i] - reading.low[i], reading.high[i] - reading.measured[i]])
+        axes.errorbar(
+            comparison.frequency_hz,
+            factor * reading.measured[i],
+            np.nan_to_num(np.maximum(bars, 0.0)),
+            **_POINT,
+            color=colours[i],
+            markerfacecolor=_face(comparison.fitted[i], colours[i]),
+            elinewidth=0.6,
+        )
+        known = np.isfinite(reading.predicted[i])
+        axes.plot(comparison.frequency_hz[known], factor * reading.predicted[i][known], color=colours[i], linewidth=1.1)
+
+
+def _draw_errors(axes: Axes, comparison: Comparison) -> None:
+    error = 100 * error_of("gain", comparison.points["gain"])[0]
+    for row, colour, fitted in zip(error, pretension_colours(comparison.pretension_mm), comparison.fitted, strict=True):
+        axes.plot(comparison.frequency_hz, row, **_POINT, color=colour, markerfacecolor=_face(fitted, colour))
+    axes.axhline(0, color=INK, linewidth=0.7)
+    axes.set_ylabel("predicted over measured, less one, in %")
+
+
+def _draw_readings(axes: Axes, comparison: Comparison) -> None:
+    """Draw the errors of frequency and gain of the peak over pretension, with the measurement's 90 % interval."""
+    axes.axhline(0, color=INK, linewidth=0.7)
+    axes.set(xlabel="pretension in mm", ylabel="predicted over measured, less one, in %")
+    if not comparison.readings:
+        axes.text(0.5, 0.5, "too few frequencies for a resonance", transform=axes.transAxes, ha="center", color=GREY)
+        return
+    step = float(np.min(np.diff(comparison.pretension_mm), initial=1.0)) / 8
+    for name, colour, marker, aside in (("resonance_hz", ACCENT, "o", -step), ("gain_peak", RED, "s", step)):
+        error, _, low, high = (100 * part for part in error_of(name, comparison.readings[name]))
+        for i, fitted in enumerate(comparison.fitted):
+            bar = np.nan_to_num([[max(error[i] - low[i], 0.0)], [max(high[i] - error[i], 0.0)]])
+            axes.errorbar(
+                comparison.pretension_mm[i] + aside,
+                error[i],
+                bar,
+                color=colour,
+                marker=marker,
+                markersize=3.6,
+                markerfacecolor=_face(fitted, colour),
+                elinewidth=0.7,
+            )
+    keys = [
+        Line2D([], [], color=ACCENT, linestyle="none", marker="o", markersize=3.6, label="frequency"),
+        Line2D([], [], color=RED, linestyle="none", marker="s", markersize=3.6, label="gain"),
+    ]
+    axes.legend(handles=keys, fontsize=7.5)
+
+
+def _face(fitted: Any, colour: Array | str) -> Any:
+    return colour if fitted else "white"
+
+
+def _keys(full: str, hollow: str, line: str) -> list[Line2D]:
+    return [
+        Line2D([], [], **_POINT, color=INK, label=full),
+        Line2D([], [], **_POINT, color=INK, markerfacecolor="white", label=hollow),
+        Line2D([], [], color=INK, linewidth=1.1, label=line),
+    ]

@@ -1,4 +1,7 @@
-"""This is where Figure 6 is drawn: amplitude response and phase difference over frequency, for all pretensions."""
+"""Figures of a sweep: gain and phase, the map, what the drive did of what it was told, and what a swing costs."""
+
+import math
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -9,21 +12,25 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from scipy.interpolate import PchipInterpolator
 
+from sinew.analysis.signal.power import winding_resistance
+from sinew.analysis.sweep.energy import cost_of_swing, fit_swing_trend
 from sinew.analysis.sweep.saturation import gain_map
+from sinew.figures.motion import Group, at_pretension, drive_of, groups_of, rig_of
 from sinew.figures.style import (
+    ACCENT,
     GREY,
     INK,
     MARKERS,
     RED,
-    Floats,
     few,
+    frequency_colours,
     in_style,
-    mean_and_spread,
     new_figure,
     note_panel,
     pretension_bar,
     pretension_colours,
 )
+from sinew.measure.arrays import Array, mean_and_spread
 
 
 @in_style
@@ -71,7 +78,7 @@ def draw_lag(axes: Axes, results: xr.Dataset) -> None:
     axes.set_xlim(frequency.min(), frequency.max())
 
 
-def draw_tubes(axes: Axes, frequency_hz: Floats, values: Floats, pretension_mm: Floats) -> None:
+def draw_tubes(axes: Axes, frequency_hz: Array, values: Array, pretension_mm: Array) -> None:
     """Draw one mean line with a tube of ±1 standard deviation for each pretension.
 
     values: (p, f, r), in the unit of the axes. Every few pretensions carry a marker of their own.
@@ -138,10 +145,10 @@ def draw_response_map(results: xr.Dataset) -> Figure | None:
     return figure
 
 
-Ridge = tuple[Floats, Floats, Floats]
+Ridge = tuple[Array, Array, Array]
 
 
-def along_ridge(frequency_hz: Floats, gain: Floats, ridge_hz: Floats) -> tuple[Floats, Floats]:
+def along_ridge(frequency_hz: Array, gain: Array, ridge_hz: Array) -> tuple[Array, Array]:
     """Return (frequency [Hz], gain), both (p, s), on a mesh whose lines run along the ridge.
 
     On the measured grid (f) a narrow ridge that crosses it becomes a row of teeth. Here column s is at the same share
@@ -162,7 +169,7 @@ def along_ridge(frequency_hz: Floats, gain: Floats, ridge_hz: Floats) -> tuple[F
     return mesh, out
 
 
-def _draw_surface(axes: Axes3D, x: Floats, y: Floats, gain: Floats, ridge: Ridge) -> None:
+def _draw_surface(axes: Axes3D, x: Array, y: Array, gain: Array, ridge: Ridge) -> None:
     look = {"cmap": _COLOURS, "vmin": 0, "linewidth": 0.15, "edgecolor": "#ffffff55", "rasterized": True}
     axes.plot_surface(x, y, gain, rstride=1, cstride=1, **look)
     axes.plot(*ridge[:2], ridge[2] + 0.02, color=RED, linewidth=1.6, zorder=10)
@@ -177,7 +184,7 @@ def _draw_surface(axes: Axes3D, x: Floats, y: Floats, gain: Floats, ridge: Ridge
     note_panel(axes, "a", "gain over frequency and pretension")
 
 
-def _label_places(lines: QuadContourSet, x: Floats, y: Floats) -> list[tuple[float, float]]:
+def _label_places(lines: QuadContourSet, x: Array, y: Array) -> list[tuple[float, float]]:
     """Return a place on each line of equal gain up to 1.5, at middle pretension and well inside the frame."""
     (left, right), (low, high) = ((float(v.min()), float(v.max())) for v in (x, y))
     places = []
@@ -191,7 +198,7 @@ def _label_places(lines: QuadContourSet, x: Floats, y: Floats) -> list[tuple[flo
     return places
 
 
-def _draw_above(figure: Figure, axes: Axes, x: Floats, y: Floats, gain: Floats, ridge: Ridge) -> None:
+def _draw_above(figure: Figure, axes: Axes, x: Array, y: Array, gain: Array, ridge: Ridge) -> None:
     axes.grid(False)
     mesh = axes.pcolormesh(x, y, gain, cmap=_COLOURS, vmin=0, shading="gouraud", rasterized=True)
     levels = [level for level in (0.5, 1.0, 1.5, 2.0, 2.5, 3.0) if np.nanmin(gain) < level < np.nanmax(gain)]
@@ -207,3 +214,243 @@ def _draw_above(figure: Figure, axes: Axes, x: Floats, y: Floats, gain: Floats, 
     note_panel(axes, "b", "from above, with the ridge")
     bar = figure.colorbar(mesh, ax=axes, label="gain", aspect=28, pad=0.02)
     bar.outline.set_visible(False)
+
+
+# What a swing costs, and where its power goes.
+
+_SHARES = (
+    ("electronics (data sheet)", "", "#c9ced6"),
+    ("tendon motors", "holding_at_resonance_w", "#e3a857"),
+    ("copper", "copper_at_resonance_w", "#b3543e"),
+    ("gear and friction", "gear_at_resonance_w", "#7b6b9a"),
+    ("mechanical", "mechanical_at_resonance_w", "#3b7ea1"),
+)
+
+
+@in_style
+def draw_energy(_: xr.Dataset, results: xr.Dataset) -> Figure | None:
+    """Return power over frequency, cost of a swing over frequency with its trend, and shares of the power at resonance.
+
+    None where the results hold no powers, or none but NaN.
+    """
+    if "energy_reduction" not in results or not np.isfinite(results["drive_power_w"].values).any():
+        return None
+    figure = new_figure(6.0)
+    grid = figure.add_gridspec(2, 2)
+    power, cost = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
+    _draw_power(power, results)
+    _draw_cost(cost, results)
+    _draw_shares(figure.add_subplot(grid[1, :]), results)
+    pretension_bar(figure, (power, cost), results["pretension_mm"].values)
+    return figure
+
+
+def _draw_power(axes: Axes, results: xr.Dataset) -> None:
+    frequency, watts = results["frequency_hz"].values, results["drive_power_w"].values
+    draw_tubes(axes, frequency, watts, results["pretension_mm"].values)
+    where, height = results["resonance_hz"].values, results["drive_power_at_resonance_w"].values
+    axes.plot(where, height, "o", markersize=3, color="white", markeredgecolor=INK, zorder=5)
+    axes.set(xlabel="drive frequency in Hz", ylabel="electrical power of the drive in W")
+    axes.set(xlim=(frequency.min(), frequency.max()), ylim=(0, 1.15 * float(np.nanmax(watts))))
+    note_panel(axes, "a", "as driven (rings: at resonance)")
+
+
+def _draw_cost(axes: Axes, results: xr.Dataset) -> None:
+    """Draw cost and trend of a few pretensions; the arrow is the reduction at resonance."""
+    rig = rig_of(results)
+    pretension, frequency = results["pretension_mm"].values, results["frequency_hz"].values
+    colours = pretension_colours(pretension)
+    columns = {name: mean_and_spread(results[name].values)[0] for name in _CURVES}
+    known = np.flatnonzero(np.isfinite(results["energy_reduction"].values))
+    for p in known[few(known.size, 3)]:
+        watts, swing, current = (columns[name][p] for name in _CURVES)
+        cost = cost_of_swing(watts, frequency, swing)
+        axes.plot(frequency, cost, color=colours[p], linewidth=1.6)
+        trend = fit_swing_trend(frequency, current, swing)
+        if rig is not None and trend is not None:
+            saved = winding_resistance(rig) * trend.squared_saving(frequency) / frequency
+            axes.plot(frequency, cost + saved, color=colours[p], linestyle="--", linewidth=1.1)
+        at = float(results["resonance_hz"].values[p])
+        ends = [
+            float(results[name].values[p])
+            for name in ("trend_cost_at_resonance_j_rad2", "swing_cost_at_resonance_j_rad2")
+        ]
+        axes.annotate("", (at, ends[1]), (at, ends[0]), arrowprops=_ARROW)
+        cheapest = float(results["cheapest_hz"].values[p])
+        if math.isfinite(cheapest):
+            least = float(results["swing_cost_at_cheapest_j_rad2"].values[p])
+            axes.plot(cheapest, least, "v", markersize=4, color=colours[p], markeredgecolor=INK, zorder=5)
+    axes.set(xlabel="drive frequency in Hz", ylabel="energy per cycle and rad² in J", yscale="log")
+    axes.set_xlim(frequency.min(), frequency.max())
+    note_panel(axes, "b", "per swing of the head (dashed: trend)")
+
+
+_ARROW = {"arrowstyle": "->", "color": GREY, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0}
+_CURVES = ("drive_power_w", "amplitude_rad", "drive_current_rms_a")
+
+
+def _draw_shares(axes: Axes, results: xr.Dataset) -> None:
+    pretension = results["pretension_mm"].values
+    idle = float(results.attrs.get("idle_power_w", math.nan))
+    width = 0.7 * float(np.min(np.diff(pretension))) if pretension.size > 1 else 0.7
+    floor: Array = np.zeros(pretension.size)
+    for label, name, colour in _SHARES:
+        height = np.nan_to_num(results[name].values if name else np.full(pretension.size, idle))
+        axes.bar(pretension, height, width, bottom=floor, color=colour, label=label)
+        floor = floor + height
+    axes.set(xlabel="pretension in mm", ylabel="power at resonance in W", ylim=(0, 1.3 * max(1.0, float(floor.max()))))
+    axes.legend(loc="upper left", ncols=len(_SHARES), handlelength=1.0, columnspacing=1.2)
+    note_panel(axes, "c", "where it goes, at resonance")
+
+
+# What the drive did of what it was told.
+
+
+@in_style
+def draw_drive_groups(recording: xr.Dataset) -> Figure | None:
+    """Return Figure 5 of the paper, or None where no drive angle was recorded in at least two groups.
+
+    Above: the measured drive over one whole sweep, its recorded groups coloured by frequency; below: settle and
+    record of three groups, commanded and measured.
+    """
+    if "drive_rad" not in recording:
+        return None
+    groups = groups_of(recording, "steady")
+    if not groups:
+        return None
+    first = groups[0].segment
+    sweep = [g for g in groups if (g.segment.pretension_mm, g.segment.repeat) == (first.pretension_mm, first.repeat)]
+    if len(sweep) < 2:
+        return None
+    chosen = [sweep[i] for i in few(len(sweep), 3)]
+    figure = new_figure(4.2)
+    rows = figure.add_gridspec(2, len(chosen), height_ratios=(1.0, 1.0))
+    _draw_sweep(figure.add_subplot(rows[0, :]), recording, sweep)
+    panels: list[Axes] = []
+    for i, group in enumerate(chosen):
+        axes = figure.add_subplot(rows[1, i], sharey=panels[0] if panels else None)
+        axes.tick_params(labelleft=not panels)
+        _draw_group(axes, recording, group)
+        note_panel(axes, "bcd"[i], f"{group.segment.frequency_hz:.3g} Hz")
+        panels.append(axes)
+    panels[0].set_ylabel("drive θ in degrees")
+    figure.supxlabel("time from the start of the record in s (dashed: commanded, solid: measured)", fontsize=8.5)
+    return figure
+
+
+def _draw_sweep(axes: Axes, recording: xr.Dataset, sweep: list[Group]) -> None:
+    """Draw the drive over one sweep as the outline of its samples, recorded groups in colour."""
+    colours = frequency_colours([g.segment.frequency_hz for g in sweep])
+    nominal = sweep[0].segment.amplitude_deg
+    labelled = set(few(len(sweep), 9).tolist())
+    begin = float(recording["time_s"].values[(sweep[0].settle or sweep[0].record).start])
+    for i, (group, colour) in enumerate(zip(sweep, colours, strict=True)):
+        for where, shade in ((group.settle, "#cfcfcf"), (group.record, colour)):
+            if where is not None:
+                time, drive, _ = drive_of(recording, where, begin)
+                axes.fill_between(*_outline(time, drive, group.segment.frequency_hz), color=shade, linewidth=0)
+        if i in labelled:
+            middle = float(recording["time_s"].values[group.record].mean()) - begin
+            axes.text(middle, 1.1 * nominal, f"{group.segment.frequency_hz:.3g}", ha="center", va="bottom", fontsize=8)
+    for level in (-nominal, nominal):
+        axes.axhline(level, color=INK, linestyle=":", linewidth=0.9)
+    axes.set(xlabel="time in the sweep in s", ylabel="drive θ in degrees", ylim=(-1.2 * nominal, 1.45 * nominal))
+    axes.margins(x=0.01)
+    axes.set_yticks([-nominal, 0, nominal])
+    place = at_pretension(recording, sweep[0].segment.pretension_mm)
+    note_panel(axes, "a", f"outline of a sweep{place}: settling (grey), recorded (colour), frequency in Hz")
+
+
+def _outline(time_s: Array, values: Array, frequency_hz: float) -> tuple[Array, Array, Array]:
+    """Return (time, lowest, highest) period by period: an oscillation too dense to draw becomes its outline."""
+    periods = max(1, int((time_s[-1] - time_s[0]) * frequency_hz))
+    starts = np.linspace(0, values.size, periods + 1).astype(int)[:-1]
+    low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+    return np.append(time_s[starts], time_s[-1]), np.append(low, low[-1]), np.append(high, high[-1])
+
+
+def _draw_group(axes: Axes, recording: xr.Dataset, group: Group) -> None:
+    begin = (group.settle or group.record).start
+    origin = float(recording["time_s"].values[group.record.start])
+    time, drive, command = drive_of(recording, slice(begin, group.record.stop), origin)
+    shown = time >= -1.0
+    time, drive = time[shown], drive[shown]
+    nominal = group.segment.amplitude_deg
+    axes.axvspan(0, time[-1], color="#e6eff8", linewidth=0, zorder=0)
+    if command is not None:
+        axes.plot(time, command[shown], color=INK, linewidth=0.8, linestyle=(0, (3, 2)), label="commanded")
+    axes.plot(time[time <= 0], drive[time <= 0], color=GREY, linewidth=1.4, label="settling")
+    axes.plot(time[time >= 0], drive[time >= 0], color=ACCENT, linewidth=1.5, label="recorded")
+    axes.set(xlim=(time[0], time[-1]), ylim=(-1.2 * nominal, 1.2 * nominal), yticks=[-nominal, 0, nominal])
+
+
+# The drive's reach is drawn: measured drive amplitude over frequency, for all pretensions.
+
+
+@in_style
+def draw_drive_amplitude(recording: xr.Dataset, results: xr.Dataset) -> Figure | None:
+    """Return measured drive amplitude [deg] over frequency, or None where the results hold no sweep.
+
+    The dotted line is the nominal amplitude; rings mark the resonance at each pretension. Where the rig is known, a
+    dashed line shows the largest sine whose peak speed stays under the motor's no-load speed, a dash-dotted one the
+    fundamental of a triangle at that speed, which no drive exceeds that never runs faster.
+    """
+    if "drive_amplitude_rad" not in results or "drive_rad" not in recording:
+        return None
+    if not np.isfinite(results["drive_amplitude_rad"].values).any():
+        return None
+    frequency, pretension = results["frequency_hz"].values, results["pretension_mm"].values
+    amplitude = np.rad2deg(results["drive_amplitude_rad"].values)
+    figure = new_figure(3.2, 5.2)
+    axes = figure.subplots()
+    draw_tubes(axes, frequency, amplitude, pretension)
+    nominal = recording["amplitude_deg"].values
+    nominal = nominal[np.isfinite(nominal) & (recording["kind"].values == "steady")]
+    top = float(np.nanmax(amplitude))
+    if nominal.size:
+        top = max(top, float(nominal.max()))
+        axes.axhline(nominal.max(), color=GREY, linestyle=":", linewidth=1.2)
+        axes.annotate("nominal", (frequency.max(), nominal.max()), **_ABOVE, color="#5a5a5a")
+    speed = _no_load_speed(results)
+    if speed is not None:
+        fine = np.linspace(frequency.min(), frequency.max(), 120)
+        sine, triangle = (ceiling(fine, speed) for ceiling in (sine_ceiling, triangle_ceiling))
+        axes.plot(fine, np.rad2deg(sine), color=RED, linestyle="--", linewidth=1.1, label="sine at no-load speed")
+        axes.plot(
+            fine, np.rad2deg(triangle), color=RED, linestyle="-.", linewidth=1.1, label="triangle at no-load speed"
+        )
+        axes.legend(handles=axes.lines[-2:], loc="lower left", handlelength=2.6)
+    if "resonance_hz" in results:
+        height = np.rad2deg(results["drive_amplitude_at_resonance_rad"].values)
+        where = results["resonance_hz"].values
+        axes.plot(where, height, "o", markersize=3, color="white", markeredgecolor=INK, zorder=5)
+    axes.set(xlabel="drive frequency in Hz", ylabel="measured drive amplitude in degrees")
+    axes.set(xlim=(frequency.min(), frequency.max()), ylim=(0, 1.15 * top))
+    note_panel(axes, "", "what the drive really does (rings: at resonance)")
+    pretension_bar(figure, (axes,), pretension)
+    return figure
+
+
+_ABOVE: dict[str, Any] = {"xytext": (-2, 4), "textcoords": "offset points", "ha": "right", "fontsize": 8}
+
+
+def sine_ceiling(frequency_hz: Array, speed: float) -> Array:
+    """Return the amplitude [rad] of the sine at a frequency [Hz] whose peak speed is `speed` [rad/s]: ω₀/(2πf)."""
+    return np.asarray(speed / (2 * np.pi * frequency_hz))
+
+
+def triangle_ceiling(frequency_hz: Array, speed: float) -> Array:
+    """Return the fundamental's amplitude [rad] of the triangle at constant speed [rad/s]: 2ω₀/(π²f).
+
+    Its peak is ω₀/(4f), of which the fundamental is the share 8/π².
+    """
+    return np.asarray(2 * speed / (np.pi**2 * frequency_hz))
+
+
+def _no_load_speed(results: xr.Dataset) -> float | None:
+    """Return the drive's no-load speed at its supply voltage [rad/s], None where the rig is not known."""
+    rig = rig_of(results)
+    if rig is None:
+        return None
+    drive = rig.drive
+    return float(drive.no_load_speed.value * drive.supply_voltage.value / drive.nominal_voltage.value)

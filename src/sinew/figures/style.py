@@ -21,8 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinew.measure.netcdf import write_atomically
 
-Floats = NDArray[np.float64]
-
 WIDTH_IN = 7.1
 INK, GREY, ACCENT, RED, GREEN = "#1a1a1a", "#8c8c8c", "#0b5fa5", "#c1272d", "#1b7f3b"
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
@@ -164,19 +162,3 @@ def save_figure(figure: Figure, folder: Path, stem: str, formats: Sequence[str])
             write_atomically(path, write)
             figure.set_layout_engine("none")  # arranged once; the second file keeps the places
     return paths
-
-
-# Repeats become a mean and a spread.
-
-
-def mean_and_spread(values: ArrayLike) -> tuple[Floats, Floats]:
-    """Return mean and sample standard deviation over the last axis, leaving out NaN.
-
-    The mean is NaN where nothing was measured; the spread is NaN with fewer than two measurements.
-    """
-    array = np.asarray(values, dtype=float)
-    known = np.isfinite(array)
-    count = known.sum(axis=-1)
-    mean = np.where(known, array, 0.0).sum(axis=-1) / np.where(count > 0, count, np.nan)
-    squares = np.where(known, (array - mean[..., None]) ** 2, 0.0).sum(axis=-1)
-    return mean, np.sqrt(squares / np.where(count > 1, count - 1, np.nan))

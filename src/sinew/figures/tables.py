@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
-from sinew.figures.style import Floats, mean_and_spread
 from sinew.measure import estimate
+from sinew.measure.arrays import Array, mean_and_spread
 from sinew.measure.estimate import DIGITS, typeset
 from sinew.measure.schema import companions
 from sinew.plan.rig import RigSpec
@@ -35,7 +35,7 @@ _COLUMNS = (
 )
 
 
-def energy_columns(results: xr.Dataset) -> list[tuple[str, Floats, Floats]]:
+def energy_columns(results: xr.Dataset) -> list[tuple[str, Array, Array]]:
     """Return (head, value, standard deviation over repeats) of every column, (p,); empty without the energy part."""
     if "energy_reduction" not in results:
         return []
@@ -74,7 +74,7 @@ class Table:
     note: str
 
 
-Column = tuple[str, Floats, Floats]
+Column = tuple[str, Array, Array]
 
 
 def number(value: float | None, digits: int = DIGITS) -> str:
@@ -179,12 +179,7 @@ def _resonance(results: xr.Dataset) -> list[Column]:
             (f"gain{per}", "paper_gain_peak", "paper_gain_peak_std", 1.0),
             (f"gain by measured drive{per}", "gain_peak_measured_drive", "gain_peak_measured_drive_std", 1.0),
             ("half-power width in Hz", "half_power_width_hz", "half_power_width_std_hz", 1.0),
-            (
-                f"drive in {drive}",
-                "drive_amplitude_at_resonance_rad",
-                "drive_amplitude_at_resonance_std_rad",
-                scale,
-            ),
+            (f"drive in {drive}", "drive_amplitude_at_resonance_rad", "drive_amplitude_at_resonance_std_rad", scale),
         )
     ]
 

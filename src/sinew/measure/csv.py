@@ -18,8 +18,8 @@ from typing import Literal
 import numpy as np
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 import xarray as xr
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.doors import as_path, as_seconds
 from sinew.measure.errors import RecordingError, TimeError, UnitError
 from sinew.measure.netcdf import provenance, write_atomically
@@ -28,8 +28,6 @@ from sinew.measure.schema import SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKin
 from sinew.measure.table import Table, find_columns, numbers, read_table
 from sinew.measure.timing import refuse_backwards, straighten_times
 from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
-
-Floats = NDArray[np.float64]
 
 _KINDS: dict[str, SegmentKind] = {"ring-down": "ring-down", "sweep": "steady"}
 _RATE_NOTE = (
@@ -76,7 +74,7 @@ def import_csv(
     stamps = _read_time(table, time)
     rows = _rows(stamps, start_s, stop_s)
     timeline = straighten_times(stamps[rows], gaps=gaps, first_row=rows.start + 1)
-    samples: dict[str, Floats] = {"time_s": timeline.time_s}
+    samples: dict[str, Array] = {"time_s": timeline.time_s}
     units: dict[str, str] = {}
     notes = [f"time: {note}" for note in timeline.notes]
     for role, spec in specs.items():
@@ -113,7 +111,7 @@ def _unit_of(names: Sequence[str], stated: str | None, default: str) -> str:
     return found.pop()
 
 
-def _read_time(table: Table, spec: str) -> Floats:
+def _read_time(table: Table, spec: str) -> Array:
     """Return the time stamps of the whole file [s], shape (n,)."""
     names, stated = find_columns(table, spec)
     if len(names) > 1:
@@ -131,14 +129,14 @@ def _read_time(table: Table, spec: str) -> Floats:
     return stamps
 
 
-def _read_signal(table: Table, spec: str, rows: slice) -> tuple[Floats, str]:
+def _read_signal(table: Table, spec: str, rows: slice) -> tuple[Array, str]:
     """Return (mean of the named columns in SI units and radians, shape (n,); that unit)."""
     names, stated = find_columns(table, spec)
     unit, factor = canonical_unit(_unit_of(names, stated, "1"))
     return np.mean([numbers(table, name, rows) for name in names], axis=0) * factor, unit
 
 
-def _rows(stamps: Floats, start_s: float | None, stop_s: float | None) -> slice:
+def _rows(stamps: Array, start_s: float | None, stop_s: float | None) -> slice:
     start, stop = (-math.inf if start_s is None else start_s), (math.inf if stop_s is None else stop_s)
     if not start < stop:
         raise TimeError(f"found start {start:g} s and stop {stop:g} s, expected start before stop")
@@ -181,7 +179,7 @@ def export_csv(recording: xr.Dataset, path: Path | str) -> None:
     write_atomically(path, lambda temporary: frame.to_csv(temporary, index=False))
 
 
-def _channel_columns(name: str, channel: xr.DataArray) -> dict[str, Floats]:
+def _channel_columns(name: str, channel: xr.DataArray) -> dict[str, Array]:
     """Return the columns of one channel by name, the unit at the end of each name."""
     if name in ("response", "drive"):
         unit = str(channel.attrs["units"])

@@ -7,6 +7,7 @@ numbers (which become nanoseconds), quantities with a unit of their own, a DataF
 """
 
 import os
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +16,8 @@ import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 import xarray as xr
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SchemaError, TimeError
-
-Array = NDArray[np.float64]
 
 
 def as_numbers(values: Any, name: str) -> Array:
@@ -112,3 +112,17 @@ def as_dataset(dataset: Any, what: str) -> xr.Dataset:
         how = {"recording": "load_recording or import_csv gives one", "results": "load_results gives some"}[what]
         raise SchemaError(f"found a {type(dataset).__name__} where a {what} (xarray.Dataset) is expected; {how}")
     return dataset
+
+
+# How much memory a file may ask for is decided before anything is read.
+
+
+def most_bytes() -> int:
+    """Return how many bytes of numbers this process may take from a file: half of this computer's memory.
+
+    Of a process with a limit of its own (`RLIMIT_DATA`, as the dashboard's workers have) it is a quarter of that limit:
+    what is read is copied for its hash, and again where it is analysed.
+    """
+    half = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2
+    own, _ = resource.getrlimit(resource.RLIMIT_DATA)
+    return half if own == resource.RLIM_INFINITY else min(half, own // 4)

@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+NORMAL_90 = 1.6448536269514722
+"""Half width of a normal 90 % interval by its standard deviation."""
 DIGITS = 4
 """Significant digits of a number whose uncertainty is not known."""
 MOST_DIGITS = 5
@@ -22,6 +24,11 @@ UNKNOWN = "–"
 
 _TWO_DIGITS_BELOW = 3.55
 _PLAIN_FROM, _PLAIN_TO = -4, 6  # powers of ten that are written without an exponent
+
+
+def finite(value: float) -> float | None:
+    """Return a number as JSON holds it: null for one that is not finite."""
+    return float(value) if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)
@@ -40,7 +47,7 @@ class Estimate:
     @staticmethod
     def normal(value: float, std: float) -> "Estimate":
         """Return an estimate whose 90 % interval is the normal one, value ± 1.645 std."""
-        half = 1.6448536269514722 * std
+        half = NORMAL_90 * std
         return Estimate(float(value), float(std), float(value - half), float(value + half))
 
     @staticmethod
@@ -61,15 +68,15 @@ class Estimate:
 
     def to_json(self) -> dict[str, float | list[float | None] | None]:
         """Return `{"value", "std", "interval90"}`; what is not finite becomes null."""
-
-        def number(x: float) -> float | None:
-            return float(x) if math.isfinite(x) else None
-
         return {
-            "value": number(self.value),
-            "std": number(self.std),
-            "interval90": [number(self.low), number(self.high)],
+            "value": finite(self.value),
+            "std": finite(self.std),
+            "interval90": [finite(self.low), finite(self.high)],
         }
+
+    def times(self, factor: float) -> "Estimate":
+        """Return the estimate in a unit that is 1/factor as large; factor: positive."""
+        return Estimate(*(factor * x for x in (self.value, self.std, self.low, self.high)))
 
     def shown(self, unit: str = "") -> str:
         """Return "value ± std unit", see `pair`."""

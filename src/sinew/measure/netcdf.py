@@ -16,9 +16,8 @@ import xarray as xr
 from scipy import io
 
 from sinew import __version__
-from sinew.measure.doors import as_path
+from sinew.measure.doors import as_path, most_bytes
 from sinew.measure.errors import FileError, SchemaError
-from sinew.measure.memory import most_bytes
 from sinew.measure.recording import segment_slices
 from sinew.measure.schema import SEGMENT_VARIABLES, upgrade_results, validate_recording, validate_results
 
@@ -73,6 +72,15 @@ def _attributes_text(attrs: Mapping[Any, Any]) -> str:
     """Return attributes as one text, the same before and after a file turned lists into arrays."""
     rows = ((str(key), np.atleast_1d(attrs[key]).tolist()) for key in sorted(attrs, key=str) if key not in _UNHASHED)
     return "\0".join(f"{key}={values}" for key, values in rows)
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Write a text file, see `write_atomically`."""
+
+    def write(temporary: Path) -> None:
+        temporary.write_bytes(text.encode("utf-8"))
+
+    write_atomically(path, write)
 
 
 def write_atomically(path: Path | str, write: Callable[[Path], None]) -> None:
@@ -161,7 +169,7 @@ def load_dataset(path: Path | str) -> xr.Dataset:
     """Return the dataset of a NetCDF file, read whole into memory, results of an older schema brought to today's.
 
     Raises FileError where the file is absent, is not NetCDF, is cut short, or no longer matches its content hash; also
-    where it declares more than `sinew.measure.memory.most_bytes`, before anything of it is read.
+    where it declares more than `sinew.measure.doors.most_bytes`, before anything of it is read.
     """
     path = as_path(path)
     if not is_netcdf(path):

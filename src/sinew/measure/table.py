@@ -12,9 +12,8 @@ import numpy as np
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 from numpy.typing import NDArray
 
-from sinew.measure.doors import as_path
+from sinew.measure.doors import as_path, most_bytes
 from sinew.measure.errors import FileError, RecordingError
-from sinew.measure.memory import most_bytes
 
 # A pandas DataFrame with one column for each field and the names as the file has them (duplicates kept).
 Table: TypeAlias = "pd.DataFrame"

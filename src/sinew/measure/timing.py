@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import TimeError
 
 # Late stamps are told from missing samples, by the regular clock behind them.
@@ -25,7 +26,6 @@ from sinew.measure.errors import TimeError
 # In all functions `stamps` are the time stamps [s], shape (n,), not decreasing; `steps` their differences; `step` the
 # sampling step [s].
 
-Floats = NDArray[np.float64]
 
 # A pause counts as a gap from this many missing samples on: one or two leave honest stamps and little else.
 _FEWEST_MISSING = 3
@@ -47,7 +47,7 @@ class Gap:
     missing: int
 
 
-def is_even(stamps: Floats, steps: Floats) -> tuple[bool, float]:
+def is_even(stamps: Array, steps: Array) -> tuple[bool, float]:
     """Return whether nine steps in ten are within half a step of the usual one, and that step [s]."""
     lag = _lag(stamps.size)
     step = float(np.median(stamps[lag:] - stamps[:-lag])) / lag or float(steps.mean())
@@ -55,7 +55,7 @@ def is_even(stamps: Floats, steps: Floats) -> tuple[bool, float]:
     return bool(low > 0.5 * step and high < 1.5 * step), step
 
 
-def has_clock(stamps: Floats, steps: Floats) -> bool:
+def has_clock(stamps: Array, steps: Array) -> bool:
     """Return whether ragged stamps come from samples that were taken regularly.
 
     Steps without a clock add up like a random walk: over k steps their sum spreads sqrt(k) times as much as one of
@@ -73,7 +73,7 @@ def _lag(samples: int) -> int:
     return max(1, min(256, samples // 16))
 
 
-def gaps_of_clock(stamps: Floats, steps: Floats, step: float, even: bool) -> tuple[list[Gap], bool, float]:
+def gaps_of_clock(stamps: Array, steps: Array, step: float, even: bool) -> tuple[list[Gap], bool, float]:
     """Return (gaps, whether there were pauses without missing samples, refined step [s]) of regular samples."""
     gaps: list[Gap] = []
     bursts = False
@@ -86,7 +86,7 @@ def gaps_of_clock(stamps: Floats, steps: Floats, step: float, even: bool) -> tup
     return gaps, bursts, step
 
 
-def _scan_pauses(stamps: Floats, steps: Floats, step: float, even: bool) -> tuple[list[Gap], bool]:
+def _scan_pauses(stamps: Array, steps: Array, step: float, even: bool) -> tuple[list[Gap], bool]:
     late = stamps - step * np.arange(stamps.size)
     late -= late[0]
     gaps: list[Gap] = []
@@ -121,7 +121,7 @@ def _merged(gaps: list[Gap]) -> list[Gap]:
     return merged
 
 
-def _is_cut_short(ahead: Floats, pause: float, step: float, longest_burst: float) -> bool:
+def _is_cut_short(ahead: Array, pause: float, step: float, longest_burst: float) -> bool:
     """Return whether the record ends while the stamps after a pause are still catching up."""
     if ahead.size >= pause / step:
         return False
@@ -130,7 +130,7 @@ def _is_cut_short(ahead: Floats, pause: float, step: float, longest_burst: float
     return float(ahead[-1] - ahead[0]) < -0.3 * step * (ahead.size - 1)
 
 
-def gaps_of_irregular(stamps: Floats, steps: Floats) -> list[Gap]:
+def gaps_of_irregular(stamps: Array, steps: Array) -> list[Gap]:
     """Return the pauses that stand out from uneven steps."""
     usual = float(np.median(steps))
     limit = max((_FEWEST_MISSING + 0.5) * usual, 4 * float(np.quantile(steps, 0.95, method="lower")))
@@ -148,24 +148,24 @@ def _piece_index(samples: int, gaps: Sequence[Gap]) -> NDArray[np.int64]:
     return np.searchsorted(np.asarray(afters(gaps), dtype=np.int64), np.arange(samples)).astype(np.int64)
 
 
-def _centred(values: Floats, piece: NDArray[np.int64]) -> Floats:
+def _centred(values: Array, piece: NDArray[np.int64]) -> Array:
     means = np.bincount(piece, weights=values) / np.bincount(piece)
     return np.asarray(values - means[piece], dtype=float)
 
 
-def _common_slope(stamps: Floats, gaps: Sequence[Gap]) -> float:
+def _common_slope(stamps: Array, gaps: Sequence[Gap]) -> float:
     """Return the least-squares slope of stamp over index, one for all pieces, each with its own offset [s]."""
     piece = _piece_index(stamps.size, gaps)
     index = _centred(np.arange(stamps.size, dtype=float), piece)
     return float(index @ _centred(stamps, piece) / (index @ index))
 
 
-def off_line(stamps: Floats, gaps: Sequence[Gap], step: float) -> Floats:
+def off_line(stamps: Array, gaps: Sequence[Gap], step: float) -> Array:
     """Return how far each stamp is from the line of its piece [s]; the line has slope `step` and the piece's mean."""
     return _centred(stamps - step * np.arange(stamps.size), _piece_index(stamps.size, gaps))
 
 
-def follows_line(stamps: Floats, gaps: Sequence[Gap], step: float) -> bool:
+def follows_line(stamps: Array, gaps: Sequence[Gap], step: float) -> bool:
     """Return whether no stamp strays from its line further than pauses explain (a rate that changes would)."""
     if len(gaps) > stamps.size // 8:
         return False
@@ -209,13 +209,13 @@ class Timeline:
     pieces: the stretches between gaps. notes: sentences on what was found and done.
     """
 
-    time_s: Floats
+    time_s: Array
     pieces: tuple[slice, ...]
     notes: tuple[str, ...]
     diagnosis: TimeDiagnosis
 
 
-def diagnose_times(stamps: Floats, *, first_row: int = 1) -> TimeDiagnosis:
+def diagnose_times(stamps: Array, *, first_row: int = 1) -> TimeDiagnosis:
     """Return what a record's time stamps are like.
 
     stamps: time stamps as logged [s], shape (n,).
@@ -249,7 +249,7 @@ def diagnose_times(stamps: Floats, *, first_row: int = 1) -> TimeDiagnosis:
     return TimeDiagnosis(stamps.size, step, median, jitter, pause, repeated, pattern, tuple(gaps), sentence)
 
 
-def straighten_times(stamps: Floats, *, gaps: Literal["refuse", "split"] = "refuse", first_row: int = 1) -> Timeline:
+def straighten_times(stamps: Array, *, gaps: Literal["refuse", "split"] = "refuse", first_row: int = 1) -> Timeline:
     """Return time to work with: honest stamps as they are, bursty ones replaced by the straight line through them.
 
     stamps, first_row: as in `diagnose_times`.
@@ -280,7 +280,7 @@ def straighten_times(stamps: Floats, *, gaps: Literal["refuse", "split"] = "refu
     return Timeline(time, kept, tuple(notes), diagnosis)
 
 
-def _refuse_nonsense(stamps: Floats, first_row: int) -> None:
+def _refuse_nonsense(stamps: Array, first_row: int) -> None:
     if stamps.size < FEWEST_SAMPLES:
         raise TimeError(f"found {stamps.size} samples, expected at least {FEWEST_SAMPLES}; record or select more")
     bad = np.flatnonzero(~np.isfinite(stamps))
@@ -293,7 +293,7 @@ def _refuse_nonsense(stamps: Floats, first_row: int) -> None:
         raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
 
 
-def refuse_backwards(stamps: Floats, *, first_row: int = 1) -> None:
+def refuse_backwards(stamps: Array, *, first_row: int = 1) -> None:
     """Raise TimeError, naming the data row, where time goes backwards."""
     back = np.flatnonzero(np.diff(stamps) < 0)
     if back.size:
@@ -304,7 +304,7 @@ def refuse_backwards(stamps: Floats, *, first_row: int = 1) -> None:
         )
 
 
-def _repeat_refusal(stamps: Floats, steps: Floats, first_row: int) -> str:
+def _repeat_refusal(stamps: Array, steps: Array, first_row: int) -> str:
     """Return what to say of stamps that equal the one before, without a clock that could say which is which.
 
     Where the clock is regular once the repeats are out, they are rows written twice or stamped wrongly.

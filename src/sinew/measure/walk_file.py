@@ -16,14 +16,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, TimeError
 from sinew.measure.table import Table, find_columns, read_table
 from sinew.measure.timing import straighten_times
 from sinew.measure.units import convert, unit_in_name
-
-Floats = NDArray[np.float64]
 
 _KINDS = {"gyr": "gyr|gyro|gyroscope|omega|angular_?velocity", "acc": "acc|accel|acceleration|accelerometer"}
 _SENSOR = re.compile(
@@ -45,16 +43,16 @@ _FAST_RAD_S = 6.0
 class Imu:
     """An inertial sensor on one part of the body, in its own axes: rad/s and m/s², shape (n, 3) each."""
 
-    gyro: Floats
-    acceleration: Floats
+    gyro: Array
+    acceleration: Array
 
 
 @dataclass(frozen=True)
 class MarkerPair:
     """A left and a right marker on one part of the body, the third axis up: m, shape (n, 3) each."""
 
-    left: Floats
-    right: Floats
+    left: Array
+    right: Array
 
 
 @dataclass(frozen=True)
@@ -81,19 +79,15 @@ class WalkRecord:
     names: of the sensors or markers, by role. yaw: [rad], shape (n,), where it was read instead. notes: sentences.
     """
 
-    time_s: Floats
+    time_s: Array
     bodies: Mapping[str, Imu | MarkerPair]
     names: Mapping[str, str]
-    yaw: Floats | None
+    yaw: Array | None
     notes: tuple[str, ...]
 
 
 def read_walk(
-    path: Path,
-    columns: WalkColumns | None = None,
-    *,
-    start_s: float | None = None,
-    stop_s: float | None = None,
+    path: Path, columns: WalkColumns | None = None, *, start_s: float | None = None, stop_s: float | None = None
 ) -> WalkRecord:
     """Return the record of a walking person, the longest stretch without missing values between start and stop.
 
@@ -132,7 +126,7 @@ def _read_arrays(path: Path) -> Table:
     if not lengths:
         raise FileError(f"{path} holds no arrays of numbers; expected t of shape (n,) and NAME_gyr of shape (n, 3)")
     usual = max(lengths, key=lengths.count)
-    found: dict[str, Floats] = {}
+    found: dict[str, Array] = {}
     for name, array in numeric.items():
         if array.shape[0] == usual and array.ndim == 1:
             found[name] = array
@@ -141,7 +135,7 @@ def _read_arrays(path: Path) -> Table:
     return pd.DataFrame(found)
 
 
-def _time(table: Table, spec: str | None) -> Floats:
+def _time(table: Table, spec: str | None) -> Array:
     if spec is None:
         present = {str(name).lower(): str(name) for name in table.columns}
         spec = next((present[name] for name in _TIMES if name in present), None)
@@ -160,7 +154,7 @@ def _time(table: Table, spec: str | None) -> Floats:
     return stamps
 
 
-def _channels(table: Table, asked: WalkColumns) -> tuple[dict[str, Floats], dict[str, str]]:
+def _channels(table: Table, asked: WalkColumns) -> tuple[dict[str, Array], dict[str, str]]:
     """Return (signals in SI units by "role/kind/axis", names of the bodies by role)."""
     if asked.yaw is not None:
         columns, stated = find_columns(table, asked.yaw)
@@ -176,7 +170,7 @@ def _channels(table: Table, asked: WalkColumns) -> tuple[dict[str, Floats], dict
             f"no pelvis or trunk by a usual name; found the sensors {_listed(sensors)} and the "
             f"markers {_listed(markers)}; say --pelvis NAME, --trunk NAME, or LEFT,RIGHT for a pair of markers"
         )
-    found: dict[str, Floats] = {}
+    found: dict[str, Array] = {}
     for role, name in chosen.items():
         if "," in name:
             found |= _marker_signals(table, role, name, markers, asked.up)
@@ -216,14 +210,14 @@ def _usual(role: str, sensors: Mapping[str, object], markers: Mapping[str, objec
 
 def _sensor_signals(
     table: Table, role: str, name: str, sensors: Mapping[str, Mapping[str, str]], asked: WalkColumns
-) -> dict[str, Floats]:
+) -> dict[str, Array]:
     if name not in sensors:
         raise RecordingError(
             f"no sensor {name!r} with gyroscope and accelerometer; columns {name}_gyr_x, {name}_acc_x and so on are "
             f"expected, and these are whole: {_listed(sensors)}; a pair of markers is LEFT,RIGHT"
         )
     stated = {"gyr": (asked.gyro_unit, "rad/s"), "acc": (asked.acceleration_unit, "m/s2")}
-    found: dict[str, Floats] = {}
+    found: dict[str, Array] = {}
     for key, column in sensors[name].items():
         unit, si = stated[key[:3]]
         found[f"{role}/{key}"] = _numbers(table, column) * convert(unit or unit_in_name(column) or si, si)
@@ -244,7 +238,7 @@ def _sensor_signals(
 
 def _marker_signals(
     table: Table, role: str, name: str, markers: Mapping[str, Mapping[str, str]], up: str
-) -> dict[str, Floats]:
+) -> dict[str, Array]:
     pair = [part.strip() for part in name.split(",")]
     missing = [part for part in pair if part not in markers]
     if len(pair) != 2 or missing:
@@ -259,7 +253,7 @@ def _marker_signals(
     return found
 
 
-def _numbers(table: Table, name: str) -> Floats:
+def _numbers(table: Table, name: str) -> Array:
     """Return one column, NaN where a cell is empty. Raises RecordingError for text."""
     column = table[name]
     values = np.array(pd.to_numeric(column, errors="coerce"), dtype=float)
@@ -271,7 +265,7 @@ def _numbers(table: Table, name: str) -> Floats:
     return values
 
 
-def _stretch(stamps: Floats, values: Floats, start_s: float | None, stop_s: float | None, notes: list[str]) -> slice:
+def _stretch(stamps: Array, values: Array, start_s: float | None, stop_s: float | None, notes: list[str]) -> slice:
     """Return the rows of the longest stretch whose holes are all short enough to be bridged."""
     low, high = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
     if not low < high:
@@ -296,19 +290,19 @@ def _stretch(stamps: Floats, values: Floats, start_s: float | None, stop_s: floa
     return rows
 
 
-def _bridged(values: Floats) -> Floats:
+def _bridged(values: Array) -> Array:
     return np.asarray(pd.DataFrame(values).interpolate(limit_direction="both"), dtype=float)
 
 
-def _evenly(time: Floats) -> tuple[Floats, float]:
+def _evenly(time: Array) -> tuple[Array, float]:
     step = (time[-1] - time[0]) / (time.size - 1)
     if not 1.0 / step >= _LOWEST_RATE_HZ:
         raise TimeError(f"found {1 / step:.3g} samples per second, expected at least {_LOWEST_RATE_HZ:g} for a gait")
     return time[0] + step * np.arange(time.size), float(step)
 
 
-def _body(role: str, signals: Mapping[str, Floats], name: str) -> Imu | MarkerPair:
-    def triple(kind: str) -> Floats:
+def _body(role: str, signals: Mapping[str, Array], name: str) -> Imu | MarkerPair:
+    def triple(kind: str) -> Array:
         return np.ascontiguousarray(np.column_stack([signals[f"{role}/{kind}/{axis}"] for axis in "xyz"]))
 
     if "," in name:

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sinew.measure.estimate import Estimate, interval, typeset
+from sinew.measure.arrays import Array
+from sinew.measure.estimate import Estimate, finite, interval, typeset
 
-Array = NDArray[np.float64]
 Cell = float | Estimate
 
 CANNOT_TELL = "cannot tell"
@@ -47,30 +46,23 @@ class Answer:
 
     def to_json(self) -> dict[str, Any]:
         """Return the answer as plain numbers, lists and texts; what is not finite becomes null."""
-
-        def plain(cell: Cell) -> Any:
-            if isinstance(cell, Estimate):
-                return cell.to_json()
-            return float(cell) if math.isfinite(cell) else None
-
+        rows = [
+            {name: cell.to_json() if isinstance(cell, Estimate) else finite(cell) for name, cell in row.items()}
+            for row in self.rows
+        ]
         return {
             "name": self.name,
             "question": self.question,
             "verdict": self.verdict,
             "sentences": list(self.sentences),
             "numbers": {name: one.to_json() for name, one in self.numbers.items()},
-            "rows": [{name: plain(cell) for name, cell in row.items()} for row in self.rows],
+            "rows": rows,
         }
 
 
 def cannot_tell(name: str, question: str, *why: str) -> Answer:
     """Return the answer of a recording that lacks what the question needs; why: sentences."""
     return Answer(name, question, CANNOT_TELL, why)
-
-
-def scaled(estimate: Estimate, factor: float) -> Estimate:
-    """Return an estimate times a positive factor."""
-    return Estimate(*(factor * x for x in (estimate.value, estimate.std, estimate.low, estimate.high)))
 
 
 def in_words(estimate: Estimate, factor: float = 1.0, unit: str = "") -> str:

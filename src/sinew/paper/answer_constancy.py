@@ -20,8 +20,9 @@ from sinew.analysis.decay.decay_windows import DecayWindow, decay_windows, descr
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
 from sinew.analysis.signal.repeats import pool_repeats
 from sinew.analysis.sweep.slope import Trend, detectable, fit_trend
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
-from sinew.paper.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
+from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 
 NAME = "constancy"
 QUESTION = "Does Lehr's damping D stay constant over pretension, beyond chance? (section 4.2)"
@@ -65,12 +66,9 @@ def answer_constancy(results: xr.Dataset) -> Answer:
     rows, std, freedom = _rows(series)
     trend = fit_trend(series.pretension, series.mean, std, freedom)
     span = float(np.ptp(series.pretension))
-    change = _relative(trend.slope, span / trend.middle.value)
+    change = trend.slope.times(span / trend.middle.value)
     seen = span / trend.middle.value * detectable(trend.slope.std, trend.degrees_of_freedom)
-    laws = {
-        "change_by_constant_d": _expected(series, 1.0),
-        "change_by_silicone_alone": _expected(series, 2.0),
-    }
+    laws = {"change_by_constant_d": _expected(series, 1.0), "change_by_silicone_alone": _expected(series, 2.0)}
     numbers = {
         "relative_change": change,
         "slope_per_mm": trend.slope,
@@ -132,10 +130,6 @@ def _rows(series: _Series) -> tuple[tuple[dict[str, Cell], ...], float, float]:
     stds = stds[np.isfinite(stds)]
     std = float(np.sqrt(np.mean(stds**2))) if stds.size else math.nan
     return tuple(rows), std, pooled.degrees_of_freedom
-
-
-def _relative(slope: Estimate, factor: float) -> Estimate:
-    return Estimate(*(factor * x for x in (slope.value, slope.std, slope.low, slope.high)))
 
 
 def _exact(value: float) -> Estimate:
@@ -223,5 +217,5 @@ def _paper(results: xr.Dataset, span: float) -> list[str]:
         return []
     _, std, freedom = _rows(series)
     trend = fit_trend(series.pretension, series.mean, std, freedom)
-    change = _relative(trend.slope, span / trend.middle.value)
+    change = trend.slope.times(span / trend.middle.value)
     return [f"By the paper's peaks and Eq. 7 the change is {in_words(change, 100.0, '%')}."]

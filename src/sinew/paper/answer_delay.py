@@ -22,8 +22,9 @@ from scipy.optimize import least_squares
 from sinew.analysis.signal.repeats import pool_repeats
 from sinew.analysis.signal.sensor import DelayBudget, delay_budget, torsion_delay
 from sinew.identify.joint.fit import JointFit
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
-from sinew.paper.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
+from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.rig import RigSpec
 
 NAME = "delay"

@@ -8,19 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.figures.style import (
-    ACCENT,
-    GREEN,
-    GREY,
-    INK,
-    MARKERS,
-    RED,
-    Floats,
-    in_style,
-    new_figure,
-    note_panel,
-    save_figure,
-)
+from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, in_style, new_figure, note_panel, save_figure
+from sinew.measure.arrays import Array
 from sinew.paper.answer import Answer
 
 _HEIGHT_IN = 2.5
@@ -83,7 +72,7 @@ def _bars(
     )
 
 
-def _pretension(answer: Answer) -> Floats:
+def _pretension(answer: Answer) -> Array:
     return answer.column("pretension_mm")[0]
 
 

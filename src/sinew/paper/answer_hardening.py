@@ -23,7 +23,7 @@ from sinew.identify.oscillator.record import FEWEST, Record, make_record
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import Segment, iterate_segments
-from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words, scaled
+from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.rig import RigSpec
 
 # A rig's recording is cut into the records of one pretension and one repeat, ready for a fit.
@@ -213,8 +213,8 @@ def _row(one: _Fits, shift: Estimate, lean: Estimate) -> dict[str, Cell]:
         "repeats": float(len(one.fits)),
         "swing_deg" if angle else "swing": math.degrees(one.swing) if angle else one.swing,
         "stiffness_per_s2": one.stiffness,
-        "cubic_per_s2_rad2" if angle else "cubic_per_s2": scaled(shift, 1.0 / _factor(one, 2)),
-        "quadratic_per_s2_rad" if angle else "quadratic_per_s2": scaled(lean, 1.0 / _factor(one, 1)),
+        "cubic_per_s2_rad2" if angle else "cubic_per_s2": shift.times(1.0 / _factor(one, 2)),
+        "quadratic_per_s2_rad" if angle else "quadratic_per_s2": lean.times(1.0 / _factor(one, 1)),
         "frequency_shift": shift,
         "quadratic_share": lean,
         "misfit": math.sqrt(np.mean([fitted.rmse**2 for fitted in one.fits])) / scatter,

@@ -24,6 +24,7 @@ from sinew.analysis.signal.power import supply_uncertainty
 from sinew.analysis.signal.repeats import Pooled, pool_repeats
 from sinew.analysis.signal.sensor import sample_rate
 from sinew.identify.joint.fit import JointFit
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import iterate_segments
@@ -32,7 +33,7 @@ from sinew.mechanics.joint import State, mechanical_energy, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import relaxation_times, twist_rigidity
 from sinew.mechanics.tendons import total_tension
-from sinew.paper.answer import CANNOT_TELL, Answer, Array, Cell, cannot_tell, in_words
+from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.solve.march import LANES, Track, runge_kutta

@@ -187,11 +187,7 @@ def paper_posterior(
 
 
 def summarise_draws(
-    draws: Draws,
-    scale: Scale,
-    units: Mapping[str, str],
-    derived: Sequence[Sequence[Mapping[str, float]]],
-    seed: int,
+    draws: Draws, scale: Scale, units: Mapping[str, str], derived: Sequence[Sequence[Mapping[str, float]]], seed: int
 ) -> PaperPosterior:
     """Return the posterior that draws describe; they are in widths of the scale from its likely values.
 

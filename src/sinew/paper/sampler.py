@@ -77,13 +77,7 @@ def require_sampler() -> None:
 
 
 def sample_posterior(
-    residual: Residual,
-    start: Vector,
-    low: Vector,
-    high: Vector,
-    *,
-    seed: int,
-    effort: Effort | None = None,
+    residual: Residual, start: Vector, low: Vector, high: Vector, *, seed: int, effort: Effort | None = None
 ) -> Draws:
     """Return draws of exp(-|residual(x)|²/2) times a standard normal prior that is cut off at `low` and `high`.
 

@@ -12,7 +12,8 @@ from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
 from sinew.analysis.sweep.resonance import MEANINGS, resonance_table
 from sinew.figures.motion import rig_of
-from sinew.figures.style import mean_and_spread
+from sinew.measure.arrays import mean_and_spread
+from sinew.measure.estimate import finite
 from sinew.measure.schema import ENERGY_QUANTITIES, companions
 from sinew.paper.table import paper_table
 from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
@@ -89,11 +90,11 @@ def _energy(results: xr.Dataset) -> dict[str, Any]:
     idle = float(results.attrs.get("idle_power_w", math.nan))
     ends = [end for name in ("energy_reduction", "energy_reduction_with_holding") for end in companions(name)[1:]]
     columns = {name: _numbers(results[name].values) for name in (*ENERGY_QUANTITIES, *ends)}
-    return {"idle_power_w": idle if math.isfinite(idle) else None, **columns}
+    return {"idle_power_w": finite(idle), **columns}
 
 
 def _numbers(values: Iterable[float]) -> list[float | None]:
-    return [float(value) if math.isfinite(value) else None for value in values]
+    return [finite(value) for value in values]
 
 
 # The share of each effect is measured: one short campaign on the twin, one effect off at a time.
@@ -155,7 +156,7 @@ def _row(results: xr.Dataset) -> dict[str, float | None]:
         "damping": results["paper_lehr_damping"].mean("repeat").values,
     }
     return {
-        f"{name}_{pretension:g}": float(values[i]) if math.isfinite(values[i]) else None
+        f"{name}_{pretension:g}": finite(values[i])
         for name, values in columns.items()
         for i, pretension in enumerate(SHARE_PRETENSIONS_MM)
     }

@@ -14,7 +14,7 @@ import xarray as xr
 from sinew.analysis.decay.decay_windows import decay_windows
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
 from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
-from sinew.figures.style import Floats, mean_and_spread
+from sinew.measure.arrays import Array, mean_and_spread
 from sinew.plan.rig import RigSpec
 
 Role = Literal["fitted", "input", "follows"]
@@ -268,12 +268,12 @@ def _bare_silicone(rig: RigSpec) -> list[Row]:
     ]
 
 
-def _not_rising(values: Floats) -> float:
+def _not_rising(values: Array) -> float:
     """Return the number of steps that do not rise, NaN where a value is missing."""
     return float((np.diff(values) <= 0).sum()) if np.isfinite(values).all() else math.nan
 
 
-def _concordance(values: Floats) -> float:
+def _concordance(values: Array) -> float:
     """Return Kendall's rank correlation of values with their order, (rising - falling pairs) / pairs, or NaN."""
     if not np.isfinite(values).all():
         return math.nan

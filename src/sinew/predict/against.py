@@ -24,23 +24,15 @@ from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.torsion import LeverMotion, measure_lever
 from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, estimate_resonance
 from sinew.analysis.sweep.response import Response, estimate_response, wrapped_lag
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
 from sinew.solve.branch import Prediction, Swept, sweep
 
-Array = NDArray[np.float64]
-
-_NINETY = 1.6448536269514722
-_READINGS = (
-    "resonance_hz",
-    "gain_peak",
-    "resonance_measured_drive_hz",
-    "gain_peak_measured_drive",
-    "phase_90_hz",
-)
+_READINGS = ("resonance_hz", "gain_peak", "resonance_measured_drive_hz", "gain_peak_measured_drive", "phase_90_hz")
 
 
 @dataclass(frozen=True)
@@ -133,10 +125,7 @@ def measured_of(recording: xr.Dataset, rig: RigSpec) -> Measured:
 
 
 def compare(
-    measured: Measured,
-    command: Prediction,
-    lever: Prediction | None,
-    fitted_mm: Sequence[float] = (),
+    measured: Measured, command: Prediction, lever: Prediction | None, fitted_mm: Sequence[float] = ()
 ) -> Comparison:
     """Return a prediction beside a recording.
 
@@ -234,7 +223,7 @@ def _readings(measured: xr.Dataset, predicted: xr.Dataset, *, with_lever: bool) 
         suffix = "_hz" if name.endswith("_hz") else ""
         stem = name.removesuffix(suffix)
         low, high = (measured[f"{stem}_{end}{suffix}"].values for end in ("low", "high"))
-        found[name] = Reading(measured[name].values, (high - low) / (2 * _NINETY), low, high, predicted[name].values)
+        found[name] = Reading(measured[name].values, (high - low) / (2 * NORMAL_90), low, high, predicted[name].values)
     return found
 
 

@@ -16,8 +16,9 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.plan.parameter import Parameter
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
@@ -26,8 +27,6 @@ from sinew.solve.branch import Branch, Direction, Mark, Prediction, Swept, sweep
 from sinew.solve.curves import Problem, Resolution, predict
 from sinew.solve.waves import Size
 from sinew.twin.parameters import Effects
-
-Array = NDArray[np.float64]
 
 _ENDS = (0.05, 0.5, 0.95)
 _METHOD: Literal["median_unbiased"] = "median_unbiased"  # the usual rule makes the bands of few draws too narrow
@@ -198,7 +197,6 @@ def _tube(values: Array) -> Tube:
 # 90 % interval that the table does not name are drawn independently, with the interval's half width over 1.645 as
 # standard deviation. A draw in which a parameter lies outside its bounds is drawn again.
 
-_NINETY = 1.6448536269514722
 _TIMES = 200
 _NEGATIVE = 1e-4
 
@@ -241,7 +239,7 @@ def spread_of(rig: RigSpec) -> tuple[tuple[str, ...], Array]:
         covariance[: len(joint), : len(joint)] = np.outer(known.std, known.std) * whole
     for i, name in enumerate(alone, start=len(joint)):
         low, high = table[name].interval90 or (np.nan, np.nan)
-        covariance[i, i] = ((high - low) / (2 * _NINETY)) ** 2
+        covariance[i, i] = ((high - low) / (2 * NORMAL_90)) ** 2
     return names, covariance
 
 

@@ -12,14 +12,11 @@ amplitude; where the torsion lags behind what drives it by 90°, k = I Ω². Har
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array, Complexes
 from sinew.plan.rig import RigSpec
 from sinew.predict.oscillator import Oscillator
 from sinew.solve.branch import Branch
-
-Array = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _HIGHEST_SHARE = 5
 

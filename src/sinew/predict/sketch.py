@@ -12,8 +12,8 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.predict.band import crest
 from sinew.predict.joint import RESOLUTION
 from sinew.solve.balance import Lane
@@ -31,8 +31,6 @@ from sinew.solve.examination import (
 )
 from sinew.solve.landmark import FOLD, QUARTER, guesses
 from sinew.solve.waves import Equations, Size, orders
-
-Array = NDArray[np.float64]
 
 SKETCH_ERROR = 5e-3
 """Error of a sketched amplitude, in shares of the largest [1]: above the largest that was found."""

@@ -18,13 +18,7 @@ from sinew.mechanics.drive import gear_friction
 from sinew.mechanics.parameters import Parameters
 from sinew.plan.rig import RigSpec
 from sinew.predict.joints.validity import CLOSE, LOST, SLENDER, STRAIN, Torso
-from sinew.predict.sections.section import (
-    Section,
-    annulus_section,
-    circle_section,
-    ellipse_section,
-    rectangle_section,
-)
+from sinew.predict.sections.section import Section, annulus_section, circle_section, ellipse_section, rectangle_section
 from sinew.tune.swing_stiffness import as_one_tendon, held_at, peak_tension, swing_loss, swing_stiffness
 from sinew.twin.parameters import from_rig
 

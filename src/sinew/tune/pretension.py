@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate, fixed, number, shown_interval
 from sinew.measure.told import Table, Told
@@ -31,7 +31,6 @@ from sinew.twin.cache import configure
 
 # It is found between which frequencies a rig's pretension can move its resonance, and what ends it.
 
-Array = NDArray[np.float64]
 
 _GRID, _FINE = 5, 401
 _JUST = 1e-6
@@ -107,14 +106,11 @@ def stresses_of(rig: RigSpec, one: Resonance, swing: Swing) -> list[Stress]:
     return found
 
 
-def find_reachable(rig: RigSpec, swing: Swing, *, mode: TendonMode = "position", count: int = _GRID) -> Reachable:
-    """Return the frequencies that pretension alone can make a rig resonate at, within every limit of the rig.
-
-    count: of pretensions across the rig's window at which the resonance is computed.
-    """
+def find_reachable(rig: RigSpec, swing: Swing, *, mode: TendonMode = "position") -> Reachable:
+    """Return the frequencies that pretension alone can make a rig resonate at, within every limit of the rig."""
     low, high = rig.limits.pretension_mm
     low, high = max(0.0, low), min(high, rig.limits.tendon_travel_mm[1])
-    grid = np.linspace(low, high, count)
+    grid = np.linspace(low, high, _GRID)
     every = find_resonances(rig, grid.tolist(), swing, mode=mode)
     found = tuple(one for one in every if one is not None)
     if len(found) < 2:

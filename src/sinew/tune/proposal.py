@@ -174,11 +174,7 @@ def _ends(rig: RigSpec, draft: Draft) -> tuple[Resonance, Resonance] | None:
 
 
 def _faults(
-    rig: RigSpec,
-    target: DesignTarget,
-    ends: tuple[Resonance, Resonance],
-    loads: list[DriveLoad],
-    checks: list[Check],
+    rig: RigSpec, target: DesignTarget, ends: tuple[Resonance, Resonance], loads: list[DriveLoad], checks: list[Check]
 ) -> list[str]:
     told = [check.sentence for check in checks if not check.holds]
     swing = Swing(yaw_deg=target.yaw_deg)

@@ -9,11 +9,9 @@ from scipy import linalg, optimize
 
 from sinew.analysis.broadband.spectra import FrequencyResponse
 from sinew.analysis.sweep.rational import RationalCurve, parameter_spread
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _RELOCATIONS = 30
 _NARROW = 4.0  # bins: a resonance less wide is smeared by the window of its spectra
@@ -38,14 +36,14 @@ class PoleFit:
     """
 
     modes: tuple[ResponseMode, ...]
-    covariance: Floats
+    covariance: Array
     degrees_of_freedom: float
     misfit: float
     message: str
     centre_hz: float
-    parameters: Floats
+    parameters: Array
 
-    def response(self, frequency_hz: Floats) -> Complexes:
+    def response(self, frequency_hz: Array) -> Complexes:
         """Return the fitted response at the frequencies, shape (f,)."""
         s = 1j * np.asarray(frequency_hz, dtype=float) / self.centre_hz
         count = len(self.modes)
@@ -53,12 +51,12 @@ class PoleFit:
         return np.asarray(_basis(s, self.parameters[: 2 * count], np.ones(1)) @ (linear[0::2] + 1j * linear[1::2]))
 
 
-def _pole(natural: Floats, damping: Floats) -> Complexes:
+def _pole(natural: Array, damping: Array) -> Complexes:
     """Return the poles; beyond critical damping both are real, and the first is the slower."""
     return np.asarray(natural * (-damping + 1j * np.sqrt((1.0 - damping**2).astype(complex))))
 
 
-def _basis(s: Complexes, shape: Floats, lag_window: Floats, slope: bool = False) -> Complexes:
+def _basis(s: Complexes, shape: Array, lag_window: Array, slope: bool = False) -> Complexes:
     """Return 1/(s - p) and 1/(s - p*) of each mode in turn, then ones, shape (f, 2m + 1); with `slope` d/dp of them.
 
     lag_window: α_k ω_cᵏ of A(τ) = Σ α_k τᵏ; exp(pτ) A(τ) has the transform Σ α_k k!/(s - p)ᵏ⁺¹.
@@ -78,36 +76,36 @@ class _Points:
 
     s: Complexes
     response: Complexes
-    size_weight: Floats
-    angle_weight: Floats
-    lag_window: Floats
+    size_weight: Array
+    angle_weight: Array
+    lag_window: Array
 
-    def basis(self, shape: Floats) -> Complexes:
+    def basis(self, shape: Array) -> Complexes:
         return _basis(self.s, shape, self.lag_window)
 
-    def weighted(self, values: Complexes) -> Floats:
+    def weighted(self, values: Complexes) -> Array:
         """Return complex columns (f, k) as real ones (2f, k)."""
         relative = values / self.response[:, None]
         return np.concatenate([self.size_weight[:, None] * relative.real, self.angle_weight[:, None] * relative.imag])
 
-    def real_columns(self, basis: Complexes) -> Floats:
+    def real_columns(self, basis: Complexes) -> Array:
         """Return the weighted columns of the real and the imaginary part of each coefficient in turn, (2f, 2k)."""
         return self.weighted(np.stack([basis, 1j * basis], axis=2).reshape(basis.shape[0], -1))
 
     @property
-    def target(self) -> Floats:
+    def target(self) -> Array:
         return self.weighted(self.response[:, None])[:, 0]
 
 
 def fit_poles(
-    frequency_hz: Floats,
+    frequency_hz: Array,
     response: Complexes,
-    size_std: Floats,
-    angle_std: Floats,
+    size_std: Array,
+    angle_std: Array,
     *,
     modes: int = 1,
-    bin_correlation: Floats | None = None,
-    lag_window: Floats | None = None,
+    bin_correlation: Array | None = None,
+    lag_window: Array | None = None,
 ) -> PoleFit:
     """Return the weighted least-squares fit of `modes` modes to complex points, all arguments of shape (f,).
 
@@ -125,10 +123,10 @@ def fit_poles(
     f, points = _points(frequency_hz, response, size_std, angle_std, modes, lag_window)
     centre = float(0.5 * (f[0] + f[-1]))
 
-    def residual(p: Floats) -> Floats:
+    def residual(p: Array) -> Array:
         return _residual(p, points, modes)
 
-    def jacobian(p: Floats) -> Floats:
+    def jacobian(p: Array) -> Array:
         return _jacobian(p, points, modes)
 
     start = _relocated(points, modes)
@@ -157,13 +155,8 @@ def fit_poles(
 
 
 def _points(
-    frequency_hz: Floats,
-    response: Complexes,
-    size_std: Floats,
-    angle_std: Floats,
-    modes: int,
-    lag_window: Floats | None,
-) -> tuple[Floats, _Points]:
+    frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array, modes: int, lag_window: Array | None
+) -> tuple[Array, _Points]:
     """Return the frequencies at which everything is known, and what is fitted there."""
     known = np.isfinite(response) & np.isfinite(size_std) & np.isfinite(angle_std) & (np.abs(response) > 0)
     f = np.asarray(frequency_hz[known], dtype=float)
@@ -173,7 +166,7 @@ def _points(
         raise RecordingError(
             f"too few frequencies for {what}: found {f.size}, expected at least {fewest}; measure more"
         )
-    weights: list[Floats] = []
+    weights: list[Array] = []
     for std in (size_std[known], angle_std[known]):
         weights.append(1.0 / np.maximum(std, max(1e-3 * float(np.median(std)), 1e-12)))
     centre = 0.5 * float(f[0] + f[-1])
@@ -189,12 +182,7 @@ def fit_poles_of(response: FrequencyResponse, low_hz: float, high_hz: float, *, 
     errors = response.relative_std[inside], response.phase_std_rad[inside]
     frequency, h1 = response.frequency_hz[inside], response.h1[inside]
     return fit_poles(
-        frequency,
-        h1,
-        *errors,
-        modes=modes,
-        bin_correlation=response.bin_correlation,
-        lag_window=response.lag_window,
+        frequency, h1, *errors, modes=modes, bin_correlation=response.bin_correlation, lag_window=response.lag_window
     )
 
 
@@ -210,14 +198,14 @@ def read_pole(curve: RationalCurve) -> ResponseMode:
     return ResponseMode(natural, _spread_estimate(curve, 0.5 * w * spread[:, 1] / root))
 
 
-def _spread_estimate(curve: RationalCurve, values: Floats) -> Estimate:
+def _spread_estimate(curve: RationalCurve, values: Array) -> Estimate:
     shares = (0.25 * (values[1:17] - values[17:]) ** 2).reshape(2, 8).sum(axis=1)
     variance = float(shares.sum())
     spent = float((shares**2 / np.asarray(curve.degrees_of_freedom)).sum())
     return Estimate.student(float(values[0]), math.sqrt(variance), variance**2 / spent if spent > 0 else 1e6)
 
 
-def _relocated(points: _Points, modes: int) -> Floats:
+def _relocated(points: _Points, modes: int) -> Array:
     """Return the parameters that vector fitting ends at, poles moved to the zeros of its scaling function."""
     u = points.s.imag
     span = float(u[-1] - u[0])
@@ -237,19 +225,19 @@ def _relocated(points: _Points, modes: int) -> Floats:
     return np.concatenate([shape, _solve(points.real_columns(points.basis(shape)), points.target)])
 
 
-def _solve(design: Floats, target: Floats) -> Floats:
+def _solve(design: Array, target: Array) -> Array:
     scale = np.linalg.norm(design, axis=0)
     scale[scale == 0] = 1.0
     return np.asarray(np.linalg.lstsq(design / scale, target, rcond=1e-13)[0] / scale)
 
 
-def _residual(parameters: Floats, points: _Points, modes: int) -> Floats:
+def _residual(parameters: Array, points: _Points, modes: int) -> Array:
     linear = parameters[2 * modes :]
     model = points.basis(parameters[: 2 * modes]) @ (linear[0::2] + 1j * linear[1::2])
     return points.weighted((model - points.response)[:, None])[:, 0]
 
 
-def _jacobian(parameters: Floats, points: _Points, modes: int) -> Floats:
+def _jacobian(parameters: Array, points: _Points, modes: int) -> Array:
     shape, linear = parameters[: 2 * modes], parameters[2 * modes :]
     coefficients = linear[0::2] + 1j * linear[1::2]
     basis, slopes = points.basis(shape), _basis(points.s, shape, points.lag_window, slope=True)
@@ -265,8 +253,8 @@ def _jacobian(parameters: Floats, points: _Points, modes: int) -> Floats:
 
 
 def _covariance(
-    parameters: Floats, points: _Points, modes: int, bin_correlation: Floats | None
-) -> tuple[Floats, float, float]:
+    parameters: Array, points: _Points, modes: int, bin_correlation: Array | None
+) -> tuple[Array, float, float]:
     """Return (covariance, degrees of freedom, misfit), the sandwich where neighbouring errors are correlated."""
     jacobian, residual = _jacobian(parameters, points, modes), _residual(parameters, points, modes)
     scale = np.linalg.norm(jacobian, axis=0)
@@ -286,14 +274,14 @@ def _covariance(
     return np.asarray(covariance / np.outer(scale, scale), dtype=float), freedom, misfit
 
 
-def _sorted(parameters: Floats, order: NDArray[np.intp]) -> Floats:
+def _sorted(parameters: Array, order: NDArray[np.intp]) -> Array:
     modes = order.size
     shape = parameters[: 2 * modes].reshape(modes, 2)[order]
     linear = parameters[2 * modes : -2].reshape(modes, 4)[order]
     return np.concatenate([shape.ravel(), linear.ravel(), parameters[-2:]])
 
 
-def _warning(natural_hz: Floats, damping: Floats, f: Floats, misfit: float, is_spectrum: bool) -> str:
+def _warning(natural_hz: Array, damping: Array, f: Array, misfit: float, is_spectrum: bool) -> str:
     said = []
     if misfit > _MISFIT:
         said.append(f"the modes miss the points by {misfit:.2g} times their stated errors; the intervals are widened")

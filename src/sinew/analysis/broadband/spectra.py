@@ -7,10 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, signal
 
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Pair = tuple[NDArray[np.floating], NDArray[np.floating]]
 
 _BATCH = 16  # segments transformed at once: at 4096 samples half a megabyte each way, which stays in the cache
@@ -36,7 +35,7 @@ class Segmentation:
                 f"segments of {self.length} samples every {self.hop}: expected at least 8, and a hop of 1 to the length"
             )
 
-    def weights(self) -> Floats:
+    def weights(self) -> Array:
         """Return the window, shape (length,)."""
         return np.asarray(signal.get_window(self.window, self.length), dtype=float)
 
@@ -51,7 +50,7 @@ class Segmentation:
         """
         return segments / float(self._lags(segments)[:, 0].sum())
 
-    def neighbours(self, segments: int) -> Floats:
+    def neighbours(self, segments: int) -> Array:
         """Return how the random errors of bins 0, 1, 2, ... apart are correlated, starting with 1, shape (k,).
 
         The window smears noise over neighbouring bins: 4/9 and 1/36 for one Hann window. Bins below 1e-4 are left out.
@@ -61,7 +60,7 @@ class Segmentation:
         far = np.flatnonzero(correlation > 1e-4)
         return np.asarray(correlation[: int(far[-1]) + 1])
 
-    def lag_window(self, sample_hz: float) -> Floats:
+    def lag_window(self, sample_hz: float) -> Array:
         """Return α of A(τ) = Σ α_k τᵏ, k = 0 to 4, the autocorrelation of the window at short lags [s], shape (5,).
 
         A segment sees the impulse response h(τ) as h(τ) A(τ) in the mean, exactly so where the input is white.
@@ -72,7 +71,7 @@ class Segmentation:
         powers = np.linalg.lstsq(np.vander(tau, 5, increasing=True)[:, 1:], lags / lags[0] - 1.0, rcond=None)[0]
         return np.asarray(np.append(1.0, powers) * (sample_hz / w.size) ** np.arange(5), dtype=float)
 
-    def _lags(self, segments: int) -> Floats:
+    def _lags(self, segments: int) -> Array:
         """Return the share of each pair of segments in the variance, (hops both ways, bins apart 0 to 15)."""
         w = self.weights()
         rows = []
@@ -92,9 +91,9 @@ class Spectra:
     segments: how many were averaged, overlapping as `cut` says.
     """
 
-    frequency_hz: Floats
-    input_power: Floats
-    output_power: Floats
+    frequency_hz: Array
+    input_power: Array
+    output_power: Array
     cross_power: Complexes
     segments: int
     cut: Segmentation
@@ -147,7 +146,7 @@ class _Sum:
             raise RecordingError(f"the {name} holds NaN or infinity; cut the record or mend it")
         constant = powers.max(axis=1) <= (_ROUND_OFF * self.level * self.cut.length) ** 2 * self.segments
         powers[constant] = 0.0
-        scale: Floats = np.full(powers.shape[1], 2.0 / (sample_hz * float(self.window @ self.window) * self.segments))
+        scale: Array = np.full(powers.shape[1], 2.0 / (sample_hz * float(self.window @ self.window) * self.segments))
         scale[0] *= 0.5
         if self.cut.length % 2 == 0:
             scale[-1] *= 0.5
@@ -221,16 +220,16 @@ class FrequencyResponse:
     spectra: what all this was computed from.
     """
 
-    frequency_hz: Floats
+    frequency_hz: Array
     h1: Complexes
     h2: Complexes
-    coherence: Floats
-    relative_std: Floats
-    phase_std_rad: Floats
-    coherence_std: Floats
+    coherence: Array
+    relative_std: Array
+    phase_std_rad: Array
+    coherence_std: Array
     averages: float
-    bin_correlation: Floats
-    lag_window: Floats
+    bin_correlation: Array
+    lag_window: Array
     spectra: Spectra
 
     def between(self, low_hz: float, high_hz: float) -> NDArray[np.bool_]:

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from sinew.analysis.signal.coloured_noise import orthonormal, sandwich
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-
-Array = NDArray[np.float64]
 
 # Places of the parameters in the vector of the fit; time runs from 0 to 1 over the window.
 _RATE, _OMEGA, _COS, _SIN, _REST, _SLOPE = range(6)
@@ -164,14 +162,7 @@ def fit_decay(
         return _jacobian(s, q, relaxes, bends)
 
     found = optimize.least_squares(
-        deviation,
-        p,
-        jac=slope,
-        method="lm",
-        x_scale="jac",
-        ftol=1e-9,
-        xtol=1e-10,
-        max_nfev=60,
+        deviation, p, jac=slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-10, max_nfev=60
     )
     covariance, freedom = sandwich(np.asarray(found.jac), np.asarray(found.fun))
     sizes = np.full(p.size, scale)

@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.repeats import pool_repeats
 from sinew.analysis.sweep.slope import fit_trend
-from sinew.measure.estimate import Estimate
-
-Array = NDArray[np.float64]
+from sinew.measure.arrays import Array
+from sinew.measure.estimate import Estimate, finite
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,7 @@ class DecayWindow:
             "start_periods": self.start_periods,
             "pretension_mm": [float(p) for p in self.pretension_mm],
             "lehr_damping": [one.to_json() for one in self.damping],
-            "spread": self.spread if math.isfinite(self.spread) else None,
+            "spread": finite(self.spread),
             "relative_change": self.change.to_json(),
             "trend": self.trend,
             "steps_at_which_the_decay_rate_does_not_rise": self.falling_rates,

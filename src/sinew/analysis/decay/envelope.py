@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
-from sinew.analysis.decay.peaks import Peaks
-
-Array = NDArray[np.float64]
+from sinew.analysis.decay.free_decay import Peaks
+from sinew.measure.arrays import Array
 
 _NOISE_SHARE = 5.0  # a peak is used while it is this many times its own uncertainty,
 _SMALLEST_PEAK = 0.02  # and this share of the largest
@@ -39,11 +37,6 @@ class Envelope:
     def lehr_damping(self) -> float:
         """Return D = λ/⟨ω⟩ (paper Eq. 7); 1/sqrt(1 - D²) larger than the damping ratio."""
         return self.decay_rate_per_s / self.omega_rad_s
-
-    @property
-    def lehr_damping_undamped(self) -> float:
-        """Return λ/sqrt(⟨ω⟩² + λ²), the damping ratio by the undamped frequency."""
-        return self.decay_rate_per_s / float(np.hypot(self.omega_rad_s, self.decay_rate_per_s))
 
     @property
     def lehr_damping_std(self) -> float:

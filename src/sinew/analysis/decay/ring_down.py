@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import integrate, special
 
 from sinew.analysis.decay.decay_fit import DecayFit, fit_decay
 from sinew.analysis.decay.envelope import Envelope, fit_envelope, large_peaks
-from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, free_decay
-from sinew.analysis.decay.peaks import Peaks, find_peaks
+from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, find_peaks, free_decay
+from sinew.measure.arrays import Array
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
@@ -21,7 +21,6 @@ from sinew.measure.schema import RESULT_VARIABLES, result_axis
 
 # A decay shows whether it is exponential, and how damping and frequency move with amplitude.
 
-Array = NDArray[np.float64]
 
 _WINDOW_RATIO = 1.4  # a window lasts until the amplitude has shrunk by this factor,
 _GOOD_ENOUGH = 0.03  # or its damping is as certain as this

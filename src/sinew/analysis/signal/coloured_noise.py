@@ -8,9 +8,8 @@ few samples in which a decay is still large, and be too small for a short one.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sinew.measure.arrays import Array
 
 _MAX_ORDER = 8
 

@@ -4,15 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.harmonics import fit_harmonics, refine_frequency
 from sinew.analysis.signal.torsion import drive_channel
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import Segment, build_recording, segment_slices
 from sinew.measure.schema import SAMPLE_VARIABLES
-
-Floats = NDArray[np.float64]
 
 FEWEST_PERIODS = 6
 SETTLE_SHARE = 0.5
@@ -80,7 +78,7 @@ def split_by_drive(recording: xr.Dataset, settle_s: float | None = None) -> xr.D
     return build_recording(samples, segments, sizes, attrs, units)
 
 
-def _find_groups(stamps: Floats, drive: Floats) -> list[_Group]:
+def _find_groups(stamps: Array, drive: Array) -> list[_Group]:
     """Return the groups of constant drive frequency in one stretch, in order."""
     crossings = _rising_crossings(stamps, drive)
     groups = []
@@ -99,7 +97,7 @@ def _find_groups(stamps: Floats, drive: Floats) -> list[_Group]:
     return groups
 
 
-def _rising_crossings(stamps: Floats, drive: Floats) -> Floats:
+def _rising_crossings(stamps: Array, drive: Array) -> Array:
     """Return the times at which the drive rises through its middle [s], with hysteresis against noise."""
     low, high = np.percentile(drive, (2.0, 98.0))
     signal = drive - 0.5 * (low + high)
@@ -115,7 +113,7 @@ def _rising_crossings(stamps: Floats, drive: Floats) -> Floats:
     return np.asarray(times, dtype=float)
 
 
-def _equal_runs(periods: Floats) -> list[tuple[int, int]]:
+def _equal_runs(periods: Array) -> list[tuple[int, int]]:
     """Return (first, last) crossing of each longest run of equal periods, at least six of them."""
     if periods.size < FEWEST_PERIODS:
         return []
@@ -134,7 +132,7 @@ def _equal_runs(periods: Floats) -> list[tuple[int, int]]:
     return runs
 
 
-def _is_level(periods: Floats, tolerance: float) -> bool:
+def _is_level(periods: Array, tolerance: float) -> bool:
     """Whether periods hold still: from the first to the last third they change by less than half the tolerance, or by
     less than three times what their scatter explains."""
     third = max(2, periods.size // 3)
@@ -160,7 +158,7 @@ def _steady_periods(group: _Group, start: float, end: float, settle_s: float | N
 
 
 def _label(
-    known: Segment, groups: list[_Group], stamps: Floats, is_angle: bool, settle_s: float | None
+    known: Segment, groups: list[_Group], stamps: Array, is_angle: bool, settle_s: float | None
 ) -> list[tuple[Segment, int]]:
     """Return the new segments of one stretch with their sizes, which add up to the stretch."""
     out: list[tuple[Segment, int]] = []

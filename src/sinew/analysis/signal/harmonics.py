@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array, Complexes
+
 HARMONICS = 5
 _LINES = 12
 _SIDEBANDS = 8
 _NYQUIST_SHARE = 0.45
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -27,18 +26,18 @@ class Harmonics:
     shape (s, q, m, 2), relative to nothing; NaN where the record is too short for any.
     """
 
-    frequency_hz: Floats
-    reference_s: Floats
+    frequency_hz: Array
+    reference_s: Array
     coefficient: Complexes
-    std: Floats
-    offset: Floats
-    slope: Floats
+    std: Array
+    offset: Array
+    slope: Array
     growth: Complexes
-    growth_std: Floats
+    growth_std: Array
     sidebands: Complexes
 
 
-def fit_harmonics(time_s: Floats, signal: Floats, frequency_hz: Floats) -> Harmonics:
+def fit_harmonics(time_s: Array, signal: Array, frequency_hz: Array) -> Harmonics:
     """Return offset, slope, the fundamental and harmonics 2 to 5 of records of equal length, by least squares.
 
     time_s: stamps as they are, jitter included, shape (s, n). signal: shape (s, q, n). frequency_hz: shape (s,).
@@ -79,9 +78,7 @@ def fit_harmonics(time_s: Floats, signal: Floats, frequency_hz: Floats) -> Harmo
     return Harmonics(frequency_hz, reference, **parts)
 
 
-def _fit_batch(
-    time: Floats, signal: Floats, frequency: Floats, whole: int, count: int
-) -> tuple[NDArray[np.generic], ...]:
+def _fit_batch(time: Array, signal: Array, frequency: Array, whole: int, count: int) -> tuple[NDArray[np.generic], ...]:
     """Return the fields from coefficient to sidebands of records with one number of whole periods."""
     samples = time.shape[1]
     lines = _line_numbers(whole, count, int(_NYQUIST_SHARE * samples))
@@ -126,7 +123,7 @@ def _line_numbers(whole: int, count: int, highest: int) -> NDArray[np.int64]:
     return np.asarray(numbers[~is_harmonic & (numbers <= highest)], dtype=np.int64)
 
 
-def _line_amplitudes(residual: Floats, cycles: Floats, lines: NDArray[np.int64]) -> Complexes:
+def _line_amplitudes(residual: Array, cycles: Array, lines: NDArray[np.int64]) -> Complexes:
     """Return 2/n Σ r exp(-2πi k c) at the lines k, shape (s, q, lines)."""
     step = np.exp(-2j * np.pi * cycles)
     wave, number = step ** int(lines[0]), int(lines[0])
@@ -151,7 +148,7 @@ def _sidebands(amplitudes: Complexes, lines: NDArray[np.int64], whole: int) -> C
     return out
 
 
-def relative_noise(fitted: Harmonics, signal: int, reference: int | None = None) -> tuple[Floats, Floats]:
+def relative_noise(fitted: Harmonics, signal: int, reference: int | None = None) -> tuple[Array, Array]:
     """Return relative standard deviation of a fundamental's amplitude, and standard deviation of its phase [rad], (s,).
 
     reference: another signal; then amplitude and phase are those of the quotient of the two, and what both share, as
@@ -181,7 +178,7 @@ def relative_noise(fitted: Harmonics, signal: int, reference: int | None = None)
     return amplitude, phase
 
 
-def waveform(coefficient: Complexes, angle: Floats) -> Floats:
+def waveform(coefficient: Complexes, angle: Array) -> Array:
     """Return Re Σ X_h exp(jhψ) for coefficients (s, h), NaN harmonics left out, at phases ψ (s, n) or (n,)."""
     total = np.zeros(np.broadcast_shapes(angle.shape, (coefficient.shape[0], 1)))
     for h in range(1, coefficient.shape[1] + 1):
@@ -189,7 +186,7 @@ def waveform(coefficient: Complexes, angle: Floats) -> Floats:
     return total
 
 
-def refine_frequency(time_s: Floats, signal: Floats, frequency_hz: float) -> float:
+def refine_frequency(time_s: Array, signal: Array, frequency_hz: float) -> float:
     """Return the frequency of a steady periodic signal [Hz], from a guess that is right within a fifth of 1/duration.
 
     time_s, signal: shape (n,). The phase of the fundamental must not turn inside the record: its growth per period

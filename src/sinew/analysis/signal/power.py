@@ -7,19 +7,20 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
+from sinew.measure.estimate import NORMAL_90
 from sinew.measure.recording import iterate_segments
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
 
 # A periodic signal gets its mean over a cycle, from samples that hold no whole number of cycles.
 
-Floats = NDArray[np.float64]
 
 _HARMONICS = 5
 _NYQUIST_SHARE = 0.45
 
 
-def cycle_mean(time_s: Floats, signal: Floats, frequency_hz: Floats) -> tuple[Floats, Floats]:
+def cycle_mean(time_s: Array, signal: Array, frequency_hz: Array) -> tuple[Array, Array]:
     """Return the means of q periodic signals of s records and their standard deviations, each (s, q).
 
     time_s: stamps as they are, (s, n). signal: (s, q, n). frequency_hz: at which the signals repeat, (s,); of a power
@@ -50,22 +51,6 @@ def cycle_mean(time_s: Floats, signal: Floats, frequency_hz: Floats) -> tuple[Fl
     return solution[:, 0], std
 
 
-def energy_between(time_s: Floats, power_w: Floats, edges_s: Floats) -> Floats:
-    """Return the energy [J] between successive times, (e - 1,): of the cycles of a motion whose frequency moves.
-
-    time_s, power_w: (n,). edges_s: where cycles begin and end, (e,), inside the record. Trapezoidal rule on the actual
-    stamps, with the power at the edges linear between samples.
-    """
-    steps = 0.5 * (power_w[1:] + power_w[:-1]) * np.diff(time_s)
-    total = np.concatenate([[0.0], np.cumsum(steps)])
-    place = np.clip(np.searchsorted(time_s, edges_s, side="right") - 1, 0, time_s.size - 2)
-    begin, height = time_s[place], power_w[place]
-    inside = edges_s - begin
-    slope = (power_w[place + 1] - height) / (time_s[place + 1] - begin)
-    at_edges = total[place] + inside * (height + 0.5 * slope * inside)
-    return np.diff(at_edges)
-
-
 def winding_resistance(rig: RigSpec) -> float:
     """Return the drive's resistance [Ω], winding, brushes and bridge: nominal voltage over stall current."""
     return rig.drive.nominal_voltage.value / rig.drive.stall_current.value
@@ -92,10 +77,10 @@ def supply_uncertainty(recording: xr.Dataset, rig: RigSpec) -> float:
     voltage = rig.drive.supply_voltage
     if voltage.interval90 is None:
         return 0.0
-    return float(np.ptp(voltage.interval90)) / (2 * 1.6448536269514722) / voltage.value
+    return float(np.ptp(voltage.interval90)) / (2 * NORMAL_90) / voltage.value
 
 
-def electrical_power(recording: xr.Dataset, rig: RigSpec) -> Floats | None:
+def electrical_power(recording: xr.Dataset, rig: RigSpec) -> Array | None:
     """Return the drive's electrical power at every sample [W], (sample,), None where duty or current was not recorded.
 
     Duty times supply voltage times current, where Present Current is the motor's own: see docs/explanation/energy.md.
@@ -106,7 +91,7 @@ def electrical_power(recording: xr.Dataset, rig: RigSpec) -> Floats | None:
     return np.asarray(power * _supply(recording, rig, slice(None)))
 
 
-def holding_power(recording: xr.Dataset, rig: RigSpec) -> Floats | None:
+def holding_power(recording: xr.Dataset, rig: RigSpec) -> Array | None:
     """Return the electrical power of all tendon motors at every sample [W], (sample,); None without currents."""
     samples = np.arange(recording.sizes["sample"])[None]
     found = _holding(recording, rig, samples, _supply(recording, rig, samples))
@@ -142,7 +127,7 @@ def rest_power(recording: xr.Dataset, rig: RigSpec) -> dict[tuple[float, int], t
 
 
 def power_columns(
-    recording: xr.Dataset, samples: NDArray[np.int64], frequency_hz: Floats, rig: RigSpec | None
+    recording: xr.Dataset, samples: NDArray[np.int64], frequency_hz: Array, rig: RigSpec | None
 ) -> dict[str, NDArray[Any]]:
     """Return the power columns of the result schema of steady segments of one length, each (s,), by name.
 
@@ -171,7 +156,7 @@ def _supply(recording: xr.Dataset, rig: RigSpec, samples: Any) -> Any:
     return recording["supply_v"].values[samples].astype(float)
 
 
-def _holding(recording: xr.Dataset, rig: RigSpec, samples: NDArray[np.int64], supply: Any) -> Floats | None:
+def _holding(recording: xr.Dataset, rig: RigSpec, samples: NDArray[np.int64], supply: Any) -> Array | None:
     """Return the tendon motors' electrical power, all together [W], (s, n): duty, or else resistance, times current."""
     if "tendon_current_a" not in recording:
         return None

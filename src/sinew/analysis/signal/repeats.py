@@ -5,13 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
-from sinew.measure.estimate import Estimate
-
-Floats = NDArray[np.float64]
-_NORMAL_90 = 1.6448536269514722
+from sinew.measure.arrays import Array
+from sinew.measure.estimate import NORMAL_90, Estimate
 
 
 @dataclass(frozen=True)
@@ -21,15 +19,15 @@ class Interval:
     std: over repeats, of one draw; that of the fit where there is one repeat. std_of_value: of the value itself.
     """
 
-    value: Floats
-    std: Floats
-    std_of_value: Floats
-    low: Floats
-    high: Floats
+    value: Array
+    std: Array
+    std_of_value: Array
+    low: Array
+    high: Array
 
 
 def combine_repeats(
-    values: Floats, stds: Floats, degrees_of_freedom: ArrayLike = np.inf, systematic: ArrayLike = 0.0
+    values: Array, stds: Array, degrees_of_freedom: ArrayLike = np.inf, systematic: ArrayLike = 0.0
 ) -> Interval:
     """Return mean and 90 % interval over the last axis, (..., r), of which NaN repeats are left out.
 
@@ -52,9 +50,9 @@ def combine_repeats(
     freedom = np.where(single, freedom[..., 0], count - 1.0)
     usable = (count > 0) & (freedom > 0)
     known = np.where(usable & np.isfinite(freedom), freedom, 1.0)
-    factor = np.where(np.isfinite(freedom), special.stdtrit(known, 0.95), _NORMAL_90)
+    factor = np.where(np.isfinite(freedom), special.stdtrit(known, 0.95), NORMAL_90)
     shared = np.asarray(systematic, dtype=float)
-    half = np.where(usable, np.hypot(factor * own, _NORMAL_90 * shared), np.nan)
+    half = np.where(usable, np.hypot(factor * own, NORMAL_90 * shared), np.nan)
     return Interval(mean, std, np.hypot(own, shared), mean - half, mean + half)
 
 
@@ -107,7 +105,7 @@ def pool_repeats(
     return Pooled(tuple(_mean(row, std, dof, more) for row, more in zip(known, beside, strict=True)), std, dof, beside)
 
 
-def _mean(row: Floats, std: float, dof: float, shared: float) -> Estimate:
+def _mean(row: Array, std: float, dof: float, shared: float) -> Estimate:
     if not row.size or not math.isfinite(std):
         return Estimate(float(row.mean()) if row.size else math.nan, math.nan, math.nan, math.nan)
     return Estimate.student(float(row.mean()), math.hypot(std / math.sqrt(row.size), shared), dof)

@@ -9,18 +9,17 @@ from scipy.integrate import cumulative_simpson
 
 from sinew.analysis.signal.harmonics import HARMONICS, Harmonics, fit_harmonics, waveform
 from sinew.analysis.signal.sensor import delay_budget, drive_chain, torsion_chain
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Channel:
     """One signal of a recording: values of shape (sample,), their unit, and whether they are the torsion's rate."""
 
-    values: Floats
+    values: Array
     unit: str
     is_rate: bool = False
 
@@ -48,7 +47,7 @@ def drive_channel(recording: xr.Dataset) -> Channel | None:
     return None
 
 
-def integrate_rate(time_s: Floats, rate: Floats) -> Floats:
+def integrate_rate(time_s: Array, rate: Array) -> Array:
     """Return the integral of a rate from the first stamp on, zero there, same shape (..., n).
 
     Cumulative Simpson on the actual stamps. At 200 Hz and 6 Hz the trapezoidal rule makes an amplitude too small by
@@ -59,7 +58,7 @@ def integrate_rate(time_s: Floats, rate: Floats) -> Floats:
     return np.asarray(cumulative_simpson(rate, x=np.broadcast_to(time_s, rate.shape), axis=-1, initial=0.0))
 
 
-def steady_torsion(time_s: Floats, signal: Floats, fitted: Harmonics, is_rate: bool) -> Floats:
+def steady_torsion(time_s: Array, signal: Array, fitted: Harmonics, is_rate: bool) -> Array:
     """Return the torsion of steady records about its mean, as the sensors saw it, shape (s, n).
 
     time_s, signal: shape (s, n). fitted: harmonics of the same records, signal 0; their offset and slope are the
@@ -122,10 +121,10 @@ def steady_motion(recording: xr.Dataset, segment: int, rig: RigSpec | None = Non
     return xr.Dataset(variables, attrs=attrs)
 
 
-def _evaluate(stamps: Floats, signal: Floats, fitted: Harmonics, time_s: Floats) -> Floats:
+def _evaluate(stamps: Array, signal: Array, fitted: Harmonics, time_s: Array) -> Array:
     """Return signal 1 of a fitted record at other times (n,): its harmonics there plus its residual, interpolated."""
 
-    def harmonic(time: Floats) -> Floats:
+    def harmonic(time: Array) -> Array:
         omega = 2.0 * np.pi * fitted.frequency_hz[0]
         return np.asarray(waveform(fitted.coefficient[:, 1], omega * (time - fitted.reference_s[0]))[0])
 
@@ -133,8 +132,6 @@ def _evaluate(stamps: Floats, signal: Floats, fitted: Harmonics, time_s: Floats)
 
 
 # The lever's waveform is measured: its fundamental, and the odd harmonics of a drive at its limit.
-
-Complexes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -145,9 +142,9 @@ class LeverMotion:
     measured; orders (h,); shares s_h, complex, shape (p, f, h), zero where they could not be resolved.
     """
 
-    pretension_mm: Floats
-    frequency_hz: Floats
-    amplitude: Floats
+    pretension_mm: Array
+    frequency_hz: Array
+    amplitude: Array
     orders: NDArray[np.int64]
     shares: Complexes
 

@@ -6,22 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import Akima1DInterpolator, CubicSpline, RegularGridInterpolator
+from scipy.interpolate import Akima1DInterpolator, CubicSpline
 from scipy.optimize import nnls
 
 from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty, winding_resistance
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.sweep.resonance import store_interval
 from sinew.analysis.sweep.response import Response
-from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
+from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.schema import ENERGY_QUANTITIES
 from sinew.plan.rig import RigSpec
 
 # The current that a swing needs is parted into spring, inertia and what the two save each other.
 
-Floats = NDArray[np.float64]
 
 FEWEST_POINTS = 6
 """Frequencies that a trend needs at least."""
@@ -45,12 +42,12 @@ class SwingTrend:
     saved_std: float
     misfit: float
 
-    def squared_saving(self, frequency_hz: Floats) -> Floats:
+    def squared_saving(self, frequency_hz: Array) -> Array:
         """Return c f² [A²/rad²]: by how much spring and inertia together need less than each for itself."""
         return self.saved * frequency_hz**2
 
 
-def fit_swing_trend(frequency_hz: Floats, current_a: Floats, torsion_rad: Floats) -> SwingTrend | None:
+def fit_swing_trend(frequency_hz: Array, current_a: Array, torsion_rad: Array) -> SwingTrend | None:
     """Return the trend of the current that a swing of the head needs; None with fewer than six usable frequencies.
 
     frequency_hz, current_a (root mean square), torsion_rad (amplitude): shape (f,); what is not finite is left out.
@@ -101,7 +98,7 @@ class LineTrend:
         return self.intercept + self.slope * frequency_hz
 
 
-def fit_line_trend(frequency_hz: Floats, current_a: Floats, resonance_hz: float) -> LineTrend | None:
+def fit_line_trend(frequency_hz: Array, current_a: Array, resonance_hz: float) -> LineTrend | None:
     """Return the paper's linear increase: a line by least squares through what was measured off resonance.
 
     Off resonance: outside 0.8 to 1.25 times the resonance. None where fewer than two frequencies lie on either side.
@@ -133,13 +130,13 @@ _FROM_TREND = (
 _NEEDED = ("drive_power_w", "drive_copper_w", "drive_mechanical_w", "drive_current_rms_a", "amplitude_rad")
 
 
-def cost_of_swing(power_w: Floats, frequency_hz: Floats, torsion_rad: Floats) -> Floats:
+def cost_of_swing(power_w: Array, frequency_hz: Array, torsion_rad: Array) -> Array:
     """Return the energy per cycle for one radian of torsion amplitude [J/rad²], elementwise: P/(f φ₁²)."""
     return np.asarray(power_w / (frequency_hz * torsion_rad**2))
 
 
 def estimate_energy(
-    recording: xr.Dataset, response: Response, resonance_hz: Floats, rig: RigSpec | None
+    recording: xr.Dataset, response: Response, resonance_hz: Array, rig: RigSpec | None
 ) -> xr.Dataset | None:
     """Return the energy part of the results, over pretension with `_std`, `_low`, `_high`; None where nothing is known.
 
@@ -171,37 +168,26 @@ def estimate_energy(
     idle = idle_power(rig)
     out = xr.Dataset(attrs={"idle_power_w": math.nan if idle is None else idle})
     for name in ENERGY_QUANTITIES:
-        grid = np.hypot(_mean(misfit[name]), volts.get(name, 0.0))
+        grid = np.hypot(mean_of_known(misfit[name], 0.0), volts.get(name, 0.0))
         alone = np.isfinite(value[name]).sum(axis=1) == 1  # its own deviation holds the trend's already
-        of_trend = np.where(alone | (name not in _FROM_TREND), 0.0, _mean(std[name]))
+        of_trend = np.where(alone | (name not in _FROM_TREND), 0.0, mean_of_known(std[name], 0.0))
         shared = np.hypot(grid, of_trend)
         store_interval(out, name, combine_repeats(value[name], std[name], np.inf, shared))
     return out
 
 
-def _mean(values: Floats) -> Floats:
-    """Return the mean over repeats, zero where there is none."""
-    valid = np.isfinite(values)
-    return np.asarray(np.where(valid, values, 0.0).sum(axis=1) / np.maximum(valid.sum(axis=1), 1))
-
-
-def _of_voltage(value: Mapping[str, Floats], volts: float) -> dict[str, Floats]:
+def _of_voltage(value: Mapping[str, Array], volts: float) -> dict[str, Array]:
     """Return the standard uncertainties from that of the voltage (relative), each (p,); repeats share them."""
-    shared = {name: volts * np.abs(_mean(value[name])) for name in _FROM_POWER}
-    shared["gear_at_resonance_w"] = volts * _mean(value["drive_power_at_resonance_w"])
+    shared = {name: volts * np.abs(mean_of_known(value[name], 0.0)) for name in _FROM_POWER}
+    shared["gear_at_resonance_w"] = volts * mean_of_known(value["drive_power_at_resonance_w"], 0.0)
     for name in ("energy_reduction", "energy_reduction_with_holding", "cheapest_reduction"):
-        left = 1.0 - _mean(value[name])
+        left = 1.0 - mean_of_known(value[name], 0.0)
         shared[name] = volts * np.abs(left * (1.0 - left))
     return shared
 
 
 def energy_of_repeat(
-    frequency_hz: Floats,
-    columns: Mapping[str, Floats],
-    resonance_hz: float,
-    resistance: float,
-    *,
-    second: bool = False,
+    frequency_hz: Array, columns: Mapping[str, Array], resonance_hz: float, resistance: float, *, second: bool = False
 ) -> dict[str, tuple[float, float]]:
     """Return (value, standard deviation) of the energy quantities of one sweep, by name; those that it cannot say fail.
 
@@ -240,8 +226,8 @@ def energy_of_repeat(
 class _Sweep:
     """Columns of one sweep by name, (f,), all finite where they are needed."""
 
-    f: Floats
-    columns: Mapping[str, Floats]
+    f: Array
+    columns: Mapping[str, Array]
     second: bool = False
 
     def at(self, name: str, where: float) -> float:
@@ -316,62 +302,3 @@ def _against_trend(
         even = swing * math.sqrt(holding / saving) if saving > 0 and holding >= 0 else math.nan
         out["break_even_rad"] = (even, 0.5 * even * saving_std / saving if saving > 0 else math.nan)
     return out
-
-
-# A wanted motion gets its energy: at a tuned pretension, and at a fixed one for comparison.
-
-
-@dataclass(frozen=True)
-class MotionEnergy:
-    """Energy per cycle of a motion [J], mean over its cycles: drive alone, tendon motors alone, both."""
-
-    drive: Estimate
-    holding: Estimate
-    total: Estimate
-
-
-def energy_per_cycle(
-    results: xr.Dataset, frequency_hz: ArrayLike, pretension_mm: ArrayLike, torsion_rad: ArrayLike
-) -> MotionEnergy:
-    """Return what a head swing costs per cycle by the map of a campaign, with a 90 % interval over its repeats.
-
-    results: with powers, of two pretensions at least. frequency_hz, pretension_mm, torsion_rad (amplitude of the head):
-    of each cycle of the motion, or one number for all.
-
-    Drive: energy per cycle and squared swing of the map, times the squared swing. The map is interpolated in its
-    logarithm, linearly between pretensions and frequencies. Coulomb friction does not go with the square: the energy
-    of a swing much smaller than the campaign's comes out too small. Holding: power of the tendon motors over the
-    cycle's time, as it was while the campaign's head swung.
-    Raises RecordingError where the results hold no powers, or the motion leaves the map.
-    """
-    if "drive_power_w" not in results or results.sizes["pretension_mm"] < 2:
-        raise RecordingError(
-            "these results hold no powers at two pretensions or more; analyse a campaign that recorded the drive's "
-            "duty and current, with its rig"
-        )
-    parts = np.broadcast_arrays(*(np.asarray(x, dtype=float) for x in (frequency_hz, pretension_mm, torsion_rad)))
-    frequency, pretension, swing = (np.atleast_1d(part).astype(float) for part in parts)
-    axes = (results["pretension_mm"].values, results["frequency_hz"].values)
-    f = axes[1][None, :, None]
-    power, hold, amplitude = (results[name].values for name in ("drive_power_w", "holding_power_w", "amplitude_rad"))
-    cost = np.log(cost_of_swing(power, f, amplitude))
-    points = np.stack([pretension, frequency], axis=1)
-    drive, holding = [], []
-    for repeat in range(cost.shape[2]):
-        try:
-            read = RegularGridInterpolator(axes, cost[..., repeat])(points)
-            held = RegularGridInterpolator(axes, np.nan_to_num(hold[..., repeat]))(points)
-        except ValueError as error:
-            raise RecordingError(
-                f"the motion leaves the map of the campaign: {axes[0][0]:g} to {axes[0][-1]:g} mm, {axes[1][0]:g} to "
-                f"{axes[1][-1]:g} Hz; measure further, or ask for less"
-            ) from error
-        drive.append(float(np.mean(np.exp(read) * swing**2)))
-        holding.append(float(np.mean(held / frequency)))
-    return MotionEnergy(*(_estimate(np.array(x)) for x in (drive, holding, np.add(drive, holding))))
-
-
-def _estimate(repeats: Floats) -> Estimate:
-    """Return mean and interval over repeats, (r,)."""
-    found = combine_repeats(repeats[None], np.full((1, repeats.size), np.nan))
-    return Estimate(*(float(x[0]) for x in (found.value, found.std_of_value, found.low, found.high)))

@@ -4,17 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.harmonics import fit_harmonics
 from sinew.analysis.signal.sensor import delay_budget, torsion_chain
 from sinew.analysis.signal.torsion import response_channel, steady_motion
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -94,13 +92,13 @@ class Ellipse:
     lag_rad: float
     area: float
 
-    def curve(self, points: int = 181) -> tuple[Floats, Floats]:
+    def curve(self, points: int = 181) -> tuple[Array, Array]:
         """Return (drive, torsion) of the ellipse, closed, each of shape (points,)."""
         angle = np.linspace(0.0, 2.0 * np.pi, points)
         return self.drive_amplitude * np.cos(angle), self.torsion_amplitude * np.cos(angle - self.lag_rad)
 
 
-def lissajous_phase(drive: Floats, torsion: Floats, step_rad: Floats, periods: Floats) -> Floats:
+def lissajous_phase(drive: Array, torsion: Array, step_rad: Array, periods: Array) -> Array:
     """Return the lag of figures over whole periods, (s,) from drive and torsion of shape (s, n).
 
     step_rad: phase between samples ΩT, shape (s,). periods: whole periods in the record, shape (s,).
@@ -114,12 +112,12 @@ def lissajous_phase(drive: Floats, torsion: Floats, step_rad: Floats, periods: F
     return _wrapped(np.arctan2(area / np.pi, 2.0 * (x * y).mean(axis=1)))
 
 
-def _shoelace(x: Floats, y: Floats) -> Floats:
+def _shoelace(x: Array, y: Array) -> Array:
     """Return ∮ x dy over closed polygons, shape (s,): positive counter-clockwise, as torsion behind drive runs."""
     return np.asarray(0.5 * (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
 
 
-def _wrapped(lag: Floats) -> Floats:
+def _wrapped(lag: Array) -> Array:
     """Return a lag moved into (-π/2, 3π/2], so that 0 and π both lie well inside."""
     return np.asarray(1.5 * np.pi - np.mod(1.5 * np.pi - lag, 2.0 * np.pi))
 

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.analysis.sweep.response import wrapped_lag
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+from sinew.measure.arrays import Array, Complexes
 
 _FULL = np.ones(8, dtype=bool)
 _PLAIN = np.array([True, True, True, True, True, True, False, False])
@@ -34,20 +32,20 @@ class RationalCurve:
 
     centre_hz: float
     half_width_hz: float
-    parameters: Floats
-    covariance_root: Floats
+    parameters: Array
+    covariance_root: Array
     degrees_of_freedom: tuple[float, float]
     low: float
     high: float
     fits: bool = True
 
 
-def _denominator(parameters: Floats, v: Floats, w: float) -> Complexes:
+def _denominator(parameters: Array, v: Array, w: float) -> Complexes:
     a, b = parameters[..., 0, None], parameters[..., 1, None]
     return np.asarray(a - 2.0 * v - w * v**2 + 1j * b * (1.0 + w * v))
 
 
-def evaluate_curve(parameters: Floats, v: Floats, w: float) -> Complexes:
+def evaluate_curve(parameters: Array, v: Array, w: float) -> Complexes:
     """Return H at v, shape (..., n), for parameters of shape (..., 8)."""
     c = parameters[..., 2::2] + 1j * parameters[..., 3::2]
     numerator = c[..., 0, None] + c[..., 1, None] * v + c[..., 2, None] * v**2
@@ -58,13 +56,13 @@ def evaluate_curve(parameters: Floats, v: Floats, w: float) -> Complexes:
 class _Points:
     """What is fitted: v, w, complex response, and the weights of the relative residual's size and angle, shape (n,)."""
 
-    v: Floats
+    v: Array
     w: float
     response: Complexes
-    size_weight: Floats
-    angle_weight: Floats
+    size_weight: Array
+    angle_weight: Array
 
-    def weighted(self, complexes: Complexes) -> Floats:
+    def weighted(self, complexes: Complexes) -> Array:
         """Return complex differences (n,) or (n, k) as weighted relative sizes and angles, (2n,) or (2n, k)."""
         shape = (-1,) + (1,) * (complexes.ndim - 1)
         relative = complexes / self.response.reshape(shape)
@@ -72,7 +70,7 @@ class _Points:
         return np.concatenate([sizes, self.angle_weight.reshape(shape) * relative.imag])
 
 
-def fit_curve(frequency_hz: Floats, response: Complexes, size_std: Floats, angle_std: Floats) -> RationalCurve | None:
+def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> RationalCurve | None:
     """Return the weighted least-squares curve through complex points, all of shape (n,), or None where none fits.
 
     size_std: relative, of the response's size; angle_std: of its angle [rad]. To each variance 0.3 of the median one
@@ -104,14 +102,14 @@ def fit_curve(frequency_hz: Floats, response: Complexes, size_std: Floats, angle
     return None
 
 
-def _solve(design: Floats, target: Floats) -> Floats:
+def _solve(design: Array, target: Array) -> Array:
     """Return the least-squares solution, columns scaled to one length first."""
     scale = np.linalg.norm(design, axis=0)
     scale[scale == 0] = 1.0
     return np.asarray(np.linalg.lstsq(design / scale, target, rcond=1e-13)[0] / scale)
 
 
-def _start(points: _Points, active: NDArray[np.bool_]) -> Floats:
+def _start(points: _Points, active: NDArray[np.bool_]) -> Array:
     """Return the parameters of the linearised problem H·D - N = 0, reweighted by 1/|D| four times."""
     v, response = points.v, points.response
     columns: list[NDArray[Any]] = [response, 1j * (1.0 + points.w * v) * response]
@@ -126,7 +124,7 @@ def _start(points: _Points, active: NDArray[np.bool_]) -> Floats:
     return parameters
 
 
-def _jacobian(parameters: Floats, points: _Points, active: NDArray[np.bool_]) -> Floats:
+def _jacobian(parameters: Array, points: _Points, active: NDArray[np.bool_]) -> Array:
     """Return the derivatives of the weighted curve, shape (2n, active parameters)."""
     denominator = _denominator(parameters, points.v, points.w)
     bent = -evaluate_curve(parameters, points.v, points.w) / denominator
@@ -136,11 +134,11 @@ def _jacobian(parameters: Floats, points: _Points, active: NDArray[np.bool_]) ->
     return points.weighted(np.stack(columns, axis=1)[:, active])
 
 
-def _residual(parameters: Floats, points: _Points) -> Floats:
+def _residual(parameters: Array, points: _Points) -> Array:
     return points.weighted(points.response - evaluate_curve(parameters, points.v, points.w))
 
 
-def _refine(parameters: Floats, points: _Points, active: NDArray[np.bool_]) -> Floats:
+def _refine(parameters: Array, points: _Points, active: NDArray[np.bool_]) -> Array:
     """Return the parameters of the least weighted residual, by Levenberg-Marquardt from a start."""
     damping, residual = 1e-6, _residual(parameters, points)
     for _ in range(_STEPS):
@@ -163,8 +161,8 @@ def _refine(parameters: Floats, points: _Points, active: NDArray[np.bool_]) -> F
 
 
 def _covariance_roots(
-    parameters: Floats, points: _Points, active: NDArray[np.bool_]
-) -> tuple[Floats, tuple[float, float]]:
+    parameters: Array, points: _Points, active: NDArray[np.bool_]
+) -> tuple[Array, tuple[float, float]]:
     """Return roots of the covariance from sizes and from angles, (8, 16), and the degrees of freedom of each.
 
     Sizes and angles are scaled each by their own residual, for jitter of the stamps is in the angles alone.
@@ -183,7 +181,7 @@ def _covariance_roots(
     return root, (freedom[0], freedom[1])
 
 
-def parameter_spread(curve: RationalCurve) -> Floats:
+def parameter_spread(curve: RationalCurve) -> Array:
     """Return the parameters and their 32 neighbours one standard deviation away along the columns of the covariance.
 
     Shape (33, 8): the centre, then plus and minus of each column. Half the difference of any reading over a pair is
@@ -193,7 +191,7 @@ def parameter_spread(curve: RationalCurve) -> Floats:
     return np.concatenate([curve.parameters[None], curve.parameters + steps, curve.parameters - steps])
 
 
-def read_curve(curve: RationalCurve) -> tuple[Floats, bool]:
+def read_curve(curve: RationalCurve) -> tuple[Array, bool]:
     """Return peak frequency, gain, width, crossing and lag slope of the curve and its neighbours, shape (33, 5), and
     whether the curve itself has its peak inside the window."""
     v = np.linspace(curve.low, curve.high, _GRID)
@@ -227,7 +225,7 @@ def read_curve(curve: RationalCurve) -> tuple[Floats, bool]:
     return readings.T, bool(inside)
 
 
-def _zero(values: Floats) -> float:
+def _zero(values: Array) -> float:
     """Return the fractional index of the first passage from below to zero, NaN where there is none."""
     above = np.flatnonzero(values >= 0)
     if above.size == 0 or above[0] == 0:

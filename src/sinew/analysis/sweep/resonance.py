@@ -12,18 +12,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from sinew.analysis.signal.repeats import Interval, combine_repeats
 from sinew.analysis.sweep.rational import RationalCurve, fit_curve, read_curve
 from sinew.analysis.sweep.response import Response, wrapped_lag
+from sinew.measure.arrays import Array, Complexes, mean_of_known
 from sinew.measure.estimate import Estimate
 from sinew.measure.schema import RESULT_VARIABLES, companions
 
 # The top of a response curve that no linear resonance describes is read by itself.
 
-Floats = NDArray[np.float64]
 
 _DEGREE = 4
 _GRID = 4001
@@ -42,7 +41,7 @@ class Crest:
     gain_std: float
 
 
-def top_points(gain: Floats, level: float, fewest: int) -> slice:
+def top_points(gain: Array, level: float, fewest: int) -> slice:
     """Return the contiguous points around the largest gain, shape (n,), that reach `level` of it, at least `fewest`.
 
     Where more are needed, the higher of the two neighbours joins.
@@ -61,7 +60,7 @@ def top_points(gain: Floats, level: float, fewest: int) -> slice:
     return slice(low, high + 1)
 
 
-def fit_crest(frequency_hz: Floats, gain: Floats, relative_std: Floats) -> Crest | None:
+def fit_crest(frequency_hz: Array, gain: Array, relative_std: Array) -> Crest | None:
     """Return the maximum of a curve through at least five points, all arguments of shape (n,), or None without one.
 
     A polynomial of fourth degree is fitted to 1/gain², which for a linear resonance is nearly a parabola and for one
@@ -98,8 +97,6 @@ def fit_crest(frequency_hz: Floats, gain: Floats, relative_std: Floats) -> Crest
         0.5 * level**-1.5 * float(np.linalg.norm(top**powers @ root)),
     )
 
-
-Complexes = NDArray[np.complex128]
 
 FEWEST_FREQUENCIES = 6
 
@@ -145,7 +142,7 @@ class Peak:
     reason: str = ""
 
 
-def _window(frequency: Floats, closeness: Floats, centre: int) -> slice:
+def _window(frequency: Array, closeness: Array, centre: int) -> slice:
     """Return the contiguous points around a centre whose closeness stays above the limit, at least eight."""
     low = high = centre
     reach = _WINDOW_REACH * frequency[centre]
@@ -161,13 +158,13 @@ def _window(frequency: Floats, closeness: Floats, centre: int) -> slice:
     return slice(low, high + 1)
 
 
-def _finite(frequency: Floats, response: Complexes, *stds: Floats) -> tuple[Any, ...]:
+def _finite(frequency: Array, response: Complexes, *stds: Array) -> tuple[Any, ...]:
     """Return the points at which everything is known."""
     valid = np.isfinite(response) & np.all(np.isfinite(stds), axis=0)
     return frequency[valid], response[valid], *(std[valid] for std in stds)
 
 
-def find_peak(frequency_hz: Floats, response: Complexes, size_std: Floats, angle_std: Floats) -> Peak:
+def find_peak(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> Peak:
     """Return the resonance of one complex response curve, all arguments of shape (f,), NaN points left out.
 
     size_std: relative standard deviation of the response's size; angle_std: of its angle [rad].
@@ -200,7 +197,7 @@ def find_peak(frequency_hz: Floats, response: Complexes, size_std: Floats, angle
     return peak if curve.fits else _polished(peak, f, h, size, angle)
 
 
-def _polished(peak: Peak, f: Floats, h: Complexes, size: Floats, angle: Floats) -> Peak:
+def _polished(peak: Peak, f: Array, h: Complexes, size: Array, angle: Array) -> Peak:
     """Return the peak read off the top of the points alone, its misfit that of two models of that top.
 
     The wide curve's standard deviation, scaled by its residual, belongs to the misfit too.
@@ -232,7 +229,7 @@ def _with_misfit(reading: Reading, misfit: float) -> Reading:
     return value, both, freedom * (both / std) ** 4 if std > 0 else math.inf
 
 
-def _reading(values: Floats, curve: RationalCurve) -> Reading:
+def _reading(values: Array, curve: RationalCurve) -> Reading:
     """Return (value, std, degrees of freedom) from what the curve and its 32 neighbours say, shape (33,)."""
     shares = (0.25 * (values[1:17] - values[17:]) ** 2).reshape(2, 8).sum(axis=1)
     variance = float(shares.sum())
@@ -240,7 +237,7 @@ def _reading(values: Floats, curve: RationalCurve) -> Reading:
     return float(values[0]), math.sqrt(variance), variance**2 / spent if spent > 0 else sum(curve.degrees_of_freedom)
 
 
-def find_crossing(frequency_hz: Floats, response: Complexes, size_std: Floats, angle_std: Floats) -> Peak:
+def find_crossing(frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array) -> Peak:
     """Return a Peak that holds only the 90° crossing, from a curve fitted around it instead of around the peak."""
     f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)
     lag = wrapped_lag(h)
@@ -264,10 +261,10 @@ class Readings:
     why readings are absent, by pretension and repeat.
     """
 
-    value: dict[str, Floats]
-    std: dict[str, Floats]
-    freedom: dict[str, Floats]
-    shared: dict[str, Floats]
+    value: dict[str, Array]
+    std: dict[str, Array]
+    freedom: dict[str, Array]
+    shared: dict[str, Array]
     notes: tuple[str, ...]
 
 
@@ -311,7 +308,7 @@ def estimate_resonance(response: Response, readings: Readings | None = None) -> 
     for name in _QUANTITIES:
         value = found.value[name]
         alone = np.isfinite(value).sum(axis=1) == 1  # a single repeat's deviation holds its misfit already
-        common = np.where(alone & (name != "phase_90_hz"), 0.0, _mean(found.shared[name]))
+        common = np.where(alone & (name != "phase_90_hz"), 0.0, mean_of_known(found.shared[name], 0.0))
         store_interval(dataset, name, combine_repeats(value, found.std[name], found.freedom[name], common))
     return dataset
 
@@ -336,7 +333,7 @@ def _paper_peak(response: Response, p: int, r: int) -> Peak:
     return find_peak(response.frequency_hz, response.nominal_transfer[p, :, r] * ratio, *stds)
 
 
-def _peaks_over_fundamental(response: Response, p: int, r: int) -> Floats:
+def _peaks_over_fundamental(response: Response, p: int, r: int) -> Array:
     """Return the mean of peaks over the fundamental, shape (f,); NaN where nothing swings."""
     peaks, harmonic = response.columns["gain"][p, :, r], response.columns["gain_harmonic"][p, :, r]
     return np.divide(peaks, harmonic, out=np.full_like(harmonic, np.nan), where=harmonic > 0)
@@ -405,7 +402,7 @@ def _drive_at(response: Response, p: int, r: int, peak: Peak) -> _DriveThere:
     return _DriveThere(value, noise, math.hypot(abs(other) - value, slope * peak.frequency_misfit_hz))
 
 
-def _local(frequency: Floats, values: Floats, where: float) -> tuple[float, float]:
+def _local(frequency: Array, values: Array, where: float) -> tuple[float, float]:
     """Return value and standard deviation, at a frequency, of a straight line through the six nearest points."""
     valid = np.flatnonzero(np.isfinite(values))
     if not math.isfinite(where) or valid.size < 3:
@@ -418,7 +415,7 @@ def _local(frequency: Floats, values: Floats, where: float) -> tuple[float, floa
     return float(line[0]), float(np.linalg.norm(inverse[0]) * np.sqrt((residual @ residual) / (near.size - 2)))
 
 
-def _at(frequency: Floats, values: Floats, where: float) -> float:
+def _at(frequency: Array, values: Array, where: float) -> float:
     """Return a column at a frequency, linear between its finite points, NaN outside them."""
     valid = np.isfinite(values)
     if not math.isfinite(where) or not valid.any():
@@ -430,12 +427,6 @@ def _delay_share(response: Response, p: int, r: int, crossing: Peak) -> float:
     """Return the standard uncertainty of the crossing from that of the delay [Hz]."""
     lag = _at(response.frequency_hz, response.columns["phase_delay_std_rad"][p, :, r], crossing.crossing_hz[0])
     return lag / abs(crossing.crossing_slope) if math.isfinite(lag) and crossing.crossing_slope else 0.0
-
-
-def _mean(values: Floats) -> Floats:
-    """Return the mean over repeats, zero where there is none."""
-    valid = np.isfinite(values)
-    return np.asarray(np.where(valid, values, 0.0).sum(axis=1) / np.maximum(valid.sum(axis=1), 1))
 
 
 def store_interval(dataset: xr.Dataset, name: str, interval: Interval) -> None:

@@ -13,13 +13,11 @@ from sinew.analysis.signal.power import power_columns
 from sinew.analysis.signal.sensor import DelayBudget, delay_budget, drive_chain, hidden_quantisation, torsion_chain
 from sinew.analysis.signal.torsion import drive_channel, response_channel, steady_torsion
 from sinew.analysis.sweep.portrait import lissajous_phase
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
 from sinew.measure.schema import POWER_COLUMNS, RESULT_VARIABLES, result_axis
 from sinew.plan.rig import RigSpec
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 DRIFT_THRESHOLD = 0.005
 """A group is settled if the relative change of its complex amplitude per period is below this, or below its noise."""
@@ -46,18 +44,18 @@ class Response:
     where nobody measured it.
     """
 
-    pretension_mm: Floats
-    frequency_hz: Floats
+    pretension_mm: Array
+    frequency_hz: Array
     repeat: NDArray[np.int64]
-    columns: dict[str, Floats]
+    columns: dict[str, Array]
     transfer: Complexes
     nominal_transfer: Complexes
-    nominal_gain_std: Floats
-    nominal_phase_std: Floats
-    power_per_inertia: Floats | None = None
+    nominal_gain_std: Array
+    nominal_phase_std: Array
+    power_per_inertia: Array | None = None
 
 
-def wrapped_lag(ratio: Complexes) -> Floats:
+def wrapped_lag(ratio: Complexes) -> Array:
     """Return the lag of a complex response torsion/drive in (-π/2, 3π/2] [rad]: 0 and π lie well inside."""
     return np.asarray(1.5 * np.pi - np.mod(1.5 * np.pi + np.angle(ratio), 2.0 * np.pi))
 
@@ -68,9 +66,9 @@ class _Batch:
 
     rows: NDArray[np.int64]
     samples: NDArray[np.int64]
-    time: Floats
-    frequency: Floats
-    signal: Floats
+    time: Array
+    frequency: Array
+    signal: Array
 
 
 def estimate_response(recording: xr.Dataset, rig: RigSpec | None = None) -> Response:
@@ -173,7 +171,7 @@ def _analyse_batch(recording: xr.Dataset, batch: _Batch, budget: DelayBudget) ->
     return out | _nominal_gain(torsion[:, 0], peaks, nominal, command, spread, wobble)
 
 
-def _distortion(coefficient: Complexes) -> Floats:
+def _distortion(coefficient: Complexes) -> Array:
     """Return √Σ|X_h|², h = 2..5, over |X_1|, shape (s,); harmonics that could not be fitted are left out."""
     return np.asarray(_ratio(np.sqrt(np.nansum(np.abs(coefficient[:, 1:]) ** 2, axis=1)), np.abs(coefficient[:, 0])))
 
@@ -195,7 +193,7 @@ def _settled(fitted: Harmonics) -> dict[str, NDArray[Any]]:
 
 
 def _nominal_gain(
-    torsion: Complexes, peaks: Floats, nominal: Floats, command: NDArray[Any], spread: Floats, wobble: Floats
+    torsion: Complexes, peaks: Array, nominal: Array, command: NDArray[Any], spread: Array, wobble: Array
 ) -> dict[str, NDArray[Any]]:
     """Return the gains over the nominal amplitude (paper Eq. 6) and the complex response at the command's phase."""
     phasor = np.where(np.isfinite(nominal), nominal, 0.0) * np.exp(1j * np.angle(command))
@@ -208,7 +206,7 @@ def _nominal_gain(
     }
 
 
-def _mean_peaks(batch: _Batch, fitted: Harmonics, is_rate: bool) -> Floats:
+def _mean_peaks(batch: _Batch, fitted: Harmonics, is_rate: bool) -> Array:
     """Return the mean of positive and negative peaks of the torsion as sensed (paper, section 4.1), shape (s,).
 
     A crest is the mean waveform's crest plus the mean of what the samples within 0.5 rad of it, in all periods, have
@@ -231,7 +229,7 @@ def _mean_peaks(batch: _Batch, fitted: Harmonics, is_rate: bool) -> Floats:
     return 0.5 * extent
 
 
-def _figure_phase(batch: _Batch, fitted: Harmonics, is_rate: bool, late: Floats) -> Floats:
+def _figure_phase(batch: _Batch, fitted: Harmonics, is_rate: bool, late: Array) -> Array:
     """Return the lag by the Lissajous figure, shape (s,), less what the chain's phase `late` [rad] (s,) makes of it."""
     torsion = steady_torsion(batch.time, batch.signal[:, 0], fitted, is_rate)
     span = (batch.time[:, -1] - batch.time[:, 0]) * torsion.shape[1] / (torsion.shape[1] - 1)

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy import special
 
+from sinew.measure.arrays import Array, mean_and_spread
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
-
-Floats = NDArray[np.float64]
+from sinew.measure.estimate import NORMAL_90, Estimate
 
 FEWEST_PRETENSIONS = 6
 _GRID = 401
@@ -22,24 +20,22 @@ class SaturationFit:
     """A continuous line with one kink through the peak gain against pretension, beside one straight line.
 
     threshold_mm: the kink, its 90 % interval where the residual is within the F test's reach of the smallest.
-    gain_at_threshold; slope_below_per_mm, slope_above_per_mm: of the two parts.
+    slope_below_per_mm, slope_above_per_mm: of the two parts.
     preferred: whether the kink is worth its two parameters (Bayesian information criterion lower by 2 or more).
-    bic_gain: criterion of one line less that of two. sentence: all this in words.
+    sentence: all this in words.
     """
 
     threshold_mm: Estimate
-    gain_at_threshold: float
     slope_below_per_mm: float
     slope_above_per_mm: float
     preferred: bool
-    bic_gain: float
     sentence: str
 
 
-def fit_saturation(pretension_mm: Floats, gain_peak: Floats, gain_std: Floats | None = None) -> SaturationFit:
+def fit_saturation(pretension_mm: Array, gain_peak: Array) -> SaturationFit:
     """Return the saturation threshold of a campaign (paper, sections 4.1 and 5.2.4).
 
-    pretension_mm, gain_peak: shape (p,); NaN pairs are left out. gain_std: weights, or None for equal ones.
+    pretension_mm, gain_peak: shape (p,); NaN pairs are left out.
     The kink is searched on a grid between the second and the last but one pretension, the lines by least squares.
     A kink that the data do not prefer is given all the same, with its (then wide) interval.
     Raises RecordingError below six pretensions.
@@ -52,44 +48,32 @@ def fit_saturation(pretension_mm: Floats, gain_peak: Floats, gain_std: Floats | 
         )
     order = np.argsort(x)
     x, y = x[order], y[order]
-    weight = np.ones(x.size)
-    if gain_std is not None:
-        variance = np.nan_to_num(gain_std[valid][order], nan=0.0) ** 2
-        typical = float(np.median(variance))
-        weight = 1.0 / np.sqrt(variance + typical) if typical > 0 else weight
     kinks = np.linspace(x[1], x[-2], _GRID)
-    residual, lines = zip(*(_line(x, y, weight, kink) for kink in kinks), strict=True)
+    residual, lines = zip(*(_line(x, y, kink) for kink in kinks), strict=True)
     squares = np.asarray(residual)
-    straight, _ = _line(x, y, weight, None)
+    straight, _ = _line(x, y, None)
     best = int(np.argmin(squares))
     freedom = x.size - 4
-    smallest = max(float(squares[best]), 1e-24 * float((weight * y) @ (weight * y)))
+    smallest = max(float(squares[best]), 1e-24 * float(y @ y))
     reach = smallest * (1.0 + float(special.fdtri(1.0, freedom, 0.9)) / freedom)
     inside = kinks[squares <= reach]
     low, high = float(inside[0]), float(inside[-1])
     bic_gain = x.size * math.log(max(straight, smallest) / smallest) - 2.0 * math.log(x.size)
-    level, below, bend = lines[best]
-    threshold = Estimate(float(kinks[best]), (high - low) / (2.0 * 1.6448536269514722), low, high)
+    _, below, bend = lines[best]
+    threshold = Estimate(float(kinks[best]), (high - low) / (2.0 * NORMAL_90), low, high)
     preferred = bic_gain >= 2.0
-    return SaturationFit(
-        threshold,
-        level,
-        below,
-        below + bend,
-        preferred,
-        bic_gain,
-        _sentence(threshold, below, bend, preferred, bic_gain),
-    )
+    told = _sentence(threshold, below, bend, preferred, bic_gain)
+    return SaturationFit(threshold, below, below + bend, preferred, told)
 
 
-def _line(x: Floats, y: Floats, weight: Floats, kink: float | None) -> tuple[float, tuple[float, float, float]]:
+def _line(x: Array, y: Array, kink: float | None) -> tuple[float, tuple[float, float, float]]:
     """Return residual sum of squares and (level, slope, bend) of a line through y, bent at the kink if there is one."""
     columns = [np.ones_like(x), x - (kink or 0.0)]
     if kink is not None:
         columns.append(np.maximum(x - kink, 0.0))
-    design = weight[:, None] * np.stack(columns, axis=1)
-    solution = np.linalg.lstsq(design, weight * y, rcond=None)[0]
-    residual = weight * y - design @ solution
+    design = np.stack(columns, axis=1)
+    solution = np.linalg.lstsq(design, y, rcond=None)[0]
+    residual = y - design @ solution
     level, slope, bend = (*map(float, solution), 0.0)[:3]
     return float(residual @ residual), (level, slope, bend)
 
@@ -120,12 +104,7 @@ def gain_map(results: xr.Dataset, by: str = "gain") -> xr.Dataset:
         raise RecordingError("these results hold no sweep, so there is no gain to map; analyse a recording with one")
     out = xr.Dataset(coords={name: results[name].variable for name in ("pretension_mm", "frequency_hz")})
     for name, source, unit in (("gain", by, "1"), ("phase_lag", "phase_lag_rad", "rad")):
-        values = results[source].values
-        valid = np.isfinite(values)
-        count = valid.sum(axis=2)
-        mean = np.where(count > 0, np.where(valid, values, 0.0).sum(axis=2) / np.maximum(count, 1), np.nan)
-        spread = np.where(valid, values - mean[:, :, None], 0.0)
-        std = np.where(count > 1, np.sqrt((spread**2).sum(axis=2) / np.maximum(count - 1, 1)), np.nan)
+        mean, std = mean_and_spread(results[source].values)
         out[name] = (("pretension_mm", "frequency_hz"), mean, {"units": unit})
         out[f"{name}_std"] = (("pretension_mm", "frequency_hz"), std, {"units": unit})
     measured = by == "gain_measured_drive"

@@ -8,12 +8,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

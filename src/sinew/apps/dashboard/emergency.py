@@ -114,13 +114,7 @@ class Emergency:
         return order is not None and not order.end.done()
 
     def order(
-        self,
-        run: Run | None,
-        port: str | None,
-        spec: RigSpec,
-        state: str | None = None,
-        *,
-        is_emergency: bool = True,
+        self, run: Run | None, port: str | None, spec: RigSpec, state: str | None = None, *, is_emergency: bool = True
     ) -> Order:
         """Bring the bench to rest, and return what will tell how that goes; a second order joins the first.
 

@@ -18,12 +18,13 @@ from time import time as wall_clock
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinew.apps.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import unlinked
 from sinew.bench.journal_reader import JournalReader, Stretch
+from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError
+from sinew.measure.estimate import finite
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
 
@@ -53,7 +54,6 @@ def drawn_rig(rig: RigSpec) -> dict[str, Any]:
 
 # The samples of a journal become what the oscilloscope shows, in the units of a screen.
 
-Floats = NDArray[np.float64]
 
 _MEMORY_S = 3.0  # of the live torsion: long against a turn, short against a drift
 _LONG_STEP_S = 0.05
@@ -89,7 +89,7 @@ class LiveChannels:
         )
         self._torsion, self._rate, self._time = 0.0, math.nan, math.nan
 
-    def take(self, rows: dict[str, Floats]) -> Floats:
+    def take(self, rows: dict[str, Array]) -> Array:
         """Return the traces (c, n), in the order of `channels`, of rows as `JournalReader.samples` gives them."""
         tendons = [rows[f"tendon_{i + 1}_current_a"] for i in range(self._tendons)]
         return np.stack(
@@ -103,12 +103,12 @@ class LiveChannels:
             ]
         )
 
-    def tensions(self, traces: Floats) -> list[float]:
+    def tensions(self, traces: Array) -> list[float]:
         """Return the tension of each tendon [N] at the newest row of some traces, from its motor's current."""
         currents = traces[4 : 4 + self._tendons, -1]
         return [float(max(0.0, current) * self._force) if np.isfinite(current) else math.nan for current in currents]
 
-    def _integrate(self, time: Floats, rate: Floats) -> Floats:
+    def _integrate(self, time: Array, rate: Array) -> Array:
         out = np.empty(time.size)
         for i, (now, value) in enumerate(zip(time.tolist(), rate.tolist(), strict=True)):
             step = now - self._time
@@ -139,7 +139,7 @@ class Ring:
         """Number of the oldest column that is kept."""
         return max(0, self.count - self._table.shape[1])
 
-    def put(self, columns: Floats) -> None:
+    def put(self, columns: Array) -> None:
         """Add columns (rows, n); the oldest make room."""
         capacity = self._table.shape[1]
         kept = columns[:, -capacity:]
@@ -147,7 +147,7 @@ class Ring:
         self._table[:, np.arange(first, first + kept.shape[1]) % capacity] = kept
         self.count += columns.shape[1]
 
-    def get(self, first: int, end: int) -> Floats:
+    def get(self, first: int, end: int) -> Array:
         """Return the columns with numbers in [first, end), those that are still kept."""
         first, end = max(first, self.oldest), min(end, self.count)
         return self._table[:, np.arange(first, max(first, end)) % self._table.shape[1]]
@@ -161,7 +161,7 @@ class News:
     """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events as (id, kind,
     sentence); the segment that was begun last, or None; how many groups are finished."""
 
-    rows: dict[str, Floats]
+    rows: dict[str, Array]
     events: list[tuple[int, str, str]]
     segment: Stretch | None
     groups_done: int
@@ -354,12 +354,12 @@ class Hub:
             live.segment = {
                 "kind": news.segment.kind,
                 "state": news.segment.state,
-                "pretension_mm": _known(asked.pretension_mm),
-                "frequency_hz": _known(asked.frequency_hz),
-                "amplitude_deg": _known(asked.amplitude_deg),
+                "pretension_mm": finite(asked.pretension_mm),
+                "frequency_hz": finite(asked.frequency_hz),
+                "amplitude_deg": finite(asked.amplitude_deg),
             }
 
-    def _put(self, live: Live, rows: dict[str, Floats]) -> None:
+    def _put(self, live: Live, rows: dict[str, Array]) -> None:
         """Take samples; those from before a run was taken up again are of another clock, and are left out."""
         assert self._channels is not None
         time = rows["time_s"]
@@ -380,10 +380,6 @@ class Hub:
         live.latest["tension_n"] = self._channels.tensions(traces)
         if self._tail is not None and rows["id"][-1] > self._tail.found:
             live.seen = wall_clock()
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _in_words(kind: str, sentence: str) -> str:

@@ -186,11 +186,7 @@ async def serve(config: Config) -> None:
         worker = Worker()
         app = make_app(config, worker, status)
         settings = server_config(
-            app,
-            host=config.http_host,
-            port=config.http_port,
-            lifespan="auto",
-            timeout_graceful_shutdown=2,
+            app, host=config.http_host, port=config.http_port, lifespan="auto", timeout_graceful_shutdown=2
         )
         server = uvicorn.Server(settings)
         try:

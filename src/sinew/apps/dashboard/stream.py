@@ -11,14 +11,12 @@ from typing import Any
 
 import numpy as np
 import orjson
-from numpy.typing import NDArray
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from sinew.apps.dashboard.hub import FRAME_S, Hub, Live
+from sinew.measure.arrays import Array
 
 # Samples are thinned to what a screen can show: least and largest value of each column of pixels.
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -26,12 +24,12 @@ class Thinned:
     """time: begin of each bin [s], (b,), or of each sample where nothing was thinned. low, high: least and largest
     value of each channel there, (c, b); the same array where nothing was thinned."""
 
-    time: Floats
-    low: Floats
-    high: Floats
+    time: Array
+    low: Array
+    high: Array
 
 
-def thin(time: Floats, values: Floats, bin_s: float) -> Thinned:
+def thin(time: Array, values: Array, bin_s: float) -> Thinned:
     """Return the least and largest value of every channel in bins of a common grid, k · bin_s.
 
     time: not decreasing [s], (n,). values: (c, n), not a number where there is none. bin_s: width of a bin [s].

@@ -18,9 +18,9 @@ from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.record import FEWEST, Record
 from sinew.identify.oscillator.start import dominant_omega
 from sinew.identify.oscillator.track import PLACE
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _BLOCKS = 40

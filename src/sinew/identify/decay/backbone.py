@@ -7,12 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate, special
 
-from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, free_decay
-from sinew.analysis.decay.peaks import Peaks
+from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, free_decay
 from sinew.identify.decay.decay_likelihood import FreeOscillation, LikelihoodFit, fit_oscillation, polynomials
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-
-Array = NDArray[np.float64]
 
 _FEWEST, _MOST = 2, 9  # functions of time that describe logarithm of amplitude and phase
 _FLOOR = 3.0  # times the noise of one sample: a swing this small ends the window

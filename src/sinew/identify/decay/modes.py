@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, free_decay
-from sinew.analysis.decay.peaks import find_peaks
+from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, find_peaks, free_decay
 from sinew.identify.decay.decay_likelihood import (
     FreeOscillation,
     LikelihoodFit,
@@ -16,10 +15,9 @@ from sinew.identify.decay.decay_likelihood import (
     polynomials,
 )
 from sinew.identify.oscillator.start import Poles, split_poles
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-
-Array = NDArray[np.float64]
 
 _EXTRA = (0, 2, 4, 8)  # poles beyond two a mode: rest, creep and noise take them
 _STRONG = 10.0  # fall of Bayes' criterion that lets one more mode in,
@@ -49,7 +47,8 @@ class ModalDecay:
     modes: the largest amplitude first. covariance: of (λ_1, ω_1, λ_2, ...) in that order, shape (2m, 2m).
     bic: of each number of modes that was tried, by that number; the smallest number wins that no other beats by 10.
     creeps: whether the rest position has a relaxation beside its line.
-    noise_std, noise_coefficients: as in `FreeDecay`. time_s, values, curve: of the window, shape (n,).
+    noise_std: of one sample; noise_coefficients: of its autoregression, empty where white. time_s, values, curve: of
+        the window, shape (n,).
     message: a sentence on what to beware of, or empty.
     """
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sinew.identify.choice.residual_tests import rank_trend, trend_sentences
+from sinew.identify.choice.comparison import rank_trend, trend_sentences
 from sinew.identify.oscillator.certainty import Covariance, estimates, find_unidentifiable, long_run
 from sinew.identify.oscillator.fitted import mechanical_parameters, oscillation
 from sinew.identify.oscillator.least_squares import Problem, Solution, solve

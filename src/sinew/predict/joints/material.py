@@ -8,9 +8,9 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SpecError
 from sinew.measure.estimate import Estimate
 
@@ -61,7 +61,6 @@ def load_material(name: str) -> Material:
 # An incompressible neo-Hookean bar has the engineering stress σ = G (λ - 1/λ²), so that E = 3 G at small strain. A
 # gripped specimen begins to carry only after some slack ε₀, hence λ = (1 + ε)/(1 + ε₀).
 
-Array = NDArray[np.float64]
 
 FIT_STRAIN = 0.3
 """Engineering strain up to which the small-strain modulus is fitted."""

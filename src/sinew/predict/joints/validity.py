@@ -7,9 +7,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from sinew.measure.arrays import Array
 from sinew.mechanics.joint import potential
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension
@@ -20,7 +20,6 @@ from sinew.solve.curves import Problem
 
 # A predicted joint's tensions and compression are found, at rest and where it twists most.
 
-Array = NDArray[np.float64]
 
 _STEPS = 12
 
@@ -264,9 +263,9 @@ def check_joint(
         _torsion_ends(rig, section),
         _strain(rig, section, pretension_mm, loads),
         _bending(rig, section, modulus, pretension_mm, loads, tilt_held=tilt_held),
-        _twisting(rig, section, modulus, pretension_mm, loads),
+        _twisting(section, modulus, pretension_mm, loads),
         _tension(rig, pretension_mm, loads),
-        _current(rig, pretension_mm, loads),
+        _current(rig, loads),
         _torsion(rig, pretension_mm, loads),
     ]
 
@@ -442,7 +441,7 @@ def _bending(
     return Check("buckling_sideways", value, 1.0, value < 1, sentence)
 
 
-def _twisting(rig: RigSpec, section: Section, modulus: float, pretension_mm: list[float], loads: Loads) -> Check:
+def _twisting(section: Section, modulus: float, pretension_mm: list[float], loads: Loads) -> Check:
     critical = twisting_stretch(section.torsion_constant, section.polar_moment)
     worst = int(np.argmin(loads.stretch))
     stretch = float(loads.stretch[worst])
@@ -470,7 +469,7 @@ def _tension(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
     return Check("tension_n", value, limit, value <= limit, sentence)
 
 
-def _current(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
+def _current(rig: RigSpec, loads: Loads) -> Check:
     worst, limit = int(np.argmax(loads.tension)), rig.limits.tendon_current_a
     value = float(loads.tension[worst]) * rig.tendons.pulley_radius.value / rig.tendons.torque_constant.value
     told = "" if value <= limit else "; take a smaller pulley or lower the pretension"

@@ -8,11 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, SpecError
 
-Array = NDArray[np.float64]
-
-_CORNERS = 360
 _TOUCH = 1e-9
 
 
@@ -44,25 +42,6 @@ def outline(outer: ArrayLike, holes: Sequence[ArrayLike] = ()) -> Outline:
         if not inside(hole[:1], others)[0]:
             raise SpecError(f"hole {i + 1} does not lie inside the outline, or lies in another hole; move it")
     return drawn
-
-
-def circle(diameter: float, corners: int = _CORNERS) -> Outline:
-    """Return a circle as a regular polygon with its corners on the circle [m]."""
-    return ellipse(diameter, diameter, corners)
-
-
-def annulus(outer: float, inner: float, corners: int = _CORNERS) -> Outline:
-    """Return a ring between two diameters [m] as polygons. Raises SpecError unless 0 < inner < outer."""
-    if not 0 < inner < outer:
-        raise SpecError(f"an annulus of {inner:g} m inside and {outer:g} m outside; expected 0 < inner < outer")
-    return Outline(circle(outer, corners).outer, (circle(inner, corners).outer[::-1],))
-
-
-def ellipse(width: float, height: float, corners: int = _CORNERS) -> Outline:
-    """Return an ellipse with two axes [m] as a polygon with its corners on the ellipse."""
-    _refuse_sizes(width, height)
-    angle = 2 * np.pi * np.arange(corners) / corners
-    return Outline(np.column_stack([0.5 * width * np.cos(angle), 0.5 * height * np.sin(angle)]))
 
 
 def rectangle(width: float, height: float) -> Outline:

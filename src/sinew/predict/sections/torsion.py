@@ -17,12 +17,12 @@ from scipy.spatial import Delaunay, cKDTree
 from skfem import Basis, ElementTriP2, FacetBasis, LinearForm, MeshTri
 from skfem.models.poisson import laplace, mass, unit_load
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.predict.sections.outline import Moments, Outline, centred, corner_turns, inside, moments
 
 # A cross-section is cut into triangles.
 
-Array = NDArray[np.float64]
 
 _SPLITS = 30
 _FLAT = 1e-9

@@ -10,15 +10,121 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
+from scipy.integrate import cumulative_simpson, cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d, median_filter
 from scipy.optimize import brentq, minimize_scalar
+from scipy.signal import butter, sosfiltfilt
 from scipy.special import stdtr
+from vqf import offlineVQF
 
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-from sinew.tune.gait.body_yaw import BodyMotion
+from sinew.measure.walk_file import Imu, MarkerPair, WalkRecord
+
+_GRAVITY = 9.80665
+_SLOWEST_STEP_HZ = 0.4
+_TALLEST_BOUNCE_M = 0.3
+_LEAST_SPEED_M_S = 0.2
+
+
+@dataclass(frozen=True)
+class BodyMotion:
+    """How pelvis and trunk turn about the vertical, and how the body goes up and down, on an even clock.
+
+    time_s: [s], shape (n,). pelvis, trunk: yaw [rad], shape (n,), zero and slow drift arbitrary; None where unknown.
+    relative: trunk against pelvis [rad], (n,); None where one is missing.
+    bounce: vertical velocity [m/s], (n,), of pelvis or trunk; None where unknown.
+    place: where the pelvis or trunk is on the ground [m], (n, 2), where markers tell it. drifts: whether yaw may drift
+    (inertial sensors). given_speed_m_s: walking speed that somebody knows, NaN else.
+    """
+
+    time_s: Array
+    pelvis: Array | None
+    trunk: Array | None
+    relative: Array | None
+    bounce: Array | None
+    place: Array | None
+    drifts: bool
+    given_speed_m_s: float = np.nan
+
+    @property
+    def swing(self) -> tuple[str, Array]:
+        """What the joint must do: trunk against pelvis, else the one that is known, with its name."""
+        for name, yaw in (("trunk against pelvis", self.relative), ("pelvis", self.pelvis), ("trunk", self.trunk)):
+            if yaw is not None:
+                return name, yaw
+        raise AssertionError("a body motion without a yaw")
+
+    def speed(self, start_s: float, stop_s: float) -> float:
+        """Return the walking speed in a stretch [m/s]; NaN where unknown, or on a treadmill, where nobody moves on."""
+        if self.place is None or np.isfinite(self.given_speed_m_s):
+            return self.given_speed_m_s
+        ends = [np.interp([start_s, stop_s], self.time_s, axis) for axis in self.place.T]
+        speed = float(np.hypot(*(end[1] - end[0] for end in ends))) / (stop_s - start_s)
+        return speed if speed > _LEAST_SPEED_M_S else np.nan
+
+
+def body_motion(record: WalkRecord) -> BodyMotion:
+    """Return how pelvis and trunk move in a record.
+
+    The relative yaw of two sensors is the integral of the difference of their rates about the vertical, so it needs
+    neither their mounting nor a common heading. Raises RecordingError where markers are not level or are no person.
+    """
+    time = record.time_s
+    if record.yaw is not None:
+        return BodyMotion(time, None, None, np.unwrap(record.yaw), None, None, False)
+    yaw, bounce, place = {}, None, None
+    for role, body in record.bodies.items():
+        name = record.names[role]
+        if isinstance(body, Imu):
+            yaw[role], velocity = _of_imu(time, body)
+        else:
+            yaw[role], velocity, place = _of_markers(time, body, name)
+        bounce = velocity if bounce is None else bounce
+    pelvis, trunk = yaw.get("pelvis"), yaw.get("trunk")
+    relative = None if pelvis is None or trunk is None else trunk - pelvis
+    drifts = any(isinstance(body, Imu) for body in record.bodies.values())
+    if relative is not None and not drifts:
+        relative = relative - 2 * np.pi * np.round(relative.mean() / (2 * np.pi))
+    return BodyMotion(time, pelvis, trunk, relative, bounce, place, drifts)
+
+
+def _of_imu(time: Array, imu: Imu) -> tuple[Array, Array]:
+    """Return yaw [rad] and vertical velocity [m/s], both drifting or high-passed, shape (n,)."""
+    step = float(time[1] - time[0])
+    found = offlineVQF(imu.gyro, imu.acceleration, None, step)
+    w, x, y, z = np.asarray(found["quat6D"]).T
+    up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z])
+    rate = np.sum(up * (imu.gyro - np.asarray(found["bias"])), axis=1)
+    rise = np.sum(up * imu.acceleration, axis=1) - _GRAVITY
+    yaw = cumulative_simpson(rate, x=time, initial=0.0)
+    velocity = cumulative_simpson(rise - rise.mean(), x=time, initial=0.0)
+    sections = butter(2, _SLOWEST_STEP_HZ, "highpass", fs=1.0 / step, output="sos")
+    return np.asarray(yaw), np.asarray(sosfiltfilt(sections, velocity, padlen=min(time.size - 1, int(2.0 / step))))
+
+
+def _of_markers(time: Array, pair: MarkerPair, name: str) -> tuple[Array, Array, Array]:
+    """Return yaw [rad], vertical velocity [m/s], both (n,), and the place on the ground [m], (n, 2)."""
+    across, middle = pair.left - pair.right, 0.5 * (pair.left + pair.right)
+    length = np.median(np.linalg.norm(across, axis=1))
+    tilted = float(np.median(np.abs(across[:, 2])) / length) if length > 0 else 1.0
+    height = float(np.ptp(middle[:, 2]))
+    if not tilted < 0.5:
+        raise RecordingError(
+            f"the line between markers {name} is {np.degrees(np.arcsin(min(tilted, 1.0))):.0f}° off the level in the "
+            "median, expected a left and a right marker; name the pair, or the upward axis with --up"
+        )
+    if height > _TALLEST_BOUNCE_M:
+        raise RecordingError(
+            f"the markers {name} rise and fall by {height:.2g} m, expected less than {_TALLEST_BOUNCE_M:g} m in a "
+            "walk; is the upward axis another (--up), or the unit (write it into the columns' names, LASI_x_mm)?"
+        )
+    yaw = np.unwrap(np.arctan2(across[:, 1], across[:, 0]))
+    velocity = np.gradient(middle[:, 2], time)
+    return yaw, velocity, middle[:, :2]
+
 
 # The mean over strides in a row gets its uncertainty, though neighbours resemble each other.
 #
@@ -26,13 +132,12 @@ from sinew.tune.gait.body_yaw import BodyMotion
 # taking them as independent gives intervals that are too short. So the mean is taken under every first-order likeness
 # from 0 to 0.9, each weighed by how well the strides speak for it (Bayes, flat in likeness, mean and log scale).
 
-Floats = NDArray[np.float64]
 
 _MOST_ALIKE, _GRID = 0.9, 46
 _FEWEST = 4
 
 
-def mean_of_strides(values: Floats) -> Estimate:
+def mean_of_strides(values: Array) -> Estimate:
     """Return the mean of what strides in a row tell, shape (s,), with its standard deviation and 90 % interval.
 
     Under the likeness ρ the covariance is σ²R, R_ij = ρ^|i-j|, the variance of the plain mean is σ² 1ᵀR1/s², and σ² is
@@ -84,7 +189,7 @@ class Strides:
     regularity: autocorrelation of the motion at one stride, the mean over the windows there.
     """
 
-    start_s: Floats
+    start_s: Array
     regularity: float
 
 
@@ -108,9 +213,9 @@ class Walk:
 class _Windows:
     """Windows of a record: middle [s], stride frequency [Hz], autocorrelation at one stride, shape (w,) each."""
 
-    middle_s: Floats
-    frequency_hz: Floats
-    regularity: Floats
+    middle_s: Array
+    frequency_hz: Array
+    regularity: Array
 
 
 def find_walk(motion: BodyMotion) -> Walk:
@@ -146,7 +251,7 @@ def find_walk(motion: BodyMotion) -> Walk:
     return Walk(tuple(bouts), ends, frequency, _mean_regularity(windows, *ends), left_out)
 
 
-def _windows(time: Floats, rate: Floats, bounce: Floats | None) -> _Windows:
+def _windows(time: Array, rate: Array, bounce: Array | None) -> _Windows:
     step = float(time[1] - time[0])
     size = min(time.size, round(_WINDOW_S / step))
     lowest = max(_LOWEST_HZ, SHORTEST_STRIDES / (size * step))
@@ -171,7 +276,7 @@ def _windows(time: Floats, rate: Floats, bounce: Floats | None) -> _Windows:
     return _Windows(time[first] + 0.5 * (size - 1) * step, smooth, regularity)
 
 
-def _shares(windows: Floats, cycles: Floats) -> Floats:
+def _shares(windows: Array, cycles: Array) -> Array:
     """Return the share of each window's variance (w, n) that a sine of so many cycles per sample holds, (w, f)."""
     taper = np.hanning(windows.shape[1])
     clean = taper * (windows - (windows @ taper / taper.sum())[:, None])
@@ -181,7 +286,7 @@ def _shares(windows: Floats, cycles: Floats) -> Floats:
     return np.asarray(power / np.maximum(np.sum(clean**2, axis=1), 1e-300)[:, None])
 
 
-def _crest(at: Floats, height: Floats) -> float:
+def _crest(at: Array, height: Array) -> float:
     """Return where a curve on an even grid is largest, by the parabola through its three highest points."""
     top = int(np.clip(np.argmax(height), 1, at.size - 2))
     before, here, after = height[top - 1 : top + 2]
@@ -190,7 +295,7 @@ def _crest(at: Floats, height: Floats) -> float:
     return float(at[top] + np.clip(shift, -1, 1) * (at[1] - at[0]))
 
 
-def _autocorrelation(signal: Floats, lag: int) -> float:
+def _autocorrelation(signal: Array, lag: int) -> float:
     if signal.size - lag < 8:
         return 0.0
     a, b = signal[:-lag] - signal[:-lag].mean(), signal[lag:] - signal[lag:].mean()
@@ -205,7 +310,7 @@ def _mean_regularity(windows: _Windows, start_s: float, stop_s: float) -> float:
     return float(windows.regularity[inside].mean())
 
 
-def _cut(motion: BodyMotion, rate: Floats, windows: _Windows, walking: Mask) -> tuple[Floats, Mask]:
+def _cut(motion: BodyMotion, rate: Array, windows: _Windows, walking: Mask) -> tuple[Array, Mask]:
     """Return (starts of all strides [s], (s + 1,); which of the s strides are walking, lively and straight, (s,))."""
     time = motion.time_s
     step = float(time[1] - time[0])
@@ -236,7 +341,7 @@ def _smooth(signal: NDArray[np.complex128], width: float) -> NDArray[np.complex1
     return np.asarray((real + 1j * gaussian_filter1d(signal.imag, width, mode="constant")) / weight)
 
 
-def _straight(motion: BodyMotion, starts: Floats) -> Mask:
+def _straight(motion: BodyMotion, starts: Array) -> Mask:
     """Return which strides turn the body by less than 20°/s on average; all of them where no part's yaw is known."""
     heading = motion.trunk if motion.pelvis is None else motion.pelvis
     if heading is None:
@@ -245,7 +350,7 @@ def _straight(motion: BodyMotion, starts: Floats) -> Mask:
     return np.asarray(np.abs(turned) < _TURNING)
 
 
-def _alike(period: Floats) -> list[tuple[int, int]]:
+def _alike(period: Array) -> list[tuple[int, int]]:
     """Return the runs of at least five strides whose length is within 20 % of that of their neighbours.
 
     The first and the last two strides of a run are left out as far as five remain: there a walker starts and stops.
@@ -261,8 +366,6 @@ def _runs(mask: Mask) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
-
-Complexes = NDArray[np.complex128]
 
 POINTS = 64
 _AVERAGED = 5
@@ -299,7 +402,7 @@ class BoutGait:
     trunk_lag_deg: Estimate | None
     regularity: float
     speed_m_s: float
-    cycles_deg: Floats
+    cycles_deg: Array
 
 
 def bout_gait(motion: BodyMotion, bout: Strides) -> BoutGait:
@@ -344,13 +447,13 @@ def unknown(value: float) -> Estimate:
     return Estimate(float(value), np.nan, np.nan, np.nan)
 
 
-def fundamental(cycles: Floats) -> Complexes:
+def fundamental(cycles: Array) -> Complexes:
     """Return the complex fundamental c, x = Re(c e^{jφ}), of cycles of shape (s, points), shape (s,)."""
     points = cycles.shape[1]
     return np.asarray(2.0 / points * cycles @ np.exp(-2j * np.pi * np.arange(points) / points))
 
 
-def _cycles(motion: BodyMotion, yaw: Floats, start_s: Floats) -> Floats:
+def _cycles(motion: BodyMotion, yaw: Array, start_s: Array) -> Array:
     """Return the drift-free yaw of each stride over its phase, in the unit of yaw, shape (strides, 64)."""
     strides, half = start_s.size - 1, POINTS // 2
     before, after = start_s[0] - (start_s[1] - start_s[0]), start_s[-1] + (start_s[-1] - start_s[-2])
@@ -364,7 +467,7 @@ def _cycles(motion: BodyMotion, yaw: Floats, start_s: Floats) -> Floats:
     return np.asarray(clean[:-1].reshape(strides, POINTS))
 
 
-def _line(cycles: Floats, start_s: Floats) -> float:
+def _line(cycles: Array, start_s: Array) -> float:
     """Return the amplitude of the sine of constant frequency that fits the strides (s, points) best in time."""
     phase = np.arange(cycles.size) / cycles.shape[1]
     time = np.interp(phase, np.arange(start_s.size), start_s) - start_s[0]
@@ -423,7 +526,7 @@ def short_gait(motion: BodyMotion, walk: Walk) -> BoutGait:
     ends = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
     frequency = float(minimize_scalar(left, bounds=ends, method="bounded").x)
 
-    def harmonics(yaw: Floats | None) -> NDArray[np.complex128] | None:
+    def harmonics(yaw: Array | None) -> NDArray[np.complex128] | None:
         if yaw is None:
             return None
         weights, _ = _fit(since, yaw[inside], frequency, _YAW_HARMONICS, motion.drifts)
@@ -456,7 +559,7 @@ def short_gait(motion: BodyMotion, walk: Walk) -> BoutGait:
     )
 
 
-def _fit(since: Floats, signal: Floats, frequency: float, harmonics: int, slope: bool) -> tuple[Floats, Floats]:
+def _fit(since: Array, signal: Array, frequency: float, harmonics: int, slope: bool) -> tuple[Array, Array]:
     """Return (level, slope if asked, cosine and sine of each harmonic; residual) by least squares."""
     angle = 2 * np.pi * frequency * since
     waves = [wave(h * angle) for h in range(1, harmonics + 1) for wave in (np.cos, np.sin)]
@@ -465,12 +568,12 @@ def _fit(since: Floats, signal: Floats, frequency: float, harmonics: int, slope:
     return weights, signal - design @ weights
 
 
-def _left(since: Floats, signal: Floats, frequency: float, harmonics: int, slope: bool) -> float:
+def _left(since: Array, signal: Array, frequency: float, harmonics: int, slope: bool) -> float:
     spread = float(np.var(signal))
     residual = _fit(since, signal, frequency, harmonics, slope)[1]
     return float(np.mean(residual**2)) / spread if spread > 0 else 0.0
 
 
-def _level(since: Floats, signal: Floats, slope: bool) -> Floats:
+def _level(since: Array, signal: Array, slope: bool) -> Array:
     """Return a signal without its straight drift, where it may drift."""
     return signal - np.polyval(np.polyfit(since, signal, 1), since) if slope else signal

@@ -7,10 +7,10 @@ from typing import Literal
 
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
-from sinew.tune.gait.body_yaw import BodyMotion
 from sinew.tune.gait.bout import (
     FEWEST_STRIDES,
     SHORTEST_STRIDES,
+    BodyMotion,
     BoutGait,
     Walk,
     bout_gait,

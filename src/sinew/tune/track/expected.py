@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.sensor import DelayBudget, torsion_chain
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.plan.plan import Group, Held, Plan, TendonMode, Track
 from sinew.plan.rig import RigSpec
@@ -20,8 +20,6 @@ from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.solve.backbone import follow_backbones
 from sinew.tune.track.tracker import Follow, Mode, PretensionPath, Ramp, Stand, Tracker, TrackerSetting, design_loop
 from sinew.twin.cache import configure
-
-Floats = NDArray[np.float64]
 
 _BAND_HZ = (1.0, 6.0)
 
@@ -32,11 +30,11 @@ class ExpectedBackbone:
     equivalent linear joint, amplitudes of the fundamentals of command, lever and torsion [rad]."""
 
     pretension_mm: float
-    frequency_hz: Floats
-    damping_ratio: Floats
-    command: Floats
-    lever: Floats
-    torsion: Floats
+    frequency_hz: Array
+    damping_ratio: Array
+    command: Array
+    lever: Array
+    torsion: Array
 
     def mode(self, held: Held, amplitude: float) -> Mode:
         """Return the mode where an amplitude of command, lever or torsion is held [rad]; at the curve's end beyond."""

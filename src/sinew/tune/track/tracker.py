@@ -14,6 +14,8 @@ from typing import Literal, Protocol
 import numpy as np
 from scipy.optimize import brentq
 
+from sinew.measure.estimate import finite
+
 # The pretension moves while the resonance is tracked: not at all, on a ramp, or after a frequency.
 
 FASTEST_MM_S = 1.5
@@ -507,14 +509,14 @@ class Tracker:
             "is_locked": self.lock.is_locked,
             "is_coasting": self.is_coasting,
             "frequency_hz": self.frequency_hz,
-            "phase_error_deg": _known(math.degrees(self.error)),
+            "phase_error_deg": finite(math.degrees(self.error)),
             "command_deg": math.degrees(self._oscillator.amplitude),
-            "lever_deg": _known(math.degrees(self.lever)),
-            "torsion_deg": _known(math.degrees(self.torsion)),
+            "lever_deg": finite(math.degrees(self.lever)),
+            "torsion_deg": finite(math.degrees(self.torsion)),
             "pretension_mm": self.pretension_mm,
             "wanted_hz": asked,
             "is_limited": self._loop.is_limited or self._swing.is_limited,
-            "lock_cycles": _known(self.lock.cycles),
+            "lock_cycles": finite(self.lock.cycles),
             "lock_losses": float(self.lock.losses),
         }
 
@@ -532,7 +534,3 @@ class Tracker:
             return None
         self.error = lag_error(lever, torsion)
         return self.error
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -42,6 +42,12 @@ class Curve:
     is_stable: Sequence[bool] = ()
     number: int | None = None
 
+    @classmethod
+    def of_estimates(cls, name: str, x: Sequence[float], y: Sequence[dict[str, Any]], number: int | None) -> "Curve":
+        """Return a row of points with the 90 % intervals of estimates as JSON holds them."""
+        low, high = zip(*(one["interval90"] for one in y), strict=True) if y else ((), ())
+        return cls(name, x, [one["value"] for one in y], low, high, number=number)
+
 
 @dataclass
 class Curves:
@@ -79,16 +85,8 @@ class Curves:
         )
 
     def _measured(self, one: dict[str, Any]) -> Curve:
-        points = one[self.what]
-        intervals = [point["interval90"] for point in points]
-        return Curve(
-            one.get("name") or f"{one['pretension_mm']:g} mm, measured",
-            one["frequency_hz"],
-            [point["value"] for point in points],
-            [low for low, _ in intervals],
-            [high for _, high in intervals],
-            number=one.get("number"),
-        )
+        name = one.get("name") or f"{one['pretension_mm']:g} mm, measured"
+        return Curve.of_estimates(name, one["frequency_hz"], one[self.what], one.get("number"))
 
 
 def options_of(

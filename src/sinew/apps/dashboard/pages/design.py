@@ -6,7 +6,7 @@ from typing import Any
 from nicegui import ui
 
 from sinew.apps.dashboard.pages.curves import Curve, Curves
-from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, quantity
+from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
 from sinew.measure.errors import SinewError
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig
@@ -22,7 +22,7 @@ def add_design_page(site: Site) -> None:
     @ui.page("/design")
     async def design() -> None:
         with framed(site, "Design", "/design"):
-            ui.label("Design a joint").props("role=heading aria-level=1").classes("text-h6")
+            heading("Design a joint")
             sliders = _Sliders(site)
             sliders.lay_out()
             await ui.context.client.connected()

@@ -78,12 +78,12 @@ def framed(site: Site, title: str, here: str) -> Iterator[None]:
         yield
 
 
-def plain_page(site: Site, title: str, content: str, more_head: str = "") -> str:
+def plain_page(site: Site, title: str, content: str) -> str:
     """Return the HTML of a page that needs no server once it is there. content: HTML of its main part."""
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<title>{title} · Sinew</title><link rel="icon" href="/sinew/icon.svg">{_style(site)}{more_head}</head>'
+        f'<title>{title} · Sinew</title><link rel="icon" href="/sinew/icon.svg">{_style(site)}</head>'
         f'<body class="sinew-plain">{_head(site, "")}<main class="nicegui-content"><div class="sinew-content">{content}'
         "</div></main></body></html>"
     )
@@ -145,6 +145,11 @@ def live_card(title: str, span: int) -> Iterator[ui.element]:
         yield made
 
 
+def heading(text: str) -> ui.label:
+    """Show what a page is about."""
+    return ui.label(text).props("role=heading aria-level=1").classes("text-h6")
+
+
 def empty(sentence: str) -> ui.label:
     """Show what to do where there is nothing to show yet."""
     return ui.label(sentence).classes("sinew-empty")
@@ -188,7 +193,7 @@ def add_error_pages(site: Site) -> None:
 
     def broken() -> None:
         with framed(site, "Not shown", ""), ui.element("div").classes("sinew-card"):
-            ui.label("This page cannot be shown").props("role=heading aria-level=1").classes("text-h6")
+            heading("This page cannot be shown")
             ui.label("The dashboard made a mistake; its log says which. The bench goes on as it was.")
 
     app.on_page_exception(broken)

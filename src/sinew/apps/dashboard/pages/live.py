@@ -7,7 +7,6 @@ from nicegui import ui
 from sinew.apps.dashboard.hub import drawn_rig
 from sinew.apps.dashboard.pages.curves import Curves
 from sinew.apps.dashboard.pages.frame import Site, card, choice, empty, framed, live_card, quantity, script
-from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 
 _BASES_S = (0.5, 1, 2, 5, 10, 30, 60)
@@ -27,7 +26,7 @@ def add_live_page(site: Site) -> None:
                 said = empty(f"{nothing} Choose a plan on the page Plan; what is measured appears here as it comes.")
                 said.props("id=sinew-nothing-yet role=status")
             with ui.element("div").classes("sinew-grid"):
-                scene = _joint_card(rig)
+                scene = _joint_card()
                 _scope_card()
                 _numbers_card()
                 _curves(site)
@@ -36,7 +35,7 @@ def add_live_page(site: Site) -> None:
         ui.add_body_html(f'<script type="module" src="/sinew/live.js?{site.version}"></script>')
 
 
-def _joint_card(rig: RigSpec) -> int:
+def _joint_card() -> int:
     """Lay the joint out and return the number of its scene."""
     with live_card("Joint", 3):
         scene = ui.scene(width=320, height=360, grid=False, background_color="#000000", fps=25)
@@ -123,10 +122,7 @@ def _curves(site: Site) -> None:
                 curves.show(site.results.predicted, site.results.measured)
             for note in notes:
                 note.set_text(site.results.remark)
-            rows = [
-                f"{row['pretension_mm']:g} mm: {quantity(row['damping_ratio'], '')}" for row in site.results.damping
-            ]
-            damping.set_text(f"Lehr's damping D of the ring-downs: {'; '.join(rows)}" if rows else "")
+            damping.set_text(_in_words(site.results.damping))
             wrong.set_text(" ".join(filter(None, (site.results.trouble, *site.results.notes[-3:]))))
 
     look()

@@ -6,7 +6,7 @@ from nicegui import events, ui
 
 from sinew.apps.dashboard.operators import is_run_name
 from sinew.apps.dashboard.pages.curves import Curve, Curves
-from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, quantity
+from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading, quantity
 from sinew.measure.errors import SinewError
 from sinew.measure.units import local_time
 
@@ -28,7 +28,7 @@ def add_runs_pages(site: Site) -> None:
     @ui.page("/runs")
     async def runs() -> None:
         with framed(site, "Runs", "/runs"):
-            ui.label("Runs").props("role=heading aria-level=1").classes("text-h6")
+            heading("Runs")
             place = ui.element("div").classes("sinew-content")
             with place:
                 empty("The runs are listed.")
@@ -48,9 +48,16 @@ def add_runs_pages(site: Site) -> None:
     async def opened(names: str) -> None:
         with framed(site, "Runs", "/runs"):
             chosen = [name for name in dict.fromkeys(names.split(",")) if is_run_name(name)][:_MOST_OVERLAID]
-            ui.label(", ".join(chosen) or "No such run").props("role=heading aria-level=1").classes("text-h6")
+            heading(", ".join(chosen) or "No such run")
             ui.link("All runs", "/runs")
             await _open(site, chosen)
+
+
+def _columns(names: tuple[tuple[str, str, str], ...]) -> list[dict[str, Any]]:
+    """Return columns as a table takes them. names: (key, label, alignment) of each."""
+    return [
+        {"name": key, "label": label, "field": key, "align": align, "sortable": True} for key, label, align in names
+    ]
 
 
 def _table(found: list[dict[str, Any]]) -> None:
@@ -59,14 +66,11 @@ def _table(found: list[dict[str, Any]]) -> None:
             empty("There is no run yet. Start one on the page Plan, or put the folder of one where sinew serve looks.")
         return
     rows = [_row(run) for run in found]
-    columns = [
-        {"name": key, "label": label, "field": key, "align": align, "sortable": True} for key, label, align in _COLUMNS
-    ]
     with ui.element("section").classes("sinew-card"):
         search = ui.input("Search").props("outlined dense clearable type=search").classes("w-full")
         table = ui.table(
             rows=rows,
-            columns=columns,
+            columns=_columns(_COLUMNS),
             row_key="name",
             selection="multiple",
             pagination={"rowsPerPage": 20, "sortBy": "started", "descending": True},
@@ -128,10 +132,7 @@ def _doubts(found: list[tuple[str, dict[str, Any]]]) -> None:
     """Say what speaks against the runs, above everything that they found."""
     for name, results in found:
         if results.get("doubts"):
-            with (
-                card(f"{name} contradicts itself or its rig", 12),
-                ui.element("div").props("role=alert data-doubts"),
-            ):
+            with card(f"{name} contradicts itself or its rig", 12), ui.element("div").props("role=alert data-doubts"):
                 for sentence in results["doubts"]:
                     ui.label(sentence).classes("sinew-bad")
 
@@ -148,17 +149,13 @@ def _curves(found: list[tuple[str, dict[str, Any]]]) -> None:
         before = f"{name}, " if several else ""
         for curve in results["curves"]:
             for what, made in lines.items():
-                made.append(
-                    _points(curve["frequency_hz"], curve[what], f"{before}{curve['pretension_mm']:g} mm", len(made))
-                )
+                named = f"{before}{curve['pretension_mm']:g} mm"
+                made.append(Curve.of_estimates(named, curve["frequency_hz"], curve[what], len(made)))
         rows = results["damping"]
         if rows:
             values = [row["damping_ratio"] for row in rows]
-            damping.append(
-                _points(
-                    [row["pretension_mm"] for row in rows], values, before.rstrip(", ") or "ring-downs", len(damping)
-                )
-            )
+            named, at = before.rstrip(", ") or "ring-downs", [row["pretension_mm"] for row in rows]
+            damping.append(Curve.of_estimates(named, at, values, len(damping)))
     for what, title in (("gain", "Gain"), ("phase", "Phase")):
         with card(title, 6):
             if lines[what]:
@@ -168,18 +165,6 @@ def _curves(found: list[tuple[str, dict[str, Any]]]) -> None:
     if damping:
         with card("Damping", 6):
             Curves("damping", "pretension / mm").draw(damping)
-
-
-def _points(x: list[float], estimates: list[dict[str, Any]], name: str, number: int) -> Curve:
-    ends = [one["interval90"] for one in estimates]
-    return Curve(
-        name,
-        x,
-        [one["value"] for one in estimates],
-        [low for low, _ in ends],
-        [high for _, high in ends],
-        number=number,
-    )
 
 
 def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
@@ -203,12 +188,8 @@ def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
             ("name", "quantity", "left"),
             ("value", "value, 90 % interval", "right"),
         )
-        columns = [
-            {"name": key, "label": label, "field": key, "align": align, "sortable": True} for key, label, align in names
-        ]
-        ui.table(rows=shown, columns=columns, row_key="key", pagination=12).props("flat dense wrap-cells").classes(
-            "w-full"
-        )
+        table = ui.table(rows=shown, columns=_columns(names), row_key="key", pagination=12)
+        table.props("flat dense wrap-cells").classes("w-full")
 
 
 def _downloads(name: str) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import finite
 
 if TYPE_CHECKING:
     from sinew.plan.plan import Plan
@@ -251,7 +252,7 @@ def _ends(branch: "Branch", band: "Band", place: int) -> Any:
 
 
 def _numbers(values: Any) -> list[float | None]:
-    return [float(one) if math.isfinite(one) else None for one in values]
+    return [finite(one) for one in values]
 
 
 # A pretension is suggested for a wanted resonance.

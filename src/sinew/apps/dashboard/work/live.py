@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from sinew.apps.dashboard.operators import unlinked
 from sinew.measure.errors import SinewError
+from sinew.measure.estimate import finite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -193,7 +194,7 @@ def _curves(steady: list[tuple[Place, int, dict[str, float]]]) -> list[dict[str,
         curve["repeats"].append(len(rows))
         curve["settled"].append(all(numbers["settled"] == 1.0 for _, numbers in rows))
         share = max(numbers["saturated_share"] for _, numbers in rows)
-        curve["saturated_share"].append(share if np.isfinite(share) else None)
+        curve["saturated_share"].append(finite(share))
     return list(curves.values())
 
 

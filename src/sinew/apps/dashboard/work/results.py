@@ -14,6 +14,7 @@ from sinew.apps.dashboard.work.live import LiveResults, mean_of, shared_delay
 from sinew.apps.dashboard.work.runs import RECORDING
 from sinew.bench.journal_reader import is_being_written
 from sinew.measure.errors import FileError, SinewError, SpecError
+from sinew.measure.estimate import finite
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -153,7 +154,7 @@ def _curves(results: "xr.Dataset") -> Iterator[dict[str, Any]]:
             curve["phase"].append(mean_of(table["phase_lag_rad"], table["phase_std_rad"], delay, 180 / np.pi))
             curve["repeats"].append(int(there.sum()))
             curve["settled"].append(bool(np.all(table["settled"][0, there] == 1.0)))
-            curve["saturated_share"].append(share if math.isfinite(share) else None)
+            curve["saturated_share"].append(finite(share))
         if curve["frequency_hz"]:
             yield curve
 
@@ -246,8 +247,7 @@ def _mat(folder: Path, path: Path) -> None:
 
 def _report(folder: Path, path: Path) -> None:
     from sinew.analysis.analysed import recording_rig
-    from sinew.paper.figures import draw_figures
-    from sinew.paper.report import write_report
+    from sinew.paper.report import draw_figures, write_report
 
     recording, results = results_of(folder)
     figures = draw_figures(recording, results, path.with_name("figures"), formats=("png",))

@@ -118,7 +118,7 @@ _LANES = 64
 
 @dataclass(frozen=True)
 class Balance:
-    """Means over whole cycles of every lane, arrays (lane,): powers [W], see `sinew.twin.balance.Powers`.
+    """Means over whole cycles of every lane, arrays (lane,): powers [W], see `campaigns.balance.Powers`.
 
     stored: growth of kinetic and stored energy per time; zero in a steady cycle.
     current_rms [A], of the drive; torsion, drive: amplitudes of the fundamentals [rad].

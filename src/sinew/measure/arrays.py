@@ -1,0 +1,29 @@
+"""Arrays: the types of real and complex ones, mean and spread that leave out what was not measured."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+
+def mean_of_known(values: Array, otherwise: float = np.nan) -> Array:
+    """Return the mean over the last axis without what is not finite, `otherwise` where nothing is left.
+
+    `numpy.nanmean` does the same but warns where nothing is left, and a sweep may have lost a group.
+    """
+    known = np.isfinite(values)
+    count = known.sum(axis=-1)
+    return np.asarray(np.where(count > 0, np.where(known, values, 0.0).sum(axis=-1) / np.maximum(count, 1), otherwise))
+
+
+def mean_and_spread(values: ArrayLike) -> tuple[Array, Array]:
+    """Return mean and sample standard deviation over the last axis, leaving out NaN.
+
+    The mean is NaN where nothing was measured; the spread is NaN with fewer than two measurements.
+    """
+    array = np.asarray(values, dtype=float)
+    known = np.isfinite(array)
+    count, mean = known.sum(axis=-1), mean_of_known(array)
+    squares = np.where(known, (array - mean[..., None]) ** 2, 0.0).sum(axis=-1)
+    return mean, np.sqrt(squares / np.where(count > 1, count - 1, np.nan))
