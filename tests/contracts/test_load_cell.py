@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.contracts.emulated_bench import TINY, joint, virtual_port
+from campaigns.same_numbers import TINY
+from tests.contracts.emulated_bench import joint, virtual_port
 from tests.contracts.virtual_run import spoken
 from tests.unit.bench_virtual import virtual_bench
 

@@ -16,7 +16,7 @@ from sinew.analysis.doubts import doubts_of
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import Estimate, number, pair, shown, shown_interval, span
+from sinew.measure.estimate import NORMAL_90, Estimate, number, pair, shown, shown_interval, span
 from sinew.measure.netcdf import load_recording
 from sinew.measure.recording import segment_slices
 from sinew.measure.schema import ENERGY_QUANTITIES, companions
@@ -222,7 +222,7 @@ def _of_mean(value: float, std: float, low: float, high: float, repeats: int) ->
         return Estimate(value, std, low, high)
     own = std / math.sqrt(repeats)
     scatter = float(special.stdtrit(repeats - 1, 0.95)) * own
-    shared = math.sqrt(max(0.0, (0.5 * (high - low)) ** 2 - scatter**2)) / 1.6448536269514722
+    shared = math.sqrt(max(0.0, (0.5 * (high - low)) ** 2 - scatter**2)) / NORMAL_90
     return Estimate(value, math.hypot(own, shared), low, high)
 
 

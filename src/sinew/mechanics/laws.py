@@ -15,12 +15,11 @@ from typing import Any, ClassVar, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.silicone import prony_shares
 
-Array = NDArray[np.float64]
 Values = Mapping[str, Any]
 """Numbers of a simulation by name, as JAX or NumPy has them; `amplitude` is A where a term needs it, else one."""
 

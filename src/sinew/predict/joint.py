@@ -132,8 +132,6 @@ def joint_problem(
 # with a pure sine give φ̈; as nothing but the lever's inertia I_l couples, its harmonics change that by -I_l/(I_h +
 # I_l) times their acceleration.
 
-Array = NDArray[np.float64]
-
 
 class _Measured(NamedTuple):
     """p: of the joint. omega: of the measured points [rad/s], (k,); amplitude of the lever there [rad], (k,), and its

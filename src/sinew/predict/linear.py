@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from scipy import io
 from scipy.linalg import null_space
 
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import SpecError
 from sinew.measure.netcdf import write_atomically
 from sinew.mechanics.joint import State, derivative, free_lever_acceleration, rate, state_at_rest
@@ -46,8 +47,6 @@ from sinew.twin.simulate import lane_parameters
 #
 # Plain arrays: `control.ss` of python-control and `ss` of MATLAB read (A, B, C, D) as they are.
 
-Array = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _NO_GAIN = 1e-12
 _ORIGIN = 1e-6

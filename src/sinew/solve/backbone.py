@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.solve.balance import Lane, balance
 from sinew.solve.branch import Branch
 from sinew.solve.curves import Problem, Resolution
@@ -35,7 +36,6 @@ from sinew.solve.waves import Equations, Size, embedded, orders, size_of, slices
 # F(x, s) = 0, and the fundamental of the response 90° behind that of what drives it, Re(drive · conj(response)) = 0.
 # They leave a curve, the backbone; one row more, a plane or a share, picks a point of it.
 
-Array = NDArray[np.float64]
 
 _STEPS = 8
 

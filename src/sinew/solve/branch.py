@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from sinew.measure.arrays import Array, Complexes
 from sinew.solve.landmark import interpolated_peak
-
-Array = NDArray[np.float64]
 
 _FEWEST = 7  # points of a curve about its peak
 
@@ -91,7 +90,6 @@ class Prediction:
 # meets the first place of the curve there, and a sweep with falling frequency the last. Without folds both are the
 # same. Between the points of the curve a cubic runs over the length along it.
 
-Complexes = NDArray[np.complex128]
 Direction = Literal["up", "down"]
 
 _PARTS = 12

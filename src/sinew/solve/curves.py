@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.solve.balance import Lane
 from sinew.solve.branch import Branch, Mark, Prediction
 from sinew.solve.continuation import LIMIT, LOST, OUTSIDE, POINTS, STUCK, Curve, Stride, follow
@@ -24,8 +25,6 @@ from sinew.solve.landmark import (
     locate,
 )
 from sinew.solve.waves import Equations, Size, embedded, orders, slices, unknowns
-
-Array = NDArray[np.float64]
 
 LANES = 4
 """Lanes that are followed together."""

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array, Complexes
 from sinew.solve.balance import Lane, balance, solve
 from sinew.solve.waves import Equations, Size, embedded, is_symmetric, orders, size_of, slices
 
@@ -22,8 +23,6 @@ from sinew.solve.waves import Equations, Size, embedded, is_symmetric, orders, s
 #
 # Motions are rows x of scaled unknowns, (k, m + 1); so are gradients by them.
 
-Array = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _GRID = 96
 _STEPS = 4

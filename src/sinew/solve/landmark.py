@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.solve.balance import Lane
 from sinew.solve.examination import evaluate, half_range, lag_product, rows_of
 from sinew.solve.waves import Equations, Size
-
-Array = NDArray[np.float64]
 
 FOLD, PEAK, QUARTER = range(3)
 """Kinds: extremum of the frequency, extremum of the amplitude, response 90° behind the drive."""

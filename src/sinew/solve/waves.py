@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sinew.measure.arrays import Array
+
 Parity = Literal["odd", "even", "all"]
 Rates = Callable[[jax.Array, jax.Array, jax.Array, Any], jax.Array]
 

@@ -15,8 +15,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.tendons import total_tension
 from sinew.plan.plan import Group, TendonMode
@@ -29,8 +29,6 @@ from sinew.solve.branch import Branch
 from sinew.solve.curves import predict
 from sinew.solve.rest import torsional_stiffness
 from sinew.twin.simulate import lane_parameters
-
-Array = NDArray[np.float64]
 
 _BELOW, _ABOVE = 0.8, 1.2
 _ROUNDS, _CLOSE = 6, 2e-3

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from sinew.identify.joint.coordinates import make_coordinates
 from sinew.identify.joint.fit import FREE, JointFit, fit_joint
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import UNKNOWN, Estimate, interval, number
+from sinew.measure.estimate import NORMAL_90, UNKNOWN, Estimate, interval, number
 from sinew.measure.netcdf import content_hash, load_recording
 from sinew.measure.told import Table, Told
 from sinew.plan.parameter import Parameter
@@ -23,7 +23,6 @@ from sinew.twin.cache import configure
 
 # A calibrated rig is told how its parameters vary together, those that only follow among them.
 
-Array = NDArray[np.float64]
 
 _STEP = 1e-4  # of a coordinate of the search
 _STD_DIGITS, _CORRELATION_DIGITS = 6, 8
@@ -188,7 +187,7 @@ _GEOMETRY = (
 _WIDEST_SHARE = 0.5
 """Of the 90 % interval that a rig's bounds leave a parameter in the joint fit, taken there as a normal prior's 95 %."""
 
-_PRIOR90_SHARE = 1.6448536269514722 / 1.959963984540054
+_PRIOR90_SHARE = NORMAL_90 / 1.959963984540054
 
 
 @dataclass(frozen=True, repr=False)

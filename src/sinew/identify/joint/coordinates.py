@@ -8,13 +8,12 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.parameters import Parameters
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
 from sinew.twin.parameters import from_rig
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-5  # of a coordinate, for the slopes of `numbers_of`: their error is 1e-10 of them
 _NINETY_FIVE = 1.96

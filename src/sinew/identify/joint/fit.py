@@ -23,15 +23,15 @@ from sinew.identify.joint.problem import JointProblem, make_problem, whitening_o
 from sinew.identify.joint.swing import Swing, is_enough, swings_of
 from sinew.identify.oscillator.certainty import Covariance, correlation, find_unidentifiable
 from sinew.identify.oscillator.least_squares import Solution, solve
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.measure.schema import SegmentKind
 from sinew.plan.rig import RigSpec
 from sinew.twin.cache import configure
 
 # The physical combinations of a joint fit get their values and intervals.
 
-Array = NDArray[np.float64]
 
 _STEP = 1e-4  # of a coordinate: third derivatives then count for 1e-8
 _SHARED = ("stiffness_n_m_rad", "tendon_moment_n_m")
@@ -82,7 +82,6 @@ def _amplitude(swings: Sequence[Swing]) -> float:
 
 
 _FEWEST = 4
-_NINETY = 1.6448536269514722
 
 
 def settled_covariance(jacobian: Array, residual: Array, settings: Sequence[tuple[Hashable, slice]]) -> Array:
@@ -110,7 +109,7 @@ def settled_covariance(jacobian: Array, residual: Array, settings: Sequence[tupl
         score = sum((jacobian[rows].T @ residual[rows] for rows in group), np.zeros(gram.shape[0]))
         known -= own
         moved.append(root @ _power(np.eye(gram.shape[0]) - root @ own @ root, -0.5) @ root @ score)
-    steps = float(special.stdtrit(len(groups) - 1, 0.95)) / _NINETY * np.array(moved)
+    steps = float(special.stdtrit(len(groups) - 1, 0.95)) / NORMAL_90 * np.array(moved)
     spread = steps.T @ steps + plain @ known @ plain
     larger = np.sqrt(np.maximum(np.diag(spread) / np.maximum(np.diag(plain), 1e-300), 1.0))
     return np.asarray(plain * np.outer(larger, larger))
@@ -357,7 +356,7 @@ def _parameters(coordinates: Coordinates, x: Array, covariance: Array) -> dict[s
     found = {}
     for k, (name, value) in enumerate(zip(coordinates.names, coordinates.values(x), strict=True)):
         half = np.zeros(x.size)
-        half[k] = _NINETY * float(np.sqrt(covariance[k, k]))
+        half[k] = NORMAL_90 * float(np.sqrt(covariance[k, k]))
         ends = [float(coordinates.values(x + side * half)[k]) for side in (-1, 1)]
         std = float(coordinates.slopes(x)[k] * np.sqrt(covariance[k, k]))
         found[name] = Estimate(float(value), std, *ends)

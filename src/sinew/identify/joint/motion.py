@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from sinew.identify.joint.coordinates import Numbers
 from sinew.identify.joint.swing import Swing
+from sinew.measure.arrays import Array
 from sinew.mechanics.joint import State, derivative, friction_torque, potential, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import viscoelastic_energy
@@ -24,8 +25,6 @@ from sinew.mechanics.tendons import total_tension
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
 from sinew.twin.simulate import LIMIT_RESERVE_N
-
-Array = NDArray[np.float64]
 
 CHANNELS = ("gyro", "current")
 """What is simulated: the gyroscope's rate before its average over samples [rad/s]; a tendon motor's current [A]."""

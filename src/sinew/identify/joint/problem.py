@@ -15,8 +15,8 @@ from sinew.identify.joint.coordinates import Coordinates
 from sinew.identify.joint.motion import Seen, simulate_swings
 from sinew.identify.joint.swing import Sieve, Swing, make_sieve
 from sinew.identify.oscillator.least_squares import Problem
+from sinew.measure.arrays import Array
 
-Array = NDArray[np.float64]
 Pair = tuple[int, float, int]
 
 _ROUGH = 0.2  # share of a swing's rate that a first search takes for noise

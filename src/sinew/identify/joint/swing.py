@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.interpolate import CubicSpline
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.schema import SegmentKind
 from sinew.mechanics.parameters import POSITION, TENDON_MODES
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
-
-Array = NDArray[np.float64]
 
 _FEWEST = 40  # samples of a segment: below that its low-passed part is too short to be worth its simulation
 _LARGEST_GAP = 0.05  # share of samples that may be missing

@@ -16,17 +16,15 @@ from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import DAMPING, FREQUENCY, Fit, number_names, physical_numbers
 from sinew.identify.oscillator.least_squares import Problem, Solution, solve
 from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.record import Record
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
-
-Array = NDArray[np.float64]
 
 _MANY = 10  # repeats of every group, from which on the draws' quantiles are the interval
 _COARSE = 6  # degrees of freedom below which the message says how coarse the interval is

@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.coloured_noise import sandwich
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
 
-Array = NDArray[np.float64]
 CovarianceKind = Literal["classical", "coloured", "hac"]
 
 _UNCERTAIN = 0.5  # natural scales: a direction whose standard deviation is larger is not determined

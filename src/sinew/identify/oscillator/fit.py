@@ -28,7 +28,6 @@ from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.laws import Pendulum
 from sinew.twin.cache import configure
 
-Array = NDArray[np.float64]
 Masks = Sequence[NDArray[np.bool_]]
 
 _COLOURED = 0.2  # correlation of neighbouring residuals from which on their scores are asked too

@@ -12,12 +12,11 @@ from sinew.identify.oscillator.least_squares import Solution
 from sinew.identify.oscillator.model import Model, parameter_name
 from sinew.identify.oscillator.record import Frame, Record, derivative_order
 from sinew.identify.oscillator.track import LOCAL
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
 from sinew.mechanics.laws import HISTORIES, NUMBERS, Cycle, Law, LossFactor
 
 # The numbers of a solution get their names, units and intervals.
-
-Array = NDArray[np.float64]
 
 
 def _scaled(estimate: Estimate, factor: float) -> Estimate:

@@ -14,9 +14,9 @@ from sinew.identify.oscillator.least_squares import Problem
 from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.record import Frame, Record, Scales, derivative_order, grid_of
 from sinew.identify.oscillator.track import LOCAL, PLACE, Grid, track, track_slopes
+from sinew.measure.arrays import Array
 from sinew.mechanics.laws import HISTORIES
 
-Array = NDArray[np.float64]
 _LINEAR_CREEP = 6.0  # of `creep_time`: the drift is a straight line
 
 

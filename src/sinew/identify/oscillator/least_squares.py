@@ -4,12 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import optimize
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-
-Array = NDArray[np.float64]
 
 _HUGE = 1e8  # of the start's largest residual: what a residual that is not finite counts as
 

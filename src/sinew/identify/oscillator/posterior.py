@@ -28,6 +28,7 @@ from scipy import fft, special, stats
 from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
 from sinew.identify.oscillator.layout import Layout, Part
 from sinew.identify.oscillator.track import LOCAL, Grid, traced_slopes, traced_track
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate
 from sinew.measure.extras import how_to_install
@@ -49,7 +50,6 @@ from sinew.twin.cache import configure
 #
 # Along directions that the record tells less than the prior, q is one.
 
-Array = NDArray[np.float64]
 
 PRIOR: dict[str, float] = {name: one.prior or 20.0 * one.natural for name, one in LOCAL.items()}
 """Standard deviation of the normal prior about zero, in normal form; of the gain as a share of its value."""

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from sinew.identify.oscillator.certainty import covariance
@@ -17,6 +16,7 @@ from sinew.identify.oscillator.fitted import DAMPING, FREQUENCY, Fit, number_nam
 from sinew.identify.oscillator.layout import free_mechanics
 from sinew.identify.oscillator.least_squares import Problem, Solution, solve
 from sinew.identify.oscillator.model import parameter_name
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate
 from sinew.mechanics.laws import LossFactor
@@ -27,7 +27,6 @@ from sinew.mechanics.laws import LossFactor
 # damping over twice the root of the stiffness: then x_k = y_k·c(x_j) with y_k the coordinate that is held, and the
 # chain rule turns the Jacobian.
 
-Array = NDArray[np.float64]
 Curve = Callable[[float], float]
 
 _FULL_WORDS = {"inertia": "gain", "mass": "gain"}

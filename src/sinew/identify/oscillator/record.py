@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from sinew.identify.oscillator.track import LOCAL, Grid
+from sinew.measure.arrays import Array
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.laws import Law, LossFactor
 from sinew.mechanics.silicone import BAND_HZ, relaxation_times
 
-Array = NDArray[np.float64]
 Excitation = Literal["force", "torque", "base", "lever", "none"]
 
 FEWEST = 16

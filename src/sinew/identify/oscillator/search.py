@@ -14,11 +14,11 @@ from sinew.identify.oscillator.model import VISCOUS, Model
 from sinew.identify.oscillator.record import Frame, Record, Scales, derivative_order, input_derivative
 from sinew.identify.oscillator.start import dominant_omega, regress_together, ringing, ringing_misfit
 from sinew.identify.oscillator.track import LOCAL
+from sinew.measure.arrays import Array
 from sinew.mechanics.laws import HISTORIES, LossFactor
 
 # The search for a damping law begins: at a smaller model's fit, or beside a minimum of friction.
 
-Array = NDArray[np.float64]
 Masks = Sequence[NDArray[np.bool_]]
 
 _LARGE = 0.1  # of the largest output: motion that dry friction does not bring to rest

@@ -10,18 +10,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 from scipy.signal import fftconvolve
 
 from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.record import Frame, Record, derivative_order, input_derivative
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 
 # A sum of decaying oscillations is split into its poles without a guess, by the matrix pencil.
 
-Array = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Poles = list[tuple[complex, complex]]
 
 _LONGEST = 300  # columns of the pencil: more tell little and cost their cube

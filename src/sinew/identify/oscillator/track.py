@@ -19,9 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.mechanics.laws import HISTORIES, NUMBERS, Law, Number
-
-Array = NDArray[np.float64]
 
 LOCAL: dict[str, Number] = {
     **NUMBERS,

@@ -22,10 +22,9 @@ from sinew.identify.stepped.fit import ResponseFit, sandwich
 from sinew.identify.stepped.layout import drive_of, motion_and_push
 from sinew.identify.stepped.oscillation import free_frequency, fundamentals, lag_of, lagging, swept, top_of_sweep
 from sinew.identify.stepped.points import ResponsePoints
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import Estimate
-
-Array = NDArray[np.float64]
+from sinew.measure.estimate import NORMAL_90, Estimate
 
 _ROUNDS = 12
 _MOST_TERMS = 3
@@ -223,8 +222,6 @@ def _covariance(rows: Array, residual: Array, sizes: Sequence[int]) -> Covarianc
 
 # Stepped sines at several levels of the drive say how the resonance moves with amplitude.
 
-_NORMAL_90 = 1.6448536269514722
-
 
 @dataclass(frozen=True)
 class LevelDependence:
@@ -288,7 +285,7 @@ def _bend(found: Sequence[PhaseResonance]) -> tuple[Estimate, float]:
 
 def _difference(one: Estimate, other: Estimate) -> Estimate:
     std = float(np.hypot(one.std, other.std))
-    widest = max(((e.high - e.low) / (2 * e.std) for e in (one, other) if e.std > 0), default=_NORMAL_90)
+    widest = max(((e.high - e.low) / (2 * e.std) for e in (one, other) if e.std > 0), default=NORMAL_90)
     value = one.value - other.value
     return Estimate(value, std, value - widest * std, value + widest * std)
 

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from sinew.identify.choice.comparison import rank_trend, trend_sentences
@@ -29,6 +28,7 @@ from sinew.identify.stepped.layout import (
 )
 from sinew.identify.stepped.oscillation import NUMBERS
 from sinew.identify.stepped.points import ResponsePoints
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
 from sinew.mechanics.laws import Pendulum
@@ -81,9 +81,6 @@ def _inverse_trigamma(value: float) -> float:
 
 
 # The residuals of a stepped sine are asked whether scatter alone explains them.
-
-Array = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,9 @@ from sinew.identify.oscillator.record import Frame, Scales, derivative_order, in
 from sinew.identify.oscillator.track import Grid
 from sinew.identify.stepped.oscillation import NUMBERS, Drive, Laws, oscillate
 from sinew.identify.stepped.points import ResponsePoints
+from sinew.measure.arrays import Array, Complexes
 from sinew.mechanics.laws import Cubic, LossFactor
 from sinew.mechanics.silicone import relaxation_times
-
-Array = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 CHAIN = ("phase", "background_real", "background_imag")
 """What the measuring chain may add: a turn of the response [rad], and a response that does not depend on frequency, as

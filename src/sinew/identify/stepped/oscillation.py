@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array, Complexes
 from sinew.mechanics.laws import Law, LossFactor, Pendulum, Quadratic
 from sinew.mechanics.silicone import relaxation_times
 from sinew.solve.balance import Lane
@@ -24,9 +25,6 @@ from sinew.solve.examination import evaluate, phasors
 from sinew.solve.steady import at_frequency, steady
 from sinew.solve.waves import Coordinate, Equations, Size, orders
 from sinew.twin.cache import configure
-
-Array = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 NUMBERS = ("stiffness", "damping", "loss_factor", "coulomb", "quadratic", "cubic", "gain")
 """The numbers that a steady oscillation depends on: stiffness to gain."""

@@ -8,10 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinew.analysis.sweep.response import Response
 from sinew.identify.oscillator.record import Excitation, Record, derivative_order, input_derivative
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError, SpecError
-
-Array = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _FIVE_PERIODS = 12.0  # degrees of freedom of the scatter of a stretch of five periods: three pairs of sidebands
 _ASSUMED, _FLOOR = 0.05, 0.1  # scatter where no row is repeated, over the size; sizes below this share of the largest
