@@ -35,10 +35,10 @@ test test-slow: export OPENBLAS_NUM_THREADS := 1
 test test-slow: export XLA_FLAGS := --xla_cpu_use_fusion_emitters=false
 
 test: $(VENV)/.dev ## the fast tests
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile -m "not slow and not hardware"
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder -m "not slow and not hardware"
 
 test-slow: $(VENV)/.dev ## the long proofs: coverage of intervals, the whole campaign, executed tutorials
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 2 --dist loadfile -m "slow and not realtime and not hardware"
+	$(BIN)/python -m pytest -q -n auto --maxprocesses 2 --dist loadfile --no-loadscope-reorder -m "slow and not realtime and not hardware"
 
 test-realtime: $(VENV)/.dev ## proofs that keep time with an emulated bench; nothing else should run beside them
 	$(BIN)/python -m pytest -q -m "slow and realtime and not hardware"
