@@ -1,0 +1,245 @@
+"""Mutations of the physics, the analysis and the bench: which of them do the fast tests notice?
+
+Each mutation is one change of one place, drawn at random with a seed: a sign, a factor of two, an off-by-one, two
+neighbours swapped, a guard that is dropped. It is made in a copy of the tree, and `make test`'s selection of tests runs
+there, those that name the module first, until one fails. A mutation that no test notices is printed with its place:
+read it, it may change nothing that anybody sees, or a test is missing.
+"""
+
+import ast
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from campaigns.options import campaign_parser
+
+ROOT = Path(__file__).resolve().parents[1]
+ROOMS = ("mechanics", "solve", "analysis", "identify", "bench", "hardware")
+KINDS = ("sign", "factor of two", "off by one", "swapped", "dropped guard")
+LIMIT_S = 1800.0
+"""A run of tests that takes longer than this has noticed the mutation: something waits for ever."""
+
+_OTHER = {ast.Add: "-", ast.Sub: "+"}
+
+
+@dataclass(frozen=True)
+class Mutation:
+    """One change: of a file under src/sinew, the text between two offsets of it becomes another."""
+
+    kind: str
+    file: str
+    line: int
+    begin: int
+    end: int
+    before: str
+    after: str
+
+    def made(self, text: str) -> str:
+        """Return the file's text with the change."""
+        assert text[self.begin : self.end] == self.before
+        return text[: self.begin] + self.after + text[self.end :]
+
+
+def _offsets(text: str) -> list[int]:
+    starts = [0]
+    for line in text.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line.encode()))
+    return starts
+
+
+class _Finder(ast.NodeVisitor):
+    """Collects what can be changed in one module; words, annotations and export lists are left alone."""
+
+    def __init__(self, file: str, text: str) -> None:
+        self.file, self.raw, self.starts = file, text.encode(), _offsets(text)
+        self.found: list[Mutation] = []
+
+    def _at(self, node: ast.expr | ast.stmt) -> tuple[int, int]:
+        assert node.end_lineno is not None
+        assert node.end_col_offset is not None
+        begin = self.starts[node.lineno - 1] + node.col_offset
+        return begin, self.starts[node.end_lineno - 1] + node.end_col_offset
+
+    def _add(self, kind: str, line: int, begin: int, end: int, after: str) -> None:
+        before = self.raw[begin:end].decode()
+        shift = len(self.raw[:begin].decode())  # of characters: the module has more than ASCII
+        if before != after:
+            self.found.append(Mutation(kind, self.file, line, shift, shift + len(before), before, after))
+
+    def _text(self, node: ast.expr) -> str:
+        begin, end = self._at(node)
+        return self.raw[begin:end].decode()
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
+        if node.value is not None:
+            self.visit(node.value)
+
+    def visit_arguments(self, node: ast.arguments) -> None:
+        for default in (*node.defaults, *node.kw_defaults):
+            if default is not None:
+                self.visit(default)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
+        self.visit(node.args)
+        for statement in node.body:
+            self.visit(statement)
+
+    def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
+        """Leave sentences alone."""
+
+    def visit_Raise(self, node: ast.Raise) -> None:
+        """Leave sentences alone."""
+
+    def visit_BinOp(self, node: ast.BinOp) -> None:
+        begin, end = self._at(node.left)[1], self._at(node.right)[0]
+        if isinstance(node.op, ast.Add | ast.Sub) and not _is_text(node):
+            old = "+" if isinstance(node.op, ast.Add) else "-"
+            between = self.raw[begin:end].decode()
+            if between.count(old) == 1:
+                at = begin + len(between[: between.index(old)].encode())
+                self._add("sign", node.lineno, at, at + 1, _OTHER[type(node.op)])
+        if isinstance(node.op, ast.Mult | ast.Div) and not _is_text(node):
+            whole_begin, whole_end = self._at(node)
+            self._add("factor of two", node.lineno, whole_begin, whole_end, f"(2 * ({self._text(node)}))")
+        self.generic_visit(node)
+
+    def visit_Constant(self, node: ast.Constant) -> None:
+        if isinstance(node.value, int) and not isinstance(node.value, bool) and abs(node.value) < 100:
+            self._add("off by one", node.lineno, *self._at(node), str(node.value + 1))
+
+    def visit_Call(self, node: ast.Call) -> None:
+        plain = [arg for arg in node.args if not isinstance(arg, ast.Starred)]
+        if len(plain) == len(node.args) >= 2 and all(isinstance(arg, ast.Name | ast.Attribute) for arg in plain[:2]):
+            first, second = plain[:2]
+            begin, end = self._at(first)[0], self._at(second)[1]
+            between = self.raw[self._at(first)[1] : self._at(second)[0]].decode()
+            self._add("swapped", node.lineno, begin, end, self._text(second) + between + self._text(first))
+        self.generic_visit(node)
+
+    def visit_If(self, node: ast.If) -> None:
+        if len(node.body) == 1 and isinstance(node.body[0], ast.Raise | ast.Return | ast.Continue) and not node.orelse:
+            begin, end = self._at(node.test)
+            self._add("dropped guard", node.lineno, begin, end, "False")
+        self.generic_visit(node)
+
+    def visit_Expr(self, node: ast.Expr) -> None:
+        if not isinstance(node.value, ast.Constant):
+            self.generic_visit(node)
+
+
+def _is_text(node: ast.BinOp) -> bool:
+    parts = (node.left, node.right)
+    return any(
+        isinstance(p, ast.JoinedStr) or (isinstance(p, ast.Constant) and isinstance(p.value, str)) for p in parts
+    )
+
+
+def mutations_of(file: str, text: str) -> list[Mutation]:
+    """Return all mutations of a module's text."""
+    finder = _Finder(file, text)
+    finder.visit(ast.parse(text))
+    return finder.found
+
+
+def drawn(seed: int, count: int, root: Path = ROOT) -> list[Mutation]:
+    """Return mutations drawn with a seed: rooms and kinds in turn, places at random, no place twice."""
+    rng = random.Random(seed)
+    every: list[Mutation] = []
+    for path in sorted((root / "src/sinew").rglob("*.py")):
+        file = path.relative_to(root / "src/sinew").as_posix()
+        if file.split("/")[0] in ROOMS:
+            every += mutations_of(file, path.read_text(encoding="utf-8"))
+    chosen: list[Mutation] = []
+    for number in range(count):
+        room, kind = ROOMS[number % len(ROOMS)], KINDS[number % len(KINDS)]
+        here = [m for m in every if m.file.startswith(f"{room}/") and m.kind == kind and m not in chosen]
+        chosen.append(rng.choice(here))
+    return chosen
+
+
+def _ordered_tests(root: Path, file: str) -> list[str]:
+    """Return test files, those first that name the mutated module, then those that name its room."""
+    module = "sinew." + file.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
+    room = module.rsplit(".", 1)[0]
+
+    def rank(path: Path) -> tuple[int, str]:
+        text = path.read_text(encoding="utf-8")
+        return (0 if module in text else 1 if room in text else 2), path.as_posix()
+
+    return [path.relative_to(root).as_posix() for path in sorted((root / "tests").rglob("test_*.py"), key=rank)]
+
+
+def judged(mutation: Mutation, tree: Path) -> tuple[str, float]:
+    """Return (what noticed it or "", seconds) of a mutation made in a tree, which is as before afterwards."""
+    path = tree / "src/sinew" / mutation.file
+    text, begin = path.read_text(encoding="utf-8"), time.monotonic()
+    path.write_text(mutation.made(text), encoding="utf-8")
+    command = [sys.executable, "-B", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--no-header", "-rfE"]
+    command += ["-m", "not slow and not hardware", *_ordered_tests(tree, mutation.file)]
+    environment = os.environ | {"PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}", "OPENBLAS_NUM_THREADS": "1"}
+    try:
+        done = subprocess.run(
+            command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False
+        )
+        said = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+        noticed = said[0].split(" - ")[0] if said else ("" if done.returncode == 0 else f"status {done.returncode}")
+    except subprocess.TimeoutExpired:
+        noticed = f"no end within {LIMIT_S:g} s"
+    finally:
+        path.write_text(text, encoding="utf-8")
+    return noticed, time.monotonic() - begin
+
+
+@contextmanager
+def _copy() -> Iterator[Path]:
+    """Give a copy of the tree with the shared recordings beside it."""
+    with tempfile.TemporaryDirectory(prefix="mutated") as folder:
+        tree = Path(folder) / "tree"
+        listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True)
+        for name in filter(lambda name: (ROOT / name).is_file(), listed.stdout.splitlines()):
+            (tree / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, tree / name)
+        if (ROOT.parent / "shared").is_dir():
+            (Path(folder) / "shared").symlink_to((ROOT.parent / "shared").resolve())
+        yield tree
+
+
+def _share(mutations: Sequence[Mutation]) -> list[dict[str, object]]:
+    rows: list[dict[str, object]] = []
+    with _copy() as tree:
+        for mutation in mutations:
+            noticed, took_s = judged(mutation, tree)
+            place = f"{mutation.file}:{mutation.line}"
+            change = f"{mutation.kind}, {place}: {mutation.before!r} -> {mutation.after!r}"
+            print(f"{change}: {noticed or 'NOT NOTICED'} ({took_s:.0f} s)", flush=True)
+            rows.append({**asdict(mutation), "noticed_by": noticed, "took_s": round(took_s, 1)})
+    return rows
+
+
+def main() -> int:
+    """Run the campaign; each worker has a copy of the tree."""
+    asked = campaign_parser("mutations", __doc__, count=30, of="mutations", numbered=True, workers=2).parse_args()
+    chosen = drawn(asked.seed, asked.first + asked.mutations)[asked.first :]
+    with ThreadPoolExecutor(asked.workers) as pool:
+        shares = pool.map(_share, [chosen[i :: asked.workers] for i in range(asked.workers)])
+        rows = [row for share in shares for row in share]
+    caught = sum(bool(row["noticed_by"]) for row in rows)
+    print(f"{caught} of {len(rows)} noticed")
+    if asked.out is not None:
+        asked.out.parent.mkdir(parents=True, exist_ok=True)
+        asked.out.write_text(json.dumps(rows, indent=1), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
