@@ -99,3 +99,14 @@ def test_time_integration_and_harmonic_balance_agree_on_springs_that_slide(frequ
     branch = prediction.branches[0]
     told = np.interp(frequency_hz, branch.frequency_hz, branch.amplitude)
     assert told == pytest.approx(0.5 * np.ptp(swung), rel=5e-3)
+
+
+@pytest.mark.slow
+def test_guides_that_slide_early_stay_within_their_bristles_in_a_wide_swing() -> None:
+    from sinew.twin.simulate import lane_parameters, simulate_tracks
+
+    rig = slipping_rig().with_values({"tendons.presliding_angle": 0.03})
+    group = Group("steady", 2.0, 3.0, 30.0, 0, 1.0, 2.0)
+    (track,) = simulate_tracks(lane_parameters([group], rig), [group], 200.0)
+    assert np.isfinite(track.torsion).all()
+    assert 0.1 < np.ptp(track.torsion) < 4.0

@@ -184,15 +184,18 @@ def joint_of(spec: RigSpec, rest_tilt: tuple[float, float]) -> Joint:
     return jax.tree.map(lambda value: np.asarray(value, dtype=float), joint)  # type: ignore[no-any-return]
 
 
-def steps_per_tick(joint: Joint) -> int:
-    """Return how many steps of RK4 a tick needs, so that the fastest motion turns by at most 2 rad in a step."""
+def steps_per_tick(joint: Joint, speed: float) -> int:
+    """Return how many steps of RK4 a tick needs, so that the fastest motion turns by at most 2 rad in a step.
+
+    speed: the largest of the torsion [rad/s].
+    """
     p = joint.p
     grip = len(p.guide_directions) * float(joint.cable_stiffness)
     glassy = 1 + float(sum(p.prony_shares))
     axial = np.sqrt((grip + 3 * glassy * float(p.axial_rigidity / p.length)) / float(p.head_mass))
     bending = float(p.bending_rigidity / p.length)
     tilt = (0.5 * grip * max(float(p.head_radius), float(p.base_radius)) ** 2 + bending) / float(joint.damping)
-    return max(1, int(np.ceil(TICK_S * max(axial, tilt) / 2)))
+    return max(1, int(np.ceil(TICK_S * max(axial, tilt, float(p.guides.fastest(speed))) / 2)))
 
 
 def _turns(now: Now, order: TendonOrder, joint: Joint, step_s: jax.Array) -> tuple[Numbers, Numbers, Numbers, Numbers]:

@@ -69,7 +69,7 @@ class JointPlant:
         joint = joint_of(spec, rest_tilt)
         self._constants = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(joint)])
         self._p = joint.p
-        self._substeps = steps_per_tick(joint)
+        self._substeps = steps_per_tick(joint, np.radians(spec.limits.torsion_deg) * 2 * np.pi * spec.limits.drive_hz)
         self._kind = Kind.of(spec)
         self._where: Layout = layout(self._kind)
         self._now, self._tendons, self._drive = (np.zeros(size) for size in self._where.sizes())

@@ -35,12 +35,13 @@ class GuideFriction(ABC):
 
     level: μ, torque on the head per tension of all tendons together [m]. reach: φ_s, torsion over which the torque
     builds up [rad]: at small angles the guides are a spring of stiffness μ ΣT/φ_s. spread: c of each bristle; the mean
-    of 1/c is one.
+    of 1/c is one. steepest: the largest slope of g.
     """
 
     level: Any
     reach: Any
     spread: ClassVar[tuple[float, ...]]
+    steepest: ClassVar[float]
 
     @staticmethod
     @abstractmethod
@@ -59,6 +60,10 @@ class GuideFriction(ABC):
     @abstractmethod
     def swept(amplitude: Any) -> Any:
         """Return the energy that one bristle loses in a cycle, over 4 μ ΣT c φ_s; amplitude: over its reach."""
+
+    def fastest(self, speed: Any) -> Any:
+        """Return the rate [1/s] at which a bristle forgets at a speed of torsion [rad/s]; time steps resolve it."""
+        return self.steepest * abs(speed) / (min(self.spread) * self.reach)
 
     def scaled(self, factor: Any) -> Self:
         """Return the same law with its level times a factor."""
@@ -123,6 +128,7 @@ class Dahl(GuideFriction):
     """
 
     spread = (1.0,)
+    steepest = 1.0
 
     @staticmethod
     def slip(z: Any) -> Any:
@@ -146,6 +152,7 @@ class MaxwellSlip(GuideFriction):
     """
 
     spread = (0.46875, 0.9375, 1.875, 3.75)
+    steepest = 8.0
 
     @staticmethod
     def slip(z: Any) -> Any:

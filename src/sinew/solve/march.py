@@ -1,5 +1,6 @@
 """Lanes of the joint in time: fixed-step RK4, compiled once, batches on every core."""
 
+import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -23,6 +24,9 @@ LANES = 64
 
 STEPS_PER_SAMPLE = 4
 """Steps of RK4 between samples: 1.25 ms at 200 Hz."""
+
+
+_LARGEST_GAIN, _FORGOTTEN = 4.0, 2.0
 
 
 class Track(NamedTuple):
@@ -113,6 +117,15 @@ def _batch(
     return jnp.asarray(filled)
 
 
+def steps_per_sample(p: Parameters, sample_s: float) -> int:
+    """Return how many steps of RK4 a sample [s] needs: `STEPS_PER_SAMPLE`, more where guides follow faster than that.
+
+    For torsions up to four times the command: no bristle may forget more than two time constants in a step.
+    """
+    speed = _LARGEST_GAIN * np.asarray(p.amplitude) * np.asarray(p.omega)
+    return max(STEPS_PER_SAMPLE, math.ceil(sample_s * float(np.max(p.guides.fastest(speed))) / _FORGOTTEN))
+
+
 @cache
 def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-twin")
@@ -124,18 +137,20 @@ def integrate(
     samples: Sequence[int],
     sample_s: float,
     *,
-    steps: int = STEPS_PER_SAMPLE,
+    steps: int | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> list[Track]:
     """Return the track of every lane, from rest.
 
     p: parameters with a leading lane axis on each leaf. shortening: axial shortening at rest [m], (lane,).
-    samples: number of samples of each lane. sample_s: time between samples [s]. steps: RK4 steps between samples.
+    samples: number of samples of each lane. sample_s: time between samples [s]. steps: RK4 steps between samples, else
+    `steps_per_sample`.
     progress: called with (done, total) simulated seconds after each batch.
 
     Lanes are sorted by length and cut into batches of `LANES` that run on all cores; the compiled code is the same
     for all batches, so it is compiled once (and kept in the persistent cache).
     """
+    steps = steps or steps_per_sample(p, sample_s)
     order = np.argsort(samples, kind="stable")
     batches = [order[i : i + LANES] for i in range(0, order.size, LANES)]
     room = int(np.ceil(max(samples) / 256) * 256)

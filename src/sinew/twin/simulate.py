@@ -22,7 +22,7 @@ from sinew.plan.plan import Group, Plan, TendonMode
 from sinew.plan.rig import Bus, Imu, RigSpec
 from sinew.plan.servo import VOLTAGE_LSB, servo_of
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
-from sinew.solve.march import LANES, STEPS_PER_SAMPLE, Track, integrate
+from sinew.solve.march import LANES, Track, integrate
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
 from sinew.twin.parameters import Effects, from_rig
@@ -237,7 +237,7 @@ def simulate_tracks(
     groups: Sequence[Group],
     sample_hz: float,
     *,
-    steps: int = STEPS_PER_SAMPLE,
+    steps: int | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> list[Track]:
     """Return the true motion of every group, sampled at `sample_hz`; see `sinew.solve.march`."""

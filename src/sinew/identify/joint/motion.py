@@ -32,6 +32,7 @@ CHANNELS = ("gyro", "current")
 _LANES = 16
 _FEWEST_STEPS = 2
 _LARGEST_PHASE = 1.8  # of the axial motion in a step of RK4 [rad]; it is unstable beyond 2.8
+_FASTEST_TORSION = 30.0  # that guides are stepped for [rad/s]
 _ROOM = 1024  # samples: few different ones, so that few are compiled for
 _DIRECTIONS = 9  # fewer are filled up with zeros, for the same reason
 
@@ -59,12 +60,13 @@ class _Lane(NamedTuple):
 
 
 def steps_per_sample(numbers: Numbers, sample_s: float) -> int:
-    """Return how many steps of RK4 a sample needs: the head's fast axial motion has to stay stable."""
+    """Return how many steps of RK4 a sample needs: the head's fast axial motion and the guides have to stay stable."""
     p = numbers.p
     tendons = len(p.guide_directions) * float(p.stiffness)
     silicone = 3 * float(p.axial_rigidity) / float(p.length) * (1 + float(sum(p.prony_shares)))
     omega = math.sqrt((tendons + silicone) / float(p.head_mass))
-    return max(_FEWEST_STEPS, math.ceil(omega * sample_s / _LARGEST_PHASE))
+    bristles = float(p.guides.fastest(_FASTEST_TORSION))
+    return max(_FEWEST_STEPS, math.ceil(max(omega, bristles) * sample_s / _LARGEST_PHASE))
 
 
 def _strain_energy(torsion: jax.Array, shortening: jax.Array, state: State, p: Parameters) -> jax.Array:
