@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import progress_bar, remark
 from sinew.measure.errors import FileError, SinewError
+from sinew.measure.events import Ended, Event, Health, Track
 
 if TYPE_CHECKING:
     from sinew.bench.listeners import Stream
@@ -397,7 +398,7 @@ def showing(*, tracking: bool = False) -> "Iterator[Screen]":
 
 
 class Screen:
-    """Takes a run's events and progress, and returns at once; a Listener.
+    """Takes a run's events, and returns at once; a Listener.
 
     Another thread writes: a terminal that is stopped (Ctrl-S) holds up whoever writes to it, and one that is closed
     raises, neither of which may reach the bench's cycle.
@@ -409,13 +410,9 @@ class Screen:
     def on_sample(self, sample: Any) -> None:
         """Do nothing."""
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: Event) -> None:
         """Take an event."""
-        self._stream.on_event(kind, sentence)
-
-    def progress(self, done: float, total: float) -> None:
-        """Take how far the plan is [s]."""
-        self._stream.on_event("progress", json.dumps([done, total]))
+        self._stream.on_event(event)
 
 
 class _Writer:
@@ -427,15 +424,12 @@ class _Writer:
     def on_sample(self, sample: Any) -> None:
         """Do nothing."""
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: Event) -> None:
         """Write an event."""
-        if kind == "progress":
-            self._bar(*json.loads(sentence))
-        elif kind == "pretension":
-            result = json.loads(sentence)
-            remark(f"pretension {result['asked_mm']:g} mm is set, tilt {result['tilt_deg']:.2f}°")
-        elif kind not in ("end", "track", "health"):  # the summary says it, or a dashboard shows it
-            remark(sentence)
+        if isinstance(event, Health):
+            self._bar(event.done_s, event.total_s)
+        elif event.severity != "state" and not isinstance(event, Ended):  # the summary says how it ended
+            remark(str(event))
 
     def end(self) -> None:
         """Do nothing: the bar goes by itself."""
@@ -448,13 +442,13 @@ class _Follower(_Writer):
         super().__init__(lambda _done, _total: None)
         self._is_shown = False
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: Event) -> None:
         """Write an event, or the state in the place of the last one."""
-        if kind != "track":
+        if not isinstance(event, Track):
             self.end()
-            super().on_event(kind, sentence)
+            super().on_event(event)
         elif sys.stderr.isatty():
-            sys.stderr.write(f"\r\x1b[2K{state_line(json.loads(sentence))}")
+            sys.stderr.write(f"\r\x1b[2K{event}")
             sys.stderr.flush()
             self._is_shown = True
 
@@ -463,27 +457,6 @@ class _Follower(_Writer):
         if self._is_shown:
             sys.stderr.write("\n")
             self._is_shown = False
-
-
-def state_line(state: dict[str, Any]) -> str:
-    """Return the state of a tracking drive as one line."""
-
-    def number(name: str, form: str, unit: str) -> str:
-        return f"{'-' if state.get(name) is None else format(state[name], form)}{unit}"
-
-    lock = "locked" if state["is_locked"] else ("coasting" if state.get("is_coasting") else "searching")
-    parts = [
-        number("elapsed_s", "6.1f", " s"),
-        f"{lock:9s}",
-        number("frequency_hz", ".3f", " Hz"),
-        f"error {number('phase_error_deg', '+5.1f', '°')}",
-        f"torsion {number('torsion_deg', '5.1f', '°')}",
-        f"command {number('command_deg', '4.1f', '°')}",
-        number("pretension_mm", "5.2f", " mm"),
-    ]
-    if state.get("wanted_hz") is not None:
-        parts.append(f"wanted {number('wanted_hz', '.3f', ' Hz')}")
-    return "  ".join(parts)
 
 
 # A loop that must keep time gets the computer to itself, as far as the system lets it.

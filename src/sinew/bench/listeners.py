@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from sinew.bench.sample import Sample
+from sinew.measure.events import Event
 
 _CLOSE_S = 2.0
 
-Item = Sample | tuple[str, str]
+Item = Sample | Event
 
 
 class Listener(Protocol):
@@ -19,7 +20,7 @@ class Listener(Protocol):
         """Take the sample of one cycle."""
         ...
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: Event) -> None:
         """Take what happened besides."""
         ...
 
@@ -52,10 +53,10 @@ class Stream:
         for channel in self._channels:
             channel.put(sample)
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: Event) -> None:
         """Pass an event on; returns at once."""
         for channel in self._channels:
-            channel.put((kind, sentence))
+            channel.put(event)
 
     def close(self) -> None:
         """Let the listeners have what waits and end their threads; those that take longer than 2 s are left behind."""
@@ -102,7 +103,7 @@ class _Channel:
                 if isinstance(item, Sample):
                     self._listener.on_sample(item)
                 else:
-                    self._listener.on_event(*item)
+                    self._listener.on_event(item)
             except Exception as error:  # a listener's fault is its own: the run goes on without it
                 self.failure = f"{type(error).__name__}: {error}"
                 return
