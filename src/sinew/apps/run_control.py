@@ -19,7 +19,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -383,80 +383,50 @@ def _read_line(line: socket.socket, end: float) -> bytes:
 
 
 @contextmanager
-def showing(*, tracking: bool = False) -> "Iterator[Screen]":
-    """Give what shows a run: remarks, and on a terminal a bar, or the state of a run that tracks."""
-    from sinew.bench.listeners import Stream
-
-    with ExitStack() as stack:
-        writer = _Follower() if tracking else _Writer(stack.enter_context(progress_bar("run")))
-        stream = Stream([writer])
-        try:
-            yield Screen(stream)
-        finally:
-            stream.close()
-            writer.end()
-
-
-class Screen:
-    """Takes a run's events, and returns at once; a Listener.
+def showing(*, tracking: bool = False) -> "Iterator[Stream]":
+    """Give what shows a run's events: remarks, and on a terminal a bar, or the state of a run that tracks.
 
     Another thread writes: a terminal that is stopped (Ctrl-S) holds up whoever writes to it, and one that is closed
     raises, neither of which may reach the bench's cycle.
     """
+    from sinew.bench.listeners import Stream
 
-    def __init__(self, stream: "Stream") -> None:
-        self._stream = stream
-
-    def on_sample(self, sample: Any) -> None:
-        """Do nothing."""
-
-    def on_event(self, event: Event) -> None:
-        """Take an event."""
-        self._stream.on_event(event)
+    with nullcontext() if tracking else progress_bar("run") as bar:
+        writer = _Writer(bar)
+        stream = Stream([writer], takes_samples=False)
+        try:
+            yield stream
+        finally:
+            stream.close()
+            writer.end_line()
 
 
 class _Writer:
-    """Writes what happens besides samples."""
+    """Writes what happens besides samples, and a tracking state on a line of its own; a Listener."""
 
-    def __init__(self, bar: Callable[[float, float], None]) -> None:
-        self._bar = bar
+    def __init__(self, bar: Callable[[float, float], None] | None) -> None:
+        self._bar, self._has_line = bar, False
 
     def on_sample(self, sample: Any) -> None:
         """Do nothing."""
 
     def on_event(self, event: Event) -> None:
-        """Write an event."""
-        if isinstance(event, Health):
+        """Write an event, or a state in the place of the last one."""
+        if isinstance(event, Health) and self._bar is not None:
             self._bar(event.done_s, event.total_s)
-        elif event.severity != "state" and not isinstance(event, Ended):  # the summary says how it ended
-            remark(str(event))
-
-    def end(self) -> None:
-        """Do nothing: the bar goes by itself."""
-
-
-class _Follower(_Writer):
-    """Writes the state of the tracking on a line of its own, on a terminal."""
-
-    def __init__(self) -> None:
-        super().__init__(lambda _done, _total: None)
-        self._is_shown = False
-
-    def on_event(self, event: Event) -> None:
-        """Write an event, or the state in the place of the last one."""
-        if not isinstance(event, Track):
-            self.end()
-            super().on_event(event)
-        elif sys.stderr.isatty():
+        elif isinstance(event, Track) and sys.stderr.isatty():
             sys.stderr.write(f"\r\x1b[2K{event}")
             sys.stderr.flush()
-            self._is_shown = True
+            self._has_line = True
+        elif event.severity != "state" and not isinstance(event, Ended):  # the summary says how it ended
+            self.end_line()
+            remark(str(event))
 
-    def end(self) -> None:
+    def end_line(self) -> None:
         """Leave the state on its line, and begin another."""
-        if self._is_shown:
+        if self._has_line:
             sys.stderr.write("\n")
-            self._is_shown = False
+            self._has_line = False
 
 
 # A loop that must keep time gets the computer to itself, as far as the system lets it.

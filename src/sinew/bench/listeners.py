@@ -29,14 +29,16 @@ class Stream:
     """Passes samples and events on to listeners, each in a thread of its own; itself a listener.
 
     listeners: who gets them. capacity: how many items may wait for a slow one; then the oldest is dropped.
+    takes_samples: whether samples are passed on, too.
     Not for what must not be lost: that goes to the journal. A listener's Python code still takes its turns at the
     interpreter (a few milliseconds at most each); heavy work belongs into another process.
     """
 
-    def __init__(self, listeners: Sequence[Listener], capacity: int = 400) -> None:
+    def __init__(self, listeners: Sequence[Listener], capacity: int = 400, *, takes_samples: bool = True) -> None:
         if capacity < 1:
             raise ValueError(f"found capacity {capacity}, expected 1 or more")
         self._channels = [_Channel(listener, capacity) for listener in listeners]
+        self._sampled = self._channels if takes_samples else []
 
     @property
     def dropped(self) -> tuple[int, ...]:
@@ -50,7 +52,7 @@ class Stream:
 
     def on_sample(self, sample: Sample) -> None:
         """Pass a sample on; returns at once."""
-        for channel in self._channels:
+        for channel in self._sampled:
             channel.put(sample)
 
     def on_event(self, event: Event) -> None:

@@ -219,9 +219,6 @@ class Health(_Measured):
     group: int | None
     groups: int
 
-    def __str__(self) -> str:
-        return f"{self.state}, {self.done_s:g} of {self.total_s:g} s"
-
 
 _SAID = (Pulled, Contact, Paused, Resumed, Hole, Repeat, Doubted, Frozen, Lock, Ended)
 _MEASURED = (Pretensioned, Track, Health)
