@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from sinew.analysis.signal.signals import Signals
 from sinew.measure.arrays import Array
@@ -67,13 +67,13 @@ def idle_power(rig: RigSpec) -> float | None:
     return sum(currents) * rig.drive.supply_voltage.value if len(currents) == len(models) else None
 
 
-def supply_uncertainty(supply_v: ArrayLike | None, rig: RigSpec) -> float:
+def supply_uncertainty(supply_v: NDArray[Any] | None, rig: RigSpec) -> float:
     """Return the relative standard uncertainty of the voltage: of its register's unit, or of the rig's value.
 
     supply_v: as recorded, (n,); None where it was not. A rig's value without an interval counts as exact.
     """
     if supply_v is not None:
-        return VOLTAGE_LSB / math.sqrt(12.0) / float(np.mean(supply_v))
+        return VOLTAGE_LSB / math.sqrt(12.0) / float(supply_v.mean())
     voltage = rig.drive.supply_voltage
     if voltage.interval90 is None:
         return 0.0
