@@ -16,6 +16,7 @@ import xarray as xr
 
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.doubts import Doubt, find_doubts, foretold
+from sinew.analysis.signal.signals import read_signals
 from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
@@ -141,7 +142,7 @@ def expected_of(plan: Plan, rig: RigSpec) -> str:
 
 
 def doubts(recording: xr.Dataset, rig: RigSpec) -> list[Doubt]:
-    return find_doubts(analyse_recording(recording, rig), recording, rig)
+    return find_doubts(analyse_recording(recording, rig), read_signals(recording, rig))
 
 
 def good(seeds: int) -> Iterator[tuple[str, list[Doubt]]]:

@@ -16,6 +16,7 @@ from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
+from sinew.measure.events import Event
 from sinew.plan.toml import dump_plan, dump_rig
 
 __all__ = ["JOURNAL", "LONGEST_S", "EndlessError", "FaultyBench", "timeline_of"]
@@ -64,8 +65,8 @@ class _Operator:
         if now >= self._interrupt_s and self.runner is not None:
             self.runner.request_stop("interrupted by the operator")
 
-    def on_event(self, kind: str, sentence: str) -> None:
-        self.said.setdefault(kind, self._port.now())
+    def on_event(self, event: Event) -> None:
+        self.said.setdefault(event.kind, self._port.now())
 
     def timeline(self) -> Timeline:
         """Return the phases that there were."""

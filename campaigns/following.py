@@ -21,7 +21,8 @@ from campaigns.motion_energy import MotionEnergy, energy_between, energy_per_cyc
 from campaigns.tracked import track_plan, tracked
 from campaigns.tracking import expected_at
 from sinew.analysis.analysis import analyse_recording
-from sinew.analysis.signal.power import electrical_power, holding_power
+from sinew.analysis.signal.power import read_power
+from sinew.analysis.signal.signals import read_signals
 from sinew.analysis.tracked import tracked_turns
 from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
@@ -71,11 +72,11 @@ def _turns(recording: xr.Dataset, rig: RigSpec) -> xr.Dataset:
     time = recording["time_s"].values[where] - recording["time_s"].values[where.start]
     half = 0.5 / turns["frequency_hz"].values
     edges = np.stack([turns["time_s"].values - half, turns["time_s"].values + half], axis=1)
-    drive, holding = electrical_power(recording, rig), holding_power(recording, rig)
-    assert drive is not None
-    assert holding is not None
-    for name, power in (("drive_j", drive), ("holding_j", holding)):
-        turns[name] = ("turn", [float(energy_between(time, power[where], edge)[0]) for edge in edges])
+    power = read_power(read_signals(recording, rig))
+    assert power is not None
+    assert power.holding is not None
+    for name, watts in (("drive_j", power.drive), ("holding_j", power.holding)):
+        turns[name] = ("turn", [float(energy_between(time, watts[where], edge)[0]) for edge in edges])
     moving = (turns["time_s"] >= _LEAD_S) & (turns["time_s"] <= _LEAD_S + LASTS_S)
     return turns.isel(turn=np.flatnonzero(moving.values))
 

@@ -27,6 +27,7 @@ from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
+from sinew.measure.events import Event, Pretensioned
 from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
 from sinew.twin.simulate import rest_tension
@@ -68,9 +69,9 @@ class _Witness:
     def on_sample(self, sample: object) -> None:
         """Do nothing."""
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: Event) -> None:
         """Note the mechanics behind an event `pretension`."""
-        if kind == "pretension":
+        if isinstance(event, Pretensioned):
             currents = [horn.current for horn in self._emulated.motion().tendons]
             self.truth.append((1e3 * self._plant.pretension, float(np.mean(currents)), self._plant.tilt_angle))
 

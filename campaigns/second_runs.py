@@ -186,7 +186,7 @@ class _Watcher:
             assert callable(self._act)
             self._act()
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: object) -> None:
         pass
 
 

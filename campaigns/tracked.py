@@ -90,7 +90,7 @@ class _Witness:
         motion = self.emulated.motion()
         self.rows.append((motion.time, motion.drive.angle, motion.torsion, 1e3 * self.plant.pretension))
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: object) -> None:
         """Do nothing."""
 
 

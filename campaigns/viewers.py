@@ -234,7 +234,7 @@ def one_run(seconds: float, viewers: int) -> dict[str, Any]:
         with JournalReader(runs / "run" / "journal.sqlite") as journal:
             rows = journal.samples(1, journal.last_sample() + 1)
             numbers = journal.counts()
-            ended = journal.events()[-1][2]
+            ended = str(journal.events()[-1][1])
     late = 1e3 * rows["late_s"]
     edges = [0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, math.inf]
     return {

@@ -22,6 +22,7 @@ from sinew.bench.journal import Journal
 from sinew.bench.run import Progress
 from sinew.bench.steering import Steering
 from sinew.bench.stops import StopReport
+from sinew.measure.events import Contact, Pulled
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Group
 from sinew.plan.toml import dump_plan, load_plan
@@ -50,8 +51,8 @@ class Played:
         self.at = Progress(len(groups), sum(group.duration_s for group in groups))
         self._control.runner = self  # type: ignore[assignment]
         self._steering.has_begun = True
-        self._journal.event("pull", "the tendons are pulled to first contact")
-        self._journal.event("contact", "first contact at 85 mA")
+        self._journal.event(Pulled.of())
+        self._journal.event(Contact.of(current_ma=85.0))
         if DOUBTS in self._name:
             self._journal.event("doubt", "the gain at 3 Hz is 0.41, where the rig's prediction gives 2.3 to 2.7")
         before = 0.0

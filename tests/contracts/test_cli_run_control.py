@@ -20,6 +20,7 @@ from sinew.apps.run_control import ControlError, RunControl, send_control
 from sinew.bench.journal_reader import JournalReader
 from sinew.bench.steering import Steering
 from sinew.bench.stops import StopReport
+from sinew.measure.events import Health
 from sinew.plan.toml import load_rig
 
 PULLED_S = 3.0
@@ -49,7 +50,7 @@ def ask(bench: WatchedPort, out: Path) -> Ask:
 
 def events(out: Path) -> list[tuple[str, str]]:
     with JournalReader(out / "journal.sqlite") as journal:
-        return [(kind, sentence) for _, kind, sentence in journal.events()]
+        return [(event.kind, str(event)) for _, event in journal.events()]
 
 
 @pytest.mark.slow
@@ -202,9 +203,10 @@ def test_clients_that_say_nothing_hold_up_nobody(
 def test_health_is_told_once_a_second(ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ask((5.5, "stop"))
     told = run(capsys, plan, out)
-    health = [json.loads(sentence) for kind, sentence in events(out) if kind == "health"]
+    with JournalReader(out / "journal.sqlite") as journal:
+        health = [event for _, event in journal.events() if isinstance(event, Health)]
     assert 4 <= len(health) <= 6
-    assert set(health[-1]["temperature_c"]) == {"drive", *(f"tendon {i}" for i in range(1, 5))}
+    assert set(health[-1].temperature_c) == {"drive", *(f"tendon {i}" for i in range(1, 5))}
     assert "temperature" not in told.err
 
 

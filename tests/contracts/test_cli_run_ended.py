@@ -12,6 +12,7 @@ from tests.contracts.emulated_bench import WatchedPort, rig_file
 from tests.contracts.virtual_run import interrupt, run, torques
 
 from sinew.bench.journal_reader import JournalReader
+from sinew.measure.events import Ended
 
 SIGNALS = {
     signal.SIGINT: "interrupted by Ctrl-C",
@@ -94,7 +95,6 @@ def test_the_journal_of_a_run_that_ended_early_has_its_samples_and_its_end(
     cycles = json.loads(run(capsys, plan, out, "--json").out)["cycles"]["cycles"]
     with JournalReader(out / "journal.sqlite") as journal:
         assert journal.last_sample() == cycles > 300
-        assert journal.events()[-1][1:] == (
-            "end",
-            "interrupted by Ctrl-C; release: tension let down, torque off on all motors",
+        assert journal.events()[-1][1] == Ended(
+            "interrupted by Ctrl-C; release: tension let down, torque off on all motors"
         )

@@ -127,7 +127,7 @@ def test_a_terminal_that_is_closed_ends_the_run_in_the_safe_state(bench: Playing
         shutil.rmtree(out, ignore_errors=True)
     assert (status, any(torques(bench.truth()))) == (1, False)
     with JournalReader(out / "journal.sqlite") as journal:
-        assert journal.events()[-1][2].startswith("the terminal closed; release: tension let down")
+        assert str(journal.events()[-1][1]).startswith("the terminal closed; release: tension let down")
 
 
 @pytest.mark.slow

@@ -7,7 +7,6 @@ import pytest
 from tests.contracts.virtual_run import spoken
 
 from sinew.apps.cli import main
-from sinew.apps.run_control import state_line
 from sinew.measure.netcdf import load_recording
 
 REFUSED = {
@@ -41,17 +40,6 @@ def test_a_folder_that_holds_a_run_is_refused(tmp_path: Path, capsys: pytest.Cap
     (tmp_path / "journal.sqlite").touch()
     assert main(["track", "--emulate", "--out", str(tmp_path)]) == 2
     assert "holds a run already" in capsys.readouterr().err
-
-
-def test_the_line_of_the_state_says_what_is_known_and_what_is_not() -> None:
-    state = {"elapsed_s": 3.25, "is_locked": True, "frequency_hz": 3.3517, "phase_error_deg": -0.42}
-    state |= {"torsion_deg": 41.3, "command_deg": 20.0, "pretension_mm": 4.0}
-    expected = "   3.2 s  locked     3.352 Hz  error  -0.4°  torsion  41.3°  command 20.0°   4.00 mm"
-    assert state_line(state) == expected
-    blind = state_line({**state, "is_locked": False, "is_coasting": True, "phase_error_deg": None, "wanted_hz": 3.5})
-    assert "coasting" in blind
-    assert "error -°" in blind
-    assert blind.endswith("wanted 3.500 Hz")
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from campaigns.doubted import changed, doubts, expected_of, frozen, scaled_gyro,
 
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.doubts import Doubt, find_doubts, group_doubts, possible_damping
+from sinew.analysis.signal.signals import read_signals
 from sinew.measure.recording import iterate_segments
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.twin.simulate import simulate
@@ -111,7 +112,7 @@ def test_a_damping_that_the_rig_cannot_give_is_doubted(good: xr.Dataset) -> None
     assert low < float(results["damping_ratio"].mean()) < high
     for factor in (0.1, 10.0):
         spoilt = results.assign(damping_ratio=factor * results["damping_ratio"])
-        assert "silicone and guides" in by_kind(find_doubts(spoilt, good, RIG))["damping"].sentence
+        assert "silicone and guides" in by_kind(find_doubts(spoilt, read_signals(good, RIG)))["damping"].sentence
 
 
 def test_results_carry_their_doubts(good: xr.Dataset) -> None:

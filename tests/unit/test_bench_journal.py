@@ -19,6 +19,7 @@ from sinew.bench.journal import Journal
 from sinew.bench.journal_reader import JournalReader
 from sinew.bench.sample import MISSING, Sample, sample_columns, sample_row
 from sinew.measure.errors import FileError
+from sinew.measure.events import Pulled
 from sinew.measure.recording import Segment
 from sinew.plan.toml import parse_rig
 
@@ -85,11 +86,11 @@ def test_a_segment_says_which_samples_are_its_own(tmp_path: Path) -> None:
 
 def test_events_and_counts_come_back(tmp_path: Path) -> None:
     with create(tmp_path) as journal:
-        journal.event("pull", "the tendons are pulled")
+        journal.event(Pulled.of())
         journal.count({"bus_retries": 3})
     with JournalReader(tmp_path / "journal.sqlite") as reader:
-        assert ([e[1:] for e in reader.events()], reader.counts()) == (
-            [("pull", "the tendons are pulled")],
+        assert ([event for _, event in reader.events()], reader.counts()) == (
+            [Pulled.of()],
             {"bus_retries": 3.0},
         )
 

@@ -18,6 +18,7 @@ from sinew.bench.stops import stop
 from sinew.hardware.configuration import KNOWN_STATE, Post, read_counts, unfit_settings
 from sinew.hardware.errors import DeviceError
 from sinew.hardware.registers import Register
+from sinew.measure.events import Event, Pretensioned
 from sinew.measure.recording import read_registers
 from sinew.plan.plan import TendonMode
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
@@ -220,8 +221,8 @@ class Meddler:
     def on_sample(self, sample: object) -> None:
         pass
 
-    def on_event(self, kind: str, sentence: str) -> None:
-        if kind == "pretension":
+    def on_event(self, event: Event) -> None:
+        if isinstance(event, Pretensioned):
             self.bench.emulated.motors[5].registers["position_p_gain"] = 700
 
 

@@ -8,6 +8,7 @@ from tests.unit.bench_journal import PLAN, Node, cycles
 
 from sinew.bench.listeners import Stream
 from sinew.bench.sample import Sample
+from sinew.measure.events import Ended, Event
 
 SAMPLES = cycles(PLAN.groups()[0], 0.0, Node())
 BOUND_S = LONG_S
@@ -17,7 +18,7 @@ class Kept:
     """Keeps all it gets, in order; waits at its gate first."""
 
     def __init__(self, is_open: bool = True) -> None:
-        self.items: list[Sample | tuple[str, str]] = []
+        self.items: list[Sample | Event] = []
         self.gate = threading.Event()
         self.arrived = threading.Event()
         if is_open:
@@ -28,8 +29,8 @@ class Kept:
         assert self.gate.wait(BOUND_S)
         self.items.append(sample)
 
-    def on_event(self, kind: str, sentence: str) -> None:
-        self.items.append((kind, sentence))
+    def on_event(self, event: Event) -> None:
+        self.items.append(event)
 
 
 class Broken(Kept):
@@ -42,9 +43,9 @@ def test_every_listener_gets_everything_in_order() -> None:
     stream = Stream([first, second])
     for sample in SAMPLES[:50]:
         stream.on_sample(sample)
-    stream.on_event("end", "all is recorded")
+    stream.on_event(Ended("all is recorded"))
     stream.close()
-    assert first.items == second.items == [*SAMPLES[:50], ("end", "all is recorded")]
+    assert first.items == second.items == [*SAMPLES[:50], Ended("all is recorded")]
 
 
 def test_a_slow_listener_misses_the_oldest_and_the_drops_are_counted() -> None:

@@ -17,6 +17,7 @@ from sinew.bench.journal_reader import JournalReader
 from sinew.bench.run import Runner, RunReport
 from sinew.bench.sample import Sample
 from sinew.bench.steering import Steering
+from sinew.measure.events import Event, Resumed
 from sinew.measure.recording import segment_slices
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
@@ -60,9 +61,9 @@ class Pauses:
             port = self._bench.port
             port.wait_until(port.now() + self._seconds)
 
-    def on_event(self, kind: str, sentence: str) -> None:
-        self.events.append((kind, sentence))
-        if kind == "resumed":
+    def on_event(self, event: Event) -> None:
+        self.events.append((event.kind, str(event)))
+        if isinstance(event, Resumed):
             self.safe.append(self._bench.emulated.in_safe_state())
 
 

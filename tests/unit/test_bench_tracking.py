@@ -1,8 +1,6 @@
 """A drive law in the bench's cycle: what it may not do, what is kept of it, and how it ends."""
 
-import json
 import math
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +13,7 @@ from sinew.bench.group import MOVE_SPEED, DriveLaw
 from sinew.bench.journal import Journal
 from sinew.bench.journal_reader import JournalReader
 from sinew.bench.run import Runner, RunReport
+from sinew.measure.events import Track as State
 from sinew.plan.plan import Group, Plan, Pretension, Track
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
 from sinew.twin.simulate import rest_tension
@@ -38,8 +37,8 @@ class Greedy:
     def take(self, now: float, lever_time: float, lever: float, rate_time: float, rate: float) -> None:
         self.taken.append((now, lever_time, lever, rate_time, rate))
 
-    def tell(self) -> Mapping[str, float | bool | None]:
-        return {"is_locked": len(self.taken) > 200, "frequency_hz": 1.0, "elapsed_s": 0.005 * len(self.taken)}
+    def tell(self) -> State:
+        return State(0.005 * len(self.taken), len(self.taken) > 200, False, 1.0)
 
 
 class Broken(Greedy):
@@ -121,10 +120,9 @@ def test_the_law_hears_of_every_cycle(greedy: Run) -> None:
 
 def test_the_state_and_the_lock_are_written_into_the_journal(greedy: Run) -> None:
     with JournalReader(greedy[4]) as journal:
-        events = [(kind, sentence) for _, kind, sentence in journal.events()]
-    states = [json.loads(sentence) for kind, sentence in events if kind == "track"]
-    assert len(states) == 6  # twice a second
-    assert [sentence for kind, sentence in events if kind == "lock"] == ["locked at 1.000 Hz, 1.0 s after the start"]
+        events = [event for _, event in journal.events()]
+    assert sum(isinstance(event, State) for event in events) == 6  # twice a second
+    assert [str(event) for event in events if event.kind == "lock"] == ["locked at 1.000 Hz, 1.0 s after the start"]
     assert greedy[1].tracks == {1: greedy[2].tell()}
 
 

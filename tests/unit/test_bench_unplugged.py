@@ -35,7 +35,7 @@ class Puller:
         if self._swinging == SWINGS:
             self._bench.unplugged = True
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: object) -> None:
         pass
 
 

@@ -15,6 +15,7 @@ from sinew.apps.dashboard.hub import Channel, Hub, Live, LiveChannels, Ring
 from sinew.apps.dashboard.stream import MOST_MESSAGE, View, frame_of, state_of
 from sinew.bench.journal import Journal
 from sinew.bench.sample import MISSING, Sample
+from sinew.measure.events import Contact, Doubted, Health
 from sinew.measure.recording import Segment
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 
@@ -173,18 +174,26 @@ def test_what_came_in_one_go_is_played_little_by_little(runs: Path) -> None:
     assert played[-1] == 200
 
 
+HEALTH = Health("running", 7, 0, 0, 0.1, 2.0, {"drive": 31.0}, 12.0, {"retries": 0}, 1.0, 9.0, 0, 2)
+
+
 def test_events_segment_and_health_are_told(runs: Path) -> None:
     with journal_of(runs) as journal:
         journal.append(sample(0))
-        journal.event("contact", "first contact at 43 mA")
-        journal.event("health", '{"cycles": 7}')
+        journal.event(Contact.of(current_ma=43.4))
+        journal.event(HEALTH)
+        journal.event(Doubted("the lever went 3°"))
+        journal.event(Doubted("the lever went 3°"))
         journal.begin_segment(0, 0, Segment("steady", 4.0, 3.0, 20.0, 0))
         journal.flush()
         hub = hub_at(runs)
         asyncio.run(hub.tick(0.04))
         said = json.loads(state_of(hub))["live"]
-    assert said["health"] == {"cycles": 7}
-    assert [event[2] for event in said["events"]] == ["first contact at 43 mA"]
+    assert (said["health"]["cycles"], said["health"]["temperature_c"]) == (7, {"drive": 31.0})
+    assert [tuple(event[1:]) for event in said["events"]] == [
+        ("note", "first contact at 43 mA"), *2 * [("warning", "the lever went 3°")]
+    ]  # fmt: skip
+    assert said["doubts"] == ["the lever went 3°"]
     assert (said["segment"]["kind"], said["segment"]["frequency_hz"]) == ("steady", 3.0)
 
 

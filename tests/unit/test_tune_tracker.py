@@ -112,8 +112,8 @@ def test_an_amplitude_out_of_reach_is_said_to_be_and_does_not_wind_up() -> None:
     joint = Joint(damping_ratio=0.3)
     found = run(joint, setting(joint, 3.3, wanted_deg=79.0, held="torsion"), 10.0)
     state = found.tracker.tell()
-    assert state["is_limited"]
-    assert state["command_deg"] == pytest.approx(45.0)
+    assert state.is_limited
+    assert state.command_deg == pytest.approx(45.0)
 
 
 def test_without_any_torsion_it_never_claims_a_lock() -> None:

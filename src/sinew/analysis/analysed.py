@@ -15,10 +15,10 @@ from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json
 from sinew.analysis.doubts import doubts_of
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
+from sinew.analysis.signal.signals import drive_channel, read_signals, response_channel
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate, number, pair, shown, shown_interval, span
 from sinew.measure.netcdf import load_recording
-from sinew.measure.recording import segment_slices
 from sinew.measure.schema import ENERGY_QUANTITIES, companions
 from sinew.measure.told import Table, Told
 from sinew.plan.rig import RigSpec
@@ -122,7 +122,7 @@ def analyse_with(recording: xr.Dataset, rig: RigSpec | None) -> xr.Dataset:
 
 
 def _grouped(recording: xr.Dataset, settle_s: float | None) -> xr.Dataset:
-    if "drive" not in recording and "drive_rad" not in recording:
+    if drive_channel(recording) is None:
         raise RecordingError("a sweep needs the drive beside the response; name the column of its drive")
     if settle_s is None:
         return split_by_drive(recording)
@@ -139,27 +139,24 @@ def _foreign_ring_down(
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return the document of the longest part of a record, and which that is; gaps split a record into parts."""
     rig = None if named is None else recording_rig(recording, named)
-    slices = segment_slices(recording)
-    longest = max(slices, key=lambda where: where.stop - where.start)
-    time = recording["time_s"].values[longest]
-    name = "torsion_rad" if "torsion_rad" in recording else "response"
-    drive = next((recording[d].values[longest] for d in ("drive_rad", "drive") if d in recording), None)
-    unit = str(recording[name].attrs["units"])
+    signals = read_signals(recording)
+    longest = max((where for _, where in signals.segments), key=lambda where: where.stop - where.start)
+    time, response, drive = signals.time_s[longest], signals.response, signals.drive
     inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
     result = analyse_ring_down(
         time,
-        recording[name].values[longest],
-        drive=drive,
-        is_rate=unit == "rad/s",
-        unit=unit,
+        response.values[longest],
+        drive=None if drive is None else drive.values[longest],
+        is_rate=response.is_rate,
+        unit=response.unit,
         inertia_kg_m2=inertia,
     )
     document = dict(ring_down_json(result))
-    if len(slices) == 1:
+    if len(signals.segments) == 1:
         return document, ()
     return document, (
-        f"gaps split the record into {len(slices)} parts; the longest, {time[0]:g} to {time[-1]:g} s, is analysed; "
-        "choose another with start and stop",
+        f"gaps split the record into {len(signals.segments)} parts; the longest, {time[0]:g} to {time[-1]:g} s, is "
+        "analysed; choose another with start and stop",
     )
 
 
@@ -335,10 +332,9 @@ def _ring_down_told(document: dict[str, Any], recording: xr.Dataset) -> list[Tab
         )
     ]
     paper = [(key, number(value)) for key, value in document["paper_method"].items()]
-    name = "torsion_rad" if "torsion_rad" in recording else "response"
     return [
         Table(("ring-down, direct fit", "value ± std", "90 % interval"), rows),
         Table(("paper's method (Eq. 7)", "value"), paper),
         f"exponential: {'yes' if document['exponential'] else 'no'}. {document['reason']}",
-        f"drift of the rest position: {number(document['rest_drift'])} {recording[name].attrs['units']}",
+        f"drift of the rest position: {number(document['rest_drift'])} {response_channel(recording).unit}",
     ]

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.decay.ring_down import analyse_ring_downs
+from sinew.analysis.decay.ring_down import ring_downs_of
 from sinew.analysis.doubts import find_doubts
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
-from sinew.analysis.signal.torsion import drive_channel, response_channel
+from sinew.analysis.signal.signals import Signals, read_signals
 from sinew.analysis.sweep.energy import estimate_energy
 from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, estimate_resonance, read_resonances
-from sinew.analysis.sweep.response import estimate_response, response_dataset
+from sinew.analysis.sweep.response import response_dataset, response_of
 from sinew.measure.arrays import mean_of_known
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
@@ -39,17 +39,18 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     if not kinds & {"steady", "ring-down"}:
         found = ", ".join(sorted(kinds))
         raise RecordingError(f"nothing to analyse: found only {found} segments, expected steady ones or ring-downs")
+    signals = read_signals(split_by_drive(recording), rig)
     parts: list[xr.Dataset] = []
     notes = ""
     if "steady" in kinds:
-        response = estimate_response(split_by_drive(recording), rig)
+        response = response_of(signals)
         sweep = response_dataset(response)
         if response.frequency_hz.size >= FEWEST_FREQUENCIES:
             readings = read_resonances(response)
             resonance = estimate_resonance(response, readings)
             notes = str(resonance.attrs["resonance_notes"])
             sweep = sweep.assign(resonance.data_vars)
-            energy = estimate_energy(recording, response, readings.value["resonance_hz"], rig)
+            energy = estimate_energy(signals, response, readings.value["resonance_hz"])
             if energy is not None:
                 sweep = sweep.assign(energy.data_vars).assign_attrs(energy.attrs)
         else:
@@ -62,15 +63,15 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     if "ring-down" in kinds:
         inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
         try:
-            parts.append(analyse_ring_downs(recording, inertia))
+            parts.append(ring_downs_of(signals, inertia))
         except RecordingError as error:
             if not parts:
                 raise
             parts[0].attrs["ring_down_notes"] = f"no ring-down could be analysed: {error}"
     results = join_parts(parts)
     told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_TOLD)}
-    results.attrs = {**_attributes(recording), **told, "resonance_notes": notes}
-    doubts = [doubt.to_json() for doubt in find_doubts(results, recording, rig)]
+    results.attrs = {**_attributes(recording, signals), **told, "resonance_notes": notes}
+    doubts = [doubt.to_json() for doubt in find_doubts(results, signals)]
     results.attrs["doubts"] = json.dumps(doubts, ensure_ascii=False)
     return validate_results(results)
 
@@ -78,9 +79,8 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
 _TOLD = ("_notes", "idle_power_w")
 
 
-def _attributes(recording: xr.Dataset) -> dict[str, Any]:
+def _attributes(recording: xr.Dataset, signals: Signals) -> dict[str, Any]:
     """Return the provenance of results: what the recording says of itself, its hash, and this program's versions."""
-    drive = drive_channel(recording)
     kept = recording.attrs
     seed = int(kept.get("seed", -1))
     return provenance(
@@ -92,8 +92,8 @@ def _attributes(recording: xr.Dataset) -> dict[str, Any]:
         recording_hash=str(kept.get("content_hash") or content_hash(recording)),
         effects_off=str(kept.get("effects_off", "")),
         recording_versions=str(kept.get("versions", "")),
-        response_unit="rad" if response_channel(recording).is_rate else response_channel(recording).unit,
-        drive_unit="" if drive is None else drive.unit,
+        response_unit="rad" if signals.response.is_rate else signals.response.unit,
+        drive_unit="" if signals.drive is None else signals.drive.unit,
     )
 
 

@@ -19,11 +19,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.signal.sensor import sample_rate
+from sinew.analysis.signal.signals import Signals
 from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import finite, number
-from sinew.measure.recording import Segment, iterate_segments
+from sinew.measure.recording import Segment
 from sinew.plan.check import Reach, drive_reach
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan
@@ -99,24 +99,24 @@ class Doubt:
         }
 
 
-def find_doubts(results: xr.Dataset, recording: xr.Dataset, rig: RigSpec | None) -> list[Doubt]:
+def find_doubts(results: xr.Dataset, signals: Signals) -> list[Doubt]:
     """Return what speaks against the results of a recording, the farthest first.
 
-    results: of `recording` by `rig`, see `sinew.analysis.analysis.analyse_recording`. rig: None leaves only what needs
-    no rig. What a recording lacks (tendon angles, a duty, an expectation) is not doubted.
+    results: of the recording, see `sinew.analysis.analysis.analyse_recording`. signals: of it; without a rig only what
+    needs none is looked at. What a recording lacks (tendon angles, a duty, an expectation) is not doubted.
     """
-    found = list(frozen_channels(recording, rig))
-    expected = expectation(recording)
+    rig, found = signals.rig, list(_frozen_channels(signals))
+    expected = expectation(signals.attrs)
     if "gain" in results:
-        sweep = _Sweep.of(results, recording)
+        sweep = _Sweep.of(results, signals)
         found += _phase_doubts(sweep)
-        found += _silent_doubts(sweep, recording)
+        found += _silent_doubts(sweep, signals)
         if rig is not None:
             found += _lever_doubts(sweep, rig, expected)
         if expected is not None:
             found += _curve_doubts(sweep, expected)
     if rig is not None:
-        found += _pretension_doubts(recording, rig)
+        found += _pretension_doubts(signals, rig)
         found += _damping_doubts(results, rig, expected)
     if expected is not None:
         found += _resonance_doubts(results, expected)
@@ -154,9 +154,10 @@ _FORETOLD = (
 )
 
 
-def expectation(recording: xr.Dataset) -> dict[str, Array] | None:
-    """Return what was foretold of a recording, arrays by name; None where nothing was, or it cannot be read."""
-    text = str(recording.attrs.get("expected", ""))
+def expectation(attrs: Mapping[Any, Any]) -> dict[str, Array] | None:
+    """Return what was foretold of a recording, by its attributes, arrays by name; None where nothing that can be
+    read."""
+    text = str(attrs.get("expected", ""))
     if not text:
         return None
     try:
@@ -186,13 +187,13 @@ class _Sweep:
     supply_v: Array
 
     @staticmethod
-    def of(results: xr.Dataset, recording: xr.Dataset) -> "_Sweep":
+    def of(results: xr.Dataset, signals: Signals) -> "_Sweep":
         columns = {str(n): v.values for n, v in results.data_vars.items() if v.dims[-1:] == ("repeat",) and v.ndim == 3}
         shape = columns["gain"].shape
         pretension, frequency = results["pretension_mm"].values, results["frequency_hz"].values
         command, supply = np.full(shape, np.nan), np.full(shape, np.nan)
-        volts = recording["supply_v"].values if "supply_v" in recording else None
-        for _, segment, where in iterate_segments(recording, "steady"):
+        volts = signals.recorded.get("supply_v")
+        for segment, where in signals.of_kind("steady"):
             p = np.flatnonzero(pretension == segment.pretension_mm)
             f = np.flatnonzero(frequency == segment.frequency_hz)
             if p.size and f.size and segment.repeat < shape[2]:
@@ -334,7 +335,7 @@ def _phase_doubts(sweep: _Sweep) -> Iterator[Doubt]:
     )
 
 
-def _silent_doubts(sweep: _Sweep, recording: xr.Dataset) -> Iterator[Doubt]:
+def _silent_doubts(sweep: _Sweep, signals: Signals) -> Iterator[Doubt]:
     """Yield where the lever moved and the head did not, and where another axis of the gyro swings more than x."""
     size, std = sweep.columns["amplitude_rad"], sweep.columns["amplitude_std_rad"]
     moving = sweep.columns["drive_amplitude_rad"] > _MOVING_RAD
@@ -348,11 +349,11 @@ def _silent_doubts(sweep: _Sweep, recording: xr.Dataset) -> Iterator[Doubt]:
             "and at what couples lever and head"
         ),
     )
-    if "gyro_rad_s" not in recording:
+    gyro = signals.recorded.get("gyro_rad_s")
+    if gyro is None:
         return
-    gyro = recording["gyro_rad_s"].values
     ratio = np.zeros(size.shape)
-    for _, segment, where in iterate_segments(recording, "steady"):
+    for segment, where in signals.of_kind("steady"):
         p = np.flatnonzero(sweep.pretension_mm == segment.pretension_mm)
         f = np.flatnonzero(sweep.frequency_hz == segment.frequency_hz)
         if p.size and f.size and segment.repeat < size.shape[2]:
@@ -530,7 +531,7 @@ def group_doubts(rig: RigSpec, segment: Segment, time_s: Array, drive_rad: Array
     return found
 
 
-def frozen_channels(recording: xr.Dataset, rig: RigSpec | None = None) -> Iterator[Doubt]:
+def _frozen_channels(signals: Signals) -> Iterator[Doubt]:
     """Yield the channels that repeat one value while they should move: a sensor that stands still.
 
     Looked at where the lever is driven by more than a degree, steady, and in the first second of a free decay. A sine
@@ -539,27 +540,27 @@ def frozen_channels(recording: xr.Dataset, rig: RigSpec | None = None) -> Iterat
     are doubted after a whole period. The accelerometer is looked at where the rig gives it noise, on all three axes at
     once. A foreign file says nothing of its sensors, and is left alone.
     """
-    if recording.attrs.get("source") == "import":
+    if signals.attrs.get("source") == "import":
         return
-    rate = sample_rate(recording)
-    quiet = "sensor_noise" in str(recording.attrs.get("effects_off", "")).split()
+    rate, recorded, rig = signals.budget.sample_hz, signals.recorded, signals.rig
+    quiet = "sensor_noise" in str(signals.attrs.get("effects_off", "")).split()
     noisy = rig is not None and not quiet and rig.imu.accelerometer_noise.value > rig.imu.accelerometer_lsb.value
     channels: list[tuple[str, str, Array, float]] = []
-    if "gyro_rad_s" in recording:
-        channels.append(("gyro", "the gyro", recording["gyro_rad_s"].values[:, :1], _FROZEN_SHARE))
-    if "acceleration_m_s2" in recording and noisy:
-        channels.append(("accelerometer", "the accelerometer", recording["acceleration_m_s2"].values, _FROZEN_SHARE))
+    if "gyro_rad_s" in recorded:
+        channels.append(("gyro", "the gyro", recorded["gyro_rad_s"][:, :1], _FROZEN_SHARE))
+    if "acceleration_m_s2" in recorded and noisy:
+        channels.append(("accelerometer", "the accelerometer", recorded["acceleration_m_s2"], _FROZEN_SHARE))
     for name, words in (
         ("drive_rad", "the drive's encoder"),
         ("drive_current_a", "the drive's current"),
         ("drive_pwm", "the drive's duty"),
     ):
-        if name in recording and (name == "drive_rad" or np.ptp(recording[name].values) > 0):
-            channels.append((name, words, recording[name].values[:, None], 1.0))
+        if name in recorded and (name == "drive_rad" or np.ptp(recorded[name]) > 0):
+            channels.append((name, words, recorded[name][:, None], 1.0))
     for _, words, values, share in channels:
         rows: list[tuple[float, Place, str]] = []
         changes = _same_as_before(values)
-        for segment, where in _moving(recording, rate):
+        for segment, where in _moving(signals):
             if share == 1.0 and segment.kind == "ring-down":
                 continue  # the lever stands
             longest = _longest_run(changes[where.start + 1 : where.stop]) + 1
@@ -573,14 +574,14 @@ def frozen_channels(recording: xr.Dataset, rig: RigSpec | None = None) -> Iterat
         yield from _worst("frozen", rows)
 
 
-def _moving(recording: xr.Dataset, rate: float) -> Iterator[tuple[Segment, slice]]:
-    for _, segment, where in iterate_segments(recording):
+def _moving(signals: Signals) -> Iterator[tuple[Segment, slice]]:
+    for segment, where in signals.segments:
         if not (segment.amplitude_deg > math.degrees(_MOVING_RAD) and segment.frequency_hz > 0):
             continue
         if segment.kind == "steady":
             yield segment, where
         elif segment.kind == "ring-down":
-            yield segment, slice(where.start, min(where.stop, where.start + round(rate)))
+            yield segment, slice(where.start, min(where.stop, where.start + round(signals.budget.sample_hz)))
 
 
 def _same_as_before(values: Array) -> NDArray[np.bool_]:
@@ -598,21 +599,21 @@ def _longest_run(same: NDArray[np.bool_]) -> int:
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
-def _pretension_doubts(recording: xr.Dataset, rig: RigSpec) -> Iterator[Doubt]:
+def _pretension_doubts(signals: Signals, rig: RigSpec) -> Iterator[Doubt]:
     """Yield where the tendon motors do not stand where the pretension has them, against the least one of the recording.
 
     Motor angle times pulley radius, plus what the servo yields under its tension (current times torque constant by
     radius and servo stiffness). Tendons that are held by current follow the joint, and are not looked at.
     """
-    mode = _tendon_mode(recording)
-    if "tendon_rad" not in recording or "tendon_current_a" not in recording or not mode.startswith("position"):
+    mode, recorded = _tendon_mode(signals.attrs), signals.recorded
+    if "tendon_rad" not in recorded or "tendon_current_a" not in recorded or not mode.startswith("position"):
         return
     tendons = rig.tendons
     radius = tendons.pulley_radius.value
     per_ampere = tendons.torque_constant.value / radius / tendons.servo_stiffness.value
-    angle, current = (recording[name].values.mean(axis=1) for name in ("tendon_rad", "tendon_current_a"))
+    angle, current = (recorded[name].mean(axis=1) for name in ("tendon_rad", "tendon_current_a"))
     found: dict[float, list[float]] = {}
-    for _, segment, where in iterate_segments(recording):
+    for segment, where in signals.segments:
         if segment.kind in ("steady", "ring-down"):
             pulled = radius * angle[where].mean() + per_ampere * current[where].mean()
             found.setdefault(segment.pretension_mm, []).append(1e3 * float(pulled))
@@ -631,9 +632,9 @@ def _pretension_doubts(recording: xr.Dataset, rig: RigSpec) -> Iterator[Doubt]:
     yield from _worst("pretension", rows)
 
 
-def _tendon_mode(recording: xr.Dataset) -> str:
+def _tendon_mode(attrs: Mapping[Any, Any]) -> str:
     """Return how the tendons were held, by the recording's plan; empty where it has none."""
-    text = str(recording.attrs.get("plan", ""))
+    text = str(attrs.get("plan", ""))
     try:
         return parse_plan(text).pretension.mode if text.strip() else ""
     except SinewError:

@@ -7,12 +7,11 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.signal.sensor import DelayBudget, delay_budget, drive_chain, torsion_chain
-from sinew.analysis.signal.torsion import drive_channel, response_channel
+from sinew.analysis.signal.sensor import DelayBudget, drive_chain, torsion_chain
+from sinew.analysis.signal.signals import Signals, read_signals
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate
-from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
 
 _ORDERS = (1, 3)
@@ -48,20 +47,19 @@ def tracked_turns(recording: xr.Dataset, segment: int, rig: RigSpec) -> xr.Datas
     and 3; the delays of both sensors are undone. A turn with a hole in it is left out.
     Raises RecordingError where the segment is not tracking, lacks a channel, or holds no whole turn.
     """
-    kind = str(recording["kind"].values[segment])
-    lever, rate = drive_channel(recording), response_channel(recording)
-    if kind != "tracking" or "drive_command_rad" not in recording or lever is None or not rate.is_rate:
-        raise RecordingError(f"segment {segment} is {kind}, expected tracking with command, lever and gyroscope")
-    where, budget = segment_slices(recording)[segment], delay_budget(recording, rig)
-    time = recording["time_s"].values[where]
-    command = np.asarray(recording["drive_command_rad"].values[where], dtype=float)
-    signals = np.stack([lever.values[where], rate.values[where]], axis=1)
-    pretension = _pretension(recording, where, segment, rig)
-    zeros = _rising_zeros(time, command)
+    signals = read_signals(recording, rig)
+    (asked, where), lever, rate = signals.segments[segment], signals.drive, signals.response
+    command = signals.recorded.get("drive_command_rad")
+    if asked.kind != "tracking" or command is None or lever is None or not rate.is_rate:
+        raise RecordingError(f"segment {segment} is {asked.kind}, expected tracking with command, lever and gyroscope")
+    time = signals.time_s[where]
+    both = np.stack([lever.values[where], rate.values[where]], axis=1)
+    pretension = _pretension(signals, where, asked.pretension_mm, rig)
+    zeros = _rising_zeros(time, command[where].astype(float))
     rows = []
     for begin, end in pairwise(zeros.tolist()):
         mine = slice(*np.searchsorted(time, (begin, end)))
-        found = _turn(time[mine], signals[mine], begin, end, budget)
+        found = _turn(time[mine], both[mine], begin, end, signals.budget)
         if found is not None:
             rows.append((0.5 * (begin + end) - time[0], 1 / (end - begin), *found, float(pretension[mine].mean())))
     if not rows:
@@ -94,21 +92,19 @@ def _turn(
     return math.remainder(lag - 0.5 * math.pi, math.tau), abs(lever), abs(torsion)
 
 
-def _pretension(recording: xr.Dataset, where: slice, segment: int, rig: RigSpec) -> Array:
-    """Return the pretension of every row [mm]: the segment's, and what the motors took up since its begin.
+def _pretension(signals: Signals, where: slice, begin: float, rig: RigSpec) -> Array:
+    """Return the pretension of every row [mm]: that of the begin, and what the motors took up since its begin.
 
     What their position loops give way under load is added, as the plan counts by goals.
     """
-    begin = float(recording["pretension_mm"].values[segment])
-    if "tendon_rad" not in recording:
+    recorded = signals.recorded
+    if "tendon_rad" not in recorded:
         return np.full(where.stop - where.start, begin)
     tendons = rig.tendons
     radius = tendons.pulley_radius.value
     force = tendons.torque_constant.value / radius
-    horn = recording["tendon_rad"].values[where].astype(float).mean(axis=1) * radius
-    give = (
-        recording["tendon_current_a"].values[where].astype(float).mean(axis=1) * force / tendons.servo_stiffness.value
-    )
+    horn = recorded["tendon_rad"][where].astype(float).mean(axis=1) * radius
+    give = recorded["tendon_current_a"][where].astype(float).mean(axis=1) * force / tendons.servo_stiffness.value
     goal = horn + give
     rest = goal[:_FIRST_ROWS].mean()
     return np.asarray(begin + 1e3 * (goal - rest))

@@ -73,11 +73,9 @@ def run(
             tension, expected = _refuse_unfit_plan(plan_, spec, out)
             told = {"source": source_of(bench), "expected": expected}
             with keeping_time(), run_journal(out, plan_, spec, words, resume, **told) as journal, showing() as screen:
-                screen.progress(0.0, sum(group.duration_s for group in plan_.groups()))
                 runner = control.runner = Runner(
-                    bench, clock, plan_, journal, tension,
-                    listener=screen, progress=screen.progress, steering=steering,
-                )  # fmt: skip
+                    bench, clock, plan_, journal, tension, listener=screen, steering=steering
+                )
                 signals.enter_context(on_signals(runner.request_stop, runner.request_emergency))
                 report = runner.run(resume=resume)
                 close_journal(journal, report)

@@ -19,12 +19,13 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sinew.apps.console import progress_bar, remark
 from sinew.measure.errors import FileError, SinewError
+from sinew.measure.events import Ended, Event, Health, Track
 
 if TYPE_CHECKING:
     from sinew.bench.listeners import Stream
@@ -382,108 +383,50 @@ def _read_line(line: socket.socket, end: float) -> bytes:
 
 
 @contextmanager
-def showing(*, tracking: bool = False) -> "Iterator[Screen]":
-    """Give what shows a run: remarks, and on a terminal a bar, or the state of a run that tracks."""
-    from sinew.bench.listeners import Stream
-
-    with ExitStack() as stack:
-        writer = _Follower() if tracking else _Writer(stack.enter_context(progress_bar("run")))
-        stream = Stream([writer])
-        try:
-            yield Screen(stream)
-        finally:
-            stream.close()
-            writer.end()
-
-
-class Screen:
-    """Takes a run's events and progress, and returns at once; a Listener.
+def showing(*, tracking: bool = False) -> "Iterator[Stream]":
+    """Give what shows a run's events: remarks, and on a terminal a bar, or the state of a run that tracks.
 
     Another thread writes: a terminal that is stopped (Ctrl-S) holds up whoever writes to it, and one that is closed
     raises, neither of which may reach the bench's cycle.
     """
+    from sinew.bench.listeners import Stream
 
-    def __init__(self, stream: "Stream") -> None:
-        self._stream = stream
-
-    def on_sample(self, sample: Any) -> None:
-        """Do nothing."""
-
-    def on_event(self, kind: str, sentence: str) -> None:
-        """Take an event."""
-        self._stream.on_event(kind, sentence)
-
-    def progress(self, done: float, total: float) -> None:
-        """Take how far the plan is [s]."""
-        self._stream.on_event("progress", json.dumps([done, total]))
+    with nullcontext() if tracking else progress_bar("run") as bar:
+        writer = _Writer(bar)
+        stream = Stream([writer], takes_samples=False)
+        try:
+            yield stream
+        finally:
+            stream.close()
+            writer.end_line()
 
 
 class _Writer:
-    """Writes what happens besides samples."""
+    """Writes what happens besides samples, and a tracking state on a line of its own; a Listener."""
 
-    def __init__(self, bar: Callable[[float, float], None]) -> None:
-        self._bar = bar
+    def __init__(self, bar: Callable[[float, float], None] | None) -> None:
+        self._bar, self._has_line = bar, False
 
     def on_sample(self, sample: Any) -> None:
         """Do nothing."""
 
-    def on_event(self, kind: str, sentence: str) -> None:
-        """Write an event."""
-        if kind == "progress":
-            self._bar(*json.loads(sentence))
-        elif kind == "pretension":
-            result = json.loads(sentence)
-            remark(f"pretension {result['asked_mm']:g} mm is set, tilt {result['tilt_deg']:.2f}°")
-        elif kind not in ("end", "track", "health"):  # the summary says it, or a dashboard shows it
-            remark(sentence)
-
-    def end(self) -> None:
-        """Do nothing: the bar goes by itself."""
-
-
-class _Follower(_Writer):
-    """Writes the state of the tracking on a line of its own, on a terminal."""
-
-    def __init__(self) -> None:
-        super().__init__(lambda _done, _total: None)
-        self._is_shown = False
-
-    def on_event(self, kind: str, sentence: str) -> None:
-        """Write an event, or the state in the place of the last one."""
-        if kind != "track":
-            self.end()
-            super().on_event(kind, sentence)
-        elif sys.stderr.isatty():
-            sys.stderr.write(f"\r\x1b[2K{state_line(json.loads(sentence))}")
+    def on_event(self, event: Event) -> None:
+        """Write an event, or a state in the place of the last one."""
+        if isinstance(event, Health) and self._bar is not None:
+            self._bar(event.done_s, event.total_s)
+        elif isinstance(event, Track) and sys.stderr.isatty():
+            sys.stderr.write(f"\r\x1b[2K{event}")
             sys.stderr.flush()
-            self._is_shown = True
+            self._has_line = True
+        elif event.severity != "state" and not isinstance(event, Ended):  # the summary says how it ended
+            self.end_line()
+            remark(str(event))
 
-    def end(self) -> None:
+    def end_line(self) -> None:
         """Leave the state on its line, and begin another."""
-        if self._is_shown:
+        if self._has_line:
             sys.stderr.write("\n")
-            self._is_shown = False
-
-
-def state_line(state: dict[str, Any]) -> str:
-    """Return the state of a tracking drive as one line."""
-
-    def number(name: str, form: str, unit: str) -> str:
-        return f"{'-' if state.get(name) is None else format(state[name], form)}{unit}"
-
-    lock = "locked" if state["is_locked"] else ("coasting" if state.get("is_coasting") else "searching")
-    parts = [
-        number("elapsed_s", "6.1f", " s"),
-        f"{lock:9s}",
-        number("frequency_hz", ".3f", " Hz"),
-        f"error {number('phase_error_deg', '+5.1f', '°')}",
-        f"torsion {number('torsion_deg', '5.1f', '°')}",
-        f"command {number('command_deg', '4.1f', '°')}",
-        number("pretension_mm", "5.2f", " mm"),
-    ]
-    if state.get("wanted_hz") is not None:
-        parts.append(f"wanted {number('wanted_hz', '.3f', ' Hz')}")
-    return "  ".join(parts)
+            self._has_line = False
 
 
 # A loop that must keep time gets the computer to itself, as far as the system lets it.

@@ -180,7 +180,7 @@ def _run(
             close_journal(journal, report)
     recording = convert_journal(out, report)
     document = run_document(report, plan, spec, recording, out / JOURNAL)
-    document["laws"] = [dict(report.tracks[index]) for index in sorted(report.tracks)]
+    document["laws"] = [report.tracks[index] for index in sorted(report.tracks)]
     return document
 
 
@@ -368,9 +368,9 @@ def found_tracks(
             track: dict[str, Any] = {
                 "pretension_mm": float(recording["pretension_mm"].values[segment]),
                 "amplitude_deg": amplitude,
-                "lock_cycles": law["lock_cycles"],
-                "lock_losses": law["lock_losses"],
-                "phase_error_deg": _held_error(columns, law["lock_cycles"]),
+                "lock_cycles": law.lock_cycles,
+                "lock_losses": law.lock_losses,
+                "phase_error_deg": _held_error(columns, law.lock_cycles),
                 "point": None,
                 "follow": None,
             }

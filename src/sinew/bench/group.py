@@ -1,9 +1,8 @@
 """One group of a plan on the bench: settling, recording, tracking; or drive, stop, and the free decay."""
 
-import json
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol
@@ -14,6 +13,7 @@ from sinew.bench.loop import Loop
 from sinew.bench.pretension import MotorMap
 from sinew.bench.sample import Sample
 from sinew.measure.arrays import Array, Complexes
+from sinew.measure.events import Event, Lock, Track, Unlock
 from sinew.measure.schema import SegmentKind
 from sinew.plan.plan import Group, Sweep
 
@@ -280,8 +280,6 @@ _FADE_S = 0.6
 _TELL_S = 0.5
 _MEMORY_S = 0.5  # as the guard's, of the parts of the tension
 
-Say = Callable[[str, str], None]
-
 
 class DriveLaw(Protocol):
     """Moves the lever by what it is told of the swing. Times are of the bench's clock [s]."""
@@ -297,8 +295,8 @@ class DriveLaw(Protocol):
         """Take a cycle's lever angle [rad] and torsion rate [rad/s], each with its time; NaN where nothing came."""
         ...
 
-    def tell(self) -> Mapping[str, float | bool | None]:
-        """Return its present state, by names that carry their units; `is_locked` is among them."""
+    def tell(self) -> Track:
+        """Return its present state."""
         ...
 
 
@@ -360,12 +358,18 @@ class Mover:
 
 
 def run_tracking(
-    loop: Loop, group: Group, sample_hz: float, law: DriveLaw, segments: Segments, say: Say, mover: Mover | None
-) -> Mapping[str, float | bool | None]:
+    loop: Loop,
+    group: Group,
+    sample_hz: float,
+    law: DriveLaw,
+    segments: Segments,
+    say: Callable[[Event], None],
+    mover: Mover | None,
+) -> Track:
     """Run a law for the length of a group, then let the lever come to rest; return the law's last state.
 
-    mover: moves the pretension after the law; None where it stays. say: takes ("track", state as JSON) twice a second
-    and ("lock", sentence) when the lock comes or goes.
+    mover: moves the pretension after the law; None where it stays. say: takes the state twice a second, and that the
+    lock comes or goes.
     Whatever loop.cycle raises passes through, with the segment left open.
     """
     largest = math.radians(loop.limits.drive_amplitude_deg)
@@ -383,8 +387,11 @@ def run_tracking(
             mover.move(law.pretension_mm)
         if index * loop.period - told >= _TELL_S:
             told = index * loop.period
-            say("track", json.dumps(dict(law.tell())))
-        was_locked = _tell_lock(law.tell(), was_locked, say) if index % 10 == 0 else was_locked
+            say(law.tell())
+        if index % 10 == 0 and (state := law.tell()).is_locked is not was_locked:
+            was_locked = state.is_locked
+            kind = Lock if was_locked else Unlock
+            say(kind.of(frequency_hz=state.frequency_hz, elapsed_s=state.elapsed_s))
     segments.end()
     last, begin = law.tell(), loop.due
     for _ in range(round(_FADE_S / loop.period)):
@@ -394,12 +401,3 @@ def run_tracking(
 
 def _pass_on(law: DriveLaw, sample: Sample) -> None:
     law.take(sample.time_s, sample.time_s, sample.drive_rad, sample.imu_time_s, sample.gyro_rad_s[0])
-
-
-def _tell_lock(state: Mapping[str, float | bool | None], was_locked: bool, say: Say) -> bool:
-    is_locked = bool(state["is_locked"])
-    if is_locked != was_locked:
-        frequency, elapsed = state.get("frequency_hz"), state.get("elapsed_s")
-        what = "locked" if is_locked else "the lock is lost"
-        say("lock", f"{what} at {frequency:.3f} Hz, {elapsed:.1f} s after the start")
-    return is_locked

@@ -30,6 +30,7 @@ from sinew.bench.sample import (
     statements,
 )
 from sinew.measure.errors import FileError
+from sinew.measure.events import Event
 from sinew.measure.recording import Segment
 from sinew.plan.toml import parse_rig
 
@@ -188,9 +189,9 @@ class Journal:
         """Return the indices of the plan's groups that are recorded, in this run or before."""
         return frozenset(self._finished)
 
-    def event(self, kind: str, sentence: str) -> None:
+    def event(self, event: Event) -> None:
         """Write down what happened, at the time of the newest sample."""
-        self._writer.put(_EVENT, (self._session, self._time_s, _date(), kind, sentence))
+        self._writer.put(_EVENT, (self._session, self._time_s, _date(), event.kind, event.written()))
 
     def count(self, numbers: Mapping[str, float]) -> None:
         """Write down statistics of this run (cycles, retries); the same name again replaces the number.

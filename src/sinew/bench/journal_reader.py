@@ -14,6 +14,7 @@ import numpy as np
 from sinew.bench.sample import APPLICATION_ID, JOURNAL_VERSION, READABLE_VERSIONS, REGISTERS, sample_columns
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError
+from sinew.measure.events import STATES, Event, read_event
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 from sinew.plan.toml import parse_rig
@@ -109,15 +110,10 @@ class JournalReader:
         """Return the id of the newest sample; ids count from 1 without a gap, 0 where there is none."""
         return int(self._connection.execute("SELECT coalesce(max(id), 0) FROM samples").fetchone()[0])
 
-    def events(self) -> list[tuple[str, str, str]]:
-        """Return (date, kind, sentence) of every event, in order."""
-        return self._connection.execute("SELECT date, kind, sentence FROM events ORDER BY id").fetchall()
-
-    def events_after(self, number: int) -> list[tuple[int, str, str]]:
-        """Return (number, kind, sentence) of every event after one, in order; numbers count from 1."""
-        return self._connection.execute(
-            "SELECT id, kind, sentence FROM events WHERE id > ? ORDER BY id", (number,)
-        ).fetchall()
+    def events(self, after: int = 0) -> list[tuple[int, Event]]:
+        """Return (number, event) of every event after a number, in order; numbers count from 1."""
+        rows = self._connection.execute("SELECT id, kind, sentence FROM events WHERE id > ? ORDER BY id", (after,))
+        return [(number, read_event(kind, text)) for number, kind, text in rows]
 
     def newest_stretch(self) -> Stretch | None:
         """Return the segment that was begun last, or None where there is none yet."""
@@ -196,21 +192,21 @@ _DURATION = (
     "SELECT coalesce(sum(length), 0) FROM "
     "(SELECT max(ended_s) - min(started_s) AS length FROM segments GROUP BY session)"
 )
-_LAST = "SELECT kind, sentence FROM events WHERE kind != 'health' ORDER BY id DESC LIMIT 1"
+_LAST = f"SELECT kind, sentence FROM events WHERE kind NOT IN {STATES} ORDER BY id DESC LIMIT 1"
 
 
 @dataclass(frozen=True)
 class JournalSummary:
     """plan_toml, rig_toml: as given. dates: of every run that wrote here (ISO 8601, UTC). finished: how many groups of
-    the plan are recorded. duration_s: from first to last segment, of all runs together. last: kind and sentence of the
-    newest event that is no report on the health, empty where there is none."""
+    the plan are recorded. duration_s: from first to last segment, of all runs together. last: the newest event that is
+    no mere state; None where there is none."""
 
     plan_toml: str
     rig_toml: str
     dates: tuple[str, ...]
     finished: int
     duration_s: float
-    last: tuple[str, str]
+    last: Event | None
 
 
 def summarise_journal(path: Path) -> JournalSummary:
@@ -228,7 +224,7 @@ def summarise_journal(path: Path) -> JournalSummary:
                 tuple(date for (date,) in journal.execute("SELECT date FROM sessions ORDER BY id")),
                 int(journal.execute("SELECT count(*) FROM finished").fetchone()[0]),
                 float(journal.execute(_DURATION).fetchone()[0]),
-                ("", "") if last is None else (str(last[0]), str(last[1])),
+                None if last is None else read_event(*last),
             )
         except (sqlite3.DatabaseError, KeyError) as error:
             raise FileError(f"{path} is not a journal, or is damaged ({error})") from error

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from sinew.bench.sample import Sample
+from sinew.measure.events import Event
 
 _CLOSE_S = 2.0
 
-Item = Sample | tuple[str, str]
+Item = Sample | Event
 
 
 class Listener(Protocol):
@@ -19,7 +20,7 @@ class Listener(Protocol):
         """Take the sample of one cycle."""
         ...
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: Event) -> None:
         """Take what happened besides."""
         ...
 
@@ -28,14 +29,16 @@ class Stream:
     """Passes samples and events on to listeners, each in a thread of its own; itself a listener.
 
     listeners: who gets them. capacity: how many items may wait for a slow one; then the oldest is dropped.
+    takes_samples: whether samples are passed on, too.
     Not for what must not be lost: that goes to the journal. A listener's Python code still takes its turns at the
     interpreter (a few milliseconds at most each); heavy work belongs into another process.
     """
 
-    def __init__(self, listeners: Sequence[Listener], capacity: int = 400) -> None:
+    def __init__(self, listeners: Sequence[Listener], capacity: int = 400, *, takes_samples: bool = True) -> None:
         if capacity < 1:
             raise ValueError(f"found capacity {capacity}, expected 1 or more")
         self._channels = [_Channel(listener, capacity) for listener in listeners]
+        self._sampled = self._channels if takes_samples else []
 
     @property
     def dropped(self) -> tuple[int, ...]:
@@ -49,13 +52,13 @@ class Stream:
 
     def on_sample(self, sample: Sample) -> None:
         """Pass a sample on; returns at once."""
-        for channel in self._channels:
+        for channel in self._sampled:
             channel.put(sample)
 
-    def on_event(self, kind: str, sentence: str) -> None:
+    def on_event(self, event: Event) -> None:
         """Pass an event on; returns at once."""
         for channel in self._channels:
-            channel.put((kind, sentence))
+            channel.put(event)
 
     def close(self) -> None:
         """Let the listeners have what waits and end their threads; those that take longer than 2 s are left behind."""
@@ -102,7 +105,7 @@ class _Channel:
                 if isinstance(item, Sample):
                     self._listener.on_sample(item)
                 else:
-                    self._listener.on_event(*item)
+                    self._listener.on_event(item)
             except Exception as error:  # a listener's fault is its own: the run goes on without it
                 self.failure = f"{type(error).__name__}: {error}"
                 return

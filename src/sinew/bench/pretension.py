@@ -14,6 +14,7 @@ from sinew.bench.errors import LostError
 from sinew.bench.loop import Loop
 from sinew.bench.sample import Sample
 from sinew.hardware.rig import Rig
+from sinew.measure.events import Pretensioned
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 
@@ -127,24 +128,6 @@ class Contact:
 
     angles: tuple[float, ...]
     current: float
-
-
-@dataclass(frozen=True, slots=True)
-class Pretensioned:
-    """A pretension as it was set and as it came out.
-
-    asked_mm. reached_mm: mean take-up of the motors since first contact, less their give under load; NaN by current.
-    asked_current_a, current_a: mean of the motors' currents; asked is NaN by position. tilt_deg: that is left.
-    offsets: levelling correction about y and z [rad]. levelling_s: how long levelling took.
-    """
-
-    asked_mm: float
-    reached_mm: float
-    asked_current_a: float
-    current_a: float
-    tilt_deg: float
-    offsets: tuple[float, float]
-    levelling_s: float
 
 
 class MotorMap:

@@ -1,12 +1,10 @@
 """This is where a plan runs on a rig: pull, pretension, groups, and always an end in the declared safe state."""
 
-import json
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -19,7 +17,7 @@ from sinew.bench.journal import Journal
 from sinew.bench.listeners import Listener
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.preflight import refuse_unready
-from sinew.bench.pretension import Contact, MotorMap, Pretensioned, pull_to_contact, set_pretension
+from sinew.bench.pretension import Contact, MotorMap, pull_to_contact, set_pretension
 from sinew.bench.sample import Sample
 from sinew.bench.steering import SafeState, Steering
 from sinew.bench.stops import StopReport, stop
@@ -31,6 +29,7 @@ from sinew.hardware.motor import Motor
 from sinew.hardware.register_tables import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.transport import Clock
+from sinew.measure import events
 from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
@@ -77,37 +76,32 @@ class Health:
         self._loop, self._bus, self._progress = loop, bus, progress
         self._celsius: dict[str, float] = {}
         self._told = -math.inf
-        self._volts = math.nan
 
-    def take(self, now: float, supply_v: float) -> str | None:
-        """Take what the newest cycle told, at a time [s]; return a report as JSON when one is due, else None."""
+    def take(self, now: float, supply_v: float) -> events.Health | None:
+        """Take what the newest cycle told, at a time [s]; return how the run fares when that is due, else None."""
         reading = self._loop.last
         if reading is not None and reading.climate is not None:
             self._celsius[reading.climate.name] = reading.climate.temperature
-        self._volts, self._progress.newest_s = supply_v, now
+        self._progress.newest_s = now
         if not now - self._told >= HEALTH_S:
             return None
         self._told = now
-        return json.dumps(self.document(now))
-
-    def document(self, now: float) -> dict[str, Any]:
-        """Return how the run fares at a time [s]."""
         cycles, progress = self._loop.statistics, self._progress
-        return {
-            "state": progress.state,
-            "cycles": cycles.cycles,
-            "missed": cycles.missed,
-            "incomplete": cycles.incomplete,
-            "worst_late_ms": round(1e3 * cycles.worst_late_s, 3),
-            "busy_ms": round(1e3 * cycles.busy_s / max(1, cycles.cycles), 3),
-            "temperature_c": dict(sorted(self._celsius.items())),
-            "supply_v": None if math.isnan(self._volts) else round(self._volts, 2),
-            "bus": asdict(self._bus.statistics),
-            "done_s": round(progress.done_s(now), 2),
-            "total_s": round(progress.total_s, 2),
-            "group": progress.group,
-            "groups": progress.groups,
-        }
+        return events.Health(
+            state=progress.state,
+            cycles=cycles.cycles,
+            missed=cycles.missed,
+            incomplete=cycles.incomplete,
+            worst_late_ms=round(1e3 * cycles.worst_late_s, 3),
+            busy_ms=round(1e3 * cycles.busy_s / max(1, cycles.cycles), 3),
+            temperature_c=dict(sorted(self._celsius.items())),
+            supply_v=None if math.isnan(supply_v) else round(supply_v, 2),
+            bus=asdict(self._bus.statistics),
+            done_s=round(progress.done_s(now), 2),
+            total_s=round(progress.total_s, 2),
+            group=progress.group,
+            groups=progress.groups,
+        )
 
 
 # It is noted how a run ended.
@@ -130,8 +124,8 @@ class RunReport:
     sentence: str = ""
     stop: StopReport | None = None
     loop: LoopStatistics = field(default_factory=LoopStatistics)
-    pretensions: list[Pretensioned] = field(default_factory=list)
-    tracks: dict[int, dict[str, float | bool | None]] = field(default_factory=dict)
+    pretensions: list[events.Pretensioned] = field(default_factory=list)
+    tracks: dict[int, events.Track] = field(default_factory=dict)
     pauses: list[str] = field(default_factory=list)
     halted_s: float | None = None
 
@@ -152,7 +146,7 @@ class Runner:
     """Runs one plan on one rig, once.
 
     journal: takes every sample, and says which groups are done. tension_n: of each tendon at rest, by pretension [mm],
-    as the twin has it. listener: live samples and events. progress: takes (done, total) seconds of the plan.
+    as the twin has it. listener: live samples and events.
     law: makes what moves the lever in a tracking group, from the group and the time of its begin [s].
     steering: takes what is asked of the run from outside; one of its own, if not given.
     """
@@ -166,14 +160,12 @@ class Runner:
         tension_n: Mapping[float, float],
         *,
         listener: Listener | None = None,
-        progress: Callable[[float, float], None] | None = None,
         law: Callable[[Group, float], DriveLaw] | None = None,
         steering: Steering | None = None,
     ) -> None:
         self._rig, self._clock, self._plan, self._journal = rig, clock, plan, journal
         self._tension = dict(tension_n)
         self._listener = listener
-        self._progress = progress or (lambda _done, _total: None)
         self._law = law
         self._mover: Mover | None = None
         self._group: Group | None = None
@@ -187,8 +179,7 @@ class Runner:
         self._tries: Counter[int] = Counter()
         self._checks = 0
         self._groups = plan.groups()
-        self._total_s = sum(group.duration_s for group in self._groups)
-        self.at = Progress(len(self._groups), self._total_s)
+        self.at = Progress(len(self._groups), sum(group.duration_s for group in self._groups))
         self._health = Health(self._loop, rig.bus, self.at)
         self.report = RunReport(len(self._groups))
 
@@ -264,7 +255,7 @@ class Runner:
             report.stop = self._stop()
             report.loop = self._loop.statistics
             self._count(report.loop)
-            self._say("end", f"{report.sentence}; {report.stop.sentence()}")
+            self._say(events.Ended.of(why=report.sentence, left=report.stop.sentence()))
         return report
 
     def _stop(self) -> StopReport:
@@ -286,7 +277,7 @@ class Runner:
         if halt is not None and len(first.frozen) == len(self._rig.motors):
             self.report.halted_s = now - halt.asked_s
             if halt.is_emergency:
-                self._say("frozen", f"all motors stand, {1e3 * self.report.halted_s:.0f} ms after the request")
+                self._say(events.Frozen.of(after_ms=1e3 * self.report.halted_s))
 
     def _run_through_pauses(self) -> None:
         """Run all groups; after a pause of the computer that let the watchdogs trip, as often as the rig allows,
@@ -316,8 +307,7 @@ class Runner:
         self._journal.end_segment("aborted", why)
         self.at.end()
         self.at.state = "resting after a pause"
-        count = f"{len(report.pauses)} of {most}"
-        self._say("hole", f"{why}; the motors stand, then let go, then the run goes on by itself ({count})")
+        self._say(events.Hole.of(why=why, times=len(report.pauses), most=most))
         for state in ("hold", "release"):
             left = stop(
                 self._rig, self._clock, state, lambda first: self._note_frozen(first) if asked() else None,
@@ -333,7 +323,7 @@ class Runner:
         self._loop.statistics = statistics
         self._health = Health(self._loop, self._rig.bus, self.at)
         self._mover = None
-        self._say("resumed", "the tendons are pulled anew, and the run goes on from its last whole group")
+        self._say(events.Anew.of())
 
     def _await_start(self) -> None:
         """Wait until the head rests: an end by force, or a hand, may have left it swinging. Raises StartError."""
@@ -388,7 +378,6 @@ class Runner:
             if group.kind == "tracking" and self._mover is not None and self._mover.pretension_mm != before:
                 before, current = self._mover.pretension_mm, None
             self.report.groups_done += 1
-            self._progress(before_s + group.duration_s, self._total_s)
         pause(self._loop)  # a lever that loses its torque in mid-swing would go on swinging
 
     def _rest_if_asked(self, group: Group) -> None:
@@ -396,13 +385,13 @@ class Runner:
         if not self.steering.pause_asked:
             return
         self.at.state = "paused"
-        self._say("paused", f"the run rests before {_named(group)}")
+        self._say(events.Paused.of(group=_named(group)))
         self._journal.begin_segment(None, 0, Segment("idle", group.pretension_mm, math.nan, math.nan, 0), "pause")
         while self.steering.pause_asked:
             self._loop.cycle()
             self._kept.clear()
         self._journal.end_segment("complete")
-        self._say("resumed", f"the run goes on with {_named(group)}")
+        self._say(events.Resumed.of(group=_named(group)))
 
     def _power_up(self) -> Contact:
         """Configure the motors, put them under power where they are, bring the lever to zero, pull to contact."""
@@ -419,10 +408,10 @@ class Runner:
         lever, begin = rig.drive.angle(), loop.due
         loop.run(_LEVER_HOME_S, lambda time: lever * max(0.0, 1 - (time - begin) / _LEVER_HOME_S))
         self.at.state = "pulling the tendons"
-        self._say("pull", "the tendons are pulled to first contact")
+        self._say(events.Pulled.of())
         contact = pull_to_contact(loop, rig)
         self._guard.gyro_bias = _mean([sample.gyro_rad_s[0] for sample in loop.run(_BIAS_S)])
-        self._say("contact", f"first contact at {1e3 * contact.current:.0f} mA")
+        self._say(events.Contact.of(current_ma=1e3 * contact.current))
         return self._change_mode(contact)
 
     def _change_mode(self, contact: Contact) -> Contact:
@@ -528,7 +517,8 @@ class Runner:
         for stop_mm in asked:
             result = set_pretension(self._loop, motors, stop_mm, before, offsets)
             offsets, before = result.offsets, stop_mm
-            self._note(result)
+            self.report.pretensions.append(result)
+            self._say(result)
             share = self._loop.watch.share or (1 / len(self._rig.tendons),) * len(self._rig.tendons)
             levelled.append(Levelled.of(stop_mm, offsets, share, result.current_a))
         self._mover = Mover(self._loop, motors, levelled[1], levelled[0]) if len(levelled) > 1 else None
@@ -544,13 +534,9 @@ class Runner:
             last = run_tracking(self._loop, group, self._plan.sample_hz, law, self, self._say, self._mover)
         finally:
             self._guard.imu_patience = LOST_AFTER_S
-        self.report.tracks[index] = dict(last)
+        self.report.tracks[index] = last
         self._look_at_registers(f"{_named(group)} began")
         self._journal.finish_group(index)
-
-    def _note(self, result: Pretensioned) -> None:
-        self.report.pretensions.append(result)
-        self._say("pretension", json.dumps(asdict(result)))
 
     def _run_group(self, index: int, group: Group) -> None:
         """Run a group until it is recorded without holes, a few times at most."""
@@ -573,7 +559,7 @@ class Runner:
                 self._journal.finish_group(index)
                 self._doubt(group)
                 return
-            self._say("repeat", f"{_named(group)} has too many holes and is measured again")
+            self._say(events.Repeat.of(group=_named(group)))
         raise LostError(
             f"{_named(group)} came with too many missing answers "
             f"{_ATTEMPTS} times; check cables, ground and supply, then `sinew doctor`"
@@ -585,7 +571,7 @@ class Runner:
             kept = self._kept[-group.sample_counts(self._plan.sample_hz)[1] :]
             columns = np.array([(s.time_s, s.drive_rad, s.gyro_rad_s[0]) for s in kept])
             for sentence in group_doubts(self._rig.spec, group.segment("steady"), *columns.T):
-                self._say("doubt", sentence)
+                self._say(events.Doubted(sentence))
 
     def begin(self, kind: SegmentKind) -> None:
         """Begin a segment of the present group."""
@@ -600,7 +586,7 @@ class Runner:
         self._journal.append(sample)
         self._kept.append(sample)
         if (health := self._health.take(sample.time_s, sample.supply_v)) is not None:
-            self._say("health", health)
+            self._say(health)
         if self._listener is not None:
             self._listener.on_sample(sample)
 
@@ -613,14 +599,14 @@ class Runner:
         with suppress(FileError):
             self._journal.count(numbers)
 
-    def _say(self, kind: str, sentence: str) -> None:
+    def _say(self, event: events.Event) -> None:
         try:
-            self._journal.event(kind, sentence)
+            self._journal.event(event)
         except FileError as trouble:
             if not self.report.sentence:
                 raise StoppedError(str(trouble)) from trouble
         if self._listener is not None:
-            self._listener.on_event(kind, sentence)
+            self._listener.on_event(event)
 
 
 def _named(group: Group) -> str:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from sinew.analysis.analysed import recording_rig
-from sinew.analysis.signal.sensor import delay_budget, torsion_delay
-from sinew.analysis.signal.torsion import drive_channel, response_channel
+from sinew.analysis.signal.sensor import torsion_delay
+from sinew.analysis.signal.signals import read_signals
 from sinew.identify.choice.comparison import Comparison, compare, compare_laws, compare_segments, impossible_numbers
 from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
 from sinew.identify.choice.held_out import HeldOut, Split, split_record
@@ -23,11 +23,10 @@ from sinew.identify.oscillator.record import Excitation, Record, make_record
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate, number, shown, span
 from sinew.measure.netcdf import load_recording
-from sinew.measure.recording import Segment, iterate_segments
+from sinew.measure.recording import Segment
 from sinew.measure.told import Table, Told
 from sinew.mechanics.laws import NUMBERS, TERMS
 from sinew.plan.rig import RigSpec
-from sinew.plan.toml import parse_rig
 from sinew.twin.cache import configure
 
 if TYPE_CHECKING:
@@ -348,7 +347,7 @@ def _fit_of(found: Identified, what: str) -> Fit:
 
 _MOST_SEGMENTS = 9
 _MOST_REPEATED = 4
-_Row = tuple[int, Segment, slice]
+_Row = tuple[Segment, slice]
 
 
 def unit_remarks(record: Record) -> tuple[str, ...]:
@@ -386,23 +385,24 @@ def recording_records(
     there are none, its ring-downs. With repeats, four frequencies in all their repeats, grouped by frequency. Sensor
     delays are those of the recording's rig.
     """
-    response, drive = response_channel(recording), drive_channel(recording)
-    rows = list(iterate_segments(recording))
+    signals = read_signals(recording, recording_rig(recording, None))
+    response, drive, rows = signals.response, signals.drive, signals.segments
     if recording.attrs.get("source") == "import":
         if pretension_mm is not None or repeats:
             option = "a bootstrap" if repeats else "a pretension"
             raise SpecError(f"{option} is for the recording of a rig; this one was imported; leave it out")
         if excitation is None and drive is not None:
             raise SpecError("the recording has a drive; say its excitation: force, torque, base or lever, or none")
-        rows = [max(rows, key=lambda row: row[2].stop - row[2].start)]
+        rows = [max(rows, key=lambda row: row[1].stop - row[1].start)]
     else:
         excitation = excitation or "lever"
         rows = _of_pretension(rows, pretension_mm, repeats=repeats)
     chosen = excitation or "none"
-    delay = _delay(recording, float(rows[0][1].frequency_hz))
+    frequency = rows[0][0].frequency_hz
+    delay = torsion_delay(signals.budget, frequency if frequency > 0 else 3.0) - signals.budget.drive_delay_s
     return [
         make_record(
-            recording["time_s"].values[where],
+            signals.time_s[where],
             response.values[where],
             None if chosen == "none" or drive is None else drive.values[where],
             excitation=chosen,
@@ -411,7 +411,7 @@ def recording_records(
             output_delay_s=delay,
             group=_group(segment, repeats=repeats),
         )
-        for _, segment, where in rows
+        for segment, where in rows
     ]
 
 
@@ -421,19 +421,19 @@ def _group(segment: Segment, *, repeats: bool) -> str:
 
 
 def _of_pretension(rows: list[_Row], pretension_mm: float | None, *, repeats: bool) -> list[_Row]:
-    levels = sorted({row[1].pretension_mm for row in rows})
+    levels = sorted({row[0].pretension_mm for row in rows})
     level = levels[0] if pretension_mm is None else min(levels, key=lambda one: abs(one - pretension_mm))
     if pretension_mm is not None and abs(level - pretension_mm) > 1e-6:
         listed = ", ".join(f"{one:g}" for one in levels)
         raise SpecError(f"the pretension asked for is {pretension_mm:g} mm, the recording has {listed}")
-    mine = [row for row in rows if row[1].pretension_mm == level]
-    steady = [row for row in mine if row[1].kind == "steady"]
-    decays = [row for row in mine if row[1].kind == "ring-down"]
+    mine = [row for row in rows if row[0].pretension_mm == level]
+    steady = [row for row in mine if row[0].kind == "steady"]
+    decays = [row for row in mine if row[0].kind == "ring-down"]
     if not steady and not decays:
         raise RecordingError("the recording holds neither steady segments nor ring-downs; there is nothing to fit")
     if repeats:
         return _repeated(steady or decays)
-    taken = [row for row in steady if row[1].repeat == steady[0][1].repeat] or decays
+    taken = [row for row in steady if row[0].repeat == steady[0][0].repeat] or decays
     step = max(1, -(-len(taken) // _MOST_SEGMENTS))
     return taken[::step]
 
@@ -442,18 +442,9 @@ def _repeated(rows: list[_Row]) -> list[_Row]:
     """Return the segments of at most four frequencies that were repeated, in all their repeats."""
     found: dict[float, list[_Row]] = {}
     for row in rows:
-        found.setdefault(float(row[1].frequency_hz) if row[1].kind == "steady" else 0.0, []).append(row)
+        found.setdefault(row[0].frequency_hz if row[0].kind == "steady" else 0.0, []).append(row)
     often = [found[frequency] for frequency in sorted(found) if len(found[frequency]) > 1]
     if not often:
         raise SpecError("a bootstrap draws among repeats, and this recording repeats nothing; leave it out")
     step = max(1, -(-len(often) // _MOST_REPEATED))
     return [row for group in often[::step] for row in group]
-
-
-def _delay(recording: xr.Dataset, frequency_hz: float) -> float:
-    """Return how much later the response's stamps are than the drive's [s], by the rig's delay budget."""
-    text = str(recording.attrs.get("rig", ""))
-    if not text.strip():
-        return 0.0
-    budget = delay_budget(recording, parse_rig(text, source="the recording's rig"))
-    return torsion_delay(budget, frequency_hz if frequency_hz > 0 else 3.0) - budget.drive_delay_s

@@ -14,15 +14,15 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.signal.repeats import Pooled, pool_repeats
-from sinew.analysis.signal.sensor import DelayBudget, delay_budget, torsion_chain, torsion_delay
-from sinew.analysis.signal.torsion import drive_channel, response_channel
-from sinew.analysis.sweep.portrait import phase_portrait
+from sinew.analysis.signal.sensor import torsion_chain, torsion_delay
+from sinew.analysis.signal.signals import Channel, Signals, read_signals
+from sinew.analysis.sweep.portrait import portrait_of
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.record import FEWEST, Record, make_record
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import Estimate
-from sinew.measure.recording import Segment, iterate_segments
+from sinew.measure.recording import Segment
 from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.rig import RigSpec
 
@@ -42,29 +42,26 @@ def records_by_repeat(recording: xr.Dataset, rig: RigSpec | None = None) -> dict
     Nothing is returned of a pretension whose segments cannot be used: a drive that is no angle, a steady segment
     without a drive.
     """
-    drive = drive_channel(recording)
-    budget = delay_budget(recording, rig)
+    signals = read_signals(recording, rig)
     found: dict[float, dict[int, list[Record]]] = {}
-    rows = list(iterate_segments(recording))
-    for pretension in sorted({segment.pretension_mm for _, segment, _ in rows}):
-        mine = [(segment, where) for _, segment, where in rows if segment.pretension_mm == pretension]
+    for pretension in sorted({segment.pretension_mm for segment, _ in signals.segments}):
+        mine = [row for row in signals.segments if row[0].pretension_mm == pretension]
         steady = [row for row in mine if row[0].kind == "steady" and np.isfinite(row[0].frequency_hz)]
-        lever = drive is not None and drive.unit == "rad"
+        lever = signals.drive is not None and signals.drive.unit == "rad"
         taken = steady if lever and steady else [row for row in mine if row[0].kind == "ring-down"]
         for repeat in sorted({segment.repeat for segment, _ in taken}):
-            chosen = _thinned(recording, [row for row in taken if row[0].repeat == repeat])
-            records = [_record(recording, segment, where, budget, lever=lever) for segment, where in chosen]
+            chosen = _thinned(signals.response, [row for row in taken if row[0].repeat == repeat])
+            records = [_record(signals, segment, where, lever=lever) for segment, where in chosen]
             if records:
                 found.setdefault(float(pretension), {})[repeat] = records
     return found
 
 
-def _thinned(recording: xr.Dataset, rows: list[tuple[Segment, slice]]) -> list[tuple[Segment, slice]]:
+def _thinned(response: Channel, rows: list[tuple[Segment, slice]]) -> list[tuple[Segment, slice]]:
     """Return at most `CAPPED` rows: every second one down from the largest motion, the rest spread over the others."""
     rows = [row for row in rows if row[1].stop - row[1].start >= FEWEST]
     if len(rows) <= CAPPED:
         return rows
-    response = response_channel(recording)
     size = [
         float(np.ptp(response.values[where])) / (segment.frequency_hz if response.is_rate else 1.0)
         for segment, where in rows
@@ -75,12 +72,12 @@ def _thinned(recording: xr.Dataset, rows: list[tuple[Segment, slice]]) -> list[t
     return [rows[i] for i in sorted({*map(int, largest), *(others[k] for k in spread)})]
 
 
-def _record(recording: xr.Dataset, segment: Segment, where: slice, budget: DelayBudget, *, lever: bool) -> Record:
-    response, drive = response_channel(recording), drive_channel(recording)
+def _record(signals: Signals, segment: Segment, where: slice, *, lever: bool) -> Record:
+    response, drive, budget = signals.response, signals.drive, signals.budget
     frequency = segment.frequency_hz if segment.frequency_hz > 0 else _SETTLED_HZ
     driven = lever and drive is not None
     return make_record(
-        recording["time_s"].values[where],
+        signals.time_s[where],
         response.values[where] / float(abs(torsion_chain(budget, frequency))),
         drive.values[where] if driven and drive is not None else None,
         excitation="lever" if driven else "none",
@@ -223,17 +220,18 @@ def _row(one: _Fits, shift: Estimate, lean: Estimate) -> dict[str, Cell]:
 
 def _asymmetries(recording: xr.Dataset, rig: RigSpec | None) -> dict[float, tuple[list[float], list[float]]]:
     """Return half-area asymmetries (values, standard deviations) over repeats, by pretension: of the largest swing."""
-    response = response_channel(recording)
+    signals = read_signals(recording, rig)
+    response = signals.response
     largest: dict[tuple[float, int], tuple[float, int]] = {}
-    for index, segment, where in iterate_segments(recording, "steady"):
-        if segment.frequency_hz > 0:
+    for index, (segment, where) in enumerate(signals.segments):
+        if segment.kind == "steady" and segment.frequency_hz > 0:
             size = float(np.std(response.values[where])) / (segment.frequency_hz if response.is_rate else 1.0)
             key = segment.pretension_mm, segment.repeat
             largest[key] = max(largest.get(key, (0.0, index)), (size, index))
     found: dict[float, tuple[list[float], list[float]]] = {}
     for (pretension, _), (_, index) in largest.items():
         try:
-            one = phase_portrait(recording, index, rig).half_area_asymmetry
+            one = portrait_of(signals, index).half_area_asymmetry
         except (SinewError, ValueError):
             continue
         values, stds = found.setdefault(pretension, ([], []))

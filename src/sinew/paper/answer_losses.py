@@ -171,7 +171,8 @@ def answer_losses(
     wanted = _spread(pretensions)
     levels = [float(pretensions[i]) for i in wanted]
     groups = [_decay_at(recording, pretension).group(pretension) for pretension in levels]
-    rigs = [joint.fitted_rig, *_drawn(joint, supply_uncertainty(recording, joint.fitted_rig), seed)]
+    supply = recording["supply_v"].values if "supply_v" in recording else None
+    rigs = [joint.fitted_rig, *_drawn(joint, supply_uncertainty(supply, joint.fitted_rig), seed)]
     hz = round(sample_rate(recording))
     model, perfect = _dampings(rigs, groups, hz)
     if not np.isfinite(model[0]).all():

@@ -12,11 +12,11 @@ from scipy import integrate, special
 from sinew.analysis.decay.decay_fit import DecayFit, fit_decay
 from sinew.analysis.decay.envelope import Envelope, fit_envelope, large_peaks
 from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, find_peaks, free_decay
+from sinew.analysis.signal.signals import Signals, read_signals
 from sinew.measure.arrays import Array
-from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-from sinew.measure.recording import Segment, iterate_segments
+from sinew.measure.recording import Segment
 from sinew.measure.schema import RESULT_VARIABLES, result_axis
 
 # A decay shows whether it is exponential, and how damping and frequency move with amplitude.
@@ -448,27 +448,30 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
 
     inertia_kg_m2: I of head and lever, for the paper's d and k; NaN without it.
 
-    The response is torsion_rad, else the x axis of the gyroscope (a rate), else response. Behind a settle segment of
+    The response is the gyroscope's x axis (a rate), else torsion_rad, else response. Behind a settle segment of
     the same group the drive was told to stop where the ring-down begins, so nothing is sought: the first drive period,
     in which the lever settles on its servo, is left out. A start that depended on how far the lever recoils would jump
     with pretension and take Lehr's damping with it. A ring-down that cannot be analysed is NaN, and the attribute
     `ring_down_notes` says why.
     Raises RecordingError where there is no ring-down, or none can be analysed.
     """
-    as_dataset(recording, "recording")
+    return ring_downs_of(read_signals(recording), inertia_kg_m2)
+
+
+def ring_downs_of(signals: Signals, inertia_kg_m2: float | None) -> xr.Dataset:
+    """Return `analyse_ring_downs` of signals that were read already."""
     found: list[tuple[Segment, RingDown, float]] = []
     windows: list[tuple[Segment, list[Envelope | None]]] = []
     notes: list[str] = []
-    segments = list(iterate_segments(recording))
-    asked = [segment for _, segment, _ in segments if segment.kind == "ring-down"]
+    asked = [segment for segment, _ in signals.of_kind("ring-down")]
     if not asked:
         raise RecordingError("recording has no ring-down segment; expected at least one")
-    for index, segment, where in segments:
+    for index, (segment, where) in enumerate(signals.segments):
         if segment.kind != "ring-down":
             continue
         try:
-            result, read = _analyse_segment(recording, segments, index, where, inertia_kg_m2)
-            found.append((segment, result, float(recording["time_s"].values[where.start])))
+            result, read = _analyse_segment(signals, index, inertia_kg_m2)
+            found.append((segment, result, float(signals.time_s[where.start])))
             if read:
                 windows.append((segment, read))
         except RecordingError as error:
@@ -527,41 +530,32 @@ _WINDOW_NUMBERS: dict[str, Callable[[Envelope], float]] = {
 
 
 def _analyse_segment(
-    recording: xr.Dataset,
-    segments: list[tuple[int, Segment, slice]],
-    index: int,
-    where: slice,
-    inertia_kg_m2: float | None,
+    signals: Signals, index: int, inertia_kg_m2: float | None
 ) -> tuple[RingDown, list[Envelope | None]]:
     """Return the ring-down, and beside it what each of `DECAY_WINDOWS` says where the stop of the drive is known."""
-    name = next(name for name in ("torsion_rad", "gyro_rad_s", "response") if name in recording)
-    lever = next((name for name in ("drive_rad", "drive") if name in recording), None)
-    time = recording["time_s"].values
-    free_from = None
+    (here, where), response, drive = signals.segments[index], signals.response, signals.drive
+    time, values, free_from = signals.time_s[where], response.values[where], None
     if index > 0:
-        before, here = segments[index - 1], segments[index][1]
-        same = (before[1].pretension_mm, before[1].frequency_hz, before[1].repeat) == (
+        before = signals.segments[index - 1][0]
+        same = (before.pretension_mm, before.frequency_hz, before.repeat) == (
             here.pretension_mm,
             here.frequency_hz,
             here.repeat,
         )
-        if before[1].kind == "settle" and same:
-            free_from = float(time[where.start]) + DECAY_FROM_PERIODS / here.frequency_hz
-    values = recording[name].values[where]
-    values = values[:, 0] if values.ndim == 2 else values
-    unit = str(recording[name].attrs["units"])
+        if before.kind == "settle" and same:
+            free_from = float(time[0]) + DECAY_FROM_PERIODS / here.frequency_hz
     result = analyse_ring_down(
-        time[where],
+        time,
         values,
-        drive=None if lever is None else recording[lever].values[where],
-        is_rate=unit == "rad/s",
-        unit=unit,
+        drive=None if drive is None else drive.values[where],
+        is_rate=response.is_rate,
+        unit=response.unit,
         inertia_kg_m2=inertia_kg_m2,
         free_from_s=free_from,
     )
     if free_from is None:
         return result, []
-    return result, read_windows(time[where], values, result, 1.0 / segments[index][1].frequency_hz)
+    return result, read_windows(time, values, result, 1.0 / here.frequency_hz)
 
 
 def read_windows(time_s: ArrayLike, response: ArrayLike, result: RingDown, period_s: float) -> list[Envelope | None]:

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.signal.harmonics import fit_harmonics, refine_frequency
-from sinew.analysis.signal.torsion import drive_channel
+from sinew.analysis.signal.signals import drive_channel
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import Segment, build_recording, segment_slices

@@ -1,15 +1,15 @@
 """This is where duty, current and voltage of the servos become power: the drive's, and what holding costs."""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
+from sinew.analysis.signal.signals import Signals
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import NORMAL_90
-from sinew.measure.recording import iterate_segments
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
 
@@ -67,55 +67,65 @@ def idle_power(rig: RigSpec) -> float | None:
     return sum(currents) * rig.drive.supply_voltage.value if len(currents) == len(models) else None
 
 
-def supply_uncertainty(recording: xr.Dataset, rig: RigSpec) -> float:
+def supply_uncertainty(supply_v: NDArray[Any] | None, rig: RigSpec) -> float:
     """Return the relative standard uncertainty of the voltage: of its register's unit, or of the rig's value.
 
-    A rig's value without an interval counts as exact.
+    supply_v: as recorded, (n,); None where it was not. A rig's value without an interval counts as exact.
     """
-    if "supply_v" in recording:
-        return VOLTAGE_LSB / math.sqrt(12.0) / float(recording["supply_v"].values.mean())
+    if supply_v is not None:
+        return VOLTAGE_LSB / math.sqrt(12.0) / float(supply_v.mean())
     voltage = rig.drive.supply_voltage
     if voltage.interval90 is None:
         return 0.0
     return float(np.ptp(voltage.interval90)) / (2 * NORMAL_90) / voltage.value
 
 
-def electrical_power(recording: xr.Dataset, rig: RigSpec) -> Array | None:
-    """Return the drive's electrical power at every sample [W], (sample,), None where duty or current was not recorded.
+@dataclass(frozen=True)
+class Power:
+    """Electrical power at every sample [W], (n,): the drive's, what of it warms the copper, and that of all tendon
+    motors together, None without their currents.
 
     Duty times supply voltage times current, where Present Current is the motor's own: see docs/explanation/energy.md.
+    Of tendon motors whose duty was not recorded it is resistance times squared current.
     """
-    if "drive_pwm" not in recording or "drive_current_a" not in recording:
+
+    drive: Array
+    copper: Array
+    holding: Array | None
+
+
+def read_power(signals: Signals) -> Power | None:
+    """Return the power of the motors, None without a rig, and where duty or current of the drive was not recorded."""
+    recorded, rig = signals.recorded, signals.rig
+    if rig is None or "drive_pwm" not in recorded or "drive_current_a" not in recorded:
         return None
-    power = recording["drive_pwm"].values.astype(float) * recording["drive_current_a"].values
-    return np.asarray(power * _supply(recording, rig, slice(None)))
+    supply = recorded["supply_v"].astype(float) if "supply_v" in recorded else rig.drive.supply_voltage.value
+    current, holding = recorded["drive_current_a"].astype(float), None
+    if "tendon_current_a" in recorded:
+        currents = recorded["tendon_current_a"].astype(float)
+        if "tendon_pwm" in recorded:
+            holding = (recorded["tendon_pwm"] * currents).sum(axis=1) * supply
+        else:
+            holding = servo_of(rig.wiring.tendon_model).resistance * (currents**2).sum(axis=1)
+    return Power(recorded["drive_pwm"] * supply * current, winding_resistance(rig) * current**2, holding)
 
 
-def holding_power(recording: xr.Dataset, rig: RigSpec) -> Array | None:
-    """Return the electrical power of all tendon motors at every sample [W], (sample,); None without currents."""
-    samples = np.arange(recording.sizes["sample"])[None]
-    found = _holding(recording, rig, samples, _supply(recording, rig, samples))
-    return None if found is None else found[0]
-
-
-def rest_power(recording: xr.Dataset, rig: RigSpec) -> dict[tuple[float, int], tuple[float, float]]:
+def rest_power(signals: Signals, rig: RigSpec) -> dict[tuple[float, int], tuple[float, float]]:
     """Return (mean, standard deviation) of all motors' electrical power in the idle segments [W].
 
     By (pretension [mm], repeat). Tendon motors hold, the lever stays at its zero. At rest the currents hardly move, so
     that rounding does not average out: the deviation is that of the registers' units. Empty where duty or current of
     the drive was not recorded.
     """
-    drive = electrical_power(recording, rig)
-    if drive is None:
+    power = read_power(signals)
+    if power is None:
         return {}
     found: dict[tuple[float, int], list[float]] = {}
-    for _, segment, where in iterate_segments(recording, "idle"):
-        if not math.isfinite(segment.pretension_mm):
-            continue
-        samples = np.arange(where.start, where.stop)[None]
-        holding = _holding(recording, rig, samples, _supply(recording, rig, samples))
-        mean = float(drive[where].mean()) + (0.0 if holding is None else float(holding.mean()))
-        found.setdefault((segment.pretension_mm, segment.repeat), []).append(mean)
+    for segment, where in signals.of_kind("idle"):
+        if math.isfinite(segment.pretension_mm):
+            holding = 0.0 if power.holding is None else float(power.holding[where].mean())
+            mean = float(power.drive[where].mean()) + holding
+            found.setdefault((segment.pretension_mm, segment.repeat), []).append(mean)
     servo = servo_of(rig.wiring.tendon_model)
     unit = rig.tendons.current_lsb.value / math.sqrt(12.0)
 
@@ -127,41 +137,19 @@ def rest_power(recording: xr.Dataset, rig: RigSpec) -> dict[tuple[float, int], t
 
 
 def power_columns(
-    recording: xr.Dataset, samples: NDArray[np.int64], frequency_hz: Array, rig: RigSpec | None
+    power: Power | None, time_s: Array, samples: NDArray[np.int64], frequency_hz: Array
 ) -> dict[str, NDArray[Any]]:
     """Return the power columns of the result schema of steady segments of one length, each (s,), by name.
 
-    samples: numbers of the segments' samples, (s, n). frequency_hz: of their drive, (s,).
-    Empty without a rig (no resistance and no voltage are known), and where duty or current of the drive was not
-    recorded. drive_mechanical_w is not among them: it comes from the motion.
+    time_s: stamps of the segments [s], (s, n). samples: their numbers, (s, n). frequency_hz: of their drive, (s,).
+    Empty where no power is known. drive_mechanical_w is not among them: it comes from the motion.
     """
-    if rig is None or "drive_pwm" not in recording or "drive_current_a" not in recording:
+    if power is None:
         return {}
-    supply = _supply(recording, rig, samples)
-    current = recording["drive_current_a"].values[samples].astype(float)
-    power = recording["drive_pwm"].values[samples] * supply * current
-    signals = [power, np.maximum(power, 0.0), winding_resistance(rig) * current**2]
-    holding = _holding(recording, rig, samples, supply)
-    signals += [] if holding is None else [holding]
-    time = recording["time_s"].values[samples]
-    mean, std = cycle_mean(time, np.stack(signals, axis=1), 2.0 * frequency_hz)
+    drive = power.drive[samples]
+    signals = [drive, np.maximum(drive, 0.0), power.copper[samples]]
+    signals += [] if power.holding is None else [power.holding[samples]]
+    mean, std = cycle_mean(time_s, np.stack(signals, axis=1), 2.0 * frequency_hz)
     names = ("drive_power_w", "drive_drawn_w", "drive_copper_w", "holding_power_w")
     columns = dict(zip(names, mean.T, strict=False))
     return columns | {"drive_power_std_w": std[:, 0]}
-
-
-def _supply(recording: xr.Dataset, rig: RigSpec, samples: Any) -> Any:
-    if "supply_v" not in recording:
-        return rig.drive.supply_voltage.value
-    return recording["supply_v"].values[samples].astype(float)
-
-
-def _holding(recording: xr.Dataset, rig: RigSpec, samples: NDArray[np.int64], supply: Any) -> Array | None:
-    """Return the tendon motors' electrical power, all together [W], (s, n): duty, or else resistance, times current."""
-    if "tendon_current_a" not in recording:
-        return None
-    current = recording["tendon_current_a"].values[samples].astype(float)
-    if "tendon_pwm" in recording:
-        return np.asarray((recording["tendon_pwm"].values[samples] * current).sum(axis=2) * supply)
-    servo = servo_of(rig.wiring.tendon_model)
-    return np.asarray(servo.resistance * (current**2).sum(axis=2))

@@ -1,4 +1,4 @@
-"""This is where the torsion becomes a time series: which channel it is in, and the integral of its rate."""
+"""Torsion as a time series: the integral of its rate, and the motion of steady segments on one true time."""
 
 from dataclasses import dataclass
 
@@ -8,43 +8,11 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 
 from sinew.analysis.signal.harmonics import HARMONICS, Harmonics, fit_harmonics, waveform
-from sinew.analysis.signal.sensor import delay_budget, drive_chain, torsion_chain
+from sinew.analysis.signal.sensor import drive_chain, torsion_chain
+from sinew.analysis.signal.signals import Signals, read_signals
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
-from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
-
-
-@dataclass(frozen=True)
-class Channel:
-    """One signal of a recording: values of shape (sample,), their unit, and whether they are the torsion's rate."""
-
-    values: Array
-    unit: str
-    is_rate: bool = False
-
-
-def response_channel(recording: xr.Dataset) -> Channel:
-    """Return the channel that tells the torsion: the gyroscope's x axis, else an angle, else any response.
-
-    A response in rad/s counts as the torsion's rate.
-    Raises RecordingError where there is none of the three.
-    """
-    if "gyro_rad_s" in recording:
-        return Channel(np.ascontiguousarray(recording["gyro_rad_s"].values[:, 0], dtype=float), "rad/s", True)
-    for name in ("torsion_rad", "response"):
-        if name in recording:
-            unit = str(recording[name].attrs["units"])
-            return Channel(np.asarray(recording[name].values, dtype=float), unit, unit == "rad/s")
-    raise RecordingError("recording has no response; expected gyro_rad_s, torsion_rad or response")
-
-
-def drive_channel(recording: xr.Dataset) -> Channel | None:
-    """Return the measured drive, an angle or not, or None where it was not recorded."""
-    for name in ("drive_rad", "drive"):
-        if name in recording:
-            return Channel(np.asarray(recording[name].values, dtype=float), str(recording[name].attrs["units"]))
-    return None
 
 
 def integrate_rate(time_s: Array, rate: Array) -> Array:
@@ -85,25 +53,31 @@ def steady_motion(recording: xr.Dataset, segment: int, rig: RigSpec | None = Non
     rad and rad/s for a gyroscope. Attributes: frequency_hz, periods, pretension_mm, segment.
     Raises RecordingError where the segment is not steady, has no frequency or holds no whole period.
     """
-    frequency = float(recording["frequency_hz"].values[segment])
-    kind = str(recording["kind"].values[segment])
-    if kind != "steady" or not np.isfinite(frequency):
-        raise RecordingError(f"segment {segment} is {kind} at {frequency:g} Hz; choose a steady one with a frequency")
-    where = segment_slices(recording)[segment]
-    response, drive, budget = response_channel(recording), drive_channel(recording), delay_budget(recording, rig)
-    stamps = recording["time_s"].values[where]
-    signals = np.stack([c.values[where] for c in (response, drive or response)])
+    return motion_of(read_signals(recording, rig), segment)
+
+
+def motion_of(signals: Signals, segment: int) -> xr.Dataset:
+    """Return `steady_motion` of signals that were read already."""
+    asked, where = signals.segments[segment]
+    frequency = asked.frequency_hz
+    if asked.kind != "steady" or not np.isfinite(frequency):
+        raise RecordingError(
+            f"segment {segment} is {asked.kind} at {frequency:g} Hz; choose a steady one with a frequency"
+        )
+    response, drive, budget = signals.response, signals.drive, signals.budget
+    stamps = signals.time_s[where]
+    both = np.stack([c.values[where] for c in (response, drive or response)])
     try:
-        fitted = fit_harmonics(stamps[None], signals[None], np.array([frequency]))
+        fitted = fit_harmonics(stamps[None], both[None], np.array([frequency]))
     except ValueError as error:
         raise RecordingError(f"segment {segment} is too short: {error}") from error
     periods = int((stamps[-1] - stamps[0] + 1.0 / budget.sample_hz) * frequency + 0.02)
     if periods < 1:
         raise RecordingError(f"segment {segment} holds no whole period at {frequency:g} Hz; record longer")
-    torsion = steady_torsion(stamps[None], signals[None, 0], fitted, response.is_rate)[0]
+    torsion = steady_torsion(stamps[None], both[None, 0], fitted, response.is_rate)[0]
     rate = np.gradient(torsion, stamps)
     if response.is_rate:
-        rate = signals[0] - fitted.offset[0, 0] - fitted.slope[0, 0] * (stamps - fitted.reference_s[0])
+        rate = both[0] - fitted.offset[0, 0] - fitted.slope[0, 0] * (stamps - fitted.reference_s[0])
     chain = complex(torsion_chain(budget, frequency))
     late = -float(np.angle(chain * np.conj(complex(drive_chain(budget, frequency))))) / (2.0 * np.pi * frequency)
     whole = stamps < stamps[0] + periods / frequency - 0.25 / budget.sample_hz
@@ -114,10 +88,9 @@ def steady_motion(recording: xr.Dataset, segment: int, rig: RigSpec | None = Non
         "rate": ("sample", rate[whole] / abs(chain), {"units": f"{unit}/s"}),
     }
     if drive is not None:
-        value = _evaluate(stamps, signals[1], fitted, (stamps - late)[whole])
+        value = _evaluate(stamps, both[1], fitted, (stamps - late)[whole])
         variables["drive"] = ("sample", value, {"units": drive.unit})
-    pretension = float(recording["pretension_mm"].values[segment])
-    attrs = {"frequency_hz": frequency, "periods": periods, "pretension_mm": pretension, "segment": segment}
+    attrs = {"frequency_hz": frequency, "periods": periods, "pretension_mm": asked.pretension_mm, "segment": segment}
     return xr.Dataset(variables, attrs=attrs)
 
 
@@ -155,26 +128,26 @@ def measure_lever(recording: xr.Dataset, rig: RigSpec | None = None) -> LeverMot
     rig: whose delay of the encoder is undone; None for a perfect one. Segments that are too short for their frequency
     are left out. Raises RecordingError where no angle of the lever was recorded.
     """
-    drive = drive_channel(recording)
+    signals = read_signals(recording, rig)
+    drive = signals.drive
     if drive is None or drive.unit != "rad":
         raise RecordingError("the recording has no angle of the lever; record drive_rad, or compare by the command")
-    steady = np.flatnonzero((recording["kind"].values == "steady") & np.isfinite(recording["frequency_hz"].values))
-    budget, slices = delay_budget(recording, rig), segment_slices(recording)
-    pretension, row = np.unique(recording["pretension_mm"].values[steady], return_inverse=True)
-    frequency, column = np.unique(recording["frequency_hz"].values[steady], return_inverse=True)
+    steady = [row for row in signals.of_kind("steady") if np.isfinite(row[0].frequency_hz)]
+    pretension, row = np.unique([segment.pretension_mm for segment, _ in steady], return_inverse=True)
+    frequency, column = np.unique([segment.frequency_hz for segment, _ in steady], return_inverse=True)
     found = np.zeros((pretension.size, frequency.size, HARMONICS), dtype=complex)
     count = np.zeros((pretension.size, frequency.size))
-    sizes = recording["row_size"].values[steady]
+    starts, sizes = (np.array(ends) for ends in ([w.start for _, w in steady], [w.stop - w.start for _, w in steady]))
     for size in np.unique(sizes):
         mine = np.flatnonzero(sizes == size)
-        samples = np.array([np.arange(slices[i].start, slices[i].stop) for i in steady[mine]])
+        samples = starts[mine][:, None] + np.arange(size)
         hertz = frequency[column[mine]]
         try:
-            fitted = fit_harmonics(recording["time_s"].values[samples], drive.values[samples][:, None], hertz)
+            fitted = fit_harmonics(signals.time_s[samples], drive.values[samples][:, None], hertz)
         except ValueError:
             continue
         order = np.arange(1, HARMONICS + 1) * hertz[:, None]
-        waves = np.nan_to_num(fitted.coefficient[:, 0] / drive_chain(budget, order))
+        waves = np.nan_to_num(fitted.coefficient[:, 0] / drive_chain(signals.budget, order))
         turned = waves * np.exp(-1j * np.arange(1, HARMONICS + 1) * (np.angle(waves[:, :1]) + np.pi / 2))
         np.add.at(found, (row[mine], column[mine]), turned)
         np.add.at(count, (row[mine], column[mine]), 1)

@@ -11,11 +11,11 @@ from scipy.optimize import nnls
 
 from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty, winding_resistance
 from sinew.analysis.signal.repeats import combine_repeats
+from sinew.analysis.signal.signals import Signals
 from sinew.analysis.sweep.resonance import store_interval
 from sinew.analysis.sweep.response import Response
 from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.schema import ENERGY_QUANTITIES
-from sinew.plan.rig import RigSpec
 
 # The current that a swing needs is parted into spring, inertia and what the two save each other.
 
@@ -135,9 +135,7 @@ def cost_of_swing(power_w: Array, frequency_hz: Array, torsion_rad: Array) -> Ar
     return np.asarray(power_w / (frequency_hz * torsion_rad**2))
 
 
-def estimate_energy(
-    recording: xr.Dataset, response: Response, resonance_hz: Array, rig: RigSpec | None
-) -> xr.Dataset | None:
+def estimate_energy(signals: Signals, response: Response, resonance_hz: Array) -> xr.Dataset | None:
     """Return the energy part of the results, over pretension with `_std`, `_low`, `_high`; None where nothing is known.
 
     resonance_hz: of every pretension and repeat, (p, r): by nominal drive. Each repeat is read at its own resonance;
@@ -146,7 +144,7 @@ def estimate_energy(
     `idle_power_w` is what all servos draw with their torque off, by data sheet; NaN where it is not known.
     docs/explanation/energy.md says what each number means.
     """
-    columns = response.columns
+    columns, rig = response.columns, signals.rig
     if rig is None or not np.isfinite(columns["drive_power_w"]).any():
         return None
     shape = resonance_hz.shape
@@ -160,11 +158,11 @@ def estimate_energy(
         for name, (number, own) in found.items():
             value[name][p, r], std[name][p, r] = number, own
             misfit[name][p, r] = abs(number - other[name][0]) if name in other else math.nan
-    for (pretension, repeat), watts in rest_power(recording, rig).items():
+    for (pretension, repeat), watts in rest_power(signals, rig).items():
         rows = np.flatnonzero(response.pretension_mm == pretension)
         if rows.size and repeat < shape[1]:
             value["rest_power_w"][rows[0], repeat], std["rest_power_w"][rows[0], repeat] = watts
-    volts = _of_voltage(value, supply_uncertainty(recording, rig))
+    volts = _of_voltage(value, supply_uncertainty(signals.recorded.get("supply_v"), rig))
     idle = idle_power(rig)
     out = xr.Dataset(attrs={"idle_power_w": math.nan if idle is None else idle})
     for name in ENERGY_QUANTITIES:

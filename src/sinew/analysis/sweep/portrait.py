@@ -6,12 +6,12 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.signal.harmonics import fit_harmonics
-from sinew.analysis.signal.sensor import delay_budget, torsion_chain
-from sinew.analysis.signal.torsion import response_channel, steady_motion
+from sinew.analysis.signal.sensor import torsion_chain
+from sinew.analysis.signal.signals import Signals, read_signals
+from sinew.analysis.signal.torsion import motion_of
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
 
 
@@ -37,14 +37,16 @@ def phase_portrait(recording: xr.Dataset, segment: int, rig: RigSpec | None = No
     segment: its number in the recording. rig: whose sensor chain is undone, at each harmonic for the shares.
     Raises RecordingError where the segment is not steady, has no frequency or holds no whole period.
     """
-    motion = steady_motion(recording, segment, rig)
+    return portrait_of(read_signals(recording, rig), segment)
+
+
+def portrait_of(signals: Signals, segment: int) -> Portrait:
+    """Return `phase_portrait` of signals that were read already."""
+    motion, response, (_, where) = motion_of(signals, segment), signals.response, signals.segments[segment]
     frequency = np.array([motion.attrs["frequency_hz"]])
-    where = segment_slices(recording)[segment]
-    response = response_channel(recording)
-    stamps = recording["time_s"].values[where]
-    fitted = fit_harmonics(stamps[None], response.values[where][None, None], frequency)
+    fitted = fit_harmonics(signals.time_s[where][None], response.values[where][None, None], frequency)
     order = np.arange(1, fitted.coefficient.shape[2] + 1) * frequency
-    chain = torsion_chain(delay_budget(recording, rig), order) * (order if response.is_rate else 1.0)
+    chain = torsion_chain(signals.budget, order) * (order if response.is_rate else 1.0)
     size = np.nan_to_num(np.abs(fitted.coefficient[0, 0] / chain))
     noise = np.nan_to_num(fitted.std[0, 0] / np.abs(chain))
     even = np.hypot(size[1], size[3])

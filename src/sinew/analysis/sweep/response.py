@@ -9,13 +9,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.analysis.signal.harmonics import Harmonics, fit_harmonics, relative_noise, waveform
-from sinew.analysis.signal.power import power_columns
-from sinew.analysis.signal.sensor import DelayBudget, delay_budget, drive_chain, hidden_quantisation, torsion_chain
-from sinew.analysis.signal.torsion import drive_channel, response_channel, steady_torsion
+from sinew.analysis.signal.power import power_columns, read_power
+from sinew.analysis.signal.sensor import drive_chain, hidden_quantisation, torsion_chain
+from sinew.analysis.signal.signals import Signals, read_signals
+from sinew.analysis.signal.torsion import steady_torsion
 from sinew.analysis.sweep.portrait import lissajous_phase
 from sinew.measure.arrays import Array, Complexes
-from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
+from sinew.measure.recording import Segment
 from sinew.measure.schema import POWER_COLUMNS, RESULT_VARIABLES, result_axis
 from sinew.plan.rig import RigSpec
 
@@ -62,12 +63,14 @@ def wrapped_lag(ratio: Complexes) -> Array:
 
 @dataclass(frozen=True)
 class _Batch:
-    """Steady segments of one length: their numbers (s,), and stamps, torsion channel, drive, command (s, n)."""
+    """Steady segments of one length: numbers, frequency [Hz] and nominal amplitude [rad] of each, (s,); numbers of
+    their samples, and stamps [s], (s, n); torsion channel, drive, command (s, c, n)."""
 
     rows: NDArray[np.int64]
     samples: NDArray[np.int64]
     time: Array
     frequency: Array
+    nominal: Array
     signal: Array
 
 
@@ -81,56 +84,59 @@ def estimate_response(recording: xr.Dataset, rig: RigSpec | None = None) -> Resp
     pretension, frequency and repeat the later counts.
     Raises RecordingError where no steady segment can be analysed.
     """
-    as_dataset(recording, "recording")
-    steady = (recording["kind"].values == "steady") & np.isfinite(recording["frequency_hz"].values)
-    if not steady.any():
+    return response_of(read_signals(recording, rig))
+
+
+def response_of(signals: Signals) -> Response:
+    """Return `estimate_response` of signals that were read already."""
+    steady = [row for row in signals.of_kind("steady") if np.isfinite(row[0].frequency_hz)]
+    if not steady:
         raise RecordingError("recording has no steady segment with a drive frequency; a sweep needs at least one")
-    budget = delay_budget(recording, rig)
+    rig, power = signals.rig, read_power(signals)
     limit = _DUTY_SHARE * (1.0 if rig is None else rig.drive.duty_limit.value)
-    flat: dict[str, NDArray[Any]] = {name: np.full(steady.size, np.nan) for name in _COLUMNS}
+    flat: dict[str, NDArray[Any]] = {name: np.full(len(steady), np.nan) for name in _COLUMNS}
     for name in ("transfer", "nominal_transfer"):
-        flat[name] = np.full(steady.size, np.nan + 0j)
+        flat[name] = np.full(len(steady), np.nan + 0j)
     for name in ("nominal_gain_std", "nominal_phase_std", "power_per_inertia"):
-        flat[name] = np.full(steady.size, np.nan)
+        flat[name] = np.full(len(steady), np.nan)
     analysed = 0
-    for batch in _batches(recording, np.flatnonzero(steady)):
+    for batch in _batches(signals, steady):
         try:
-            columns = _analyse_batch(recording, batch, budget)
+            columns = _analyse_batch(signals, batch)
         except ValueError:
             continue  # too short, or too coarse, for this frequency: its place in the grid stays NaN
         analysed += batch.rows.size
-        columns |= _motor_columns(recording, batch, limit)
-        columns |= power_columns(recording, batch.samples, batch.frequency, rig)
+        columns |= _motor_columns(signals, batch, limit)
+        columns |= power_columns(power, batch.time, batch.samples, batch.frequency)
         if rig is not None and "power_per_inertia" in columns:
             columns["drive_mechanical_w"] = rig.inertia.lever.value * columns["power_per_inertia"]
         for name, values in columns.items():
             flat[name][batch.rows] = values
     if not analysed:
         raise RecordingError("every steady segment is shorter than one period of its drive; record whole periods")
-    return _on_grid(recording, np.flatnonzero(steady), flat)
+    return _on_grid([segment for segment, _ in steady], flat)
 
 
-def _batches(recording: xr.Dataset, steady: NDArray[np.int64]) -> Iterator[_Batch]:
+def _batches(signals: Signals, steady: list[tuple[Segment, slice]]) -> Iterator[_Batch]:
     """Yield the steady segments in batches of equal length; signals: torsion channel, drive, command (the last two
     where they were recorded)."""
-    sizes = recording["row_size"].values
-    starts = np.cumsum(sizes) - sizes
-    drive = drive_channel(recording)
-    channels = [response_channel(recording).values]
-    if drive is not None:
-        channels.append(drive.values)
-        if "drive_command_rad" in recording and drive.unit == "rad":
-            channels.append(np.asarray(recording["drive_command_rad"].values, dtype=float))
-    stamps, frequency = recording["time_s"].values, recording["frequency_hz"].values
-    for size in np.unique(sizes[steady]):
-        rows = steady[sizes[steady] == size]
-        samples = starts[rows][:, None] + np.arange(size)
-        yield _Batch(rows, samples, stamps[samples], frequency[rows], np.stack([c[samples] for c in channels], axis=1))
+    channels = [signals.response.values]
+    if signals.drive is not None:
+        channels.append(signals.drive.values)
+        if "drive_command_rad" in signals.recorded and signals.drive.unit == "rad":
+            channels.append(signals.recorded["drive_command_rad"].astype(float))
+    sizes = np.array([where.stop - where.start for _, where in steady])
+    for size in np.unique(sizes):
+        rows = np.flatnonzero(sizes == size)
+        samples = np.array([steady[row][1].start for row in rows])[:, None] + np.arange(size)
+        frequency, nominal = np.array([[steady[i][0].frequency_hz, steady[i][0].amplitude_deg] for i in rows]).T
+        sampled = np.stack([channel[samples] for channel in channels], axis=1)
+        yield _Batch(rows, samples, signals.time_s[samples], frequency, np.deg2rad(nominal), sampled)
 
 
-def _analyse_batch(recording: xr.Dataset, batch: _Batch, budget: DelayBudget) -> dict[str, NDArray[Any]]:
+def _analyse_batch(signals: Signals, batch: _Batch) -> dict[str, NDArray[Any]]:
     """Return the response columns of one batch by name, each of shape (s,)."""
-    response, drive = response_channel(recording), drive_channel(recording)
+    response, drive, budget, nominal = signals.response, signals.drive, signals.budget, batch.nominal
     fitted = fit_harmonics(batch.time, batch.signal, batch.frequency)
     order = np.arange(1, fitted.coefficient.shape[2] + 1) * batch.frequency[:, None]
     torsion = (
@@ -142,7 +148,6 @@ def _analyse_batch(recording: xr.Dataset, batch: _Batch, budget: DelayBudget) ->
     if response.is_rate or response.unit == "rad":
         size = np.abs(torsion[:, 0])
         out |= {"amplitude_rad": size, "amplitude_std_rad": size * spread, "amplitude_peaks_rad": peaks}
-    nominal = np.deg2rad(recording["amplitude_deg"].values[batch.rows])
     if drive is None:
         return out | _nominal_gain(torsion[:, 0], peaks, nominal, np.ones(batch.rows.size), spread, own_wobble)
     driven = fitted.coefficient[:, 1] / drive_chain(budget, order)
@@ -244,26 +249,26 @@ def _figure_phase(batch: _Batch, fitted: Harmonics, is_rate: bool, late: Array) 
     return wrapped_lag(np.exp(-1j * (lag + late)))
 
 
-def _motor_columns(recording: xr.Dataset, batch: _Batch, limit: float) -> dict[str, NDArray[Any]]:
+def _motor_columns(signals: Signals, batch: _Batch, limit: float) -> dict[str, NDArray[Any]]:
     """Return the share of samples at the duty limit and the root mean square of the drive current, where recorded."""
     out: dict[str, NDArray[Any]] = {}
-    if "drive_pwm" in recording:
-        out["saturated_share"] = (np.abs(recording["drive_pwm"].values[batch.samples]) >= limit).mean(axis=1)
-    if "drive_current_a" in recording:
-        out["drive_current_rms_a"] = np.sqrt((recording["drive_current_a"].values[batch.samples] ** 2).mean(axis=1))
+    if "drive_pwm" in signals.recorded:
+        out["saturated_share"] = (np.abs(signals.recorded["drive_pwm"][batch.samples]) >= limit).mean(axis=1)
+    if "drive_current_a" in signals.recorded:
+        out["drive_current_rms_a"] = np.sqrt((signals.recorded["drive_current_a"][batch.samples] ** 2).mean(axis=1))
     return out
 
 
-def _on_grid(recording: xr.Dataset, steady: NDArray[np.int64], flat: dict[str, NDArray[Any]]) -> Response:
+def _on_grid(steady: list[Segment], flat: dict[str, NDArray[Any]]) -> Response:
     """Return the columns of the steady segments laid out over pretension, frequency and repeat."""
-    pretension, row = np.unique(recording["pretension_mm"].values[steady], return_inverse=True)
-    frequency, column = np.unique(recording["frequency_hz"].values[steady], return_inverse=True)
-    repeat, layer = np.unique(recording["repeat"].values[steady], return_inverse=True)
+    pretension, row = np.unique([segment.pretension_mm for segment in steady], return_inverse=True)
+    frequency, column = np.unique([segment.frequency_hz for segment in steady], return_inverse=True)
+    repeat, layer = np.unique([segment.repeat for segment in steady], return_inverse=True)
     shape = (pretension.size, frequency.size, repeat.size)
     grid: dict[str, NDArray[Any]] = {}
     for name, values in flat.items():
         grid[name] = np.full(shape, np.nan, dtype=values.dtype)
-        grid[name][row, column, layer] = values[steady]
+        grid[name][row, column, layer] = values
     fields = {name: grid.pop(name) for name in list(grid) if name not in _COLUMNS}
     return Response(pretension, frequency, repeat.astype(np.int64) + 1, grid, **fields)
 

@@ -5,14 +5,13 @@ in memory does not grow with the run.
 """
 
 import asyncio
-import json
 import math
 import sqlite3
 from collections import deque
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import time as wall_clock
 from typing import Any
@@ -25,6 +24,7 @@ from sinew.bench.journal_reader import JournalReader, Stretch
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError
 from sinew.measure.estimate import finite
+from sinew.measure.events import Doubted, Event, Health, Severity
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
 
@@ -158,11 +158,11 @@ _MOST_ROWS = 4000
 
 @dataclass(frozen=True)
 class News:
-    """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events as (id, kind,
-    sentence); the segment that was begun last, or None; how many groups are finished."""
+    """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events with
+    their numbers; the segment that was begun last, or None; how many groups are finished."""
 
     rows: dict[str, Array]
-    events: list[tuple[int, str, str]]
+    events: list[tuple[int, Event]]
     segment: Stretch | None
     groups_done: int
 
@@ -190,7 +190,7 @@ class JournalTail:
         end = min(reader.last_sample(), self._last + _MOST_ROWS)
         rows = reader.samples(self._last + 1, end + 1) if end > self._last else {}
         self._last = max(self._last, end)
-        events = reader.events_after(self._event)
+        events = reader.events(self._event)
         if events:
             self._event = events[-1][0]
         return News(rows, events, reader.newest_stretch(), reader.count_finished())
@@ -220,7 +220,7 @@ class Live:
     name: of its folder; started: when, as the steward has it. rig: what a page draws of it. epoch: rises whenever
     another run is followed. ring: row 0 is the time since the first sample that was seen [s], the others the channels.
     played: how many samples the viewers may see. latest: what there is to say of the newest of them. health: what the
-    run told of itself last. events: the newest, (id, kind, sentence). doubts: what the run doubts of itself, in words.
+    run told of itself last. events: the newest, (number, severity, sentence). doubts: what the run doubts of itself.
     source: what was measured where that is no real bench, else None. seen: when the newest sample came [s since 1970];
     None where that is not known, which is as long as all came from before.
     """
@@ -237,7 +237,7 @@ class Live:
     played: int = 0
     latest: dict[str, Any] = field(default_factory=dict)
     health: dict[str, Any] = field(default_factory=dict)
-    events: deque[tuple[int, str, str]] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
+    events: deque[tuple[int, Severity, str]] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
     doubts: list[str] = field(default_factory=list)
     source: str | None = None
     seen: float | None = None
@@ -341,13 +341,13 @@ class Hub:
         assert self._channels is not None
         if news.rows:
             self._put(live, news.rows)
-        for event in news.events:
-            if event[1] == "health":
-                live.health = json.loads(event[2])
-            else:
-                if event[1] == "doubt" and event[2] not in live.doubts:
-                    live.doubts = [*live.doubts, event[2]][-_MOST_DOUBTS:]
-                live.events.append((event[0], event[1], _in_words(event[1], event[2])))
+        for number, event in news.events:
+            if isinstance(event, Health):
+                live.health = asdict(event)
+            elif event.severity != "state":
+                if isinstance(event, Doubted) and event.sentence not in live.doubts:
+                    live.doubts = [*live.doubts, event.sentence][-_MOST_DOUBTS:]
+                live.events.append((number, event.severity, str(event)))
         live.groups_done = news.groups_done
         if news.segment is not None:
             asked = news.segment.asked
@@ -380,11 +380,3 @@ class Hub:
         live.latest["tension_n"] = self._channels.tensions(traces)
         if self._tail is not None and rows["id"][-1] > self._tail.found:
             live.seen = wall_clock()
-
-
-def _in_words(kind: str, sentence: str) -> str:
-    """Return what an event says to people."""
-    if kind != "pretension":
-        return sentence
-    said = json.loads(sentence)
-    return f"pretension {said['asked_mm']:g} mm is set, tilt {said['tilt_deg']:.2f}°"

@@ -7,7 +7,7 @@ measured and asks it what to do next.
 import cmath
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -15,6 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from sinew.measure.estimate import finite
+from sinew.measure.events import Track
 
 # The pretension moves while the resonance is tracked: not at all, on a ramp, or after a frequency.
 
@@ -501,24 +502,23 @@ class Tracker:
         omega = self._loop.coast() if error is None else self._loop.update(error, step, feed)
         self._oscillator.change(omega)
 
-    def tell(self) -> Mapping[str, float | bool | None]:
+    def tell(self) -> Track:
         """Return the present state as it is shown and written down."""
-        asked = self._path.wanted_hz
-        return {
-            "elapsed_s": self._now - self._begin,
-            "is_locked": self.lock.is_locked,
-            "is_coasting": self.is_coasting,
-            "frequency_hz": self.frequency_hz,
-            "phase_error_deg": finite(math.degrees(self.error)),
-            "command_deg": math.degrees(self._oscillator.amplitude),
-            "lever_deg": finite(math.degrees(self.lever)),
-            "torsion_deg": finite(math.degrees(self.torsion)),
-            "pretension_mm": self.pretension_mm,
-            "wanted_hz": asked,
-            "is_limited": self._loop.is_limited or self._swing.is_limited,
-            "lock_cycles": finite(self.lock.cycles),
-            "lock_losses": float(self.lock.losses),
-        }
+        return Track(
+            elapsed_s=self._now - self._begin,
+            is_locked=self.lock.is_locked,
+            is_coasting=self.is_coasting,
+            frequency_hz=self.frequency_hz,
+            phase_error_deg=finite(math.degrees(self.error)),
+            command_deg=math.degrees(self._oscillator.amplitude),
+            lever_deg=finite(math.degrees(self.lever)),
+            torsion_deg=finite(math.degrees(self.torsion)),
+            pretension_mm=self.pretension_mm,
+            wanted_hz=self._path.wanted_hz,
+            is_limited=self._loop.is_limited or self._swing.is_limited,
+            lock_cycles=finite(self.lock.cycles),
+            lock_losses=float(self.lock.losses),
+        )
 
     def _measure(self) -> float | None:
         """Return the error of the lag [rad], None where the newest turn does not tell it."""

@@ -188,9 +188,9 @@ function describe() {
     const last = live.events.at(-1)?.[0] ?? 0;
     if (log.dataset.last !== `${live.name}${last}`) {
       log.dataset.last = `${live.name}${last}`;
-      log.replaceChildren(...live.events.map(([, kind, sentence]) => {
+      log.replaceChildren(...live.events.map(([, severity, sentence]) => {
         const line = document.createElement("li");
-        if (kind === "doubt") line.className = "sinew-warn";
+        if (severity === "warning") line.className = "sinew-warn";
         line.textContent = sentence;
         return line;
       }));

@@ -15,6 +15,7 @@ from sinew.apps.console import write_json
 from sinew.apps.dashboard.operators import CACHE, SHELVES, held_inside, unlinked
 from sinew.bench.journal_reader import is_being_written, summarise_journal
 from sinew.measure.errors import FileError, SinewError, SpecError
+from sinew.measure.events import Event, Pretensioned
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import Shelf, list_shipped, parse_plan, parse_rig, read_spec
@@ -126,7 +127,7 @@ def _read(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any]:
         plan = parse_plan(journal.plan_toml, source="the journal's plan")
     except SinewError as trouble:
         return row | {"state": "damaged", "sentence": str(trouble)}
-    groups, last = len(plan.groups()), journal.last[1]
+    groups, last = len(plan.groups()), journal.last
     is_complete = journal.finished >= groups
     return row | {
         "started": journal.dates[0] if journal.dates else row["started"],
@@ -141,9 +142,9 @@ def _read(folder: Path, stamp: Mapping[str, list[int]]) -> dict[str, Any]:
     }
 
 
-def _why(last: str, plan: Plan) -> str:
+def _why(last: Event | None, plan: Plan) -> str:
     """Return why a run ended early. last: the journal's last event."""
-    if last and not last.startswith("{"):
+    if last is not None and not isinstance(last, Pretensioned):
         return f"The run ended early: {last}"
     return f"The run of the plan {plan.name} ended early; sinew run --resume goes on with it."
 
