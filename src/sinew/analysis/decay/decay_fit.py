@@ -1,6 +1,7 @@
 """This is where a free decay is fitted in the time domain, rest position and all."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy import optimize
@@ -8,6 +9,39 @@ from scipy import optimize
 from sinew.analysis.signal.coloured_noise import orthonormal, sandwich
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import Estimate
+
+
+def lehr_damping(decay_rate: Any, omega: Any) -> Any:
+    """Return Lehr's damping ratio D of a decay (paper Eq. 7), of numbers or arrays.
+
+    decay_rate: λ of the envelope A·exp(-λt) [1/s]. omega: angular frequency of the same decay, hence damped [rad/s].
+    Eq. 7 divides by that frequency, we by the undamped one, sqrt(ω² + λ²); both agree within 1 % up to D = 0.14.
+    """
+    return decay_rate / np.hypot(decay_rate, omega)
+
+
+def pole_estimates(poles: Array, covariance: Array, freedom: float, clock_std: float = 0.0) -> dict[str, Estimate]:
+    """Return frequency_hz, natural_frequency_hz, damping_ratio and decay_rate_per_s from (λ, ω) and their covariance.
+
+    poles: [1/s], shape (2,); covariance: shape (2, 2). clock_std: relative, of the time scale, which D does not feel.
+    """
+    rate, omega = (float(pole) for pole in poles)
+    covariance = covariance + clock_std**2 * np.outer(poles, poles)
+    natural, turn = float(np.hypot(rate, omega)), 1.0 / (2.0 * np.pi)
+
+    def estimate(value: float, by_rate: float, by_omega: float) -> Estimate:
+        gradient = np.array([by_rate, by_omega])
+        variance = max(float(gradient @ covariance @ gradient), 0.0)  # D of a perfect fit: round-off around zero
+        return Estimate.student(value, float(np.sqrt(variance)), freedom)
+
+    return {
+        "frequency_hz": estimate(omega * turn, 0.0, turn),
+        "natural_frequency_hz": estimate(natural * turn, rate / natural * turn, omega / natural * turn),
+        "damping_ratio": estimate(float(lehr_damping(rate, omega)), omega**2 / natural**3, -rate * omega / natural**3),
+        "decay_rate_per_s": estimate(rate, 1.0, 0.0),
+    }
+
 
 # Places of the parameters in the vector of the fit; time runs from 0 to 1 over the window.
 _RATE, _OMEGA, _COS, _SIN, _REST, _SLOPE = range(6)

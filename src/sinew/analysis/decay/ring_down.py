@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from scipy import integrate, special
 
-from sinew.analysis.decay.decay_fit import DecayFit, fit_decay
+from sinew.analysis.decay.decay_fit import DecayFit, fit_decay, lehr_damping, pole_estimates
 from sinew.analysis.decay.envelope import Envelope, fit_envelope, large_peaks
 from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, find_peaks, free_decay
 from sinew.analysis.signal.signals import Signals, read_signals
@@ -117,7 +117,7 @@ def _window(t: Array, swing: Array, height_std: float) -> tuple[float, float, fl
     by_peak = 0.5 * np.concatenate([shares, [0.0]]) - 0.5 * np.concatenate([[0.0], -shares])
     rate_std = height_std * float(np.sqrt(np.sum(by_peak**2)))
     time_std = _VERTEX * height_std / omega * float(np.hypot(1.0 / amplitude[0], 1.0 / amplitude[-1]))
-    damping = rate / float(np.hypot(omega, rate))
+    damping = float(lehr_damping(rate, omega))
     return float(amplitude.mean()), frequency, damping, frequency * time_std / length, rate_std / omega
 
 
@@ -234,7 +234,7 @@ def _ends_of_bent(bent: DecayFit) -> tuple[Array, Array]:
     fallen = np.flatnonzero(rate * s + bend * s**2 > -np.log(_END_OF_EFFECT))
     ends = np.array([0.0, s[fallen[0]] if fallen.size else 1.0])
     rates, omegas = rate + 2.0 * bend * ends, omega + 2.0 * turn * ends
-    return rates / np.hypot(rates, omegas), omegas / (2.0 * np.pi * bent.window_s)
+    return lehr_damping(rates, omegas), omegas / (2.0 * np.pi * bent.window_s)
 
 
 def _praise(changes: tuple[float, ...], p_value: float) -> str:
@@ -386,29 +386,11 @@ def _heights(peaks: Peaks, fit: DecayFit, is_rate: bool) -> tuple[Array, Array]:
 
 
 def _estimates(poles: Array, covariance: Array, freedom: float, clock_std: float) -> dict[str, Estimate]:
-    """Return the estimates that follow from (λ, ω); clock_std: relative, of the time scale, which D does not feel."""
-    rate, omega = (float(pole) for pole in poles)
-    covariance = covariance + clock_std**2 * np.outer(poles, poles)
-    natural = float(np.hypot(rate, omega))
-    damping = rate / natural
-
-    def estimate(value: float, by_rate: float, by_omega: float) -> Estimate:
-        gradient = np.array([by_rate, by_omega])
-        variance = max(float(gradient @ covariance @ gradient), 0.0)  # D of a perfect fit: round-off around zero
-        return Estimate.student(value, float(np.sqrt(variance)), freedom)
-
-    turn = 1.0 / (2.0 * np.pi)
-    ratio = estimate(damping, omega**2 / natural**3, -rate * omega / natural**3)
-    quality = Estimate(
-        0.5 / damping, 0.5 * ratio.std / damping**2, 0.5 / ratio.high, 0.5 / ratio.low if ratio.low > 0 else np.inf
-    )
-    return {
-        "frequency_hz": estimate(omega * turn, 0.0, turn),
-        "natural_frequency_hz": estimate(natural * turn, rate / natural * turn, omega / natural * turn),
-        "damping_ratio": ratio,
-        "decay_rate_per_s": estimate(rate, 1.0, 0.0),
-        "quality": quality,
-    }
+    """Return the estimates that follow from (λ, ω), with Q = 1/(2 D)."""
+    found = pole_estimates(poles, covariance, freedom, clock_std)
+    ratio = found["damping_ratio"]
+    least = 0.5 / ratio.low if ratio.low > 0 else np.inf
+    return found | {"quality": Estimate(0.5 / ratio.value, 0.5 * ratio.std / ratio.value**2, 0.5 / ratio.high, least)}
 
 
 def _integrated(unit: str) -> str:

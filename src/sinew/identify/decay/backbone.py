@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate, special
 
+from sinew.analysis.decay.decay_fit import lehr_damping
 from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, free_decay
 from sinew.identify.decay.decay_likelihood import FreeOscillation, LikelihoodFit, fit_oscillation, polynomials
 from sinew.measure.arrays import Array
@@ -165,7 +166,7 @@ def _read(model: FreeOscillation, fit: LikelihoodFit, t: Array, count: int, scat
     by_ratio = (omega**2 / natural**3)[:, None] * by_real[0] - (rate * omega / natural**3)[:, None] * by_real[1]
     stds = [np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", g, fit.covariance, g), 0.0)) for g in (by_ratio, by_real[1])]
     half = float(special.stdtrit(fit.degrees_of_freedom, 0.95))
-    ratio, frequency, frequency_std = rate / natural, omega / (_TURN * window), stds[1] / (_TURN * window)
+    ratio, frequency, frequency_std = lehr_damping(rate, omega), omega / (_TURN * window), stds[1] / (_TURN * window)
     return Backbone(
         np.exp(levels),
         frequency,

@@ -10,7 +10,6 @@ from scipy import linalg, optimize, signal
 from sinew.analysis.signal.coloured_noise import autoregression
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
 
 # A model is fitted by maximum likelihood under noise whose neighbouring samples are alike.
 
@@ -290,24 +289,3 @@ def _with_rest(model: FreeOscillation, start: Array, values: Array) -> Array:
     p[linear] = 0.0
     p[linear] = np.linalg.lstsq(model.jacobian(p)[:, linear], values - model.values(p), rcond=None)[0]
     return p
-
-
-def pole_estimates(poles: Array, covariance: Array, freedom: float, clock_std: float = 0.0) -> dict[str, Estimate]:
-    """Return frequency_hz, natural_frequency_hz, damping_ratio and decay_rate_per_s from (λ, ω) and their covariance.
-
-    poles: [1/s], shape (2,); covariance: shape (2, 2). clock_std: relative, of the time scale, which D does not feel.
-    """
-    rate, omega = float(poles[0]), float(poles[1])
-    covariance = covariance + clock_std**2 * np.outer(poles, poles)
-    natural = math.hypot(rate, omega)
-
-    def estimate(value: float, by_rate: float, by_omega: float) -> Estimate:
-        gradient = np.array([by_rate, by_omega])
-        return Estimate.student(value, math.sqrt(max(float(gradient @ covariance @ gradient), 0.0)), freedom)
-
-    return {
-        "frequency_hz": estimate(omega / _TURN, 0.0, 1.0 / _TURN),
-        "natural_frequency_hz": estimate(natural / _TURN, rate / natural / _TURN, omega / natural / _TURN),
-        "damping_ratio": estimate(rate / natural, omega**2 / natural**3, -rate * omega / natural**3),
-        "decay_rate_per_s": estimate(rate, 1.0, 0.0),
-    }

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sinew.analysis.decay.decay_fit import pole_estimates
 from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, find_peaks, free_decay
 from sinew.identify.decay.decay_likelihood import (
     FreeOscillation,
     LikelihoodFit,
     fit_oscillation,
-    pole_estimates,
     polynomials,
 )
 from sinew.identify.oscillator.start import Poles, split_poles
