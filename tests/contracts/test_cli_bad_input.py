@@ -129,6 +129,12 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
     "half a band": (shaken, (*SHAKEN, "--from-hz", "2"), "--to-hz"),
     "band that the drive leaves out": (shaken, (*SHAKEN, "--from-hz", "60", "--to-hz", "70"), "between"),
     "no modes at all": (shaken, (*SHAKEN, "--modes", "0"), "expected 1 to 8"),
+    "no modes of a ring-down": (table, (*ANALYSE, "--modes", "0"), "expected 1 to 8"),
+    "modes of a sweep": (
+        shaken,
+        (*(("sweep" if a == "broadband" else a) for a in SHAKEN), "--modes", "2"),
+        "of a table or a broadband record",
+    ),
     "segment without end": (shaken, (*SHAKEN, "--segment", "100"), "choose shorter segments or record longer"),
     "settling of a broadband record": (shaken, (*SHAKEN, "--settle", "1"), "leave them out"),
     "band of a ring-down": (table, (*ANALYSE, "--from-hz", "1", "--to-hz", "5"), "for a broadband record"),

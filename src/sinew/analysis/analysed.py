@@ -11,7 +11,8 @@ import xarray as xr
 from scipy import special
 
 from sinew.analysis.analysis import analyse_recording, response_table_json
-from sinew.analysis.broadband.broadband import analyse_broadband, broadband_json
+from sinew.analysis.broadband.broadband import analyse_broadband, broadband_json, checked_count
+from sinew.analysis.decay.modes import fit_modes, modes_json
 from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json
 from sinew.analysis.doubts import doubts_of
 from sinew.analysis.signal.groups import split_by_drive
@@ -82,8 +83,9 @@ def analyse(
 
     recording: as `sn.read` or `sn.simulate` gives it, or the path of a NetCDF recording. rig: whose sensor delays and
     inertia count; else the recording's own. settle_s: of the sweep of a foreign file: how long each group settles
-    before it is measured [s]; else its half. band_hz, modes, segment_s: of a broadband record, see
-    `sinew.analysis.broadband.broadband.analyse_broadband`.
+    before it is measured [s]; else its half. band_hz, segment_s: of a broadband record, see
+    `sinew.analysis.broadband.broadband.analyse_broadband`. modes: how many are sought in it, or in a foreign ring-down,
+    which else is taken for one.
 
     A foreign ring-down is one record: its longest part is analysed. Raises RecordingError where there is nothing to
     analyse, SpecError where the recording does not take what is asked.
@@ -110,13 +112,15 @@ def analyse(
             raise SpecError("a time to settle and a rig have no part in a broadband record; leave them out")
         found = analyse_broadband(recording, band_hz=band_hz, modes=modes, segment_s=segment_s)
         return Analysed(broadband_json(found), recording, None, (*found.notes, *notes))
-    if band_hz is not None or segment_s is not None or modes is not None:
-        raise SpecError("band, segment and number of modes are for a broadband record; leave them out")
+    if band_hz is not None or segment_s is not None:
+        raise SpecError("band and length of a segment are for a broadband record; leave them out")
     if imported and "ring-down" in kinds:
         if settle_s is not None:
             raise SpecError("a time to settle is for a sweep, this is a ring-down; its decay is found by itself")
-        document, cut = _foreign_ring_down(recording, rig)
+        document, cut = _foreign_ring_down(recording, rig, modes)
         return Analysed(document, recording, None, (*cut, *notes))
+    if modes is not None:
+        raise SpecError("a number of modes is for a ring-down of a table or a broadband record; leave it out")
     if imported:
         recording = _grouped(recording, settle_s)
     elif settle_s is not None:
@@ -161,7 +165,7 @@ def _grouped(recording: xr.Dataset, settle_s: float | None) -> xr.Dataset:
 
 
 def _foreign_ring_down(
-    recording: xr.Dataset, named: RigSpec | str | Path | None
+    recording: xr.Dataset, named: RigSpec | str | Path | None, modes: int | None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return the document of the longest part of a record, and which that is; gaps split a record into parts."""
     rig = None if named is None else recording_rig(recording, named)
@@ -181,9 +185,16 @@ def _foreign_ring_down(
         inertia_kg_m2=inertia,
     )
     document = dict(ring_down_json(result))
+    notes: tuple[str, ...] = ()
+    if modes is not None:
+        values = recording[name].values[longest]
+        several = fit_modes(time, values, drive=drive, free_from_s=result.start_s, modes=checked_count(modes))
+        document["modes"] = modes_json(several)
+        notes = (several.message,) if several.message else ()
     if len(slices) == 1:
-        return document, ()
+        return document, notes
     return document, (
+        *notes,
         f"gaps split the record into {len(slices)} parts; the longest, {time[0]:g} to {time[-1]:g} s, is analysed; "
         "choose another with start and stop",
     )
@@ -362,11 +373,18 @@ def _ring_down_told(document: dict[str, Any], recording: xr.Dataset) -> list[Tab
     ]
     paper = [(key, number(value)) for key, value in document["paper_method"].items()]
     name = "torsion_rad" if "torsion_rad" in recording else "response"
+    unit = recording[name].attrs["units"]
+    modes = [
+        (str(k), *(shown(mode[key]) for key in ("frequency_hz", "damping_ratio", "decay_rate_per_s", "amplitude")))
+        for k, mode in enumerate(document.get("modes", []), start=1)
+    ]
+    names = ("mode", "frequency/Hz", "damping ratio", "decay rate/(1/s)", f"amplitude/{unit}")
     return [
         Table(("ring-down, direct fit", "value ± std", "90 % interval"), rows),
         Table(("paper's method (Eq. 7)", "value"), paper),
         f"exponential: {'yes' if document['exponential'] else 'no'}. {document['reason']}",
-        f"drift of the rest position: {number(document['rest_drift'])} {recording[name].attrs['units']}",
+        f"drift of the rest position: {number(document['rest_drift'])} {unit}",
+        *([Table(names, modes, "modes of the decay, fitted together, the largest first")] if modes else []),
     ]
 
 

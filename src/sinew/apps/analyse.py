@@ -46,7 +46,9 @@ def analyse(
         float | None, option("--from-hz", "HZ", "Broadband: seek modes from here on; else found.")
     ] = None,
     to_hz: Annotated[float | None, option("--to-hz", "HZ", "Broadband: seek modes up to here; else found.")] = None,
-    modes: Annotated[int | None, option("--modes", "N", "Broadband: how many modes; else as many as show.")] = None,
+    modes: Annotated[
+        int | None, option("--modes", "N", "How many modes; else one of a ring-down, as many as show of broadband.")
+    ] = None,
     segment: Annotated[
         float | None, option("--segment", "S", "Broadband: length of a segment [s]; else by the record.")
     ] = None,

@@ -73,8 +73,7 @@ def analyse_broadband(
     Raises RecordingError where there is no drive, it stands still, or nothing coheres with it; SpecError for a band, a
     segment or a number of modes that cannot be.
     """
-    if modes is not None and not 1 <= modes <= MOST_MODES:
-        raise SpecError(f"found {modes} modes asked for, expected 1 to {MOST_MODES}")
+    modes = None if modes is None else checked_count(modes)
     if band_hz is not None and not 0 < band_hz[0] < band_hz[1] < math.inf:
         raise SpecError(f"found a band from {band_hz[0]:g} to {band_hz[1]:g} Hz, expected 0 < its begin < its end")
     if segment_s is not None and not 0 < segment_s < math.inf:
@@ -102,6 +101,13 @@ def analyse_broadband(
             f"{f[-1]:.4g} Hz"
         )
     return Broadband(response, band, fit, (*notes, *said), None if period is None else period / sample_hz, units)
+
+
+def checked_count(modes: int) -> int:
+    """Return a number of modes unchanged. Raises SpecError where nobody can mean it."""
+    if not 1 <= modes <= MOST_MODES:
+        raise SpecError(f"found {modes} modes asked for, expected 1 to {MOST_MODES}")
+    return modes
 
 
 def broadband_json(found: Broadband) -> dict[str, Any]:
