@@ -81,6 +81,24 @@ def test_an_imported_table_is_analysed_as_the_table_would_be(
     assert run(capsys, "analyse", tmp_path / "decay.nc") == run(capsys, "analyse", decay, *COLUMNS)
 
 
+def test_the_modes_of_a_decay_are_told_apart(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    time, noise = np.arange(0, 4, 0.005), np.random.default_rng(4).normal(0, 0.02, 800)
+    rows = [(10.0, 1.2, 3.0), (4.0, 2.0, 7.7)]  # amplitude [deg], decay rate [1/s], damped frequency [Hz]
+    angle = sum(a * np.exp(-rate * time) * np.cos(2 * np.pi * f * time) for a, rate, f in rows) + noise
+    lines = [f"{t:.4f},{x:.6f}" for t, x in zip(time, angle, strict=True)]
+    (tmp_path / "two.csv").write_text("t,phi\n" + "\n".join(lines) + "\n", encoding="utf-8")
+    words = ("analyse", str(tmp_path / "two.csv"), *COLUMNS, "--modes", "2")
+    found = run(capsys, *words)["modes"]
+    assert [mode["frequency_hz"]["value"] for mode in found] == pytest.approx([3.0, 7.7], rel=2e-3)
+    assert [mode["decay_rate_per_s"]["value"] for mode in found] == pytest.approx([1.2, 2.0], rel=0.02)
+    assert {key: set(value) for key, value in found[0].items()} == dict.fromkeys(
+        ("frequency_hz", "natural_frequency_hz", "damping_ratio", "decay_rate_per_s", "amplitude", "phase_rad"),
+        QUANTITY,
+    )
+    assert main([*words]) == 0
+    assert "modes of the decay" in capsys.readouterr().out
+
+
 def test_a_person_reads_the_damping_ratio_and_whether_to_believe_it(
     decay: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -95,6 +95,14 @@ def imported(folder: Path) -> None:
     save_recording(import_csv(folder / "in.csv", time="t", response="x:deg"), folder / "in.nc")
 
 
+def shaken(folder: Path) -> None:
+    rng = np.random.default_rng(1)
+    rows = [f"{t:.2f},{x:.4f},{y:.4f}" for t, x, y in zip(TIME, *rng.normal(0, 1, (2, TIME.size)), strict=True)]
+    (folder / "in.csv").write_text("t,u,x\n" + "\n".join(rows) + "\n", encoding="utf-8")
+
+
+BROADBAND = ("analyse", "in.csv", "--kind", "broadband", "--time", "t", "--response", "x:deg", "--out", "out")
+SHAKEN = (*BROADBAND, "--drive", "u")
 SIMULATE = ("simulate", "plan.toml", "--out", "run/recording.nc")
 FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
     "missing column": (table, (*ANALYSE[:-4], "--response", "y:deg", "--out", "out"), "y"),
@@ -116,6 +124,20 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
     "growing oscillation": (growing, ANALYSE, "grow"),
     "start after the end": (table, (*ANALYSE, "--start", "20"), "the file runs from 0 s to 9.99 s"),
     "sweep without drive": (table, tuple("sweep" if a == "ring-down" else a for a in ANALYSE), "column of its drive"),
+    "broadband without drive": (table, BROADBAND, "name its column"),
+    "noise that no drive caused": (shaken, SHAKEN, "nothing in the response coheres with the drive"),
+    "half a band": (shaken, (*SHAKEN, "--from-hz", "2"), "--to-hz"),
+    "band that the drive leaves out": (shaken, (*SHAKEN, "--from-hz", "60", "--to-hz", "70"), "between"),
+    "no modes at all": (shaken, (*SHAKEN, "--modes", "0"), "expected 1 to 8"),
+    "no modes of a ring-down": (table, (*ANALYSE, "--modes", "0"), "expected 1 to 8"),
+    "modes of a sweep": (
+        shaken,
+        (*(("sweep" if a == "broadband" else a) for a in SHAKEN), "--modes", "2"),
+        "of a table or a broadband record",
+    ),
+    "segment without end": (shaken, (*SHAKEN, "--segment", "100"), "choose shorter segments or record longer"),
+    "settling of a broadband record": (shaken, (*SHAKEN, "--settle", "1"), "leave them out"),
+    "band of a ring-down": (table, (*ANALYSE, "--from-hz", "1", "--to-hz", "5"), "for a broadband record"),
     "truncated NetCDF": (truncated, ("export", "in.nc", "--to", "csv", "--out", "out.csv"), "cut short"),
     "truncated NetCDF to analyse": (truncated, ("analyse", "in.nc", "--out", "out"), "cut short"),
     "junk for NetCDF": (junk_recording, ("analyse", "in.nc", "--out", "out"), "in.nc is not a NetCDF file"),

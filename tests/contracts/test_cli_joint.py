@@ -47,6 +47,58 @@ def test_a_polygon_comes_from_its_file(tmp_path: Path, capsys: pytest.CaptureFix
     assert section["torsion_error"] < 1e-3
 
 
+@pytest.fixture
+def curve(tmp_path: Path) -> Path:
+    """A neo-Hookean bar of 200 kPa, pulled to 150 % strain and let back on a softer path."""
+    strain = np.concatenate([np.linspace(0.02, 1.5, 80), np.linspace(1.48, 0.1, 60)])
+    stress = np.where(np.arange(140) < 80, 200.0, 150.0) * (1 + strain - (1 + strain) ** -2)
+    rows = [f"{100 * e:.3f},{s:.4f},0" for e, s in zip(strain, stress, strict=True)]
+    (tmp_path / "casting.csv").write_text("strain [%],pull,still\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    return tmp_path / "casting.csv"
+
+
+def test_a_tensile_curve_gives_the_silicone_its_shear_modulus(
+    curve: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "casting.toml"
+    words = ("--tensile", str(curve), "--tensile-columns", "strain [%],pull:kPa", "--out", str(out))
+    assert main(["joint", *RING, *words, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    rigidity = load_rig(out).silicone.torsional_rigidity
+    assert document["material"]["name"] == "casting"
+    assert document["material"]["shear_modulus_pa"]["value"] == pytest.approx(2e5, rel=1e-3)
+    assert document["material"]["slack"] == pytest.approx(0, abs=1e-3)
+    assert rigidity.value == pytest.approx(2e5 * np.pi * (0.06**4 - 0.03**4) / 32, rel=1e-3)
+    assert rigidity.interval90 is not None
+
+
+TENSILE = ("joint", "--tensile", "casting.csv")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (TENSILE, "STRAIN:unit,STRESS:unit"),
+        ((*TENSILE, "--tensile-columns", "strain [%]"), "two columns"),
+        ((*TENSILE, "--tensile-columns", "strain [%],pull"), "pull:kPa"),
+        ((*TENSILE, "--tensile-columns", "strain [%],pull:mm"), "cannot be turned into 'Pa'"),
+        ((*TENSILE, "--tensile-columns", "pull:1,strain [%]:kPa"), "expected"),
+        ((*TENSILE, "--tensile-columns", "strain [%],still:kPa"), "a stress that changes"),
+        ((*TENSILE, "--material", "dragon-skin-30"), "--material and --tensile"),
+        (("joint", "--length-mm", "95", "--tensile-columns", "a,b"), "without --tensile"),
+    ],
+)
+def test_a_tensile_curve_that_cannot_be_meant_is_refused(
+    arguments: tuple[str, ...],
+    sentence: str,
+    curve: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(curve.parent)
+    assert sentence in refused(capsys, *arguments)
+
+
 @pytest.mark.slow
 def test_a_described_joint_is_predicted_as_the_rig_that_is_written_of_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -4,13 +4,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 from scipy import special
 
 from sinew.analysis.analysis import analyse_recording, response_table_json
+from sinew.analysis.broadband.broadband import analyse_broadband, broadband_json, checked_count
+from sinew.analysis.decay.modes import fit_modes, modes_json
 from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json
 from sinew.analysis.doubts import doubts_of
 from sinew.analysis.signal.groups import split_by_drive
@@ -30,7 +32,8 @@ class Analysed(Told):
     """What a recording says of its oscillation.
 
     document: as `sinew analyse --json` prints it: every quantity with value, std and interval90. recording: as it was
-    analysed, its groups cut. dataset: the results by the result schema; None for one foreign ring-down. notes: what
+    analysed, its groups cut. dataset: the results by the result schema; None for one foreign ring-down
+    and for a broadband record, which is in the document. notes: what
     was done with the recording, or could not be, a sentence each.
     """
 
@@ -45,6 +48,8 @@ class Analysed(Told):
         told: list[Table | str] = [f"DOUBT: {one['sentence']}" for one in document.get("doubts", [])]
         if document["kind"] == "ring-down":
             return [*told, *_ring_down_told(document, self.recording)]
+        if document["kind"] == "broadband":
+            return _broadband_told(document)
         if document.get("response") and self.dataset is not None:
             told.append(_response_table(document["response"], self.dataset))
         if document.get("resonance"):
@@ -62,13 +67,25 @@ class Analysed(Told):
 
 
 def analyse(
-    recording: xr.Dataset | str | Path, rig: RigSpec | str | Path | None = None, *, settle_s: float | None = None
+    recording: xr.Dataset | str | Path,
+    rig: RigSpec | str | Path | None = None,
+    *,
+    settle_s: float | None = None,
+    kind: Literal["broadband"] | None = None,
+    band_hz: tuple[float, float] | None = None,
+    modes: int | None = None,
+    segment_s: float | None = None,
 ) -> Analysed:
     """Return frequency and damping of a ring-down, or response, resonance, energy and ring-downs of a recording.
 
+    Of a foreign record whose drive holds many frequencies (chirp, noise, multisine), read or called as of kind
+    "broadband": its frequency response (H1, H2, coherence), and the modes in it.
+
     recording: as `sn.read` or `sn.simulate` gives it, or the path of a NetCDF recording. rig: whose sensor delays and
     inertia count; else the recording's own. settle_s: of the sweep of a foreign file: how long each group settles
-    before it is measured [s]; else its half.
+    before it is measured [s]; else its half. band_hz, segment_s: of a broadband record, see
+    `sinew.analysis.broadband.broadband.analyse_broadband`. modes: how many are sought in it, or in a foreign ring-down,
+    which else is taken for one.
 
     A foreign ring-down is one record: its longest part is analysed. Raises RecordingError where there is nothing to
     analyse, SpecError where the recording does not take what is asked.
@@ -86,11 +103,24 @@ def analyse(
     kinds = set(map(str, recording["kind"].values)) if "kind" in recording else set()
     imported = recording.attrs.get("source") == "import"
     notes = str(recording.attrs.get("import_notes", "")).splitlines()
+    if kind not in (None, "broadband"):
+        raise SpecError(f"found kind {kind!r}, expected 'broadband' or none; ring-downs and sweeps are read as such")
+    if kind == "broadband" or recording.attrs.get("import_kind") == "broadband":
+        if not imported:
+            raise SpecError("a broadband record comes from a table; this recording says itself what it holds")
+        if settle_s is not None or rig is not None:
+            raise SpecError("a time to settle and a rig have no part in a broadband record; leave them out")
+        found = analyse_broadband(recording, band_hz=band_hz, modes=modes, segment_s=segment_s)
+        return Analysed(broadband_json(found), recording, None, (*found.notes, *notes))
+    if band_hz is not None or segment_s is not None:
+        raise SpecError("band and length of a segment are for a broadband record; leave them out")
     if imported and "ring-down" in kinds:
         if settle_s is not None:
             raise SpecError("a time to settle is for a sweep, this is a ring-down; its decay is found by itself")
-        document, cut = _foreign_ring_down(recording, rig)
+        document, cut = _foreign_ring_down(recording, rig, modes)
         return Analysed(document, recording, None, (*cut, *notes))
+    if modes is not None:
+        raise SpecError("a number of modes is for a ring-down of a table or a broadband record; leave it out")
     if imported:
         recording = _grouped(recording, settle_s)
     elif settle_s is not None:
@@ -135,7 +165,7 @@ def _grouped(recording: xr.Dataset, settle_s: float | None) -> xr.Dataset:
 
 
 def _foreign_ring_down(
-    recording: xr.Dataset, named: RigSpec | str | Path | None
+    recording: xr.Dataset, named: RigSpec | str | Path | None, modes: int | None
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return the document of the longest part of a record, and which that is; gaps split a record into parts."""
     rig = None if named is None else recording_rig(recording, named)
@@ -152,9 +182,21 @@ def _foreign_ring_down(
         inertia_kg_m2=inertia,
     )
     document = dict(ring_down_json(result))
+    notes: tuple[str, ...] = ()
+    if modes is not None:
+        several = fit_modes(
+            time,
+            response.values[longest],
+            drive=None if drive is None else drive.values[longest],
+            free_from_s=result.start_s,
+            modes=checked_count(modes),
+        )
+        document["modes"] = modes_json(several)
+        notes = (several.message,) if several.message else ()
     if len(signals.segments) == 1:
-        return document, ()
+        return document, notes
     return document, (
+        *notes,
         f"gaps split the record into {len(signals.segments)} parts; the longest, {time[0]:g} to {time[-1]:g} s, is "
         "analysed; choose another with start and stop",
     )
@@ -332,9 +374,32 @@ def _ring_down_told(document: dict[str, Any], recording: xr.Dataset) -> list[Tab
         )
     ]
     paper = [(key, number(value)) for key, value in document["paper_method"].items()]
+    unit = response_channel(recording).unit
+    modes = [
+        (str(k), *(shown(mode[key]) for key in ("frequency_hz", "damping_ratio", "decay_rate_per_s", "amplitude")))
+        for k, mode in enumerate(document.get("modes", []), start=1)
+    ]
+    names = ("mode", "frequency/Hz", "damping ratio", "decay rate/(1/s)", f"amplitude/{unit}")
     return [
         Table(("ring-down, direct fit", "value ± std", "90 % interval"), rows),
         Table(("paper's method (Eq. 7)", "value"), paper),
         f"exponential: {'yes' if document['exponential'] else 'no'}. {document['reason']}",
-        f"drift of the rest position: {number(document['rest_drift'])} {response_channel(recording).unit}",
+        f"drift of the rest position: {number(document['rest_drift'])} {unit}",
+        *([Table(names, modes, "modes of the decay, fitted together, the largest first")] if modes else []),
     ]
+
+
+def _broadband_told(document: dict[str, Any]) -> list[Table | str]:
+    low, high = document["band_hz"]
+    inside = [row["coherence"] for row in document["frequency_response"] if low <= row["frequency_hz"] <= high]
+    average = f"{number(document['averages'])} averages of {number(document['segment_s'], unit='s')}"
+    told: list[Table | str] = [
+        f"frequency response H1: {len(document['frequency_response'])} lines, {average} (all of it: --json)",
+        f"band of the modes: {number(low)} to {number(high)} Hz, median coherence {number(float(np.median(inside)))}",
+    ]
+    rows = [
+        (str(k), shown_interval(mode["natural_frequency_hz"]), shown_interval(mode["damping_ratio"]))
+        for k, mode in enumerate(document["modes"], start=1)
+    ]
+    names = ("mode", "natural frequency/Hz (90 %)", "damping ratio (90 %)")
+    return [*told, Table(names, rows, "modes, by the poles of H1")] if rows else told

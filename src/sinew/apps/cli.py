@@ -52,9 +52,10 @@ _command(epilog="Example: sinew check plans/paper.toml --rig rigs/paper.toml")(c
 _command(epilog="Example: sinew simulate short --rig paper --out run/recording.nc --without guide_friction")(
     simulate.simulate
 )
-_command(epilog="Example: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json")(
-    analyse.analyse
-)
+_command(
+    epilog="Example: sinew analyse chirp.csv --kind broadband --time t_s --response phi:deg --drive u:N*m --out chirp"
+    "\n\nExample: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json"
+)(analyse.analyse)
 _command(epilog="Example: sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json")(
     identify.identify
 )

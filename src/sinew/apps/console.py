@@ -150,14 +150,14 @@ def read_csv(
     if time is None or response is None:
         missing = "--time" if time is None else "--response"
         raise SpecError(f"{file.name} is a table: name its columns; {missing} COL is missing")
-    one_of("--kind", kind, ("ring-down", "sweep"))
+    one_of("--kind", kind, ("ring-down", "sweep", "broadband"))
     one_of("--gaps", gaps, ("refuse", "split"))
     return import_csv(
         file,
         time=time,
         response=response,
         drive=drive,
-        kind=cast(Literal["ring-down", "sweep"], kind),
+        kind=cast(Literal["ring-down", "sweep", "broadband"], kind),
         start_s=start,
         stop_s=stop,
         gaps=cast(Literal["refuse", "split"], gaps),

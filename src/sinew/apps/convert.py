@@ -28,7 +28,7 @@ def import_(
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
-    kind: Annotated[str, option("--kind", "ring-down|sweep", "What was recorded.")] = "ring-down",
+    kind: Annotated[str, option("--kind", "ring-down|sweep|broadband", "What was recorded.")] = "ring-down",
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",

@@ -1,4 +1,4 @@
-"""This is where `sinew joint` writes the rig of a joint that is not built yet."""
+"""The command `sinew joint`: the rig of a joint that is not built yet."""
 
 import functools
 import inspect
@@ -53,6 +53,12 @@ class JointOptions(NamedTuple):
     material: Annotated[str | None, option("--material", "NAME", "Joint: silicone by name, e.g. dragon-skin-30.")] = (
         None
     )
+    tensile: Annotated[Path | None, option("--tensile", "FILE", "Joint: silicone by its measured tensile curve.")] = (
+        None
+    )
+    tensile_columns: Annotated[
+        str | None, option("--tensile-columns", "COL:unit,COL:unit", "Joint: strain and stress in that file.")
+    ] = None
     shear_modulus_kpa: Annotated[float | None, option("--shear-modulus-kpa", "KPA", "Joint: of the silicone, E/3.")] = (
         None
     )
@@ -150,8 +156,13 @@ def designed_rig(base: str | None, joint: JointOptions) -> "tuple[RigSpec, Desig
 def design_of(joint: JointOptions) -> "Design":
     """Return the design that options describe, in SI. Raises SpecError where they do not go together."""
     from sinew.predict.joints.design import Design
-    from sinew.predict.joints.material import load_material
+    from sinew.predict.joints.material import load_material, material_of_curve
 
+    named = [name for name in ("material", "tensile", "shear_modulus_kpa") if getattr(joint, name) is not None]
+    if len(named) > 1:
+        raise SpecError(f"found {_flag(named[0])} and {_flag(named[1])}; expected one way to say what the silicone is")
+    if joint.tensile_columns is not None and joint.tensile is None:
+        raise SpecError("found --tensile-columns without --tensile; name the file that they are in")
     for name, (low, high) in _REACH.items():
         value = getattr(joint, name)
         if value is not None:
@@ -159,6 +170,8 @@ def design_of(joint: JointOptions) -> "Design":
     section = _section(joint)
     what = [section.shape] if section else []
     material = None if joint.material is None else load_material(joint.material)
+    if joint.tensile is not None:
+        material = material_of_curve(joint.tensile, joint.tensile_columns)
     what += [material.title] if material else []
     what += [f"{joint.length_mm:g} mm long"] if joint.length_mm is not None else []
     return Design(
@@ -253,6 +266,11 @@ def joint(
     print(f"torsional rigidity G·J {number(document['torsional_rigidity_n_m2'], unit='N m²')}", end="")
     stiffness = number(document["stiffness_n_m_rad"], unit="N m/rad")
     print(f", G {number(document['shear_modulus_kpa'], unit='kPa')}, G·J/L {stiffness}")
+    if design.material is not None:
+        curve = design.material
+        slack = "" if curve.slack is None else f", slack {number(100 * curve.slack, unit='%')}"
+        print(f"{curve.title}: G {curve.shear_modulus.times(1e-3).shown('kPa')} by fits of its curve", end="")
+        print(f", {number(1e-3 * curve.secant, unit='kPa')} at 100 % strain{slack}")
     if out is not None:
         print(f"rig: {out}")
 
@@ -287,7 +305,12 @@ def design_document(rig: "RigSpec", design: "Design | None") -> dict[str, Any]:
         },
         "material": None
         if material is None
-        else {"name": material.name, "shear_modulus_pa": material.shear_modulus.to_json()},
+        else {
+            "name": material.name,
+            "shear_modulus_pa": material.shear_modulus.to_json(),
+            "secant_pa": material.secant,
+            "slack": material.slack,
+        },
         "shear_modulus_kpa": 1e-3 * shear_modulus_of(rig),
         "torsional_rigidity_n_m2": rigidity,
         "length_mm": 1e3 * length,

@@ -19,6 +19,7 @@ from matplotlib.axes import Axes
 
 from sinew.analysis.analysed import Analysed
 from sinew.analysis.analysis import analyse_recording
+from sinew.figures.broadband import draw_coherence, draw_lag_lines, draw_lines
 from sinew.figures.decay import draw_envelope
 from sinew.figures.predicted import curves_of, draw_gains, draw_phases
 from sinew.figures.response import draw_gain, draw_lag
@@ -33,7 +34,12 @@ if TYPE_CHECKING:
 
 @in_style
 def response(found: Analysed | xr.Dataset, axes: Axes | None = None) -> Axes:
-    """Return axes with the gain over frequency: means with ±1 standard deviation, peaks marked, by pretension."""
+    """Return axes with the gain over frequency: means with ±1 standard deviation, peaks marked, by pretension.
+
+    Of a broadband record H1 and H2 with the fitted modes.
+    """
+    if isinstance(found, Analysed) and found.document["kind"] == "broadband":
+        return draw_lines(_axes(axes), found.document)
     results, axes = _sweep(found), _axes(axes)
     draw_gain(axes, results)
     return axes
@@ -42,9 +48,19 @@ def response(found: Analysed | xr.Dataset, axes: Axes | None = None) -> Axes:
 @in_style
 def phase(found: Analysed | xr.Dataset, axes: Axes | None = None) -> Axes:
     """Return axes with the lag of the torsion behind the drive over frequency [deg], by pretension."""
+    if isinstance(found, Analysed) and found.document["kind"] == "broadband":
+        return draw_lag_lines(_axes(axes), found.document)
     results, axes = _sweep(found), _axes(axes)
     draw_lag(axes, results)
     return axes
+
+
+@in_style
+def coherence(found: Analysed, axes: Axes | None = None) -> Axes:
+    """Return axes with the coherence of a broadband record over frequency."""
+    if found.document["kind"] != "broadband":
+        raise RecordingError("there is no coherence to draw; it is of a broadband record")
+    return draw_coherence(_axes(axes), found.document)
 
 
 @in_style

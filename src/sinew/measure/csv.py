@@ -29,7 +29,7 @@ from sinew.measure.table import Table, find_columns, numbers, read_table
 from sinew.measure.timing import refuse_backwards, straighten_times
 from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
 
-_KINDS: dict[str, SegmentKind] = {"ring-down": "ring-down", "sweep": "steady"}
+_KINDS: dict[str, SegmentKind] = {"ring-down": "ring-down", "sweep": "steady", "broadband": "steady"}
 _RATE_NOTE = (
     "the {role} is an angular rate and stays one: its frequency and damping are those of the angle, "
     "its amplitude is that of the angle times the angular frequency, and its phase leads the angle's by 90 degrees"
@@ -43,7 +43,7 @@ def import_csv(
     time: str,
     response: str,
     drive: str | None = None,
-    kind: Literal["ring-down", "sweep"] = "ring-down",
+    kind: Literal["ring-down", "sweep", "broadband"] = "ring-down",
     start_s: float | None = None,
     stop_s: float | None = None,
     gaps: Literal["refuse", "split"] = "refuse",
@@ -53,8 +53,9 @@ def import_csv(
 
     path: of the file; or a pandas DataFrame, whose column of the time may hold dates or durations.
     time, response, drive: "COL", "COL:unit" or "COL,COL,COL:unit" (the mean of several columns).
-    kind: a ring-down becomes a ring-down segment, a sweep one steady segment that analysis divides by the drive.
-        Drive frequency and amplitude are not known and NaN.
+    kind: a ring-down becomes a ring-down segment, a sweep one steady segment that analysis divides by the drive, a
+        broadband record (chirp, noise, multisine) one that it takes whole. Frequency and amplitude of the drive are
+        not known and NaN.
     start_s, stop_s: the part to take, in the file's own time [s].
     gaps: refuse a record with missing samples, or split it into segments there.
     pretension_mm: written into every segment [mm].
@@ -84,7 +85,7 @@ def import_csv(
         notes += [_RATE_NOTE.format(role=role)] if unit == "rad/s" else []
     kept = np.concatenate([np.arange(piece.start, piece.stop) for piece in timeline.pieces])
     segment = Segment(_KINDS[kind], float(pretension_mm), math.nan, math.nan, 0)
-    return build_recording(
+    recording = build_recording(
         {name: values[kept] for name, values in samples.items()},
         [segment] * len(timeline.pieces),
         [piece.stop - piece.start for piece in timeline.pieces],
@@ -98,6 +99,7 @@ def import_csv(
         ),
         units,
     )
+    return recording.assign_attrs(import_kind=kind) if kind == "broadband" else recording
 
 
 def _unit_of(names: Sequence[str], stated: str | None, default: str) -> str:

@@ -20,7 +20,7 @@ def read(
     time: str | None = None,
     response: str | None = None,
     drive: str | None = None,
-    kind: Literal["ring-down", "sweep"] = "ring-down",
+    kind: Literal["ring-down", "sweep", "broadband"] = "ring-down",
     start_s: float | None = None,
     stop_s: float | None = None,
     gaps: Literal["refuse", "split"] = "refuse",

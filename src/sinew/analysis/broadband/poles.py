@@ -1,4 +1,4 @@
-"""This is where a frequency response with errors becomes natural frequencies and damping ratios with intervals."""
+"""Natural frequencies and damping ratios with intervals, of a frequency response with errors."""
 
 import math
 from dataclasses import dataclass
@@ -150,7 +150,8 @@ def fit_poles(
         )
         for m in range(modes)
     )
-    message = _warning(natural * centre, damping, f, misfit, bin_correlation is not None)
+    is_smeared = lag_window is not None and bool(lag_window[1:].any())
+    message = _warning(natural * centre, damping, f, misfit, is_smeared)
     return PoleFit(found_modes, covariance, freedom, misfit, message, centre, parameters)
 
 
@@ -281,12 +282,12 @@ def _sorted(parameters: Array, order: NDArray[np.intp]) -> Array:
     return np.concatenate([shape.ravel(), linear.ravel(), parameters[-2:]])
 
 
-def _warning(natural_hz: Array, damping: Array, f: Array, misfit: float, is_spectrum: bool) -> str:
+def _warning(natural_hz: Array, damping: Array, f: Array, misfit: float, is_smeared: bool) -> str:
     said = []
     if misfit > _MISFIT:
         said.append(f"the modes miss the points by {misfit:.2g} times their stated errors; the intervals are widened")
     bins = 2.0 * damping * natural_hz / float(np.median(np.diff(f)))
-    if is_spectrum and bins.min() < _NARROW:
+    if is_smeared and bins.min() < _NARROW:
         said.append(f"a resonance is {bins.min():.1f} bins wide, smeared too much; take longer segments")
     outside = (natural_hz < f[0]) | (natural_hz > f[-1])
     if outside.any():

@@ -1,6 +1,6 @@
-"""This is where two long records become averaged power and cross spectra, in one pass over memory."""
+"""Averaged power and cross spectra of two long records, in one pass over memory, and the frequency response in them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -163,35 +163,25 @@ def average_spectra(input_values: ArrayLike, output_values: ArrayLike, sample_hz
     beyond the records stays below some megabytes at 4096 samples a segment.
     Raises RecordingError where shapes differ, a value is not finite or fewer than two segments fit.
     """
-    return average_blocks([(input_values, output_values)], sample_hz, cut)
+    return average_pieces([(input_values, output_values)], sample_hz, cut)
 
 
-def average_blocks(blocks: Iterable[tuple[ArrayLike, ArrayLike]], sample_hz: float, cut: Segmentation) -> Spectra:
-    """Return the averaged spectra of a record that comes in blocks of any length, as from a file too large for memory.
+def average_pieces(pieces: Iterable[tuple[ArrayLike, ArrayLike]], sample_hz: float, cut: Segmentation) -> Spectra:
+    """Return the averaged spectra of a record with gaps; no segment reaches across one.
 
-    blocks: (input, output) in order of time, equal shapes (n,). Segments reach across the edges of blocks, so the
-    result is that of the whole record. Raises as `average_spectra`.
+    pieces: (input, output) between gaps, equal shapes (n,); what is shorter than a segment does not count.
+    Raises as `average_spectra`.
     """
     running = _Sum(cut)
-    for pair in _whole_segments(blocks, cut):
-        running.add(pair)
-    return running.spectra(sample_hz)
-
-
-def _whole_segments(blocks: Iterable[tuple[ArrayLike, ArrayLike]], cut: Segmentation) -> Iterator[Pair]:
-    """Yield stretches that begin where a segment begins; what is left behind the last whole one waits for more."""
-    kept: Pair = np.empty(0), np.empty(0)
-    for block in blocks:
-        new = _columns(block[0]), _columns(block[1])
-        if new[0].shape != new[1].shape:
+    for piece in pieces:
+        pair = _columns(piece[0]), _columns(piece[1])
+        if pair[0].shape != pair[1].shape:
             raise RecordingError(
-                f"input has shape {new[0].shape} and output {new[1].shape}; expected one column of equal length each"
+                f"input has shape {pair[0].shape} and output {pair[1].shape}; expected one column of equal length each"
             )
-        kept = (np.concatenate([kept[0], new[0]]), np.concatenate([kept[1], new[1]])) if kept[0].size else new
-        count = cut.count(kept[0].size)
-        if count:
-            yield kept
-            kept = kept[0][count * cut.hop :], kept[1][count * cut.hop :]
+        if pair[0].size >= cut.length:
+            running.add(pair)
+    return running.spectra(sample_hz)
 
 
 def _columns(values: ArrayLike) -> NDArray[np.floating]:

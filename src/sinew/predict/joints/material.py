@@ -1,4 +1,4 @@
-"""This is where a silicone's name becomes its shear modulus."""
+"""Silicones: the shear modulus of one by its name, or by a measured tensile curve."""
 
 import difflib
 import functools
@@ -11,19 +11,22 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from sinew.measure.arrays import Array
-from sinew.measure.errors import FileError, RecordingError, SpecError
+from sinew.measure.errors import FileError, RecordingError, SpecError, UnitError
 from sinew.measure.estimate import Estimate
+from sinew.measure.table import find_columns, numbers, read_table
+from sinew.measure.units import convert, unit_in_name
 
 
 @dataclass(frozen=True)
 class Material:
     """A silicone. shear_modulus: at small strain [Pa]; its interval says how far fits of one curve differ.
-    secant: at 100 % strain [Pa]."""
+    secant: at 100 % strain [Pa]. slack: strain at which the curve begins to carry [1]; None in the table."""
 
     name: str
     title: str
     shear_modulus: Estimate
     secant: float
+    slack: float | None = None
 
 
 @functools.cache
@@ -82,6 +85,45 @@ class Tensile:
     slack: float
 
 
+def material_of_curve(path: Path, columns: str | None = None) -> Material:
+    """Return the silicone whose tensile curve is in a file, named after it; for `sinew joint --tensile`.
+
+    columns: "STRAIN:unit,STRESS:unit" of a table (engineering strain and stress; without a unit the one in the name
+    counts, and strain is a plain number); None for a file of the Soft Robotics Materials Database. What follows the
+    largest strain is left out. Raises FileError, RecordingError or UnitError with a sentence.
+    """
+    strain, stress = read_tensile(path) if columns is None else _read_columns(path, columns)
+    if not (strain.size and strain.min() > -1 and np.isfinite(strain * stress).all() and np.ptp(stress) > 0):
+        raise RecordingError(
+            f"{path.name} holds no tensile curve; expected numbers, strains above -100 % and a stress that changes"
+        )
+    loading = np.arange(strain.size) <= int(np.argmax(strain))
+    order = np.argsort(strain[loading], kind="stable")
+    found = fit_tensile(strain[loading][order], stress[loading][order])
+    if not found.shear_modulus.value > 0:
+        raise RecordingError(
+            f"the curve in {path.name} gives a shear modulus of {found.shear_modulus.value:.3g} Pa, expected a "
+            "positive one; are strain and stress the right way round, and is the pull positive?"
+        )
+    return Material(path.stem, path.stem, found.shear_modulus, found.secant, found.slack)
+
+
+def _read_columns(path: Path, columns: str) -> tuple[Array, Array]:
+    specs = columns.split(",")
+    if len(specs) != 2:
+        raise RecordingError(
+            f"found {columns!r}, expected two columns, of strain and of stress: STRAIN:unit,STRESS:unit"
+        )
+    table, found = read_table(path), []
+    for spec, default, unit in zip(specs, ("1", ""), ("1", "Pa"), strict=True):
+        (name,), stated = find_columns(table, spec)
+        stated = stated or unit_in_name(name) or default
+        if not stated:
+            raise UnitError(f"the unit of the stress in column {name!r} is not known; write it as {name}:kPa")
+        found.append(numbers(table, name) * convert(stated, unit))
+    return found[0], found[1]
+
+
 def read_tensile(path: Path) -> tuple[Array, Array]:
     """Return engineering strain [1] and stress [Pa] of a file of the Soft Robotics Materials Database.
 
@@ -94,10 +136,16 @@ def read_tensile(path: Path) -> tuple[Array, Array]:
         raise FileError(f"cannot read {path}: {error.strerror or error}") from error
     begin = next((i for i, line in enumerate(lines) if line.startswith("Time (s)")), None)
     if begin is None:
-        raise FileError(f"{path} has no row that begins with 'Time (s)'; expected a curve of that database")
+        raise FileError(
+            f"{path} has no row that begins with 'Time (s)'; expected a curve of the Soft Robotics "
+            "Materials Database, or the columns of another table: STRAIN:unit,STRESS:unit"
+        )
     rows = [line.split(";") for line in lines[begin + 1 :] if line.strip(" ;")]
-    table = np.array([[float(cell) for cell in row[:5]] for row in rows])
-    return table[:, 3], 1e6 * table[:, 4]
+    try:
+        table = np.array([[float(row[k]) for k in (3, 4)] for row in rows]).reshape(-1, 2)
+    except (ValueError, IndexError) as error:
+        raise FileError(f"{path} holds a row that is not of its five columns ({error}); mend or remove it") from error
+    return table[:, 0], 1e6 * table[:, 1]
 
 
 def fit_tensile(strain: Array, stress: Array) -> Tensile:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from tests.unit.ring_down_signals import Decay, times
 
-from sinew.identify.decay.modes import ModalDecay, fit_modes
-from sinew.identify.oscillator.start import split_poles
+from sinew.analysis.decay.modes import ModalDecay, fit_modes, split_poles
 from sinew.measure.errors import RecordingError
 
 # natural frequency [Hz], damping ratio, amplitude, phase

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import check_grad
 from tests.unit.ring_down_signals import Decay, coloured, times
 
-from sinew.identify.decay.decay_likelihood import FreeOscillation, fit_likelihood, polynomials
-from sinew.identify.decay.modes import fit_modes
+from sinew.analysis.decay.decay_likelihood import FreeOscillation, fit_likelihood, polynomials
+from sinew.analysis.decay.modes import fit_modes
 
 NOISE_DEG = 0.3
 DAMPINGS = (0.05, 0.1, 0.17, 0.25)

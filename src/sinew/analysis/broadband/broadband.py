@@ -1,0 +1,292 @@
+"""A broadband recording: its frequency response, the band in which drive and response cohere, and the modes there."""
+
+import itertools
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import fft, interpolate
+
+from sinew.analysis.broadband.poles import PoleFit, fit_poles_of
+from sinew.analysis.broadband.spectra import FrequencyResponse, Segmentation, average_pieces, response_of_spectra
+from sinew.analysis.decay.free_decay import evenly
+from sinew.analysis.signal.signals import drive_channel, response_channel
+from sinew.analysis.sweep.response import wrapped_lag
+from sinew.measure.arrays import Array
+from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.estimate import Estimate, finite
+from sinew.measure.recording import segment_slices
+
+Bools = NDArray[np.bool_]
+MOST_MODES = 8
+"""Modes that may be asked for at once."""
+
+_SEGMENTS, _FEWEST = 16, 4  # of the record, without overlap; half as many as long as a mode is not resolved
+_LONG = 4096  # samples of a segment, with which a longer record begins
+_OVERLAP = 0.75  # squares of moved Hann windows add up to a constant, so that a chirp counts evenly at all frequencies
+_FIRST_BIN = 2  # below, a segment's missing mean is seen through its window
+_EXCITED = 1e-4  # of the largest power of the drive
+_COHERENT = 0.5
+_WIDTH = 3.0  # times the strongest frequency, up and down, if no band is named
+_HOLE = 3  # incoherent bins that do not end the band: an antiresonance
+_TRIED = 4  # modes, where no number is named
+_STRONG = 10.0  # fall of Bayes' criterion that lets one more mode in
+_EVEN = 0.02  # of a step: stamps so close to a straight line are even
+_REPEATS = 0.95  # correlation of a drive with itself one period later, and any number of periods
+
+
+@dataclass(frozen=True)
+class Broadband:
+    """What a broadband recording says.
+
+    response: by frequency. band_hz: where modes were sought. fit: the modes; None where none fit. notes: sentences on
+    what was done and what to beware of. period_s: of a drive that repeats itself, else None.
+    units: of response and drive.
+    """
+
+    response: FrequencyResponse
+    band_hz: tuple[float, float]
+    fit: PoleFit | None
+    notes: tuple[str, ...]
+    period_s: float | None
+    units: tuple[str, str]
+
+
+def analyse_broadband(
+    recording: xr.Dataset,
+    *,
+    band_hz: tuple[float, float] | None = None,
+    modes: int | None = None,
+    segment_s: float | None = None,
+) -> Broadband:
+    """Return frequency response and modes of a recording whose drive holds many frequencies: chirp, noise, multisine.
+
+    band_hz: where modes are sought; None for a third to three times the frequency of the largest coherent gain.
+    modes: how many; None for as many as Bayes' criterion asks for, up to four, that stand apart from each other.
+    segment_s: length of a segment [s]; None for a sixteenth of the record (of a long one less), up to a quarter where
+    a mode is narrower than four lines. A drive that repeats itself is cut at its periods instead, and the first of them
+    is left out: the response settles in it.
+
+    Raises RecordingError where there is no drive, it stands still, or nothing coheres with it; SpecError for a band, a
+    segment or a number of modes that cannot be.
+    """
+    modes = None if modes is None else checked_count(modes)
+    if band_hz is not None and not 0 < band_hz[0] < band_hz[1] < math.inf:
+        raise SpecError(f"found a band from {band_hz[0]:g} to {band_hz[1]:g} Hz, expected 0 < its begin < its end")
+    if segment_s is not None and not 0 < segment_s < math.inf:
+        raise SpecError(f"found segments of {segment_s:g} s, expected a time above 0 s")
+    pieces, sample_hz, units, notes = _even_pieces(recording)
+    period = None if segment_s is not None or len(pieces) > 1 else _period(pieces[0][0])
+    if period is not None:
+        every = period / sample_hz
+        notes.append(f"the drive repeats itself every {every:.4g} s: averaged over its periods, without the first")
+    share = _SEGMENTS
+    while segment_s is None and sum(x.size for _, x in pieces) > 2 * share * _LONG:
+        share *= 2
+    while True:
+        response = _estimate(pieces, sample_hz, segment_s, share, period)
+        band = _band(response) if band_hz is None else band_hz
+        fit, said = _fit(response, band, modes)
+        enough = fit is not None and "bins wide" not in fit.message and (share <= _SEGMENTS or not fit.message)
+        if enough or share <= _FEWEST or segment_s is not None or period is not None:
+            break
+        share //= 2
+    if not _inside(response, band).any():
+        f = response.frequency_hz[_excited(response)]
+        raise RecordingError(
+            f"the drive excites nothing from {band[0]:g} to {band[1]:g} Hz; choose a band between {f[0]:.4g} and "
+            f"{f[-1]:.4g} Hz"
+        )
+    return Broadband(response, band, fit, (*notes, *said), None if period is None else period / sample_hz, units)
+
+
+def checked_count(modes: int) -> int:
+    """Return a number of modes unchanged. Raises SpecError where nobody can mean it."""
+    if not 1 <= modes <= MOST_MODES:
+        raise SpecError(f"found {modes} modes asked for, expected 1 to {MOST_MODES}")
+    return modes
+
+
+def broadband_json(found: Broadband) -> dict[str, Any]:
+    """Return the document of a broadband recording, ready for JSON: `docs/reference/json.md` names its keys."""
+    response, fit = found.response, found.fit
+    shown = np.flatnonzero(_excited(response))
+    f, h1 = response.frequency_hz[shown], response.h1[shown]
+    inside = (f >= found.band_hz[0]) & (f <= found.band_hz[1])
+    fitted = np.full(f.size, np.nan + 0j) if fit is None else np.where(inside, fit.response(f), np.nan)
+    size, lag, fitted_lag = np.abs(h1), np.degrees(wrapped_lag(h1)), np.degrees(wrapped_lag(fitted))
+    gain_std, lag_std = size * response.relative_std[shown], np.degrees(response.phase_std_rad[shown])
+    rows = [
+        {
+            "frequency_hz": float(f[k]),
+            "gain": Estimate.normal(size[k], gain_std[k]).to_json(),
+            "phase_lag_deg": Estimate.normal(lag[k], lag_std[k]).to_json(),
+            "gain_h2": finite(abs(response.h2[shown[k]])),
+            "coherence": finite(response.coherence[shown[k]]),
+            "fitted_gain": finite(abs(fitted[k])),
+            "fitted_phase_lag_deg": finite(fitted_lag[k]),
+        }
+        for k in range(f.size)
+    ]
+    return {
+        "kind": "broadband",
+        "response_unit": found.units[0],
+        "drive_unit": found.units[1],
+        "segment_s": 1.0 / float(response.frequency_hz[1]),
+        "averages": response.averages,
+        "period_s": found.period_s,
+        "band_hz": list(found.band_hz),
+        "modes": [
+            {"natural_frequency_hz": mode.natural_frequency_hz.to_json(), "damping_ratio": mode.damping_ratio.to_json()}
+            for mode in (() if fit is None else fit.modes)
+        ],
+        "covariance": [] if fit is None else [[float(x) for x in row] for row in fit.covariance],
+        "misfit": None if fit is None else finite(fit.misfit),
+        "frequency_response": rows,
+    }
+
+
+def _even_pieces(recording: xr.Dataset) -> tuple[list[tuple[Array, Array]], float, tuple[str, str], list[str]]:
+    """Return (drive, response) between gaps on an even clock, its rate [Hz], their units, and what was done."""
+    response, drive = response_channel(recording), drive_channel(recording)
+    if drive is None:
+        raise RecordingError("a broadband record needs the drive beside the response; name its column (drive)")
+    slices, time = segment_slices(recording), np.asarray(recording["time_s"].values, dtype=float)
+    steps = sum(where.stop - where.start - 1 for where in slices)
+    step = sum(float(time[where.stop - 1] - time[where.start]) for where in slices) / steps
+    pieces, straightened, interpolated = [], 0, 0
+    for where in slices:
+        t, x, u = time[where], response.values[where], drive.values[where]
+        off = t - t[0] - step * np.arange(t.size)
+        if np.ptp(off) > _EVEN * step:
+            if evenly(t, x, None)[1] is x and np.ptp(off) < step:
+                straightened += t.size
+            else:
+                even = np.arange(t[0], t[-1], step)
+                x, u = (np.asarray(interpolate.CubicSpline(t, values)(even), dtype=float) for values in (x, u))
+                interpolated += t.size
+        pieces.append((u, x))
+    notes = []
+    if straightened:
+        notes.append(f"{straightened} time stamps jitter where the sampling does not: taken as even")
+    if interpolated:
+        notes.append(f"{interpolated} samples at uneven times are interpolated by cubic splines")
+    return pieces, 1.0 / step, (response.unit, drive.unit), notes
+
+
+def _period(drive: Array) -> int | None:
+    """Return after how many samples a drive repeats itself, at least three times; None where it does not."""
+    x = drive - drive.mean()
+    size = x.size
+    sums = np.cumsum(x**2)
+    if not sums[-1] > 0:
+        return None
+    lags = fft.irfft(np.abs(fft.rfft(x, 2 * size)) ** 2)[:size]
+    head, tail = sums[::-1], sums[-1] - np.concatenate([[0.0], sums[:-1]])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        likeness = lags / np.sqrt(head * tail)
+    fallen = np.flatnonzero(likeness < 0.5)
+    low, high = (max(8, int(fallen[0])), size // 3) if fallen.size else (1, 0)
+    for lag in np.flatnonzero(likeness[low : high + 1] >= _REPEATS) + low:
+        multiples = np.arange(lag, size - lag // 2, lag)
+        if likeness[multiples].min() >= _REPEATS and likeness[lag] >= likeness[max(1, lag - 1) : lag + 2].max():
+            return int(lag)
+    return None
+
+
+def _estimate(
+    pieces: list[tuple[Array, Array]], sample_hz: float, segment_s: float | None, share: int, period: int | None
+) -> FrequencyResponse:
+    total = sum(x.size for _, x in pieces)
+    if period is not None:
+        cut = Segmentation(period, period, "boxcar")
+        settled = [(u[period:], x[period:]) for u, x in pieces]
+        response = response_of_spectra(average_pieces(settled, sample_hz, cut))
+        return replace(response, lag_window=np.eye(5)[0])  # a settled response is not smeared by its window
+    length = min(total // share, max(x.size for _, x in pieces) // 2)
+    length = length if segment_s is None else round(segment_s * sample_hz)
+    if length < 8:
+        raise RecordingError(
+            f"{total} samples and segments of {length} are too short; expected segments of at least 8: record longer, "
+            "or choose longer segments"
+        )
+    cut = Segmentation(length, max(1, round(length * (1.0 - _OVERLAP))))
+    return response_of_spectra(average_pieces(pieces, sample_hz, cut))
+
+
+def _excited(response: FrequencyResponse) -> Bools:
+    """Return at which lines the drive has power and the response is known, shape (f,)."""
+    power = response.spectra.input_power
+    excited = power >= _EXCITED * power[_FIRST_BIN:].max()
+    excited[:_FIRST_BIN] = False
+    return np.asarray(excited & np.isfinite(response.h1) & np.isfinite(response.relative_std))
+
+
+def _inside(response: FrequencyResponse, band: tuple[float, float]) -> Bools:
+    f = response.frequency_hz
+    return np.asarray(_excited(response) & (f >= band[0]) & (f <= band[1]))
+
+
+def _band(response: FrequencyResponse) -> tuple[float, float]:
+    """Return the band about the largest gain of a line that coheres with its neighbours."""
+    f, excited = response.frequency_hz, _excited(response)
+    lines = np.flatnonzero(excited)
+    coherent = response.coherence[lines] >= max(_COHERENT, 1.0 - 0.01 ** (1.0 / max(response.averages - 1.0, 1.0)))
+    if coherent.sum() < 3:
+        raise RecordingError(
+            "nothing in the response coheres with the drive; are these the right columns, and is the drive strong "
+            "enough against the noise?"
+        )
+    sure = np.convolve(coherent, np.ones(3), "same") >= 2
+    top = int(np.argmax(np.where(coherent & sure, np.abs(response.h1[lines]), 0.0)))
+    ends = []
+    for step in (-1, 1):
+        end = k = top
+        while 0 <= k < lines.size and abs(k - end) <= _HOLE and 1 / _WIDTH <= f[lines[k]] / f[lines[top]] <= _WIDTH:
+            end = k if coherent[k] else end
+            k += step
+        ends.append(float(f[lines[end]]))
+    return ends[0], ends[1]
+
+
+def _fit(
+    response: FrequencyResponse, band: tuple[float, float], modes: int | None
+) -> tuple[PoleFit | None, tuple[str, ...]]:
+    """Return the modes in a band and what to beware of; none and the reason where there are none."""
+    kept = _inside(response, band)
+    h1 = np.where(kept, response.h1, np.nan)
+    known, chosen, reason = replace(response, h1=h1), None, ""
+    for count in range(1, _TRIED + 1) if modes is None else [modes]:
+        if chosen is not None and count > len(chosen.modes) + 2:
+            break
+        try:
+            fit = fit_poles_of(known, *band, modes=count)
+        except RecordingError as error:
+            reason = reason or f"no modes: {error}"
+            continue
+        if chosen is None or (
+            _criterion(fit, known, kept) < _criterion(chosen, known, kept) - _STRONG and _apart(fit, band)
+        ):
+            chosen = fit
+    if chosen is None:
+        return None, (reason,)
+    return chosen, (chosen.message,) if chosen.message else ()
+
+
+def _criterion(fit: PoleFit, response: FrequencyResponse, kept: Bools) -> float:
+    """Return Bayes' criterion of a fit, with the lines' errors as stated and counted for what they are worth."""
+    alike = 1.0 + 2.0 * float(np.sum(response.bin_correlation[1:] ** 2))
+    count, free = 2.0 * np.count_nonzero(kept), fit.parameters.size
+    return (fit.misfit**2 * (count - free) + free * math.log(count / alike) * alike) / alike
+
+
+def _apart(fit: PoleFit, band: tuple[float, float]) -> bool:
+    """Return whether all modes lie in the band, are sure of their damping, and no two are within their widths."""
+    found = [(mode.natural_frequency_hz.value, mode.damping_ratio.value) for mode in fit.modes]
+    sure = all(mode.damping_ratio.std < 0.25 * mode.damping_ratio.value for mode in fit.modes)
+    inside = all(band[0] <= f <= band[1] for f, _ in found)
+    wide = any(high - low < d * low + e * high for (low, d), (high, e) in itertools.pairwise(found))
+    return sure and inside and not wide

@@ -1,0 +1,38 @@
+"""What the figure of a broadband record shows is what its document holds."""
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from tests.unit.broadband_signals import noise, shaken
+from tests.unit.figures_panels import labelled, smallest_type, titled
+
+import sinew as sn
+from sinew.figures.broadband import draw_broadband
+
+
+@pytest.fixture(scope="module")
+def found() -> sn.Analysed:
+    table = shaken(noise, [(3.0, 0.05, 1.0)], 1, seconds=60.0)
+    return sn.analyse(sn.read(table, time="t", drive="u:N*m", response="phi:deg", kind="broadband"))
+
+
+def column(found: sn.Analysed, *keys: str) -> np.ndarray:
+    rows = found.document["frequency_response"]
+    return np.array([row[keys[0]] if len(keys) == 1 else row[keys[0]][keys[1]] for row in rows], dtype=float)
+
+
+def test_the_panels_hold_gain_lag_and_coherence_of_each_line(found: sn.Analysed) -> None:
+    figure = draw_broadband(found.document)
+    frequency = column(found, "frequency_hz")
+    gain, coherence = labelled(titled(figure, "gain"), "H1"), labelled(titled(figure, "coherence"), "γ²")
+    np.testing.assert_array_equal(gain, np.column_stack([frequency, column(found, "gain", "value")]))
+    np.testing.assert_array_equal(coherence, np.column_stack([frequency, column(found, "coherence")]))
+    assert smallest_type({"broadband": figure})[0] >= 8
+
+
+def test_single_panels_are_drawn_on_axes_that_are_given(found: sn.Analysed) -> None:
+    axes = Figure().subplots(3)
+    drawn = [
+        draw(found, one) for draw, one in zip((sn.plot.response, sn.plot.phase, sn.plot.coherence), axes, strict=True)
+    ]
+    assert [one.get_ylabel() for one in drawn] == ["response / drive in rad/(N*m)", "lag in degrees", "coherence γ²"]
