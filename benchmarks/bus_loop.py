@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.sdk_bus import SdkMaster
-from sinew.apps.bench_run import open_rig
-from sinew.apps.run_control import keeping_time
+from sinew.apps.bench.bench_run import open_rig
+from sinew.apps.bench.run_control import keeping_time
 from sinew.bench.errors import BenchError
 from sinew.bench.group import Swing
 from sinew.bench.guard import Guard, Watch

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from tests.contracts.virtual_run import spoken
 
+from sinew.apps.bench.run_control import state_line
 from sinew.apps.cli import main
-from sinew.apps.run_control import state_line
 from sinew.measure.netcdf import load_recording
 
 REFUSED = {

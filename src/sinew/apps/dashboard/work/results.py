@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sinew.apps.bench_run import JOURNAL
+from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
 from sinew.apps.dashboard.work.live import LiveResults, mean_of, shared_delay
 from sinew.apps.dashboard.work.runs import RECORDING
@@ -99,7 +99,7 @@ def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":
     """Return (recording, results) of a run; results that belong to another recording are made anew."""
     from sinew.analysis.analysed import analyse_with, recording_rig, results_document
     from sinew.apps.console import write_json
-    from sinew.apps.stored import stored_results
+    from sinew.apps.recordings.stored import stored_results
     from sinew.measure.netcdf import save_dataset
 
     recording = load_own(folder)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.console import Json, option, print_json, print_table, print_told, progress_bar, require_folder
-from sinew.apps.predict_rig import (
+from sinew.apps.joints.rig_asked import (
     Amplitude,
     Mode,
     Pretension,

@@ -14,7 +14,7 @@ from sinew.apps.console import (
     print_told,
     progress_bar,
 )
-from sinew.apps.predict_rig import Mode, check_mode
+from sinew.apps.joints.rig_asked import Mode, check_mode
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.console import Json, print_json, print_told, progress_bar, require_folder, write_json
-from sinew.apps.joint import BASE_RIG, write_rig
+from sinew.apps.joints.options import BASE_RIG
 from sinew.measure.errors import FileError, SpecError
 
 if TYPE_CHECKING:
@@ -168,6 +168,7 @@ def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebu
     from sinew.figures.design_page import draw_design_curves, draw_design_front, write_design_page
     from sinew.figures.style import save_figure
     from sinew.measure.netcdf import provenance
+    from sinew.plan.toml import save_plan, save_rig
     from sinew.tune.proposal import plan_of
 
     curves = []
@@ -175,8 +176,8 @@ def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebu
         one, place = found.evaluated[i], folder / f"proposal-{rank}"
         plan = plan_of(one)
         place.mkdir(parents=True, exist_ok=True)
-        write_rig(one.rig, place / "rig.toml")
-        _write_plan(plan, place / "plan.toml")
+        save_rig(one.rig, place / "rig.toml")
+        save_plan(plan, place / "plan.toml")
         row["rig"], row["plan"] = (str(place / name) for name in ("rig.toml", "plan.toml"))
         curves.append(_curves(one, plan, row))
     figures = []
@@ -194,16 +195,6 @@ def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebu
         rebuild=rebuild,
         origins=[("versions", str(provenance("twin")["versions"]))],
     )
-
-
-def _write_plan(plan: "Plan", path: Path) -> None:
-    from sinew.measure.netcdf import write_atomically
-    from sinew.plan.toml import dump_plan
-
-    def write(temporary: Path) -> None:
-        temporary.write_text(dump_plan(plan), encoding="utf-8")
-
-    write_atomically(path, write)
 
 
 def _curves(one: "Proposal", plan: "Plan", row: dict[str, Any]) -> "EndCurves":

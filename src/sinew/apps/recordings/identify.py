@@ -17,7 +17,7 @@ from sinew.apps.console import (
     require_folder,
     write_json,
 )
-from sinew.apps.identify_input import (
+from sinew.apps.recordings.identify_input import (
     recording_points,
     refuse_columns,
     refuse_rig_options,
@@ -227,7 +227,7 @@ class _Asked:
     @property
     def origins(self) -> list[tuple[str, str]]:
         """Return what the numbers were made from: the file's hash and the versions."""
-        from sinew.apps.stored import hash_file
+        from sinew.apps.recordings.stored import hash_file
         from sinew.measure.netcdf import provenance
 
         versions = str(provenance("import")["versions"])

@@ -18,8 +18,8 @@ from sinew.apps.console import (
     require_file,
     require_folder,
 )
-from sinew.apps.joint import BASE_RIG, JointOptions, design_document, designed_rig, with_joint_options, write_rig
-from sinew.apps.predict_against import (
+from sinew.apps.joints.options import BASE_RIG, JointOptions, designed_rig, with_joint_options
+from sinew.apps.joints.predict_against import (
     Against,
     FittedMm,
     Held,
@@ -29,7 +29,7 @@ from sinew.apps.predict_against import (
     millimetres,
     print_against,
 )
-from sinew.apps.predict_rig import (
+from sinew.apps.joints.rig_asked import (
     Amplitude,
     Bands,
     BandSeed,
@@ -134,6 +134,8 @@ def predict_joint(
     base: file or name of the rig. joint: what is changed in it. further: what is asked beside the curves. out: a folder
     for figures and page, or a file ending in .toml for the rig alone.
     """
+    from sinew.plan.toml import save_rig
+    from sinew.predict.joints.design import design_document
     from sinew.predict.predicted import predict_rig
 
     alone = out is not None and out.suffix == ".toml"
@@ -150,7 +152,7 @@ def predict_joint(
     if design is not None:
         document |= design_document(rig, design)
     if out is not None and alone:
-        write_rig(rig, out)
+        save_rig(rig, out)
     elif out is not None:
         words = ["sinew", "predict", *([base] if base else []), *joint.words()]
         words += [*further.words(asked), "--out", str(out)]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sinew.apps.bench_run import (
+from sinew.apps.bench.bench_run import (
     JOURNAL,
     Port,
     Wait,
@@ -24,8 +24,8 @@ from sinew.apps.bench_run import (
     run_journal,
     source_of,
 )
+from sinew.apps.bench.run_control import keeping_time, listening, showing
 from sinew.apps.console import Json, PlanArgument, Rig, option, print_json, remark
-from sinew.apps.run_control import keeping_time, listening, showing
 
 if TYPE_CHECKING:
     from sinew.plan.plan import Plan
@@ -128,8 +128,8 @@ def stop(
 def _refuse_unfit_plan(plan: "Plan", spec: "RigSpec", folder: Path) -> tuple[dict[float, float], str]:
     """Return the tension of each tendon at rest [N] by pretension [mm], of a plan that fits the rig and the disk, and
     what the twin expects of its recording."""
-    from sinew.apps.check import foresee_plan
     from sinew.plan.check import refuse_beyond_limits
+    from sinew.predict.preview import foresee_plan
 
     preview, expected = foresee_plan(plan, spec)
     refuse_beyond_limits(preview)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.bench_run import Port, Wait, await_port, open_rig
+from sinew.apps.bench.bench_run import Port, Wait, await_port, open_rig
 from sinew.apps.console import Json, Rig, option, print_json, remark
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from sinew.apps.bench_run import (
+from sinew.apps.bench.bench_run import (
     JOURNAL,
     Wait,
     await_port,
@@ -23,6 +23,7 @@ from sinew.apps.bench_run import (
     run_journal,
     source_of,
 )
+from sinew.apps.bench.run_control import keeping_time, listening, showing
 from sinew.apps.console import (
     HIGHEST_HZ,
     LARGEST_DEG,
@@ -34,7 +35,6 @@ from sinew.apps.console import (
     print_table,
     write_json,
 )
-from sinew.apps.run_control import keeping_time, listening, showing
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import finite, fixed, number, pair, shown
 
@@ -134,10 +134,12 @@ def _real(port: str, spec: "RigSpec", wait: float) -> "Iterator[tuple[HardwareRi
 
 @contextmanager
 def _emulated(spec: "RigSpec", seed: int, faults: Sequence[str]) -> "Iterator[tuple[HardwareRig, Clock]]":
-    from sinew.apps.emulate import found_bench
+    from sinew.emulator.faults import parse_fault
+    from sinew.emulator.found import drawn_start, found_bench
     from sinew.emulator.virtual import VirtualPort
 
-    port = VirtualPort(found_bench(spec, seed, list(faults)))
+    found = [parse_fault(text) for text in faults]
+    port = VirtualPort(found_bench(spec, drawn_start(spec, seed), seed, found))
     yield rig_on(port, port, spec), port
 
 

@@ -13,7 +13,6 @@ from sinew.apps.console import (
     number_list,
     write_json,
 )
-from sinew.apps.joint import write_rig
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -88,10 +87,11 @@ def write_prediction(
     cannot be written.
     """
     from sinew.figures.predicted import curves_of, draw_predicted, draw_predicted_map
+    from sinew.plan.toml import save_rig
 
     curves = curves_of(found)
     figures = {"predicted_response": draw_predicted(curves), "predicted_map": draw_predicted_map([curves])} | dict(more)
-    write_rig(found.rig, folder / "rig.toml")
+    save_rig(found.rig, folder / "rig.toml")
     return _write(folder, "prediction", document, [document], figures, found, rebuild)
 
 

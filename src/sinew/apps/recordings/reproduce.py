@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.answer import stored_answers
 from sinew.apps.console import (
     Json,
     Rig,
@@ -22,7 +21,14 @@ from sinew.apps.console import (
     require_folder,
     write_json,
 )
-from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results, stored_times
+from sinew.apps.recordings.stored import (
+    hash_file,
+    stored_answers,
+    stored_beyond,
+    stored_effects,
+    stored_results,
+    stored_times,
+)
 from sinew.measure.errors import FileError
 from sinew.measure.estimate import number, shown_interval
 
@@ -68,10 +74,10 @@ def reproduce(
     above the paper's range.
     """
     from sinew.analysis.analysed import analyse_with
-    from sinew.apps.check import preview_plan
     from sinew.measure.netcdf import save_dataset, save_recording
     from sinew.plan.check import refuse_beyond_limits
     from sinew.plan.toml import load_plan, load_rig
+    from sinew.predict.preview import preview_plan
     from sinew.twin.simulate import simulate
 
     began = time.monotonic()

@@ -6,23 +6,21 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sinew.apps.bench.run_control import keeping_time
 from sinew.apps.console import Json, Rig, Seed, option, require_file, write_json
-from sinew.apps.run_control import keeping_time
 
 if TYPE_CHECKING:
     from sinew.emulator.faults import FaultyRig
+    from sinew.emulator.found import Start
     from sinew.emulator.plant import Plant
     from sinew.emulator.port_server import Port, PtyServer
     from sinew.emulator.rig import Trip
     from sinew.plan.rig import RigSpec
-
-_WARM_UP = 0.02  # s of emulated time, before a master can open the port
 
 
 def emulate(
@@ -64,17 +62,18 @@ def emulate(
     overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm), push (torque=0.5).
     """
     from sinew.emulator.faults import parse_fault  # numpy: not for --help
+    from sinew.emulator.found import drawn_start, found_bench
     from sinew.emulator.port_server import ClockSocket, PtyServer, refuse_taken
     from sinew.hardware.transport import MonotonicClock
     from sinew.plan.toml import load_rig
 
     rig_ = load_rig(rig)
     faults = [parse_fault(text) for text in fault or ()]
-    start = _start(rig_, seed, tilt, slack)
+    start = drawn_start(rig_, seed, tilt, None if slack is None else _parse_slack(slack, rig_.tendons.count))
     refuse_taken(link)
     if truth is not None:
         require_file(truth)
-    bench = _warm_bench(rig_, start, unloaded, seed, baud, faults)
+    bench = found_bench(rig_, start, seed, faults, baud=baud, unloaded=unloaded)
     shared = None if own_time else ClockSocket(link)
     try:
         make_port = _kind_of_port(rig_, socket)
@@ -94,14 +93,6 @@ def emulate(
         write_json(_truth(rig_, bench, server, unloaded, seed), truth)
 
 
-def found_bench(rig: "RigSpec", seed: int, faults: list[str]) -> "FaultyRig":
-    """Return an emulated bench as it is found for a seed, ready to answer. Raises SpecError for a fault unknown."""
-    from sinew.emulator.faults import parse_fault
-
-    start = _start(rig, seed, None, None)
-    return _warm_bench(rig, start, False, seed, None, [parse_fault(text) for text in faults])
-
-
 def _kind_of_port(rig: "RigSpec", socket: bool) -> "Callable[[Path], Port]":
     """Return what makes the port of a name. socket: whether it is a socket, else a pseudo-terminal."""
     from sinew.emulator.port_server import PtyPort, SocketPort
@@ -109,60 +100,16 @@ def _kind_of_port(rig: "RigSpec", socket: bool) -> "Callable[[Path], Port]":
     return (lambda link: SocketPort(link, rig.wiring.baud)) if socket else PtyPort
 
 
-@dataclass(frozen=True)
-class _Start:
-    """How the bench is found. tilt: of the slack head plate about y and z [rad]; slack: of each tendon [m]."""
-
-    tilt: tuple[float, float]
-    slack: tuple[float, ...]
-
-
-def _start(rig: "RigSpec", seed: int, tilt_deg: float | None, slack_mm: str | None) -> _Start:
-    import numpy as np
-
-    chance = np.random.default_rng([seed, 1])
-    size = math.radians(chance.uniform(0.5, 1.5) if tilt_deg is None else tilt_deg)
-    towards = chance.uniform(0, math.tau)
-    drawn = chance.uniform(0.5e-3, 3e-3, rig.tendons.count)
-    slack = tuple(drawn.tolist()) if slack_mm is None else _parse_slack(slack_mm, rig.tendons.count)
-    return _Start((size * math.cos(towards), size * math.sin(towards)), slack)
-
-
 def _parse_slack(text: str, count: int) -> tuple[float, ...]:
     from sinew.measure.errors import SpecError
 
     try:
-        slack = tuple(float(part) * 1e-3 for part in text.split(","))
+        slack = tuple(float(part) for part in text.split(","))
     except ValueError:
         slack = ()
-    if len(slack) != count or not all(0 <= value <= 0.05 for value in slack):
+    if len(slack) != count or not all(0 <= value <= 50 for value in slack):
         raise SpecError(f"--slack {text} is not the slack of {count} tendons; expected {count} numbers from 0 to 50 mm")
     return slack
-
-
-def _warm_bench(
-    rig: "RigSpec", start: _Start, unloaded: bool, seed: int, baud: int | None, faults: list[Any]
-) -> "FaultyRig":
-    """Return the bench with everything compiled and loaded that a first answer would have to wait for."""
-    from sinew.emulator.faults import Faults
-    from sinew.emulator.rig import EmulatedRig
-
-    bench = Faults(faults, seed).attach(EmulatedRig(rig, _plant(rig, start, unloaded), seed=seed, baud=baud))
-    bench.advance(_WARM_UP)
-    bench.rig.motion()
-    return bench
-
-
-def _plant(rig: "RigSpec", start: _Start, unloaded: bool) -> "Plant":
-    if unloaded:
-        from sinew.emulator.unloaded import Unloaded
-
-        return Unloaded(rig.tendons.count, rig)
-    from sinew.emulator.joint_plant import JointPlant  # JAX: half a second
-    from sinew.twin.cache import compute_inline
-
-    compute_inline()
-    return JointPlant(rig, slack_m=start.slack, rest_tilt=start.tilt)
 
 
 @contextmanager
@@ -177,7 +124,7 @@ def _stopping_on_signals(stop: Callable[[], None]) -> Iterator[None]:
 
 
 def _description(
-    rig: "RigSpec", bench: "FaultyRig", server: "PtyServer", start: _Start, unloaded: bool, seed: int, speed: float
+    rig: "RigSpec", bench: "FaultyRig", server: "PtyServer", start: "Start", unloaded: bool, seed: int, speed: float
 ) -> dict[str, Any]:
     """Return what is emulated, as the line on stdout says it."""
     return {

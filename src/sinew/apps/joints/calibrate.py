@@ -87,13 +87,14 @@ def _refuse_overwriting(rig: str, paths: list[Path], force: bool) -> None:
 
 def _from_recordings(rig: str, files: list[Path], out: Path, free: str | None, command: list[str]) -> dict[str, Any]:
     from sinew.identify.joint.calibration import calibrate as run
+    from sinew.plan.toml import save_rig
 
     chosen = {} if free is None else {"free": [name.strip() for name in free.split(",") if name.strip()]}
     with progress_bar("calibrate") as progress:
         done = run(rig, files, name=out.stem, progress=progress, **chosen)
     head = [f"{shlex.join(command)} --out {out.name}"]
     head += [f"{source.file}: content hash {source.content_hash}" for source in done.sources]
-    _write_rig(done.rig, out, head)
+    save_rig(done.rig, out, head)
     return {"rig": str(out), **done.document()}
 
 
@@ -104,7 +105,7 @@ def _from_paper(
     from sinew.paper.numbers import find_ranges, fit_paper
     from sinew.paper.posterior import paper_posterior
     from sinew.paper.sampler import require_sampler
-    from sinew.plan.toml import load_rig
+    from sinew.plan.toml import load_rig, save_rig
     from sinew.twin.cache import configure
 
     before = load_rig(rig)
@@ -124,24 +125,10 @@ def _from_paper(
         with progress_bar("ranges") as progress:
             write_json(find_ranges(before, fitted.values, progress), ranges)
     # The shipped rig is written by this command; without an interval it stays in the plain form of a rig file.
-    _write_rig(
+    save_rig(
         result, out, [] if found is None else [f"{shlex.join(command)} --posterior --seed {seed} --out {out.name}"]
     )
     return _paper_document(before, result, fitted, found, out, ranges, posterior)
-
-
-def _write_rig(rig: "RigSpec", out: Path, head: list[str]) -> None:
-    """Write a rig file, atomically, with lines of comment before it; what was written reads back."""
-    from sinew.measure.netcdf import write_atomically
-    from sinew.plan.toml import dump_rig, parse_rig
-
-    text = "".join(f"# {' '.join(line.split())}\n" for line in head) + dump_rig(rig)
-    assert parse_rig(text) == rig
-
-    def write(temporary: Path) -> None:
-        temporary.write_text(text, encoding="utf-8")
-
-    write_atomically(out, write)
 
 
 def _paper_document(

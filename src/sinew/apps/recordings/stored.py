@@ -58,6 +58,26 @@ def stored_beyond(path: Path, rig: "RigSpec | None") -> "xr.Dataset | None":
     return None
 
 
+def stored_answers(path: Path, recording: "xr.Dataset") -> list[dict[str, Any]]:
+    """Return the answers in an answers.json (question, verdict, first sentence), if they are this recording's.
+
+    Empty where there is no such file or it cannot be read, and with a remark where it is another recording's.
+    """
+    from sinew.measure.netcdf import content_hash
+
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if document["recording_hash"] != (recording.attrs.get("content_hash") or content_hash(recording)):
+            remark(f"{path.name} belongs to another recording and is left out; sinew answer writes it anew")
+            return []
+        return [
+            {"question": one["question"], "verdict": one["verdict"], "sentence": one["sentences"][0]}
+            for one in document["answers"]
+        ]
+    except (OSError, ValueError, KeyError, IndexError, TypeError):
+        return []
+
+
 def stored_effects(path: Path, results: "xr.Dataset") -> list[dict[str, Any]]:
     """Return the rows of an effects file if the results name it by its hash, else none and a remark."""
     if not path.is_file():

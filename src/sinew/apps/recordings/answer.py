@@ -1,6 +1,5 @@
 """This is where `sinew answer` asks a recording the paper's open questions and writes the page of its answers."""
 
-import json as json_
 import shlex
 import textwrap
 from pathlib import Path
@@ -8,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, option, print_json, print_table, progress_bar, remark, require_folder, write_json
-from sinew.apps.stored import stored_beyond, stored_results
+from sinew.apps.console import Json, option, print_json, print_table, progress_bar, require_folder, write_json
+from sinew.apps.recordings.stored import stored_beyond, stored_results
 from sinew.measure.errors import FileError
 
 if TYPE_CHECKING:
@@ -91,23 +90,3 @@ def _print(answers: "list[Answer]", folder: Path) -> None:
         for sentence in one.sentences[:2]:
             print(textwrap.fill(sentence, _WIDTH, initial_indent="- ", subsequent_indent="  "))
     print(f"page: {folder / 'answers.html'}")
-
-
-def stored_answers(path: Path, recording: "xr.Dataset") -> list[dict[str, Any]]:
-    """Return the answers in an answers.json (question, verdict, first sentence), if they are this recording's.
-
-    Empty where there is no such file or it cannot be read, and with a remark where it is another recording's.
-    """
-    from sinew.measure.netcdf import content_hash
-
-    try:
-        document = json_.loads(path.read_text(encoding="utf-8"))
-        if document["recording_hash"] != (recording.attrs.get("content_hash") or content_hash(recording)):
-            remark(f"{path.name} belongs to another recording and is left out; sinew answer writes it anew")
-            return []
-        return [
-            {"question": one["question"], "verdict": one["verdict"], "sentence": one["sentences"][0]}
-            for one in document["answers"]
-        ]
-    except (OSError, ValueError, KeyError, IndexError, TypeError):
-        return []
