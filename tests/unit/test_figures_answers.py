@@ -12,8 +12,8 @@ from tests.unit.figures_pages import alternatives, asked_outside
 from tests.unit.figures_panels import drawn
 
 from sinew.measure.estimate import Estimate
-from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell
-from sinew.paper.answer_figures import ANSWER_FIGURES, draw_answer, draw_answers
+from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell
+from sinew.paper.answers.figures import ANSWER_FIGURES, draw_answer, draw_answers
 from sinew.paper.report import write_answers
 
 QUESTIONS = tuple(ANSWER_FIGURES)

@@ -14,7 +14,7 @@ from sinew.measure.errors import FileError
 if TYPE_CHECKING:
     import xarray as xr
 
-    from sinew.paper.answer import Answer
+    from sinew.paper.answers.answer import Answer
     from sinew.plan.rig import RigSpec
 
 _WIDTH = 100
@@ -33,7 +33,7 @@ def answer(
     """
     from sinew.analysis.analysed import analyse_with, recording_rig
     from sinew.measure.netcdf import load_recording
-    from sinew.paper.answers import answer_questions
+    from sinew.paper.answers.questions import answer_questions
 
     if not file.is_file():
         raise FileError(
@@ -70,7 +70,7 @@ def _write(
     answers: "list[Answer]", recording: "xr.Dataset", rig: "RigSpec | None", folder: Path, rebuild: str
 ) -> dict[str, Any]:
     from sinew.measure.netcdf import content_hash
-    from sinew.paper.answer_figures import draw_answers
+    from sinew.paper.answers.figures import draw_answers
     from sinew.paper.report import write_answers
 
     figures = draw_answers(answers, folder / "figures")

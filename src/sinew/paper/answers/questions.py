@@ -9,12 +9,12 @@ from sinew.analysis.signal.groups import split_by_drive
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.measure.errors import SinewError
 from sinew.measure.recording import iterate_segments
-from sinew.paper.answer import Answer
-from sinew.paper.answer_constancy import answer_constancy
-from sinew.paper.answer_delay import answer_delay
-from sinew.paper.answer_hardening import answer_hardening
-from sinew.paper.answer_losses import answer_losses
-from sinew.paper.answer_saturation import answer_saturation
+from sinew.paper.answers.answer import Answer
+from sinew.paper.answers.constancy import answer_constancy
+from sinew.paper.answers.delay import answer_delay
+from sinew.paper.answers.hardening import answer_hardening
+from sinew.paper.answers.losses import answer_losses
+from sinew.paper.answers.saturation import answer_saturation
 from sinew.plan.rig import RigSpec
 
 STEPS = ("the joint", "hardening", "losses")

@@ -22,7 +22,7 @@ from sinew.analysis.signal.repeats import pool_repeats
 from sinew.analysis.sweep.slope import Trend, detectable, fit_trend
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
-from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
+from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 
 NAME = "constancy"
 QUESTION = "Does Lehr's damping D stay constant over pretension, beyond chance? (section 4.2)"

@@ -33,7 +33,7 @@ from sinew.mechanics.joint import State, mechanical_energy, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import relaxation_times, twist_rigidity
 from sinew.mechanics.tendons import total_tension
-from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
+from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.solve.march import LANES, Track, runge_kutta

@@ -16,7 +16,7 @@ from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
 from sinew.analysis.sweep.slope import Trend, fit_trend, ratio_interval
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
-from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
+from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 
 NAME = "saturation"
 QUESTION = "Is the saturation the drive's or the joint's? (sections 4.1 and 5.2.4)"

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, in_style, new_figure, note_panel, save_figure
 from sinew.measure.arrays import Array
-from sinew.paper.answer import Answer
+from sinew.paper.answers.answer import Answer
 
 _HEIGHT_IN = 2.5
 _SHARES = {

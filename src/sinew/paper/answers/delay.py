@@ -24,7 +24,7 @@ from sinew.analysis.signal.sensor import DelayBudget, delay_budget, torsion_dela
 from sinew.identify.joint.fit import JointFit
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
-from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
+from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.rig import RigSpec
 
 NAME = "delay"

@@ -23,7 +23,7 @@ from sinew.identify.oscillator.record import FEWEST, Record, make_record
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import Estimate
 from sinew.measure.recording import Segment, iterate_segments
-from sinew.paper.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
+from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.rig import RigSpec
 
 # A rig's recording is cut into the records of one pretension and one repeat, ready for a fit.
