@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from sinew.emulator.imu_node import SAMPLE_PERIOD
+from sinew.emulator.devices.imu_node import SAMPLE_PERIOD
 from sinew.emulator.plant import Law, Motion, Plant
 from sinew.plan.rig import RigSpec
 

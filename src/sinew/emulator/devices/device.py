@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 
-from sinew.emulator.control_table import DATA_LENGTH, ControlTable
+from sinew.emulator.devices.control_table import DATA_LENGTH, ControlTable
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction, Status
 
