@@ -340,7 +340,7 @@ def _chain(text: str | None) -> tuple[str, ...]:
 
 def _write(found: "Identified", asked: _Asked, out: Path) -> Path:
     """Write fit.json, figures and fit.html into a folder and return the path of the page."""
-    from sinew.figures.fit_page import draw_identified, write_fit_page
+    from sinew.figures.fit.page import draw_identified, write_fit_page
     from sinew.figures.style import save_figure
 
     paths = []

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sinew.figures.corner import Cloud, cloud_of, draw_corner
-from sinew.figures.fit_data import (
+from sinew.figures.fit.corner import Cloud, cloud_of, draw_corner
+from sinew.figures.fit.data import (
     Trace,
     axis_label,
     draw_backbone,
@@ -21,8 +21,8 @@ from sinew.figures.fit_data import (
     traces_of,
     traces_of_joint,
 )
+from sinew.figures.fit.stepped import draw_response_fit
 from sinew.figures.page import Caption, picture, write_page
-from sinew.figures.stepped import draw_response_fit
 from sinew.figures.style import ACCENT, GREY, INK, RED, in_style, new_figure, note_panel
 from sinew.figures.tables import Table, number
 from sinew.identify.decay.backbone import Backbone, fit_backbone

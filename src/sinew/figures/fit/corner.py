@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from sinew.figures.fit_data import parameter_label, value_and_std
+from sinew.figures.fit.data import parameter_label, value_and_std
 from sinew.figures.style import ACCENT, GREY, INK, in_style, new_figure
 from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
 from sinew.identify.oscillator.layout import free_mechanics

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from sinew.figures.fit_data import axis_label, shown_unit
+from sinew.figures.fit.data import axis_label, shown_unit
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, in_style, new_figure, note_panel
 from sinew.identify.oscillator.record import derivative_order
 from sinew.identify.stepped.curves import backbone_of_response, response_curve
