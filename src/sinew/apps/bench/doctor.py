@@ -87,8 +87,7 @@ def _examine(port: str, spec: "RigSpec", wiring_baud: int, timer: "LatencyTimer 
 
 
 def _examine_present(bench: "HardwareRig", clock: "Clock", roll: Any) -> "list[Finding]":
-    from sinew.bench.doctor import examine_motors
-    from sinew.bench.doctor_measures import examine_bus, examine_imu, examine_loop, time_loop
+    from sinew.bench.doctor import examine_bus, examine_imu, examine_loop, examine_motors, time_loop
 
     findings = examine_motors(bench, roll)
     times = None
