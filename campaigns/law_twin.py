@@ -18,7 +18,7 @@ import numpy as np
 
 from campaigns.law_signals import LAWS, DampingLaw
 from sinew.apps.cli import main as command
-from sinew.measure.netcdf import save_recording
+from sinew.measure.files.netcdf import save_recording
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig

@@ -8,7 +8,7 @@ from tests.contracts.virtual_run import spoken
 
 from sinew.apps.bench.run_control import state_line
 from sinew.apps.cli import main
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 
 REFUSED = {
     "nowhere to run": ((), "neither"),

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from sinew.measure.errors import FileError, SchemaError
-from sinew.measure.netcdf import (
+from sinew.measure.files.netcdf import (
     content_hash,
     is_netcdf,
     load_dataset,

@@ -321,7 +321,7 @@ def save_plan(plan: Plan, path: Path) -> None:
 
 
 def _save(text: str, path: Path) -> None:
-    from sinew.measure.netcdf import write_text  # xarray: half a second
+    from sinew.measure.files.netcdf import write_text  # xarray: half a second
 
     write_text(path, text)
 

@@ -180,7 +180,7 @@ def recording_doubts(recording: Path | None, spec: "RigSpec") -> list[dict[str, 
     from sinew.analysis.analysis import analyse_recording
     from sinew.analysis.doubts import doubts_of
     from sinew.measure.errors import SinewError
-    from sinew.measure.netcdf import load_recording
+    from sinew.measure.files.netcdf import load_recording
 
     if recording is None:
         return []

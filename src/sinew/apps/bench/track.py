@@ -355,7 +355,7 @@ def found_tracks(
     import numpy as np
 
     from sinew.analysis.tracked import tracked_turns
-    from sinew.measure.netcdf import load_recording
+    from sinew.measure.files.netcdf import load_recording
 
     laws, tracks = document.pop("laws"), []
     if document["recording"] is not None and laws:

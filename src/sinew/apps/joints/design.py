@@ -167,7 +167,7 @@ def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebu
     """
     from sinew.figures.design_page import draw_design_curves, draw_design_front, write_design_page
     from sinew.figures.style import save_figure
-    from sinew.measure.netcdf import provenance
+    from sinew.measure.files.netcdf import provenance
     from sinew.plan.toml import save_plan, save_rig
     from sinew.tune.proposal import plan_of
 

@@ -50,7 +50,7 @@ class Held:
 
 def measured_against(file: Path, rig: str | None) -> Held:
     """Return what a recording says. rig: file or name of the rig, whose sensors are taken."""
-    from sinew.measure.netcdf import load_recording
+    from sinew.measure.files.netcdf import load_recording
     from sinew.plan.toml import load_rig
     from sinew.predict.against import measured_of
 

@@ -115,7 +115,7 @@ def _write(
 ) -> Path:
     from sinew.figures.predicted import write_prediction_page
     from sinew.figures.style import save_figure
-    from sinew.measure.netcdf import provenance
+    from sinew.measure.files.netcdf import provenance
 
     paths = []
     for name, figure in figures.items():

@@ -54,7 +54,7 @@ def analyse(
     the table of gain and phase, and from six frequencies on the resonance.
     """
     from sinew.analysis.analysed import analyse as run
-    from sinew.measure.netcdf import load_recording
+    from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
     from sinew.measure.recording import cut_recording
 
@@ -88,7 +88,7 @@ def _refuse_columns(*given: object) -> None:
 
 
 def _write(found: "Analysed", folder: Path) -> None:
-    from sinew.measure.netcdf import save_dataset, save_recording
+    from sinew.measure.files.netcdf import save_dataset, save_recording
 
     save_recording(found.recording, folder / "recording.nc")
     if found.dataset is not None:

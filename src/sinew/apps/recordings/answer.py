@@ -32,7 +32,7 @@ def answer(
     taken up where they belong to it. A whole campaign takes about a minute or two.
     """
     from sinew.analysis.analysed import analyse_with, recording_rig
-    from sinew.measure.netcdf import load_recording
+    from sinew.measure.files.netcdf import load_recording
     from sinew.paper.answers.questions import answer_questions
 
     if not file.is_file():
@@ -69,7 +69,7 @@ def _rebuild(file: Path, out: Path | None, rig: str | None) -> str:
 def _write(
     answers: "list[Answer]", recording: "xr.Dataset", rig: "RigSpec | None", folder: Path, rebuild: str
 ) -> dict[str, Any]:
-    from sinew.measure.netcdf import content_hash
+    from sinew.measure.files.netcdf import content_hash
     from sinew.paper.answers.figures import draw_answers
     from sinew.paper.report import write_answers
 

@@ -39,7 +39,7 @@ def import_(
     Units: after the column (angle:deg, stamp:ms), else from its name (angle_deg, x [mm]), else seconds for the time and
     none for the rest.
     """
-    from sinew.measure.netcdf import save_recording
+    from sinew.measure.files.netcdf import save_recording
 
     recording = read_csv(file, kind, time, response, drive, start, stop, gaps)
     save_recording(recording, require_file(out))
@@ -66,16 +66,16 @@ def export(
 ) -> None:
     """Write a recording as a CSV table or a MATLAB file."""
     one_of("--to", to, ("csv", "mat"))
-    from sinew.measure.netcdf import load_recording
+    from sinew.measure.files.netcdf import load_recording
 
     recording = load_recording(file)
     require_file(out)
     if to == "csv":
-        from sinew.measure.csv import export_csv
+        from sinew.measure.files.csv import export_csv
 
         export_csv(recording, out)
     else:
-        from sinew.measure.netcdf import export_mat
+        from sinew.measure.files.netcdf import export_mat
 
         export_mat(recording, out)
     if json:

@@ -127,7 +127,7 @@ def _of_files(
 ) -> tuple["GaitTarget", list[str]]:
     from dataclasses import replace
 
-    from sinew.measure.walk_file import WalkColumns, read_walk
+    from sinew.measure.files.walk_file import WalkColumns, read_walk
     from sinew.tune.gait.bout import body_motion
     from sinew.tune.gait.target import estimate_gait, target_of_walks
 

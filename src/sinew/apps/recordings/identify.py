@@ -228,7 +228,7 @@ class _Asked:
     def origins(self) -> list[tuple[str, str]]:
         """Return what the numbers were made from: the file's hash and the versions."""
         from sinew.apps.recordings.stored import hash_file
-        from sinew.measure.netcdf import provenance
+        from sinew.measure.files.netcdf import provenance
 
         versions = str(provenance("import")["versions"])
         return [("file", str(self.file)), ("SHA-256", hash_file(self.file)), ("versions", versions)]
@@ -267,7 +267,7 @@ def _range(option: str, text: str | None) -> tuple[int, int] | None:
 
 def _find(asked: _Asked) -> "Identified":
     from sinew.identify.identified import identify as run
-    from sinew.measure.netcdf import load_recording
+    from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
 
     columns, more = asked.columns, asked.more

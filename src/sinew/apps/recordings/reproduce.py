@@ -74,7 +74,7 @@ def reproduce(
     above the paper's range.
     """
     from sinew.analysis.analysed import analyse_with
-    from sinew.measure.netcdf import save_dataset, save_recording
+    from sinew.measure.files.netcdf import save_dataset, save_recording
     from sinew.plan.check import refuse_beyond_limits
     from sinew.plan.toml import load_plan, load_rig
     from sinew.predict.preview import preview_plan
@@ -120,7 +120,7 @@ def report(
     needs none: then nothing is said of stiffness and damping constants, and sensors are taken as perfect.
     """
     from sinew.analysis.analysed import recording_rig
-    from sinew.measure.netcdf import load_recording
+    from sinew.measure.files.netcdf import load_recording
 
     if not (folder / "recording.nc").is_file():
         raise FileError(f"found no recording.nc in {folder}; expected a folder that sinew simulate or reproduce wrote")
@@ -169,7 +169,7 @@ def _measure_effects(plan: "Plan", rig: "RigSpec", folder: Path) -> list[dict[st
 
 def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path) -> "xr.Dataset":
     from sinew.analysis.analysed import analyse_with
-    from sinew.measure.netcdf import save_dataset
+    from sinew.measure.files.netcdf import save_dataset
 
     with progress_bar("analyse"):
         results = analyse_with(recording, rig)

@@ -21,7 +21,7 @@ def simulate(
 
     Refuses a plan that breaks a limit of the rig; `sinew check` says which.
     """
-    from sinew.measure.netcdf import save_recording
+    from sinew.measure.files.netcdf import save_recording
     from sinew.plan.check import refuse_beyond_limits
     from sinew.plan.toml import load_plan, load_rig
     from sinew.predict.preview import preview_plan

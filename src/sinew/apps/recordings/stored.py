@@ -27,7 +27,7 @@ def stored_results(path: Path, recording: "xr.Dataset", rig: "RigSpec | None") -
 
     None without a remark where there is no such file.
     """
-    from sinew.measure.netcdf import content_hash, load_results
+    from sinew.measure.files.netcdf import content_hash, load_results
 
     if not path.is_file():
         return None
@@ -47,7 +47,7 @@ def stored_results(path: Path, recording: "xr.Dataset", rig: "RigSpec | None") -
 
 def stored_beyond(path: Path, rig: "RigSpec | None") -> "xr.Dataset | None":
     """Return the results of the sweep above the paper's range if they are of this rig, else None and a remark."""
-    from sinew.measure.netcdf import load_results
+    from sinew.measure.files.netcdf import load_results
 
     if not path.is_file():
         return None
@@ -63,7 +63,7 @@ def stored_answers(path: Path, recording: "xr.Dataset") -> list[dict[str, Any]]:
 
     Empty where there is no such file or it cannot be read, and with a remark where it is another recording's.
     """
-    from sinew.measure.netcdf import content_hash
+    from sinew.measure.files.netcdf import content_hash
 
     try:
         document = json.loads(path.read_text(encoding="utf-8"))

@@ -89,7 +89,7 @@ def recording_of(folder: Path) -> Path:
 
 def load_own(folder: Path) -> "xr.Dataset":
     """Return the recording of a run, read through no link. Raises as `recording_of` and `load_recording`."""
-    from sinew.measure.netcdf import load_recording
+    from sinew.measure.files.netcdf import load_recording
 
     with held_inside(folder.parent, recording_of(folder)) as path:
         return load_recording(path)
@@ -100,7 +100,7 @@ def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":
     from sinew.analysis.analysed import analyse_with, recording_rig, results_document
     from sinew.apps.console import write_json
     from sinew.apps.recordings.stored import stored_results
-    from sinew.measure.netcdf import save_dataset
+    from sinew.measure.files.netcdf import save_dataset
 
     recording = load_own(folder)
     rig = recording_rig(recording, None)
@@ -223,8 +223,8 @@ def download(folder: Path | str, kind: str) -> Path:
 
 
 def _csv(folder: Path, path: Path) -> None:
-    from sinew.measure.csv import export_csv
-    from sinew.measure.netcdf import write_atomically
+    from sinew.measure.files.csv import export_csv
+    from sinew.measure.files.netcdf import write_atomically
 
     table = path.with_name(f".{folder.name}.csv")
     export_csv(load_own(folder), table)
@@ -240,7 +240,7 @@ def _csv(folder: Path, path: Path) -> None:
 
 
 def _mat(folder: Path, path: Path) -> None:
-    from sinew.measure.netcdf import export_mat
+    from sinew.measure.files.netcdf import export_mat
 
     export_mat(load_own(folder), path)
 

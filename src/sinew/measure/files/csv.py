@@ -1,8 +1,8 @@
-"""This is where CSV files become recordings, and recordings become CSV files.
+"""CSV files: columns that become a recording, and a recording that becomes columns.
 
 Import: the columns of time, response and drive are named by specifications "COL" or "COL:unit" (see
-`sinew.measure.table.find_columns`). Without a unit, the one in the column's own name counts ("angle_deg", "x [mm]"),
-else 1, and seconds for time. An angle becomes `torsion_rad` (as drive: `drive_rad`), anything else `response`
+`sinew.measure.files.table.find_columns`). Without a unit, the one in the column's own name counts ("angle_deg",
+"x [mm]"), else 1, and seconds for time. An angle becomes `torsion_rad` (as drive: `drive_rad`), anything else `response`
 (`drive`) in SI units. An angular rate stays a rate, `response` in rad/s: where the sensor sat and what its other
 axes read is not known, so it is not passed off as the gyroscope of the schema. Its frequency and damping are those
 of the angle.
@@ -22,10 +22,10 @@ import xarray as xr
 from sinew.measure.arrays import Array
 from sinew.measure.doors import as_path, as_seconds
 from sinew.measure.errors import RecordingError, TimeError, UnitError
-from sinew.measure.netcdf import provenance, write_atomically
+from sinew.measure.files.netcdf import provenance, write_atomically
+from sinew.measure.files.table import Table, find_columns, numbers, read_table
 from sinew.measure.recording import Segment, build_recording
 from sinew.measure.schema import SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
-from sinew.measure.table import Table, find_columns, numbers, read_table
 from sinew.measure.timing import refuse_backwards, straighten_times
 from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
 
