@@ -2,10 +2,10 @@
 
 Import: the columns of time, response and drive are named by specifications "COL" or "COL:unit" (see
 `sinew.measure.files.table.find_columns`). Without a unit, the one in the column's own name counts ("angle_deg",
-"x [mm]"), else 1, and seconds for time. An angle becomes `torsion_rad` (as drive: `drive_rad`), anything else `response`
-(`drive`) in SI units. An angular rate stays a rate, `response` in rad/s: where the sensor sat and what its other
-axes read is not known, so it is not passed off as the gyroscope of the schema. Its frequency and damping are those
-of the angle.
+"x [mm]"), else 1, and seconds for time. An angle becomes `torsion_rad` (as drive: `drive_rad`), anything else
+`response` (`drive`) in SI units. An angular rate stays a rate, `response` in rad/s: where the sensor sat and what its
+other axes read is not known, so it is not passed off as the gyroscope of the schema. Its frequency and damping are
+those of the angle.
 
 Export: one flat table, a row for each sample, every channel with its unit in its name. `import_csv` reads it.
 """
