@@ -230,7 +230,8 @@ def test_draws_replace_the_covariance_of_the_parameters_they_are_of() -> None:
     )
     np.testing.assert_allclose(cloud.std, [0.2, 0.3], rtol=0.05)
     assert cloud.correlation[0, 1] == pytest.approx(0.5, abs=0.05)
-    assert draw_corner(cloud) is not None
+    written = {text.get_text() for text in drawn(draw_corner(cloud)).findobj(Text)}
+    assert f"ρ = {cloud.correlation[0, 1]:.2f}" in written
 
 
 def test_the_corner_plot_tells_values_and_correlation() -> None:
