@@ -44,8 +44,6 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
 from sinew.twin.simulate import rest_tension
 
-__all__ = ["main"]
-
 SAMPLE_HZ, PERIOD = 200.0, 5e-3
 PRETENSION_MM, FREQUENCY_HZ, AMPLITUDE_DEG = 6.0, 3.6, 20.0
 MODE: TendonMode = "position-with-current-limit"

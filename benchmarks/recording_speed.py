@@ -20,8 +20,6 @@ from sinew.plan.toml import load_plan, load_rig
 from sinew.twin.cache import configure
 from sinew.twin.simulate import simulate
 
-__all__ = ["main"]
-
 
 def _seconds(work: Callable[[], Any]) -> float:
     start = time.perf_counter()

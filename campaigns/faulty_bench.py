@@ -18,8 +18,6 @@ from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.plan.toml import dump_plan, dump_rig
 
-__all__ = ["JOURNAL", "LONGEST_S", "EndlessError", "FaultyBench", "timeline_of"]
-
 JOURNAL = "journal.sqlite"
 """Name of a run's journal in its folder."""
 

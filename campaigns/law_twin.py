@@ -25,8 +25,6 @@ from sinew.plan.toml import load_rig
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import simulate
 
-__all__ = ["Heard", "draw_rig", "main", "run_twin"]
-
 _FREQUENCIES_HZ = (1.8, 2.4, 2.8, 3.1, 3.5, 4.4)
 _PRESLIDING_RAD = 0.02
 

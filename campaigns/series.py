@@ -37,8 +37,6 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, PULSE
 from sinew.plan.toml import load_rig, parse_plan
 
-__all__ = ["PLAN", "Kill", "Series", "kill_series"]
-
 PLAN = """
 name = "killed"
 sample_hz = 200

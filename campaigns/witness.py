@@ -28,8 +28,6 @@ from sinew.emulator.devices.imu_node import SAMPLE_PERIOD
 from sinew.emulator.plant import Law, Motion, Plant
 from sinew.plan.rig import RigSpec
 
-__all__ = ["MOTOR_S", "SENSOR_S", "TENDON_COUNTS", "Truth", "Witness", "Wrong", "wrong_readings"]
-
 Floats = NDArray[np.float64]
 
 MOTOR_S = 3.1e-3

@@ -35,8 +35,6 @@ from sinew.measure import schema
 from sinew.plan.toml import load_rig
 from tools.tree import ROOT
 
-__all__ = ["cli_page", "main", "recording_page", "reference_pages", "registers_page", "results_page"]
-
 _NOTE = "<!-- written by tools/write_reference.py (`make reference`); edit that, not this -->\n"
 
 
