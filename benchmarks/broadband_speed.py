@@ -12,8 +12,6 @@ from scipy import signal
 
 from sinew.analysis.broadband.spectra import estimate_frequency_response
 
-__all__ = ["main"]
-
 SAMPLES, SAMPLE_HZ, LENGTH = 4_200_000, 1000, 4096
 Work = Callable[[NDArray[np.float64], NDArray[np.float64]], Any]
 

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.sdk_bus import SdkMaster
-from sinew.apps.bench_run import open_rig
-from sinew.apps.run_control import keeping_time
+from sinew.apps.bench.bench_run import open_rig
+from sinew.apps.bench.run_control import keeping_time
 from sinew.bench.errors import BenchError
 from sinew.bench.group import Swing
 from sinew.bench.guard import Guard, Watch
@@ -43,8 +43,6 @@ from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
 from sinew.twin.simulate import rest_tension
-
-__all__ = ["main"]
 
 SAMPLE_HZ, PERIOD = 200.0, 5e-3
 PRETENSION_MM, FREQUENCY_HZ, AMPLITUDE_DEG = 6.0, 3.6, 20.0

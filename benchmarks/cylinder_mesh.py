@@ -14,8 +14,6 @@ from skfem import Basis, ElementHex1, ElementHex2, ElementQuad1, ElementQuad2, M
 
 from benchmarks.solid import Array, Energy, Indices, Solid
 
-__all__ = ["ANGLE", "Cylinder", "axisymmetric_cylinder", "eighth_of_cylinder"]
-
 ANGLE = 1
 """Kind of the unknowns that are rotations, in the axisymmetric cylinder."""
 

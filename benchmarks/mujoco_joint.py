@@ -11,8 +11,6 @@ from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.twin.simulate import lane_parameters, rest_tension
 
-__all__ = ["joint_xml"]
-
 
 def joint_xml(rig: RigSpec, pretension_mm: float, *, step_s: float = 0.00125, axial: bool = True) -> str:
     """Return the MJCF of the joint at a pretension [mm]; z is the axis of the continuum.

@@ -8,8 +8,6 @@ favour.
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["marks"]
-
 Array = NDArray[np.float64]
 
 

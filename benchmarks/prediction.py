@@ -22,8 +22,6 @@ from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_
 from sinew.solve.curves import predict
 from sinew.twin.cache import configure
 
-__all__ = ["PEAK_RAD", "UPPER_FOLD_HZ", "main", "reference"]
-
 BAND_HZ = (1.0, 6.0)
 PEAK_RAD, UPPER_FOLD_HZ, LOWER_FOLD_HZ = 0.793727, 3.818697, 3.521591
 SHOT_PEAK_RAD = 0.7937292

@@ -20,8 +20,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["curve", "main", "model"]
-
 
 def model(asked: dict[str, Any], setting: dict[str, Any]) -> dict[str, Any]:
     """Return pyHarm's input of the oscillator: one degree of freedom against the ground, driven by a sine."""

@@ -15,12 +15,10 @@ import xarray as xr
 from scipy.linalg import lstsq
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.measure.netcdf import save_recording
+from sinew.measure.files.netcdf import save_recording
 from sinew.plan.toml import load_plan, load_rig
 from sinew.twin.cache import configure
 from sinew.twin.simulate import simulate
-
-__all__ = ["main"]
 
 
 def _seconds(work: Callable[[], Any]) -> float:

@@ -10,8 +10,6 @@ from typing import Any
 
 from sinew.plan.rig import RigSpec
 
-__all__ = ["SdkMaster"]
-
 TORQUE, GOAL_POSITION, PRESENT_POSITION = 64, 116, 132  # addresses
 PRESENT, CLIMATE, PRESENT_AND_CLIMATE, IMU = (120, 16), (144, 3), (120, 27), (32, 28)  # (address, bytes)
 VALUES = ((120, 2), (124, 2), (126, 2), (128, 4), (132, 4))  # tick, pwm, current, velocity, position

@@ -19,8 +19,6 @@ from scipy.sparse.linalg import splu
 
 from sinew.twin.cache import configure
 
-__all__ = ["Balance", "Solid", "balance", "held_stiffness", "settled"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Energy = Callable[[jax.Array, jax.Array], jax.Array]

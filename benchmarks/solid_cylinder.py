@@ -14,8 +14,6 @@ import numpy as np
 from benchmarks.cylinder_mesh import ANGLE, Cylinder, axisymmetric_cylinder, eighth_of_cylinder
 from benchmarks.solid import Array, Indices, balance, held_stiffness, settled
 
-__all__ = ["Stiffness", "beam", "deviation", "lost_length", "main", "shape_factor_formula", "stiffness"]
-
 DIAMETER_M, LENGTH_M = 0.056, 0.095
 SLENDERNESS = (0.5, 1.0, LENGTH_M / DIAMETER_M, 3.0, 5.0)
 COMPRESSIONS = (0.0, 0.05, 0.10)

@@ -20,8 +20,6 @@ from scipy.integrate import solve_ivp
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
 
-__all__ = ["NOISE", "TRUTH", "WINDOWS", "by_pysindy", "by_sinew", "errors", "main", "sweep_record"]
-
 Array = NDArray[np.float64]
 
 INERTIA, CUBIC, TORQUE = 12.74e-3, 6.0, 0.45

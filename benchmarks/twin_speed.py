@@ -27,8 +27,6 @@ from sinew.solve.march import STEPS_PER_SAMPLE
 from sinew.twin.cache import configure
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
-__all__ = ["main"]
-
 SAMPLE_HZ = 200.0
 SECONDS = 5.0
 

@@ -24,8 +24,6 @@ from sinew.solve.branch import Branch, sweep
 from sinew.solve.curves import Problem
 from sinew.twin.simulate import simulate
 
-__all__ = ["AT_HZ", "Trial", "main", "run_trial", "table"]
-
 BAND_HZ, PRETENSION_MM, AMPLITUDE_DEG = (2.0, 5.5), 7.0, 20.0
 AT_HZ = np.array([2.2, 2.8, 3.2, 3.5, 3.8, 4.2, 5.0])
 MARKS = ("frequency of the peak", "amplitude of the peak", "frequency of 90°")

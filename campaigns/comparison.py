@@ -14,8 +14,6 @@ from sinew.bench.conversion import recording_from_journal
 from sinew.bench.journal_reader import JournalReader
 from sinew.measure.errors import SinewError
 
-__all__ = ["Comparison", "compare"]
-
 Floats = NDArray[np.float64]
 
 _SHOWN = 5

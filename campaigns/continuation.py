@@ -26,8 +26,6 @@ from sinew.solve.march import Track
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 
-__all__ = ["BAND_HZ", "Drawn", "Outcome", "Trial", "draw", "main", "run_trials", "table"]
-
 BAND_HZ = (1.0, 6.0)
 MODES: tuple[TendonMode, ...] = ("position", "position-with-current-limit", "current")
 _PARTS = ("silicone.", "inertia.", "tendons.", "drive.")

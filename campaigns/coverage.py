@@ -27,21 +27,6 @@ from sinew.identify.stepped.fit import fit_response
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.estimate import Estimate
 
-__all__ = [
-    "DAMPINGS",
-    "FREQUENCIES_HZ",
-    "PAPER_READINGS",
-    "Coverage",
-    "PaperReading",
-    "cubic_trials",
-    "main",
-    "paper_damping",
-    "peak_trials",
-    "peaks_of",
-    "ring_down_trials",
-    "stepped_sines",
-]
-
 Array = NDArray[np.float64]
 
 DAMPINGS = (0.05, 0.10, 0.17, 0.25)

@@ -38,8 +38,6 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 from sinew.twin.simulate import rest_tension
 
-__all__ = ["FROZEN_MOST_MS", "PHASES", "PRETENSIONS_MM", "Case", "Outcome", "draw_case", "main", "play", "tensions"]
-
 FROZEN_MOST_MS = 200.0
 """From the request until every motor is frozen."""
 

@@ -31,8 +31,6 @@ from sinew.plan.toml import load_plan, load_rig
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import Lanes, lane_parameters, record_tracks, simulate_tracks
 
-__all__ = ["EXACT_QUANTITIES", "Trial", "exact_energy", "main", "paper_sweep", "run_trial", "steady_truth", "table"]
-
 Floats = NDArray[np.float64]
 Pair = tuple[float, int]
 

@@ -15,8 +15,6 @@ from campaigns.scenario import PLANS, draw_scenario
 from campaigns.table import summary, text
 from campaigns.trial import Verdict, judge
 
-__all__ = ["main", "rest_tensions", "verdicts"]
-
 _PATIENCE_S = 300.0  # for one run, of the computer's time
 
 

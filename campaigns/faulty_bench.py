@@ -19,8 +19,6 @@ from sinew.hardware.rig import Rig
 from sinew.measure.events import Event
 from sinew.plan.toml import dump_plan, dump_rig
 
-__all__ = ["JOURNAL", "LONGEST_S", "EndlessError", "FaultyBench", "timeline_of"]
-
 JOURNAL = "journal.sqlite"
 """Name of a run's journal in its folder."""
 

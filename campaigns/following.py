@@ -30,8 +30,6 @@ from sinew.plan.toml import load_rig
 from sinew.tune.track.expected import ExpectedBackbone
 from sinew.twin.simulate import simulate
 
-__all__ = ["FIXED_MM", "Followed", "campaign_map", "follow", "main", "table"]
-
 Floats = NDArray[np.float64]
 
 FIXED_MM = (0.0, 3.0, 6.0, 9.0, 12.0)

@@ -14,8 +14,6 @@ from campaigns.walker import Walker, walk
 from sinew.measure.estimate import Estimate
 from sinew.tune.gait.target import estimate_gait
 
-__all__ = ["SETTINGS", "Count", "count", "main"]
-
 SETTINGS = ((14, 0.4), (24, 0.0), (24, 0.4), (24, 0.6), (45, 0.4), (100, 0.5))
 """Strides walked, and how alike neighbours are."""
 

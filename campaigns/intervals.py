@@ -28,8 +28,6 @@ from sinew.identify.oscillator.profile import interval90
 from sinew.identify.oscillator.record import Record, make_record
 from sinew.measure.estimate import Estimate
 
-__all__ = ["SCENARIOS", "Row", "Scenario", "coverage", "main", "repeat_trial", "run_trial", "table"]
-
 Array = NDArray[np.float64]
 
 OMEGA = 2 * np.pi * 3.0

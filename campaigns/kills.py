@@ -20,8 +20,6 @@ import numpy as np
 from campaigns.options import campaign_parser
 from campaigns.series import Kill, Series, kill_series
 
-__all__ = ["MOST_MISSING", "MOST_STOPPED_MS", "main", "run_series", "violations"]
-
 MOST_MISSING = 100
 """Half a second at 200 Hz."""
 

@@ -17,8 +17,6 @@ from scipy.optimize import nnls
 
 from sinew.identify.oscillator.record import Record, make_record
 
-__all__ = ["EXCITATIONS", "LAWS", "DampingLaw", "Kind", "Truth", "clean_record", "draw_truth", "noisy_record"]
-
 Array = NDArray[np.float64]
 Kind = Literal["decay", "torque", "lever"]
 DampingLaw = Literal["viscous", "loss-factor", "coulomb"]

@@ -18,14 +18,12 @@ import numpy as np
 
 from campaigns.law_signals import LAWS, DampingLaw
 from sinew.apps.cli import main as command
-from sinew.measure.netcdf import save_recording
+from sinew.measure.files.netcdf import save_recording
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import simulate
-
-__all__ = ["Heard", "draw_rig", "main", "run_twin"]
 
 _FREQUENCIES_HZ = (1.8, 2.4, 2.8, 3.1, 3.5, 4.4)
 _PRESLIDING_RAD = 0.02

@@ -37,8 +37,6 @@ from sinew.identify.oscillator.model import Model, Rest
 from sinew.identify.oscillator.record import Record
 from sinew.mechanics.laws import DryFriction, LossFactor
 
-__all__ = ["Margin", "Outcome", "Verdict", "expected_margin", "main", "run_trial", "run_trials", "table"]
-
 CAN, CANNOT = 20.0, 2.0
 Margin = Literal["can tell", "between", "cannot tell"]
 Verdict = Literal["picked", "cannot tell", "bounded", "wrong"]

@@ -32,8 +32,6 @@ from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
 from sinew.twin.simulate import rest_tension
 
-__all__ = ["MODES", "Row", "main", "run_trial", "table"]
-
 MODES: tuple[TendonMode, ...] = get_args(TendonMode)
 PRETENSIONS_MM = (2.0, 8.0)
 TILT = math.radians(3.0)

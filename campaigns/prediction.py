@@ -25,8 +25,6 @@ from sinew.predict.joint import RESOLUTION, joint_problem, lever_problem
 from sinew.solve.curves import predict
 from sinew.twin.simulate import simulate
 
-__all__ = ["FITTED_MM", "FREQUENCY_SHARE", "GAIN_SHARE", "Outcome", "displaced", "main", "predicted", "run", "table"]
-
 FITTED_MM = (0.0, 4.0, 8.0, 12.0)
 FREQUENCY_SHARE, GAIN_SHARE = 0.01, 0.03
 _PAIRS = (("resonance_hz", "gain_peak"), ("resonance_measured_drive_hz", "gain_peak_measured_drive"))

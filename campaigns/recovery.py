@@ -21,8 +21,6 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.twin.simulate import simulate
 
-__all__ = ["QUANTITIES", "Trial", "covered", "draw_rig", "main", "plans", "run_trial", "run_trials", "table"]
-
 QUANTITIES = ("stiffness", "tendon moment", "loss factor", "guide friction")
 """G J/L; head radius times the tension at first contact; of the silicone; of the guides, as the rig defines it."""
 

@@ -14,8 +14,6 @@ from sinew.plan.plan import Plan, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig, parse_plan
 
-__all__ = ["NOMINAL_S", "PLANS", "Phase", "Scenario", "Timeline", "draw_scenario", "plan_of", "rig_of"]
-
 Phase = Literal["set-up", "mode change", "levelling", "stop"]
 Timeline = dict[Phase, tuple[float, float]]
 """When a phase begins and ends in the run without a fault [s]."""

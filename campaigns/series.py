@@ -31,13 +31,11 @@ from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import SerialPort
 from sinew.hardware.transport import MonotonicClock
 from sinew.measure.errors import RecordingError
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 from sinew.measure.recording import read_registers, segment_slices
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, PULSE
 from sinew.plan.toml import load_rig, parse_plan
-
-__all__ = ["PLAN", "Kill", "Series", "kill_series"]
 
 PLAN = """
 name = "killed"

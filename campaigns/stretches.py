@@ -10,8 +10,6 @@ from sinew.identify.oscillator.record import Record
 from sinew.identify.stepped.points import ResponsePoints, make_points, turned
 from sinew.measure.errors import RecordingError, SpecError
 
-__all__ = ["response_points"]
-
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 

@@ -6,8 +6,6 @@ from typing import Any
 from campaigns.trial import Verdict
 from sinew.emulator.faults import DRAWN_KINDS
 
-__all__ = ["OUTCOMES", "summary", "table", "text"]
-
 OUTCOMES = ("complete", "stopped", "refused")
 """How a run may end: all groups recorded; ended early, by itself; not begun."""
 

@@ -31,8 +31,6 @@ from sinew.tune.track.expected import ExpectedBackbone, planned_tracker
 from sinew.tune.track.tracker import Tracker
 from sinew.twin.simulate import rest_tension
 
-__all__ = ["Tracked", "track_plan", "tracked"]
-
 Floats = NDArray[np.float64]
 
 HELD_DEG = 6.0

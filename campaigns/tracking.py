@@ -21,8 +21,6 @@ from sinew.plan.plan import Sweep
 from sinew.plan.toml import load_plan, load_rig
 from sinew.tune.track.expected import ExpectedBackbone, expect_backbones
 
-__all__ = ["Row", "broken", "follow_rows", "lock_rows", "main", "moving_rows", "rough_rows", "sweep_seconds", "table"]
-
 COMMAND_DEG = 20.0
 PRETENSIONS_MM = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)
 OFFSETS = (0.8, 1.2)

@@ -22,8 +22,6 @@ from sinew.bench.errors import StartError
 from sinew.bench.run import RunReport
 from sinew.emulator.rig import MotorState
 
-__all__ = ["Verdict", "judge"]
-
 
 @dataclass(slots=True)
 class Verdict:

@@ -27,8 +27,6 @@ from sinew.bench.sample import Sample
 from sinew.measure.recording import Segment
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 
-__all__ = ["compare_cycles", "stream_hours"]
-
 VIEWERS = 4
 RATE_HZ = 200.0
 WARM_SHARE = 0.2

@@ -9,8 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from sinew.tune.gait.bout import BodyMotion
 
-__all__ = ["RATE_HZ", "Walker", "alike", "phase_of", "sensor_columns", "walk", "yaw_of"]
-
 Floats = NDArray[np.float64]
 
 RATE_HZ = 100.0

@@ -24,11 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from sinew.emulator.imu_node import SAMPLE_PERIOD
+from sinew.emulator.devices.imu_node import SAMPLE_PERIOD
 from sinew.emulator.plant import Law, Motion, Plant
 from sinew.plan.rig import RigSpec
-
-__all__ = ["MOTOR_S", "SENSOR_S", "TENDON_COUNTS", "Truth", "Witness", "Wrong", "wrong_readings"]
 
 Floats = NDArray[np.float64]
 

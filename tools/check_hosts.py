@@ -13,8 +13,6 @@ if __package__ in (None, ""):
 
 from tools.tree import ROOT, repository_files
 
-__all__ = ["find_hosts", "main"]
-
 # Written in pieces, so that this file does not find itself.
 _INDEX = re.compile(
     r"(?:py"

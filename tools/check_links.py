@@ -13,8 +13,6 @@ if __package__ in (None, ""):
 
 from tools.tree import ROOT, repository_files
 
-__all__ = ["anchors", "broken_links", "main"]
-
 _FENCE = re.compile(r"^(```+|~~~+).*?^\1\s*$", re.MULTILINE | re.DOTALL)
 _CODE = re.compile(r"`[^`\n]*`")
 _LINK = re.compile(r"!?\[[^\]]*\]\(\s*<?([^)\s>]+)>?(?:\s+\"[^\"]*\")?\s*\)")

@@ -8,8 +8,6 @@ import shutil
 import sys
 from pathlib import Path
 
-__all__ = ["PICTURES", "copy_pictures", "main"]
-
 # name in docs/pictures -> name in the figures folder
 PICTURES = {"resonance.png": "figure06_response.png"}
 

@@ -17,8 +17,6 @@ from typing import Any, Literal
 
 from playwright.sync_api import Error, Page, sync_playwright
 
-__all__ = ["main"]
-
 ARGUMENTS = [
     "--no-sandbox",
     "--use-gl=angle",

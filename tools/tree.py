@@ -3,8 +3,6 @@
 import subprocess
 from pathlib import Path
 
-__all__ = ["ROOT", "repository_files"]
-
 ROOT = Path(__file__).resolve().parents[1]
 
 

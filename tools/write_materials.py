@@ -12,8 +12,6 @@ if __package__ in (None, ""):
 
 from sinew.predict.joints.material import fit_tensile, read_tensile
 
-__all__ = ["CURVES", "main", "materials_text"]
-
 CURVES = {
     "dragon-skin-10": ("Dragon Skin 10 Medium", "Dragon_Skin_10_MEDIUM.csv"),
     "dragon-skin-20": ("Dragon Skin 20", "Dragon_Skin_20.csv"),

@@ -35,8 +35,6 @@ from sinew.measure import schema
 from sinew.plan.toml import load_rig
 from tools.tree import ROOT
 
-__all__ = ["cli_page", "main", "recording_page", "reference_pages", "registers_page", "results_page"]
-
 _NOTE = "<!-- written by tools/write_reference.py (`make reference`); edit that, not this -->\n"
 
 
@@ -132,7 +130,7 @@ quantity with an interval has companions whose suffix stands before the unit: `r
 `resonance_low_hz` and `resonance_high_hz`, the standard deviation over the repeats and the ends of the 90 % interval.
 
 Files of the schema `sinew-results-1`, whose axes `pretension`, `frequency` and `repeat` had no coordinates, are brought
-to this shape by `sinew.measure.netcdf.load_results`; no number moves. Other readers of such files find places by
+to this shape by `sinew.measure.files.netcdf.load_results`; no number moves. Other readers of such files find places by
 position alone.
 
 {tables}

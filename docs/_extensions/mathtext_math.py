@@ -12,8 +12,6 @@ from matplotlib import mathtext
 from matplotlib.font_manager import FontProperties
 from sphinx.application import Sphinx
 
-__all__ = ["setup"]
-
 _POINTS = 11.5
 
 

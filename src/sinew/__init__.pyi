@@ -11,7 +11,6 @@ from sinew.identify.oscillator.model import MODELS as MODELS
 from sinew.identify.oscillator.model import Model as Model
 from sinew.identify.oscillator.record import Record as Record
 from sinew.identify.oscillator.record import make_record as make_record
-from sinew.measure.csv import export_csv as export_csv
 from sinew.measure.errors import FileError as FileError
 from sinew.measure.errors import RecordingError as RecordingError
 from sinew.measure.errors import SchemaError as SchemaError
@@ -20,8 +19,9 @@ from sinew.measure.errors import SpecError as SpecError
 from sinew.measure.errors import TimeError as TimeError
 from sinew.measure.errors import UnitError as UnitError
 from sinew.measure.estimate import Estimate as Estimate
-from sinew.measure.netcdf import export_mat as export_mat
-from sinew.measure.netcdf import save_recording as save_recording
+from sinew.measure.files.csv import export_csv as export_csv
+from sinew.measure.files.netcdf import export_mat as export_mat
+from sinew.measure.files.netcdf import save_recording as save_recording
 from sinew.measure.read import read as read
 from sinew.plan.parameter import Parameter as Parameter
 from sinew.plan.plan import Plan as Plan

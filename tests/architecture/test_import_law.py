@@ -3,9 +3,12 @@
 import ast
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from sinew.apps.cli import app
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = sorted(path.parent for path in (ROOT / "src" / "sinew").glob("*/__init__.py"))
@@ -23,3 +26,19 @@ def test_the_front_door_of_a_room_imports_nothing(room: Path) -> None:
     tree = ast.parse((room / "__init__.py").read_text(encoding="utf-8"))
     imports = [node.lineno for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
     assert imports == []
+
+
+def imported(path: Path) -> Iterator[str]:
+    """Yield what a file imports anywhere in it, as dotted names of modules and of what is taken from them."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            yield from (str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names))
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+
+
+def test_nobody_but_the_command_line_imports_a_command() -> None:
+    commands = {command.callback.__module__ for command in app.registered_commands if command.callback is not None}
+    source = ROOT / "src" / "sinew"
+    found = {str(path.relative_to(source)): commands.intersection(imported(path)) for path in source.rglob("*.py")}
+    assert {path for path, names in found.items() if names} == {"apps/cli.py"}

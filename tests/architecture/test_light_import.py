@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 SOURCE = Path(__file__).resolve().parents[2] / "src"
-MEASURE = sorted(f"sinew.measure.{path.stem}" for path in (SOURCE / "sinew" / "measure").glob("[a-z]*.py"))
+MEASURE = sorted(
+    ".".join(path.relative_to(SOURCE).with_suffix("").parts) for path in SOURCE.glob("sinew/measure/**/[a-z]*.py")
+)
 
 
 def modules_loaded_by(code: str) -> set[str]:

@@ -18,8 +18,6 @@ from typing import Any
 
 import pytest
 
-__all__ = ["ARGUMENTS", "CHROMIUM", "Served", "choose_plan", "served"]
-
 SINEW = Path(sys.executable).with_name("sinew")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 PATIENCE = 120.0

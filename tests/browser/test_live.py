@@ -13,7 +13,7 @@ from tests.browser.dashboard import Served, choose_plan, served
 from tests.contracts.emulated_bench import alone, rig_file
 
 from sinew.bench.journal_reader import JournalReader
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from tests.browser.dashboard import Served, choose_plan, edit_plan
 
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 
 axe_api = pytest.importorskip("axe_playwright_python.sync_playwright", reason="no axe-core: make setup-dev installs it")
 

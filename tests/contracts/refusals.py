@@ -6,8 +6,6 @@ import pytest
 
 from sinew.apps.cli import main
 
-__all__ = ["refused"]
-
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
     """Return the line that a refused command line leaves on stderr."""

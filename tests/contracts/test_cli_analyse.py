@@ -10,7 +10,7 @@ import xarray as xr
 
 from sinew.analysis.analysed import decay_rows
 from sinew.apps.cli import main
-from sinew.measure.netcdf import load_dataset, load_recording
+from sinew.measure.files.netcdf import load_dataset, load_recording
 from sinew.measure.schema import validate_results
 from sinew.plan.toml import dump_plan, load_plan
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from sinew.apps.cli import main
-from sinew.measure.csv import import_csv
-from sinew.measure.netcdf import save_recording
+from sinew.measure.files.csv import import_csv
+from sinew.measure.files.netcdf import save_recording
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 
 TIME = np.arange(0, 10, 0.01)

@@ -13,10 +13,10 @@ import xarray as xr
 
 from sinew.apps.cli import main
 from sinew.identify.joint import calibration
-from sinew.measure.csv import import_csv
 from sinew.measure.estimate import Estimate
 from sinew.measure.extras import how_to_install
-from sinew.measure.netcdf import load_recording, save_recording
+from sinew.measure.files.csv import import_csv
+from sinew.measure.files.netcdf import load_recording, save_recording
 from sinew.plan.toml import dump_rig, list_shipped, load_plan, load_rig
 from sinew.twin.simulate import simulate
 
@@ -111,15 +111,13 @@ def test_a_table_of_before_and_after_is_printed(bench: Path, capsys: pytest.Capt
     assert main(["calibrate", "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES]) == 0
     said = capsys.readouterr().out
     assert re.search(r"first_contact_tension\s+N\s+8\.868\s+10\.5\s+9\.8 to 11\.2", said)
-    assert "not determined by these recordings, so with old value and origin: tendons.presliding_angle" in said
+    assert re.search(r"not determined.* tendons\.presliding_angle", said)
 
 
 def test_the_input_is_written_over_only_when_forced(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = Path("mine.toml").read_bytes()
     assert main(["calibrate", "mine.toml", "monday.nc", "--out", "mine.toml", *NAMES]) == 2
-    assert "is the rig that is read; give another name with --out, or write over it with --force" in (
-        capsys.readouterr().err
-    )
+    assert re.search(r"mine\.toml is the rig that is read.*--out.*--force", capsys.readouterr().err)
     assert Path("mine.toml").read_bytes() == before
     calibrate(capsys, "mine.toml", "monday.nc", "--out", "mine.toml", "--force", *NAMES)
     assert load_rig("mine.toml").tendons.first_contact_tension.value == 10.5

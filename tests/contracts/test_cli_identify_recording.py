@@ -13,7 +13,7 @@ from tests.contracts.identify_sweep import (
 from tests.unit.figures_sample import Joint, sample_recording
 
 from sinew.apps.cli import main
-from sinew.measure.netcdf import save_recording
+from sinew.measure.files.netcdf import save_recording
 
 
 def imported(capsys: pytest.CaptureFixture[str], sweep: Path, folder: Path) -> Path:

@@ -7,7 +7,7 @@ import pytest
 from tests.contracts.identify_sweep import DOCUMENT, identified, unidentified, write
 from tests.unit.figures_sample import Joint, sample_recording
 
-from sinew.measure.netcdf import save_recording
+from sinew.measure.files.netcdf import save_recording
 
 INERTIA, STIFFNESS, DAMPING = 0.0127, 4.5, 0.024
 COLUMNS = ("--kind", "stepped", "--output", "angle:deg", "--input", "torque:N*m", "--excitation", "torque")

@@ -9,7 +9,7 @@ import pytest
 
 from sinew.apps.cli import main
 from sinew.identify.joint.calibration import Source, calibrated_together
-from sinew.measure.netcdf import save_recording
+from sinew.measure.files.netcdf import save_recording
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.twin.simulate import simulate

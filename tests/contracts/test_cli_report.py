@@ -9,11 +9,10 @@ import pytest
 import xarray as xr
 
 from sinew.analysis.analysed import analyse_with
-from sinew.apps.answer import stored_answers
 from sinew.apps.cli import main
-from sinew.apps.stored import hash_file, stored_beyond, stored_effects, stored_results
-from sinew.measure.csv import import_csv
-from sinew.measure.netcdf import load_dataset, load_recording, save_dataset, save_recording
+from sinew.apps.recordings.stored import hash_file, stored_answers, stored_beyond, stored_effects, stored_results
+from sinew.measure.files.csv import import_csv
+from sinew.measure.files.netcdf import load_dataset, load_recording, save_dataset, save_recording
 from sinew.plan.toml import dump_rig, load_rig
 
 RIG = load_rig("paper")

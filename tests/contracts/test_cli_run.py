@@ -10,7 +10,7 @@ from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import joint, virtual_port
 from tests.contracts.virtual_run import spoken
 
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 from sinew.plan.toml import load_rig
 
 

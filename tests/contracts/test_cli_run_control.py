@@ -16,7 +16,7 @@ from tests.contracts.emulated_bench import WatchedPort, joint, rig_file, virtual
 from tests.contracts.virtual_run import interrupt, run, torques
 from tests.patience import LONG_S
 
-from sinew.apps.run_control import ControlError, RunControl, send_control
+from sinew.apps.bench.run_control import ControlError, RunControl, send_control
 from sinew.bench.journal_reader import JournalReader
 from sinew.bench.steering import Steering
 from sinew.bench.stops import StopReport

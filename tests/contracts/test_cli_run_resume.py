@@ -8,7 +8,7 @@ from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import WatchedPort, joint, rig_file, virtual_port
 from tests.contracts.virtual_run import interrupt, run, spoken, torques, without_motor
 
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 from sinew.plan.toml import load_rig
 
 

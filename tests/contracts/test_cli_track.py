@@ -7,7 +7,7 @@ import pytest
 from tests.contracts.virtual_run import spoken
 
 from sinew.apps.cli import main
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 
 REFUSED = {
     "nowhere to run": ((), "neither"),

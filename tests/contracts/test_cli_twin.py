@@ -10,7 +10,7 @@ import pytest
 from scipy import io
 
 from sinew.apps.cli import main
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 from sinew.plan.toml import load_rig, parse_plan, parse_rig
 
 PLAN = """

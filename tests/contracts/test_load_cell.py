@@ -14,7 +14,7 @@ from sinew.bench.errors import LostError
 from sinew.bench.guard import Guard, Watch
 from sinew.emulator.unloaded import Unloaded
 from sinew.measure.errors import SpecError
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_plan, parse_rig
 from sinew.twin.simulate import simulate

@@ -12,7 +12,7 @@ from tests.contracts.emulated_bench import SINEW, playing
 from tests.patience import finished
 from tests.unit.test_bench_run_against_twin import PLAN
 
-from sinew.measure.netcdf import load_dataset, load_recording, save_recording
+from sinew.measure.files.netcdf import load_dataset, load_recording, save_recording
 from sinew.measure.recording import segment_slices
 from sinew.plan.toml import load_rig, parse_plan
 from sinew.twin.parameters import Effects

@@ -12,9 +12,9 @@ from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import alone
 from tests.contracts.serving import PAGE, RIG, Served, serving, until
 
+from sinew.apps.bench.run_control import send_control
 from sinew.apps.dashboard.emergency import bring_to_rest
 from sinew.apps.dashboard.run_desk import LOG, sinew_command
-from sinew.apps.run_control import send_control
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 

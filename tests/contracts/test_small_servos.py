@@ -7,7 +7,7 @@ import pytest
 from tests.contracts.emulated_bench import joint, virtual_port
 from tests.contracts.virtual_run import spoken
 
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS
 from sinew.plan.toml import dump_rig, load_rig

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sinew.measure.walk_file import read_walk
+from sinew.measure.files.walk_file import read_walk
 from sinew.tune.gait.bout import BodyMotion, BoutGait, body_motion
 from sinew.tune.gait.target import WalkGait, estimate_gait, target_of_walks
 

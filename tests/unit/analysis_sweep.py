@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from scipy import signal
 
-from sinew.measure.netcdf import provenance
+from sinew.measure.files.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig

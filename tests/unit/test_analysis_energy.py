@@ -21,7 +21,7 @@ from tests.unit.ideal_motor import (
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.signal.power import idle_power
 from sinew.measure.errors import RecordingError
-from sinew.measure.netcdf import load_dataset, save_dataset
+from sinew.measure.files.netcdf import load_dataset, save_dataset
 from sinew.measure.schema import validate_results
 
 

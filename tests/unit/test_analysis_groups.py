@@ -8,7 +8,7 @@ from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.sweep.resonance import estimate_resonance
 from sinew.analysis.sweep.response import estimate_response
 from sinew.measure.errors import RecordingError
-from sinew.measure.netcdf import provenance
+from sinew.measure.files.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 
 JOINT = Joint(damping=0.1)

@@ -5,7 +5,7 @@ import pytest
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, gyro_chain, rig_with, sweep
 
 from sinew.analysis.sweep.portrait import phase_portrait
-from sinew.measure.netcdf import provenance
+from sinew.measure.files.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 
 

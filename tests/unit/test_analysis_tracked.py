@@ -9,7 +9,7 @@ import xarray as xr
 from sinew.analysis.signal.sensor import DelayBudget, drive_chain, torsion_chain
 from sinew.analysis.tracked import tracked_point, tracked_turns
 from sinew.measure.errors import RecordingError
-from sinew.measure.netcdf import provenance
+from sinew.measure.files.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 from sinew.plan.toml import load_rig
 

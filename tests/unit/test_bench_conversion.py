@@ -28,7 +28,7 @@ from sinew.bench.conversion import convert, group_is_whole, imu_series, readings
 from sinew.bench.journal import Journal
 from sinew.bench.sample import MISSING
 from sinew.measure.errors import FileError, RecordingError
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 from sinew.measure.recording import iterate_segments, segment_slices
 
 NODES = {

@@ -3,8 +3,7 @@
 import pytest
 from tests.unit.bench_ward import Ward
 
-from sinew.bench.doctor import Finding, Fix, apply_fixes, list_fixes
-from sinew.bench.doctor_measures import examine_imu, time_loop
+from sinew.bench.doctor import Finding, Fix, apply_fixes, examine_imu, list_fixes, time_loop
 from sinew.emulator.plant import Law
 
 

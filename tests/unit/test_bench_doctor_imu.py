@@ -6,7 +6,7 @@ import pytest
 from tests.unit.bench_ward import Ward
 from tests.unit.emulator_stand_in import paper_rig
 
-from sinew.bench.doctor_measures import examine_imu, judge_imu, listen_to_imu
+from sinew.bench.doctor import examine_imu, judge_imu, listen_to_imu
 from sinew.hardware.bus import BusTiming
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import Rig

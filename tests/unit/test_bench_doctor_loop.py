@@ -3,7 +3,7 @@
 import pytest
 from tests.unit.bench_ward import Ward
 
-from sinew.bench.doctor_measures import LoopTimes, examine_bus, examine_loop, time_loop
+from sinew.bench.doctor import LoopTimes, examine_bus, examine_loop, time_loop
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from sinew.apps.dashboard.work.results import download, run_results
 from sinew.apps.dashboard.work.runs import list_runs, run_summary
 from sinew.bench.journal import Journal
 from sinew.measure.errors import FileError, SpecError
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 
 
 @pytest.fixture(scope="module")

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from tests.unit.emulator_stand_in import StandIn, paper_rig
 
-from sinew.emulator.imu_node import ImuNode
+from sinew.emulator.devices.imu_node import ImuNode
 from sinew.emulator.plant import Mechanics
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction, Status
 from sinew.hardware.register_tables import OPENCR_NODE
+from sinew.hardware.registers import decode
 from sinew.plan.rig import Imu
 
 GYRO_LSB, FORCE_LSB = math.radians(2000) / 32_768, 2 * 9.80665 / 32_768
@@ -45,7 +46,8 @@ class Node:
         start, length = OPENCR_NODE.block(names)
         answer = self.imu.answer(start, length, self.mechanics.time)
         assert answer is not None
-        return list(OPENCR_NODE.values(names, start, answer.params).values())
+        rows = [OPENCR_NODE[name] for name in names]
+        return [decode(row, answer.params[row.address - start : row.stop - start]) for row in rows]
 
 
 def gyro(node: Node) -> list[float]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
+from tests.unit.figures_panels import drawn
 from tests.unit.ideal_motor import RIG, recorded
 
 from sinew.analysis.analysis import analyse_recording
@@ -20,9 +21,7 @@ def results() -> xr.Dataset:
 
 @pytest.fixture(scope="module")
 def figure(results: xr.Dataset) -> Figure:
-    drawn = draw_energy(recorded(), results)
-    assert drawn is not None
-    return drawn
+    return drawn(draw_energy(recorded(), results))
 
 
 def test_the_rings_are_the_power_at_resonance(figure: Figure, results: xr.Dataset) -> None:

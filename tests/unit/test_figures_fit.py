@@ -12,8 +12,8 @@ from tests.unit.figures_pages import alternatives, asked_outside
 from tests.unit.figures_panels import drawn, labelled, smallest_type, titled
 from tests.unit.identify_signals import OMEGA, dry_decay, motion, noisy, viscous
 
-from sinew.figures.corner import Cloud, cloud_of, draw_corner, ellipse
-from sinew.figures.fit_data import (
+from sinew.figures.fit.corner import Cloud, cloud_of, draw_corner, ellipse
+from sinew.figures.fit.data import (
     Trace,
     axis_label,
     draw_backbone,
@@ -23,7 +23,7 @@ from sinew.figures.fit_data import (
     traces_of,
     value_and_std,
 )
-from sinew.figures.fit_page import FIT_CAPTIONS, autocorrelation, draw_residuals, write_fit_page
+from sinew.figures.fit.page import FIT_CAPTIONS, autocorrelation, draw_residuals, write_fit_page
 from sinew.identify.choice.held_out import HeldOut, Split, fit_and_predict, split_record
 from sinew.identify.decay.backbone import fit_backbone
 from sinew.identify.oscillator.fit import fit
@@ -230,7 +230,8 @@ def test_draws_replace_the_covariance_of_the_parameters_they_are_of() -> None:
     )
     np.testing.assert_allclose(cloud.std, [0.2, 0.3], rtol=0.05)
     assert cloud.correlation[0, 1] == pytest.approx(0.5, abs=0.05)
-    assert draw_corner(cloud) is not None
+    written = {text.get_text() for text in drawn(draw_corner(cloud)).findobj(Text)}
+    assert f"ρ = {cloud.correlation[0, 1]:.2f}" in written
 
 
 def test_the_corner_plot_tells_values_and_correlation() -> None:

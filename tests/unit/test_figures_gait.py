@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from campaigns.walker import Walker, walk
+from tests.unit.figures_panels import drawn
 
 from sinew.figures.gait_yaw import draw_gait_yaw
 from sinew.tune.gait.target import GaitTarget, estimate_gait, target_of_numbers, target_of_walks
@@ -18,8 +19,7 @@ def target() -> GaitTarget:
 
 
 def test_each_bout_has_its_mean_cycle_over_the_whole_stride(target: GaitTarget) -> None:
-    figure = draw_gait_yaw(target)
-    assert figure is not None
+    figure = drawn(draw_gait_yaw(target))
     lines = [line for line in figure.axes[0].lines if not str(line.get_label()).startswith("_")]
     means = [bout.cycles_deg.mean(axis=0) for one in target.walks for bout in one.bouts]
     assert [np.asarray(line.get_ydata())[:-1].tolist() for line in lines] == [mean.tolist() for mean in means]
@@ -34,8 +34,7 @@ def test_a_cycle_begins_where_its_fundamental_is_greatest(target: GaitTarget) ->
 
 
 def test_the_axes_say_what_they_show(target: GaitTarget) -> None:
-    figure = draw_gait_yaw(target)
-    assert figure is not None
+    figure = drawn(draw_gait_yaw(target))
     assert [axes.get_xlabel() for axes in figure.axes] == ["share of the stride in %", "stride frequency in Hz"]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from tests.unit.figures_panels import drawn
 
 from sinew.figures.predicted import (
     PREDICTION_CAPTIONS,
@@ -99,12 +100,12 @@ def test_a_long_name_is_cut_above_a_panel() -> None:
 def test_a_map_needs_three_pretensions() -> None:
     few = Curves("few", (0.0, 4.0), tuple(bent(f) for f in (0.0, 0.2)), 30.0)
     assert draw_predicted_map([few]) is None
-    assert draw_predicted_map([few, curves()]) is not None
+    ridges = [axes.lines[0] for axes in drawn(draw_predicted_map([few, curves()])).axes if axes.lines]
+    assert [np.asarray(ridge.get_ydata()).tolist() for ridge in ridges] == [sorted(curves().pretension_mm)]
 
 
 def test_a_map_has_its_ridge_at_the_peaks() -> None:
-    figure = draw_predicted_map([curves()])
-    assert figure is not None
+    figure = drawn(draw_predicted_map([curves()]))
     ridge = figure.axes[0].lines[0]
     expected = [b.peak.frequency_hz for b in curves().branches if b.peak is not None]
     assert np.asarray(ridge.get_xdata()) == pytest.approx(expected)

@@ -4,7 +4,7 @@ import pytest
 from tests.unit.emulator_stand_in import Bench
 from tests.unit.hardware_line import Line, ManualClock, Slave
 
-from sinew.emulator.motor import Motor as EmulatedMotor
+from sinew.emulator.devices.motor import Motor as EmulatedMotor
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.errors import DeviceError, RegisterError
 from sinew.hardware.motor import RETRIES, Motor, name_hardware_errors
@@ -42,17 +42,13 @@ def test_a_motor_says_its_model_and_firmware(motor: Motor) -> None:
 
 
 def test_another_model_than_the_wiring_says_is_refused_by_name(bench: Bench) -> None:
-    with pytest.raises(
-        DeviceError, match=r"tendon 1 \(id 5\) is model 1020 \(XM430-W350\), expected 1000 \(XH430-W350\)"
-    ):
+    with pytest.raises(DeviceError, match=r"tendon 1 \(id 5\).* 1020 .*XM430-W350.* 1000 .*XH430-W350"):
         Motor(bench.bus, "tendon 1", 5, XH430_W350).identify()
 
 
 def test_an_absent_motor_is_refused_with_its_name_and_id() -> None:
     motor, _ = alone(Slave(2, absent=True))
-    with pytest.raises(
-        DeviceError, match=r"tendon 2 does not answer: .*expected a XH430-W350 at id 2; check its cable"
-    ):
+    with pytest.raises(DeviceError, match=r"tendon 2 .*XH430-W350 at id 2; check its cable"):
         motor.identify()
 
 
@@ -75,7 +71,7 @@ def test_a_quantity_is_read_in_si(bench: Bench, motor: Motor) -> None:
 
 def test_a_failed_read_names_motor_and_register() -> None:
     motor, _ = alone(Slave(2, absent=True))
-    with pytest.raises(DeviceError, match=r"cannot read present_position of tendon 2 \(id 2\): device 2 sent nothing"):
+    with pytest.raises(DeviceError, match=r"present_position of tendon 2 \(id 2\).* sent nothing"):
         motor.get("present_position")
 
 
@@ -182,7 +178,7 @@ def test_a_goal_refused_by_a_tripped_watchdog_says_so(bench: Bench, motor: Motor
     motor.torque_on()
     motor.arm_watchdog(0.04)
     bench.wait(0.1)
-    with pytest.raises(DeviceError, match=r"tendon 2 \(id 2\) takes no goal_position: its bus watchdog has stopped it"):
+    with pytest.raises(DeviceError, match=r"tendon 2 \(id 2\) .*goal_position.* bus watchdog"):
         motor.set_count("goal_position", 2048)
 
 

@@ -260,7 +260,7 @@ def test_a_stricter_limit_in_a_motor_is_kept(stand: Stand) -> None:
 
 def test_a_drive_whose_limits_would_make_it_ignore_goals_is_refused(stand: Stand) -> None:
     stand.put(5, "max_position_limit", 3000)
-    with pytest.raises(DeviceError, match=r"drive \(id 5\) has 3000 counts .* in max_position_limit, expected 3072"):
+    with pytest.raises(DeviceError, match=r"drive \(id 5\) .*3000 counts.* max_position_limit.* 3072"):
         stand.rigged.configure()
 
 
@@ -295,7 +295,7 @@ def test_nothing_is_set_up_while_a_torque_is_on(stand: Stand) -> None:
 
 def test_a_homing_offset_is_refused(stand: Stand) -> None:
     stand.put(4, "homing_offset", -20)
-    with pytest.raises(DeviceError, match=r"tendon 4 \(id 4\) has -20 counts .* in homing_offset, expected 0"):
+    with pytest.raises(DeviceError, match=r"tendon 4 \(id 4\) .*-20 counts.* homing_offset"):
         stand.rigged.configure()
 
 

@@ -135,9 +135,7 @@ def test_a_limit_that_is_none_is_refused(bench: Bench, current: float) -> None:
 def test_a_goal_current_beyond_the_rigs_limit_is_refused_both_ways(bench: Bench) -> None:
     servo = tendon(bench, current_limit=0.5)
     for current in (0.51, -0.51):
-        with pytest.raises(
-            RegisterError, match=r"tendon 1 cannot be told -?0\.51 A as goal_current; expected -0\.4977 to 0\.4977"
-        ):
+        with pytest.raises(RegisterError, match=r"tendon 1 .*0\.51 A.* goal_current.*-0\.4977 to 0\.4977"):
             servo.set_goal_current(current)
 
 
@@ -166,7 +164,7 @@ def test_the_drive_goes_to_its_goal(pull: int) -> None:
 
 
 def test_the_drive_is_told_nothing_beyond_its_window(bench: Bench) -> None:
-    with pytest.raises(RegisterError, match=r"drive cannot be told 1\.6 rad as goal_position; expected -1\.57"):
+    with pytest.raises(RegisterError, match=r"drive .*1\.6 rad.* goal_position.* -1\.57"):
         drive(bench, window=math.pi / 2).set_goal_angle(1.6)
 
 

@@ -10,8 +10,8 @@ from sinew.analysis.analysis import analyse_recording
 from sinew.identify.joint.fit import JointFit
 from sinew.identify.oscillator.certainty import Covariance
 from sinew.measure.estimate import Estimate
-from sinew.paper.answer import CANNOT_TELL, Answer
-from sinew.paper.answer_losses import answer_losses, energy_shares
+from sinew.paper.answers.answer import CANNOT_TELL, Answer
+from sinew.paper.answers.losses import answer_losses, energy_shares
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.twin.parameters import Effects

@@ -4,12 +4,12 @@ import pytest
 from tests.unit.identify_campaigns import DECAYS, RIG
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.paper.answer import CANNOT_TELL
-from sinew.paper.answer_constancy import answer_constancy
-from sinew.paper.answer_delay import answer_delay
-from sinew.paper.answer_hardening import answer_hardening
-from sinew.paper.answer_losses import answer_losses
-from sinew.paper.answer_saturation import answer_saturation
+from sinew.paper.answers.answer import CANNOT_TELL
+from sinew.paper.answers.constancy import answer_constancy
+from sinew.paper.answers.delay import answer_delay
+from sinew.paper.answers.hardening import answer_hardening
+from sinew.paper.answers.losses import answer_losses
+from sinew.paper.answers.saturation import answer_saturation
 from sinew.plan.plan import Plan, Pretension, Sweep
 from sinew.twin.simulate import simulate
 

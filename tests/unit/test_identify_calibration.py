@@ -47,16 +47,14 @@ def found(rig: RigSpec, name: str) -> Parameter:
 def test_an_interval_comes_back_from_the_text_of_a_rig_in_the_units_of_the_file() -> None:
     rig = with_intervals(RIG, {RADIUS: (0.0225, 0.0229), TENSION: (8.1, 9.6)})
     text = dump_rig(rig)
-    assert 'unit = "mm",    origin = "calibrated", bounds = [15, 45], interval90 = [22.5, 22.9]' in text
+    assert "bounds = [15, 45], interval90 = [22.5, 22.9]" in text
     assert parse_rig(text) == rig
     assert found(parse_rig(text), RADIUS).interval90 == (0.0225, 0.0229)
 
 
 def test_a_value_that_was_changed_by_hand_no_longer_fits_its_interval() -> None:
     text = dump_rig(with_intervals(RIG, {TENSION: (8.1, 9.6)}))
-    with pytest.raises(
-        SpecError, match=r"value 12 N is outside its 90 % interval \[8.1, 9.6\]; .* take interval90 out"
-    ):
+    with pytest.raises(SpecError, match=r"12 N .*outside .*\[8\.1, 9\.6\].*interval90"):
         parse_rig(text.replace("value = 8.868", "value = 12"))
 
 
@@ -98,11 +96,11 @@ def test_a_parameter_that_is_tied_to_another_moves_along_and_says_so() -> None:
     rig, followed = calibrated_rig(RIG, fitted, {RADIUS: Estimate(0.025, 1e-4, 0.0248, 0.0252)}, [MONDAY], "mine")
     assert followed == ("tendons.base_radius",)
     assert (rig.tendons.base_radius.value, rig.tendons.base_radius.interval90) == (0.025, None)
-    assert rig.tendons.base_radius.note == "moves with others that were fitted to monday.nc (0123456789ab)"
+    assert rig.tendons.base_radius.note.endswith("monday.nc (0123456789ab)")
 
 
 def test_a_value_outside_its_bounds_is_refused_with_both() -> None:
-    with pytest.raises(SpecError, match=r"first_contact_tension came out at 55 N, outside its bounds \[2, 30\]"):
+    with pytest.raises(SpecError, match=r"first_contact_tension .*55 N.*\[2, 30\]"):
         calibrated_rig(RIG, RIG, {TENSION: Estimate(55.0, 1, 53, 57)}, [MONDAY], "mine")
 
 
@@ -157,7 +155,7 @@ def test_recordings_that_determine_nothing_are_refused(monkeypatch: pytest.Monke
 
 
 def test_an_unknown_parameter_is_refused_before_anything_is_fitted() -> None:
-    with pytest.raises(SpecError, match=r"no parameter 'tendons.radius'; expected one of silicone.length, "):
+    with pytest.raises(SpecError, match=r"'tendons\.radius'.*silicone\.length, "):
         calibrate_rig([], [], RIG, name="mine", free=["tendons.radius"])
 
 
@@ -169,7 +167,9 @@ def test_a_recording_of_the_same_rig_needs_no_remark() -> None:
 def test_a_recording_of_a_longer_joint_is_noticed() -> None:
     other = RIG.with_values({"silicone.length": 0.1})
     (sentence,) = other_geometry(RIG, recording_of(other), "monday.nc")
-    assert "monday.nc was recorded with another rig (silicone.length 0.1 instead of 0.095" in sentence
+    assert [
+        fact for fact in ("monday.nc", "another rig", "silicone.length 0.1 ", " 0.095") if fact not in sentence
+    ] == []
 
 
 def test_a_recording_with_other_tendons_is_refused() -> None:

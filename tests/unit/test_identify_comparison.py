@@ -1,5 +1,6 @@
 """Which model a record supports: held-out prediction, information criterion, residuals."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -92,7 +93,7 @@ def test_a_model_that_needs_negative_friction_is_out_of_the_race() -> None:
     assert fit(drag_decay(1), "coulomb").parameters["coulomb_rad_per_s2"].high < 0
     found = laws(drag_decay(1))
     assert not found.best.model.law.sticks
-    assert "coulomb leaves less but is out of the race: its coulomb_rad_per_s2 = -" in found.verdict
+    assert re.search(r"coulomb .*out of the race.* coulomb_rad_per_s2 = -", found.verdict)
 
 
 @pytest.mark.slow
@@ -186,4 +187,5 @@ def test_too_few_periods_to_ask_residuals_for_trends_are_told() -> None:
     time = np.arange(0, 1, 0.01)
     record = make_record(time, np.sin(OMEGA * time), output_unit="rad")
     asked = ask_residuals(record, np.random.default_rng(2).normal(size=time.size), OMEGA)
-    assert asked.telling() == "residuals are white, there are too few periods to ask them for trends"
+    assert "residuals are white" in asked.telling()
+    assert "too few periods" in asked.telling()

@@ -47,10 +47,7 @@ def test_the_frequency_of_a_step_response_is_that_of_its_ringing() -> None:
 
 
 def test_a_step_response_is_told_what_its_jump_hides() -> None:
-    assert any(
-        "the input jumps between two samples, and when is known to 10 ms" in s
-        for s in suspicions(fit(stepped(0.1), "linear"))
-    )
+    assert any("input jumps" in s and "10 ms" in s for s in suspicions(fit(stepped(0.1), "linear")))
 
 
 def test_a_sine_and_a_decay_are_no_steps() -> None:
@@ -77,7 +74,7 @@ def test_a_free_decay_is_not_said_to_begin_in_the_hand() -> None:
 def test_a_free_decay_that_a_model_does_not_describe_is_sent_to_the_comparison() -> None:
     stiffer = motion(viscous(0.02, cubic=6 * OMEGA**2), lambda t: 0.0, TIME, (0.8, 0.0))[0]
     found = fit(make_record(TIME, noisy(stiffer, 0.002, 1), output_unit="rad"), "linear")
-    assert any("a free decay of model linear does not describe it; try --model auto" in s for s in suspicions(found))
+    assert any("linear does not describe it" in s and "--model auto" in s for s in suspicions(found))
     assert not any("--model auto" in s for s in suspicions(found, compared=True))
 
 

@@ -8,9 +8,9 @@ import pytest
 import xarray as xr
 from scipy import io
 
-from sinew.measure.csv import export_csv, import_csv
 from sinew.measure.errors import FileError, RecordingError, SinewError, TimeError, UnitError
-from sinew.measure.netcdf import export_mat, provenance
+from sinew.measure.files.csv import export_csv, import_csv
+from sinew.measure.files.netcdf import export_mat, provenance
 from sinew.measure.recording import Segment, build_recording
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

@@ -161,14 +161,12 @@ def test_a_repeated_row_is_refused_with_its_number() -> None:
 
 
 def test_a_row_written_twice_in_a_regular_clock_is_called_that() -> None:
-    with pytest.raises(
-        TimeError, match=r"in an otherwise regular clock of 10 ms: data row 502 was written twice; drop it"
-    ):
+    with pytest.raises(TimeError, match=r"regular clock of 10 ms.* row 502 .*twice"):
         diagnose_times(np.insert(EVEN, 500, EVEN[500]))
 
 
 def test_a_stamp_copied_from_the_row_before_is_told_what_it_should_read() -> None:
-    with pytest.raises(TimeError, match=r"data row 502 should read 5\.01 s; correct its stamp or drop the row"):
+    with pytest.raises(TimeError, match=r"row 502 .*read 5\.01 s"):
         diagnose_times(np.where(np.arange(1000) == 501, EVEN[500], EVEN))
 
 

@@ -11,7 +11,7 @@ from tests.unit.figures_sample import sample_recording
 
 from sinew.analysis.analysed import analyse
 from sinew.measure.errors import SpecError
-from sinew.measure.netcdf import save_dataset, save_recording
+from sinew.measure.files.netcdf import save_dataset, save_recording
 from sinew.measure.read import read
 from sinew.measure.told import Table, Told
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sinew.measure.errors import FileError, RecordingError, TimeError
-from sinew.measure.walk_file import Imu, MarkerPair, WalkColumns, read_walk
+from sinew.measure.files.walk_file import Imu, MarkerPair, WalkColumns, read_walk
 from sinew.tune.gait.bout import body_motion
 from sinew.tune.gait.target import estimate_gait
 

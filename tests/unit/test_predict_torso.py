@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sinew.apps.design import _torso
+from sinew.apps.joints.design import _torso
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import section_of, shear_modulus_of

@@ -7,7 +7,7 @@ from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, lever, times
 
 from sinew.analysis.decay.ring_down import analyse_ring_downs
 from sinew.measure.errors import RecordingError
-from sinew.measure.netcdf import provenance
+from sinew.measure.files.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 from sinew.measure.schema import RESULTS_SCHEMA, validate_results
 

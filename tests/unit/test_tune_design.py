@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sinew.apps.design import read_gait
+from sinew.apps.joints.design import read_gait
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import Design, design_rig, shear_modulus_of

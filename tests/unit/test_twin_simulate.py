@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sinew.measure.netcdf import content_hash
+from sinew.measure.files.netcdf import content_hash
 from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec

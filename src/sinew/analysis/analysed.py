@@ -20,7 +20,7 @@ from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.signals import drive_channel, read_signals, response_channel
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate, number, pair, shown, shown_interval, span
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 from sinew.measure.schema import ENERGY_QUANTITIES, companions
 from sinew.measure.told import Table, Told
 from sinew.plan.rig import RigSpec

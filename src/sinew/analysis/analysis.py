@@ -18,7 +18,7 @@ from sinew.measure.arrays import mean_of_known
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate, finite
-from sinew.measure.netcdf import content_hash, provenance
+from sinew.measure.files.netcdf import content_hash, provenance
 from sinew.measure.schema import RESULTS_SCHEMA, validate_results
 from sinew.plan.rig import RigSpec
 

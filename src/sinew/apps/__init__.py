@@ -1,1 +1,1 @@
-"""This is where the command line live."""
+"""The command line, its documents, and the dashboard."""

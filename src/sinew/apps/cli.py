@@ -14,29 +14,10 @@ from typing import Annotated
 import typer
 
 from sinew import __version__
-from sinew.apps import (
-    analyse,
-    answer,
-    calibrate,
-    check,
-    compare,
-    convert,
-    design,
-    doctor,
-    emulate,
-    gait,
-    identify,
-    joint,
-    predict,
-    reproduce,
-    run,
-    serve,
-    simulate,
-    track,
-    transfer,
-    tune,
-)
+from sinew.apps.bench import check, doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
+from sinew.apps.joints import calibrate, compare, design, joint, predict, transfer, tune
+from sinew.apps.recordings import analyse, answer, convert, gait, identify, reproduce, simulate
 from sinew.measure.errors import SinewError
 
 app = typer.Typer(

@@ -32,7 +32,7 @@ def print_json(document: Any) -> None:
 
 def write_json(document: Any, path: Path) -> None:
     """Write one JSON document, atomically. Raises FileError where the folder cannot be written."""
-    from sinew.measure.netcdf import write_text  # xarray: half a second
+    from sinew.measure.files.netcdf import write_text  # xarray: half a second
 
     write_text(path, _json_text(document))
 
@@ -145,7 +145,7 @@ def read_csv(
     gaps: str,
 ) -> "xr.Dataset":
     """Return a CSV file as a recording, with the words of the command line checked. Raises SinewError."""
-    from sinew.measure.csv import import_csv  # pandas and xarray: not for --help
+    from sinew.measure.files.csv import import_csv  # pandas and xarray: not for --help
 
     if time is None or response is None:
         missing = "--time" if time is None else "--response"

@@ -17,7 +17,7 @@ from sinew.bench.journal_reader import JournalReader, Stretch
 from sinew.bench.sample import Sample
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.netcdf import provenance, save_recording
+from sinew.measure.files.netcdf import provenance, save_recording
 from sinew.measure.recording import REGISTERS_ATTRIBUTE, Segment, build_recording
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig

@@ -10,7 +10,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from sinew.figures.tables import fixed, number
-from sinew.measure.netcdf import write_text
+from sinew.measure.files.netcdf import write_text
 
 # Each figure gets its words: title, what to see, what the paper shows there, and what it looks like.
 

@@ -22,7 +22,7 @@ from sinew.identify.oscillator.profile import interval90
 from sinew.identify.oscillator.record import Excitation, Record, make_record
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate, number, shown, span
-from sinew.measure.netcdf import load_recording
+from sinew.measure.files.netcdf import load_recording
 from sinew.measure.recording import Segment
 from sinew.measure.told import Table, Told
 from sinew.mechanics.laws import NUMBERS, TERMS

@@ -47,7 +47,7 @@ def build_recording(
 
     samples: arrays by schema name, all of the same first length; see `SAMPLE_VARIABLES`.
     segments, row_size: what was asked for, and how many samples it got, in order.
-    attrs: provenance; see `sinew.measure.netcdf`.
+    attrs: provenance; see `sinew.measure.files.netcdf`.
     units: units of `response` and `drive`, which the schema leaves open.
     Raises SchemaError where the parts do not fit together.
     """

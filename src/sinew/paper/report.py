@@ -30,7 +30,7 @@ from sinew.figures.tables import measured_tables, number, parameter_rows, reache
 from sinew.measure import estimate
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate, interval, span, typeset
-from sinew.paper.answer import Answer, Cell
+from sinew.paper.answers.answer import Answer, Cell
 from sinew.paper.table import count_roles, is_the_papers
 from sinew.plan.rig import RigSpec
 
@@ -208,7 +208,7 @@ def write_answers(
 ) -> Path:
     """Write answers.html into a folder, atomically, and return its path.
 
-    recording: what was asked; only its attributes are read. figures: of `sinew.paper.answer_figures.draw_answers`; the
+    recording: what was asked; only its attributes are read. figures: of `sinew.paper.answers.figures.draw_answers`; the
     PNGs among them are put into the page. rebuild: the command that makes the page again.
     Raises FileError where the folder cannot be written.
     """

@@ -310,6 +310,22 @@ def dump_plan(plan: Plan) -> str:
     return _PLAN_HEADER + _table(plan)
 
 
+def save_rig(rig: RigSpec, path: Path, head: Sequence[str] = ()) -> None:
+    """Write a rig file, atomically; head: lines of comment before it. Raises FileError where it cannot be written."""
+    _save("".join(f"# {' '.join(line.split())}\n" for line in head) + dump_rig(rig), path)
+
+
+def save_plan(plan: Plan, path: Path) -> None:
+    """Write a plan file, atomically. Raises FileError where it cannot be written."""
+    _save(dump_plan(plan), path)
+
+
+def _save(text: str, path: Path) -> None:
+    from sinew.measure.files.netcdf import write_text  # xarray: half a second
+
+    write_text(path, text)
+
+
 def _parse(text: str, source: str, model: type[_Spec], what: str) -> _Spec:
     if len(text) > MOST_CHARACTERS:
         raise SpecError(f"{source} has {len(text)} characters, expected at most {MOST_CHARACTERS} of a {what}")

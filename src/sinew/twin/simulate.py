@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from sinew.measure.errors import SpecError
-from sinew.measure.netcdf import provenance
+from sinew.measure.files.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 from sinew.mechanics.drive import motor_current
 from sinew.mechanics.parameters import CURRENT, TENDON_MODES, Parameters

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
-from sinew.apps.bench_run import open_rig
+from sinew.apps.bench.bench_run import open_rig
 from sinew.apps.dashboard.run_desk import Control, Run, await_end
 from sinew.bench.stops import StopReport, stop
 from sinew.hardware import serial_port as _local_port  # noqa: F401 - open_rig imports it late

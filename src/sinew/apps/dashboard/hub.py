@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from sinew.apps.bench_run import JOURNAL
+from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import unlinked
 from sinew.bench.journal_reader import JournalReader, Stretch
 from sinew.measure.arrays import Array

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from sinew.apps.bench_run import JOURNAL
+from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.hub import Hub, Live
 from sinew.apps.dashboard.worker import Work
 from sinew.measure.errors import SinewError

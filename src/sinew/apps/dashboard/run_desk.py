@@ -21,9 +21,9 @@ from typing import Any, Protocol
 
 import psutil
 
-from sinew.apps.bench_run import JOURNAL
+from sinew.apps.bench.bench_run import JOURNAL
+from sinew.apps.bench.run_control import CONTROL, own_text
 from sinew.apps.dashboard.operators import RefusedError, is_run_name, open_inside, unlinked
-from sinew.apps.run_control import CONTROL, own_text
 from sinew.bench.journal_reader import JournalReader, summarise_journal
 from sinew.measure.errors import SinewError, SpecError
 from sinew.plan.rig import RigSpec

@@ -30,6 +30,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from sinew import __version__
+from sinew.apps.bench.run_control import forget_socket, send_control
 from sinew.apps.dashboard.access import Access, Gate, SignedOut, raise_file_limit, server_config
 from sinew.apps.dashboard.emergency import Emergency, Order, Outcome, Rest, bring_to_rest
 from sinew.apps.dashboard.operators import BENCH, SIGNED_OUT, Operators, RefusedError, Ticket
@@ -43,7 +44,6 @@ from sinew.apps.dashboard.run_desk import (
     sinew_command,
     write_pid,
 )
-from sinew.apps.run_control import forget_socket, send_control
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.toml import load_rig
 

@@ -14,7 +14,7 @@ from sinew.identify.joint.fit import FREE, JointFit, fit_joint
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, UNKNOWN, Estimate, interval, number
-from sinew.measure.netcdf import content_hash, load_recording
+from sinew.measure.files.netcdf import content_hash, load_recording
 from sinew.measure.told import Table, Told
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import Calibrated, RigSpec

@@ -62,6 +62,39 @@ def shear_modulus_of(rig: RigSpec) -> float:
     return rig.silicone.torsional_rigidity.value / section_of(rig).torsion_constant
 
 
+def design_document(rig: RigSpec, design: Design | None) -> dict[str, Any]:
+    """Return the section, material and stiffness of a rig's silicone as JSON holds them."""
+    section = (design and design.section) or section_of(rig)
+    rigidity, length = rig.silicone.torsional_rigidity.value, rig.silicone.length.value
+    material = None if design is None or design.material is None else design.material
+    return {
+        "section": {
+            "shape": section.shape,
+            "diameter_mm": 1e3 * section.diameter,
+            "area_mm2": 1e6 * section.area,
+            "perimeter_mm": 1e3 * section.perimeter,
+            "least_moment_mm4": 1e12 * section.least,
+            "greatest_moment_mm4": 1e12 * section.greatest,
+            "torsion_constant_mm4": 1e12 * section.torsion_constant,
+            "torsion_error": section.torsion_error,
+            "warping_constant_mm6": 1e18 * section.warping_constant,
+            "shear_arm_mm": None if section.shear_arm is None else 1e3 * section.shear_arm,
+        },
+        "material": None
+        if material is None
+        else {
+            "name": material.name,
+            "shear_modulus_pa": material.shear_modulus.to_json(),
+            "secant_pa": material.secant,
+            "slack": material.slack,
+        },
+        "shear_modulus_kpa": 1e-3 * shear_modulus_of(rig),
+        "torsional_rigidity_n_m2": rigidity,
+        "length_mm": 1e3 * length,
+        "stiffness_n_m_rad": rigidity / length,
+    }
+
+
 def design_rig(base: RigSpec, design: Design) -> RigSpec:
     """Return the rig of a design: the base, with every changed parameter marked as assumed and its bounds made wide.
 

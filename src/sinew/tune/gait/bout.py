@@ -21,7 +21,7 @@ from vqf import offlineVQF
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-from sinew.measure.walk_file import Imu, MarkerPair, WalkRecord
+from sinew.measure.files.walk_file import Imu, MarkerPair, WalkRecord
 
 _GRAVITY = 9.80665
 _SLOWEST_STEP_HZ = 0.4

@@ -42,7 +42,7 @@ def design_curves(
     `error_estimate`, `harmonics`, `complete`, `message`, `wall_s`, and `base`, `rig`: the names.
     Raises SpecError where a number cannot be meant.
     """
-    from sinew.apps.predict_rig import rig_asked
+    from sinew.apps.joints.rig_asked import rig_asked
 
     base = base_rig(rig)
     made = changed_rig(base, changes)
@@ -83,7 +83,7 @@ def changed_rig(base: "RigSpec", changes: Mapping[str, float | str | None]) -> "
     `loss_factor`, `tendons`, `first_contact_n`; `section` where another shape is meant. None leaves a part as it is.
     Raises SpecError for an unknown name, and where a number cannot be meant.
     """
-    from sinew.apps.joint import JointOptions, design_of
+    from sinew.apps.joints.options import JointOptions, design_of
     from sinew.predict.joints.design import design_rig
 
     given: dict[str, Any] = {name: value for name, value in changes.items() if value is not None}
@@ -307,8 +307,8 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     plan_toml, rig_toml: texts. swing: simulate the plan for its largest torsions, which takes seconds where it is long.
     A plan that breaks a limit is an answer, with `ok` false. Raises SpecError where a text is no plan or no rig.
     """
-    from sinew.apps.check import preview_plan, told_preview
     from sinew.plan.toml import parse_plan, parse_rig
+    from sinew.predict.preview import preview_plan, told_preview
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
     preview = preview_plan(plan, rig, swing=swing)

@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sinew.apps.bench_run import JOURNAL
+from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
 from sinew.apps.dashboard.work.live import LiveResults, mean_of, shared_delay
 from sinew.apps.dashboard.work.runs import RECORDING
@@ -89,7 +89,7 @@ def recording_of(folder: Path) -> Path:
 
 def load_own(folder: Path) -> "xr.Dataset":
     """Return the recording of a run, read through no link. Raises as `recording_of` and `load_recording`."""
-    from sinew.measure.netcdf import load_recording
+    from sinew.measure.files.netcdf import load_recording
 
     with held_inside(folder.parent, recording_of(folder)) as path:
         return load_recording(path)
@@ -99,8 +99,8 @@ def results_of(folder: Path) -> "tuple[xr.Dataset, xr.Dataset]":
     """Return (recording, results) of a run; results that belong to another recording are made anew."""
     from sinew.analysis.analysed import analyse_with, recording_rig, results_document
     from sinew.apps.console import write_json
-    from sinew.apps.stored import stored_results
-    from sinew.measure.netcdf import save_dataset
+    from sinew.apps.recordings.stored import stored_results
+    from sinew.measure.files.netcdf import save_dataset
 
     recording = load_own(folder)
     rig = recording_rig(recording, None)
@@ -223,8 +223,8 @@ def download(folder: Path | str, kind: str) -> Path:
 
 
 def _csv(folder: Path, path: Path) -> None:
-    from sinew.measure.csv import export_csv
-    from sinew.measure.netcdf import write_atomically
+    from sinew.measure.files.csv import export_csv
+    from sinew.measure.files.netcdf import write_atomically
 
     table = path.with_name(f".{folder.name}.csv")
     export_csv(load_own(folder), table)
@@ -240,7 +240,7 @@ def _csv(folder: Path, path: Path) -> None:
 
 
 def _mat(folder: Path, path: Path) -> None:
-    from sinew.measure.netcdf import export_mat
+    from sinew.measure.files.netcdf import export_mat
 
     export_mat(load_own(folder), path)
 

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, cast
 
-from sinew.apps.bench_run import JOURNAL
+from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.console import write_json
 from sinew.apps.dashboard.operators import CACHE, SHELVES, held_inside, unlinked
 from sinew.bench.journal_reader import is_being_written, summarise_journal

@@ -1,0 +1,1 @@
+"""Commands at a bench, and what every run on one needs."""

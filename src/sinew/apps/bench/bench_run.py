@@ -1,0 +1,262 @@
+"""This is where what every run on a bench needs stands: port, folder, journal, signals, and how it is told."""
+
+import shlex
+import shutil
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from sinew.apps.console import option, require_folder
+from sinew.measure.estimate import finite
+
+if TYPE_CHECKING:
+    from sinew.bench.journal import Journal
+    from sinew.bench.run import RunReport
+    from sinew.hardware.rig import Rig as HardwareRig
+    from sinew.hardware.transport import Clock, Transport
+    from sinew.plan.plan import Plan
+    from sinew.plan.rig import RigSpec
+
+Port = Annotated[str, option("--port", "PORT", "Serial port of the bench, or of `sinew emulate`.")]
+Wait = Annotated[float, option("--wait", "S", "Wait so long for the port to appear [s].", min=0.0, max=3600.0)]
+
+JOURNAL = "journal.sqlite"
+"""Name of a run's journal in its folder."""
+
+_RETRIES = 2
+_LOOK_S = 0.2
+_RECORDING = "recording.nc"
+_ROW_BYTES = 350  # a cycle in the journal, 230, and in the recording, 110
+_SET_S = 20.0  # to set a pretension; these cycles are in the journal, too
+
+
+def await_port(port: str, seconds: float) -> None:
+    """Return when there is such a port, or after so many seconds; whoever opens it says what is wrong then."""
+    end = time.monotonic() + seconds
+    while not Path(port).exists() and time.monotonic() < end:
+        time.sleep(_LOOK_S)
+
+
+@contextmanager
+def open_rig(port: str, spec: "RigSpec", *, own_time: bool = False) -> "Iterator[tuple[HardwareRig, Clock]]":
+    """Open a port and give (rig, clock); the port is closed in the end. Raises PortError.
+
+    port: a serial port, or that of an emulated bench, terminal or socket, whose clock is shared where it has one.
+    own_time: the computer's clock in any case, for who measures what the computer does.
+    """
+    from sinew.hardware.serial_port import LocalPort, SerialPort
+    from sinew.hardware.shared_clock import SharedPort, shared_clock
+    from sinew.hardware.transport import MonotonicClock
+
+    clock: Clock = MonotonicClock()
+    local = Path(port).is_socket()
+    transport: Transport = LocalPort(port, clock) if local else SerialPort(port, spec.wiring.baud, clock)
+    try:
+        if not own_time and (shared := shared_clock(port)) is not None:
+            transport, clock = SharedPort(transport, shared), shared
+        rig = rig_on(transport, clock, spec)
+    except BaseException:
+        transport.close()
+        raise
+    try:
+        yield rig, clock
+    finally:
+        rig.bus.close()
+
+
+def rig_on(transport: "Transport", clock: "Clock", spec: "RigSpec") -> "HardwareRig":
+    """Return the rig behind a transport."""
+    from sinew.hardware.bus import Bus, BusTiming
+    from sinew.hardware.rig import Rig as HardwareRig
+
+    timing = BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms)
+    return HardwareRig(Bus(transport, clock, timing, _RETRIES), clock, spec)
+
+
+def refuse_unfit_folder(folder: Path, resume: bool) -> None:
+    from sinew.measure.errors import FileError
+
+    require_folder(folder)
+    if resume and not (folder / JOURNAL).exists():
+        raise FileError(f"found no run to go on with in {folder}; leave --resume out to start one")
+    if not resume and (folder / JOURNAL).exists():
+        raise FileError(f"{folder} holds a run already; go on with it by --resume, or choose another --out")
+    if not resume and (folder / _RECORDING).exists():
+        raise FileError(f"{folder} holds a {_RECORDING} already, which the run would replace; choose another --out")
+
+
+def refuse_full_disk(folder: Path, plan: "Plan", seconds: float) -> None:
+    """Raise FileError where the disk of a folder has no room for a plan's run of so many seconds."""
+    from sinew.measure.errors import FileError
+
+    needed = _ROW_BYTES * plan.sample_hz * (seconds + _SET_S * len(plan.pretension.pretension_mm))
+    nearest = next(place for place in (folder.absolute(), *folder.absolute().parents) if place.exists())
+    free = shutil.disk_usage(nearest).free
+    if free < needed:
+        raise FileError(
+            f"the disk of {folder} has {1e-6 * free:.1f} MB left, the run writes about {1e-6 * needed:.1f} MB; "
+            "make space, or choose another disk with --out"
+        )
+
+
+@contextmanager
+def run_journal(
+    folder: Path, plan: "Plan", spec: "RigSpec", words: Sequence[str], resume: bool, **attrs: str
+) -> "Iterator[Journal]":
+    """Give the journal of a run; a run that is refused leaves nothing behind in its folder.
+
+    attrs: what else the recording shall carry, such as its source where that is no real bench.
+    """
+    from sinew.bench.errors import StartError
+    from sinew.bench.journal import Journal
+    from sinew.measure.errors import FileError
+    from sinew.plan.toml import dump_plan, dump_rig
+
+    texts = (dump_plan(plan), dump_rig(spec))
+    made = [place for place in (folder, *folder.parents) if not place.exists()]
+    there = set() if made else set(folder.iterdir())
+    try:
+        if resume:
+            journal = Journal.open(folder / JOURNAL, *texts)
+        else:
+            journal = Journal.create(folder / JOURNAL, *texts, {"command": shlex.join(words), **attrs})
+    except FileError:
+        _clear(folder, there, made)
+        raise
+    try:
+        yield journal
+    except StartError:
+        journal.close()
+        _clear(folder, there, made)
+        raise
+    finally:
+        journal.close()
+
+
+def _clear(folder: Path, there: set[Path], made: Sequence[Path]) -> None:
+    with suppress(OSError):
+        for path in set(folder.iterdir()) - there:
+            path.unlink()
+        for place in made:
+            place.rmdir()
+
+
+def close_journal(journal: "Journal", report: "RunReport") -> None:
+    """Close the journal of a run that has ended; samples that it could not take make the run incomplete."""
+    from sinew.measure.errors import FileError
+
+    try:
+        journal.close()
+    except FileError as trouble:
+        report.is_complete, report.sentence = False, str(trouble)
+
+
+def convert_journal(folder: Path, report: "RunReport") -> Path | None:
+    """Make the recording of a run that has ended, and return where it is; without one the run is incomplete."""
+    from sinew.bench.conversion import convert
+    from sinew.measure.errors import SinewError
+
+    if not report.groups_done:
+        return None
+    try:
+        return convert(folder / JOURNAL, folder / _RECORDING)
+    except SinewError as trouble:
+        report.is_complete = False
+        report.sentence += f"; no recording could be made of the journal: {trouble}"
+        return None
+
+
+def source_of(rig: "HardwareRig") -> str:
+    """Return the source of a bench's recordings: emulator where the node on the head says so, else bench."""
+    return "emulator" if rig.imu.is_emulated() else "bench"
+
+
+def recording_doubts(recording: Path | None, spec: "RigSpec") -> list[dict[str, Any]]:
+    """Return what speaks against a run's recording, as JSON holds it; nothing where there is none, or nothing in it can
+    be analysed."""
+    from sinew.analysis.analysis import analyse_recording
+    from sinew.analysis.doubts import doubts_of
+    from sinew.measure.errors import SinewError
+    from sinew.measure.files.netcdf import load_recording
+
+    if recording is None:
+        return []
+    try:
+        return doubts_of(analyse_recording(load_recording(recording), spec))
+    except SinewError:
+        return []
+
+
+@contextmanager
+def on_signals(act: Callable[[str], None], emergency: Callable[[str], None] | None = None) -> Iterator[None]:
+    """Have Ctrl-C, SIGTERM and a closed terminal do something, each time, instead of ending the program.
+
+    emergency: what Ctrl-\\ (SIGQUIT) does; None: the same.
+    """
+    names = {signal.SIGINT: "interrupted by Ctrl-C", signal.SIGTERM: "terminated", signal.SIGHUP: "the terminal closed"}
+    names[signal.SIGQUIT] = "emergency stop by Ctrl-\\"
+
+    def handler(number: int, _frame: Any) -> None:
+        which = signal.Signals(number)
+        (emergency if emergency is not None and which == signal.SIGQUIT else act)(names[which])
+
+    before = {number: signal.signal(number, handler) for number in names}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+def run_document(
+    report: "RunReport", plan: "Plan", spec: "RigSpec", recording: Path | None, journal: Path
+) -> dict[str, Any]:
+    assert report.stop is not None
+    cycles = report.loop
+    keys = ("asked_mm", "reached_mm", "asked_current_a", "current_a", "tilt_deg", "levelling_s")
+    pretensions = [{key: finite(getattr(result, key)) for key in keys} for result in report.pretensions]
+    return {
+        "plan": plan.name,
+        "rig": spec.name,
+        "complete": report.is_complete,
+        "ended": report.sentence,
+        "safe_state": report.stop.declared,
+        "is_safe": report.stop.is_safe,
+        "left": report.stop.sentence(),
+        "frozen_ms": _ms(report.halted_s),
+        "pauses": list(report.pauses),
+        "groups": report.groups,
+        "groups_done": report.groups_done,
+        "pretensions": pretensions,
+        "cycles": {
+            "cycles": cycles.cycles,
+            "missed": cycles.missed,
+            "incomplete": cycles.incomplete,
+            "worst_late_ms": 1e3 * cycles.worst_late_s,
+        },
+        "journal": str(journal),
+        "recording": str(recording) if recording is not None else None,
+    }
+
+
+def _ms(seconds: float | None) -> float | None:
+    return None if seconds is None else round(1e3 * seconds, 1)
+
+
+def print_run(document: dict[str, Any]) -> None:
+    done = f"; {document['groups_done']} of {document['groups']} groups are recorded"
+    print(f"{document['ended']}{'' if document['complete'] else done}")
+    if pauses := document["pauses"]:
+        print(f"went on by itself after {len(pauses)} pause{'s' * (len(pauses) > 1)} of the computer")
+    print(document["left"])
+    cycles = document["cycles"]
+    print(
+        f"{cycles['cycles']} cycles, {cycles['missed']} deadlines missed, {cycles['incomplete']} lack an answer; "
+        f"latest begin {cycles['worst_late_ms']:.1f} ms after its deadline"
+    )
+    for one in document.get("doubts", []):
+        print(f"DOUBT: {one['sentence']}")
+    print(document["recording"] or "no group is whole, so there is no recording")

@@ -1,0 +1,183 @@
+"""This is where `sinew doctor` examines a bench, and says what to do."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sinew.apps.bench.bench_run import Port, Wait, await_port, open_rig
+from sinew.apps.console import Json, Rig, option, print_json, remark
+
+if TYPE_CHECKING:
+    from sinew.bench.doctor import Finding, Fix
+    from sinew.hardware.bus import Bus
+    from sinew.hardware.rig import Rig as HardwareRig
+    from sinew.hardware.serial_port import LatencyTimer
+    from sinew.hardware.transport import Clock
+    from sinew.plan.rig import RigSpec
+
+_COLUMNS = ("", "device", "found", "expected", "what to do")
+_WORDS = {"ok": "ok", "note": "note", "warning": "warning", "fault": "FAULT"}
+_SAMPLE_HZ = 200.0
+_PIPE_WIDTH = 200
+
+
+def doctor(
+    port: Port,
+    rig: Rig = "paper",
+    baud: Annotated[int | None, option("--baud", "N", "Instead of the rig's.")] = None,
+    fix: Annotated[bool, typer.Option("--fix", help="Write safe settings, after asking once.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="With --fix: write without asking.")] = False,
+    wait: Wait = 0.0,
+    json: Json = False,
+) -> int:
+    """Examine a bench: who answers, in what state, and how fast; each finding with what to do.
+
+    Nothing moves and no torque is switched on. With --fix safe settings are written, to motors whose torque is off:
+    return delay, answers, limits not wider than the rig's, no homing offset, the reboot of a motor that has shut down,
+    and the latency timer of the adapter. Takes about 4 s. Exit status: 0 no fault, 1 a fault remains, 2 the port cannot
+    be opened.
+    """
+    from sinew.bench.doctor import list_fixes
+    from sinew.hardware.serial_port import find_latency_timer
+    from sinew.plan.toml import load_rig
+
+    spec = load_rig(rig)
+    used = _at_baud(spec, baud or spec.wiring.baud)
+    await_port(port, wait)
+    timer = find_latency_timer(port)
+    findings = _examine(port, used, spec.wiring.baud, timer)
+    written: list[Finding] = []
+    if fix and (fixes := list_fixes(findings)) and _may_write(fixes, yes):
+        written = _write(port, used, fixes, timer)
+        findings = _examine(port, used, spec.wiring.baud, timer)
+    if json:
+        print_json(_document(port, used, findings, written))
+    else:
+        _print(findings, written)
+    return 1 if any(finding.severity == "fault" for finding in findings) else 0
+
+
+def _at_baud(spec: "RigSpec", baud: int) -> "RigSpec":
+    return spec.model_copy(update={"wiring": spec.wiring.model_copy(update={"baud": baud})})
+
+
+def _examine(port: str, spec: "RigSpec", wiring_baud: int, timer: "LatencyTimer | None") -> "list[Finding]":
+    """Return all findings; the port is closed in between where other bauds must be tried."""
+    from sinew.bench.doctor import call_roll, examine_port, search_bauds
+
+    findings = examine_port(timer, spec.wiring.baud, wiring_baud)
+    with open_rig(port, spec, own_time=True) as (bench, clock):
+        roll = call_roll(bench)
+        findings += roll.findings
+        if roll.present:
+            findings += _examine_present(bench, clock, roll)
+    if roll.missing:
+
+        @contextmanager
+        def open_bus(baud: int) -> "Iterator[Bus]":
+            with open_rig(port, _at_baud(spec, baud), own_time=True) as (other, _clock):
+                yield other.bus
+
+        remark("not every device answers; looking at the other bauds")
+        findings += search_bauds(open_bus, spec.wiring.baud, nobody=not roll.present)
+    return findings
+
+
+def _examine_present(bench: "HardwareRig", clock: "Clock", roll: Any) -> "list[Finding]":
+    from sinew.bench.doctor import examine_bus, examine_imu, examine_loop, examine_motors, time_loop
+
+    findings = examine_motors(bench, roll)
+    times = None
+    if bench.imu.name in roll.present:
+        findings += examine_imu(bench, clock)
+    if roll.is_complete:
+        times = time_loop(bench, clock)
+        findings += examine_loop(times, _SAMPLE_HZ)
+    return findings + examine_bus(bench, times)
+
+
+def _may_write(fixes: "Sequence[Fix]", yes: bool) -> bool:
+    """Return whether the user agrees to the settings listed. Raises SpecError where nobody can be asked."""
+    from sinew.measure.errors import SpecError
+
+    for fix in fixes:
+        remark(str(fix))
+    if yes:
+        return True
+    if not sys.stdin.isatty():
+        raise SpecError("found no terminal to ask on before settings are written; add --yes to --fix")
+    return typer.confirm(f"write {len(fixes)} settings to motors whose torque is off?", err=True)
+
+
+def _write(port: str, spec: "RigSpec", fixes: "Sequence[Fix]", timer: "LatencyTimer | None") -> "list[Finding]":
+    from sinew.bench.doctor import apply_fixes
+
+    with open_rig(port, spec, own_time=True) as (bench, clock):
+        return apply_fixes(bench, clock, fixes, timer)
+
+
+def _document(
+    port: str, spec: "RigSpec", findings: "Sequence[Finding]", written: "Sequence[Finding]"
+) -> dict[str, Any]:
+    return {
+        "rig": spec.name,
+        "port": port,
+        "baud": spec.wiring.baud,
+        "ok": all(finding.severity != "fault" for finding in findings),
+        "findings": [_row(finding) for finding in findings],
+        "written": [_row(finding) for finding in written],
+    }
+
+
+def _row(finding: "Finding") -> dict[str, Any]:
+    return {
+        "severity": finding.severity,
+        "subject": finding.subject,
+        "found": finding.found,
+        "expected": finding.expected,
+        "what_to_do": finding.advice,
+        "fixable": finding.fixable,
+    }
+
+
+def _print(findings: "Sequence[Finding]", written: "Sequence[Finding]") -> None:
+    if written:
+        _print_table("written", written)
+    _print_table("findings", findings)
+    faults = sum(finding.severity == "fault" for finding in findings)
+    fixable = sum(finding.fixable for finding in findings)
+    warnings = sum(finding.severity == "warning" for finding in findings)
+    more = f"; --fix would put {fixable} of them right" if fixable and not written else ""
+    print(f"{_many(faults, 'fault')}, {_many(warnings, 'warning')}{more}")
+
+
+def _many(count: int, word: str) -> str:
+    return f"{count or 'no'} {word}{'' if count == 1 else 's'}"
+
+
+def _same_together(findings: "Sequence[Finding]") -> dict[tuple[str, str, str, str], list[str]]:
+    """Return the subjects of equal findings by what they share, in the order of first mention."""
+    together: dict[tuple[str, str, str, str], list[str]] = {}
+    for row in findings:
+        together.setdefault((row.severity, row.found, row.expected, row.advice), []).append(row.subject)
+    return together
+
+
+def _print_table(title: str, findings: "Sequence[Finding]") -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True, show_edge=False)
+    for column in _COLUMNS:
+        table.add_column(column, overflow="fold")
+    for (severity, found, expected, advice), subjects in _same_together(findings).items():
+        table.add_row(*map(Text, (_WORDS[severity], ", ".join(subjects), found, expected, advice)))
+    console = Console() if sys.stdout.isatty() else Console(width=_PIPE_WIDTH)
+    console.print(Text(title, style="bold"))
+    console.print(table)
+    console.print()

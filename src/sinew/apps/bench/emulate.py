@@ -1,0 +1,212 @@
+"""This is where `sinew emulate` plays a bench on a pseudo-terminal: emulated motors and sensor, the twin behind."""
+
+import json as json_
+import math
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sinew.apps.bench.run_control import keeping_time
+from sinew.apps.console import Json, Rig, Seed, option, require_file, write_json
+
+if TYPE_CHECKING:
+    from sinew.emulator.faults import FaultyRig
+    from sinew.emulator.found import Start
+    from sinew.emulator.plant import Plant
+    from sinew.emulator.port_server import Port, PtyServer
+    from sinew.emulator.rig import Trip
+    from sinew.plan.rig import RigSpec
+
+
+def emulate(
+    link: Annotated[Path, option("--link", "PATH", "Name of the port: a link to make.")],
+    rig: Rig = "paper",
+    baud: Annotated[int | None, option("--baud", "N", "What the devices are set to; else the rig's.")] = None,
+    speed: Annotated[float, option("--speed", "X", "Emulated seconds in a second.", min=0.01, max=100.0)] = 1.0,
+    fault: Annotated[
+        list[str] | None, option("--fault", "SPEC", "A fault, as drop:p=0.01 or unplug@12.5; may be repeated.")
+    ] = None,
+    seed: Seed = 0,
+    tilt: Annotated[
+        float | None, option("--tilt", "DEG", "Tilt of the slack head plate; else drawn, about 1.", min=0.0, max=20.0)
+    ] = None,
+    slack: Annotated[
+        str | None, option("--slack", "MM,...", "Cable to take up until each tendon pulls; else drawn.")
+    ] = None,
+    unloaded: Annotated[bool, typer.Option("--unloaded", help="Motors on the table, without the joint.")] = False,
+    for_s: Annotated[float | None, option("--for", "S", "End after so much emulated time.", min=0.0)] = None,
+    socket: Annotated[
+        bool, typer.Option("--socket", help="A socket, not a terminal: for Sinew alone; keeps time on a busy computer.")
+    ] = False,
+    own_time: Annotated[
+        bool, typer.Option("--own-time", help="Go on while Sinew's run is held up by the computer, as a real bench.")
+    ] = False,
+    truth: Annotated[Path | None, option("--truth", "FILE", "Write at the end what truly happened, as JSON.")] = None,
+    json: Json = False,
+) -> None:
+    """Play a bench on a pseudo-terminal, byte by byte, until interrupted.
+
+    The line on stdout says when a master can open the port. Ctrl-C or SIGTERM end it with status 0.
+
+    Beside the port lies PATH.clock, by which Sinew's runs share the bench's time: where the computer holds one of the
+    two up, the other waits. A run that ends, or is silent for 5 s, is left to the motors' watchdogs. For other
+    programs, and with --own-time, the bench keeps real time.
+
+    SPEC is KIND[:key=value,...][@START[-STOP]], times in emulated seconds. To packets, each with probability p: drop,
+    flip, duplicate, truncate, delay (by=20ms). To the bench: unplug, brown-out (to=5V), imu-freeze, overload (motor=2),
+    overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm), push (torque=0.5).
+    """
+    from sinew.emulator.faults import parse_fault  # numpy: not for --help
+    from sinew.emulator.found import drawn_start, found_bench
+    from sinew.emulator.port_server import ClockSocket, PtyServer, refuse_taken
+    from sinew.hardware.transport import MonotonicClock
+    from sinew.plan.toml import load_rig
+
+    rig_ = load_rig(rig)
+    faults = [parse_fault(text) for text in fault or ()]
+    start = drawn_start(rig_, seed, tilt, None if slack is None else _parse_slack(slack, rig_.tendons.count))
+    refuse_taken(link)
+    if truth is not None:
+        require_file(truth)
+    bench = found_bench(rig_, start, seed, faults, baud=baud, unloaded=unloaded)
+    shared = None if own_time else ClockSocket(link)
+    try:
+        make_port = _kind_of_port(rig_, socket)
+        server = PtyServer(bench, link, clock=MonotonicClock(), speed=speed, make_port=make_port, shared=shared)
+    except BaseException:
+        if shared is not None:
+            shared.close()
+        raise
+    try:
+        with _stopping_on_signals(server.stop), keeping_time(collecting=True):
+            said = _description(rig_, bench, server, start, unloaded, seed, speed)
+            _say_ready(said | {"clock": None if shared is None else str(shared.link)}, as_json=json)
+            server.run(math.inf if for_s is None else bench.time + for_s)
+    finally:
+        server.close()
+    if truth is not None:
+        write_json(_truth(rig_, bench, server, unloaded, seed), truth)
+
+
+def _kind_of_port(rig: "RigSpec", socket: bool) -> "Callable[[Path], Port]":
+    """Return what makes the port of a name. socket: whether it is a socket, else a pseudo-terminal."""
+    from sinew.emulator.port_server import PtyPort, SocketPort
+
+    return (lambda link: SocketPort(link, rig.wiring.baud)) if socket else PtyPort
+
+
+def _parse_slack(text: str, count: int) -> tuple[float, ...]:
+    from sinew.measure.errors import SpecError
+
+    try:
+        slack = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        slack = ()
+    if len(slack) != count or not all(0 <= value <= 50 for value in slack):
+        raise SpecError(f"--slack {text} is not the slack of {count} tendons; expected {count} numbers from 0 to 50 mm")
+    return slack
+
+
+@contextmanager
+def _stopping_on_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """Have SIGINT and SIGTERM call `stop`."""
+    before = {number: signal.signal(number, lambda *_: stop()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _description(
+    rig: "RigSpec", bench: "FaultyRig", server: "PtyServer", start: "Start", unloaded: bool, seed: int, speed: float
+) -> dict[str, Any]:
+    """Return what is emulated, as the line on stdout says it."""
+    return {
+        "link": str(server.link),
+        "terminal": server.terminal,
+        "rig": rig.name,
+        "plant": "unloaded" if unloaded else "joint",
+        "baud": bench.rig.imu.baud,
+        "devices": sorted(device.id for device in bench.line.devices),
+        "seed": seed,
+        "speed": speed,
+        "tilt_deg": None if unloaded else [math.degrees(angle) for angle in start.tilt],
+        "slack_mm": None if unloaded else [length * 1e3 for length in start.slack],
+        "faults": [str(spec) for spec in bench.faults.specs],
+    }
+
+
+def _say_ready(said: dict[str, Any], *, as_json: bool) -> None:
+    if as_json:
+        print(json_.dumps(said, ensure_ascii=False, allow_nan=False))
+    else:
+        what = "motors without a joint" if said["plant"] == "unloaded" else "the joint on its twin"
+        faults = f"; faults {', '.join(said['faults'])}" if said["faults"] else ""
+        print(
+            f"{said['link']}: rig {said['rig']}, {what}, devices {', '.join(map(str, said['devices']))} "
+            f"at {said['baud']} baud, seed {said['seed']}{faults}; Ctrl-C ends it"
+        )
+    sys.stdout.flush()
+
+
+def _truth(rig: "RigSpec", bench: "FaultyRig", server: "PtyServer", unloaded: bool, seed: int) -> dict[str, Any]:
+    """Return how the bench was at the end, and what had happened to it."""
+    motion, states = bench.rig.motion(), bench.rig.states()
+    motors = [
+        {
+            "id": motor.id,
+            "torque": motor.torque,
+            "operating_mode": motor.registers["operating_mode"],
+            "watchdog_tripped": motor.is_tripped,
+            "hardware_error": motor.registers["hardware_error_status"],
+            "temperature_c": motor.protection.temperature,
+            "angle_deg": math.degrees(states[number].angle),
+            "speed_deg_s": math.degrees(states[number].speed),
+            "current_a": states[number].current,
+        }
+        for number, motor in bench.rig.motors.items()
+    ]
+    return {
+        "rig": rig.name,
+        "seed": seed,
+        "time_s": bench.time,
+        "clock_s_at_zero": server.clock_time(0.0),
+        "slipped_s": server.slipped,
+        "lost_bytes": server.lost,
+        "motors": motors,
+        "stopped": bench.rig.stopped(),
+        "in_safe_state": bench.rig.in_safe_state(),
+        "frozen_since_s": bench.rig.frozen_since(),
+        "torsion_deg": math.degrees(motion.torsion),
+        "tilt_deg": [math.degrees(angle) for angle in motion.tilt],
+        "tension_n": list(motion.tension),
+        "pretension_mm": None if unloaded else _pretension_mm(bench.rig.plant),
+        "watchdog_trips": [_trip(trip) for trip in bench.rig.trips.trips],
+        "instructions": bench.line.instructions,
+        "group_reads": bench.line.group_reads,
+        "faults": [{"time_s": each.time, "kind": each.kind, "what": each.what} for each in bench.faults.log],
+    }
+
+
+def _trip(trip: "Trip") -> dict[str, Any]:
+    return {
+        "id": trip.motor,
+        "heard_s": trip.heard,
+        "tripped_s": trip.tripped,
+        "turned_deg": math.degrees(trip.turned),
+        "instructions": trip.instructions,
+        "group_reads": trip.group_reads,
+    }
+
+
+def _pretension_mm(plant: "Plant") -> float:
+    from sinew.emulator.joint_plant import JointPlant
+
+    assert isinstance(plant, JointPlant)
+    return plant.pretension * 1e3

@@ -1,0 +1,136 @@
+"""This is where `sinew run` takes a plan to a bench, and `sinew stop` brings a bench to rest."""
+
+import shlex
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sinew.apps.bench.bench_run import (
+    JOURNAL,
+    Port,
+    Wait,
+    await_port,
+    close_journal,
+    convert_journal,
+    on_signals,
+    open_rig,
+    print_run,
+    recording_doubts,
+    refuse_full_disk,
+    refuse_unfit_folder,
+    run_document,
+    run_journal,
+    source_of,
+)
+from sinew.apps.bench.run_control import keeping_time, listening, showing
+from sinew.apps.console import Json, PlanArgument, Rig, option, print_json, remark
+
+if TYPE_CHECKING:
+    from sinew.plan.plan import Plan
+    from sinew.plan.rig import RigSpec
+
+
+def run(
+    plan: PlanArgument,
+    port: Port,
+    out: Annotated[Path, option("--out", "DIR", "Folder for journal and recording.")],
+    rig: Rig = "paper",
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the interrupted run in --out.")] = False,
+    wait: Wait = 0.0,
+    json: Json = False,
+) -> int:
+    """Run a plan on a bench: pull the tendons, set each pretension, swing, record.
+
+    Every sample goes into DIR/journal.sqlite as it comes; at the end the whole groups become DIR/recording.nc, which
+    `sinew analyse` reads. Whatever happens, and after Ctrl-C, the motors end in the rig's declared safe state; where
+    the port is lost, their own bus watchdog stops them. A run that was cut off goes on at its first unfinished group
+    with --resume.
+
+    Ctrl-\\ is the emergency stop: all motors are frozen at once, within 0.2 s, then brought to the declared state. The
+    run takes commands (pause, resume, hold, release, stop, emergency) at the socket that DIR/control names.
+
+    At the end the recording is looked at for what speaks against it: a lever that did not go as far as its servo takes
+    it, a sensor that repeats itself, a curve far from the rig's prediction. Each such doubt is a warning, and in --json
+    a row of `doubts`.
+
+    Exit status: 0 complete, 1 stopped early, 2 refused before anything moved.
+    """
+    from sinew.bench.preflight import refuse_unready
+    from sinew.bench.run import Runner
+    from sinew.bench.steering import Steering
+    from sinew.plan.toml import load_plan, load_rig
+
+    plan_, spec = load_plan(plan), load_rig(rig)
+    words = ["sinew", "run", plan, "--rig", rig, "--port", port, "--out", str(out)]
+    refuse_unfit_folder(out, resume)
+    await_port(port, wait)
+    with ExitStack() as signals:
+        with open_rig(port, spec) as (bench, clock), listening(out, steering := Steering(clock.now)) as control:
+            # What the bench lacks is said at once; the runner looks again, for the preview takes a while.
+            refuse_unready(bench, clock, plan_, torque_may_be_on=resume)
+            tension, expected = _refuse_unfit_plan(plan_, spec, out)
+            told = {"source": source_of(bench), "expected": expected}
+            with keeping_time(), run_journal(out, plan_, spec, words, resume, **told) as journal, showing() as screen:
+                runner = control.runner = Runner(
+                    bench, clock, plan_, journal, tension, listener=screen, steering=steering
+                )
+                signals.enter_context(on_signals(runner.request_stop, runner.request_emergency))
+                report = runner.run(resume=resume)
+                close_journal(journal, report)
+            statistics = bench.bus.statistics
+        recording = convert_journal(out, report)
+    document = run_document(report, plan_, spec, recording, out / JOURNAL)
+    document["doubts"] = recording_doubts(recording, spec)
+    document["bus"] = {name: getattr(statistics, name) for name in statistics.__dataclass_fields__}
+    if json:
+        print_json(document)
+    else:
+        print_run(document)
+    if not report.is_complete:
+        end = f"{report.sentence}; " if json else ""
+        remark(f"{end}go on with: {shlex.join([*words, '--resume'])}")
+    return 0 if report.is_complete and document["is_safe"] else 1
+
+
+def stop(
+    port: Port,
+    rig: Rig = "paper",
+    state: Annotated[str | None, option("--state", "hold|release", "Instead of the rig's.")] = None,
+    json: Json = False,
+) -> int:
+    """Bring a bench to its safe state, from whatever state it is in: hold, or release the tension and the torque.
+
+    Takes up to 3 s, which Ctrl-C does not cut short. Exit status: 0 every motor confirms the state, 1 one does not, 2
+    the port cannot be opened.
+    """
+    from sinew.bench.stops import stop as bring_to_rest
+    from sinew.measure.errors import SpecError
+    from sinew.plan.toml import load_rig
+
+    spec = load_rig(rig)
+    wanted = state or spec.limits.safe_state
+    if wanted not in ("hold", "release"):
+        raise SpecError(f"found --state {wanted}, expected hold or release")
+    with open_rig(port, spec) as (bench, clock), on_signals(lambda _: None):
+        report = bring_to_rest(bench, clock, wanted)
+    if json:
+        failed = [{"motor": name, "sentence": why} for name, why in report.failed]
+        print_json({"state": wanted, "is_safe": report.is_safe, "reached": report.reached, "failed": failed})
+    else:
+        print(report.sentence())
+    return 0 if report.is_safe else 1
+
+
+def _refuse_unfit_plan(plan: "Plan", spec: "RigSpec", folder: Path) -> tuple[dict[float, float], str]:
+    """Return the tension of each tendon at rest [N] by pretension [mm], of a plan that fits the rig and the disk, and
+    what the twin expects of its recording."""
+    from sinew.plan.check import refuse_beyond_limits
+    from sinew.predict.preview import foresee_plan
+
+    preview, expected = foresee_plan(plan, spec)
+    refuse_beyond_limits(preview)
+    pretensions = plan.pretension.pretension_mm
+    refuse_full_disk(folder, plan, preview.longest_s)
+    return dict(zip(pretensions, preview.tension_n, strict=True)), expected

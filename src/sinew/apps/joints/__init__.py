@@ -1,0 +1,1 @@
+"""Commands about joints and their rigs: calibrated, predicted, tuned, designed."""

@@ -1,0 +1,209 @@
+"""This is where `sinew design` finds joints that resonate with a gait, and writes a rig and a plan for each."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sinew.apps.console import Json, print_json, print_told, progress_bar, require_folder, write_json
+from sinew.apps.joints.options import BASE_RIG
+from sinew.measure.errors import FileError, SpecError
+
+if TYPE_CHECKING:
+    from sinew.figures.design_page import EndCurves
+    from sinew.plan.plan import Plan
+    from sinew.predict.joints.validity import Torso
+    from sinew.tune.candidate import DesignTarget
+    from sinew.tune.design import Designed
+    from sinew.tune.proposal import Proposal
+
+
+def design(
+    rig: Annotated[str, typer.Argument(metavar="RIG", help="Its motors, guides and sensors are kept.")] = BASE_RIG,
+    stride: Annotated[
+        str | None, typer.Option("--stride-hz", metavar="LOW:HIGH", help="Stride frequencies to resonate at.")
+    ] = None,
+    yaw: Annotated[float | None, typer.Option("--yaw-deg", metavar="DEG", help="Amplitude of the torsion.")] = None,
+    gait: Annotated[
+        Path | None, typer.Option("--gait", metavar="gait.json", help="Instead of both: what sinew gait wrote.")
+    ] = None,
+    inertia: Annotated[
+        float, typer.Option("--inertia-kg-m2", metavar="I", help="Of what sits on the joint, about its axis.")
+    ] = 0.25,
+    torso: Annotated[
+        float | None,
+        typer.Option("--torso-kg", metavar="KG", help="Mass of what sits on the joint; else its weight is left out."),
+    ] = None,
+    centre: Annotated[
+        float | None,
+        typer.Option("--torso-centre-mm", metavar="MM", help="Height of its centre above the head plate; else 250."),
+    ] = None,
+    envelope: Annotated[
+        str, typer.Option("--envelope-mm", metavar="DxL", help="Largest diameter and length, guides included.")
+    ] = "200x250",
+    shape: Annotated[str | None, typer.Option("--shape", metavar="NAME,...", help="Sections; else all.")] = None,
+    material: Annotated[
+        str | None, typer.Option("--material", metavar="NAME,...", help="Silicones; `base` is the rig's; else all.")
+    ] = None,
+    starts: Annotated[int, typer.Option("--starts", min=1, help="Starts for each shape and silicone.")] = 64,
+    exact: Annotated[int, typer.Option("--exact", min=1, help="Candidates that are computed exactly.")] = 24,
+    proposals: Annotated[int, typer.Option("--proposals", min=1, help="How many, at most.")] = 4,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts, and of the twin.")] = 0,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler whose workers do it.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Rigs, plans, figures and a page.")] = None,
+    json: Json = False,
+) -> None:
+    """Design joints whose resonance can follow a gait: section, silicone, length, tendon circle, lever, pretensions.
+
+    Thousands of starts are improved by gradients of the twin's forces, the best are computed by harmonic balance, and
+    the plans of a few that differ run on the full twin. No joint within the limits is no error: the answer says so.
+    """
+    from sinew.plan.toml import load_rig
+    from sinew.tune.design import Effort, design_joints, known_shapes, known_silicones
+
+    target = _target(stride, yaw, gait, inertia, envelope, _torso(torso, centre))
+    base = load_rig(rig)
+    silicones, shapes = known_silicones(base, _names(material)), known_shapes(_names(shape))
+    if out is not None:
+        require_folder(out)
+    effort = Effort(starts, exact, proposals, seed)
+    with progress_bar("design") as bar:
+        found = design_joints(
+            base,
+            target,
+            silicones,
+            shapes,
+            effort,
+            scheduler=scheduler,
+            progress=lambda _, done, total: bar(done, total),
+        )
+    document = found.document()
+    if out is not None:
+        words = ["sinew", "design", rig, "--stride-hz", f"{target.band_hz[0]:g}:{target.band_hz[1]:g}"]
+        words += ["--yaw-deg", f"{target.yaw_deg:g}", "--inertia-kg-m2", f"{inertia:g}", "--envelope-mm", envelope]
+        if target.torso is not None:
+            words += ["--torso-kg", f"{target.torso.mass:g}", "--torso-centre-mm", f"{1e3 * target.torso.centre:g}"]
+        words += [w for flag, value in (("--shape", shape), ("--material", material)) if value for w in (flag, value)]
+        words += ["--starts", str(starts), "--exact", str(exact), "--proposals", str(proposals), "--seed", str(seed)]
+        write_design(found, document, out, shlex.join([*words, "--out", str(out)]))
+    if json:
+        print_json(document)
+    else:
+        print_told(found.told())
+        if out is not None:
+            print(f"page: {out / 'design.html'}")
+
+
+def read_gait(path: Path) -> tuple[tuple[float, float], float]:
+    """Return (stride band [Hz], yaw amplitude [deg]) of a file that `sinew gait` wrote. Raises FileError, SpecError."""
+    import json
+
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise SpecError(f"{path} is no JSON; give the gait.json of sinew gait --out") from error
+    try:
+        low, high = (float(value) for value in document["stride_band_hz"])
+        return (low, high), float(document["yaw_amplitude_deg"]["value"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise SpecError(
+            f"{path} holds no stride_band_hz and yaw_amplitude_deg; give the gait.json of sinew gait"
+        ) from error
+
+
+def _torso(mass: float | None, centre_mm: float | None) -> "Torso | None":
+    from sinew.predict.joints.validity import Torso
+
+    if mass is None:
+        if centre_mm is not None:
+            raise SpecError("--torso-centre-mm belongs to --torso-kg, which is missing")
+        return None
+    return Torso(mass) if centre_mm is None else Torso(mass, 1e-3 * centre_mm)
+
+
+def _target(
+    stride: str | None, yaw: float | None, gait: Path | None, inertia: float, envelope: str, torso: "Torso | None"
+) -> "DesignTarget":
+    from sinew.tune.candidate import DesignTarget
+
+    if (gait is None) == (stride is None and yaw is None) or (gait is None and (stride is None or yaw is None)):
+        raise SpecError("expected --stride-hz LOW:HIGH with --yaw-deg, or --gait gait.json, and not both")
+    if gait is not None:
+        band, degrees = read_gait(gait)
+    else:
+        assert stride is not None
+        assert yaw is not None
+        band, degrees = _pair(stride, ":", "--stride-hz", "LOW:HIGH in hertz, as 0.7:1.1"), yaw
+    diameter, length = _pair(envelope.lower(), "x", "--envelope-mm", "DxL in millimetres, as 200x250")
+    return DesignTarget(band, degrees, inertia, 1e-3 * diameter, 1e-3 * length, torso=torso)
+
+
+def _pair(text: str, mark: str, option: str, expected: str) -> tuple[float, float]:
+    first, found, second = text.partition(mark)
+    try:
+        if found:
+            return float(first), float(second)
+    except ValueError:
+        pass
+    raise SpecError(f"{option} is {text!r}, expected {expected}")
+
+
+def _names(text: str | None) -> list[str] | None:
+    return None if text is None else list(dict.fromkeys(part.strip() for part in text.split(",")))
+
+
+# Designed joints are written into a folder: rigs, plans, figures, one page.
+
+
+def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebuild: str) -> Path:
+    """Write proposal-N/rig.toml and plan.toml, figures, design.json and design.html; return the page.
+
+    document: gets the paths of rigs and plans. Raises FileError where the folder cannot be written.
+    """
+    from sinew.figures.design_page import draw_design_curves, draw_design_front, write_design_page
+    from sinew.figures.style import save_figure
+    from sinew.measure.files.netcdf import provenance
+    from sinew.plan.toml import save_plan, save_rig
+    from sinew.tune.proposal import plan_of
+
+    curves = []
+    for rank, (i, row) in enumerate(zip(found.chosen, document["proposals"], strict=True), start=1):
+        one, place = found.evaluated[i], folder / f"proposal-{rank}"
+        plan = plan_of(one)
+        place.mkdir(parents=True, exist_ok=True)
+        save_rig(one.rig, place / "rig.toml")
+        save_plan(plan, place / "plan.toml")
+        row["rig"], row["plan"] = (str(place / name) for name in ("rig.toml", "plan.toml"))
+        curves.append(_curves(one, plan, row))
+    figures = []
+    if document["evaluated"]:
+        figure = draw_design_front(document["evaluated"], document["proposals"])
+        figures += save_figure(figure, folder / "figures", "design_front", ("png", "pdf"))
+    if curves:
+        figure = draw_design_curves(curves, document["target"]["yaw_deg"])
+        figures += save_figure(figure, folder / "figures", "design_curves", ("png", "pdf"))
+    write_json(document, folder / "design.json")
+    return write_design_page(
+        folder / "design.html",
+        document,
+        figures=figures,
+        rebuild=rebuild,
+        origins=[("versions", str(provenance("twin")["versions"]))],
+    )
+
+
+def _curves(one: "Proposal", plan: "Plan", row: dict[str, Any]) -> "EndCurves":
+    from sinew.figures.design_page import EndCurves
+    from sinew.predict.band import COARSE
+    from sinew.predict.joint import joint_problem
+    from sinew.solve.curves import predict
+
+    assert plan.sweep is not None
+    band = 0.8 * plan.sweep.frequency_hz[0], 1.1 * plan.sweep.frequency_hz[-1]
+    problem = joint_problem(one.rig, list(plan.pretension.pretension_mm), plan.sweep.amplitude_deg, band)
+    return EndCurves(row, predict(problem, band, COARSE).branches)

@@ -1,0 +1,230 @@
+"""The options that describe a joint to be built, spelt once, and the rig that they make."""
+
+import functools
+import inspect
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+
+from sinew.apps.console import checked_number, option
+from sinew.measure.errors import SpecError
+
+if TYPE_CHECKING:
+    from sinew.plan.rig import RigSpec
+    from sinew.predict.joints.design import Design
+    from sinew.predict.sections.section import Section
+
+BASE_RIG = "paper"
+"""The rig that a joint is derived from where none is named."""
+
+_SHAPES = {
+    "circle": ("outer_mm",),
+    "annulus": ("outer_mm", "inner_mm"),
+    "ellipse": ("width_mm", "height_mm"),
+    "rectangle": ("width_mm", "height_mm"),
+    "star": ("outer_mm", "inner_mm", "star_points"),
+    "polygon": ("polygon",),
+}
+
+
+class JointOptions(NamedTuple):
+    """What was asked for, in the units of the options; None where nothing was."""
+
+    section: Annotated[str | None, option("--section", "|".join(_SHAPES), "Joint: cross-section of the silicone.")] = (
+        None
+    )
+    outer_mm: Annotated[float | None, option("--outer-mm", "MM", "Joint: outer diameter (circle, annulus, star).")] = (
+        None
+    )
+    inner_mm: Annotated[float | None, option("--inner-mm", "MM", "Joint: inner diameter (annulus, star).")] = None
+    width_mm: Annotated[float | None, option("--width-mm", "MM", "Joint: width (ellipse, rectangle).")] = None
+    height_mm: Annotated[float | None, option("--height-mm", "MM", "Joint: height (ellipse, rectangle).")] = None
+    star_points: Annotated[int | None, option("--star-points", "N", "Joint: points of a star.")] = None
+    polygon: Annotated[
+        Path | None, option("--polygon", "FILE", "Joint: x,y in mm a line; an empty line begins a hole.")
+    ] = None
+    length_mm: Annotated[float | None, option("--length-mm", "MM", "Joint: length of the silicone.")] = None
+    material: Annotated[str | None, option("--material", "NAME", "Joint: silicone by name, e.g. dragon-skin-30.")] = (
+        None
+    )
+    tensile: Annotated[Path | None, option("--tensile", "FILE", "Joint: silicone by its measured tensile curve.")] = (
+        None
+    )
+    tensile_columns: Annotated[
+        str | None, option("--tensile-columns", "COL:unit,COL:unit", "Joint: strain and stress in that file.")
+    ] = None
+    shear_modulus_kpa: Annotated[float | None, option("--shear-modulus-kpa", "KPA", "Joint: of the silicone, E/3.")] = (
+        None
+    )
+    loss_factor: Annotated[float | None, option("--loss-factor", "1", "Joint: tan δ of the silicone.")] = None
+    tendons: Annotated[int | None, option("--tendons", "N", "Joint: number of tendons.")] = None
+    tendon_circle_mm: Annotated[
+        float | None, option("--tendon-circle-mm", "MM", "Joint: radius of the circle of guides.")
+    ] = None
+    first_contact_n: Annotated[
+        float | None, option("--first-contact-n", "N", "Joint: tension of a tendon at 0 mm.")
+    ] = None
+    head_inertia_kg_m2: Annotated[
+        float | None, option("--head-inertia-kg-m2", "I", "Joint: of the head without the lever.")
+    ] = None
+    lever_inertia_kg_m2: Annotated[
+        float | None, option("--lever-inertia-kg-m2", "I", "Joint: of the lever with its weights.")
+    ] = None
+    head_mass_kg: Annotated[float | None, option("--head-mass-kg", "KG", "Joint: head, lever, drive.")] = None
+    name: Annotated[str | None, option("--name", "NAME", "Joint: name of its rig.")] = None
+
+    @property
+    def given(self) -> list[str]:
+        """Return the options that were given."""
+        return [_flag(name) for name in self._fields if getattr(self, name) is not None]
+
+    def words(self) -> list[str]:
+        """Return the options as they stand on a command line."""
+        given = [(_flag(name), getattr(self, name)) for name in self._fields if getattr(self, name) is not None]
+        return [
+            word for flag, value in given for word in (flag, f"{value:g}" if isinstance(value, float) else str(value))
+        ]
+
+
+_REACH = {
+    "outer_mm": (1, 2000),
+    "inner_mm": (0.1, 2000),
+    "width_mm": (1, 2000),
+    "height_mm": (1, 2000),
+    "length_mm": (1, 5000),
+    "shear_modulus_kpa": (1, 100_000),
+    "loss_factor": (0, 2),
+    "tendon_circle_mm": (1, 2000),
+    "first_contact_n": (0.01, 10_000),
+    "head_inertia_kg_m2": (1e-7, 100),
+    "lever_inertia_kg_m2": (1e-7, 100),
+    "head_mass_kg": (1e-4, 1000),
+}
+"""What a size of a joint may be, in the unit of its option; beyond it, it was meant in another unit."""
+
+
+def _flag(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def with_joint_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command whose parameter `joint: JointOptions` is replaced by the options that it holds."""
+    given = inspect.signature(command)
+    options = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+        for name, annotation in JointOptions.__annotations__.items()
+    ]
+
+    @functools.wraps(command)
+    def spread(*args: Any, **kwargs: Any) -> Any:
+        joint = JointOptions(**{name: kwargs.pop(name, None) for name in JointOptions._fields})
+        return command(*args, joint=joint, **kwargs)
+
+    own = [
+        parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for name, parameter in given.parameters.items()
+        if name != "joint"
+    ]
+    spread.__signature__ = given.replace(parameters=[*own[:-1], *options, own[-1]])  # type: ignore[attr-defined]
+    annotations = {name: value for name, value in command.__annotations__.items() if name != "joint"}
+    spread.__annotations__ = annotations | dict(JointOptions.__annotations__)
+    return spread
+
+
+def designed_rig(base: str | None, joint: JointOptions) -> "tuple[RigSpec, Design | None]":
+    """Return the rig that is meant, and the design where it differs from the base.
+
+    base: file or name of the rig that the joint is derived from; the paper's where None.
+    Raises SpecError where options do not go together.
+    """
+    from sinew.plan.toml import load_rig
+    from sinew.predict.joints.design import design_rig
+
+    rig = load_rig(base or BASE_RIG)
+    if not joint.given:
+        return rig, None
+    design = design_of(joint)
+    return design_rig(rig, design), design
+
+
+def design_of(joint: JointOptions) -> "Design":
+    """Return the design that options describe, in SI. Raises SpecError where they do not go together."""
+    from sinew.predict.joints.design import Design
+    from sinew.predict.joints.material import load_material, material_of_curve
+
+    named = [name for name in ("material", "tensile", "shear_modulus_kpa") if getattr(joint, name) is not None]
+    if len(named) > 1:
+        raise SpecError(f"found {_flag(named[0])} and {_flag(named[1])}; expected one way to say what the silicone is")
+    if joint.tensile_columns is not None and joint.tensile is None:
+        raise SpecError("found --tensile-columns without --tensile; name the file that they are in")
+    for name, (low, high) in _REACH.items():
+        value = getattr(joint, name)
+        if value is not None:
+            checked_number(_flag(name), value, f"{low:g} to {high:g}; look at its unit", low=low, high=high)
+    section = _section(joint)
+    what = [section.shape] if section else []
+    material = None if joint.material is None else load_material(joint.material)
+    if joint.tensile is not None:
+        material = material_of_curve(joint.tensile, joint.tensile_columns)
+    what += [material.title] if material else []
+    what += [f"{joint.length_mm:g} mm long"] if joint.length_mm is not None else []
+    return Design(
+        section=section,
+        length=_scaled(joint.length_mm, 1e-3),
+        material=material,
+        shear_modulus=_scaled(joint.shear_modulus_kpa, 1e3),
+        loss_factor=joint.loss_factor,
+        tendons=joint.tendons,
+        tendon_circle=_scaled(joint.tendon_circle_mm, 1e-3),
+        first_contact_tension=joint.first_contact_n,
+        head_inertia=joint.head_inertia_kg_m2,
+        lever_inertia=joint.lever_inertia_kg_m2,
+        head_mass=joint.head_mass_kg,
+        name=joint.name or ", ".join(what) or None,
+    )
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+def _section(joint: JointOptions) -> "Section | None":
+    from sinew.predict.sections.outline import read_polygon
+    from sinew.predict.sections.section import (
+        annulus_section,
+        circle_section,
+        ellipse_section,
+        rectangle_section,
+        section_of_outline,
+        star_section,
+    )
+
+    sizes = {name for names in _SHAPES.values() for name in names}
+    given = {name for name in sizes if getattr(joint, name) is not None}
+    if joint.section is None:
+        if given:
+            raise SpecError(f"found {_flag(min(given))} without --section; expected one of {', '.join(_SHAPES)}")
+        return None
+    if joint.section not in _SHAPES:
+        raise SpecError(f"--section is {joint.section!r}, expected one of {', '.join(_SHAPES)}")
+    needed = _SHAPES[joint.section]
+    for name in needed:
+        if name not in given:
+            raise SpecError(f"--section {joint.section} needs {_flags(needed)}; {_flag(name)} is missing")
+    for name in sorted(given - set(needed)):
+        raise SpecError(f"{_flag(name)} does not belong to --section {joint.section}, which takes {_flags(needed)}")
+    if joint.polygon is not None:
+        return section_of_outline(read_polygon(joint.polygon), f"polygon of {joint.polygon.stem}")
+    values = [getattr(joint, name) * (1 if name == "star_points" else 1e-3) for name in needed]
+    makers: dict[str, Callable[..., Section]] = {
+        "circle": circle_section,
+        "annulus": annulus_section,
+        "ellipse": ellipse_section,
+        "rectangle": rectangle_section,
+        "star": star_section,
+    }
+    return makers[joint.section](*values)
+
+
+def _flags(names: tuple[str, ...]) -> str:
+    return ", ".join(map(_flag, names))

@@ -1,0 +1,1 @@
+"""Commands that make a recording, or read one."""

@@ -1,0 +1,133 @@
+"""The command `sinew analyse`: a recording, or somebody's CSV file, becomes resonance and damping."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sinew.apps.console import (
+    ColumnDrive,
+    ColumnResponse,
+    ColumnTime,
+    Gaps,
+    Json,
+    Settle,
+    Start,
+    Stop,
+    checked_band,
+    option,
+    print_json,
+    print_told,
+    read_csv,
+    remark,
+    require_folder,
+    write_json,
+)
+from sinew.measure.errors import SpecError
+
+if TYPE_CHECKING:
+    from sinew.analysis.analysed import Analysed
+
+
+def analyse(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")],
+    kind: Annotated[
+        str | None, typer.Option("--kind", metavar="ring-down|sweep|broadband", help="What a CSV file holds.")
+    ] = None,
+    time: ColumnTime = None,
+    response: ColumnResponse = None,
+    drive: ColumnDrive = None,
+    start: Start = None,
+    stop: Stop = None,
+    gaps: Gaps = "refuse",
+    settle: Settle = None,
+    from_hz: Annotated[
+        float | None, option("--from-hz", "HZ", "Broadband: seek modes from here on; else found.")
+    ] = None,
+    to_hz: Annotated[float | None, option("--to-hz", "HZ", "Broadband: seek modes up to here; else found.")] = None,
+    modes: Annotated[
+        int | None, option("--modes", "N", "How many modes; else one of a ring-down, as many as show of broadband.")
+    ] = None,
+    segment: Annotated[
+        float | None, option("--segment", "S", "Broadband: length of a segment [s]; else by the record.")
+    ] = None,
+    rig: Annotated[
+        str | None, typer.Option("--rig", metavar="RIG", help="A rig: inertia and sensor delays; else the recording's.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Folder for recording, results, JSON and figure.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Analyse a ring-down, a sweep, a broadband record or a whole recording.
+
+    A ring-down gives frequency and damping with intervals, by the paper's method and by a direct fit; a sweep gives
+    the table of gain and phase, and from six frequencies on the resonance; a broadband record (chirp, noise,
+    multisine) gives its frequency response with coherence, and the modes in it.
+    """
+    from sinew.analysis.analysed import analyse as run
+    from sinew.measure.files.netcdf import load_recording
+    from sinew.measure.read import is_recording
+    from sinew.measure.recording import cut_recording
+
+    if settle is not None and kind == "ring-down":
+        raise SpecError("--settle is for a sweep; the decay of a ring-down is found by itself")
+    if settle is not None and not 0 <= settle < math.inf:
+        raise SpecError(f"--settle is {settle:g}, expected a time of 0 s or more")
+    broadband = kind == "broadband"
+    if out is not None:
+        require_folder(out)
+    if is_recording(file):
+        _refuse_columns(time, response, drive, None if broadband else kind)
+        recording = cut_recording(load_recording(file), start, stop)
+    elif kind is None:
+        raise SpecError(
+            f"{file.name} is a table: say what it holds with --kind ring-down or --kind sweep or --kind broadband"
+        )
+    else:
+        recording = read_csv(file, kind, time, response, drive, start, stop, gaps)
+    found = run(
+        recording,
+        rig,
+        settle_s=settle,
+        kind="broadband" if broadband else None,
+        band_hz=_band(from_hz, to_hz),
+        modes=modes,
+        segment_s=segment,
+    )
+    if out is not None:
+        _write(found, out)
+    if json:
+        print_json(found.document)
+    else:
+        print_told(found.told())
+    for note in found.notes:
+        remark(note)
+
+
+def _band(from_hz: float | None, to_hz: float | None) -> tuple[float, float] | None:
+    if from_hz is None and to_hz is None:
+        return None
+    if from_hz is None or to_hz is None:
+        raise SpecError("a band has two ends; name --from-hz and --to-hz, or neither")
+    return checked_band((from_hz, to_hz))
+
+
+def _refuse_columns(*given: object) -> None:
+    if any(value is not None for value in given):
+        raise SpecError("a recording knows its columns; --kind, --time, --response, --drive are for CSV")
+
+
+def _write(found: "Analysed", folder: Path) -> None:
+    from sinew.measure.files.netcdf import save_dataset, save_recording
+
+    save_recording(found.recording, folder / "recording.nc")
+    if found.dataset is not None:
+        save_dataset(found.dataset, folder / "results.nc")
+    write_json(found.document, folder / "analysis.json")
+    if found.document["kind"] == "broadband":
+        from sinew.figures.broadband import draw_broadband
+        from sinew.figures.style import save_figure
+
+        save_figure(draw_broadband(found.document), folder, "broadband", ("png", "pdf"))

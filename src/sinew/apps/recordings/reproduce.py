@@ -1,0 +1,283 @@
+"""This is where `sinew reproduce` runs a whole campaign on the twin, and `sinew report` writes its pages anew."""
+
+import os
+import shlex
+import textwrap
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sinew.apps.console import (
+    Json,
+    Rig,
+    Seed,
+    option,
+    print_json,
+    print_table,
+    progress_bar,
+    require_folder,
+    write_json,
+)
+from sinew.apps.recordings.stored import (
+    hash_file,
+    stored_answers,
+    stored_beyond,
+    stored_effects,
+    stored_results,
+    stored_times,
+)
+from sinew.measure.errors import FileError
+from sinew.measure.estimate import number, shown_interval
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from sinew.plan.plan import Plan
+    from sinew.plan.rig import RigSpec
+
+
+@dataclass(frozen=True)
+class _Campaign:
+    """Everything that the pages of a campaign are made from.
+
+    beyond: results of a sweep above the paper's 12 mm, or None. rig: None where none is known.
+    effects: what each effect of the twin adds, see `sinew.paper.summary`; empty where it was not measured.
+    rebuild: the command that makes all of it again.
+    """
+
+    recording: "xr.Dataset"
+    results: "xr.Dataset"
+    beyond: "xr.Dataset | None"
+    rig: "RigSpec | None"
+    effects: list[dict[str, Any]]
+    simulated_s: float
+    rebuild: str
+
+
+def reproduce(
+    plan: Annotated[str, option("--plan", "PLAN", "A plan: a file or a shipped name.")] = "paper",
+    rig: Rig = "paper",
+    out: Annotated[Path, option("--out", "DIR", "Folder for everything that is written.")] = Path("out/reproduce"),
+    seed: Seed = 0,
+    beyond: Annotated[
+        str | None,
+        option("--beyond", "PLAN", "A sweep above 12 mm for the paper's threshold; `beyond` with plan `paper`."),
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Run the paper's campaign on the physics twin and set its numbers beside the paper's.
+
+    Writes recording.nc, results.nc, figures/, report.html and summary.json, and beyond.nc, the results of the sweep
+    above the paper's range.
+    """
+    from sinew.analysis.analysed import analyse_with
+    from sinew.measure.files.netcdf import save_dataset, save_recording
+    from sinew.plan.check import refuse_beyond_limits
+    from sinew.plan.toml import load_plan, load_rig
+    from sinew.predict.preview import preview_plan
+    from sinew.twin.simulate import simulate
+
+    began = time.monotonic()
+    if beyond is None and plan == "paper":
+        beyond = "beyond"
+    plans, rig_ = [load_plan(name) for name in (plan, beyond) if name is not None], load_rig(rig)
+    previews = [preview_plan(each, rig_) for each in plans]
+    for preview in previews:
+        refuse_beyond_limits(preview)
+    require_folder(out)
+    command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
+    rebuild = shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else []))
+    with progress_bar("simulate") as progress:
+        recording = simulate(plans[0], rig_, seed=seed, progress=progress).assign_attrs(command=rebuild)
+    save_recording(recording, out / "recording.nc")
+    results = _analyse(recording, rig_, out)
+    further = None
+    (out / "beyond.nc").unlink(missing_ok=True)
+    if beyond is not None:
+        with progress_bar("simulate above the paper's range") as progress:
+            further = analyse_with(simulate(plans[1], rig_, seed=seed, progress=progress), rig_)
+        save_dataset(further, out / "beyond.nc")
+    effects = _measure_effects(plans[0], rig_, out)
+    if effects:
+        results = results.assign_attrs(effects_hash=hash_file(out / "effects.json"))
+        save_dataset(results, out / "results.nc")
+    simulated_s = sum(preview.duration_s for preview in previews)
+    campaign = _Campaign(recording, results, further, rig_, effects, simulated_s, rebuild)
+    _show(_write_pages(campaign, out, began=began), out, json=json)
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with a recording.nc.")],
+    rig: Annotated[str | None, option("--rig", "RIG", "A rig; else the recording's.")] = None,
+    json: Json = False,
+) -> None:
+    """Write figures, summary and report of a recording anew, from the files in its folder.
+
+    Results that were made from another recording or with another rig are made anew. A recording that names no rig
+    needs none: then nothing is said of stiffness and damping constants, and sensors are taken as perfect.
+    """
+    from sinew.analysis.analysed import recording_rig
+    from sinew.measure.files.netcdf import load_recording
+
+    if not (folder / "recording.nc").is_file():
+        raise FileError(f"found no recording.nc in {folder}; expected a folder that sinew simulate or reproduce wrote")
+    began = time.monotonic()
+    recording = load_recording(folder / "recording.nc")
+    rig_ = recording_rig(recording, rig)
+    require_folder(folder)
+    results = stored_results(folder / "results.nc", recording, rig_)
+    before = {} if results is None else stored_times(folder / "summary.json")
+    if results is None:
+        results = _analyse(recording, rig_, folder)
+    steps = recording["time_s"].diff("sample")
+    campaign = _Campaign(
+        recording,
+        results,
+        stored_beyond(folder / "beyond.nc", rig_),
+        rig_,
+        stored_effects(folder / "effects.json", results),
+        before.get("simulated_s", float(steps.median()) * recording.sizes["sample"]),
+        _rebuild(recording, folder, rig),
+    )
+    _show(_write_pages(campaign, folder, began=began, wall_s=before.get("wall_s")), folder, json=json)
+
+
+def _rebuild(recording: "xr.Dataset", folder: Path, rig: str | None) -> str:
+    """Return what makes all of a folder again: the command that made its recording, and `report` where that is more."""
+    made = str(recording.attrs.get("command", ""))
+    if made.startswith("sinew reproduce ") and rig is None:
+        return made
+    again = shlex.join(["sinew", "report", str(folder), *(("--rig", rig) if rig is not None else ())])
+    return f"{made} && {again}" if made else again
+
+
+def _measure_effects(plan: "Plan", rig: "RigSpec", folder: Path) -> list[dict[str, Any]]:
+    """Return the share of each effect, also written to effects.json; empty for a plan of other pretensions."""
+    from sinew.paper.summary import SHARE_PRETENSIONS_MM, effect_shares
+
+    (folder / "effects.json").unlink(missing_ok=True)
+    if not set(SHARE_PRETENSIONS_MM) <= set(plan.pretension.pretension_mm):
+        return []
+    with progress_bar("switch effects off"):
+        rows = effect_shares(rig)
+    write_json(rows, folder / "effects.json")
+    return rows
+
+
+def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path) -> "xr.Dataset":
+    from sinew.analysis.analysed import analyse_with
+    from sinew.measure.files.netcdf import save_dataset
+
+    with progress_bar("analyse"):
+        results = analyse_with(recording, rig)
+    save_dataset(results, folder / "results.nc")
+    return results
+
+
+def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: float | None = None) -> dict[str, Any]:
+    from sinew.paper.report import draw_figures, write_report
+    from sinew.paper.summary import summarise
+
+    with progress_bar("draw"):
+        workers = min(4, os.cpu_count() or 1)
+        figures = draw_figures(campaign.recording, campaign.results, folder / "figures", workers=workers)
+        elapsed = wall_s if wall_s is not None else time.monotonic() - began
+        summary = summarise(
+            campaign.results, wall_s=elapsed, simulated_s=campaign.simulated_s, beyond=campaign.beyond, rig=campaign.rig
+        )
+        write_json(summary, folder / "summary.json")
+        write_report(
+            folder,
+            results=campaign.results,
+            figures=figures,
+            summary=summary,
+            beyond=campaign.beyond,
+            rig=campaign.rig,
+            determination=_determination(campaign.rig),
+            effects=campaign.effects,
+            answers=stored_answers(folder / "answers.json", campaign.recording),
+            rebuild=campaign.rebuild,
+        )
+    return summary
+
+
+def _determination(rig: "RigSpec | None") -> dict[str, dict[str, Any]] | None:
+    """Return how far the parameters of a shipped rig can move; None for any other rig, even one of the same name."""
+    from sinew.plan.toml import list_shipped, load_rig, read_ranges
+
+    if rig is None or rig.name not in list_shipped("rigs") or load_rig(rig.name) != rig:
+        return None
+    return read_ranges(rig.name)
+
+
+def _show(summary: dict[str, Any], folder: Path, *, json: bool) -> None:
+    from sinew.paper.table import count_roles
+
+    if json:
+        print_json(summary)
+        return
+    rows = [
+        (
+            str(row["quantity"]),
+            _number(row["paper"]),
+            _number(row["measured"]),
+            _number(row["tolerance"]),
+            "yes" if row["ok"] else "NO",
+            str(row["role"]),
+            str(row["where"]),
+        )
+        for row in summary["paper"]
+    ]
+    if rows:
+        head = ("quantity", "paper", "measured", "tolerance", "ok", "role", "where")
+        print_table(head, rows, "paper against measured")
+        print(count_roles(summary["paper"]))
+    _show_resonances(summary)
+    _show_windows(summary)
+    print(f"{summary['simulated_s']:.0f} s of motion, {summary['wall_s']:.0f} s of work")
+    print(f"report: {folder / 'report.html'}")
+
+
+def _show_resonances(summary: dict[str, Any]) -> None:
+    rows = summary["resonance"]["rows"]
+    if not rows:
+        return
+    names = [name for name in _RESONANCES if any(row.get(name) for row in rows)]
+    head = ("pretension/mm", *(_RESONANCES[name] for name in names))
+    cells = [(number(row["pretension_mm"]), *(shown_interval(row.get(name)) for name in names)) for row in rows]
+    print_table(head, cells, "resonance in Hz, by what is meant (90 % interval)")
+
+
+_RESONANCES = {
+    "paper_resonance_hz": "mean of peaks (Eq. 6)",
+    "resonance_hz": "fundamental",
+    "resonance_measured_drive_hz": "by measured drive",
+    "phase_90_hz": "90° of lag",
+}
+
+
+def _show_windows(summary: dict[str, Any]) -> None:
+    from sinew.figures.tables import WINDOW_HEAD, window_cells
+
+    rows = summary["decay_windows"]["rows"]
+    if not rows:
+        return
+    ends = [(0, rows[0]["pretension_mm"][0]), (-1, rows[0]["pretension_mm"][-1])]
+    head = ("start/periods", *(f"D at {mm:g} mm" for _, mm in ends), *WINDOW_HEAD)
+    cells = [
+        (
+            number(row["start_periods"]),
+            *(shown_interval(row["lehr_damping"][end]) for end, _ in ends),
+            *(cell.replace("−", "-") for cell in window_cells(row)),
+        )
+        for row in rows
+    ]
+    print_table(head, cells, "Lehr's damping over pretension, by where the decay begins after the stop")
+    print(textwrap.fill(summary["decay_windows"]["conclusion"], 120))
+
+
+def _number(value: Any) -> str:
+    return number(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value or "")

@@ -1,0 +1,365 @@
+"""A motor at its horn: its goals move it, and its motion becomes the present registers."""
+
+import math
+import struct
+from dataclasses import dataclass
+
+from sinew.emulator.devices.control_table import ControlTable
+from sinew.emulator.plant import Horn, Law
+from sinew.hardware.register_tables import (
+    CURRENT_MODE,
+    CURRENT_POSITION_MODE,
+    EXTENDED_POSITION_MODE,
+    POSITION_MODE,
+    PWM_MODE,
+    VELOCITY_MODE,
+)
+from sinew.plan.servo import (
+    ACCELERATION_LSB,
+    COUNTS_PER_TURN,
+    COUNTS_PER_VOLT,
+    FULL_DUTY_COUNTS,
+    P_GAIN_LSB,
+    PULSE,
+    SPEED_LSB,
+)
+
+# A goal becomes a trajectory: a motor's speed and acceleration profile.
+#
+# Source: e-Manual, "What is the Profile". The trajectory is advanced in steps, from where it is and as fast as it is,
+# so that a goal that changes on the way is met smoothly.
+
+PROFILE_STEP = 2e-3
+"""Time between two points of a trajectory [s]."""
+
+
+@dataclass(slots=True)
+class Profile:
+    """Where a trajectory is, in counts and counts/s, and where it goes.
+
+    top_speed: [counts/s], 0: none, the goal is taken at once. acceleration: [counts/s²], 0: the speed is taken at once.
+    """
+
+    position: float = 0.0
+    speed: float = 0.0
+    goal: float = 0.0
+    top_speed: float = 0.0
+    acceleration: float = 0.0
+    is_running: bool = False
+
+    def jump(self, position: float) -> None:
+        """Be at a position, at rest."""
+        self.position = self.goal = position
+        self.speed = 0.0
+        self.is_running = False
+
+    def aim(self, goal: float, top_speed: float, acceleration: float) -> None:
+        """Set out for a goal."""
+        if top_speed <= 0:
+            self.jump(goal)
+            return
+        self.goal, self.top_speed, self.acceleration = goal, top_speed, acceleration
+        self.is_running = goal != self.position or self.speed != 0.0
+
+    def advance(self, dt: float) -> None:
+        """Move on by a time [s]."""
+        if not self.is_running:
+            return
+        way = self.goal - self.position
+        if self.acceleration <= 0:
+            self.speed = math.copysign(self.top_speed, way)
+            done = abs(way) <= self.top_speed * dt
+        else:
+            a = self.acceleration
+            # Largest speed from which it still stops at the goal, in whole steps.
+            brake = a * (math.sqrt(dt * dt / 4 + 2 * abs(way) / a) - dt / 2)
+            wanted = math.copysign(min(self.top_speed, brake), way)
+            change = max(-a * dt, min(a * dt, wanted - self.speed))
+            self.speed += change
+            done = abs(way) <= a * dt * dt and abs(self.speed) <= 2 * a * dt
+        if done:
+            self.jump(self.goal)
+        else:
+            self.position += self.speed * dt
+
+
+# An operating mode becomes a law: what of the registers the motor's controller uses.
+#
+#     0 current           goal_current, duty limited by goal_pwm
+#     1 velocity          goal_velocity, duty limited by goal_pwm
+#     3 position          goal_position within the position limits, one turn, duty limited by goal_pwm
+#     4 extended position goal_position over 512 turns, duty limited by goal_pwm
+#     5 current-based     as 4, and the current limited by goal_current
+#     16 PWM              goal_pwm
+#
+# Source: e-Manual, "Operating Mode(11)". Integral, derivative and feed-forward gains
+# are kept in their registers and have no effect; the velocity loop's missing integral part is made up for by a larger
+# P gain.
+
+MODES = (CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE, PWM_MODE)
+"""Values of operating_mode that there are."""
+POSITION_MODES = (POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE)
+"""Those that go to goal_position."""
+
+_INTEGRAL = 16.0  # factor on the velocity loop's P gain that stands for its integral part
+_GAINS = (
+    "velocity_i_gain",
+    "velocity_p_gain",
+    "position_d_gain",
+    "position_i_gain",
+    "position_p_gain",
+    "feedforward_2nd_gain",
+    "feedforward_1st_gain",
+)
+
+
+def goal_of(mode: int) -> str:
+    """Return the register that a mode goes by."""
+    return {CURRENT_MODE: "goal_current", VELOCITY_MODE: "goal_velocity", PWM_MODE: "goal_pwm"}.get(
+        mode, "goal_position"
+    )
+
+
+def reset_for_mode(registers: ControlTable) -> None:
+    """Do to the registers what a new operating mode does: gains as from the factory, no profile, goals to their limits.
+
+    The manual gives the gains of mode 5 no numbers of their own; they are taken to be those of the others.
+    """
+    for name in _GAINS:
+        initial = registers.rows[name].initial
+        assert initial is not None
+        registers[name] = initial
+    registers["profile_velocity"] = registers["profile_acceleration"] = 0
+    registers["goal_pwm"] = registers["pwm_limit"]
+    registers["goal_current"] = registers["current_limit"]
+
+
+def law_of(registers: ControlTable, sign: int, angle: float, speed: float) -> Law:
+    """Return the law of the present mode and goals.
+
+    sign: of the plant's sense that counts have. angle: the plant's angle to go to [rad], speed: the plant's speed to
+    keep [rad/s], in the modes that do so.
+    """
+    mode, ampere = registers["operating_mode"], registers.rows["goal_current"].scale
+    if mode == PWM_MODE:
+        return Law("pwm", sign * _duty(registers["goal_pwm"]))
+    limit = abs(_duty(registers["goal_pwm"]))
+    if mode == CURRENT_MODE:
+        return Law("current", sign * registers["goal_current"] * ampere, duty_limit=limit)
+    if mode == VELOCITY_MODE:
+        gain = registers["velocity_p_gain"] * P_GAIN_LSB / FULL_DUTY_COUNTS / SPEED_LSB * _INTEGRAL
+        return Law("velocity", speed, gain, limit)
+    gain = registers["position_p_gain"] * P_GAIN_LSB / FULL_DUTY_COUNTS / PULSE
+    current = abs(registers["goal_current"]) * ampere if mode == CURRENT_POSITION_MODE else math.inf
+    return Law("position", angle, gain, limit, current)
+
+
+def _duty(counts: int) -> float:
+    return max(-1.0, min(1.0, counts / FULL_DUTY_COUNTS))
+
+
+_LARGEST_OFFSET_IN_ONE_TURN = 1024  # homing offset beyond it is ignored in position mode
+_PRESENT = struct.Struct("<HBBhhiiiiHB")  # realtime_tick .. present_temperature
+_PRESENT_START = 120
+_DRIVE_MODE, _MODE = 10, 11  # addresses of single bytes that are asked for all the time
+_COUNTS_PER_SPEED = SPEED_LSB / PULSE  # counts/s
+_COUNTS_PER_ACCELERATION = ACCELERATION_LSB / PULSE  # counts/s²
+_REACHED = 20.0  # counts within which a goal counts as reached, or a trajectory as followed; assumed
+_REVERSE, _TIME_BASED = 0x01, 0x04
+_ONGOING, _FOLLOWING_ERROR, _IN_POSITION = 0x02, 0x08, 0x01
+_RECTANGULAR, _TRAPEZOIDAL = 0x10, 0x30
+
+
+class Servo:
+    """What a motor does with its horn.
+
+    Positions are counts as the registers have them: those of the encoder, less whole turns (since the motor knows its
+    turns only from when it was started), plus the homing offset. In reverse mode all of them, speeds and efforts
+    included, are inverted (the manual says so of positions; of the others it is assumed).
+
+    is_on: whether the torque is. is_held: whether it was stopped, and waits for another goal.
+    """
+
+    def __init__(self, registers: ControlTable, horn: Horn) -> None:
+        self._registers, self._horn = registers, horn
+        self._profile = Profile()
+        self.is_on = False
+        self._turns = 0.0
+        self._next_step = math.inf
+        self.is_held = False
+
+    @property
+    def due(self) -> float:
+        """When it is to be advanced again [s]."""
+        return self._next_step
+
+    @property
+    def _direction(self) -> int:
+        return -1 if self._registers.memory[_DRIVE_MODE] & _REVERSE else 1
+
+    @property
+    def sign(self) -> int:
+        """Of the plant's sense that more counts have."""
+        return self._direction * self._horn.sign
+
+    def position(self) -> float:
+        """Return the present position in counts, with fractions."""
+        registers = self._registers
+        counts = self._direction * self._horn.counts_of(self._horn.motion().angle)
+        if not self.is_on and registers.memory[_MODE] == POSITION_MODE:
+            self._turns = math.floor(round(counts) / COUNTS_PER_TURN) * COUNTS_PER_TURN
+        return counts - self._turns + self._offset()
+
+    def forget_turns(self) -> None:
+        """Take the present position for one within the first turn."""
+        counts = self._direction * self._horn.counts_of(self._horn.motion().angle)
+        self._turns = math.floor(round(counts) / COUNTS_PER_TURN) * COUNTS_PER_TURN
+        self._profile.jump(self.position())
+        if self.is_on:
+            self._settle_on_present()
+
+    def turn_on(self, now: float) -> None:
+        """Put the torque on: from where it is, at rest."""
+        self.position()
+        self.is_on = True
+        self.is_held = False
+        self._registers["goal_velocity"] = 0
+        self._settle_on_present()
+        self.pursue(now)
+
+    def turn_off(self) -> None:
+        """Take the torque off."""
+        self.is_on = False
+        self._next_step = math.inf
+        self._horn.set_law(Law())
+        self._profile.jump(self.position())
+
+    def hold(self) -> None:
+        """Stop where it is, whatever the goal and the profile; with no output in current and PWM mode (assumed).
+
+        In extended position mode the firmware forgets the homing offset here, and the motor moves by as much
+        (ROBOTIS-GIT/DynamixelSDK issue 584).
+        """
+        registers, mode = self._registers, self._registers.memory[_MODE]
+        self.is_held = True
+        self._next_step = math.inf
+        if mode in POSITION_MODES:
+            self._settle_on_present()
+            fault = self._offset() if mode == EXTENDED_POSITION_MODE else 0
+            self._horn.set_law(law_of(registers, self.sign, self._angle_of(self._profile.position + fault), 0.0))
+            return
+        registers[goal_of(mode)] = 0
+        self._profile.jump(0.0)
+        self._horn.set_law(law_of(registers, self.sign, 0.0, 0.0))
+
+    def aim(self, now: float) -> None:
+        """Set out for the goal that the registers have now."""
+        registers, mode = self._registers, self._registers.memory[_MODE]
+        if not self.is_on:
+            return
+        self.is_held = False
+        if mode in POSITION_MODES:
+            goal = float(registers["goal_position"])
+            self._profile.aim(goal, *self._pace(goal))
+        elif mode == VELOCITY_MODE:
+            rate = registers["profile_acceleration"] * _COUNTS_PER_ACCELERATION / _COUNTS_PER_SPEED
+            self._profile.aim(float(registers["goal_velocity"]), rate, 0.0)
+        self.pursue(now)
+
+    def pursue(self, now: float) -> None:
+        """Have the horn follow the registers and the trajectory."""
+        if not self.is_on or self.is_held:
+            return
+        if self._profile.is_running:
+            self._next_step = min(self._next_step, now + PROFILE_STEP)
+        else:
+            self._next_step = math.inf
+        at, sign = self._profile.position, self.sign
+        is_speed = self._registers.memory[_MODE] == VELOCITY_MODE
+        angle, speed = (0.0, sign * at * SPEED_LSB) if is_speed else (self._angle_of(at), 0.0)
+        self._horn.set_law(law_of(self._registers, sign, angle, speed))
+
+    def advance(self, now: float) -> None:
+        """Go one step along the trajectory, if one is due."""
+        if now >= self._next_step:
+            self._profile.advance(PROFILE_STEP)
+            self._next_step += PROFILE_STEP
+            self.pursue(now)
+
+    def is_moving(self) -> bool:
+        """Return what the register `moving` says."""
+        speed = abs(self._horn.motion().speed) / SPEED_LSB
+        return speed > self._registers["moving_threshold"] or self._is_underway()
+
+    def tell(self, tick: int, volts: float, degrees: float) -> None:
+        """Bring the present registers up to date."""
+        registers, sign = self._registers, self.sign
+        motion, position, profile = self._horn.motion(), self.position(), self._profile
+        speed = registers.memory[_MODE] == VELOCITY_MODE
+        _PRESENT.pack_into(
+            registers.memory,
+            _PRESENT_START,
+            tick & 0x7FFF,
+            self.is_moving(),
+            self._status(position),
+            _clip(sign * motion.duty * FULL_DUTY_COUNTS, 16),
+            _clip(sign * motion.current / registers.rows["present_current"].scale, 16),
+            _clip(sign * motion.speed / SPEED_LSB, 32),
+            _clip(position, 32),
+            _clip(profile.position if speed else profile.speed / _COUNTS_PER_SPEED, 32),
+            0 if speed else _clip(profile.position, 32),
+            max(0, min(0xFFFF, round(volts * COUNTS_PER_VOLT))),
+            max(0, min(0xFF, int(degrees))),
+        )
+
+    def _status(self, position: float) -> int:
+        """Return the bits of moving_status."""
+        registers = self._registers
+        if not self.is_on or registers.memory[_MODE] not in POSITION_MODES:
+            return 0
+        bits = _IN_POSITION * (abs(registers["goal_position"] - position) <= _REACHED)
+        bits |= _FOLLOWING_ERROR * (abs(self._profile.position - position) > _REACHED)
+        if self._profile.is_running:
+            bits |= _ONGOING | (_TRAPEZOIDAL if self._profile.acceleration else _RECTANGULAR)
+        return bits
+
+    def _is_underway(self) -> bool:
+        return self._profile.is_running and self._registers.memory[_MODE] in POSITION_MODES
+
+    def _settle_on_present(self) -> None:
+        """Make the present position the goal, at rest; of a motor that keeps a speed, take it for standing still."""
+        if self._registers.memory[_MODE] == VELOCITY_MODE:
+            self._profile.jump(0.0)
+            return
+        present = round(self.position())
+        self._registers["goal_position"] = present
+        self._profile.jump(float(present))
+
+    def _offset(self) -> int:
+        """Return the homing offset that counts."""
+        registers = self._registers
+        offset = registers["homing_offset"]
+        in_one_turn = registers.memory[_MODE] == POSITION_MODE
+        return 0 if in_one_turn and abs(offset) > _LARGEST_OFFSET_IN_ONE_TURN else offset
+
+    def _angle_of(self, position: float) -> float:
+        return self._horn.angle_of(self._direction * (position - self._offset() + self._turns))
+
+    def _pace(self, goal: float) -> tuple[float, float]:
+        """Return the top speed [counts/s] and acceleration [counts/s²] of the way to a goal; 0 where there is none."""
+        registers = self._registers
+        velocity, acceleration = registers["profile_velocity"], registers["profile_acceleration"]
+        if velocity <= 0:
+            return 0.0, 0.0
+        if registers["drive_mode"] & _TIME_BASED:
+            whole = velocity * 1e-3
+            ramp = min(acceleration * 1e-3, whole / 2)
+            top = abs(goal - self._profile.position) / (whole - ramp)
+            return top, (top / ramp if ramp else 0.0)
+        top = min(velocity, registers["velocity_limit"]) * _COUNTS_PER_SPEED
+        return top, acceleration * _COUNTS_PER_ACCELERATION
+
+
+def _clip(value: float, bits: int) -> int:
+    limit = 1 << (bits - 1)
+    return max(-limit, min(limit - 1, round(value)))

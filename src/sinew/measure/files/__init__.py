@@ -1,0 +1,1 @@
+"""File formats, one module each: what is read from them and written into them."""

@@ -1,0 +1,69 @@
+"""The preview of a plan: its check with the twin's tensions and torsions, and what its recording should say."""
+
+from typing import Any
+
+import numpy as np
+
+from sinew.measure.errors import RecordingError
+from sinew.plan.check import Preview, check_plan
+from sinew.plan.plan import Plan
+from sinew.plan.rig import RigSpec
+from sinew.twin.simulate import foresee, peak_torsion, rest_tension
+
+LONGEST_PREVIEW_S = 20_000.0
+"""Length of a plan up to which its torsion is previewed [s]; the paper's is 5600 s."""
+
+
+def preview_plan(plan: Plan, rig: RigSpec, *, swing: bool = False) -> Preview:
+    """Return the check of a plan with the twin's tensions at rest and, if asked, its torsions.
+
+    swing: run one repeat of the plan for its torsions, unless a limit is broken already or the plan is longer than
+    `LONGEST_PREVIEW_S`, or tracks, which no plan foretells. What runs on the twin next hurts nobody and does not ask.
+    """
+    tension = rest_tension(plan.pretension.pretension_mm, rig).tolist()
+    preview = check_plan(plan, rig, tension)
+    if not swing or preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
+        return preview
+    return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
+
+
+def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
+    """Return the check of a plan with the twin's tensions and torsions, and what its recording is expected to say.
+
+    The latter is the text of a recording's attribute `expected` (`sinew.analysis.doubts`), empty where the plan is
+    refused, is longer than `LONGEST_PREVIEW_S`, tracks, or cannot be analysed.
+    """
+    from sinew.analysis.analysis import analyse_recording  # no other preview needs it
+    from sinew.analysis.doubts import foretold
+
+    preview = preview_plan(plan, rig)
+    if preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
+        return preview, ""
+    torsion, recording = foresee(plan, rig)
+    preview = check_plan(plan, rig, preview.tension_n, np.degrees(torsion).tolist())
+    try:
+        return preview, foretold(analyse_recording(recording, rig))
+    except RecordingError:  # nothing but rest, or groups too short to say anything
+        return preview, ""
+
+
+def told_preview(plan: Plan, rig: RigSpec, preview: Preview) -> dict[str, Any]:
+    """Return the preview of a plan on a rig as JSON holds it."""
+    drive = zip(preview.frequency_hz, preview.drive_amplitude_deg, preview.drive_current_a, strict=True)
+    tension = zip(plan.pretension.pretension_mm, preview.tension_n, strict=True)
+    torsion = zip(plan.pretension.pretension_mm, preview.torsion_deg, strict=False)  # empty where not previewed
+    return {
+        "plan": plan.name,
+        "rig": rig.name,
+        "ok": not preview.refusals,
+        "duration_s": preview.duration_s,
+        "longest_s": preview.longest_s,
+        "bench_s": preview.bench_s,
+        "groups": preview.groups,
+        "samples": preview.samples,
+        "full_amplitude_hz": preview.full_amplitude_hz,
+        "drive": [{"frequency_hz": f, "amplitude_deg": a, "current_a": c} for f, a, c in drive],
+        "tension": [{"pretension_mm": p, "tension_n": t} for p, t in tension],
+        "torsion": [{"pretension_mm": p, "torsion_deg": t} for p, t in torsion],
+        "findings": [{"severity": f.severity, "sentence": f.sentence} for f in preview.findings],
+    }
