@@ -52,6 +52,25 @@ def test_editors_and_type_checkers_see_the_types_of_the_installed_package() -> N
     assert {"py.typed", "__init__.pyi"} <= set(held["sinew"])
 
 
+@pytest.mark.parametrize("what", ["an empty dataset", "what it gave before"])
+def test_what_is_no_recording_is_refused_in_words(what: str) -> None:
+    import xarray as xr
+
+    given = xr.Dataset() if what == "an empty dataset" else sn.Analysed({}, xr.Dataset(), None, ())
+    with pytest.raises(sn.RecordingError, match="expected a recording"):
+        sn.analyse(given)  # type: ignore[arg-type]
+
+
+def test_a_term_of_ones_own_is_refused_with_those_there_are() -> None:
+    from sinew.mechanics.laws import Term
+
+    class Own(Term):
+        pass
+
+    with pytest.raises(sn.SpecError, match="Viscous"):
+        sn.Linear() + Own()
+
+
 FUNCTIONS = [name for name in NAMES if name[0].islower()]
 SLOW = {"identify", "predict", "tune", "plot", "simulate"}  # they compile
 

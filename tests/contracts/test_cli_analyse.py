@@ -261,6 +261,17 @@ def test_what_reproduce_leaves_keeps_its_schema(campaign: Path) -> None:
 
 
 @pytest.mark.slow
+def test_the_summary_has_the_keys_of_the_reference(campaign: Path) -> None:
+    summary = json.loads((campaign / "summary.json").read_text(encoding="utf-8"))
+    assert set(summary) == {
+        *("pretension_mm", "resonance_hz", "resonance_hz_std", "gain", "gain_std", "paper_resonance_hz", "paper_gain"),
+        *("gain_measured_drive", "phase_90_hz", "drive_amplitude_deg_at_resonance", "energy", "ring_down"),
+        *("resonance", "decay_windows", "paper", "wall_s", "simulated_s"),
+    }
+    assert summary["pretension_mm"] == [0, 12]
+
+
+@pytest.mark.slow
 def test_report_writes_the_same_summary_anew(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = json.loads((campaign / "summary.json").read_text(encoding="utf-8"))
     (campaign / "report.html").unlink()

@@ -7,7 +7,7 @@ from scipy.special import ellipk
 from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, dry_friction, lever, times
 
 from sinew.analysis.decay.free_decay import drive_stop, find_peaks
-from sinew.analysis.decay.ring_down import analyse_ring_down
+from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json
 
 dampings = pytest.mark.parametrize("damping", [0.005, 0.03, 0.08, 0.17, 0.25])
 
@@ -250,6 +250,14 @@ def test_a_softening_swing_says_so() -> None:
     t = times(duration_s=20.0)
     swing = pendulum(t, 90)
     assert "softening" in analyse_ring_down(t, swing).shape.reason
+
+
+def test_the_document_has_the_promised_keys() -> None:
+    t = times()
+    assert list(ring_down_json(analyse_ring_down(t, Decay().angle(t)))) == [
+        *("kind", "frequency_hz", "damping_ratio", "decay_rate_per_s", "paper_method", "exponential", "reason"),
+        *("rest_drift", "amplitude_dependence"),
+    ]
 
 
 def test_samples_taken_at_jittering_times_leave_the_damping_exact() -> None:

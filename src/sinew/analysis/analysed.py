@@ -100,7 +100,11 @@ def analyse(
     """
     if isinstance(recording, (str, Path)):
         recording = load_recording(recording)
-    kinds = set(map(str, recording["kind"].values)) if "kind" in recording else set()
+    if not isinstance(recording, xr.Dataset) or "kind" not in recording:
+        raise RecordingError(
+            f"found {type(recording).__name__} without segments, expected a recording as read, simulate and run give it"
+        )
+    kinds = set(map(str, recording["kind"].values))
     imported = recording.attrs.get("source") == "import"
     notes = str(recording.attrs.get("import_notes", "")).splitlines()
     if kind not in (None, "broadband"):

@@ -384,6 +384,9 @@ class Law:
 
     def __add__(self, other: "Term | Law") -> "Law":
         more = other.terms if isinstance(other, Law) else (other,)
+        if unknown := [term for term in more if term not in TERMS]:
+            known = ", ".join(type(term).__name__ for term in TERMS)
+            raise SpecError(f"found a term {unknown[0]!r} in a law, expected one of {known}; add it to TERMS")
         return Law(tuple(sorted((*self.terms, *more), key=TERMS.index)))
 
     def has(self, kind: type[Term]) -> bool:

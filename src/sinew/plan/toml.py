@@ -94,11 +94,6 @@ def complaint(error: ValidationError, model: type[BaseModel], what: str) -> str:
     return " ".join(sentence.split())
 
 
-def fault_sentence(fault: ErrorDetails, model: type[BaseModel], what: str) -> str:
-    """Return the sentence on one fault of a rig or plan. what: "rig" or "plan"."""
-    return " ".join(_sentence(fault, model, what)[0].split())
-
-
 def _sentence(fault: ErrorDetails, model: type[BaseModel], what: str) -> tuple[str, str | None]:
     where = _dotted(fault["loc"])
     if fault["type"] == "extra_forbidden":

@@ -5,7 +5,7 @@ of silicone, tendons and guides is balanced with the inertia (first harmonic); t
 decay that loses much in a cycle never closes its friction loops, and is damped up to a sixth more (at D = 0.065).
 
 - in phase, k A = (1/π) ∮ torque cos ωt d(ωt): relaxed silicone and tendons by the potential energy, the silicone's
-  storage beyond that by its Prony series at ω, the guides by their Dahl loop. I ω² = k.
+  storage beyond that by its Prony series at ω, the guides by their loop. I ω² = k.
 - energy lost: silicone π k_s Im G*(ω) A², guides ∮ F dφ, viscous π d ω A². D = Σ/(2π k A²).
 """
 

@@ -73,11 +73,6 @@ def calibrated_together(
     )
 
 
-def calibrated_from_draws(names: Sequence[str], draws: Array) -> Calibrated:
-    """Return what a rig keeps of draws of its parameters, shape (draw, k), SI."""
-    return calibrated_together(names, np.atleast_2d(np.cov(draws, rowvar=False)))
-
-
 def _values(rig: RigSpec, names: Sequence[str]) -> Array:
     table = dict(rig.parameters())
     return np.array([table[name].value for name in names])
