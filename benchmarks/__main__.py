@@ -1,4 +1,4 @@
-"""This is where every benchmark is run: `make bench`, or one: `python -m benchmarks bus --seconds 20`."""
+"""The command of the benchmarks: all by `make bench`, one by `python -m benchmarks bus --seconds 20`."""
 
 import sys
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""This is where the broadband frequency response is timed and weighed against pyFRF and scipy, in one run."""
+"""Speed and accuracy of the broadband frequency response, beside pyFRF and scipy in one run."""
 
 import importlib.util
 import time

@@ -1,4 +1,4 @@
-"""This is where the bench's cycle is timed on an emulated bus, beside ROBOTIS's SDK doing the same, in one run.
+"""Time of the bench's cycle on an emulated bus, beside ROBOTIS's SDK doing the same, in one run.
 
 `sinew emulate` plays the paper's rig in a process of its own: five motors and the sensor at 1 Mbaud, with every byte's
 time on the wire, and the joint behind. First the bench's own loop swings the pretensioned joint at 200 Hz: goals of all

@@ -1,4 +1,4 @@
-"""This is where a cylinder is meshed: an eighth of it in three dimensions, or a quarter of the plane through its axis.
+"""Meshes of a cylinder: an eighth of it in three dimensions, or a quarter of the plane through its axis.
 
 The cylinder stands on both sides of its middle plane z = 0; its ends are at z = ±L/2 and the meshes have the upper one.
 Layers get thinner towards the end, where the edge of a bonded end concentrates the strain. The material is

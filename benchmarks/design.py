@@ -1,4 +1,4 @@
-"""This is where the search for joints is timed: a thousand candidates here, and on two workers of a local cluster.
+"""Time of the search for joints: a thousand candidates here, and on two workers of a local cluster.
 
 The workers run on the same machine. All are warmed up first, so that no compiling is timed, here or there.
 """

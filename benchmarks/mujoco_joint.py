@@ -1,4 +1,4 @@
-"""This is where the joint is written as a MuJoCo model, the peer of the twin's mechanics.
+"""The joint as a MuJoCo model, the peer of the twin's mechanics.
 
 The same bodies: a head that turns on a torsion spring and sinks on an axial spring, four spatial tendons of locked
 length, and a lever on the head that a motor with the drive's torque line swings. MuJoCo has no Prony series and no

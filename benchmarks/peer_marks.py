@@ -1,4 +1,4 @@
-"""This is where peak and folds are read off a curve that has them only between its points.
+"""Peak and folds of a curve that has them only between its points.
 
 On both sides of the highest point of a row of numbers a polynomial of degree four runs through the nearest five points,
 over the length along the curve; its extremum is what is told. That is more than the peer's own output has, and in its

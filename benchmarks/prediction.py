@@ -1,4 +1,4 @@
-"""This is where the prediction is timed: a hardening oscillator through its folds, thirteen of them, and the joint.
+"""Time of the prediction: a hardening oscillator through its folds, thirteen of them, and the joint.
 
 The reference is a hardening oscillator whose peak and folds are known to seven digits. pyHarm-os follows the same curve
 beside it, in an interpreter of its own.

@@ -1,4 +1,4 @@
-"""This is where pyHarm-os follows the reference oscillator, in an interpreter of its own: `make peers` makes it.
+"""The reference oscillator followed by pyHarm-os, in an interpreter of its own: `make peers` makes it.
 
 It runs without Sinew: `.venv-peers/bin/python benchmarks/pyharm_curve.py '{...}'` prints one JSON document. Asked:
 inertia, stiffness, damping, cubic, torque (SI), band_hz, amplitude (about, its unit of length), settings: a list of

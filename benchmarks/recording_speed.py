@@ -1,4 +1,4 @@
-"""This is where the paper's campaign is made, saved and analysed on the clock, beside what one writes by hand.
+"""Time to make, save and analyse the paper's campaign, beside what one writes by hand.
 
 Peers in the same run: xarray's own `to_netcdf` without checks or a whole-file replacement, and scipy's least
 squares of a sine of the commanded frequency on each steady segment, which says nothing of errors, damping or quality.

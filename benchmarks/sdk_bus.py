@@ -1,4 +1,4 @@
-"""This is where dynamixel-sdk tells the goals and asks for the registers that the bench's cycle does.
+"""The bench's cycle by dynamixel-sdk: the same goals told, the same registers asked for.
 
 GroupSyncRead knows one address and length for all, so sensor and climate need transactions of their own; GroupBulkRead
 makes the packets that Sinew makes. Both are used as the SDK's examples do, and what comes is taken apart.

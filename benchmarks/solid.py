@@ -1,4 +1,4 @@
-"""This is where an incompressible solid is balanced by finite elements: from energy at points to forces and stiffness.
+"""Finite elements of an incompressible solid: from energy at points to forces, stiffness and balance.
 
 Mesh, shape functions and quadrature are scikit-fem's. What happens at a quadrature point are numbers v = B d of the
 element's unknowns d, displacements and pressure together; their energy density is given as a function of v, and JAX

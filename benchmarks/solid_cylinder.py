@@ -1,4 +1,4 @@
-"""This is where the short bonded cylinder is held against finite elements: `python -m benchmarks solid`.
+"""The short bonded cylinder against finite elements: `python -m benchmarks solid`.
 
 The twin takes the silicone for a beam: torsional stiffness G J/(L λ), axial force G A (λ - 1/λ²), as if both ends could
 widen freely. They are bonded to rigid plates. Finite elements of the incompressible neo-Hookean solid say what that

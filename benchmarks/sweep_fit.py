@@ -1,4 +1,4 @@
-"""This is where a hardening joint is identified from one sweep, beside PySINDy on the same samples.
+"""A hardening joint identified from one sweep, beside PySINDy on the same samples.
 
 The joint: I = 12.74e-3 kg m², 3 Hz, ζ = 0.05, k₃ = 6 N m/rad³, driven by a torque of 0.45 N m that sweeps from 1 to
 6 Hz in 60 s, integrated by scipy. Measured is its angle, at 100 Hz, with 0.3° of noise or none. PySINDy gets the torque

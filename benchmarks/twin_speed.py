@@ -1,4 +1,4 @@
-"""This is where the twin is timed against scipy's `solve_ivp` and against `mujoco.rollout`, in one run.
+"""Speed of the twin against scipy's `solve_ivp` and against `mujoco.rollout`, in one run.
 
 All three swing the paper's joint through the same groups on all cores. `solve_ivp` integrates the twin's own
 equations, compiled, with its tolerance set so that its amplitudes are about as accurate as the twin's; MuJoCo

@@ -1,4 +1,4 @@
-"""This is where the power balance of a steady oscillation is computed: integrated with the motion, not sampled."""
+"""Power balance of a steady oscillation: integrated with the motion, not sampled."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields

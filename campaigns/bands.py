@@ -1,4 +1,4 @@
-"""This is where bands of a calibrated rig are held against the truth: `python -m campaigns.bands --seeds 20`.
+"""Bands of a calibrated rig against the truth: `python -m campaigns.bands --seeds 20`.
 
 Each trial draws a rig around the paper's, records a modest plan of it on the twin with every effect on, calibrates the
 paper's rig from that, and predicts a pretension that was not recorded. Counted is how often the truth's curve, which is

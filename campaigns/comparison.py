@@ -1,4 +1,4 @@
-"""This is where what a bench recorded is held against how the joint moved, reading by reading."""
+"""What a bench recorded against how the joint moved, reading by reading."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

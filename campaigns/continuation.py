@@ -1,4 +1,4 @@
-"""This is where continuation meets rigs that nobody chose: `python -m campaigns.continuation --rigs 200`.
+"""Continuation on rigs that nobody chose: `python -m campaigns.continuation --rigs 200`.
 
 Every parameter of silicone, inertia, tendons and drive is drawn anew anywhere inside its bounds, with a pretension, an
 amplitude and a motor mode; in every fourth rig the lever follows its command exactly. Counted is how each curve ended,

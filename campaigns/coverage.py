@@ -1,4 +1,4 @@
-"""This is where intervals are held against the truth, over many draws of the noise: `python -m campaigns.coverage`.
+"""Coverage of intervals over many draws of the noise: `python -m campaigns.coverage`.
 
 Three experiments, each with 0.3° of noise at 100 Hz: ring-downs of 3 s at four dampings, with the paper's method on the
 same samples; stepped sines at the same dampings (28 frequencies, five periods each, a lever's angle of 5° as input),

@@ -1,4 +1,4 @@
-"""This is where runs are stopped in an emergency at random moments: `python -m campaigns.emergency --runs 90`.
+"""Emergency stops of runs at random moments: `python -m campaigns.emergency --runs 90`.
 
 Each run is a short plan on the emulated bench in virtual time; the request comes at a drawn moment of a drawn phase, at
 a drawn pretension, motor mode and safe state. In half of the runs packets are lost from then on, or a motor falls

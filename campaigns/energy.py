@@ -1,4 +1,4 @@
-"""This is where the measured energy is held against the twin's exact balance: `python -m campaigns.energy --seeds 20`.
+"""The measured energy against the twin's exact balance: `python -m campaigns.energy --seeds 20`.
 
 Each trial records the paper's sweep on the twin with every effect on (noise, delays, rounding, jitter, scatter between
 repeats) and analyses it. Its numbers are held against the power balance of `campaigns.balance`, twice: of the very

@@ -1,4 +1,4 @@
-"""This is where the bench is run with everything that can go wrong: `python -m campaigns.faults`.
+"""Runs of the bench with everything that can go wrong: `python -m campaigns.faults`.
 
 Each run is a short plan on the emulated bench in virtual time, with one fault, sometimes two, drawn from all kinds and
 all moments. The table says how they ended; exit status 1 if something happened that may not, see `campaigns.trial`.

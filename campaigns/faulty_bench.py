@@ -1,4 +1,4 @@
-"""This is where an emulated bench stands ready for one run of the campaign: faults, witness, operator, virtual time."""
+"""An emulated bench, ready for one run of the campaign: faults, witness, operator, virtual time."""
 
 import math
 from collections.abc import Mapping

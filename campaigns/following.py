@@ -1,4 +1,4 @@
-"""This is where following a gait is paid for: `python -m campaigns.following`.
+"""The price of following a gait: `python -m campaigns.following`.
 
 The emulated bench follows a commanded stride frequency across the band in 30 s, once up and once down. The energy of
 the drive and of the tendon motors is taken from the recording's duty, current and voltage, turn by turn. Beside it: the

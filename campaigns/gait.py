@@ -1,4 +1,4 @@
-"""This is where the intervals of a gait are put to the test: `python -m campaigns.gait --runs 300`.
+"""Coverage of the intervals of a gait: `python -m campaigns.gait --runs 300`.
 
 Made-up people walk with hidden numbers (`campaigns.walker`); counted is how often the 90 % intervals of stride
 frequency, yaw amplitude and the trunk's lag hold them, over the number of strides and their likeness.

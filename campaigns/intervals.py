@@ -1,4 +1,4 @@
-"""This is where intervals are tested for coverage: `python -m campaigns.intervals`.
+"""Coverage of the intervals of a fit, method by method: `python -m campaigns.intervals`.
 
 Oscillations with known mechanics are made by scipy's integrator, noise is drawn anew for every trial, and it is counted
 how often the 90 % interval of each method holds the truth: of the fit's covariance, of the profile, of the posterior.

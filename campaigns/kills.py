@@ -1,4 +1,4 @@
-"""This is where runs are killed with SIGKILL at random moments: `python -m campaigns.kills --runs 50`.
+"""Runs killed with SIGKILL at random moments: `python -m campaigns.kills --runs 50`.
 
 Every interrupted run is gone on with, killed again while it resumes, and completed in the end; see `campaigns.series`.
 The table says how soon the motors were stopped, what the journals lack, and whether all was completed; exit status 1 if

@@ -1,4 +1,4 @@
-"""This is where oscillations are made whose damping law is known: by scipy's integrator, not by Sinew's simulation.
+"""Oscillations whose damping law is known: by scipy's integrator, not by Sinew's simulation.
 
 Numbers are hidden: frequency, damping, spring and noise are drawn anew for every seed. A constant loss factor is made
 of twice as many Prony branches, over a wider band, as Sinew fits with; dry friction is integrated from reversal to

@@ -1,4 +1,4 @@
-"""This is where the twin has one damping law, and `sinew identify RECORDING.nc` has to find it.
+"""Twins with one damping law each, for `sinew identify RECORDING.nc` to find.
 
 `python -m campaigns.law_twin --seeds 5`. Of the twin's losses only one acts: the silicone's loss factor; a viscous
 damper; or the damper and guide friction whose presliding is the shortest that a rig may have, nearly Coulomb's.

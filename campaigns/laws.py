@@ -1,4 +1,4 @@
-"""This is where the choice of a damping law is put to the test: `python -m campaigns.laws --seeds 20`.
+"""The choice of a damping law, put to the test: `python -m campaigns.laws --seeds 20`.
 
 Oscillations with hidden numbers (see `campaigns.law_signals`) go through what `sinew identify --model auto` does.
 Whether their law can be told at all is decided without noise: the model of every other law that fits the clean record

@@ -1,4 +1,4 @@
-"""This is where the three motor modes are compared: `python -m campaigns.modes` (the paper's supplement S1).
+"""The three motor modes compared: `python -m campaigns.modes` (the paper's supplement S1).
 
 Every trial starts anew: slack cables of unequal length, a head plate that leans 3° in a random direction, another draw
 of the sensor's noise. The bench pulls, levels, sets each pretension and sweeps; what it reached is read from the

@@ -1,4 +1,4 @@
-"""This is where a rig that was calibrated at few pretensions predicts the others: `python -m campaigns.prediction`.
+"""Pretensions predicted by a rig that was calibrated at a few others: `python -m campaigns.prediction`.
 
 The paper's campaign runs on the twin, with scatter, noise and jitter. The search begins at another rig: the parameters
 that a calibration finds are displaced, the drive is known. It sees the recording at 0, 4, 8 and 12 mm alone. Predicted

@@ -1,4 +1,4 @@
-"""This is where hidden rigs are recovered from their recordings: `python -m campaigns.recovery --seeds 20`.
+"""Hidden rigs recovered from their recordings: `python -m campaigns.recovery --seeds 20`.
 
 Each trial draws a rig around the paper's, runs a modest plan on the twin with every effect on, and fits the tendon
 joint from the paper's rig. Counted is how often the truth lies inside the 90 % interval.

@@ -1,4 +1,4 @@
-"""This is where it is drawn what one run of the campaign is: plan, mode, safe state, joint, and the faults that strike.
+"""Scenarios, drawn at random, of one run of the campaign: plan, mode, safe state, joint, and the faults that strike.
 
 A run is a function of seed and number alone, so any line of the table can be run again.
 """

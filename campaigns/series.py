@@ -1,4 +1,4 @@
-"""This is where a run is killed, looked at, gone on with, killed again, and at last completed.
+"""A run that is killed, looked at, gone on with, killed again, and at last completed.
 
 Bench and run are processes of their own, as a user starts them: `sinew emulate` and `sinew run`. What the motors did is
 read over the wire after each kill and, in the end, from the emulator's own record of its watchdogs.

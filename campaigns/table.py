@@ -1,4 +1,4 @@
-"""This is where verdicts become the campaign's table: fault x outcome."""
+"""The campaign's table, from its verdicts: fault x outcome."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""This is where one tracked motion on the emulated bench is run, through bytes, and held against the true motion.
+"""One tracked motion on the emulated bench, run through bytes and held against the true motion.
 
 The truth is read from the mechanics behind the emulator at every cycle: torsion and lever as they are, without sensor,
 bus or encoder. What is said of lock and phase error here is that truth's; the loop knows only what its sensors say.

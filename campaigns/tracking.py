@@ -1,4 +1,4 @@
-"""This is where resonance tracking is put to its proofs: `python -m campaigns.tracking`.
+"""Proofs of resonance tracking: `python -m campaigns.tracking`.
 
 Through bytes, on the emulated bench in virtual time, each against the true motion behind the emulator: lock from 20 %
 off on both sides; a pretension that moves from 0 to 12 mm and back; a sensor that is silent for half a second; pushes;

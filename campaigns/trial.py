@@ -1,4 +1,4 @@
-"""This is where one run of the campaign happens in virtual time, and is judged.
+"""One run of the campaign in virtual time, and the verdict on it.
 
 What may not happen, whatever the fault (`Verdict.violations`): a reading in the recording, or in the journal, that was
 not true; an end outside the safe state, as the motors are and not as their registers say; an end that the report calls

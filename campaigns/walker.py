@@ -1,4 +1,4 @@
-"""This is where a walking person is made up: strides that vary, the yaw and bounce that follow them, and sensors."""
+"""A made-up walking person: strides that vary, the yaw and bounce that follow them, and sensors."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""This is where it is seen how the joint really moved, and what a reading may have been.
+"""How the joint really moved, and what a reading may have been.
 
 A reading is right if the truth had that value at the time it is filed under, give or take what the bench cannot know:
 

@@ -1,4 +1,4 @@
-"""This is where Sphinx learns how to build these pages; `make docs` runs it. Nothing is fetched from the network."""
+"""Settings by which Sphinx builds these pages; `make docs` runs it. Nothing is fetched from the network."""
 
 import sys
 from pathlib import Path

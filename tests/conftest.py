@@ -1,4 +1,4 @@
-"""This is where tests stand in a folder of their own, and where property tests are told not to watch the clock."""
+"""A folder of its own for each test, and property tests that do not watch the clock."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""This is where the tree is searched for what must not be in it: package indexes, and paths of one machine.
+"""Search of the tree for what must not be in it: package indexes, and paths of one machine.
 
 A lock file with an index address sends every user to that address, past their own settings; a path of one machine
 works nowhere else. `python tools/check_hosts.py` prints each find as file:line and exits 1 if there is any.

@@ -1,4 +1,4 @@
-"""This is where the links of the Markdown pages are followed, as far as they stay inside the repository.
+"""The links of the Markdown pages, followed as far as they stay inside the repository.
 
 `python tools/check_links.py` prints every link to a file or heading that does not exist and exits 1 if there is any.
 Addresses on the network are left alone.

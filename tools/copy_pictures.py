@@ -1,4 +1,4 @@
-"""This is where the pictures of README and docs are taken from the figures of `make reproduce`.
+"""Pictures of README and docs, taken from the figures of `make reproduce`.
 
 `python tools/copy_pictures.py out/reproduce/figures docs/pictures` copies each figure that a page shows, as PNG, under
 the name by which the pages know it. `make pictures` runs both commands.

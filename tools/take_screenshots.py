@@ -1,4 +1,4 @@
-"""This is where the pictures of the dashboard in README and docs are taken, from a real browser.
+"""Pictures of the dashboard in README and docs, taken from a real browser.
 
 `python tools/take_screenshots.py docs/pictures` serves an emulated bench, runs a plan on it, and takes the live page in
 light and the page for designs in dark; with `--all` every page in both. `--states` takes the pages in every state of

@@ -1,4 +1,4 @@
-"""This is where the repository's own files are listed: what git tracks, and what it would track if it were added."""
+"""The repository's own files: what git tracks, and what it would track if it were added."""
 
 import subprocess
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""This is where the table of silicones is made again from measured tensile curves.
+"""The table of silicones, made again from measured tensile curves.
 
 `python tools/write_materials.py FOLDER` prints src/sinew/predict/joints/materials.toml from a folder with the curves of
 the Soft Robotics Materials Database; a test compares.

@@ -1,4 +1,4 @@
-"""This is where the generated pages of docs/reference come from: schema, register tables, the command's own help.
+"""The generated pages of docs/reference: schema, register tables, the command's own help.
 
 `make reference` writes docs/reference/recording.md, results.md, registers.md and cli.md anew; a test compares what is
 committed with what this program would write.

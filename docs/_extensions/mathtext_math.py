@@ -1,4 +1,4 @@
-"""This is where equations become pictures inside the page, by matplotlib's mathtext.
+"""Equations as pictures inside the page, by matplotlib's mathtext.
 
 Sphinx's own renderers need LaTeX or a script from the network; the pages shall open on a machine that has neither.
 """

@@ -1,4 +1,4 @@
-"""This is where the line of rooms in the design is held: who may import whom."""
+"""The line of rooms in the design: who may import whom."""
 
 import ast
 import subprocess

@@ -1,4 +1,4 @@
-"""This is where the tree itself is checked: no hosts, no dead links, locks that match what the package asks for."""
+"""The tree itself: no hosts, no dead links, locks that match what the package asks for."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""This is where the tests in a browser get one: Debian's Chromium, driven by Playwright."""
+"""The browser of the tests in one: Debian's Chromium, driven by Playwright."""
 
 import shutil
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""This is where the tests of commands get what several need: a plan, a folder that is not there yet, a sweep."""
+"""What several tests of commands need: a plan, a folder that is not there yet, a sweep."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""This is where the tests of `sinew identify` get their record and run it: a linear joint under a force sweep."""
+"""Record and run for the tests of `sinew identify`: a linear joint under a force sweep."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""This is where a command line that is refused is run: status 2, nothing on stdout, one line that says why."""
+"""Refusal of a command line: status 2, nothing on stdout, one line that says why."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""This is where the pages of the documentation are run as their reader would.
+"""The pages of the documentation, run as their reader would.
 
 Every Markdown page under docs, and README, is one test: its ```python blocks, and the lines of its ```console blocks
 that start with `$ sinew`, run in order in one empty folder, and each must end well. Other lines of a console block are

@@ -1,4 +1,4 @@
-"""This is where tests get `sinew run` on a bench in virtual time, inside this process."""
+"""`sinew run` on a bench in virtual time, inside the process of the tests."""
 
 import io
 import os

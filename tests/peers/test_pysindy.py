@@ -1,4 +1,4 @@
-"""This is where one sweep is identified beside PySINDy, on the same samples."""
+"""One sweep identified beside PySINDy, on the same samples."""
 
 import numpy as np
 import pytest

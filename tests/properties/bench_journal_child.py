@@ -1,4 +1,4 @@
-"""This is the process that the kill test kills: it writes a run at 200 Hz and says how many samples it handed over."""
+"""The process that the kill test kills: it writes a run at 200 Hz and says how many samples it handed over."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""This is where the response keeps the laws of linear systems, whatever the numbers."""
+"""The laws of linear systems in the response, whatever the numbers."""
 
 import numpy as np
 from hypothesis import given, settings

@@ -1,4 +1,4 @@
-"""This is where tests get the sweep of a linear joint in closed form, through a sensor chain in closed form."""
+"""The sweep of a linear joint in closed form, through a sensor chain in closed form."""
 
 from dataclasses import dataclass, replace
 

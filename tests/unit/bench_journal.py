@@ -1,4 +1,4 @@
-"""This is where tests get a run without a bench: samples of a known swing on two clocks, written to a journal."""
+"""A run without a bench: samples of a known swing on two clocks, written to a journal."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""This is where the doctor's tests get the bench that he is called to, in virtual time."""
+"""The bench that the doctor is called to in his tests, in virtual time."""
 
 from tests.unit.emulator_stand_in import Bench, paper_rig
 

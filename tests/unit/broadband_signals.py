@@ -1,4 +1,4 @@
-"""This is where joints are shaken by noise, chirps and multisines for the tests of broadband records."""
+"""Joints shaken by noise, chirps and multisines, for the tests of broadband records."""
 
 from typing import Any
 

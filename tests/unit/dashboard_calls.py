@@ -1,4 +1,4 @@
-"""This is where tests find functions for a worker's process to run: ones that end it, fail, or take long."""
+"""Functions for a worker's process to run in tests: ones that end it, fail, or take long."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""This is where tests of the dashboard get a run: a journal of known swings and decays, whole or cut off."""
+"""A run for tests of the dashboard: a journal of known swings and decays, whole or cut off."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""This is where tests get one emulated motor on the line with its torque on, and the manual's numbers for it."""
+"""One emulated motor on the line with its torque on, and the manual's numbers for it."""
 
 import math
 

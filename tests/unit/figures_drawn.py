@@ -1,4 +1,4 @@
-"""This is where the small campaign is recorded, analysed and drawn, once for all tests of a process."""
+"""The small campaign recorded, analysed and drawn, once for all tests of a process."""
 
 import functools
 

@@ -1,4 +1,4 @@
-"""This is where tests read an HTML page: its tags, its pictures, its links, and what it would fetch from elsewhere."""
+"""What tests read in an HTML page: its tags, its pictures, its links, and what it would fetch from elsewhere."""
 
 import re
 from html.parser import HTMLParser

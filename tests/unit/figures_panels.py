@@ -1,4 +1,4 @@
-"""This is where tests look into a drawn figure: its panels, its lines, its type."""
+"""What tests see in a drawn figure: its panels, its lines, its type."""
 
 from collections.abc import Mapping
 

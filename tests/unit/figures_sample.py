@@ -1,4 +1,4 @@
-"""This is where the figures get a campaign whose every number is a closed form: a linear joint at each pretension."""
+"""A campaign for the figures whose every number is a closed form: a linear joint at each pretension."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""This is where tests get the sweep of linear joints that an ideal motor swings: every power in closed form."""
+"""The sweep of linear joints that an ideal motor swings: every power in closed form."""
 
 import numpy as np
 import xarray as xr

@@ -1,4 +1,4 @@
-"""This is where the tests of the open questions get their rig, their pretensions and campaigns on the twin."""
+"""Rig, pretensions and campaigns on the twin for the tests of the open questions."""
 
 import functools
 

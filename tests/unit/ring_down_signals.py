@@ -1,4 +1,4 @@
-"""This is where tests get ring-downs in closed form: viscous, with dry friction, after a hold, a drive or nothing."""
+"""Ring-downs in closed form: viscous, with dry friction, after a hold, a drive or nothing."""
 
 from dataclasses import dataclass
 

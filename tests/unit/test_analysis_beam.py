@@ -1,4 +1,4 @@
-"""This is where the resonance fit meets a real stepped sine: a softening beam, lock-in readings with their noise."""
+"""The resonance fit on a real stepped sine: a softening beam, lock-in readings with their noise."""
 
 from pathlib import Path
 

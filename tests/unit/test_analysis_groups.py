@@ -1,4 +1,4 @@
-"""This is where foreign sweeps are taken apart by their drive alone."""
+"""Foreign sweeps, taken apart by their drive alone."""
 
 import numpy as np
 import pytest

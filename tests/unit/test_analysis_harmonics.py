@@ -1,4 +1,4 @@
-"""This is where the harmonic fit is checked against signals of which everything is known."""
+"""The harmonic fit against signals of which everything is known."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""This is where phase portraits are checked on motions whose anharmonicity is put in by hand."""
+"""Phase portraits of motions whose anharmonicity is put in by hand."""
 
 import numpy as np
 import pytest

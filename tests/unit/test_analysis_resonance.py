@@ -1,4 +1,4 @@
-"""This is where resonance, crossing and width are checked against closed forms, and their intervals against chance."""
+"""Resonance, crossing and width against closed forms, and their intervals against chance."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""This is where the response table is checked against the linear joint in closed form."""
+"""The response table against the linear joint in closed form."""
 
 import numpy as np
 import pytest

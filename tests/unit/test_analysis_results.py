@@ -1,4 +1,4 @@
-"""This is where a whole recording becomes results, and results a map and a table."""
+"""Results of a whole recording, and their map and table."""
 
 import json
 import subprocess

@@ -1,4 +1,4 @@
-"""This is where the saturation threshold is checked on lines with and without a kink."""
+"""The saturation threshold on lines with and without a kink."""
 
 import numpy as np
 import pytest

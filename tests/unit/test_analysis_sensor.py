@@ -1,4 +1,4 @@
-"""This is where the delay budget is checked against formulas and against filters that run in time."""
+"""The delay budget against formulas and against filters that run in time."""
 
 import numpy as np
 import pytest

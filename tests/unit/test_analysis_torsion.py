@@ -1,4 +1,4 @@
-"""This is where the torsion's time series is checked against closed forms."""
+"""The torsion's time series against closed forms."""
 
 import numpy as np
 import pytest

@@ -1,1 +1,1 @@
-"""This is where what a recording says: amplitude, gain, phase, resonance, ring-down live."""
+"""What a recording says: amplitude, gain, phase, resonance, ring-down."""

@@ -1,4 +1,4 @@
-"""This is where a tracked swing is looked at afterwards, turn by turn: frequency, phase, amplitudes, pretension."""
+"""A tracked swing looked at afterwards, turn by turn: frequency, phase, amplitudes, pretension."""
 
 import math
 from dataclasses import dataclass

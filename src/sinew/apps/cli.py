@@ -1,4 +1,4 @@
-"""This is where the command `sinew` is put together and where an error becomes one line and an exit status.
+"""The command `sinew`: its parts put together, and an error as one line and an exit status.
 
 Exit status: 0 on success, 1 where a bench run, stop or doctor did not end well, 2 on wrong input (one line on stderr),
 130 when interrupted. Any other exception is a fault

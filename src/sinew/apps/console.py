@@ -1,4 +1,4 @@
-"""This is where the commands speak: results on stdout, progress and remarks on stderr, files whole or not at all."""
+"""The voice of the commands: results on stdout, progress and remarks on stderr, files whole or not at all."""
 
 import json
 import math

@@ -1,1 +1,1 @@
-"""This is where a plan runs on a rig in real time, is guarded, and recorded without losing a sample."""
+"""A plan on a rig in real time: run, guarded, and recorded without losing a sample."""

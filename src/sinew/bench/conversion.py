@@ -1,4 +1,4 @@
-"""This is where a journal becomes a recording like any other: whole groups, in the plan's order, on one time axis."""
+"""From journal to recording: whole groups, in the plan's order, on one time axis."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""This is where it is named why a run did not start, or did not reach its end.
+"""Reasons, by name, why a run did not start or did not reach its end.
 
 SinewError
 └── BenchError

@@ -1,4 +1,4 @@
-"""This is where every cycle's readings are held against the limits of the rig."""
+"""The guard: every cycle's readings against the limits of the rig."""
 
 import math
 from collections.abc import Sequence

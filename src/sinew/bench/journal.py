@@ -1,4 +1,4 @@
-"""This is where a run is written down while it happens, so that whatever ends it, no sample is lost.
+"""The journal of a run, written while it happens, so that whatever ends it, no sample is lost.
 
 The journal is the record; recordings are made from it (`sinew.bench.conversion`). It is an SQLite file in WAL mode: of
 the formats that were killed with SIGKILL only it and flushed text lost nothing committed.

@@ -1,4 +1,4 @@
-"""This is where a journal is read, after its run or beside it."""
+"""Reader of a journal, after its run or beside it."""
 
 import json
 import sqlite3

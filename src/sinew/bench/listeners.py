@@ -1,4 +1,4 @@
-"""This is where live samples go to whoever wants to see them, without ever holding up the bench."""
+"""Listeners to live samples, whoever wants to see them, without ever holding up the bench."""
 
 import threading
 from collections import deque

@@ -1,4 +1,4 @@
-"""This is where the bench's cycle runs: wait, tell the motors, read all devices, guard, record."""
+"""The bench's cycle: wait, tell the motors, read all devices, guard, record."""
 
 import math
 from collections import deque

@@ -1,4 +1,4 @@
-"""This is where a bench is looked at before anything moves, and a start is refused with a reason."""
+"""Checks of a bench before anything moves, and the reason for which a start is refused."""
 
 import math
 from collections.abc import Iterator, Sequence

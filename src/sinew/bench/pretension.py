@@ -1,4 +1,4 @@
-"""This is where the tendons are pulled to first contact and where a pretension becomes goals of the motors.
+"""Pretension on the bench: first contact of the tendons, and goals of the motors.
 
 The paper's routine (section 3.2): first every motor pulls to a set current, the positions reached are stored; then a
 linear map takes pretension and a correction of tilt to motor positions, and a PI loop levels the head plate by that

@@ -1,4 +1,4 @@
-"""This is where a plan runs on a rig: pull, pretension, groups, and always an end in the declared safe state."""
+"""One run of a plan on a rig: pull, pretension, groups, and always an end in the declared safe state."""
 
 import math
 from collections import Counter, deque

@@ -1,4 +1,4 @@
-"""This is where one cycle of the bench is a row: what was asked, what every device answered, and when."""
+"""One cycle of the bench as a row: what was asked, what every device answered, and when."""
 
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, fields

@@ -1,4 +1,4 @@
-"""This is where a run is asked to pause, to go on, or to end, by whoever steers it: a signal, a socket, a dashboard.
+"""Requests to pause a run, to go on, or to end it, by whoever steers it: a signal, a socket, a dashboard.
 
 Requests come from other threads or from signal handlers, so each is one assignment and waits for nothing. The run looks
 at them before every cycle and between the steps that have none.

@@ -1,4 +1,4 @@
-"""This is where the rig is brought to its declared safe state, whatever has happened before.
+"""Stops: the rig brought to its declared safe state, whatever has happened before.
 
 First all motors are frozen where they are, with limited output, within milliseconds. *hold* leaves it at that.
 *release*: the tension is ramped down, then all motors lose their torque. A motor that does not answer is asked again

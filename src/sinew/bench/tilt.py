@@ -1,4 +1,4 @@
-"""This is where the tilt of the head plate comes from gyroscope and accelerometer.
+"""Tilt of the head plate, from gyroscope and accelerometer.
 
 The plate is level where gravity's reaction lies along x, the continuum's direction. Its tilt is the shortest turn that
 takes it from there: an angle, and two components about y and z of frame H. They are in H because the accelerometer is;

@@ -1,4 +1,4 @@
-"""This is where the joint moves on behind its motors: the twin's equations, with a motor for each tendon and with tilt.
+"""The joint behind its motors, in motion: the twin's equations, with a motor for each tendon and with tilt.
 
 Torsion, shortening, silicone, guide friction, lever and drive are the twin's. What is added:
 

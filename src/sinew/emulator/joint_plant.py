@@ -1,4 +1,4 @@
-"""This is where the joint is a plant: laws become orders, time becomes whole ticks, numbers become a motion."""
+"""The joint as a plant: laws become orders, time becomes whole ticks, numbers become a motion."""
 
 import math
 from collections.abc import Sequence

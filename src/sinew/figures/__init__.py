@@ -1,1 +1,1 @@
-"""This is where the pictures of the paper and the report live."""
+"""Figures and pages of the paper and the report."""

@@ -1,4 +1,4 @@
-"""This is where Figure 9 is drawn: a driven oscillation, its free decay, and the envelope fitted to it."""
+"""Figure 9: a driven oscillation, its free decay, and the envelope fitted to it."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""This is where designed joints become one HTML page."""
+"""Designed joints as one HTML page."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""This is where a gait is drawn: the yaw over the mean stride, and how its amplitude goes with the stride frequency."""
+"""Figure of a gait: the yaw over the mean stride, and how its amplitude goes with the stride frequency."""
 
 import numpy as np
 from matplotlib.axes import Axes

@@ -1,4 +1,4 @@
-"""This is where Figure 7 is drawn: torsion over drive as Lissajous curves, beside the ideal shapes."""
+"""Figure 7: torsion over drive as Lissajous curves, beside the ideal shapes."""
 
 import numpy as np
 import xarray as xr

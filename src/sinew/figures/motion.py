@@ -1,4 +1,4 @@
-"""This is where a stretch of a recording becomes what a picture shows: drive, torsion and torsion rate over time."""
+"""A stretch of a recording as a picture shows it: drive, torsion and torsion rate over time."""
 
 import functools
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""This is where a template becomes one HTML page that needs nothing beside itself."""
+"""One HTML page, from a template, that needs nothing beside itself."""
 
 import base64
 import functools

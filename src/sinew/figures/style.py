@@ -1,4 +1,4 @@
-"""This is where all figures get the same look: sizes, type, colours, markers, and how they reach a file.
+"""The look of all figures: sizes, type, colours, markers, and how they reach a file.
 
 Figures are made for print: 180 mm wide (two columns), type of at least 8 points, no mathtext. Pretension and drive
 frequency each have one sequential colour map, even in lightness, so that they survive grey printing and colour

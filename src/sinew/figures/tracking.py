@@ -1,4 +1,4 @@
-"""This is where tracked motions are drawn: frequency and phase error over time, and where the joint resonated."""
+"""Figures of tracked motions: frequency and phase error over time, and where the joint resonated."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

@@ -1,1 +1,1 @@
-"""This is where recordings become mechanics: fits with intervals, and the comparison of models."""
+"""Mechanics from recordings: fits with intervals, and the comparison of models."""

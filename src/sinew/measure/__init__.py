@@ -1,1 +1,1 @@
-"""This is where the nouns live: recordings, results, estimates, units, files and the error tree."""
+"""The nouns of Sinew: recordings, results, estimates, units, files and the error tree."""

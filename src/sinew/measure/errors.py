@@ -1,4 +1,4 @@
-"""This is where bad input gets its name.
+"""The error tree: names for bad input.
 
     SinewError                 anything a user can put right; the command line exits 2 with its sentence
     ├── FileError              a file cannot be read or written, or is not what it claims to be

@@ -1,4 +1,4 @@
-"""This is where recordings are put together and taken apart into segments."""
+"""Recordings, put together and taken apart into segments."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""This is where the shape of a recording is written down and checked.
+"""The shape of a recording, written down and checked.
 
 A recording is an `xarray.Dataset` of samples and segments, a contiguous ragged array in the CF sense: the
 samples of segment i are the `row_size[i]` samples after those of the segments before it. Angles are in

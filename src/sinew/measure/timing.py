@@ -1,4 +1,4 @@
-"""This is where the time stamps of a foreign recording are judged and, where that is right, put straight.
+"""Time stamps of a foreign recording, judged and, where that is right, put straight.
 
 Honest stamps are kept, jittering or irregular as they may be. Stamps that a busy host gave late to regular samples
 (see `has_clock`) are replaced by the straight line through them. Gaps are refused or split.

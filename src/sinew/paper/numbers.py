@@ -1,4 +1,4 @@
-"""This is where the paper's numbers stand as targets, with what is free to meet them and what the twin gives instead.
+"""The paper's numbers as targets, with what is free to meet them and what the twin gives instead.
 
 The paper prints four numbers that fix the joint's mechanics (resonance and gain at pretension 0 and 12 mm) and some
 trends (damping ratio about constant, lag of 90° at the peak). Ten parameters of its rig are printed nowhere.

@@ -1,4 +1,4 @@
-"""This is where it is said what the paper's numbers determine: the posterior of the parameters it does not print.
+"""What the paper's numbers determine: the posterior of the parameters it does not print.
 
 Likelihood: the paper's numbers, each normal with a third of its tolerance as standard deviation. Prior: a normal
 distribution for each free parameter, cut off at its bounds (`sinew.paper.numbers`).

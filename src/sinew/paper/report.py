@@ -1,4 +1,4 @@
-"""This is where everything becomes one HTML page that needs nothing beside itself."""
+"""The report of a campaign: everything in one HTML page that needs nothing beside itself."""
 
 import base64
 import math

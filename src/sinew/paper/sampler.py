@@ -1,4 +1,4 @@
-"""This is where a posterior is sampled whose model takes long: a surrogate proposes, the model itself accepts.
+"""Sampler of a posterior whose model takes long: a surrogate proposes, the model itself accepts.
 
 Every misfit is approximated by a polynomial in the parameters. NUTS (NumPyro, the extra `posterior`) samples
 the posterior of that surrogate; its draws go as independent proposals into a Metropolis-Hastings chain whose

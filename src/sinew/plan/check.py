@@ -1,4 +1,4 @@
-"""This is where a plan is looked through before anything moves: how long, how far the drive reaches, what breaks."""
+"""Preview of a plan before anything moves: how long, how far the drive reaches, what breaks."""
 
 import math
 from collections.abc import Iterator, Sequence

@@ -1,1 +1,1 @@
-"""This is where a joint's steady response is computed before anything swings: curves, folds, stability."""
+"""A joint's steady response, computed before anything swings: curves, folds, stability."""

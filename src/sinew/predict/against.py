@@ -1,4 +1,4 @@
-"""This is where a prediction is held against a recording of the joint: same pretensions, same readings, differences.
+"""A prediction against a recording of the joint: same pretensions, same readings, differences.
 
 Two predictions are compared, each with what was measured the same way:
 

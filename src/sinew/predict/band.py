@@ -1,4 +1,4 @@
-"""This is where the curves of drawn rigs become bands over frequency, and intervals of what is marked on a curve.
+"""Bands over frequency from the curves of drawn rigs, and intervals of what is marked on a curve.
 
 Curves with folds have several motions at one frequency. A band is therefore of what a sweep meets
 (`sinew.solve.branch`): up, with growing frequency, and down. Near a fold some draws have jumped and others

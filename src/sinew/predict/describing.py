@@ -1,4 +1,4 @@
-"""This is where a steady motion is described by its fundamental alone: gain, lag, stiffness and damping over amplitude.
+"""Describing function of a steady motion, its fundamental alone: gain, lag, stiffness and damping over amplitude.
 
 With the phasors of the fundamentals, torsion Φ, lever Θ and a torque M from outside, the fundamental of the equation of
 motion of the head is

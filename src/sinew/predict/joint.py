@@ -1,4 +1,4 @@
-"""This is where the joint's steady motions become a problem to solve: the twin's own equations, as they stand.
+"""The joint's steady motions as a problem to solve: the twin's own equations, as they stand.
 
 Coordinates are torsion, shortening, the lever's angle and the bristles of the guides' friction; the silicone's memory
 are copies that lag behind torsion and shortening by the relaxation times of its branches. Their equations are what

@@ -1,4 +1,4 @@
-"""This is where an oscillator of one degree of freedom is described by a handful of numbers.
+"""An oscillator of one degree of freedom, described by a handful of numbers.
 
     I φ̈ + d φ̇ + k φ + k₂ φ² + k₃ φ³ + M_c tanh(φ̇/v) = M sin Ωt + I Ω² b sin Ωt,
 

@@ -1,4 +1,4 @@
-"""This is where a curve is sketched for who moves a slider: the same equations, few harmonics, long steps, no refining.
+"""Sketch of a curve for who moves a slider: the same equations, few harmonics, long steps, no refining.
 
 Held against curves refined to 19 harmonics and more, of 30 joints drawn at random (silicone 40 to 80 by 60 to 150 mm,
 guides on circles of 15 to 60 mm, levers of 4 to 20 g m², 0 to 12 mm of pretension, 2 to 30° of drive): amplitudes lay

@@ -1,4 +1,4 @@
-"""This is where a steady motion is balanced: harmonics of what the equations leave over, and their derivatives.
+"""Harmonic balance of a steady motion: harmonics of what the equations leave over, and their derivatives.
 
 Alternating frequency and time: the harmonics give the channels on a grid of the period, the equations of motion are
 evaluated there as they stand, and what they differ by from the waves' highest derivatives is projected on the harmonics

@@ -1,1 +1,1 @@
-"""This is where a joint is tuned to a gait: pretension, design, tracking."""
+"""A joint tuned to a gait: pretension, design, tracking."""

@@ -1,4 +1,4 @@
-"""This is where a candidate joint is judged, with slopes: resonance at both ends of the band, loads, energy, size.
+"""Candidates for a joint, judged with slopes: resonance at both ends of the band, loads, energy, size.
 
 A candidate is a point of a unit cube for each of its sizes; `unpacked` says which sizes those are. Its pretensions are
 no variables of the search: the shortening at which it resonates at an end of the band is solved for, and moves with

@@ -1,4 +1,4 @@
-"""This is where a joint is designed: search, exact evaluation, front, distinct proposals, confirmation on the twin."""
+"""Design of a joint: search, exact evaluation, front, distinct proposals, confirmation on the twin."""
 
 import math
 import time

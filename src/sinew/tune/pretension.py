@@ -1,4 +1,4 @@
-"""This is where the pretension is found at which a rig resonates at a wanted frequency, and how sure that is.
+"""The pretension at which a rig resonates at a wanted frequency, and how sure that is.
 
 Resonance is 90° of lag behind the lever (`sinew.tune.resonance`). The interval comes from rigs drawn from what the
 calibration knows: each draw's frequency at the pretension that is right for the rig, over the slope of frequency over

@@ -1,4 +1,4 @@
-"""This is where a candidate becomes a rig that could be built, is computed by harmonic balance, and gets a plan."""
+"""A candidate as a rig that could be built, computed by harmonic balance, with a plan."""
 
 import math
 from dataclasses import dataclass

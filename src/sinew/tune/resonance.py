@@ -1,4 +1,4 @@
-"""This is where a rig's resonance is found at a pretension: where the torsion lags behind the lever by 90°.
+"""Resonance of a rig at a pretension: where the torsion lags behind the lever by 90°.
 
 That is the frequency which a joint is tuned to: the joint's own stiffness and inertia are in balance there, whatever
 drives it, and a phase-locked loop holds it. The peak of the gain over the command lies some per cent beside it where

@@ -1,4 +1,4 @@
-"""This is where spring and loss of a swinging joint stand in one piece that has slopes: the fundamental alone.
+"""Spring and loss of a swinging joint, in one piece that has slopes: the fundamental alone.
 
 For a torsion a cos Ωt of a joint that rests at a shortening, the fundamental of the torque divided by a: the relaxed
 potential of the twin with the head sinking as it twists; the silicone's memory by its Prony series; the guides by

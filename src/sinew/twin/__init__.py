@@ -1,1 +1,1 @@
-"""This is where the physics twin: energy, dissipation, servo, sensors live."""
+"""The physics twin: energy, dissipation, servo, sensors."""

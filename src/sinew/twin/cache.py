@@ -1,4 +1,4 @@
-"""This is where JAX is set up: double precision, and compiled code kept from run to run."""
+"""JAX's settings: double precision, and compiled code kept from run to run."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""This is where a plan runs on the twin and becomes a recording."""
+"""A plan run on the twin, and the recording of it."""
 
 from collections.abc import Callable, Sequence
 from functools import cache

@@ -1,4 +1,4 @@
-"""This is where a free decay is fitted in the time domain, rest position and all."""
+"""Least-squares fit of a free decay in the time domain, rest position and all."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""This is where a ring-down is fitted by maximum likelihood: oscillation, drifting rest position and coloured noise."""
+"""Maximum-likelihood fit of a ring-down: oscillation, drifting rest position and coloured noise."""
 
 import math
 from collections.abc import Callable

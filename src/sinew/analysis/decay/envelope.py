@@ -1,4 +1,4 @@
-"""This is where the paper's method lives: an exponential through the peaks, and their mean spacing."""
+"""The paper's envelope of a decay: an exponential through the peaks, and their mean spacing."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""This is where the free decay in a record is found and fitted, whatever came before it."""
+"""The free decay in a record, found and fitted, whatever came before it."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""This is where a ring-down becomes frequency, damping and a verdict, with intervals."""
+"""Frequency and damping of a ring-down, with intervals, and a verdict on its shape."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

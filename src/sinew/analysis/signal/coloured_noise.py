@@ -1,4 +1,4 @@
-"""This is where the residuals of a fit say how coloured their noise is, and what that does to the fit's covariance.
+"""Coloured noise in the residuals of a fit, and what it does to the fit's covariance.
 
 Sensors average and filter, so neighbouring samples share noise, and a covariance that takes them for independent is
 too small by the share of noise below the oscillation's frequency. The residuals are described by an autoregression

@@ -1,4 +1,4 @@
-"""This is where a recording that does not say what was driven is split into groups of constant drive frequency."""
+"""Groups of constant drive frequency in a recording that does not say what was driven."""
 
 from dataclasses import dataclass, replace
 

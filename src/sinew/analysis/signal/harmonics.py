@@ -1,4 +1,4 @@
-"""This is where harmonics of a known frequency are fitted, with the noise that is really there."""
+"""Harmonics of a known frequency, fitted with the noise that is really there."""
 
 from dataclasses import dataclass
 

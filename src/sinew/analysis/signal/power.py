@@ -1,4 +1,4 @@
-"""This is where duty, current and voltage of the servos become power: the drive's, and what holding costs."""
+"""Power from duty, current and voltage of the servos: the drive's, and what holding costs."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""This is where the sensors' delay budget lives: what the chain does to torsion and drive before they are recorded."""
+"""The sensors' delay budget: what the chain does to torsion and drive before they are recorded."""
 
 import math
 from dataclasses import dataclass

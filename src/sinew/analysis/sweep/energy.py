@@ -1,4 +1,4 @@
-"""This is where a sweep says what a swing costs: at resonance, against the trend off it, and where it costs least."""
+"""What a swing costs, by a sweep: at resonance, against the trend off it, and where it costs least."""
 
 import math
 from collections.abc import Mapping

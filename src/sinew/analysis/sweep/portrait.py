@@ -1,4 +1,4 @@
-"""This is where torsion and its rate make a phase portrait, and the portrait says how anharmonic the joint is."""
+"""Phase portraits of torsion and its rate, and how anharmonic the joint is by them."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""This is where a measured resonance is fitted by a rational curve, so that its peak can be read off between points."""
+"""Rational curve through a measured resonance, whose peak can be read off between the points."""
 
 import math
 from dataclasses import dataclass

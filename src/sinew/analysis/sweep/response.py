@@ -1,4 +1,4 @@
-"""This is where steady segments become amplitude, gain and phase over pretension, frequency and repeat."""
+"""Amplitude, gain and phase of steady segments, over pretension, frequency and repeat."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""This is where the pretension is found beyond which the gain hardly falls any more."""
+"""Saturation threshold: the pretension beyond which the gain hardly falls any more."""
 
 import math
 from dataclasses import dataclass

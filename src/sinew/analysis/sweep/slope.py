@@ -1,4 +1,4 @@
-"""This is where a straight line over pretension gets its slope, with an interval that bends and repeats both enter.
+"""Slope of a straight line over pretension, with an interval that bends and repeats both enter.
 
 A line y = a + b (x - x̄) by least squares. The standard deviation of b is the larger of two: what the scatter over
 repeats makes of it, and what the residuals about the line do. The first alone would call every bend a certainty.

@@ -1,4 +1,4 @@
-"""This is where what every run on a bench needs stands: port, folder, journal, signals, and how it is told."""
+"""What every run on a bench needs: port, folder, journal, signals, and how it is told."""
 
 import shlex
 import shutil

@@ -1,4 +1,4 @@
-"""This is where `sinew check` previews a plan: duration, drive reach, tensions, and the limits it would break."""
+"""`sinew check`: the preview of a plan, its duration, drive reach, tensions, and the limits it would break."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,4 +1,4 @@
-"""This is where `sinew doctor` examines a bench, and says what to do."""
+"""`sinew doctor`: the examination of a bench, and what to do about it."""
 
 import sys
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""This is where `sinew emulate` plays a bench on a pseudo-terminal: emulated motors and sensor, the twin behind."""
+"""`sinew emulate`: a bench on a pseudo-terminal, emulated motors and sensor with the twin behind them."""
 
 import json as json_
 import math

@@ -1,4 +1,4 @@
-"""This is where `sinew run` takes a plan to a bench, and `sinew stop` brings a bench to rest."""
+"""`sinew run` and `sinew stop`: a plan taken to a bench, and a bench brought to rest."""
 
 import shlex
 from contextlib import ExitStack

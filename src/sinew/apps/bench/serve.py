@@ -1,4 +1,4 @@
-"""This is where `sinew serve` opens the dashboard: pages to look at, and a port that steers the bench."""
+"""`sinew serve`: the dashboard, with pages to look at and a port that steers the bench."""
 
 import importlib.util
 import json as json_

@@ -1,4 +1,4 @@
-"""This is where `sinew track` keeps a joint in resonance, on a bench or on the emulated one."""
+"""`sinew track`: a joint kept in resonance, on a bench or on the emulated one."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence

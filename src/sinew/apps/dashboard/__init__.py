@@ -1,1 +1,1 @@
-"""This is where the dashboard of a bench stands: pages to look at, a steward that steers, and a gate before both."""
+"""The dashboard of a bench: pages to look at, a steward that steers, and a gate before both."""

@@ -1,4 +1,4 @@
-"""This is where the pages' server begins: apart from what it serves, so that its workers do not load it again."""
+"""Start of the pages' server: apart from what it serves, so that its workers do not load it again."""
 
 if __name__ == "__main__":
     from sinew.apps.dashboard.page_server import main

@@ -1,4 +1,4 @@
-"""This is where a bench is brought to rest at once, whatever else is going on.
+"""Emergency stop: a bench brought to rest at once, whatever else is going on.
 
 A thread is kept for it, so that nothing can queue before it, and everything it needs is loaded beforehand. A run that
 is under way is asked first, for it holds the port; where it does not confirm in time its process is ended, whereupon

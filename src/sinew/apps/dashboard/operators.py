@@ -1,4 +1,4 @@
-"""This is where it is known who looks on, who operates, and which commands were heard before.
+"""Viewers and operators of a bench: who looks on, who operates, and which commands were heard before.
 
 Each page that is loaded takes a ticket and numbers its commands. A number that is not greater than the last one is a
 command that was heard already, sent again by whoever recorded it. One ticket at most operates; it does so until it

@@ -1,4 +1,4 @@
-"""This is where the pages are served: a process of its own that looks at the bench and never steers it.
+"""Server of the pages: a process of its own that looks at the bench and never steers it.
 
 The steward starts it and tells it on stdin, in one line of JSON, what it must know; stdin's end is the steward's, and
 then it ends, too.

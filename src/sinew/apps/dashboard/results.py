@@ -1,4 +1,4 @@
-"""This is where the curve of a run grows: each recorded group is analysed, beside what was predicted for the plan."""
+"""The growing curve of a run: each recorded group analysed, beside what was predicted for the plan."""
 
 import asyncio
 from dataclasses import dataclass, field

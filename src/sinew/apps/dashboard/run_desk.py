@@ -1,4 +1,4 @@
-"""This is where runs are begun, steered and followed to their end, one at a time.
+"""Runs from the dashboard: begun, steered and followed to their end, one at a time.
 
 A run is a process of its own that outlives us. What it is told goes through its control socket; what it records goes
 into its journal without us.

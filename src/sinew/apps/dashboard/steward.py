@@ -1,4 +1,4 @@
-"""This is where the processes of a dashboard are held together: bench, run, page, and the port that steers them.
+"""The steward, who holds a dashboard's processes together: bench, run, page, and the port that steers them.
 
 The steward needs no event loop to stop the bench, and nothing here draws or computes. Its death stops nothing: a run
 goes on, an emulator too, and the next steward finds both.

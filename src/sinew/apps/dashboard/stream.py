@@ -1,4 +1,4 @@
-"""This is where one viewer gets frames of live samples over a web socket, as fast as it takes them and no faster.
+"""Frames of live samples for one viewer, over a web socket: as fast as it takes them and no faster.
 
 A frame has what is new since the last one, thinned to the viewer's columns of pixels. A viewer that falls behind gets
 fewer frames with more in each; what waits for it is never more than one frame.

@@ -1,4 +1,4 @@
-"""This is where a page server hands over what takes long, or needs JAX, to processes of their own.
+"""Workers of a page server: for what takes long, or needs JAX, processes of their own.
 
 Five of them, each with one call at a time, all with less right to a core than a control loop: `light` needs no JAX,
 `sliders` sketches, `curves` refines and previews, `bands` predicts plans, `long` opens past runs and makes files. Each

@@ -1,4 +1,4 @@
-"""This is where `sinew calibrate` gives a rig the parameters that recordings, or the paper's numbers, have for it."""
+"""`sinew calibrate`: a rig with the parameters that recordings, or the paper's numbers, have for it."""
 
 import shlex
 from pathlib import Path

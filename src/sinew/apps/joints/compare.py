@@ -1,4 +1,4 @@
-"""This is where `sinew compare` sets the predicted responses of several rigs beside each other."""
+"""`sinew compare`: the predicted responses of several rigs beside each other."""
 
 import shlex
 from pathlib import Path

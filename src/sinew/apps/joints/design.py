@@ -1,4 +1,4 @@
-"""This is where `sinew design` finds joints that resonate with a gait, and writes a rig and a plan for each."""
+"""`sinew design`: joints that resonate with a gait, with a rig and a plan for each."""
 
 import shlex
 from pathlib import Path

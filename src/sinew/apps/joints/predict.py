@@ -1,4 +1,4 @@
-"""This is where `sinew predict` turns an oscillator's numbers, or a rig, into its steady response over frequency."""
+"""`sinew predict`: the steady response over frequency, of a rig or of an oscillator by its numbers."""
 
 import shlex
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""This is where `sinew predict --against` holds a rig's curves against a recording of the joint."""
+"""`sinew predict --against`: a rig's curves against a recording of the joint."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any

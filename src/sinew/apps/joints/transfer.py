@@ -1,4 +1,4 @@
-"""This is where `sinew transfer` turns a rig into transfer functions: linear at rest, and over the amplitude."""
+"""`sinew transfer`: transfer functions of a rig, linear at rest and over the amplitude."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast

@@ -1,4 +1,4 @@
-"""This is where `sinew tune` finds the pretension at which a rig resonates at a wanted frequency."""
+"""`sinew tune`: the pretension at which a rig resonates at a wanted frequency."""
 
 from typing import TYPE_CHECKING, Annotated, cast
 

@@ -1,4 +1,4 @@
-"""This is where `sinew answer` asks a recording the paper's open questions and writes the page of its answers."""
+"""`sinew answer`: the paper's open questions, asked of a recording, and the page of its answers."""
 
 import shlex
 import textwrap

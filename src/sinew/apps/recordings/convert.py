@@ -1,4 +1,4 @@
-"""This is where `sinew import` and `sinew export` carry recordings in and out of other programs' files."""
+"""`sinew import` and `sinew export`: recordings from and for other programs' files."""
 
 from pathlib import Path
 from typing import Annotated, Any

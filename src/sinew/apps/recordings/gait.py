@@ -1,4 +1,4 @@
-"""This is where `sinew gait` turns recordings of walking, or numbers, into what a torso joint has to do."""
+"""`sinew gait`: what a torso joint has to do, from recordings of walking or from numbers."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any

@@ -1,4 +1,4 @@
-"""This is where `sinew identify` turns the recording of an oscillation into its mechanics."""
+"""`sinew identify`: the mechanics of an oscillation from its recording."""
 
 import re
 import shlex

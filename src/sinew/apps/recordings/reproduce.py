@@ -1,4 +1,4 @@
-"""This is where `sinew reproduce` runs a whole campaign on the twin, and `sinew report` writes its pages anew."""
+"""`sinew reproduce` and `sinew report`: a whole campaign on the twin, and its pages written anew."""
 
 import os
 import shlex

@@ -1,4 +1,4 @@
-"""This is where `sinew simulate` runs a plan on the physics twin and writes the recording."""
+"""`sinew simulate`: a plan run on the physics twin, and its recording."""
 
 import shlex
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""This is where the files of a campaign's folder are taken up again, those that still belong to its recording."""
+"""Files of a campaign's folder that still belong to its recording, taken up again."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""This is where what is known of several parameters together is drawn: each alone, and each pair."""
+"""Corner plot of what is known of several parameters together: each alone, and each pair."""
 
 import textwrap
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""This is where models compete for a record: held-out prediction first, the information criterion second.
+"""Competition of models for a record: held-out prediction first, the information criterion second.
 
 A model stays in the race if it predicts what was held out no worse than the best predictor does (squared errors
 compared in pairs, block by block, two standard errors). Of those that stay the smallest BIC wins, or a smaller model

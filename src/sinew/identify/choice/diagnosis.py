@@ -1,4 +1,4 @@
-"""This is where a record that cannot be identified, or is not what it was said to be, gets its sentence.
+"""Sentences for a record that cannot be identified, or is not what it was said to be.
 
 What makes a fit impossible (nothing moves, too short, sampled too slowly) is refused before it. What makes it wrong
 (input and output swapped, another excitation) shows in a poor fit: then the alternatives are tried with the same model,

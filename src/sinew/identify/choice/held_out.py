@@ -1,4 +1,4 @@
-"""This is where part of a record is held out, and predicted by what the other part taught.
+"""The held-out part of a record, predicted by what the other part taught.
 
 Three ways: a test range after the training range is reached by simulating on; one before it, or in another record, is
 predicted with the mechanics and rest position known and only its start sought, from its first two periods; and where no

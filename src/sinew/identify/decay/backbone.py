@@ -1,4 +1,4 @@
-"""This is where a free decay shows how frequency and damping move with amplitude, with bands."""
+"""Backbone of a free decay: frequency and damping over amplitude, with bands."""
 
 import math
 from dataclasses import dataclass

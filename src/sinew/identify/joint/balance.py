@@ -1,4 +1,4 @@
-"""This is where the joint's parameters become what one sees of it: frequency, damping, its shares, hardening, tension.
+"""What one sees of the joint's parameters: frequency, damping, its shares, hardening, tension.
 
 The joint swings steadily as φ = A cos ωt, without its drive, the lever locked to the head. Over one cycle the torque
 of silicone, tendons and guides is balanced with the inertia (first harmonic); the head sinks as it would at rest. A

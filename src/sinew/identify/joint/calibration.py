@@ -1,4 +1,4 @@
-"""This is where a rig takes its parameters from recordings, and where it is said which of them these determine."""
+"""Calibration of a rig: parameters from recordings, and which of them these determine."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

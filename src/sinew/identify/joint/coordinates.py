@@ -1,4 +1,4 @@
-"""This is where the free parameters of a rig become the coordinates of a search, and back."""
+"""The free parameters of a rig as the coordinates of a search, and back."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""This is where the tendon joint is fitted to recordings: one set of parameters over all pretensions and repeats.
+"""The tendon joint's fit to recordings: one set of parameters over all pretensions and repeats.
 
 The model is the twin's equation of motion under the measured lever; see `joint_motion`. The search has three legs: the
 steady segments of one repeat with a fifth of the signal taken for noise, which forgives a start that is far off; then

@@ -1,4 +1,4 @@
-"""This is where the joint swings under a lever whose motion was measured: the twin's equations, with derivatives.
+"""Motion of the joint under a lever that was measured: the twin's equations, with derivatives.
 
 The drive plays no part: its horn is wherever the encoder says it was. Everything else is the twin's own.
 """

@@ -1,4 +1,4 @@
-"""This is where the joint fit is a least-squares problem: rows of the gyroscope, of the currents, and of what is known.
+"""The joint fit as a least-squares problem: rows of the gyroscope, of the currents, and of what is known.
 
 The coordinates are the shared parameters (see `joint_coordinates`), then for every repetition at a pretension its two
 deviations, in units of the rig's stated repeatability. Their rows, and those of the rig's bounds, are priors.

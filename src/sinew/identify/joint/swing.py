@@ -1,4 +1,4 @@
-"""This is where recordings of a rig become swings: from rest, how the lever moved and what the sensors said."""
+"""Swings in a rig's recordings: from rest, how the lever moved and what the sensors said."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

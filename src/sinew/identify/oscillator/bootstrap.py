@@ -1,4 +1,4 @@
-"""This is where repeats say how far a fit's numbers scatter: the bootstrap over whole records.
+"""Scatter of a fit's numbers over repeats: the bootstrap over whole records.
 
 The covariance of a fit knows the noise inside the records, not what changes from one repeat to the next (friction that
 settles, a joint that was clamped anew). Whole records are drawn with replacement and fitted together again.

@@ -1,4 +1,4 @@
-"""This is where a least-squares solution says how certain it is, and what it cannot tell apart.
+"""How certain a least-squares solution is, and what it cannot tell apart.
 
 Three covariances of the parameters, J being the Jacobian (n, m) and r the residuals at the solution:
 

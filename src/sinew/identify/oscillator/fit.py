@@ -1,4 +1,4 @@
-"""This is where a model is fitted to records: output error in the time domain.
+"""A model's fit to records: output error in the time domain.
 
 The output is simulated from the measured input and an unknown start, and the sum of squares of measured less simulated
 is made small: no derivative of measured data is taken, and noise of the output does no harm. Noise of the input does;

@@ -1,4 +1,4 @@
-"""This is where a fit is held: numbers with intervals, what they do not tell, and how well they predict."""
+"""The result of a fit: numbers with intervals, what they do not tell, and how well they predict."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""This is where the numbers that a search moves are laid out over one or several records.
+"""Layout of the numbers that a search moves, over one or several records.
 
 Mechanical numbers are shared by all records, or belong to a group of them (a pretension); each record has its own start
 and rest position. A search sees one vector in normal form, near one; every record sees the numbers of `LOCAL`.

@@ -1,4 +1,4 @@
-"""This is where a sum of squares is made small, from one start or several, and says how that went."""
+"""Least squares, from one start or several, and word of how the search went."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""This is where a model is put together: a law of its motion, what its rest does, and how its numbers are called."""
+"""A model and its parts: a law of its motion, what its rest does, and how its numbers are called."""
 
 import re
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""This is where the posterior distribution of a fit's numbers is sampled, by NUTS (NumPyro, extra `posterior`).
+"""Posterior distribution of a fit's numbers, sampled by NUTS (NumPyro, extra `posterior`).
 
 The likelihood is output error, stretched to the fit's robust covariance.
 

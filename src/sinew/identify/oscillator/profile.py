@@ -1,4 +1,4 @@
-"""This is where a parameter's interval comes from the sum of squares itself: the profile likelihood.
+"""Profile likelihood: a parameter's interval from the sum of squares itself.
 
 For each trial value of one parameter all others are fitted anew; the interval ends where the smallest sum of squares
 has risen by the factor 1 + F/ν, F the 90 % quantile of F(1, ν). It is not symmetric, and it is right where the

@@ -1,4 +1,4 @@
-"""This is where a stretch of data to be identified is held: time, input, output, their units and what they are."""
+"""A stretch of data to be identified: time, input, output, their units and what they are."""
 
 import math
 from dataclasses import dataclass, field, replace

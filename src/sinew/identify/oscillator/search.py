@@ -1,4 +1,4 @@
-"""This is where the numbers of a layout are sought: from a regression to the smallest sum of squares."""
+"""Search for the numbers of a layout: from a regression to the smallest sum of squares."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""This is where a search begins: coefficients by linear regression on the equation of motion in its weak form.
+"""Start of a search: coefficients by linear regression on the equation of motion in its weak form.
 
 Multiplied by a smooth bump w that is zero at both ends of a window, and integrated over it, the equation's derivatives
 pass on to w: ∫w r'' = ∫w'' r. So stiffness, damping, friction, cubic and quadratic term and gain follow from one linear

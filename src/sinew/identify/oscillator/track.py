@@ -1,4 +1,4 @@
-"""This is where one degree of freedom is simulated over a record, with derivatives: fixed-step RK4, compiled once.
+"""One degree of freedom simulated over a record, with derivatives: fixed-step RK4, compiled once.
 
 In time of 1/ω_r and amplitudes of A (so that all numbers are near one), r being the motion relative to its base,
 

@@ -1,4 +1,4 @@
-"""This is where datasets become NetCDF files and come back, whole or not at all."""
+"""NetCDF files of datasets, written and read whole or not at all."""
 
 import hashlib
 import math

@@ -1,4 +1,4 @@
-"""This is where a text table becomes named columns, and a column becomes numbers."""
+"""Text tables: their columns by name, and the numbers of a column."""
 
 import csv
 import difflib

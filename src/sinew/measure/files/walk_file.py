@@ -1,4 +1,4 @@
-"""This is where a file of a walking person's sensors or markers is read.
+"""Files of a walking person's sensors or markers.
 
 Two kinds of table, as CSV or as NumPy's npz:
 

@@ -1,4 +1,4 @@
-"""This is where an answer to an open question of the paper is held: a verdict, its numbers, what they rest on."""
+"""An answer to an open question of the paper: a verdict, its numbers, what they rest on."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""This is where it is answered which delay would explain the phase: one extra delay, fitted to the measured response.
+"""The delay that would explain the phase: one extra delay, fitted to the measured response.
 
 The dynamic stiffness over the inertia follows from the response H (torsion over measured lever angle, lag negative) as
 

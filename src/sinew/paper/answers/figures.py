@@ -1,4 +1,4 @@
-"""This is where each answer to an open question gets its figure."""
+"""Figures of the answers to the open questions, one each."""
 
 import math
 from collections.abc import Callable, Sequence

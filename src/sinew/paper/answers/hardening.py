@@ -1,4 +1,4 @@
-"""This is where it is answered whether the joint hardens: a cubic and a quadratic term, and lopsided phase portraits.
+"""Whether the joint hardens: a cubic and a quadratic term, and lopsided phase portraits.
 
 At each pretension and repeat I r'' + losses + k r + k₂ r² + k₃ r³ = -I_l θ'' is fitted to the steady segments
 under the lever's measured angle θ. A cubic term shifts the natural frequency at the amplitude A by 3 k₃ A²/(8 k) of

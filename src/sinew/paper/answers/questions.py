@@ -1,4 +1,4 @@
-"""This is where a recording is asked all of the paper's open questions."""
+"""All of the paper's open questions, asked of a recording."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""This is where it is answered whose the saturation is: the drive's, which falls short of its reach, or the joint's.
+"""Whose the saturation is: the drive's, which falls short of its reach, or the joint's.
 
 Above a threshold of pretension straight lines are laid through the logarithm of the peak gain, once by the nominal and
 once by the measured drive amplitude. What falls by the nominal drive only is the drive's: its share of the fall is one

@@ -1,1 +1,1 @@
-"""This is where a joint that is not built yet becomes a rig, with what speaks for and against it."""
+"""A rig for a joint that is not built yet, with what speaks for and against it."""

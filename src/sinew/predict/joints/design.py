@@ -1,4 +1,4 @@
-"""This is where a joint that is not built yet becomes a rig, from one that is."""
+"""A rig for a joint that is not built yet, from one that is."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""This is where a prediction says what it is worth: each assumption with a number, a limit and a sentence."""
+"""What a prediction is worth: each assumption with a number, a limit and a sentence."""
 
 import math
 from dataclasses import dataclass, replace

@@ -1,1 +1,1 @@
-"""This is where a cross-section becomes the numbers that bending and torsion need."""
+"""Cross-sections, and the numbers of them that bending and torsion need."""

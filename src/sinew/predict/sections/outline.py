@@ -1,4 +1,4 @@
-"""This is where the shape of a cross-section is drawn: an outer ring of corners, and rings around its holes."""
+"""Outline of a cross-section: an outer ring of corners, and rings around its holes."""
 
 from collections.abc import Sequence
 from itertools import pairwise

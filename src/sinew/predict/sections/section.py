@@ -1,4 +1,4 @@
-"""This is where a cross-section's properties are kept: by closed form where there is one, else from its outline."""
+"""Properties of a cross-section: by closed form where there is one, else from its outline."""
 
 from dataclasses import dataclass
 

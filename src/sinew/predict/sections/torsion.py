@@ -1,4 +1,4 @@
-"""This is where St Venant's torsion of a cross-section is solved, from two sides, by finite elements.
+"""St Venant's torsion of a cross-section, solved from two sides by finite elements.
 
 Per twist θ' [rad/m] a section warps by θ' ψ(x, y) and carries the shear stress G θ' rot(u). The warping ψ minimises
 ∫ (ψ_x - y)² + (ψ_y + x)², and that minimum is the torsion constant: elements give it too large. Prandtl's function u

@@ -1,4 +1,4 @@
-"""This is where one bout of walking gives its stride frequency and the yaw that repeats with the strides.
+"""One bout of walking: its stride frequency and the yaw that repeats with the strides.
 
 Each stride is brought onto one cycle of phase. The mean over one stride, moved along, is taken off: that removes the
 arbitrary zero and the drift of yaw, and nothing that repeats. What is left has a fundamental in each stride, and the

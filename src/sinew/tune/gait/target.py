@@ -1,4 +1,4 @@
-"""This is where walking, or numbers that somebody gives, becomes what a torso joint has to do: a band and a yaw."""
+"""What a torso joint has to do, a band and a yaw, from walking or from numbers that somebody gives."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""This is where it is said beforehand what tracking should find on a rig: resonance, damping, amplitudes.
+"""What tracking should find on a rig, said beforehand: resonance, damping, amplitudes.
 
 It is the backbone by prediction: the steady motions at which the torsion's fundamental lags the lever's by 90°, over
 the amplitude of the drive. The loop's gains, its first frequency and what the pretension is worth follow from it.

@@ -1,4 +1,4 @@
-"""This is where the parts of resonance tracking are one drive law: samples in, lever command and pretension out.
+"""Resonance tracking as one drive law: samples in, lever command and pretension out.
 
 Angles are in rad, times in s of one clock. The law knows no devices: whoever runs it tells it each cycle what was
 measured and asks it what to do next.

@@ -1,1 +1,1 @@
-"""This is where each page of the dashboard is laid out."""
+"""Pages of the dashboard, each with its layout."""

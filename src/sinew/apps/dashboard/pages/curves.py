@@ -1,4 +1,4 @@
-"""This is where curves are drawn in a page: predicted with band and stability, measured with intervals."""
+"""Curves in a page: predicted with band and stability, measured with intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

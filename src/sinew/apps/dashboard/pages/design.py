@@ -1,4 +1,4 @@
-"""This is where a joint is designed by hand: sliders, and what the equations say of it at once."""
+"""The design page: sliders of a joint, and what the equations say of it at once."""
 
 import asyncio
 from typing import Any

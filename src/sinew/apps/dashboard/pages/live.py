@@ -1,4 +1,4 @@
-"""This is where the live page is laid out: joint, oscilloscope, Lissajous figure, curves, bench."""
+"""The live page: joint, oscilloscope, Lissajous figure, curves, bench."""
 
 from typing import Any
 

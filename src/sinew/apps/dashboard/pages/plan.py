@@ -1,4 +1,4 @@
-"""This is where a plan is chosen, edited, previewed and started."""
+"""The plan page: a plan chosen, edited, previewed and started."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""This is where past runs are searched, opened, laid over one another and downloaded."""
+"""The page of past runs: searched, opened, laid over one another and downloaded."""
 
 from typing import Any
 

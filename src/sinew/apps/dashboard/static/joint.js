@@ -1,4 +1,4 @@
-// This is where the joint is drawn in space: silicone that twists, head, lever, and tendons coloured by their tension.
+// The joint in space: silicone that twists, head, lever, and tendons coloured by their tension.
 
 import { css } from "./scope.js";
 

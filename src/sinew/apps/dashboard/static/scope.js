@@ -1,4 +1,4 @@
-// This is where the oscilloscope is drawn: three panels over one time axis, least and largest value of each column.
+// The oscilloscope: three panels over one time axis, least and largest value of each column.
 
 const CAPACITY = 12000;
 const colours = new Map();

@@ -1,1 +1,1 @@
-"""This is where what the pages of the dashboard show is computed: plain functions, JSON in and out."""
+"""Computations behind the pages of the dashboard: plain functions, JSON in and out."""

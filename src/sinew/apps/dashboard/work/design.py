@@ -1,4 +1,4 @@
-"""This is where sliders become a joint, and the joint its predicted curve."""
+"""The joint that sliders describe, and its predicted curve."""
 
 import functools
 import math

@@ -1,4 +1,4 @@
-"""This is where the finished groups of a run are analysed while it goes on, each of them once."""
+"""Results of a run while it goes on: its finished groups, each analysed once."""
 
 from dataclasses import dataclass, field
 from functools import lru_cache

@@ -1,4 +1,4 @@
-"""This is where a run's results are made once and read from then on."""
+"""Results of a run, made once and read from then on."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""This is where the runs in a folder are listed: what each was, how far it came, what state it is in."""
+"""The runs in a folder: what each was, how far it came, what state it is in."""
 
 import json
 import os
