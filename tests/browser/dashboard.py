@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-__all__ = ["ARGUMENTS", "CHROMIUM", "Served", "choose_plan", "served"]
+__all__ = ["ARGUMENTS", "CHROMIUM", "IN_SPACE", "Served", "choose_plan", "served"]
 
 SINEW = Path(sys.executable).with_name("sinew")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -25,14 +25,16 @@ PATIENCE = 120.0
 
 ARGUMENTS = [
     "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
     "--no-first-run",
 ]
+"""Of every browser. Most have no graphics processor, as a page must do with: drawing in space by software costs more
+time than all the rest."""
+
+IN_SPACE = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+"""Of one that draws in space, by software."""
 
 
 @dataclass
