@@ -290,7 +290,6 @@ def _find(asked: _Asked) -> "Found":
 
 
 def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Found":
-
     given = {"--train": asked.train, "--test": asked.test, "--pretension": asked.pretension_mm}
     for name, value in given.items():
         if value is not None:
@@ -307,7 +306,6 @@ def _find_joint(asked: _Asked, recording: "xr.Dataset") -> "Found":
 
 
 def _add(found: "Found", more: _More) -> None:
-
     if more.profile:
         with progress_bar("profiles") as progress:
             add_profiles(found, progress)
