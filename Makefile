@@ -30,15 +30,17 @@ screenshots: $(VENV)/.dev ## the pictures of the dashboard in README and docs, f
 	$(BIN)/python tools/take_screenshots.py docs/pictures
 
 # Two workers on two cores: a second thread of BLAS only waits for its first. XLA compiles a third faster without its
-# fusion emitters, to the same numbers.
-test test-slow: export OPENBLAS_NUM_THREADS := 1
-test test-slow: export XLA_FLAGS := --xla_cpu_use_fusion_emitters=false
+# fusion emitters; no number of `make reproduce` moved by 1e-9. Files of tests run in their order, for by number of tests
+# the longest would come last and alone.
+test test-slow: export OPENBLAS_NUM_THREADS ?= 1
+test test-slow: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false
+TESTS := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 test: $(VENV)/.dev ## the fast tests
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder -m "not slow and not hardware"
+	$(TESTS) --maxprocesses 4 -m "not slow and not hardware"
 
 test-slow: $(VENV)/.dev ## the long proofs: coverage of intervals, the whole campaign, executed tutorials
-	$(BIN)/python -m pytest -q -n auto --maxprocesses 2 --dist loadfile --no-loadscope-reorder -m "slow and not realtime and not hardware"
+	$(TESTS) --maxprocesses 2 --durations=30 -m "slow and not realtime and not hardware"
 
 test-realtime: $(VENV)/.dev ## proofs that keep time with an emulated bench; nothing else should run beside them
 	$(BIN)/python -m pytest -q -m "slow and realtime and not hardware"

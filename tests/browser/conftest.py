@@ -15,13 +15,19 @@ sync_api = pytest.importorskip("playwright.sync_api", reason="no Playwright: mak
 
 
 @pytest.fixture(scope="session")
-def chromium() -> "Iterator[sync_api.Browser]":
+def launch() -> "Iterator[Callable[..., sync_api.Browser]]":
+    """Give what starts a browser with some arguments."""
     if CHROMIUM is None:
         pytest.skip("there is no Chromium on this computer: apt-get install chromium")
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield browser
-        browser.close()
+        yield lambda *more: playwright.chromium.launch(executable_path=CHROMIUM, args=[*ARGUMENTS, *more])
+
+
+@pytest.fixture(scope="session")
+def chromium(launch: "Callable[..., sync_api.Browser]") -> "Iterator[sync_api.Browser]":
+    browser = launch("--disable-gpu")
+    yield browser
+    browser.close()
 
 
 @pytest.fixture

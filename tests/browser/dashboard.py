@@ -24,14 +24,16 @@ PATIENCE = 120.0
 
 ARGUMENTS = [
     "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
     "--no-first-run",
 ]
+"""Of every browser. Most have no graphics processor, as a page must do with: drawing in space by software costs more
+time than all the rest."""
+
+IN_SPACE = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+"""Of one that draws in space, by software."""
 
 
 @dataclass

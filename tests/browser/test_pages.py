@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.browser.dashboard import Served, choose_plan, edit_plan
+from tests.browser.dashboard import IN_SPACE, Served, choose_plan, edit_plan
 
 from sinew.measure.files.netcdf import load_recording
 
@@ -33,6 +33,21 @@ def test_axe_finds_nothing(opened: Open, shown: Served, path: str, theme: str) -
     found = axe_api.Axe().run(page).response["violations"]
     said = [(rule["id"], node["html"][:160], node["failureSummary"][:200]) for rule in found for node in rule["nodes"]]
     assert said == []
+
+
+def test_the_joint_is_drawn_in_space_where_the_browser_can(launch: Callable[..., Any], shown: Served) -> None:
+    browser = launch(*IN_SPACE)
+    page, complaints = browser.new_page(), []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.goto(shown.link)
+    page.wait_for_selector("canvas")
+    drawn = """() => [...document.querySelectorAll('[id]')].some(element => {
+      const scene = window.getElement?.(Number(element.id.slice(1)));
+      return scene?.renderer?.info?.render.triangles > 500;
+    })"""
+    page.wait_for_function(drawn, timeout=60_000)
+    browser.close()
+    assert complaints == []
 
 
 @pytest.mark.parametrize("path", PAGES)

@@ -20,7 +20,7 @@ from sinew.hardware.imu import ClockTrack
 from sinew.hardware.motor import Motor
 from sinew.plan.toml import load_rig
 
-SAMPLE = 30
+SAMPLE = 60
 
 
 @pytest.fixture(scope="module")

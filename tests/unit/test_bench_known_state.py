@@ -1,5 +1,6 @@
 """Every run begins from one known state: all of it is written and read back, and a write that is lost is refused."""
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from sinew.bench.stops import stop
 from sinew.hardware.configuration import KNOWN_STATE, Post, read_counts, unfit_settings
 from sinew.hardware.errors import DeviceError
 from sinew.hardware.registers import Register
+from sinew.hardware.rig import Reading
 from sinew.measure.events import Event, Pretensioned
 from sinew.measure.recording import read_registers
 from sinew.plan.plan import TendonMode
@@ -253,6 +255,21 @@ def turning_bench(bias: float, swing: float) -> VirtualBench:
 
     plant.motion = swinging
     return bench
+
+
+def test_an_imu_that_falls_silent_at_the_start_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = still_bench()
+    # It answers the two looks before anything starts, and two of those that tell whether the head rests.
+    read, answers = bench.rig.read, iter((True,) * 4)
+
+    def fading() -> Reading:
+        reading = read()
+        return reading if next(answers, False) else dataclasses.replace(reading, imu=None)
+
+    monkeypatch.setattr(bench.rig, "read", fading)
+    with pytest.raises(StartError, match=r"2 readings of the IMU came within 10 s, expected \d+ .* check its cable"):
+        bench.run(PLAN, tmp_path, TENSION)
+    assert not any(state.torque for state in bench.emulated.states().values())
 
 
 def test_a_head_that_does_not_come_to_rest_is_refused(tmp_path: Path) -> None:

@@ -22,8 +22,6 @@ from sinew.identify.oscillator.posterior import (
 from sinew.identify.oscillator.record import make_record
 from sinew.measure.errors import SpecError
 
-pytestmark = pytest.mark.slow
-
 TIME = np.arange(0, 1.2, 0.0075)
 
 
@@ -49,6 +47,7 @@ def told(found: Fit):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stiffness_per_s2", "damping_per_s", "natural_frequency_hz", "damping_ratio"])
 def test_of_a_well_determined_decay_the_posterior_is_the_normal_one_of_the_covariance(name: str) -> None:
     found, known = sampled().estimates[name], told(decay())[name]
@@ -56,6 +55,7 @@ def test_of_a_well_determined_decay_the_posterior_is_the_normal_one_of_the_covar
     assert [*off, found.std / known.std - 1] == pytest.approx([0, 0, 0], abs=0.15)
 
 
+@pytest.mark.slow
 def test_correlated_noise_widens_the_posterior_as_it_widens_the_robust_covariance() -> None:
     found, known = sampled(0.8).estimates["damping_ratio"], decay(0.8).damping_ratio
     classical = covariance(decay(0.8).solution.jacobian, decay(0.8).solution.residual).std
@@ -64,6 +64,7 @@ def test_correlated_noise_widens_the_posterior_as_it_widens_the_robust_covarianc
     assert found.std == pytest.approx(known.std, rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_gradient_of_the_density_is_its_difference() -> None:
     import jax
 
@@ -78,6 +79,7 @@ def test_the_gradient_of_the_density_is_its_difference() -> None:
     assert np.asarray(jax.grad(log_density)(u, density, laws)) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_records_that_are_fitted_together_have_the_density_of_all_their_residuals() -> None:
     x = motion(viscous(0.1), lambda t: 0.0, TIME, (0.5, 0.0))[0]
     records = [make_record(TIME, noisy(x, 0.005, seed), output_unit="rad") for seed in (31, 32)]
@@ -95,11 +97,13 @@ def test_records_that_are_fitted_together_have_the_density_of_all_their_residual
     assert float(log_density(u, density, laws)) == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_draws() -> None:
     again = [sample_posterior(decay(), seed=4, draws=20, warmup=150, chains=4).draws for _ in range(2)]
     assert np.array_equal(again[0], again[1])
 
 
+@pytest.mark.slow
 def test_draws_are_those_of_the_named_numbers() -> None:
     found = sampled()
     column = {name: found.draws[:, i] for i, name in enumerate(found.names)}
@@ -107,10 +111,12 @@ def test_draws_are_those_of_the_named_numbers() -> None:
     assert column["damping_ratio"] == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_message_tells_how_the_chains_went() -> None:
     assert sampled().message.startswith("2000 draws of 4 chains, R-hat at most 1.0")
 
 
+@pytest.mark.slow
 def test_progress_is_told_up_to_the_last_draw() -> None:
     seen: list[tuple[float, float]] = []
     sample_posterior(decay(), draws=20, warmup=150, chains=4, progress=lambda *now: seen.append(now))
@@ -129,6 +135,7 @@ def test_without_numpyro_the_sentence_says_what_to_install(monkeypatch: pytest.M
         sample_posterior(decay())
 
 
+@pytest.mark.slow
 def test_importing_the_module_does_not_load_numpyro() -> None:
     code = "import sys, sinew.identify.oscillator.posterior; print('numpyro' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

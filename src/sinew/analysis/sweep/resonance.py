@@ -172,8 +172,7 @@ def find_peak(frequency_hz: Array, response: Complexes, size_std: Array, angle_s
     it; peak, crossing and width are read off the curve and their standard deviations propagated from its covariance.
     Where that curve misfits by more than the noise explains (a drive that saturates, a joint that hardens), frequency
     and gain of the peak are read off its top alone (points above 0.8 of the largest gain;
-    `fit_crest`), and their standard deviations hold the disagreement with a rational curve through
-    that top.
+    `fit_crest`), and their standard deviations hold the disagreement with a rational curve through that top.
     A largest gain at the edge of the points is no resonance: the readings are NaN and `reason` says so.
     """
     f, h, size, angle = _finite(frequency_hz, response, size_std, angle_std)

@@ -382,8 +382,8 @@ def _verdict(choice: Choice, what: str) -> str:
 # A joint that was recorded at many frequencies, or under several pretensions, is one joint: the segments share its
 # mechanics, or, under several pretensions, its inertia ratio, while stiffness and damping belong to a pretension. A
 # model is fitted to two thirds of the segments and predicts the others, of which only the start is sought, from their
-# first two periods. The information criterion is that of the fit to all segments. What decides is
-# the same as for one record.
+# first two periods. The information criterion is that of the fit to all segments. What decides is the
+# same as for one record.
 
 _FOLDS = 3
 _FEWEST = 3
