@@ -164,3 +164,20 @@ def test_an_oscillator_that_cannot_be_meant_is_refused_with_a_sentence(
 ) -> None:
     with pytest.raises(SpecError, match=sentence):
         oscillator(**changed).checked()
+
+
+def test_at_its_natural_frequency_drag_and_damping_take_up_the_whole_torque() -> None:
+    """There spring and inertia cancel for the fundamental, and drag weighs 8/(3π) c Ω² A² in it."""
+    one = oscillator(drag=0.05)
+    branch = curve(one)
+    assert branch.phase_90 is not None
+    omega, amplitude = 2 * np.pi * branch.phase_90.frequency_hz, branch.phase_90.amplitude
+    damping = 2 * DAMPING * one.stiffness / (2 * np.pi * NATURAL_HZ)
+    drag = 8 / (3 * np.pi) * 0.05 * (omega * amplitude) ** 2
+    assert drag > 0.2 * one.torque
+    assert damping * omega * amplitude + drag == pytest.approx(one.torque, rel=2e-3)  # of the fundamental alone
+
+
+def test_a_drag_that_gives_energy_is_refused() -> None:
+    with pytest.raises(SpecError, match="drag is -0.1"):
+        oscillator(drag=-0.1).checked()
