@@ -1,5 +1,5 @@
-"""How property tests draw: the same cases every time, whatever the clock says, for a busy
-computer is no fault of the code. HYPOTHESIS_PROFILE=random draws others."""
+"""How property tests draw: the same cases every time, whatever the clock says, for a busy computer is no fault of the
+code. HYPOTHESIS_PROFILE=random draws others."""
 
 import os
 

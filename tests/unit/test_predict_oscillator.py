@@ -179,5 +179,5 @@ def test_at_its_natural_frequency_drag_and_damping_take_up_the_whole_torque() ->
 
 
 def test_a_drag_that_gives_energy_is_refused() -> None:
-    with pytest.raises(SpecError, match="drag is -0.1"):
+    with pytest.raises(SpecError, match=r"drag is -0\.1"):
         oscillator(drag=-0.1).checked()
