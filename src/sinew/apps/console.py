@@ -116,8 +116,13 @@ def option(flag: str, metavar: str, help_: str, **more: Any) -> Any:
     return typer.Option(flag, metavar=metavar, help=help_, **more)
 
 
+RIG_HELP = "A rig: a TOML file, or the name of a shipped one."
+WITHOUT_HELP = "Switch an effect of the twin off; may be repeated."
+
 PlanArgument = Annotated[str, typer.Argument(metavar="PLAN", help="A plan: a TOML file, or the name of a shipped one.")]
-Rig = Annotated[str, option("--rig", "RIG", "A rig: a TOML file, or the name of a shipped one.")]
+RigArgument = Annotated[str, typer.Argument(metavar="RIG", help=RIG_HELP)]
+Rig = Annotated[str, option("--rig", "RIG", RIG_HELP)]
+Without = Annotated[list[str] | None, option("--without", "EFFECT", WITHOUT_HELP)]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of scatter, noise and jitter.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 ColumnTime = Annotated[str | None, option("--time", "COL[:unit]", "Column of the time stamps.")]
@@ -168,6 +173,12 @@ def one_of(option: str, found: str, expected: tuple[str, ...]) -> None:
     """Do nothing where a word is one of those expected; else raise SpecError."""
     if found not in expected:
         raise SpecError(f"{option} is {found!r}, expected {' or '.join(expected)}")
+
+
+def check_choice(option: str, found: str, expected: Iterable[str]) -> None:
+    """Do nothing where a word is in a list; else raise SpecError, which shows the list."""
+    if found not in expected:
+        raise SpecError(f"{option} is {found!r}, expected one of {', '.join(expected)}")
 
 
 class NumbersCommand(TyperCommand):

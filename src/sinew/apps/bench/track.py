@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
+from sinew.apps import console
 from sinew.apps.bench.bench_run import (
     JOURNAL,
     Wait,
@@ -24,17 +25,7 @@ from sinew.apps.bench.bench_run import (
     source_of,
 )
 from sinew.apps.bench.run_control import keeping_time, listening, showing
-from sinew.apps.console import (
-    HIGHEST_HZ,
-    LARGEST_DEG,
-    Json,
-    Seed,
-    number_list,
-    option,
-    print_json,
-    print_table,
-    write_json,
-)
+from sinew.apps.console import Json, Seed, option
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import finite, fixed, number, pair, shown
 
@@ -54,9 +45,7 @@ Bench = AbstractContextManager["tuple[HardwareRig, Clock]"]
 
 
 def track(
-    rig: Annotated[
-        str, typer.Argument(metavar="[RIG]", help="A rig: a TOML file, or the name of a shipped one.")
-    ] = "paper",
+    rig: Annotated[str, typer.Argument(metavar="[RIG]", help=console.RIG_HELP)] = "paper",
     port: Annotated[str | None, option("--port", "PORT", "Serial port of the bench.")] = None,
     emulate: Annotated[bool, typer.Option("--emulate", help="Instead: an emulated bench, in virtual time.")] = False,
     pretension: Annotated[
@@ -106,7 +95,7 @@ def track(
     document |= found_tracks(document, plan, spec, expected)
     write_found(document, out)
     if json:
-        print_json(document)
+        console.print_json(document)
     else:
         print_found(document)
     return 0 if document["complete"] and document["is_safe"] else 1
@@ -211,13 +200,12 @@ def track_plan(
     """
     from sinew.tune.track.expected import expect_backbones, planned_tracker
 
-    if hold not in _HELD:
-        raise SpecError(f"--hold is {hold!r}, expected one of {', '.join(_HELD)}")
+    console.check_choice("--hold", hold, _HELD)
     amplitudes = _numbers(amplitude, ",", "--amplitude-deg")
-    if not 0 < min(amplitudes) <= max(amplitudes) <= LARGEST_DEG:
-        raise SpecError(f"--amplitude-deg is {amplitude}, expected positive angles up to {LARGEST_DEG:g}°")
-    if start is not None and not 0 < start <= HIGHEST_HZ:
-        raise SpecError(f"--start-hz is {start:g}, expected a positive frequency up to {HIGHEST_HZ:g} Hz")
+    if not 0 < min(amplitudes) <= max(amplitudes) <= console.LARGEST_DEG:
+        raise SpecError(f"--amplitude-deg is {amplitude}, expected positive angles up to {console.LARGEST_DEG:g}°")
+    if start is not None and not 0 < start <= console.HIGHEST_HZ:
+        raise SpecError(f"--start-hz is {start:g}, expected a positive frequency up to {console.HIGHEST_HZ:g} Hz")
     stops, moves = _stops(rig, pretension, follow)
     wanted = _wanted(follow)
     largest = max(amplitudes) if hold == "command" else _LARGEST_DEG
@@ -251,7 +239,7 @@ def tensions(plan: "Plan", rig: "RigSpec") -> dict[float, float]:
 
 
 def _numbers(text: str, between: str, option: str) -> list[float]:
-    return number_list(option, text, f"numbers with {between!r} between them", between=between)
+    return console.number_list(option, text, f"numbers with {between!r} between them", between=between)
 
 
 def _stops(rig: "RigSpec", pretension: str | None, follow: str | None) -> tuple[list[float], bool]:
@@ -283,9 +271,9 @@ def _wanted(follow: str | None) -> tuple[float, float] | None:
     if follow is None:
         return None
     found = _numbers(follow, ":", "--follow-hz")
-    if len(found) != 2 or min(found) <= 0 or max(found) > HIGHEST_HZ:
+    if len(found) != 2 or min(found) <= 0 or max(found) > console.HIGHEST_HZ:
         raise SpecError(
-            f"--follow-hz is {follow!r}, expected FROM:TO, two positive frequencies up to {HIGHEST_HZ:g} Hz"
+            f"--follow-hz is {follow!r}, expected FROM:TO, two positive frequencies up to {console.HIGHEST_HZ:g} Hz"
         )
     return found[0], found[1]
 
@@ -464,7 +452,7 @@ def write_found(document: dict[str, Any], folder: Path) -> None:
     from sinew.figures.tracking import draw_tracking
 
     save_figure(draw_tracking(document["tracks"], document["expected"]), folder, "tracking", ("png", "pdf"))
-    write_json(document, folder / "track.json")
+    console.write_json(document, folder / "track.json")
 
 
 def print_found(document: dict[str, Any]) -> None:
@@ -486,7 +474,7 @@ def print_found(document: dict[str, Any]) -> None:
             "error/°",
         )
         rows = [_row(track) for track in tracks if track["point"] is not None]
-        print_table(columns, rows, f"the torsion lags the lever by 90°; amplitude held: {document['held']}")
+        console.print_table(columns, rows, f"the torsion lags the lever by 90°; amplitude held: {document['held']}")
     for track in tracks:
         if track["point"] is None:
             print(_moved(track))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, print_json, print_told, progress_bar, require_file, write_json
+from sinew.apps.console import Json, RigArgument, option, print_json, print_told, progress_bar, require_file, write_json
 from sinew.measure.errors import FileError, SpecError
 
 if TYPE_CHECKING:
@@ -16,14 +16,13 @@ if TYPE_CHECKING:
 
 
 def calibrate(
-    rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")],
-    out: Annotated[Path, typer.Option("--out", metavar="RIG2", help="The rig to write, TOML; its stem names it.")],
+    rig: RigArgument,
+    out: Annotated[Path, option("--out", "RIG2", "The rig to write, TOML; its stem names it.")],
     recordings: Annotated[
         list[Path] | None, typer.Argument(metavar="RECORDING", help="Recordings of that rig (NetCDF).")
     ] = None,
     free: Annotated[
-        str | None,
-        typer.Option("--free", metavar="NAME,...", help="Parameters to find, as tendons.head_radius; else the usual."),
+        str | None, option("--free", "NAME,...", "Parameters to find, as tendons.head_radius; else the usual.")
     ] = None,
     paper: Annotated[
         bool, typer.Option("--paper", help="Fit to the numbers of the paper, without recordings.")

@@ -5,18 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import (
-    Json,
-    Start,
-    Stop,
-    number_list,
-    option,
-    print_json,
-    print_table,
-    remark,
-    require_folder,
-    write_json,
-)
+from sinew.apps import console
+from sinew.apps.console import Json, Start, Stop, option
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate, finite, fixed, number, pair
 
@@ -59,7 +49,7 @@ def gait(
     if bool(files) == (stride is not None or yaw_deg is not None):
         raise SpecError("expected recordings of walking, or --stride-hz LOW:HIGH with --yaw-deg, and not both")
     if out is not None:
-        require_folder(out)
+        console.require_folder(out)
     if files:
         bodies = {role: name for role, name in (("pelvis", pelvis), ("trunk", trunk)) if name is not None}
         if yaw is not None and bodies:
@@ -75,11 +65,11 @@ def gait(
     if out is not None:
         document["files"] = _write(document, target, out)
     if json:
-        print_json(document)
+        console.print_json(document)
     else:
         _print(document)
     for note in notes:
-        remark(note)
+        console.remark(note)
 
 
 def gait_document(target: "GaitTarget") -> dict[str, Any]:
@@ -152,7 +142,7 @@ def _of_numbers(stride: str | None, yaw_deg: float | None) -> "GaitTarget":
     if stride is None or yaw_deg is None:
         raise SpecError("--stride-hz and --yaw-deg belong together, as --stride-hz 0.7:1.1 --yaw-deg 7")
     expected = f"LOW:HIGH in hertz, above 0 and up to {_FASTEST_HZ:g}, as 0.7:1.1"
-    found = number_list("--stride-hz", stride, expected, between=":", low=0, high=_FASTEST_HZ, above=True)
+    found = console.number_list("--stride-hz", stride, expected, between=":", low=0, high=_FASTEST_HZ, above=True)
     if len(found) > 2:
         raise SpecError(f"--stride-hz is {stride!r}, expected {expected}")
     return target_of_numbers((found[0], found[-1]), yaw_deg)
@@ -161,7 +151,7 @@ def _of_numbers(stride: str | None, yaw_deg: float | None) -> "GaitTarget":
 def _speeds(text: str | None, count: int) -> list[float] | None:
     if text is None:
         return None
-    found = number_list("--speed-m-s", text, f"one positive speed for each of the {count} files")
+    found = console.number_list("--speed-m-s", text, f"one positive speed for each of the {count} files")
     if len(found) != count or not all(v > 0 for v in found):
         raise SpecError(f"--speed-m-s is {text!r}, expected one positive speed for each of the {count} files")
     return found
@@ -175,7 +165,7 @@ def _write(document: dict[str, Any], target: "GaitTarget", folder: Path) -> list
     figure = draw_gait_yaw(target)
     paths = [] if figure is None else save_figure(figure, folder, "gait_yaw", ("png", "pdf"))
     files = [str(path) for path in (folder / "gait.json", *paths)]
-    write_json({**document, "files": files}, folder / "gait.json")
+    console.write_json({**document, "files": files}, folder / "gait.json")
     return files
 
 
@@ -196,7 +186,7 @@ def _print(document: dict[str, Any]) -> None:
         )
     if rows:
         columns = ("file", "time/s", "speed/(m/s)", "strides", "stride/Hz", "yaw/°", "peak to peak/°", "regularity")
-        print_table(columns, rows, f"yaw of {document['yaw_of']}, 90 % intervals")
+        console.print_table(columns, rows, f"yaw of {document['yaw_of']}, 90 % intervals")
     for sentence in document["sentences"]:
         print(f"- {sentence}")
     for file in document.get("files", []):
