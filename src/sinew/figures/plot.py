@@ -19,10 +19,9 @@ from matplotlib.axes import Axes
 
 from sinew.analysis.analysed import Analysed
 from sinew.analysis.analysis import analyse_recording
-from sinew.figures.broadband import draw_coherence, draw_lag_lines, draw_lines
 from sinew.figures.decay import draw_envelope
 from sinew.figures.predicted import curves_of, draw_gains, draw_phases
-from sinew.figures.response import draw_gain, draw_lag
+from sinew.figures.response import draw_coherence, draw_gain, draw_lag, draw_lag_lines, draw_lines
 from sinew.figures.style import ACCENT, GREY, INK, RED, in_style
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.predict.predicted import Predicted

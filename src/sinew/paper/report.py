@@ -16,7 +16,7 @@ from sinew.analysis.doubts import doubts_of
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
 from sinew.figures.decay import draw_damping, draw_decay
-from sinew.figures.lissajous import draw_lissajous, draw_phase_portraits
+from sinew.figures.motion import draw_lissajous, draw_phase_portraits
 from sinew.figures.page import CAPTIONS, picture, write_page
 from sinew.figures.response import (
     draw_drive_amplitude,
@@ -208,7 +208,7 @@ def write_answers(
 ) -> Path:
     """Write answers.html into a folder, atomically, and return its path.
 
-    recording: what was asked; only its attributes are read. figures: of `sinew.paper.answers.figures.draw_answers`; the
+    recording: what was asked; only its attributes are read. figures: of `draw_answers`; the
     PNGs among them are put into the page. rebuild: the command that makes the page again.
     Raises FileError where the folder cannot be written.
     """

@@ -9,21 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from sinew.apps import console
-from sinew.apps.bench.bench_run import (
-    JOURNAL,
-    Wait,
-    await_port,
-    close_journal,
-    convert_journal,
-    on_signals,
-    open_rig,
-    refuse_full_disk,
-    refuse_unfit_folder,
-    rig_on,
-    run_document,
-    run_journal,
-    source_of,
-)
+from sinew.apps.bench import bench_run
 from sinew.apps.bench.run_control import keeping_time, listening, showing
 from sinew.apps.console import Json, Seed, option
 from sinew.measure.errors import RecordingError, SpecError
@@ -67,7 +53,7 @@ def track(
     out: Annotated[Path, option("--out", "DIR", "Folder for journal, recording, figure.")] = Path("out/track"),
     fault: Annotated[list[str] | None, option("--fault", "SPEC", "With --emulate: as of `sinew emulate`.")] = None,
     seed: Seed = 0,
-    wait: Wait = 0.0,
+    wait: bench_run.Wait = 0.0,
     json: Json = False,
 ) -> int:
     """Hold the torsion 90° behind the lever: a phase-locked loop moves the drive's frequency.
@@ -83,7 +69,7 @@ def track(
 
     _require_one_bench(port, emulate=emulate, has_faults=bool(fault))
     spec = load_rig(rig)
-    refuse_unfit_folder(out, resume=False)
+    bench_run.refuse_unfit_folder(out, resume=False)
     plan, expected = track_plan(spec, pretension, amplitude, hold, duration, start, follow)
     where = ["--emulate", "--seed", str(seed)] if emulate else ["--port", str(port)]
     asked = {"--pretension-mm": pretension, "--amplitude-deg": amplitude, "--hold": hold, "--duration-s": duration}
@@ -116,8 +102,8 @@ def _options(asked: Mapping[str, object], faults: Sequence[str]) -> list[str]:
 
 @contextmanager
 def _real(port: str, spec: "RigSpec", wait: float) -> "Iterator[tuple[HardwareRig, Clock]]":
-    await_port(port, wait)
-    with open_rig(port, spec) as bench:
+    bench_run.await_port(port, wait)
+    with bench_run.open_rig(port, spec) as bench:
         yield bench
 
 
@@ -129,7 +115,7 @@ def _emulated(spec: "RigSpec", seed: int, faults: Sequence[str]) -> "Iterator[tu
 
     found = [parse_fault(text) for text in faults]
     port = VirtualPort(found_bench(spec, drawn_start(spec, seed), seed, found))
-    yield rig_on(port, port, spec), port
+    yield bench_run.rig_on(port, port, spec), port
 
 
 def _run(
@@ -150,12 +136,16 @@ def _run(
     from sinew.tune.track.expected import planned_tracker
 
     held = tensions(plan, spec)
-    refuse_full_disk(out, plan, sum(group.duration_s for group in plan.groups()))
+    bench_run.refuse_full_disk(out, plan, sum(group.duration_s for group in plan.groups()))
     with bench as (rig, clock), listening(out, steering := Steering(clock.now, can_pause=False)) as control:
         refuse_unready(rig, clock, plan)
         pace = nullcontext() if virtual else keeping_time()
-        told = {"source": source_of(rig)}
-        with pace, run_journal(out, plan, spec, words, False, **told) as journal, showing(tracking=True) as screen:
+        told = {"source": bench_run.source_of(rig)}
+        with (
+            pace,
+            bench_run.run_journal(out, plan, spec, words, False, **told) as journal,
+            showing(tracking=True) as screen,
+        ):
             runner = control.runner = Runner(
                 rig,
                 clock,
@@ -166,11 +156,11 @@ def _run(
                 steering=steering,
                 law=lambda group, time: planned_tracker(group, plan, spec, expected, time),
             )
-            signals.enter_context(on_signals(runner.request_stop, runner.request_emergency))
+            signals.enter_context(bench_run.on_signals(runner.request_stop, runner.request_emergency))
             report = runner.run()
-            close_journal(journal, report)
-    recording = convert_journal(out, report)
-    document = run_document(report, plan, spec, recording, out / JOURNAL)
+            bench_run.close_journal(journal, report)
+    recording = bench_run.convert_journal(out, report)
+    document = bench_run.run_document(report, plan, spec, recording, out / bench_run.JOURNAL)
     document["laws"] = [report.tracks[index] for index in sorted(report.tracks)]
     return document
 
@@ -449,7 +439,7 @@ def write_found(document: dict[str, Any], folder: Path) -> None:
     if not document["tracks"]:
         return
     from sinew.figures.style import save_figure
-    from sinew.figures.tracking import draw_tracking
+    from sinew.figures.tuned import draw_tracking
 
     save_figure(draw_tracking(document["tracks"], document["expected"]), folder, "tracking", ("png", "pdf"))
     console.write_json(document, folder / "track.json")

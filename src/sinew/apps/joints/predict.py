@@ -9,6 +9,7 @@ import typer
 
 from sinew.apps import console
 from sinew.apps.console import Json, option
+from sinew.apps.joints import predict_against
 from sinew.apps.joints.options import (
     BASE_RIG,
     Amplitude,
@@ -19,16 +20,6 @@ from sinew.apps.joints.options import (
     designed_rig,
     rig_asked,
     with_joint_options,
-)
-from sinew.apps.joints.predict_against import (
-    Against,
-    FittedMm,
-    Held,
-    asked_of,
-    hold_against,
-    measured_against,
-    millimetres,
-    print_against,
 )
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import number
@@ -72,25 +63,25 @@ class Further(NamedTuple):
         off = [word for effect in asked.without for word in ("--without", effect)]
         return [*off, *bands, *against, *fitted]
 
-    def held(self, rig: str | None) -> Held | None:
+    def held(self, rig: str | None) -> predict_against.Held | None:
         """Return the recording. rig: file or name. Raises SpecError, before long work, for what cannot be meant."""
         if self.fitted_mm is not None:
             if self.against is None:
                 raise SpecError("--fitted-mm is about a recording; name one with --against, or leave it out")
-            millimetres(self.fitted_mm)
+            predict_against.millimetres(self.fitted_mm)
         if self.bands is not None:
             from sinew.plan.toml import load_rig
             from sinew.predict.band import spread_of
 
             spread_of(load_rig(rig or BASE_RIG))
-        return None if self.against is None else measured_against(self.against, rig)
+        return None if self.against is None else predict_against.measured_against(self.against, rig)
 
-    def asked(self, held: Held | None, asked: "RigAsked") -> "RigAsked":
+    def asked(self, held: predict_against.Held | None, asked: "RigAsked") -> "RigAsked":
         """Return what is asked of the rig, at the recording's settings where there is one."""
-        return asked if held is None else asked_of(held, asked, self.start, self.stop)
+        return asked if held is None else predict_against.asked_of(held, asked, self.start, self.stop)
 
     def answered(
-        self, held: Held | None, found: "Predicted", base: str | None, *, drawn: bool
+        self, held: predict_against.Held | None, found: "Predicted", base: str | None, *, drawn: bool
     ) -> "tuple[dict[str, Any], dict[str, Figure]]":
         """Return (keys of the document, figures by name; none unless drawn). base: file or name of the rig."""
         document: dict[str, Any] = {}
@@ -108,7 +99,7 @@ class Further(NamedTuple):
 
                 figures["predicted_bands"] = draw_bands(curves_of(found), more.bands)
         if held is not None:
-            document["against"], comparison = hold_against(held, found, self.fitted_mm)
+            document["against"], comparison = predict_against.hold_against(held, found, self.fitted_mm)
             if drawn:
                 from sinew.figures.predicted import draw_against
 
@@ -192,8 +183,8 @@ def predict(
         int | None, option("--bands", "N", "Calibrated rig: 90 % bands from N draws of what is known of it.", min=20)
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of --bands.")] = 0,
-    against: Against = None,
-    fitted: FittedMm = None,
+    against: predict_against.Against = None,
+    fitted: predict_against.FittedMm = None,
     *,
     joint: JointOptions,
     json: Json = False,
@@ -232,7 +223,7 @@ def predict(
     if "bands" in document:
         console.print_told(bands_told(document))
     if "against" in document:
-        print_against(document["against"])
+        predict_against.print_against(document["against"])
     if backbone:
         console.print_told(backbones_told(document["backbone"]))
     if out is not None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import Json, RigArgument, option, print_json, print_told, progress_bar
+from sinew.apps.console import Json, RigArgument, option
 from sinew.apps.joints.options import MODES, Mode, check_angle
 from sinew.measure.errors import SpecError
 
@@ -45,11 +45,11 @@ def tune(
     expected = f"frequencies above 0 and up to {console.HIGHEST_HZ:g} Hz, as 3.2,3.6"
     wanted = console.number_list("--resonance-hz", resonance, expected, low=0, high=console.HIGHEST_HZ, above=True)
     held = cast("TendonMode", mode)
-    with progress_bar("draw") as progress:
+    with console.progress_bar("draw") as progress:
         found = run(
             rig, wanted, amplitude_deg=amplitude, yaw_deg=yaw, mode=held, bands=bands, seed=seed, progress=progress
         )
     if json:
-        print_json(found.document())
+        console.print_json(found.document())
     else:
-        print_told(found.told())
+        console.print_told(found.told())

@@ -107,7 +107,7 @@ def _write(found: "Analysed", folder: Path) -> None:
         save_dataset(found.dataset, folder / "results.nc")
     console.write_json(found.document, folder / "analysis.json")
     if found.document["kind"] == "broadband":
-        from sinew.figures.broadband import draw_broadband
+        from sinew.figures.response import draw_broadband
         from sinew.figures.style import save_figure
 
         save_figure(draw_broadband(found.document), folder, "broadband", ("png", "pdf"))

@@ -158,8 +158,8 @@ def _speeds(text: str | None, count: int) -> list[float] | None:
 
 
 def _write(document: dict[str, Any], target: "GaitTarget", folder: Path) -> list[str]:
-    from sinew.figures.gait_yaw import draw_gait_yaw
     from sinew.figures.style import save_figure
+    from sinew.figures.tuned import draw_gait_yaw
 
     folder.mkdir(parents=True, exist_ok=True)
     figure = draw_gait_yaw(target)

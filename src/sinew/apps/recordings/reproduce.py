@@ -12,14 +12,7 @@ import typer
 
 from sinew.apps import console
 from sinew.apps.console import Json, Rig, Seed, option
-from sinew.apps.recordings.stored import (
-    hash_file,
-    stored_answers,
-    stored_beyond,
-    stored_effects,
-    stored_results,
-    stored_times,
-)
+from sinew.apps.recordings import stored
 from sinew.measure.errors import FileError
 from sinew.measure.estimate import number, shown_interval
 
@@ -94,7 +87,7 @@ def reproduce(
         save_dataset(further, out / "beyond.nc")
     effects = _measure_effects(plans[0], rig_, out)
     if effects:
-        results = results.assign_attrs(effects_hash=hash_file(out / "effects.json"))
+        results = results.assign_attrs(effects_hash=stored.hash_file(out / "effects.json"))
         save_dataset(results, out / "results.nc")
     simulated_s = sum(preview.duration_s for preview in previews)
     campaign = _Campaign(recording, results, further, rig_, effects, simulated_s, rebuild)
@@ -120,17 +113,17 @@ def report(
     recording = load_recording(folder / "recording.nc")
     rig_ = recording_rig(recording, rig)
     console.require_folder(folder)
-    results = stored_results(folder / "results.nc", recording, rig_)
-    before = {} if results is None else stored_times(folder / "summary.json")
+    results = stored.stored_results(folder / "results.nc", recording, rig_)
+    before = {} if results is None else stored.stored_times(folder / "summary.json")
     if results is None:
         results = _analyse(recording, rig_, folder)
     steps = recording["time_s"].diff("sample")
     campaign = _Campaign(
         recording,
         results,
-        stored_beyond(folder / "beyond.nc", rig_),
+        stored.stored_beyond(folder / "beyond.nc", rig_),
         rig_,
-        stored_effects(folder / "effects.json", results),
+        stored.stored_effects(folder / "effects.json", results),
         before.get("simulated_s", float(steps.median()) * recording.sizes["sample"]),
         _rebuild(recording, folder, rig),
     )
@@ -192,7 +185,7 @@ def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: flo
             rig=campaign.rig,
             determination=_determination(campaign.rig),
             effects=campaign.effects,
-            answers=stored_answers(folder / "answers.json", campaign.recording),
+            answers=stored.stored_answers(folder / "answers.json", campaign.recording),
             rebuild=campaign.rebuild,
         )
     return summary
@@ -302,7 +295,7 @@ def answer(
     folder = console.require_folder(out if out is not None else file.parent)
     recording = load_recording(file)
     rig_ = recording_rig(recording, rig)
-    results = stored_results(file.parent / "results.nc", recording, rig_)
+    results = stored.stored_results(file.parent / "results.nc", recording, rig_)
     if results is None:
         results = _analyse(recording, rig_)
     with console.progress_bar("answer") as progress:
@@ -310,7 +303,7 @@ def answer(
             recording,
             results,
             rig_,
-            beyond=stored_beyond(file.parent / "beyond.nc", rig_),
+            beyond=stored.stored_beyond(file.parent / "beyond.nc", rig_),
             progress=lambda _step, done, total: progress(done, total),
         )
     command = ["sinew", "answer", str(file), *(["--out", str(out)] if out is not None else [])]
@@ -326,7 +319,7 @@ def _write_answers(
     answers: "list[Answer]", recording: "xr.Dataset", rig: "RigSpec | None", folder: Path, rebuild: str
 ) -> dict[str, Any]:
     from sinew.measure.files.netcdf import content_hash
-    from sinew.paper.answers.figures import draw_answers
+    from sinew.paper.answers.questions import draw_answers
     from sinew.paper.report import write_answers
 
     figures = draw_answers(answers, folder / "figures")

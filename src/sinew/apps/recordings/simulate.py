@@ -4,18 +4,8 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from sinew.apps.console import (
-    Json,
-    PlanArgument,
-    Rig,
-    Seed,
-    Without,
-    option,
-    print_json,
-    print_table,
-    progress_bar,
-    require_file,
-)
+from sinew.apps import console
+from sinew.apps.console import Json, PlanArgument, Rig, Seed, Without, option
 from sinew.measure.estimate import fixed
 
 if TYPE_CHECKING:
@@ -37,7 +27,7 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     preview = preview_plan(plan_, rig_, swing=True)
     told = told_preview(plan_, rig_, preview)
     if json:
-        print_json(told)
+        console.print_json(told)
     else:
         _print_preview(plan_, preview, told)
     refuse_beyond_limits(preview)
@@ -55,13 +45,15 @@ def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> No
             for row in told["drive"]
         ]
         title = f"drive, nominal {plan.sweep.amplitude_deg:g}°, against a held head (less where the joint resonates)"
-        print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)
+        console.print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)
     twists = [fixed(twist, 0) for twist in preview.torsion_deg] or [""] * len(preview.tension_n)
     held = [
         (f"{p:g}", fixed(t, 1), twist)
         for p, t, twist in zip(plan.pretension.pretension_mm, preview.tension_n, twists, strict=True)
     ]
-    print_table(("pretension/mm", "tension of each tendon at rest/N", "largest torsion/°"), held, "tendons and torsion")
+    console.print_table(
+        ("pretension/mm", "tension of each tendon at rest/N", "largest torsion/°"), held, "tendons and torsion"
+    )
     for finding in preview.findings:
         print(f"{'REFUSED' if finding.severity == 'refuse' else 'warning'}: {finding.sentence}")
     if not preview.refusals:
@@ -95,8 +87,8 @@ def simulate(
     effects = Effects().without(*(without or ()))
     preview = preview_plan(plan_, rig_)
     refuse_beyond_limits(preview)
-    require_file(out)
-    with progress_bar("simulate") as progress:
+    console.require_file(out)
+    with console.progress_bar("simulate") as progress:
         recording = run(plan_, rig_, seed=seed, effects=effects, progress=progress)
     command = ["sinew", "simulate", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
     command += [word for effect in without or () for word in ("--without", effect)]
@@ -112,6 +104,6 @@ def simulate(
         "simulated_s": preview.duration_s,
     }
     if json:
-        print_json(document)
+        console.print_json(document)
     else:
         print(f"{out}: {document['samples']} samples in {document['segments']} segments, {preview.duration_s:.0f} s")

@@ -12,16 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sinew.figures.style import ACCENT, GREEN, GREY, INK, RED, few, in_style, new_figure, note_panel
+from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, few, in_style, new_figure, note_panel
 from sinew.identify.choice.held_out import HeldOut, Split
 from sinew.identify.decay.backbone import Backbone
 from sinew.identify.joint.fit import JointFit
 from sinew.identify.oscillator.fitted import Fit, Swing
-from sinew.identify.oscillator.record import Record
+from sinew.identify.oscillator.record import Record, derivative_order
 from sinew.identify.oscillator.start import dominant_omega
+from sinew.identify.stepped.curves import backbone_of_response, response_curve
+from sinew.identify.stepped.fit import ResponseFit
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import pair, typeset
 from sinew.mechanics.laws import NUMBERS
+from sinew.solve.curves import wrapped_lag
 
 # What a fit found gets the words and units that a figure shows.
 
@@ -359,4 +362,39 @@ def draw_over_pretension(joint: JointFit) -> Figure:
         axes.set(xlabel="pretension in mm", ylabel=label)
         axes.set_ylim(bottom=0)
         note_panel(axes, letter, title)
+    return figure
+
+
+# A stepped sine is drawn beside its fit: gain and lag over frequency, and the backbone on which the peaks lie.
+
+_COLOURS = (ACCENT, RED, GREEN, INK, GREY)
+
+
+@in_style
+def draw_response_fit(fit: ResponseFit) -> Figure:
+    """Return the figure of measured steady states, one marker a level, and the fitted curves through their folds."""
+    figure = new_figure(3.0)
+    left, right = figure.subplots(1, 2)
+    unit = fit.points[0].output_unit
+    factor = shown_unit(unit)[0]
+    for part, points in enumerate(fit.points):
+        colour, marker = _COLOURS[part % len(_COLOURS)], MARKERS[part % len(MARKERS)]
+        frequency, response = response_curve(fit, part)
+        drive, level = points.input_amplitude, float(np.median(points.input_amplitude))
+        left.plot(frequency, factor * level * np.abs(response), color=colour)
+        look = {"color": colour, "marker": marker, "linestyle": "none", "markerfacecolor": "none"}
+        label = points.group.replace("*", " ") or "measured"
+        left.plot(points.frequency_hz, factor * drive * np.abs(points.response), label=label, **look)
+        right.plot(frequency, np.degrees(wrapped_lag(np.conj(response))), color=colour)
+        right.plot(points.frequency_hz, np.degrees(wrapped_lag(np.conj(points.response))), **look)
+    if not derivative_order(unit) and fit.frame == "relative":
+        largest = int(np.argmax([np.max(np.abs(p.response) * p.input_amplitude) for p in fit.points]))
+        backbone = backbone_of_response(fit, part=largest)
+        left.plot(backbone.frequency_hz, factor * backbone.amplitude, color=GREY, linestyle="--", label="backbone")
+    left.set(xlabel="frequency in Hz", ylabel=axis_label("amplitude", unit))
+    left.set_ylim(bottom=0)
+    right.set(xlabel="frequency in Hz", ylabel="lag in degrees")
+    note_panel(left, "a", "steady states and fit")
+    note_panel(right, "b", "lag behind the input")
+    left.legend(loc="best")
     return figure

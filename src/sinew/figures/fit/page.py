@@ -16,12 +16,12 @@ from sinew.figures.fit.data import (
     draw_backbone,
     draw_fit,
     draw_over_pretension,
+    draw_response_fit,
     parameter_label,
     shown_unit,
     traces_of,
     traces_of_joint,
 )
-from sinew.figures.fit.stepped import draw_response_fit
 from sinew.figures.page import Caption, picture, write_page
 from sinew.figures.style import ACCENT, GREY, INK, RED, in_style, new_figure, note_panel
 from sinew.figures.tables import Table, number

@@ -42,7 +42,7 @@ def design_curves(
     `error_estimate`, `harmonics`, `complete`, `message`, `wall_s`, and `base`, `rig`: the names.
     Raises SpecError where a number cannot be meant.
     """
-    from sinew.apps.joints.rig_asked import rig_asked
+    from sinew.apps.joints.options import rig_asked
 
     base = base_rig(rig)
     made = changed_rig(base, changes)
