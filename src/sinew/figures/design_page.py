@@ -43,14 +43,12 @@ _CAPTIONS = {
         "What is traded",
         "Every joint that was computed exactly. Full marks are not dominated in energy, size and tension; numbers are "
         "the proposals.",
-        "",
         "Drive energy over volume and over tension for the computed joints, proposals numbered.",
     ),
     "design_curves": Caption(
         "Proposals at both ends of the band",
         "Predicted torsion at the command of the proposal's plan; rings are where the full twin lags by 90°, at its "
         "peak's height.",
-        "",
         "Torsion over frequency of each proposal at two pretensions.",
     ),
 }

@@ -1,4 +1,4 @@
-"""A stretch of a recording as a picture shows it: drive, torsion and torsion rate over time."""
+"""Motion in a recording as pictures show it: stretches over time, Lissajous curves, phase portraits."""
 
 import functools
 from collections.abc import Iterable

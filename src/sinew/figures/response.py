@@ -1,4 +1,4 @@
-"""Figures of a sweep: gain and phase, the map, what the drive did of what it was told, and what a swing costs."""
+"""Figures over frequency: gain and phase of a sweep, its map, its drive, what a swing costs; a broadband record."""
 
 import math
 from typing import Any
@@ -55,7 +55,7 @@ def draw_response(results: xr.Dataset) -> Figure | None:
     return figure
 
 
-def draw_gain(axes: Axes, results: xr.Dataset) -> None:
+def draw_gain(axes: Axes, results: xr.Dataset) -> Axes:
     """Draw the gain by nominal drive over frequency, with its peaks."""
     frequency = results["frequency_hz"].values
     draw_tubes(axes, frequency, results["gain"].values, results["pretension_mm"].values)
@@ -68,9 +68,10 @@ def draw_gain(axes: Axes, results: xr.Dataset) -> None:
         "gain: torsion amplitude / nominal drive" if units == ("rad", "rad") else f"gain in {units[0]} per {units[1]}"
     )
     axes.set(xlabel="drive frequency in Hz", ylabel=label, ylim=(0, None), xlim=(frequency.min(), frequency.max()))
+    return axes
 
 
-def draw_lag(axes: Axes, results: xr.Dataset) -> None:
+def draw_lag(axes: Axes, results: xr.Dataset) -> Axes:
     """Draw the lag of the torsion behind the drive over frequency."""
     frequency = results["frequency_hz"].values
     draw_tubes(axes, frequency, np.rad2deg(results["phase_lag_rad"].values), results["pretension_mm"].values)
@@ -78,6 +79,7 @@ def draw_lag(axes: Axes, results: xr.Dataset) -> None:
     axes.set(xlabel="drive frequency in Hz", ylabel="lag of torsion behind drive in degrees")
     axes.set_yticks(range(0, 181, 45))
     axes.set_xlim(frequency.min(), frequency.max())
+    return axes
 
 
 def draw_tubes(axes: Axes, frequency_hz: Array, values: Array, pretension_mm: Array) -> None:
@@ -458,7 +460,7 @@ def _no_load_speed(results: xr.Dataset) -> float | None:
     return float(drive.no_load_speed.value * drive.supply_voltage.value / drive.nominal_voltage.value)
 
 
-# The frequency response of a broadband record: gain by H1 and H2, lag and coherence, with the modes in them.
+# A broadband record is drawn: gain by H1 and H2, lag and coherence, with the modes in them.
 
 
 @in_style

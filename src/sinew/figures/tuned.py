@@ -1,4 +1,4 @@
-"""Figures of tracked motions: frequency and phase error over time, and where the joint resonated."""
+"""Figures of what a joint is tuned to: motions that were tracked in resonance, and a gait's yaw."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

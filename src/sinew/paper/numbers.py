@@ -6,7 +6,7 @@ trends (damping ratio about constant, lag of 90° at the peak). Ten parameters o
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -32,8 +32,7 @@ _MOST_DEVIATIONS = 3.0
 """Standard deviations in a tolerance: the paper's numbers count with a third of their tolerance."""
 
 
-@dataclass(frozen=True)
-class Free:
+class Free(NamedTuple):
     """A free parameter: dotted name, what is thought likely, and how firmly (standard deviation), in its unit."""
 
     name: str
@@ -41,8 +40,7 @@ class Free:
     width: float
 
 
-@dataclass(frozen=True)
-class Target:
+class Target(NamedTuple):
     """A number of the paper: its value and the tolerance within which it is met."""
 
     name: str

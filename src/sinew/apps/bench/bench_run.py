@@ -4,8 +4,8 @@ import shlex
 import shutil
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -191,7 +191,19 @@ def recording_doubts(recording: Path | None, spec: "RigSpec") -> list[dict[str, 
 
 
 @contextmanager
-def on_signals(act: Callable[[str], None], emergency: Callable[[str], None] | None = None) -> Iterator[None]:
+def signals_to(act: Callable[[int], None], numbers: Iterable[int]) -> Iterator[None]:
+    """Have signals do something, each time, instead of what they did before."""
+    before = {number: signal.signal(number, lambda number, _frame: act(number)) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+def on_signals(
+    act: Callable[[str], None], emergency: Callable[[str], None] | None = None
+) -> AbstractContextManager[None]:
     """Have Ctrl-C, SIGTERM and a closed terminal do something, each time, instead of ending the program.
 
     emergency: what Ctrl-\\ (SIGQUIT) does; None: the same.
@@ -199,16 +211,11 @@ def on_signals(act: Callable[[str], None], emergency: Callable[[str], None] | No
     names = {signal.SIGINT: "interrupted by Ctrl-C", signal.SIGTERM: "terminated", signal.SIGHUP: "the terminal closed"}
     names[signal.SIGQUIT] = "emergency stop by Ctrl-\\"
 
-    def handler(number: int, _frame: Any) -> None:
+    def handle(number: int) -> None:
         which = signal.Signals(number)
         (emergency if emergency is not None and which == signal.SIGQUIT else act)(names[which])
 
-    before = {number: signal.signal(number, handler) for number in names}
-    try:
-        yield
-    finally:
-        for number, old in before.items():
-            signal.signal(number, old)
+    return signals_to(handle, names)
 
 
 def run_document(

@@ -4,13 +4,13 @@ import json as json_
 import math
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sinew.apps.bench.bench_run import signals_to
 from sinew.apps.bench.run_control import keeping_time
 from sinew.apps.console import Json, Rig, Seed, option, require_file, write_json
 
@@ -83,7 +83,7 @@ def emulate(
             shared.close()
         raise
     try:
-        with _stopping_on_signals(server.stop), keeping_time(collecting=True):
+        with signals_to(lambda _: server.stop(), (signal.SIGINT, signal.SIGTERM)), keeping_time(collecting=True):
             said = _description(rig_, bench, server, start, unloaded, seed, speed)
             _say_ready(said | {"clock": None if shared is None else str(shared.link)}, as_json=json)
             server.run(math.inf if for_s is None else bench.time + for_s)
@@ -110,17 +110,6 @@ def _parse_slack(text: str, count: int) -> tuple[float, ...]:
     if len(slack) != count or not all(0 <= value <= 50 for value in slack):
         raise SpecError(f"--slack {text} is not the slack of {count} tendons; expected {count} numbers from 0 to 50 mm")
     return slack
-
-
-@contextmanager
-def _stopping_on_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Have SIGINT and SIGTERM call `stop`."""
-    before = {number: signal.signal(number, lambda *_: stop()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _description(

@@ -1,4 +1,4 @@
-"""What the pages' server keeps of the bench: newest samples, state of the run, its results.
+"""What the pages' server keeps of the bench, newest samples, state of the run, its results, and streams to viewers.
 
 It looks and never steers: samples come from the journal that the run writes, the state from the steward. What it keeps
 in memory does not grow with the run.

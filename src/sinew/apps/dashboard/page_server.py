@@ -79,17 +79,8 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
     """Return the application. work: the worker. status: asks the steward."""
     access = config.access
     hub = Hub(config.runs, status)
-    site = Site(
-        runs=config.runs,
-        rig=config.rig,
-        bench=config.bench,
-        steering_port=config.steering_port,
-        is_locked=access.must_sign_in,
-        version=config.version,
-        hub=hub,
-        work=work,
-        results=Results(hub, work, config.runs),
-    )
+    ours = config.runs, config.rig, config.bench, config.steering_port, access.must_sign_in, config.version
+    site = Site(*ours, hub, work, Results(hub, work, config.runs))
 
     @asynccontextmanager
     async def living(_: FastAPI) -> AsyncIterator[None]:

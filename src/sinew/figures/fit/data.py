@@ -1,4 +1,4 @@
-"""Figures of a fitted model: data and curves, parameters, and how frequency and damping go with amplitude."""
+"""Figures of a fitted model: data and curves, steady states, and how frequency and damping go with amplitude."""
 
 import math
 import re

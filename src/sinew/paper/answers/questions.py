@@ -1,4 +1,4 @@
-"""All of the paper's open questions, asked of a recording."""
+"""All of the paper's open questions, asked of a recording and drawn."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -138,29 +138,13 @@ def draw_answer(answer: Answer) -> Figure | None:
 
 
 def _bars(
-    axes: Axes,
-    answer: Answer,
-    name: str,
-    factor: float,
-    colour: str,
-    label: str = "",
-    marker: str = "o",
-    shift: float = 0.0,
+    axes: Axes, answer: Answer, name: str, factor: float, colour: str, label: str = "", marker: str = "o", x: float = 0
 ) -> None:
+    """Draw a column of the rows with its intervals over pretension, moved aside by x [mm]."""
     value, low, high = (factor * column for column in answer.column(name))
-    reach = np.nan_to_num(np.stack([value - low, high - value]))
-    axes.errorbar(
-        _pretension(answer) + shift,
-        value,
-        np.maximum(reach, 0.0),
-        linestyle="none",
-        marker=marker,
-        markersize=4.5,
-        capsize=2.5,
-        elinewidth=1.0,
-        color=colour,
-        label=label or None,
-    )
+    reach = np.maximum(np.nan_to_num(np.stack([value - low, high - value])), 0.0)
+    look = {"linestyle": "none", "marker": marker, "markersize": 4.5, "capsize": 2.5, "elinewidth": 1.0}
+    axes.errorbar(_pretension(answer) + x, value, reach, color=colour, label=label or None, **look)
 
 
 def _pretension(answer: Answer) -> Array:

@@ -64,15 +64,8 @@ def design_curves(
     }
 
 
-def sketch_curves(
-    rig: str,
-    changes: Mapping[str, float | str | None],
-    pretension_mm: float,
-    amplitude_deg: float,
-    band_hz: Sequence[float] = (1.0, 6.0),
-) -> dict[str, Any]:
-    """Return the sketch of `design_curves`: in a process of its own it need not wait for a refined curve."""
-    return design_curves(rig, changes, pretension_mm, amplitude_deg, band_hz, fine=False)
+sketch_curves = functools.partial(design_curves, fine=False)
+"""The sketch of `design_curves`: in a process of its own it need not wait for a refined curve."""
 
 
 def changed_rig(base: "RigSpec", changes: Mapping[str, float | str | None]) -> "RigSpec":
