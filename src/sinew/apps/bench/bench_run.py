@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-Port = Annotated[str, option("--port", "PORT", "Serial port of the bench, or of `sinew emulate`.")]
-Wait = Annotated[float, option("--wait", "S", "Wait so long for the port to appear [s].", min=0.0, max=3600.0)]
+Port = Annotated[str, option("PORT", "Serial port of the bench, or of `sinew emulate`.", "--port")]
+Wait = Annotated[float, option("S", "Wait so long for the port to appear [s].", "--wait", min=0.0, max=3600.0)]
 
 JOURNAL = "journal.sqlite"
 """Name of a run's journal in its folder."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.bench.bench_run import Port, Wait, await_port, open_rig
-from sinew.apps.console import Json, Rig, option, print_json, remark
+from sinew.apps.console import Json, Rig, flag, option, print_json, remark
 
 if TYPE_CHECKING:
     from sinew.bench.doctor import Finding, Fix
@@ -27,9 +27,9 @@ _PIPE_WIDTH = 200
 def doctor(
     port: Port,
     rig: Rig = "paper",
-    baud: Annotated[int | None, option("--baud", "N", "Instead of the rig's.")] = None,
-    fix: Annotated[bool, typer.Option("--fix", help="Write safe settings, after asking once.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="With --fix: write without asking.")] = False,
+    baud: Annotated[int | None, option("N", "Instead of the rig's.")] = None,
+    fix: Annotated[bool, flag("--fix", "Write safe settings, after asking once.")] = False,
+    yes: Annotated[bool, flag("--yes", "With --fix: write without asking.")] = False,
     wait: Wait = 0.0,
     json: Json = False,
 ) -> int:

@@ -8,11 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from sinew.apps.bench.bench_run import signals_to
 from sinew.apps.bench.run_control import keeping_time
-from sinew.apps.console import Json, Rig, Seed, option, require_file, write_json
+from sinew.apps.console import Json, Rig, Seed, flag, option, require_file, write_json
 
 if TYPE_CHECKING:
     from sinew.emulator.faults import FaultyRig
@@ -24,29 +22,27 @@ if TYPE_CHECKING:
 
 
 def emulate(
-    link: Annotated[Path, option("--link", "PATH", "Name of the port: a link to make.")],
+    link: Annotated[Path, option("PATH", "Name of the port: a link to make.")],
     rig: Rig = "paper",
-    baud: Annotated[int | None, option("--baud", "N", "What the devices are set to; else the rig's.")] = None,
-    speed: Annotated[float, option("--speed", "X", "Emulated seconds in a second.", min=0.01, max=100.0)] = 1.0,
+    baud: Annotated[int | None, option("N", "What the devices are set to; else the rig's.")] = None,
+    speed: Annotated[float, option("X", "Emulated seconds in a second.", min=0.01, max=100.0)] = 1.0,
     fault: Annotated[
-        list[str] | None, option("--fault", "SPEC", "A fault, as drop:p=0.01 or unplug@12.5; may be repeated.")
+        list[str] | None, option("SPEC", "A fault, as drop:p=0.01 or unplug@12.5; may be repeated.")
     ] = None,
     seed: Seed = 0,
     tilt: Annotated[
-        float | None, option("--tilt", "DEG", "Tilt of the slack head plate; else drawn, about 1.", min=0.0, max=20.0)
+        float | None, option("DEG", "Tilt of the slack head plate; else drawn, about 1.", min=0.0, max=20.0)
     ] = None,
-    slack: Annotated[
-        str | None, option("--slack", "MM,...", "Cable to take up until each tendon pulls; else drawn.")
-    ] = None,
-    unloaded: Annotated[bool, typer.Option("--unloaded", help="Motors on the table, without the joint.")] = False,
-    for_s: Annotated[float | None, option("--for", "S", "End after so much emulated time.", min=0.0)] = None,
+    slack: Annotated[str | None, option("MM,...", "Cable to take up until each tendon pulls; else drawn.")] = None,
+    unloaded: Annotated[bool, flag("--unloaded", "Motors on the table, without the joint.")] = False,
+    for_s: Annotated[float | None, option("S", "End after so much emulated time.", "--for", min=0.0)] = None,
     socket: Annotated[
-        bool, typer.Option("--socket", help="A socket, not a terminal: for Sinew alone; keeps time on a busy computer.")
+        bool, flag("--socket", "A socket, not a terminal: for Sinew alone; keeps time on a busy computer.")
     ] = False,
     own_time: Annotated[
-        bool, typer.Option("--own-time", help="Go on while Sinew's run is held up by the computer, as a real bench.")
+        bool, flag("--own-time", "Go on while Sinew's run is held up by the computer, as a real bench.")
     ] = False,
-    truth: Annotated[Path | None, option("--truth", "FILE", "Write at the end what truly happened, as JSON.")] = None,
+    truth: Annotated[Path | None, option("FILE", "Write at the end what truly happened, as JSON.")] = None,
     json: Json = False,
 ) -> None:
     """Play a bench on a pseudo-terminal, byte by byte, until interrupted.

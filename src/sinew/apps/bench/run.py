@@ -5,11 +5,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from sinew.apps.bench import bench_run
 from sinew.apps.bench.run_control import keeping_time, listening, showing
-from sinew.apps.console import Json, PlanArgument, Rig, option, print_json, remark
+from sinew.apps.console import Json, PlanArgument, Rig, flag, option, print_json, remark
 
 if TYPE_CHECKING:
     from sinew.plan.plan import Plan
@@ -19,9 +17,9 @@ if TYPE_CHECKING:
 def run(
     plan: PlanArgument,
     port: bench_run.Port,
-    out: Annotated[Path, option("--out", "DIR", "Folder for journal and recording.")],
+    out: Annotated[Path, option("DIR", "Folder for journal and recording.")],
     rig: Rig = "paper",
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the interrupted run in --out.")] = False,
+    resume: Annotated[bool, flag("--resume", "Go on with the interrupted run in --out.")] = False,
     wait: bench_run.Wait = 0.0,
     json: Json = False,
 ) -> int:
@@ -88,7 +86,7 @@ def run(
 def stop(
     port: bench_run.Port,
     rig: Rig = "paper",
-    state: Annotated[str | None, option("--state", "hold|release", "Instead of the rig's.")] = None,
+    state: Annotated[str | None, option("hold|release", "Instead of the rig's.")] = None,
     json: Json = False,
 ) -> int:
     """Bring a bench to its safe state, from whatever state it is in: hold, or release the tension and the torque.

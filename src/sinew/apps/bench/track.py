@@ -11,7 +11,7 @@ import typer
 from sinew.apps import console
 from sinew.apps.bench import bench_run
 from sinew.apps.bench.run_control import keeping_time, listening, showing
-from sinew.apps.console import Json, Seed, option
+from sinew.apps.console import Json, Seed, flag, option
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import finite, fixed, number, pair, shown
 
@@ -32,26 +32,24 @@ Bench = AbstractContextManager["tuple[HardwareRig, Clock]"]
 
 def track(
     rig: Annotated[str, typer.Argument(metavar="[RIG]", help=console.RIG_HELP)] = "paper",
-    port: Annotated[str | None, option("--port", "PORT", "Serial port of the bench.")] = None,
-    emulate: Annotated[bool, typer.Option("--emulate", help="Instead: an emulated bench, in virtual time.")] = False,
+    port: Annotated[str | None, option("PORT", "Serial port of the bench.")] = None,
+    emulate: Annotated[bool, flag("--emulate", "Instead: an emulated bench, in virtual time.")] = False,
     pretension: Annotated[
-        str | None, option("--pretension-mm", "MM,...|FROM:TO", "Pretensions, or one that moves; else 4.")
+        str | None, option("MM,...|FROM:TO", "Pretensions, or one that moves; else 4.", "--pretension-mm")
     ] = None,
-    amplitude: Annotated[str, option("--amplitude-deg", "DEG,...", "Amplitudes that are held.")] = "20",
-    hold: Annotated[
-        str, option("--hold", "command|lever|torsion", "Of what they are: half of peak to peak.")
-    ] = "command",
+    amplitude: Annotated[str, option("DEG,...", "Amplitudes that are held.", "--amplitude-deg")] = "20",
+    hold: Annotated[str, option("command|lever|torsion", "Of what they are: half of peak to peak.")] = "command",
     duration: Annotated[
-        float | None, option("--duration-s", "S", "Of each; else 10, moving 30.", min=3.0, max=3600.0)
+        float | None, option("S", "Of each; else 10, moving 30.", "--duration-s", min=3.0, max=3600.0)
     ] = None,
     start: Annotated[
-        float | None, option("--from-hz", "HZ", "First drive frequency; else the expected one.", min=0.1)
+        float | None, option("HZ", "First drive frequency; else the expected one.", "--from-hz", min=0.1)
     ] = None,
     follow: Annotated[
-        str | None, option("--follow-hz", "FROM:TO", "Move the pretension so that it resonates there.")
+        str | None, option("FROM:TO", "Move the pretension so that it resonates there.", "--follow-hz")
     ] = None,
-    out: Annotated[Path, option("--out", "DIR", "Folder for journal, recording, figure.")] = Path("out/track"),
-    fault: Annotated[list[str] | None, option("--fault", "SPEC", "With --emulate: as of `sinew emulate`.")] = None,
+    out: Annotated[Path, option("DIR", "Folder for journal, recording, figure.")] = Path("out/track"),
+    fault: Annotated[list[str] | None, option("SPEC", "With --emulate: as of `sinew emulate`.")] = None,
     seed: Seed = 0,
     wait: bench_run.Wait = 0.0,
     json: Json = False,

@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, RigArgument, option, print_json, print_told, progress_bar, require_file, write_json
+from sinew.apps.console import (
+    Json,
+    RigArgument,
+    flag,
+    option,
+    print_json,
+    print_told,
+    progress_bar,
+    require_file,
+    write_json,
+)
 from sinew.measure.errors import FileError, SpecError
 
 if TYPE_CHECKING:
@@ -17,24 +27,22 @@ if TYPE_CHECKING:
 
 def calibrate(
     rig: RigArgument,
-    out: Annotated[Path, option("--out", "RIG2", "The rig to write, TOML; its stem names it.")],
+    out: Annotated[Path, option("RIG2", "The rig to write, TOML; its stem names it.")],
     recordings: Annotated[
         list[Path] | None, typer.Argument(metavar="RECORDING", help="Recordings of that rig (NetCDF).")
     ] = None,
     free: Annotated[
-        str | None, option("--free", "NAME,...", "Parameters to find, as tendons.head_radius; else the usual.")
+        str | None, option("NAME,...", "Parameters to find, as tendons.head_radius; else the usual.")
     ] = None,
-    paper: Annotated[
-        bool, typer.Option("--paper", help="Fit to the numbers of the paper, without recordings.")
-    ] = False,
+    paper: Annotated[bool, flag("--paper", "Fit to the numbers of the paper, without recordings.")] = False,
     ranges: Annotated[
-        bool, typer.Option("--ranges", help="With --paper: how far each parameter can move, as RIG2-ranges.json.")
+        bool, flag("--ranges", "With --paper: how far each parameter can move, as RIG2-ranges.json.")
     ] = False,
     posterior: Annotated[
-        bool, typer.Option("--posterior", help="With --paper: what the numbers determine, as RIG2-posterior.json.")
+        bool, flag("--posterior", "With --paper: what the numbers determine, as RIG2-posterior.json.")
     ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the posterior's draws.")] = 0,
-    force: Annotated[bool, typer.Option("--force", help="Write over files that exist.")] = False,
+    force: Annotated[bool, flag("--force", "Write over files that exist.")] = False,
     json: Json = False,
 ) -> None:
     """Write a rig whose parameters come from recordings of it, each with origin, 90 % interval and source.

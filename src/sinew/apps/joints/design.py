@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @with_joint_options
 def joint(
     rig: Annotated[str, typer.Argument(metavar="RIG", help="The rig to derive it from; else the paper's.")] = BASE_RIG,
-    out: Annotated[Path | None, option("--out", "RIG.toml", "Write the rig into this file.")] = None,
+    out: Annotated[Path | None, option("RIG.toml", "Write the rig into this file.")] = None,
     *,
     joint: JointOptions,
     json: Json = False,
@@ -65,29 +65,27 @@ def joint(
 
 def design(
     rig: Annotated[str, typer.Argument(metavar="RIG", help="Its motors, guides and sensors are kept.")] = BASE_RIG,
-    stride: Annotated[str | None, option("--stride-hz", "LOW:HIGH", "Stride frequencies to resonate at.")] = None,
-    yaw: Annotated[float | None, option("--yaw-deg", "DEG", "Amplitude of the torsion.")] = None,
-    gait: Annotated[Path | None, option("--gait", "gait.json", "Instead of both: what sinew gait wrote.")] = None,
-    inertia: Annotated[float, option("--inertia-kg-m2", "I", "Of what sits on the joint, about its axis.")] = 0.25,
+    stride: Annotated[str | None, option("LOW:HIGH", "Stride frequencies to resonate at.", "--stride-hz")] = None,
+    yaw: Annotated[float | None, option("DEG", "Amplitude of the torsion.", "--yaw-deg")] = None,
+    gait: Annotated[Path | None, option("gait.json", "Instead of both: what sinew gait wrote.")] = None,
+    inertia: Annotated[float, option("I", "Of what sits on the joint, about its axis.", "--inertia-kg-m2")] = 0.25,
     torso: Annotated[
-        float | None, option("--torso-kg", "KG", "Mass of what sits on the joint; else its weight is left out.")
+        float | None, option("KG", "Mass of what sits on the joint; else its weight is left out.", "--torso-kg")
     ] = None,
     centre: Annotated[
-        float | None, option("--torso-centre-mm", "MM", "Height of its centre above the head plate; else 250.")
+        float | None, option("MM", "Height of its centre above the head plate; else 250.", "--torso-centre-mm")
     ] = None,
     envelope: Annotated[
-        str, option("--envelope-mm", "DxL", "Largest diameter and length, guides included.")
+        str, option("DxL", "Largest diameter and length, guides included.", "--envelope-mm")
     ] = "200x250",
-    shape: Annotated[str | None, option("--shape", "NAME,...", "Sections; else all.")] = None,
-    material: Annotated[
-        str | None, option("--material", "NAME,...", "Silicones; `base` is the rig's; else all.")
-    ] = None,
+    shape: Annotated[str | None, option("NAME,...", "Sections; else all.")] = None,
+    material: Annotated[str | None, option("NAME,...", "Silicones; `base` is the rig's; else all.")] = None,
     starts: Annotated[int, typer.Option("--starts", min=1, help="Starts for each shape and silicone.")] = 64,
     exact: Annotated[int, typer.Option("--exact", min=1, help="Candidates that are computed exactly.")] = 24,
     proposals: Annotated[int, typer.Option("--proposals", min=1, help="How many, at most.")] = 4,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts, and of the twin.")] = 0,
-    scheduler: Annotated[str | None, option("--scheduler", "ADDRESS", "A Dask scheduler whose workers do it.")] = None,
-    out: Annotated[Path | None, option("--out", "DIR", "Rigs, plans, figures and a page.")] = None,
+    scheduler: Annotated[str | None, option("ADDRESS", "A Dask scheduler whose workers do it.")] = None,
+    out: Annotated[Path | None, option("DIR", "Rigs, plans, figures and a page.")] = None,
     json: Json = False,
 ) -> None:
     """Design joints whose resonance can follow a gait: section, silicone, length, tendon circle, lever, pretensions.

@@ -212,11 +212,11 @@ MODES = ("position", "position-with-current-limit", "current")
 
 _BAND_HZ = (1.0, 6.0)
 
-Pretension = Annotated[str, option("--pretension-mm", "MM,...", "Rig: pretensions, one curve for each.")]
-Amplitude = Annotated[float, option("--amplitude-deg", "DEG", "Rig: amplitude of the drive's command.")]
-Mode = Annotated[str, option("--mode", "|".join(MODES), "Rig: mode of the motors.")]
+Pretension = Annotated[str, option("MM,...", "Rig: pretensions, one curve for each.", "--pretension-mm")]
+Amplitude = Annotated[float, option("DEG", "Rig: amplitude of the drive's command.", "--amplitude-deg")]
+Mode = Annotated[str, option("|".join(MODES), "Rig: mode of the motors.", "--mode")]
 Without = Annotated[
-    list[str] | None, option("--without", "EFFECT", "Rig: switch an effect of the twin off; may be repeated.")
+    list[str] | None, option("EFFECT", "Rig: switch an effect of the twin off; may be repeated.", "--without")
 ]
 
 

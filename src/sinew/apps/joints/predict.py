@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import Json, option
+from sinew.apps.console import Json, flag, option
 from sinew.apps.joints import predict_against
 from sinew.apps.joints.options import (
     BASE_RIG,
@@ -159,28 +159,25 @@ _NEEDED = ("inertia_kg_m2", "frequency_hz", "damping_ratio")
 @with_joint_options
 def predict(
     rig: Annotated[str | None, typer.Argument(metavar="RIG", help=console.RIG_HELP)] = None,
-    oscillator: Annotated[
-        str | None, option("--oscillator", "KEY=VALUE,...", f"Instead of a rig: {', '.join(_KEYS)}.")
-    ] = None,
-    torque: Annotated[float | None, option("--torque-n-m", "NM", "Oscillator: amplitude of the torque on it.")] = None,
-    base: Annotated[float | None, option("--base-deg", "DEG", "Oscillator: amplitude by which its base turns.")] = None,
+    oscillator: Annotated[str | None, option("KEY=VALUE,...", f"Instead of a rig: {', '.join(_KEYS)}.")] = None,
+    torque: Annotated[float | None, option("NM", "Oscillator: amplitude of the torque on it.", "--torque-n-m")] = None,
+    base: Annotated[float | None, option("DEG", "Oscillator: amplitude by which its base turns.", "--base-deg")] = None,
     pretension: Pretension = "0,4,8,12",
     amplitude: Amplitude = 20.0,
     mode: Mode = "position",
     without: Without = None,
     start: Annotated[
-        float | None, option("--from-hz", "HZ", "Lowest frequency; else 1, or a third of the natural.")
+        float | None, option("HZ", "Lowest frequency; else 1, or a third of the natural.", "--from-hz")
     ] = None,
-    stop: Annotated[float | None, option("--to-hz", "HZ", "Highest frequency; else 6, or twice the natural.")] = None,
+    stop: Annotated[float | None, option("HZ", "Highest frequency; else 6, or twice the natural.", "--to-hz")] = None,
     backbone: Annotated[
-        bool,
-        typer.Option("--backbone", help="Also where it resonates, over the drive's amplitude up to the asked one."),
+        bool, flag("--backbone", "Also where it resonates, over the drive's amplitude up to the asked one.")
     ] = False,
     out: Annotated[
-        Path | None, option("--out", "DIR|RIG.toml", "Rig: write figures and page, or the joint's rig alone.")
+        Path | None, option("DIR|RIG.toml", "Rig: write figures and page, or the joint's rig alone.")
     ] = None,
     bands: Annotated[
-        int | None, option("--bands", "N", "Calibrated rig: 90 % bands from N draws of what is known of it.", min=20)
+        int | None, option("N", "Calibrated rig: 90 % bands from N draws of what is known of it.", min=20)
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of --bands.")] = 0,
     against: predict_against.Against = None,
@@ -274,9 +271,9 @@ def compare(
     amplitude: Amplitude = 20.0,
     mode: Mode = "position",
     without: Without = None,
-    start: Annotated[float | None, option("--from-hz", "HZ", "Lowest frequency; else 1.")] = None,
-    stop: Annotated[float | None, option("--to-hz", "HZ", "Highest frequency; else 6.")] = None,
-    out: Annotated[Path | None, option("--out", "DIR", "Write figures and a page there.")] = None,
+    start: Annotated[float | None, option("HZ", "Lowest frequency; else 1.", "--from-hz")] = None,
+    stop: Annotated[float | None, option("HZ", "Highest frequency; else 6.", "--to-hz")] = None,
+    out: Annotated[Path | None, option("DIR", "Write figures and a page there.")] = None,
     json: Json = False,
 ) -> None:
     """Predict the response of several rigs and set them beside each other: tables, curves and maps of gain."""

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 Against = Annotated[
     Path | None,
     option(
-        "--against", "RECORDING", "Rig: hold it against a recording (NetCDF), at its pretensions, amplitude and mode."
+        "RECORDING", "Rig: hold it against a recording (NetCDF), at its pretensions, amplitude and mode.", "--against"
     ),
 ]
 FittedMm = Annotated[
-    str | None, option("--fitted-mm", "MM,...", "--against: pretensions that the rig was fitted to; else what it says.")
+    str | None, option("MM,...", "--against: pretensions that the rig was fitted to; else what it says.", "--fitted-mm")
 ]
 
 _TITLES = {

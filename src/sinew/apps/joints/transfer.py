@@ -21,19 +21,19 @@ _GEARS = ("sliding", "creeping")
 def transfer(
     rig: RigArgument,
     pretension: Annotated[
-        str, option("--pretension-mm", "MM,...", "Pretensions, one linear joint for each.")
+        str, option("MM,...", "Pretensions, one linear joint for each.", "--pretension-mm")
     ] = "0,4,8,12",
     gear: Annotated[
-        str, option("--gear", "|".join(_GEARS), "Friction of the gear: the lever slides, or hardly moves.")
+        str, option("|".join(_GEARS), "Friction of the gear: the lever slides, or hardly moves.")
     ] = "sliding",
     amplitude: Annotated[
-        str | None, option("--amplitude-deg", "DEG,...", "Also the describing function at these commands.")
+        str | None, option("DEG,...", "Also the describing function at these commands.", "--amplitude-deg")
     ] = None,
-    start: Annotated[float, option("--from-hz", "HZ", "Its lowest frequency.")] = 1.0,
-    stop: Annotated[float, option("--to-hz", "HZ", "Its highest frequency.")] = 6.0,
-    mode: Annotated[str, option("--mode", "|".join(MODES), "Mode of the motors.")] = "position",
+    start: Annotated[float, option("HZ", "Its lowest frequency.", "--from-hz")] = 1.0,
+    stop: Annotated[float, option("HZ", "Its highest frequency.", "--to-hz")] = 6.0,
+    mode: Annotated[str, option("|".join(MODES), "Mode of the motors.")] = "position",
     without: Without = None,
-    out: Annotated[Path | None, option("--out", "PATH", "FILE.json, FILE.mat, or a folder for both.")] = None,
+    out: Annotated[Path | None, option("PATH", "FILE.json, FILE.mat, or a folder for both.")] = None,
     json: Json = False,
 ) -> None:
     """Give the transfer functions of a rig's joint: linear at rest, and the describing function over amplitude.

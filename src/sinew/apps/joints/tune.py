@@ -15,17 +15,15 @@ if TYPE_CHECKING:
 
 def tune(
     rig: RigArgument,
-    resonance: Annotated[str, option("--resonance-hz", "F,...", "Where it is to resonate: 90° of lag.")],
+    resonance: Annotated[str, option("F,...", "Where it is to resonate: 90° of lag.", "--resonance-hz")],
     amplitude: Annotated[
-        float | None, option("--amplitude-deg", "DEG", "Amplitude of the drive's command; else 20.")
+        float | None, option("DEG", "Amplitude of the drive's command; else 20.", "--amplitude-deg")
     ] = None,
     yaw: Annotated[
-        float | None, option("--yaw-deg", "DEG", "Instead: amplitude of the torsion; the command is found.")
+        float | None, option("DEG", "Instead: amplitude of the torsion; the command is found.", "--yaw-deg")
     ] = None,
     mode: Mode = "position",
-    bands: Annotated[
-        int | None, option("--bands", "N", "Draws for the 90 % intervals; else 100, and 0 for none.", min=0)
-    ] = None,
+    bands: Annotated[int | None, option("N", "Draws for the 90 % intervals; else 100, and 0 for none.", min=0)] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws.")] = 0,
     json: Json = False,
 ) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def analyse(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")],
-    kind: Annotated[str | None, option("--kind", "ring-down|sweep|broadband", "What a CSV file holds.")] = None,
+    kind: Annotated[str | None, option("ring-down|sweep|broadband", "What a CSV file holds.")] = None,
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
@@ -24,20 +24,14 @@ def analyse(
     stop: Stop = None,
     gaps: Gaps = "refuse",
     settle: Settle = None,
-    from_hz: Annotated[
-        float | None, option("--from-hz", "HZ", "Broadband: seek modes from here on; else found.")
-    ] = None,
-    to_hz: Annotated[float | None, option("--to-hz", "HZ", "Broadband: seek modes up to here; else found.")] = None,
+    from_hz: Annotated[float | None, option("HZ", "Broadband: seek modes from here on; else found.")] = None,
+    to_hz: Annotated[float | None, option("HZ", "Broadband: seek modes up to here; else found.")] = None,
     modes: Annotated[
-        int | None, option("--modes", "N", "How many modes; else one of a ring-down, as many as show of broadband.")
+        int | None, option("N", "How many modes; else one of a ring-down, as many as show of broadband.")
     ] = None,
-    segment: Annotated[
-        float | None, option("--segment", "S", "Broadband: length of a segment [s]; else by the record.")
-    ] = None,
-    rig: Annotated[
-        str | None, option("--rig", "RIG", "A rig: inertia and sensor delays; else the recording's.")
-    ] = None,
-    out: Annotated[Path | None, option("--out", "DIR", "Folder for recording, results, JSON and figure.")] = None,
+    segment: Annotated[float | None, option("S", "Broadband: length of a segment [s]; else by the record.")] = None,
+    rig: Annotated[str | None, option("RIG", "A rig: inertia and sensor delays; else the recording's.")] = None,
+    out: Annotated[Path | None, option("DIR", "Folder for recording, results, JSON and figure.")] = None,
     json: Json = False,
 ) -> None:
     """Analyse a ring-down, a sweep, a broadband record or a whole recording.

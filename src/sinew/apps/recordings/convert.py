@@ -11,11 +11,11 @@ from sinew.apps.console import ColumnDrive, ColumnResponse, ColumnTime, Gaps, Js
 
 def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file.")],
-    out: Annotated[Path, option("--out", "FILE", "The recording to write, NetCDF.")],
+    out: Annotated[Path, option("FILE", "The recording to write, NetCDF.")],
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
-    kind: Annotated[str, option("--kind", "ring-down|sweep|broadband", "What was recorded.")] = "ring-down",
+    kind: Annotated[str, option("ring-down|sweep|broadband", "What was recorded.")] = "ring-down",
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",
@@ -47,8 +47,8 @@ def import_(
 
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording, NetCDF.")],
-    to: Annotated[str, option("--to", "csv|mat", "The format to write.")],
-    out: Annotated[Path, option("--out", "PATH", "The file to write.")],
+    to: Annotated[str, option("csv|mat", "The format to write.")],
+    out: Annotated[Path, option("PATH", "The file to write.")],
     json: Json = False,
 ) -> None:
     """Write a recording as a CSV table or a MATLAB file."""

@@ -21,23 +21,19 @@ def gait(
     files: Annotated[
         list[Path] | None, typer.Argument(metavar="FILE...", help="Recordings of walking: CSV, or npz of NumPy.")
     ] = None,
-    pelvis: Annotated[
-        str | None, option("--pelvis", "NAME|LEFT,RIGHT", "Sensor or pair of markers on the pelvis.")
-    ] = None,
-    trunk: Annotated[str | None, option("--trunk", "NAME|LEFT,RIGHT", "The same on the trunk or shoulders.")] = None,
-    yaw: Annotated[str | None, option("--yaw", "COL[:unit]", "Instead: a column of trunk against pelvis.")] = None,
-    time: Annotated[str | None, option("--time", "COL[:unit]", "Column of the time stamps.")] = None,
+    pelvis: Annotated[str | None, option("NAME|LEFT,RIGHT", "Sensor or pair of markers on the pelvis.")] = None,
+    trunk: Annotated[str | None, option("NAME|LEFT,RIGHT", "The same on the trunk or shoulders.")] = None,
+    yaw: Annotated[str | None, option("COL[:unit]", "Instead: a column of trunk against pelvis.")] = None,
+    time: Annotated[str | None, option("COL[:unit]", "Column of the time stamps.")] = None,
     start: Start = None,
     stop: Stop = None,
-    up: Annotated[str, option("--up", "x|y|z", "The markers' upward axis.")] = "z",
-    gyro_unit: Annotated[str | None, option("--gyro-unit", "UNIT", "Where names do not tell it; else rad/s.")] = None,
-    acc_unit: Annotated[str | None, option("--acc-unit", "UNIT", "The same (g_0 for gravities); else m/s2.")] = None,
-    speed: Annotated[str | None, option("--speed-m-s", "V,...", "Walking speed of each file, for the table.")] = None,
-    stride: Annotated[str | None, option("--stride-hz", "LOW:HIGH", "Instead of files: the stride band.")] = None,
-    yaw_deg: Annotated[
-        float | None, option("--yaw-deg", "DEG", "With it: the amplitude, half of peak to peak.")
-    ] = None,
-    out: Annotated[Path | None, option("--out", "DIR", "Folder for gait.json and a figure.")] = None,
+    up: Annotated[str, option("x|y|z", "The markers' upward axis.")] = "z",
+    gyro_unit: Annotated[str | None, option("UNIT", "Where names do not tell it; else rad/s.")] = None,
+    acc_unit: Annotated[str | None, option("UNIT", "The same (g_0 for gravities); else m/s2.")] = None,
+    speed: Annotated[str | None, option("V,...", "Walking speed of each file, for the table.", "--speed-m-s")] = None,
+    stride: Annotated[str | None, option("LOW:HIGH", "Instead of files: the stride band.", "--stride-hz")] = None,
+    yaw_deg: Annotated[float | None, option("DEG", "With it: the amplitude, half of peak to peak.")] = None,
+    out: Annotated[Path | None, option("DIR", "Folder for gait.json and a figure.")] = None,
     json: Json = False,
 ) -> None:
     """Find the stride frequency and the yaw between trunk and pelvis that a torso joint has to follow.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import ColumnTime, Json, option
+from sinew.apps.console import ColumnTime, Json, flag, option
 from sinew.apps.recordings import identify_input
 from sinew.measure.errors import SpecError
 
@@ -27,43 +27,34 @@ _MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|bouc-wen|drag|tendon
 def identify(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")],
     time: ColumnTime = None,
-    input_: Annotated[str | None, option("--input", "COL[:unit]", "Column of what drives it.")] = None,
-    output: Annotated[str | None, option("--output", "COL[:unit]", "Column of how it moves.")] = None,
-    excitation: Annotated[
-        str | None, option("--excitation", "|".join(EXCITATIONS), "What the input is; none is a free decay.")
-    ] = None,
-    model: Annotated[str, option("--model", _MODELS, "What to fit.")] = "auto",
-    train: Annotated[str | None, option("--train", "A:B", "Samples to fit: indices from 0, half open.")] = None,
-    test: Annotated[str | None, option("--test", "A:B", "Samples to predict, held out of the fit.")] = None,
-    rate: Annotated[float | None, option("--rate", "HZ", "Samples per second, where there is no time column.")] = None,
-    pretension: Annotated[
-        float | None, option("--pretension", "MM", "Of a rig's recording; else its smallest.")
-    ] = None,
-    rig: Annotated[str | None, option("--rig", "RIG", "Where model tendon begins; else the recording's rig.")] = None,
+    input_: Annotated[str | None, option("COL[:unit]", "Column of what drives it.", "--input")] = None,
+    output: Annotated[str | None, option("COL[:unit]", "Column of how it moves.")] = None,
+    excitation: Annotated[str | None, option("|".join(EXCITATIONS), "What the input is; none is a free decay.")] = None,
+    model: Annotated[str, option(_MODELS, "What to fit.")] = "auto",
+    train: Annotated[str | None, option("A:B", "Samples to fit: indices from 0, half open.")] = None,
+    test: Annotated[str | None, option("A:B", "Samples to predict, held out of the fit.")] = None,
+    rate: Annotated[float | None, option("HZ", "Samples per second, where there is no time column.")] = None,
+    pretension: Annotated[float | None, option("MM", "Of a rig's recording; else its smallest.")] = None,
+    rig: Annotated[str | None, option("RIG", "Where model tendon begins; else the recording's rig.")] = None,
     profile: Annotated[
-        bool, typer.Option("--profile", help="Add intervals of the nonlinear numbers by profile likelihood.")
+        bool, flag("--profile", "Add intervals of the nonlinear numbers by profile likelihood.")
     ] = False,
     posterior: Annotated[
-        bool, typer.Option("--posterior", help="Add the posterior by NUTS: minutes; needs the extra posterior.")
+        bool, flag("--posterior", "Add the posterior by NUTS: minutes; needs the extra posterior.")
     ] = False,
     bootstrap: Annotated[
-        int | None, option("--bootstrap", "N", "Of a rig's repeats: add intervals from N draws of them.", min=20)
+        int | None, option("N", "Of a rig's repeats: add intervals from N draws of them.", min=20)
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of posterior and bootstrap.")] = 0,
-    kind: Annotated[
-        str, option("--kind", "|".join(KINDS), "What FILE holds: samples, or steady states of a sine.")
-    ] = "samples",
+    kind: Annotated[str, option("|".join(KINDS), "What FILE holds: samples, or steady states of a sine.")] = "samples",
     frequency: Annotated[
-        str | None, option("--frequency", "COL", "Of steady states: column of frequencies; else frequency_hz.")
+        str | None, option("COL", "Of steady states: column of frequencies; else frequency_hz.")
     ] = None,
-    phase: Annotated[
-        str | None, option("--phase", "COL[:unit]", "Of steady states: column of phases; else phase_deg.")
-    ] = None,
+    phase: Annotated[str | None, option("COL[:unit]", "Of steady states: column of phases; else phase_deg.")] = None,
     chain: Annotated[
-        str | None,
-        option("--chain", "phase,background", "Of steady states: what the measuring chain may add; a constant."),
+        str | None, option("phase,background", "Of steady states: what the measuring chain may add; a constant.")
     ] = None,
-    out: Annotated[Path | None, option("--out", "DIR", "Folder for fit.json, fit.html and figures.")] = None,
+    out: Annotated[Path | None, option("DIR", "Folder for fit.json, fit.html and figures.")] = None,
     json: Json = False,
 ) -> None:
     """Identify stiffness, damping law and nonlinearity, with intervals, and say which model the data support.

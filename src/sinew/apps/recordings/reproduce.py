@@ -43,13 +43,12 @@ class _Campaign:
 
 
 def reproduce(
-    plan: Annotated[str, option("--plan", "PLAN", "A plan: a file or a shipped name.")] = "paper",
+    plan: Annotated[str, option("PLAN", "A plan: a file or a shipped name.")] = "paper",
     rig: Rig = "paper",
-    out: Annotated[Path, option("--out", "DIR", "Folder for everything that is written.")] = Path("out/reproduce"),
+    out: Annotated[Path, option("DIR", "Folder for everything that is written.")] = Path("out/reproduce"),
     seed: Seed = 0,
     beyond: Annotated[
-        str | None,
-        option("--beyond", "PLAN", "A sweep above 12 mm for the paper's threshold; `beyond` with plan `paper`."),
+        str | None, option("PLAN", "A sweep above 12 mm for the paper's threshold; `beyond` with plan `paper`.")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -96,7 +95,7 @@ def reproduce(
 
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with a recording.nc.")],
-    rig: Annotated[str | None, option("--rig", "RIG", "A rig; else the recording's.")] = None,
+    rig: Annotated[str | None, option("RIG", "A rig; else the recording's.")] = None,
     json: Json = False,
 ) -> None:
     """Write figures, summary and report of a recording anew, from the files in its folder.
@@ -275,8 +274,8 @@ def _number(value: Any) -> str:
 
 def answer(
     file: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording of Sinew (NetCDF).")],
-    out: Annotated[Path | None, option("--out", "DIR", "Folder for the page; the recording's own by default.")] = None,
-    rig: Annotated[str | None, option("--rig", "RIG", "A rig; else the recording's.")] = None,
+    out: Annotated[Path | None, option("DIR", "Folder for the page; the recording's own by default.")] = None,
+    rig: Annotated[str | None, option("RIG", "A rig; else the recording's.")] = None,
     json: Json = False,
 ) -> None:
     """Answer the paper's open questions from a recording: numbers with intervals, and what cannot be told.

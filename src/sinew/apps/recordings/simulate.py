@@ -66,7 +66,7 @@ def _time(seconds: float) -> str:
 
 def simulate(
     plan: PlanArgument,
-    out: Annotated[Path, option("--out", "FILE", "The recording to write, NetCDF.")],
+    out: Annotated[Path, option("FILE", "The recording to write, NetCDF.")],
     rig: Rig = "paper",
     seed: Seed = 0,
     without: Without = None,
