@@ -112,7 +112,7 @@ LARGEST_DEG = 180.0
 
 
 def option(metavar: str, help_: str, *flags: str, **more: Any) -> Any:
-    """Return an option of a command: what stands for its value, its line in `--help`, and its flag unless its name is."""
+    """Return an option of a command: what stands for its value, its line in `--help`, its flag unless by its name."""
     return typer.Option(*flags, metavar=metavar, help=help_, **more)
 
 

@@ -233,7 +233,7 @@ def run_document(
         "safe_state": report.stop.declared,
         "is_safe": report.stop.is_safe,
         "left": report.stop.sentence(),
-        "frozen_ms": _ms(report.halted_s),
+        "frozen_ms": None if report.halted_s is None else round(1e3 * report.halted_s, 1),
         "pauses": list(report.pauses),
         "groups": report.groups,
         "groups_done": report.groups_done,
@@ -247,10 +247,6 @@ def run_document(
         "journal": str(journal),
         "recording": str(recording) if recording is not None else None,
     }
-
-
-def _ms(seconds: float | None) -> float | None:
-    return None if seconds is None else round(1e3 * seconds, 1)
 
 
 def print_run(document: dict[str, Any]) -> None:

@@ -40,7 +40,7 @@ def doctor(
     and the latency timer of the adapter. Takes about 4 s. Exit status: 0 no fault, 1 a fault remains, 2 the port cannot
     be opened.
     """
-    from sinew.bench.doctor import list_fixes
+    from sinew.bench.doctor import apply_fixes, list_fixes
     from sinew.hardware.serial_port import find_latency_timer
     from sinew.plan.toml import load_rig
 
@@ -51,7 +51,8 @@ def doctor(
     findings = _examine(port, used, spec.wiring.baud, timer)
     written: list[Finding] = []
     if fix and (fixes := list_fixes(findings)) and _may_write(fixes, yes):
-        written = _write(port, used, fixes, timer)
+        with open_rig(port, used, own_time=True) as (bench, clock):
+            written = apply_fixes(bench, clock, fixes, timer)
         findings = _examine(port, used, spec.wiring.baud, timer)
     if json:
         print_json(_document(port, used, findings, written))
@@ -110,13 +111,6 @@ def _may_write(fixes: "Sequence[Fix]", yes: bool) -> bool:
     if not sys.stdin.isatty():
         raise SpecError("found no terminal to ask on before settings are written; add --yes to --fix")
     return typer.confirm(f"write {len(fixes)} settings to motors whose torque is off?", err=True)
-
-
-def _write(port: str, spec: "RigSpec", fixes: "Sequence[Fix]", timer: "LatencyTimer | None") -> "list[Finding]":
-    from sinew.bench.doctor import apply_fixes
-
-    with open_rig(port, spec, own_time=True) as (bench, clock):
-        return apply_fixes(bench, clock, fixes, timer)
 
 
 def _document(

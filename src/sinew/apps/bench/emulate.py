@@ -5,6 +5,7 @@ import math
 import signal
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -59,7 +60,7 @@ def emulate(
     """
     from sinew.emulator.faults import parse_fault  # numpy: not for --help
     from sinew.emulator.found import drawn_start, found_bench
-    from sinew.emulator.port_server import ClockSocket, PtyServer, refuse_taken
+    from sinew.emulator.port_server import ClockSocket, PtyPort, PtyServer, SocketPort, refuse_taken
     from sinew.hardware.transport import MonotonicClock
     from sinew.plan.toml import load_rig
 
@@ -72,7 +73,7 @@ def emulate(
     bench = found_bench(rig_, start, seed, faults, baud=baud, unloaded=unloaded)
     shared = None if own_time else ClockSocket(link)
     try:
-        make_port = _kind_of_port(rig_, socket)
+        make_port: Callable[[Path], Port] = partial(SocketPort, host_baud=rig_.wiring.baud) if socket else PtyPort
         server = PtyServer(bench, link, clock=MonotonicClock(), speed=speed, make_port=make_port, shared=shared)
     except BaseException:
         if shared is not None:
@@ -87,13 +88,6 @@ def emulate(
         server.close()
     if truth is not None:
         write_json(_truth(rig_, bench, server, unloaded, seed), truth)
-
-
-def _kind_of_port(rig: "RigSpec", socket: bool) -> "Callable[[Path], Port]":
-    """Return what makes the port of a name. socket: whether it is a socket, else a pseudo-terminal."""
-    from sinew.emulator.port_server import PtyPort, SocketPort
-
-    return (lambda link: SocketPort(link, rig.wiring.baud)) if socket else PtyPort
 
 
 def _parse_slack(text: str, count: int) -> tuple[float, ...]:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from sinew.analysis.tracked import TrackedPoint
     from sinew.hardware.rig import Rig as HardwareRig
     from sinew.hardware.transport import Clock
     from sinew.plan.plan import Held, Plan, Track
@@ -186,6 +185,7 @@ def track_plan(
 
     Raises SpecError where an option cannot be meant, or a limit of the rig would be broken.
     """
+    from sinew.plan.plan import Track
     from sinew.tune.track.expected import expect_backbones, planned_tracker
 
     console.check_choice("--hold", hold, _HELD)
@@ -207,7 +207,16 @@ def track_plan(
     if start is not None:
         low, high = min(low, start), max(high, start)
     seconds = duration if duration is not None else (_MOVE_S if moves else _STAND_S)
-    track: Track = _track(amplitudes, held, start, (low, high), seconds, stops[1] if moves else None, wanted)
+    track = Track(
+        amplitude_deg=tuple(amplitudes),
+        held=held,
+        start_hz=start,
+        low_hz=low,
+        high_hz=high,
+        duration_s=seconds,
+        pretension_to_mm=stops[1] if moves else None,
+        wanted_hz=wanted,
+    )
     plan = _plan(stops[:1] if moves else stops, track)
     _refuse_beyond_limits(plan, rig, expected, held, amplitudes)
     for group in plan.groups():
@@ -264,29 +273,6 @@ def _wanted(follow: str | None) -> tuple[float, float] | None:
             f"--follow-hz is {follow!r}, expected FROM:TO, two positive frequencies up to {console.HIGHEST_HZ:g} Hz"
         )
     return found[0], found[1]
-
-
-def _track(
-    amplitudes: Sequence[float],
-    held: "Held",
-    start: float | None,
-    bounds: tuple[float, float],
-    seconds: float,
-    to_mm: float | None,
-    wanted: tuple[float, float] | None,
-) -> "Track":
-    from sinew.plan.plan import Track
-
-    return Track(
-        amplitude_deg=tuple(amplitudes),
-        held=held,
-        start_hz=start,
-        low_hz=bounds[0],
-        high_hz=bounds[1],
-        duration_s=seconds,
-        pretension_to_mm=to_mm,
-        wanted_hz=wanted,
-    )
 
 
 def _plan(stops: Sequence[float], track: "Track") -> "Plan":
@@ -373,8 +359,6 @@ def _held_error(columns: "dict[str, NDArray[np.float64]]", lock_cycles: float | 
 
 
 def _point(turns: Any, rig: "RigSpec", expected: "Sequence[ExpectedBackbone]") -> dict[str, Any] | None:
-    import math
-
     from sinew.analysis.tracked import tracked_point
 
     try:
@@ -382,11 +366,6 @@ def _point(turns: Any, rig: "RigSpec", expected: "Sequence[ExpectedBackbone]") -
     except RecordingError:
         return None
     near = min(expected, key=lambda one: abs(one.pretension_mm - point.pretension_mm))
-    predicted = near.frequency_at(math.radians(point.torsion_deg.value))
-    return _point_document(point) | {"predicted_hz": finite(predicted)}
-
-
-def _point_document(point: "TrackedPoint") -> dict[str, Any]:
     return {
         "pretension_mm": point.pretension_mm,
         "frequency_hz": point.frequency_hz.to_json(),
@@ -395,6 +374,7 @@ def _point_document(point: "TrackedPoint") -> dict[str, Any]:
         "damping_ratio": point.damping_ratio.to_json(),
         "phase_error_deg": point.phase_error_deg,
         "turns": point.turns,
+        "predicted_hz": finite(near.frequency_at(math.radians(point.torsion_deg.value))),
     }
 
 

@@ -38,7 +38,7 @@ def drawn_rig(rig: RigSpec) -> dict[str, Any]:
     """Return what a page draws of a rig, for JSON.
 
     `shape`: lengths in those of the silicone, and the number of tendons; `labels` of the traces by key;
-    `tension_limit_n` [N].
+    `sensors`: key and label of those with a node of their own; `tension_limit_n` [N].
     """
     length = rig.silicone.length.value
     circle = rig.tendons.head_radius.value / length
@@ -52,7 +52,8 @@ def drawn_rig(rig: RigSpec) -> dict[str, Any]:
         "tendons": rig.tendons.count,
     }
     labels = {channel.key: channel.label for channel in LiveChannels(rig).channels}
-    return {"shape": shape, "labels": labels, "tension_limit_n": rig.limits.tension_n}
+    sensors = [{"key": one.channel, "label": f"{one.model} / {one.unit}"} for one in rig.sensors]
+    return {"shape": shape, "labels": labels, "sensors": sensors, "tension_limit_n": rig.limits.tension_n}
 
 
 # The samples of a journal become what the oscilloscope shows, in the units of a screen.
@@ -89,7 +90,9 @@ class LiveChannels:
             Channel("drive_current", "drive current", "A"),
             *(Channel(f"tendon_{i + 1}_current", f"current of tendon {i + 1}", "A") for i in range(self._tendons)),
             Channel("tilt", "tilt", "°"),
+            *(Channel(one.channel, one.model, one.unit) for one in rig.sensors),
         )
+        self._sensors = [one.channel for one in rig.sensors]
         self._torsion, self._rate, self._time = 0.0, math.nan, math.nan
 
     def take(self, rows: dict[str, Array]) -> Array:
@@ -103,6 +106,7 @@ class LiveChannels:
                 rows["drive_current_a"],
                 *tendons,
                 np.degrees(rows["tilt_rad"]),
+                *(rows[name] for name in self._sensors),
             ]
         )
 
@@ -461,19 +465,15 @@ class Results:
             except SinewError as trouble:
                 self._complain(f"What was measured cannot be analysed: {trouble}")
                 return False
-            self._show(found, live)
-            pending = found["pending"]
+            self.measured, self.damping = numbered(found["curves"], live), found["damping"]
+            self.notes, pending = found["notes"], found["pending"]
+            self.version += 1
         return True
 
     def _complain(self, sentence: str) -> None:
         if sentence != self.trouble:
             self.trouble = sentence
             self.version += 1
-
-    def _show(self, found: dict[str, Any], live: Live) -> None:
-        self.measured, self.damping = numbered(found["curves"], live), found["damping"]
-        self.notes = found["notes"]
-        self.version += 1
 
 
 def numbered(curves: list[dict[str, Any]], live: Live) -> list[dict[str, Any]]:

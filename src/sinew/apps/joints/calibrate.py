@@ -20,9 +20,7 @@ from sinew.apps.console import (
 from sinew.measure.errors import FileError, SpecError
 
 if TYPE_CHECKING:
-    from sinew.paper.numbers import PaperFit
-    from sinew.paper.posterior import PaperPosterior
-    from sinew.plan.rig import RigSpec
+    pass
 
 
 def calibrate(
@@ -69,7 +67,8 @@ def calibrate(
     else:
         from sinew.identify.joint.calibration import calibration_told
 
-        print_told([*calibration_told(document), _made(document)])
+        made = f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"
+        print_told([*calibration_told(document), made])
 
 
 def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, extras: bool) -> None:
@@ -109,7 +108,7 @@ def _from_paper(
     rig: str, out: Path, ranges: Path | None, posterior: Path | None, seed: int, command: list[str]
 ) -> dict[str, Any]:
     from sinew.identify.joint.calibration import with_intervals
-    from sinew.paper.numbers import find_ranges, fit_paper
+    from sinew.paper.numbers import FREE, TARGETS, find_ranges, fit_paper
     from sinew.paper.posterior import paper_posterior
     from sinew.paper.sampler import require_sampler
     from sinew.plan.toml import load_rig, save_rig
@@ -135,25 +134,11 @@ def _from_paper(
     save_rig(
         result, out, [] if found is None else [f"{shlex.join(command)} --posterior --seed {seed} --out {out.name}"]
     )
-    return _paper_document(before, result, fitted, found, out, ranges, posterior)
-
-
-def _paper_document(
-    before: "RigSpec",
-    after: "RigSpec",
-    fitted: "PaperFit",
-    found: "PaperPosterior | None",
-    out: Path,
-    ranges: Path | None,
-    posterior: Path | None,
-) -> dict[str, Any]:
-    from sinew.paper.numbers import FREE, TARGETS
-
-    old, new = dict(before.parameters()), dict(after.parameters())
+    old, new = dict(before.parameters()), dict(result.parameters())
     told = [] if found is None else found.sentences()
     return {
         "rig": str(out),
-        "name": after.name,
+        "name": result.name,
         "before": before.name,
         "parameters": {
             free.name: {
@@ -175,7 +160,3 @@ def _paper_document(
         "posterior": None if posterior is None else str(posterior),
         "remarks": told,
     }
-
-
-def _made(document: dict[str, Any]) -> str:
-    return f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"

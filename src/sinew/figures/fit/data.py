@@ -127,7 +127,7 @@ def traces_of(fit: Fit, split: Split | None = None, held_out: HeldOut | None = N
         apart = split.apart
         every = np.ones(apart.size, dtype=bool)
         found.insert(0, Trace(apart.time_s, apart.output, apart.output - held_out.residual, every, apart.output_unit))
-    return _joined(found)
+    return sorted(found, key=lambda trace: float(trace.time_s[0]))
 
 
 def _title(record: Record) -> str:
@@ -136,10 +136,6 @@ def _title(record: Record) -> str:
         return record.group
     leading = record if record.input is None else replace(record, output=record.input)
     return f"{record.group}, {dominant_omega(leading) / (2 * np.pi):.2f} Hz".removeprefix(", ")
-
-
-def _joined(traces: Sequence[Trace]) -> list[Trace]:
-    return sorted(traces, key=lambda trace: float(trace.time_s[0]))
 
 
 def traces_of_joint(joint: JointFit) -> list[Trace]:
@@ -181,7 +177,8 @@ def draw_fit(traces: Sequence[Trace], frequency_hz: float, output: str = "output
     low, high = whole.get_ylim()
     whole.set_ylim(low, high + 0.14 * (high - low))  # room for the letters of the close-ups
     note_panel(whole, "a", "the whole record")
-    titles = ("largest motion", _second_title(traces))
+    second = "held out of the fit" if _is_held_at_the_end(traces) else "where the fit leaves most"
+    titles = ("largest motion", second)
     for k, ((which, where), title) in enumerate(zip(_windows(traces, frequency_hz), titles, strict=True)):
         axes = figure.add_subplot(grid[1, k])
         trace = traces[which]
@@ -218,10 +215,6 @@ def _stretches(held: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _is_held_at_the_end(traces: Sequence[Trace]) -> bool:
     return any(len(_stretches(trace.held)) == 1 for trace in traces)
-
-
-def _second_title(traces: Sequence[Trace]) -> str:
-    return "held out of the fit" if _is_held_at_the_end(traces) else "where the fit leaves most"
 
 
 def _windows(traces: Sequence[Trace], frequency_hz: float) -> list[tuple[int, slice]]:
@@ -306,16 +299,11 @@ def draw_backbone(model: Swing | None, decay: Backbone | None, unit: str) -> Fig
         return None
     figure, factor = new_figure(3.0), shown_unit(unit)[0]
     left, right = figure.subplots(1, 2)
-    if decay is not None:
-        look = {"color": GREEN, "label": "decay, no model"}
-        at = factor * decay.amplitude
-        _draw_band(left, at, decay.frequency_hz, decay.frequency_low_hz, decay.frequency_high_hz, **look)
-        _draw_band(right, at, decay.damping_ratio, decay.damping_ratio_low, decay.damping_ratio_high, **look)
-    if model is not None:
-        look = {"color": ACCENT, "label": "fitted model"}
-        at = factor * model.amplitude
-        _draw_band(left, at, model.frequency_hz, model.frequency_low_hz, model.frequency_high_hz, **look)
-        _draw_band(right, at, model.damping_ratio, model.damping_ratio_low, model.damping_ratio_high, **look)
+    for one, color, label in ((decay, GREEN, "decay, no model"), (model, ACCENT, "fitted model")):
+        if one is not None:
+            at, look = factor * one.amplitude, {"color": color, "label": label}
+            _draw_band(left, at, one.frequency_hz, one.frequency_low_hz, one.frequency_high_hz, **look)
+            _draw_band(right, at, one.damping_ratio, one.damping_ratio_low, one.damping_ratio_high, **look)
     curves = [one for one in (model, decay) if one is not None]
     _frame(left, [c.frequency_hz for c in curves], 0.01)
     _frame(right, [c.damping_ratio for c in curves], 0.2)
