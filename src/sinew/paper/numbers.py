@@ -60,6 +60,11 @@ class Scale:
     low: Vector
     high: Vector
 
+    @property
+    def ends(self) -> tuple[Vector, Vector]:
+        """The bounds in widths from the likely values, (free,)."""
+        return (self.low - self.likely) / self.width, (self.high - self.likely) / self.width
+
 
 FREE = (
     Free("tendons.head_radius", 0.0278, 0.008),
@@ -277,7 +282,7 @@ def _fit(
         seen = misfit(observe([rig_with(base, complete(m)) for m in moved]))
         return np.concatenate([((seen[0::2] - seen[1::2]) / (2 * h)).T, prior * np.eye(free.size)])
 
-    low, high = _bounds(scale, free)
+    low, high = (end[free] for end in scale.ends)
     x0 = np.clip((values[free] - likely[free]) / width[free], low + 1e-6, high - 1e-6)
     try:
         solution = least_squares(residual, x0, jacobian, bounds=(low, high), max_nfev=steps, xtol=1e-3, ftol=1e-3)
@@ -285,12 +290,6 @@ def _fit(
         return best[0], best[1]
     final = complete(solution.x)
     return final, observe([rig_with(base, final)])[0]
-
-
-def _bounds(scale: Scale, free: NDArray[np.intp]) -> tuple[Vector, Vector]:
-    """Return the bounds of the free parameters in prior standard deviations from the likely value."""
-    low, high = ((end - scale.likely) / scale.width for end in (scale.low, scale.high))
-    return low[free], high[free]
 
 
 def _alone(base: RigSpec, values: Vector, index: int) -> tuple[float, float]:

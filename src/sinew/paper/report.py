@@ -15,16 +15,10 @@ from matplotlib.figure import Figure
 from sinew.analysis.doubts import doubts_of
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
+from sinew.figures import response
 from sinew.figures.decay import draw_damping, draw_decay
 from sinew.figures.motion import draw_lissajous, draw_phase_portraits
 from sinew.figures.page import CAPTIONS, picture, write_page
-from sinew.figures.response import (
-    draw_drive_amplitude,
-    draw_drive_groups,
-    draw_energy,
-    draw_response,
-    draw_response_map,
-)
 from sinew.figures.style import save_figure
 from sinew.figures.tables import measured_tables, number, parameter_rows, reaches, window_table
 from sinew.measure import estimate
@@ -149,14 +143,12 @@ def write_report(
     """
     about_paper = is_the_papers(results, rig)
     paper = list(summary["paper"]) if summary is not None and rig is not None and about_paper else []
-    source = str(results.attrs.get("source", ""))
     return write_page(
         folder / "report.html",
         "report.html",
         title=f"Resonance report of the rig “{rig.name}”" if rig is not None and about_paper else "Resonance report",
-        source=_SOURCES.get(source, source),
+        **_made_by(results),
         doubts=[one["sentence"] for one in doubts_of(results)],
-        effects_off=", ".join(str(results.attrs.get("effects_off", "")).split()),
         paper=paper,
         agreeing=sum(bool(row["ok"]) for row in paper),
         counted=count_roles(paper),
@@ -183,6 +175,12 @@ _SOURCES = {
     "bench": "recorded on the bench",
     "import": "an imported recording",
 }
+
+
+def _made_by(dataset: xr.Dataset) -> dict[str, str]:
+    source = str(dataset.attrs.get("source", ""))
+    off = ", ".join(str(dataset.attrs.get("effects_off", "")).split())
+    return {"source": _SOURCES.get(source, source), "effects_off": off}
 
 
 def _origins(results: xr.Dataset) -> list[tuple[str, str]]:
@@ -212,7 +210,6 @@ def write_answers(
     PNGs among them are put into the page. rebuild: the command that makes the page again.
     Raises FileError where the folder cannot be written.
     """
-    source = str(recording.attrs.get("source", ""))
     pictures = {
         path.stem.removeprefix("answer_"): base64.b64encode(path.read_bytes()).decode("ascii")
         for path in figures
@@ -221,8 +218,7 @@ def write_answers(
     return write_page(
         folder / "answers.html",
         "answers.html",
-        source=_SOURCES.get(source, source),
-        effects_off=", ".join(str(recording.attrs.get("effects_off", "")).split()),
+        **_made_by(recording),
         answers=[_shown(answer, pictures) for answer in answers],
         told=sum(answer.told for answer in answers),
         recording_hash=str(recording.attrs.get("content_hash", "")),
@@ -262,14 +258,14 @@ def _cell(cell: Cell) -> str:
 
 
 FIGURES: dict[str, Callable[[xr.Dataset, xr.Dataset], Figure | None]] = {
-    "figure05_drive_groups": lambda recording, _: draw_drive_groups(recording),
-    "figure06_response": lambda _, results: draw_response(results),
+    "figure05_drive_groups": lambda recording, _: response.draw_drive_groups(recording),
+    "figure06_response": lambda _, results: response.draw_response(results),
     "figure07_lissajous": lambda recording, _: draw_lissajous(recording),
-    "figure08_map": lambda _, results: draw_response_map(results),
+    "figure08_map": lambda _, results: response.draw_response_map(results),
     "figure09_decay": draw_decay,
     "figure10_damping": draw_damping,
-    "drive_amplitude": draw_drive_amplitude,
-    "energy": draw_energy,
+    "drive_amplitude": response.draw_drive_amplitude,
+    "energy": response.draw_energy,
     "phase_portraits": draw_phase_portraits,
 }
 """What draws each figure, by the name of its files, in the order of the paper."""
