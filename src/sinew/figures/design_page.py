@@ -9,10 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sinew.figures.page import Caption, picture, write_page
+from sinew.figures.page import Caption, Table, pictures, write_page
 from sinew.figures.predicted import label_outer, shortened
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, in_style, new_figure, note_panel
-from sinew.figures.tables import Table
 from sinew.solve.branch import Branch
 
 _SIZES = [
@@ -90,7 +89,7 @@ def write_design_page(
                 "",
             ),
         ],
-        pictures=[picture(one, _CAPTIONS) for one in figures if one.suffix == ".png"],
+        pictures=pictures(figures, _CAPTIONS),
         validity=[{"title": one["name"], "checks": one["validity"]} for one in proposals],
         rebuild=rebuild,
         origins=list(origins),

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
-from sinew.figures.page import Caption, picture, write_page
+from sinew.figures.page import Caption, Table, number, pictures, write_page
 from sinew.figures.response import along_ridge
 from sinew.figures.style import (
     ACCENT,
@@ -30,7 +30,6 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
-from sinew.figures.tables import Table, number
 from sinew.measure.arrays import Array
 from sinew.predict.against import Comparison, Reading, error_of
 from sinew.predict.band import Band, Tube
@@ -429,7 +428,7 @@ def write_prediction_page(
         tables=[
             Table(str(rig["rig"]) if several else "", _HEAD, _rows(rig, amplitude_deg), _note(rig)) for rig in rigs
         ],
-        pictures=[picture(one, PREDICTION_CAPTIONS) for one in figures if one.suffix == ".png"],
+        pictures=pictures(figures, PREDICTION_CAPTIONS),
         validity=[{"title": rig["rig"] if several else "", "checks": rig["validity"]} for rig in rigs],
         rebuild=rebuild,
         origins=list(origins),

@@ -88,8 +88,9 @@ def transfer(
 def _ratio(ratio: Any) -> dict[str, list[float]]:
     import numpy as np
 
-    lag = np.mod(np.pi / 2 - np.angle(ratio), 2 * np.pi) - np.pi / 2
-    return {"gain": np.abs(ratio).tolist(), "lag_deg": np.degrees(lag).tolist()}
+    from sinew.solve.curves import wrapped_lag
+
+    return {"gain": np.abs(ratio).tolist(), "lag_deg": np.degrees(wrapped_lag(np.conj(ratio))).tolist()}
 
 
 def _describing(

@@ -246,7 +246,7 @@ _RESONANCES = {
 
 
 def _show_windows(summary: dict[str, Any]) -> None:
-    from sinew.figures.tables import WINDOW_HEAD, window_cells
+    from sinew.figures.page import WINDOW_HEAD, window_cells
 
     rows = summary["decay_windows"]["rows"]
     if not rows:

@@ -22,9 +22,8 @@ from sinew.figures.fit.data import (
     traces_of,
     traces_of_joint,
 )
-from sinew.figures.page import Caption, picture, write_page
+from sinew.figures.page import Caption, Table, number, pictures, write_page
 from sinew.figures.style import ACCENT, GREY, INK, RED, in_style, new_figure, note_panel
-from sinew.figures.tables import Table, number
 from sinew.identify.decay.backbone import Backbone, fit_backbone
 from sinew.identify.identified import Identified, joint_names
 from sinew.identify.joint.fit import JointFit
@@ -121,7 +120,7 @@ def write_fit_page(
         unit=document["unit"],
         sentences=[_sentence(one) for one in sentences[1:]],
         unidentifiable=[_sentence(one) for one in document["unidentifiable"]],
-        pictures=[picture(path, FIT_CAPTIONS) for path in figures if path.suffix == ".png"],
+        pictures=pictures(figures, FIT_CAPTIONS),
         rebuild=rebuild,
         origins=list(origins),
     )
