@@ -208,7 +208,7 @@ def write_answers(
     PNGs among them are put into the page. rebuild: the command that makes the page again.
     Raises FileError where the folder cannot be written.
     """
-    page.pictures = {
+    drawn = {
         path.stem.removeprefix("answer_"): base64.b64encode(path.read_bytes()).decode("ascii")
         for path in figures
         if path.suffix == ".png"
@@ -217,7 +217,7 @@ def write_answers(
         folder / "answers.html",
         "answers.html",
         **_made_by(recording),
-        answers=[_shown(answer, page.pictures) for answer in answers],
+        answers=[_shown(answer, drawn) for answer in answers],
         told=sum(answer.told for answer in answers),
         recording_hash=str(recording.attrs.get("content_hash", "")),
         report=(folder / "report.html").is_file(),
@@ -236,7 +236,7 @@ def _shown(answer: Answer, drawn: Mapping[str, str]) -> dict[str, Any]:
         "numbers": [(name, *_cells(one)) for name, one in answer.numbers.items()],
         "head": names,
         "rows": [[_cell(row.get(name, math.nan)) for name in names] for row in answer.rows],
-        "picture": page.pictures.get(answer.name, ""),
+        "picture": drawn.get(answer.name, ""),
         "alt": _ALT.get(answer.name, ""),
     }
 

@@ -2,25 +2,13 @@
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from sinew.apps.console import (
-    Json,
-    RigArgument,
-    flag,
-    option,
-    print_json,
-    print_told,
-    progress_bar,
-    require_file,
-    write_json,
-)
+from sinew.apps import console
+from sinew.apps.console import Json, RigArgument, flag, option
 from sinew.measure.errors import FileError, SpecError
-
-if TYPE_CHECKING:
-    pass
 
 
 def calibrate(
@@ -63,12 +51,12 @@ def calibrate(
     else:
         document = _from_recordings(rig, files, out, free, command)
     if json:
-        print_json(document)
+        console.print_json(document)
     else:
         from sinew.identify.joint.calibration import calibration_told
 
         made = f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"
-        print_told([*calibration_told(document), made])
+        console.print_told([*calibration_told(document), made])
 
 
 def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, extras: bool) -> None:
@@ -84,7 +72,7 @@ def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, extras:
 
 def _refuse_overwriting(rig: str, paths: list[Path], force: bool) -> None:
     for path in paths:
-        require_file(path)
+        console.require_file(path)
         if path.exists() and not force:
             same = Path(rig).exists() and path.samefile(rig)
             what = "is the rig that is read" if same else "exists"
@@ -96,7 +84,7 @@ def _from_recordings(rig: str, files: list[Path], out: Path, free: str | None, c
     from sinew.plan.toml import save_rig
 
     chosen = {} if free is None else {"free": [name.strip() for name in free.split(",") if name.strip()]}
-    with progress_bar("calibrate") as progress:
+    with console.progress_bar("calibrate") as progress:
         done = run(rig, files, name=out.stem, progress=progress, **chosen)
     head = [f"{shlex.join(command)} --out {out.name}"]
     head += [f"{source.file}: content hash {source.content_hash}" for source in done.sources]
@@ -123,13 +111,13 @@ def _from_paper(
         raise SpecError(f"with {rig} the paper's numbers cannot all be met; nothing was written")
     result, found = fitted.rig.model_copy(update={"name": out.stem}), None
     if posterior is not None:
-        with progress_bar("posterior") as progress:
+        with console.progress_bar("posterior") as progress:
             found = paper_posterior(before, fitted.values, seed=seed, progress=progress)
-        write_json(found.to_json(), posterior)
+        console.write_json(found.to_json(), posterior)
         result = with_intervals(result, found.intervals())
     if ranges is not None:
-        with progress_bar("ranges") as progress:
-            write_json(find_ranges(before, fitted.values, progress), ranges)
+        with console.progress_bar("ranges") as progress:
+            console.write_json(find_ranges(before, fitted.values, progress), ranges)
     # The shipped rig is written by this command; without an interval it stays in the plain form of a rig file.
     save_rig(
         result, out, [] if found is None else [f"{shlex.join(command)} --posterior --seed {seed} --out {out.name}"]
