@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -143,7 +144,7 @@ def _bars(
     """Draw a column of the rows with its intervals over pretension, moved aside by x [mm]."""
     value, low, high = (factor * column for column in answer.column(name))
     reach = np.maximum(np.nan_to_num(np.stack([value - low, high - value])), 0.0)
-    look = {"linestyle": "none", "marker": marker, "markersize": 4.5, "capsize": 2.5, "elinewidth": 1.0}
+    look: dict[str, Any] = {"linestyle": "none", "marker": marker, "markersize": 4.5, "capsize": 2.5, "elinewidth": 1.0}
     axes.errorbar(_pretension(answer) + x, value, reach, color=colour, label=label or None, **look)
 
 
