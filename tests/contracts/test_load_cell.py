@@ -10,6 +10,7 @@ from tests.contracts.emulated_bench import joint, virtual_port
 from tests.contracts.virtual_run import spoken
 from tests.unit.bench_virtual import virtual_bench
 
+from sinew.apps.dashboard.hub import LiveChannels
 from sinew.bench.errors import LostError
 from sinew.bench.guard import Guard, Watch
 from sinew.emulator.unloaded import Unloaded
@@ -109,3 +110,11 @@ def test_a_load_cell_that_falls_silent_ends_the_run_by_name() -> None:
 
     with pytest.raises(LostError, match="load cell has not answered"):
         listen()
+
+
+def test_the_live_page_has_a_trace_of_the_load_cell() -> None:
+    channels = LiveChannels(celled())
+    currents = [f"tendon_{i}_current_a" for i in (1, 2, 3, 4)]
+    others = ["time_s", "drive_command_rad", "drive_rad", "drive_current_a", "gyro_x_rad_s", "tilt_rad", *currents]
+    traces = channels.take({"load_cell_n": np.array([9.81]), **{name: np.zeros(1) for name in others}})
+    assert dict(zip([one.key for one in channels.channels], traces[:, 0], strict=True))["load_cell_n"] == 9.81

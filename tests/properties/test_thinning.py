@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinew.apps.dashboard.hub import Ring
-from sinew.apps.dashboard.stream import thin
+from sinew.apps.dashboard.hub import Ring, thin
 
 values = st.lists(st.floats(-100, 100), min_size=1, max_size=200)
 

@@ -8,8 +8,7 @@ import pytest
 
 from sinew.apps.dashboard.operators import is_run_name, open_inside, unlinked
 from sinew.apps.dashboard.run_desk import PID, find_runs, told_at_end
-from sinew.apps.dashboard.work.live import measured_so_far
-from sinew.apps.dashboard.work.results import FILES, download, run_results
+from sinew.apps.dashboard.work.results import FILES, download, measured_so_far, run_results
 from sinew.apps.dashboard.work.runs import list_runs, read_shelf, shelf
 from sinew.bench.journal import Journal
 from sinew.measure.errors import FileError, SpecError

@@ -9,10 +9,9 @@ from typing import Any
 import pytest
 from tests.patience import Patience
 
-from sinew.apps.dashboard.hub import Hub, Live, Ring
+from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
 from sinew.apps.dashboard.pages.curves import Curve, options_of
 from sinew.apps.dashboard.pages.frame import quantity
-from sinew.apps.dashboard.results import Results
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_plan, load_plan
 

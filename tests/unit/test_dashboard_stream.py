@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinew.apps.dashboard.hub import Channel, Hub, Live, LiveChannels, Ring
-from sinew.apps.dashboard.stream import MOST_MESSAGE, View, frame_of, state_of
+from sinew.apps.dashboard.hub import MOST_MESSAGE, Channel, Hub, Live, LiveChannels, Ring, View, frame_of, state_of
 from sinew.bench.journal import Journal
 from sinew.bench.sample import MISSING, Sample
 from sinew.measure.events import Contact, Doubted, Health

@@ -13,7 +13,7 @@ from tests.unit.figures_panels import drawn
 
 from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell
-from sinew.paper.answers.figures import ANSWER_FIGURES, draw_answer, draw_answers
+from sinew.paper.answers.questions import ANSWER_FIGURES, draw_answer, draw_answers
 from sinew.paper.report import write_answers
 
 QUESTIONS = tuple(ANSWER_FIGURES)

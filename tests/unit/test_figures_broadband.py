@@ -7,7 +7,7 @@ from tests.unit.broadband_signals import noise, shaken
 from tests.unit.figures_panels import labelled, smallest_type, titled
 
 import sinew as sn
-from sinew.figures.broadband import draw_broadband
+from sinew.figures.response import draw_broadband
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from tests.unit.figures_drawn import figures, panel, recording, results
 from tests.unit.figures_panels import drawn, labelled
 from tests.unit.figures_sample import SMALL, drive_share
 
-from sinew.figures.lissajous import draw_lissajous
+from sinew.figures.motion import draw_lissajous
 from sinew.figures.response import draw_drive_amplitude, draw_drive_groups, triangle_ceiling
 from sinew.plan.toml import dump_rig, load_rig
 

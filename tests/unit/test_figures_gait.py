@@ -5,7 +5,7 @@ import pytest
 from campaigns.walker import Walker, walk
 from tests.unit.figures_panels import drawn
 
-from sinew.figures.gait_yaw import draw_gait_yaw
+from sinew.figures.tuned import draw_gait_yaw
 from sinew.tune.gait.target import GaitTarget, estimate_gait, target_of_numbers, target_of_walks
 
 

@@ -9,8 +9,7 @@ from matplotlib.lines import Line2D
 from tests.unit.figures_drawn import figures, panel, recording, results
 from tests.unit.figures_sample import SMALL, Joint, drive_share
 
-from sinew.figures.lissajous import draw_phase_portraits
-from sinew.figures.motion import Motion, groups_of, motion_of, nearest
+from sinew.figures.motion import Motion, draw_phase_portraits, groups_of, motion_of, nearest
 from sinew.figures.style import few
 from sinew.plan.toml import dump_rig, load_rig
 

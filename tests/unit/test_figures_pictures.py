@@ -9,11 +9,10 @@ from tests.unit.figures_panels import drawn, smallest_type, titled
 from tests.unit.figures_sample import foreign_ring_down
 
 from sinew.figures.decay import draw_decay
-from sinew.figures.page import CAPTIONS
 from sinew.figures.style import few, frequency_colours, pretension_colours
 from sinew.measure.arrays import mean_and_spread
 from sinew.measure.errors import FileError
-from sinew.paper.report import FIGURES, build_figures, draw_figures
+from sinew.paper.report import CAPTIONS, FIGURES, build_figures, draw_figures
 
 
 def test_a_campaign_gives_every_figure_in_the_order_of_the_paper() -> None:

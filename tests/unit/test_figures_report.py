@@ -9,10 +9,9 @@ import xarray as xr
 from tests.unit.figures_pages import alternatives, asked_outside, outline
 from tests.unit.figures_sample import SMALL, foreign_ring_down, sample_recording, sample_results
 
-from sinew.figures.page import CAPTIONS
-from sinew.figures.tables import Table, measured_tables, number, reaches
+from sinew.figures.page import Table, measured_tables, number, reaches
 from sinew.measure.errors import FileError
-from sinew.paper.report import draw_figures, write_report
+from sinew.paper.report import CAPTIONS, draw_figures, write_report
 from sinew.paper.summary import shares_plan, summarise
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig

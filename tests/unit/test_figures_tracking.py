@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.unit.figures_panels import labelled, smallest_type, titled
 
-from sinew.figures.tracking import draw_tracking
+from sinew.figures.tuned import draw_tracking
 
 TIME = np.linspace(0.3, 9.7, 30)
 TURNS = {

@@ -111,26 +111,37 @@ LARGEST_DEG = 180.0
 """Largest amplitude of an angle that may be asked for [deg]."""
 
 
-def option(flag: str, metavar: str, help_: str, **more: Any) -> Any:
-    """Return an option of a command: its flag, what stands for its value, and its line in `--help`."""
-    return typer.Option(flag, metavar=metavar, help=help_, **more)
+def option(metavar: str, help_: str, *flags: str, **more: Any) -> Any:
+    """Return an option of a command: what stands for its value, its line in `--help`, its flag unless by its name."""
+    return typer.Option(*flags, metavar=metavar, help=help_, **more)
 
+
+def flag(name: str, help_: str) -> Any:
+    """Return an option of a command that has no value."""
+    return typer.Option(name, help=help_)
+
+
+RIG_HELP = "A rig: a TOML file, or the name of a shipped one."
 
 PlanArgument = Annotated[str, typer.Argument(metavar="PLAN", help="A plan: a TOML file, or the name of a shipped one.")]
-Rig = Annotated[str, option("--rig", "RIG", "A rig: a TOML file, or the name of a shipped one.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of scatter, noise and jitter.")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
-ColumnTime = Annotated[str | None, option("--time", "COL[:unit]", "Column of the time stamps.")]
-ColumnResponse = Annotated[
-    str | None, option("--response", "COL[:unit]", "Column of the response; several are averaged: COL,COL:unit.")
+RigArgument = Annotated[str, typer.Argument(metavar="RIG", help=RIG_HELP)]
+Rig = Annotated[str, option("RIG", RIG_HELP, "--rig")]
+Without = Annotated[
+    list[str] | None, option("EFFECT", "Switch an effect of the twin off; may be repeated.", "--without")
 ]
-ColumnDrive = Annotated[str | None, option("--drive", "COL[:unit]", "Column of the drive.")]
-Start = Annotated[float | None, option("--start", "S", "Take samples from this time on [s].")]
-Stop = Annotated[float | None, option("--stop", "S", "Take samples up to this time [s].")]
-Gaps = Annotated[str, option("--gaps", "refuse|split", "What to do where samples are missing.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of scatter, noise and jitter.")]
+Json = Annotated[bool, flag("--json", "Print one JSON document on stdout.")]
+ColumnTime = Annotated[str | None, option("COL[:unit]", "Column of the time stamps.", "--time")]
+ColumnResponse = Annotated[
+    str | None, option("COL[:unit]", "Column of the response; several are averaged: COL,COL:unit.", "--response")
+]
+ColumnDrive = Annotated[str | None, option("COL[:unit]", "Column of the drive.", "--drive")]
+Start = Annotated[float | None, option("S", "Take samples from this time on [s].", "--start")]
+Stop = Annotated[float | None, option("S", "Take samples up to this time [s].", "--stop")]
+Gaps = Annotated[str, option("refuse|split", "What to do where samples are missing.", "--gaps")]
 Settle = Annotated[
     float | None,
-    option("--settle", "S", "Sweep: how long each group settles before it is measured [s]; else its half."),
+    option("S", "Sweep: how long each group settles before it is measured [s]; else its half.", "--settle"),
 ]
 
 
@@ -168,6 +179,12 @@ def one_of(option: str, found: str, expected: tuple[str, ...]) -> None:
     """Do nothing where a word is one of those expected; else raise SpecError."""
     if found not in expected:
         raise SpecError(f"{option} is {found!r}, expected {' or '.join(expected)}")
+
+
+def check_choice(option: str, found: str, expected: Iterable[str]) -> None:
+    """Do nothing where a word is in a list; else raise SpecError, which shows the list."""
+    if found not in expected:
+        raise SpecError(f"{option} is {found!r}, expected one of {', '.join(expected)}")
 
 
 class NumbersCommand(TyperCommand):

@@ -9,10 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sinew.figures.page import Caption, picture, write_page
+from sinew.figures.page import Caption, Table, pictures, write_page
 from sinew.figures.predicted import label_outer, shortened
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, in_style, new_figure, note_panel
-from sinew.figures.tables import Table
 from sinew.solve.branch import Branch
 
 _SIZES = [
@@ -43,14 +42,12 @@ _CAPTIONS = {
         "What is traded",
         "Every joint that was computed exactly. Full marks are not dominated in energy, size and tension; numbers are "
         "the proposals.",
-        "",
         "Drive energy over volume and over tension for the computed joints, proposals numbered.",
     ),
     "design_curves": Caption(
         "Proposals at both ends of the band",
         "Predicted torsion at the command of the proposal's plan; rings are where the full twin lags by 90°, at its "
         "peak's height.",
-        "",
         "Torsion over frequency of each proposal at two pretensions.",
     ),
 }
@@ -92,7 +89,7 @@ def write_design_page(
                 "",
             ),
         ],
-        pictures=[picture(one, _CAPTIONS) for one in figures if one.suffix == ".png"],
+        pictures=pictures(figures, _CAPTIONS),
         validity=[{"title": one["name"], "checks": one["validity"]} for one in proposals],
         rebuild=rebuild,
         origins=list(origins),

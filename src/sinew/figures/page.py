@@ -1,116 +1,38 @@
-"""One HTML page, from a template, that needs nothing beside itself."""
+"""One HTML page from a template, which needs nothing beside itself, and the rows of its tables."""
 
 import base64
 import functools
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import xarray as xr
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from sinew.figures.tables import fixed, number
+from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
+from sinew.measure import estimate
+from sinew.measure.arrays import Array, mean_and_spread
+from sinew.measure.estimate import DIGITS, typeset
 from sinew.measure.files.netcdf import write_text
-
-# Each figure gets its words: title, what to see, what the paper shows there, and what it looks like.
+from sinew.measure.schema import companions
+from sinew.plan.rig import RigSpec
 
 
 @dataclass(frozen=True)
 class Caption:
     """The words of one figure.
 
-    title: for a heading. see: what is drawn. paper: what the paper shows there, or why the figure is added.
-    alt: what somebody hears who cannot see it.
+    title: for a heading. see: what is drawn. alt: what somebody hears who cannot see it.
+    paper: what the paper shows there, or why the figure is added.
     """
 
     title: str
     see: str
-    paper: str
     alt: str
-
-
-CAPTIONS = {
-    "figure05_drive_groups": Caption(
-        "Figure 5: driving oscillation",
-        "(a) The first sweep as it was driven, at the pretension in its title: each group settles (grey) and is then "
-        "recorded (colour). The numbers are frequencies, the dotted lines the nominal amplitude. (b) to (d) Three "
-        "groups close up: commanded (dashed), settling (grey) and recorded (blue).",
-        "The paper drives groups of five periods at constant nominal amplitude, each after 3 s of settling.",
-        "Drive angle over time for one whole sweep, and close-ups of three frequency groups, commanded and measured.",
-    ),
-    "figure06_response": Caption(
-        "Figure 6: amplitude response and phase difference",
-        "(a) Mean of the torsion's peaks over the nominal drive amplitude (Eq. 6). (b) Lag of the torsion behind the "
-        "drive. Lines are means over the repeats, tubes ±1 standard deviation, often thinner than the line; colour is "
-        "pretension; rings mark the resonance at each pretension, dashed lines a gain of one and a lag of 90°.",
-        "The paper finds the resonance rising from 3 to 4.3 Hz while the gain falls from 2.8 to 1.4, and a lag of 90° "
-        "at resonance.",
-        "Two panels over drive frequency, a line with a tube for each pretension: gain on the left, lag on the right.",
-    ),
-    "figure07_lissajous": Caption(
-        "Figure 7: Lissajous curves",
-        "Middle: measured torsion over measured drive, a colour for each frequency; dotted lines mark the nominal "
-        "drive amplitude, the dashed line is the ellipse fitted to the curve whose lag is closest to 90°. "
-        "Left and right: the ideal shapes for lags of 0 to 180°, at equal amplitudes.",
-        "The paper shows p = 4 mm: a rising line opens to an ellipse and closes again to a falling one, and the curves "
-        "become narrower at high frequency, where the drive does not reach its amplitude.",
-        "Closed curves of torsion over drive angle at several frequencies, between schematic ellipses for five lags.",
-    ),
-    "figure08_map": Caption(
-        "Figure 8: response map",
-        "(a) Gain as a surface over frequency and pretension. (b) The same from above, with lines of equal gain. The "
-        "red line is the ridge, the resonance at each pretension. Between measured points the surface follows the "
-        "ridge and does not overshoot.",
-        "In the paper the ridge moves to higher frequency and lower gain as pretension rises.",
-        "A surface of gain over frequency and pretension, and its view from above with a red line along the ridge.",
-    ),
-    "figure09_decay": Caption(
-        "Figure 9: free decay",
-        "(a) The drive stops at its zero crossing and the joint swings freely. (b) The free decay, its positive and "
-        "negative peaks, the fitted envelope, and the quantities that follow (Eq. 7 to 10).",
-        "The paper shows the same without pretension and derives λ, ⟨ω⟩ and D from the envelope.",
-        "Drive and torsion over time around the stop of the drive, and the decaying torsion inside its envelope.",
-    ),
-    "figure10_damping": Caption(
-        "Figure 10: damping over pretension",
-        "(a) to (c) Decay coefficient, angular frequency and Lehr's damping, mean ± standard deviation over the "
-        "repeats: by the paper's peak method (dots) and by a direct fit in the time domain (squares). Below: measured "
-        "decays (grey) under the linear second-order model with the same λ and ⟨ω⟩ (green).",
-        "In the paper λ and ⟨ω⟩ rise with pretension while D stays about constant.",
-        "Three panels of damping quantities over pretension, above small panels of decays with the linear model.",
-    ),
-    "drive_amplitude": Caption(
-        "Drive amplitude",
-        "Measured drive amplitude over frequency at each pretension. The dotted line is the nominal amplitude, rings "
-        "mark the resonance. Red, where the rig is known: along the dashed line a sine has the motor's no-load speed "
-        "ω₀ as its peak speed, amplitude ω₀/(2πf). A saturated drive runs nearly a triangle, at ω₀ all the time: its "
-        "peak ω₀/(4f) is π/2 times higher, its fundamental, which is what is measured here, 4/π times (dash-dotted).",
-        "The paper reports that the amplitude falls as frequency rises and leaves open whether the drive or the joint "
-        "limits the gain; this figure is added for that question.",
-        "Measured drive amplitude over frequency, a line for each pretension, with the nominal amplitude dotted.",
-    ),
-    "energy": Caption(
-        "Energy",
-        "(a) Electrical power of the drive (duty, current and voltage of its servo) as it was driven; rings mark the "
-        "resonance. (b) The same per cycle and per squared torsion amplitude: what a swing of the head costs. Dashed: "
-        "the trend, which spring and inertia would need if neither helped the other; the arrow is the reduction at "
-        "resonance, the triangle the frequency of the cheapest swing. (c) Where the power at resonance goes, with "
-        "the tendon motors and the electronics of all servos.",
-        "The paper proposes the reduction of the motor's current at resonance, against its rise with frequency, as a "
-        "measure of the energy saved, and leaves it to future work (section 5.3).",
-        "Power of the drive over frequency, energy per swing over frequency with a trend line, and stacked bars of the "
-        "power at resonance over pretension.",
-    ),
-    "phase_portraits": Caption(
-        "Phase portraits at resonance",
-        "Torsion rate over torsion during the recorded periods at resonance. The dashed ellipse is a harmonic "
-        "oscillation of the same frequency and amplitude. Above: the torsion's harmonics as a share of its "
-        "fundamental; even ones bend the portrait to one side, the third squeezes it evenly.",
-        "The paper expects anharmonicity to show as an asymmetry here (section 5.2.3) and leaves it to its video.",
-        "Closed curves of torsion rate over torsion at resonance, each with a dashed ellipse, for some pretensions.",
-    ),
-}
-"""By the name of the figure's files, in the order of the paper."""
+    paper: str = ""
 
 
 @functools.cache
@@ -132,8 +54,274 @@ def write_page(path: Path, template: str, **context: Any) -> Path:
     return path
 
 
-def picture(path: Path, captions: Mapping[str, Caption]) -> dict[str, Any]:
-    """Return name, caption and base64 text of a PNG file, as the templates take them."""
-    name = path.stem
-    caption = captions.get(name, Caption(name.replace("_", " "), "", "", name.replace("_", " ")))
-    return {"name": name, "caption": caption, "data": base64.b64encode(path.read_bytes()).decode("ascii")}
+def pictures(paths: Iterable[Path], captions: Mapping[str, Caption]) -> list[dict[str, Any]]:
+    """Return name, caption and base64 text of the PNGs among some files, as the templates take them."""
+    found = []
+    for path in paths:
+        if path.suffix == ".png":
+            plain = path.stem.replace("_", " ")
+            caption = captions.get(path.stem, Caption(plain, "", plain))
+            data = base64.b64encode(path.read_bytes()).decode("ascii")
+            found.append({"name": path.stem, "caption": caption, "data": data})
+    return found
+
+
+# The energy of a sweep becomes columns and a sentence of the report.
+
+_COLUMNS = (
+    ("drive in W", "drive_power_at_resonance_w", 1.0),
+    ("copper in W", "copper_at_resonance_w", 1.0),
+    ("gear and friction in W", "gear_at_resonance_w", 1.0),
+    ("mechanical in W", "mechanical_at_resonance_w", 1.0),
+    ("tendon motors in W", "holding_at_resonance_w", 1.0),
+    ("drive in J per cycle", "energy_per_cycle_at_resonance_j", 1.0),
+    ("J per cycle and rad²", "swing_cost_at_resonance_j_rad2", 1.0),
+    ("trend in J per cycle and rad²", "trend_cost_at_resonance_j_rad2", 1.0),
+    ("reduction in %", "energy_reduction", 100.0),
+    ("with tendon motors in %", "energy_reduction_with_holding", 100.0),
+    ("pays from a swing in °", "break_even_rad", 180 / math.pi),
+    ("cheapest at Hz", "cheapest_hz", 1.0),
+    ("reduction there in %", "cheapest_reduction", 100.0),
+    ("current against a line in %", "line_reduction", 100.0),
+)
+
+
+def energy_columns(results: xr.Dataset) -> list[tuple[str, Array, Array]]:
+    """Return (head, value, standard deviation over repeats) of every column, (p,); empty without the energy part."""
+    if "energy_reduction" not in results:
+        return []
+    return [
+        (head, factor * results[name].values, factor * results[companions(name)[0]].values)
+        for head, name, factor in _COLUMNS
+    ]
+
+
+def energy_note(results: xr.Dataset) -> str:
+    """Return what the columns mean, and what is in none of them; empty without the energy part."""
+    if "energy_reduction" not in results or not np.isfinite(results["drive_power_w"].values).any():
+        return ""
+    idle, rest = float(results.attrs.get("idle_power_w", math.nan)), results["rest_power_w"].values
+    text = (
+        "At the resonance of the gain, by duty, current and voltage of the servos. The trend: what spring and inertia "
+        "would need for the same swing of the head if neither helped the other; the reduction is the share of it that "
+        "resonance saves. A negative last column means more current than on a straight line through the currents off "
+        "resonance (the paper's proposal, at the nominal drive amplitude and not at equal swing)."
+    )
+    if np.isfinite(rest).any():
+        ends = rest[np.isfinite(rest)][[0, -1]]
+        text += f" At rest all motors draw {ends[0]:.2g} W at the first and {ends[1]:.2g} W at the last pretension."
+    if math.isfinite(idle):
+        text += f" The servos' electronics, {idle:.2g} W by data sheet, are in none of these numbers."
+    return text
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text: title, head, rows of the same length (the first cell names the row), and a sentence below."""
+
+    title: str
+    head: list[str]
+    rows: list[list[str]]
+    note: str
+
+
+Column = tuple[str, Array, Array]
+
+
+def number(value: float | None, digits: int = DIGITS) -> str:
+    """Return a number with so many significant digits, a dash for what is not known."""
+    return typeset(estimate.number(value if value is None or math.isfinite(value) else None, digits))
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """Return a number with so many decimals, a dash for what is not known."""
+    return typeset(estimate.fixed(value if value is None or math.isfinite(value) else None, decimals))
+
+
+def measured_tables(results: xr.Dataset) -> list[Table]:
+    """Return what was measured at each pretension: of sweep, ring-downs and energy, each where there is one."""
+    tables = []
+    notes = (str(results.attrs.get("resonance_notes", "")), _MEANT, _verdict(results), energy_note(results))
+    parts = (
+        ("Resonance", _resonance(results)),
+        ("What resonance means", _meanings(results)),
+        ("Ring-down", _decay(results)),
+        ("Energy", energy_columns(results)),
+    )
+    for (title, columns), note in zip(parts, notes, strict=True):
+        known = [column for column in columns if np.isfinite(column[1]).any()]
+        if not known:
+            continue
+        at = np.flatnonzero(np.any([np.isfinite(value) for _, value, _ in known], axis=0))
+        pretension = results["pretension_mm"].values
+        rows = [[number(pretension[p]), *(_pair(value[p], spread[p]) for _, value, spread in known)] for p in at]
+        tables.append(Table(title, ["p in mm", *(head for head, _, _ in known)], rows, note))
+    return tables
+
+
+def window_table(results: xr.Dataset) -> Table | None:
+    """Return D over pretension by where the decay begins, a row for each start; None without planned ring-downs."""
+    windows = decay_windows(results)
+    if not windows:
+        return None
+    pretensions = sorted({float(p) for window in windows for p in window.pretension_mm})
+    head = ["start in drive periods", *(f"D at {number(p)} mm" for p in pretensions)]
+    rows = []
+    for window in windows:
+        at = dict(zip(window.pretension_mm.tolist(), window.damping, strict=True))
+        cells = [typeset(at[p].shown_interval()) if p in at else "–" for p in pretensions]
+        rows.append([number(window.start_periods), *cells, *window_cells(window.to_json())])
+    return Table("Where the decay begins", [*head, *WINDOW_HEAD], rows, describe_windows(windows))
+
+
+WINDOW_HEAD = ("spread in %", "change over the range in %", "trend")
+
+
+def window_cells(window: Mapping[str, Any]) -> list[str]:
+    """Return spread, change over the range with its interval, and trend of a window of `DecayWindow.to_json`."""
+    change = window["relative_change"]
+    value, low, high = (None if x is None else 100 * x for x in (change["value"], *change["interval90"]))
+    spread = None if window["spread"] is None else 100 * window["spread"]
+    return [number(spread, 2), typeset(estimate.interval(value, low, high)), str(window["trend"])]
+
+
+_MEANT = (
+    "Eq. 6 is the paper's: the largest mean of peaks over the nominal drive. A prediction's half of peak to peak is "
+    "the same of a motion that repeats exactly. The fundamental leaves the harmonics out, the measured drive is the "
+    "joint's own input, and 90° is where that drive gives most power."
+)
+
+
+def _meanings(results: xr.Dataset) -> list[Column]:
+    heads = {
+        "paper_resonance_hz": "mean of peaks (Eq. 6) in Hz",
+        "resonance_hz": "fundamental in Hz",
+        "resonance_measured_drive_hz": "fundamental by measured drive in Hz",
+        "phase_90_hz": "90° lag in Hz",
+    }
+    return [
+        (head, results[name].values, results[companions(name)[0]].values)
+        for name, head in heads.items()
+        if name in results
+    ]
+
+
+def _verdict(results: xr.Dataset) -> str:
+    """Return how many of the decays are exponential, and what follows where some are not; empty without ring-downs."""
+    if "exponential" not in results:
+        return ""
+    judged = results["exponential"].values[np.isfinite(results["exponential"].values)]
+    text = f"Exponential within their noise: {int(judged.sum())} of {judged.size} decays."
+    if judged.sum() == judged.size:
+        return text
+    return text + " Where a decay is not, its damping depends on the amplitude; λ, ⟨ω⟩, D, d and k are means over it."
+
+
+def _resonance(results: xr.Dataset) -> list[Column]:
+    if "resonance_hz" not in results:
+        return []
+    units = [str(results.attrs.get(name, "rad")) for name in ("response_unit", "drive_unit")]
+    scale, drive = (180 / math.pi, "degrees") if units[1] == "rad" else (1.0, units[1])
+    per = "" if units[0] == units[1] else f" in {units[0]} per {units[1]}"
+    return [
+        (head, factor * results[name].values, factor * results[std].values)
+        for head, name, std, factor in (
+            ("resonance (Eq. 6) in Hz", "paper_resonance_hz", "paper_resonance_std_hz", 1.0),
+            (f"gain{per}", "paper_gain_peak", "paper_gain_peak_std", 1.0),
+            (f"gain by measured drive{per}", "gain_peak_measured_drive", "gain_peak_measured_drive_std", 1.0),
+            ("half-power width in Hz", "half_power_width_hz", "half_power_width_std_hz", 1.0),
+            (f"drive in {drive}", "drive_amplitude_at_resonance_rad", "drive_amplitude_at_resonance_std_rad", scale),
+        )
+    ]
+
+
+def _decay(results: xr.Dataset) -> list[Column]:
+    if "paper_lehr_damping" not in results:
+        return []
+    return [
+        (head, *mean_and_spread(results[name].values))
+        for head, name in (
+            ("λ in 1/s", "paper_decay_rate_per_s"),
+            ("⟨ω⟩ in rad/s", "paper_omega_rad_s"),
+            ("D (paper)", "paper_lehr_damping"),
+            ("D (direct fit)", "damping_ratio"),
+            ("d in N m s/rad", "paper_damping_n_m_s_rad"),
+            ("k in N m/rad", "paper_stiffness_n_m_rad"),
+        )
+    ]
+
+
+def _pair(value: float, spread: float) -> str:
+    """Return `value ± spread`, its digits by the spread; a dash for what is not known."""
+    return typeset(estimate.pair(value, spread))
+
+
+def _readable(unit: str) -> str:
+    """Return a unit as print has it, nothing for a plain number."""
+    return "" if unit == "1" else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
+
+
+def parameter_rows(rig: RigSpec) -> list[dict[str, str]]:
+    """Return name, value, unit, origin, bounds and note of every parameter of a rig, as text."""
+    return [
+        {
+            "name": name,
+            "value": number(parameter.value, 5),
+            "unit": _readable(parameter.unit),
+            "origin": parameter.origin,
+            "bounds": f"{number(parameter.bounds[0])} to {number(parameter.bounds[1])}",
+            "note": parameter.note,
+        }
+        for name, parameter in rig.parameters()
+    ]
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far one parameter can move without leaving the paper's numbers.
+
+    value, alone, together, bounds: text with the unit; alone: the others held, together: the others following.
+    share: of the bounds that `together` covers, 0 to 1; bars: ends of alone and together and the place of the value
+    on a scale from 0 (lower bound) to 100 (upper bound).
+    """
+
+    name: str
+    value: str
+    alone: str
+    together: str
+    bounds: str
+    share: float
+    bars: dict[str, float]
+    sentence: str
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the paper's numbers leave less than a fifth of the bounds."""
+        return self.share < 0.2
+
+
+def reaches(determination: Mapping[str, Mapping[str, Any]]) -> list[Reach]:
+    """Return the reach of each parameter, the best determined first."""
+    return sorted((_reach(name, row) for name, row in determination.items()), key=lambda reach: reach.share)
+
+
+def _reach(name: str, row: Mapping[str, Any]) -> Reach:
+    low, high = map(float, row["bounds"])
+    width = high - low if high > low else 1.0
+
+    def place(value: float) -> float:
+        return round(100 * min(max((value - low) / width, 0.0), 1.0), 2)
+
+    ends = {kind: tuple(map(float, row[kind])) for kind in ("alone", "together")}
+    text = {kind: f"{number(a)} to {number(b)}" for kind, (a, b) in ends.items()}
+    bars = {f"{kind}_{end}": place(pair[i]) for kind, pair in ends.items() for i, end in enumerate(("low", "high"))}
+    return Reach(
+        name=name,
+        value=f"{number(float(row['value']))} {_readable(str(row.get('unit', '')))}".rstrip(),
+        alone=text["alone"],
+        together=text["together"],
+        bounds=f"{number(low)} to {number(high)}",
+        share=(bars["together_high"] - bars["together_low"]) / 100,
+        bars={**bars, "value": place(float(row["value"]))},
+        sentence=str(row.get("sentence", "")),
+    )

@@ -11,7 +11,8 @@ measurement is `sn.plot.prediction(predicted, sn.plot.response(analysed))`.
 """
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -19,10 +20,9 @@ from matplotlib.axes import Axes
 
 from sinew.analysis.analysed import Analysed
 from sinew.analysis.analysis import analyse_recording
-from sinew.figures.broadband import draw_coherence, draw_lag_lines, draw_lines
 from sinew.figures.decay import draw_envelope
 from sinew.figures.predicted import curves_of, draw_gains, draw_phases
-from sinew.figures.response import draw_gain, draw_lag
+from sinew.figures.response import draw_coherence, draw_gain, draw_lag, draw_lag_lines, draw_lines
 from sinew.figures.style import ACCENT, GREY, INK, RED, in_style
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.predict.predicted import Predicted
@@ -38,21 +38,25 @@ def response(found: Analysed | xr.Dataset, axes: Axes | None = None) -> Axes:
 
     Of a broadband record H1 and H2 with the fitted modes.
     """
-    if isinstance(found, Analysed) and found.document["kind"] == "broadband":
-        return draw_lines(_axes(axes), found.document)
-    results, axes = _sweep(found), _axes(axes)
-    draw_gain(axes, results)
-    return axes
+    return _over_frequency(found, axes, draw_lines, draw_gain)
 
 
 @in_style
 def phase(found: Analysed | xr.Dataset, axes: Axes | None = None) -> Axes:
     """Return axes with the lag of the torsion behind the drive over frequency [deg], by pretension."""
+    return _over_frequency(found, axes, draw_lag_lines, draw_lag)
+
+
+def _over_frequency(
+    found: Analysed | xr.Dataset,
+    axes: Axes | None,
+    lines: Callable[[Axes, dict[str, Any]], Axes],
+    sweep: Callable[[Axes, xr.Dataset], Axes],
+) -> Axes:
     if isinstance(found, Analysed) and found.document["kind"] == "broadband":
-        return draw_lag_lines(_axes(axes), found.document)
-    results, axes = _sweep(found), _axes(axes)
-    draw_lag(axes, results)
-    return axes
+        return lines(_axes(axes), found.document)
+    results = _sweep(found)
+    return sweep(_axes(axes), results)
 
 
 @in_style
@@ -90,17 +94,13 @@ def decay(found: Analysed, axes: Axes | None = None, pretension_mm: float = 0.0)
 @in_style
 def prediction(found: Predicted, axes: Axes | None = None) -> Axes:
     """Return axes with the predicted gain over frequency: dotted where unstable, rings at peaks, diamonds at folds."""
-    axes = _axes(axes)
-    draw_gains(axes, curves_of(found))
-    return axes
+    return draw_gains(_axes(axes), curves_of(found))
 
 
 @in_style
 def predicted_phase(found: Predicted, axes: Axes | None = None) -> Axes:
     """Return axes with the predicted lag of the torsion behind the lever over frequency [deg]."""
-    axes = _axes(axes)
-    draw_phases(axes, curves_of(found))
-    return axes
+    return draw_phases(_axes(axes), curves_of(found))
 
 
 @in_style

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
-from sinew.figures.page import Caption, picture, write_page
+from sinew.figures.page import Caption, Table, number, pictures, write_page
 from sinew.figures.response import along_ridge
 from sinew.figures.style import (
     ACCENT,
@@ -30,7 +30,6 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
-from sinew.figures.tables import Table, number
 from sinew.measure.arrays import Array
 from sinew.predict.against import Comparison, Reading, error_of
 from sinew.predict.band import Band, Tube
@@ -79,7 +78,7 @@ def draw_predicted(curves: Curves) -> Figure:
     return figure
 
 
-def draw_phases(axes: Axes, curves: Curves) -> None:
+def draw_phases(axes: Axes, curves: Curves) -> Axes:
     """Draw the lag of every branch behind the lever over frequency, with its folds."""
     for branch, colour in zip(curves.branches, pretension_colours(curves.pretension_mm), strict=True):
         _draw_line(axes, branch, np.degrees(branch.phase), colour)
@@ -91,9 +90,10 @@ def draw_phases(axes: Axes, curves: Curves) -> None:
     highest = max((float(np.max(b.phase, initial=np.pi)) for b in curves.branches), default=np.pi)
     axes.set_yticks(range(45 * math.floor(math.degrees(lowest) / 45 + 0.1), math.ceil(math.degrees(highest)) + 1, 45))
     axes.margins(x=0)
+    return axes
 
 
-def draw_gains(axes: Axes, curves: Curves) -> None:
+def draw_gains(axes: Axes, curves: Curves) -> Axes:
     """Draw the gain of every branch over frequency, with peaks and folds, and some pretensions beside the peaks."""
     labelled = set(few(len(curves.branches), 4).tolist()) if len(curves.branches) > 1 else set()
     colours = pretension_colours(curves.pretension_mm)
@@ -110,6 +110,7 @@ def draw_gains(axes: Axes, curves: Curves) -> None:
     axes.axhline(1.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
     axes.set(xlabel="drive frequency in Hz", ylabel="gain: torsion amplitude / command")
     axes.margins(x=0, y=0.2)
+    return axes
 
 
 def stretches(stable: ArrayLike) -> list[tuple[slice, bool]]:
@@ -360,21 +361,18 @@ PREDICTION_CAPTIONS = {
         "(a) Half of peak to peak of the torsion over the amplitude of the drive's command. (b) Lag of the torsion's "
         "fundamental behind the lever's. Colour is pretension. Solid lines are stable, dotted ones are not; rings mark "
         "the peaks, diamonds the folds, where a sweep jumps; dashed lines a gain of one and a lag of 90°.",
-        "",
         "Two panels over drive frequency, a line for each pretension: gain on the left, lag on the right.",
     ),
     "predicted_comparison": Caption(
         "Rigs compared",
         "(a) Resonance and (b) gain there over pretension, a line for each rig. Below, each rig's gain over frequency "
         "on equal axes, coloured by pretension; solid lines are stable, dotted ones are not, diamonds are folds.",
-        "",
         "Resonance and gain over pretension for all rigs, above a panel of response curves for each.",
     ),
     "predicted_map": Caption(
         "Map of gain",
         "The largest stable gain over frequency and pretension, lines of equal gain in white. The red line is the "
         "resonance; its rings stand at the predicted pretensions, between them the map follows the line.",
-        "",
         "Gain as colour over drive frequency and pretension, with a red line along the resonance.",
     ),
     "predicted_bands": Caption(
@@ -382,7 +380,6 @@ PREDICTION_CAPTIONS = {
         "Medians and 90 % bands of rigs drawn from what the calibration knows of the parameters. (a) and (b): what a "
         "sweep with growing frequency meets; dashed edges, where there are folds, what one with falling frequency "
         "meets. (c) Half the width of the gain's band over its median. Assumed parameters do not vary.",
-        "",
         "Gain, lag and the half width of the gain's band over drive frequency, a tube for each pretension.",
     ),
     "predicted_against": Caption(
@@ -391,7 +388,6 @@ PREDICTION_CAPTIONS = {
         "at every point. (d) Error of the peak's frequency and gain, both read off the prediction as off the "
         "recording, with the measurement's 90 % intervals. Full marks: pretensions that the rig was calibrated to; "
         "open ones are predictions.",
-        "",
         "Measured points and predicted lines of gain and lag, and their differences over frequency and pretension.",
     ),
 }
@@ -432,7 +428,7 @@ def write_prediction_page(
         tables=[
             Table(str(rig["rig"]) if several else "", _HEAD, _rows(rig, amplitude_deg), _note(rig)) for rig in rigs
         ],
-        pictures=[picture(one, PREDICTION_CAPTIONS) for one in figures if one.suffix == ".png"],
+        pictures=pictures(figures, PREDICTION_CAPTIONS),
         validity=[{"title": rig["rig"] if several else "", "checks": rig["validity"]} for rig in rigs],
         rebuild=rebuild,
         origins=list(origins),

@@ -84,35 +84,29 @@ def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
-def _cut(name: str, low: float, high: float) -> ListedColormap:
-    return ListedColormap(mpl.colormaps[name](np.linspace(low, high, 256)), name=f"{name}-cut")
-
-
 @functools.cache
-def _pretension_map() -> ListedColormap:
-    return _cut("viridis", 0.0, 0.80)
+def _cut(name: str) -> ListedColormap:
+    return ListedColormap(mpl.colormaps[name](np.linspace(0.0, 0.8, 256)), name=f"{name}-cut")
 
 
-@functools.cache
 def frequency_map() -> ListedColormap:
     """Return the colour map of drive frequency."""
-    return _cut("plasma", 0.0, 0.80)
+    return _cut("plasma")
 
 
 def pretension_colours(pretension_mm: ArrayLike) -> NDArray[np.float64]:
     """Return one colour (p, rgba) for each pretension, dark to light as pretension rises."""
-    return np.asarray(_pretension_map()(_pretension_norm(pretension_mm)(np.asarray(pretension_mm, dtype=float))))
+    return _coloured(_cut("viridis"), pretension_mm)
 
 
 def frequency_colours(frequency_hz: ArrayLike) -> NDArray[np.float64]:
     """Return one colour (f, rgba) for each drive frequency, dark to light as frequency rises."""
-    values = np.asarray(frequency_hz, dtype=float)
-    return np.asarray(frequency_map()(Normalize(values.min(), max(values.max(), values.min() + 1e-9))(values)))
+    return _coloured(frequency_map(), frequency_hz)
 
 
-def _pretension_norm(pretension_mm: ArrayLike) -> Normalize:
-    values = np.asarray(pretension_mm, dtype=float)
-    return Normalize(values.min(), max(values.max(), values.min() + 1e-9))
+def _coloured(colours: ListedColormap, of: ArrayLike) -> NDArray[np.float64]:
+    values = np.asarray(of, dtype=float)
+    return np.asarray(colours(Normalize(values.min(), max(values.max(), values.min() + 1e-9))(values)))
 
 
 def pretension_bar(figure: Figure, axes: Sequence[Axes], pretension_mm: ArrayLike) -> None:

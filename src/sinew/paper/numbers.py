@@ -6,7 +6,7 @@ trends (damping ratio about constant, lag of 90° at the peak). Ten parameters o
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -32,8 +32,7 @@ _MOST_DEVIATIONS = 3.0
 """Standard deviations in a tolerance: the paper's numbers count with a third of their tolerance."""
 
 
-@dataclass(frozen=True)
-class Free:
+class Free(NamedTuple):
     """A free parameter: dotted name, what is thought likely, and how firmly (standard deviation), in its unit."""
 
     name: str
@@ -41,8 +40,7 @@ class Free:
     width: float
 
 
-@dataclass(frozen=True)
-class Target:
+class Target(NamedTuple):
     """A number of the paper: its value and the tolerance within which it is met."""
 
     name: str
@@ -61,6 +59,11 @@ class Scale:
     width: Vector
     low: Vector
     high: Vector
+
+    @property
+    def ends(self) -> tuple[Vector, Vector]:
+        """The bounds in widths from the likely values, (free,)."""
+        return (self.low - self.likely) / self.width, (self.high - self.likely) / self.width
 
 
 FREE = (
@@ -279,7 +282,7 @@ def _fit(
         seen = misfit(observe([rig_with(base, complete(m)) for m in moved]))
         return np.concatenate([((seen[0::2] - seen[1::2]) / (2 * h)).T, prior * np.eye(free.size)])
 
-    low, high = _bounds(scale, free)
+    low, high = (end[free] for end in scale.ends)
     x0 = np.clip((values[free] - likely[free]) / width[free], low + 1e-6, high - 1e-6)
     try:
         solution = least_squares(residual, x0, jacobian, bounds=(low, high), max_nfev=steps, xtol=1e-3, ftol=1e-3)
@@ -287,12 +290,6 @@ def _fit(
         return best[0], best[1]
     final = complete(solution.x)
     return final, observe([rig_with(base, final)])[0]
-
-
-def _bounds(scale: Scale, free: NDArray[np.intp]) -> tuple[Vector, Vector]:
-    """Return the bounds of the free parameters in prior standard deviations from the likely value."""
-    low, high = ((end - scale.likely) / scale.width for end in (scale.low, scale.high))
-    return low[free], high[free]
 
 
 def _alone(base: RigSpec, values: Vector, index: int) -> tuple[float, float]:

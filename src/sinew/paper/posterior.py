@@ -174,7 +174,7 @@ def paper_posterior(
                 progress(done, effort.evaluations + 2 * len(FREE))
         return np.concatenate(seen)
 
-    low, high = ((end - scale.likely) / scale.width for end in (scale.low, scale.high))
+    low, high = scale.ends
     start = (values - scale.likely) / scale.width
     draws = sample_posterior(residual, start, low, high, seed=seed, effort=effort)
     units = {free.name: table[free.name].unit for free in FREE}
@@ -194,7 +194,7 @@ def summarise_draws(
     units: of the parameters, by name, in the order of the draws. derived: numbers that follow from draws of the prior
     and from the draws.
     """
-    low, high = ((end - scale.likely) / scale.width for end in (scale.low, scale.high))
+    low, high = scale.ends
     prior = truncnorm(low, high)
     prior90 = (scale.likely + scale.width * prior.ppf(np.array(_ENDS)[:, None])).T
     values = scale.likely + scale.width * draws.flat

@@ -15,18 +15,10 @@ from matplotlib.figure import Figure
 from sinew.analysis.doubts import doubts_of
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
+from sinew.figures import page, response
 from sinew.figures.decay import draw_damping, draw_decay
-from sinew.figures.lissajous import draw_lissajous, draw_phase_portraits
-from sinew.figures.page import CAPTIONS, picture, write_page
-from sinew.figures.response import (
-    draw_drive_amplitude,
-    draw_drive_groups,
-    draw_energy,
-    draw_response,
-    draw_response_map,
-)
+from sinew.figures.motion import draw_lissajous, draw_phase_portraits
 from sinew.figures.style import save_figure
-from sinew.figures.tables import measured_tables, number, parameter_rows, reaches, window_table
 from sinew.measure import estimate
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate, interval, span, typeset
@@ -149,25 +141,23 @@ def write_report(
     """
     about_paper = is_the_papers(results, rig)
     paper = list(summary["paper"]) if summary is not None and rig is not None and about_paper else []
-    source = str(results.attrs.get("source", ""))
-    return write_page(
+    return page.write_page(
         folder / "report.html",
         "report.html",
         title=f"Resonance report of the rig “{rig.name}”" if rig is not None and about_paper else "Resonance report",
-        source=_SOURCES.get(source, source),
+        **_made_by(results),
         doubts=[one["sentence"] for one in doubts_of(results)],
-        effects_off=", ".join(str(results.attrs.get("effects_off", "")).split()),
         paper=paper,
         agreeing=sum(bool(row["ok"]) for row in paper),
         counted=count_roles(paper),
         has_roles=any(row["role"] == "fitted" for row in paper),
         about_paper=about_paper,
         threshold=describe_threshold(results, beyond, about_paper=about_paper),
-        tables=measured_tables(results),
-        windows=window_table(results),
-        pictures=[picture(path, CAPTIONS) for path in figures if path.suffix == ".png"],
-        parameters=parameter_rows(rig) if rig is not None else [],
-        reaches=reaches(determination or {}),
+        tables=page.measured_tables(results),
+        windows=page.window_table(results),
+        pictures=page.pictures(figures, CAPTIONS),
+        parameters=page.parameter_rows(rig) if rig is not None else [],
+        reaches=page.reaches(determination or {}),
         effects=list(effects or ()),
         answers=None if answers is None else list(answers),
         rebuild=rebuild,
@@ -183,6 +173,12 @@ _SOURCES = {
     "bench": "recorded on the bench",
     "import": "an imported recording",
 }
+
+
+def _made_by(dataset: xr.Dataset) -> dict[str, str]:
+    source = str(dataset.attrs.get("source", ""))
+    off = ", ".join(str(dataset.attrs.get("effects_off", "")).split())
+    return {"source": _SOURCES.get(source, source), "effects_off": off}
 
 
 def _origins(results: xr.Dataset) -> list[tuple[str, str]]:
@@ -208,22 +204,20 @@ def write_answers(
 ) -> Path:
     """Write answers.html into a folder, atomically, and return its path.
 
-    recording: what was asked; only its attributes are read. figures: of `sinew.paper.answers.figures.draw_answers`; the
+    recording: what was asked; only its attributes are read. figures: of `draw_answers`; the
     PNGs among them are put into the page. rebuild: the command that makes the page again.
     Raises FileError where the folder cannot be written.
     """
-    source = str(recording.attrs.get("source", ""))
-    pictures = {
+    drawn = {
         path.stem.removeprefix("answer_"): base64.b64encode(path.read_bytes()).decode("ascii")
         for path in figures
         if path.suffix == ".png"
     }
-    return write_page(
+    return page.write_page(
         folder / "answers.html",
         "answers.html",
-        source=_SOURCES.get(source, source),
-        effects_off=", ".join(str(recording.attrs.get("effects_off", "")).split()),
-        answers=[_shown(answer, pictures) for answer in answers],
+        **_made_by(recording),
+        answers=[_shown(answer, drawn) for answer in answers],
         told=sum(answer.told for answer in answers),
         recording_hash=str(recording.attrs.get("content_hash", "")),
         report=(folder / "report.html").is_file(),
@@ -231,7 +225,7 @@ def write_answers(
     )
 
 
-def _shown(answer: Answer, pictures: Mapping[str, str]) -> dict[str, Any]:
+def _shown(answer: Answer, drawn: Mapping[str, str]) -> dict[str, Any]:
     names = list(dict.fromkeys(key for row in answer.rows for key in row if not key.startswith("repeat_")))
     return {
         "name": answer.name,
@@ -242,7 +236,7 @@ def _shown(answer: Answer, pictures: Mapping[str, str]) -> dict[str, Any]:
         "numbers": [(name, *_cells(one)) for name, one in answer.numbers.items()],
         "head": names,
         "rows": [[_cell(row.get(name, math.nan)) for name in names] for row in answer.rows],
-        "picture": pictures.get(answer.name, ""),
+        "picture": drawn.get(answer.name, ""),
         "alt": _ALT.get(answer.name, ""),
     }
 
@@ -251,28 +245,114 @@ def _cells(one: Estimate) -> tuple[str, str, str]:
     """Return value, standard deviation and interval, all with the digits that the interval gives."""
     known = not (math.isnan(one.low) or math.isnan(one.high))
     value = interval(one.value, one.low, one.high).split(" (")[0] if known else estimate.pair(one.value, one.std)
-    spread = number(one.std, 2) if math.isfinite(one.std) else "–"
+    spread = page.number(one.std, 2) if math.isfinite(one.std) else "–"
     return typeset(value.split(" ±")[0]), spread, typeset(span(one.low, one.high)) if known else "–"
 
 
 def _cell(cell: Cell) -> str:
     if not isinstance(cell, Estimate):
-        return number(cell)
+        return page.number(cell)
     return typeset(estimate.pair(cell.value, 0.5 * (cell.high - cell.low)))
 
 
 FIGURES: dict[str, Callable[[xr.Dataset, xr.Dataset], Figure | None]] = {
-    "figure05_drive_groups": lambda recording, _: draw_drive_groups(recording),
-    "figure06_response": lambda _, results: draw_response(results),
+    "figure05_drive_groups": lambda recording, _: response.draw_drive_groups(recording),
+    "figure06_response": lambda _, results: response.draw_response(results),
     "figure07_lissajous": lambda recording, _: draw_lissajous(recording),
-    "figure08_map": lambda _, results: draw_response_map(results),
+    "figure08_map": lambda _, results: response.draw_response_map(results),
     "figure09_decay": draw_decay,
     "figure10_damping": draw_damping,
-    "drive_amplitude": draw_drive_amplitude,
-    "energy": draw_energy,
+    "drive_amplitude": response.draw_drive_amplitude,
+    "energy": response.draw_energy,
     "phase_portraits": draw_phase_portraits,
 }
 """What draws each figure, by the name of its files, in the order of the paper."""
+
+
+# Each figure gets its words: title, what to see, what it looks like, what the paper shows there.
+
+CAPTIONS = {
+    "figure05_drive_groups": page.Caption(
+        "Figure 5: driving oscillation",
+        "(a) The first sweep as it was driven, at the pretension in its title: each group settles (grey) and is then "
+        "recorded (colour). The numbers are frequencies, the dotted lines the nominal amplitude. (b) to (d) Three "
+        "groups close up: commanded (dashed), settling (grey) and recorded (blue).",
+        "Drive angle over time for one whole sweep, and close-ups of three frequency groups, commanded and measured.",
+        "The paper drives groups of five periods at constant nominal amplitude, each after 3 s of settling.",
+    ),
+    "figure06_response": page.Caption(
+        "Figure 6: amplitude response and phase difference",
+        "(a) Mean of the torsion's peaks over the nominal drive amplitude (Eq. 6). (b) Lag of the torsion behind the "
+        "drive. Lines are means over the repeats, tubes ±1 standard deviation, often thinner than the line; colour is "
+        "pretension; rings mark the resonance at each pretension, dashed lines a gain of one and a lag of 90°.",
+        "Two panels over drive frequency, a line with a tube for each pretension: gain on the left, lag on the right.",
+        "The paper finds the resonance rising from 3 to 4.3 Hz while the gain falls from 2.8 to 1.4, and a lag of 90° "
+        "at resonance.",
+    ),
+    "figure07_lissajous": page.Caption(
+        "Figure 7: Lissajous curves",
+        "Middle: measured torsion over measured drive, a colour for each frequency; dotted lines mark the nominal "
+        "drive amplitude, the dashed line is the ellipse fitted to the curve whose lag is closest to 90°. "
+        "Left and right: the ideal shapes for lags of 0 to 180°, at equal amplitudes.",
+        "Closed curves of torsion over drive angle at several frequencies, between schematic ellipses for five lags.",
+        "The paper shows p = 4 mm: a rising line opens to an ellipse and closes again to a falling one, and the curves "
+        "become narrower at high frequency, where the drive does not reach its amplitude.",
+    ),
+    "figure08_map": page.Caption(
+        "Figure 8: response map",
+        "(a) Gain as a surface over frequency and pretension. (b) The same from above, with lines of equal gain. The "
+        "red line is the ridge, the resonance at each pretension. Between measured points the surface follows the "
+        "ridge and does not overshoot.",
+        "A surface of gain over frequency and pretension, and its view from above with a red line along the ridge.",
+        "In the paper the ridge moves to higher frequency and lower gain as pretension rises.",
+    ),
+    "figure09_decay": page.Caption(
+        "Figure 9: free decay",
+        "(a) The drive stops at its zero crossing and the joint swings freely. (b) The free decay, its positive and "
+        "negative peaks, the fitted envelope, and the quantities that follow (Eq. 7 to 10).",
+        "Drive and torsion over time around the stop of the drive, and the decaying torsion inside its envelope.",
+        "The paper shows the same without pretension and derives λ, ⟨ω⟩ and D from the envelope.",
+    ),
+    "figure10_damping": page.Caption(
+        "Figure 10: damping over pretension",
+        "(a) to (c) Decay coefficient, angular frequency and Lehr's damping, mean ± standard deviation over the "
+        "repeats: by the paper's peak method (dots) and by a direct fit in the time domain (squares). Below: measured "
+        "decays (grey) under the linear second-order model with the same λ and ⟨ω⟩ (green).",
+        "Three panels of damping quantities over pretension, above small panels of decays with the linear model.",
+        "In the paper λ and ⟨ω⟩ rise with pretension while D stays about constant.",
+    ),
+    "drive_amplitude": page.Caption(
+        "Drive amplitude",
+        "Measured drive amplitude over frequency at each pretension. The dotted line is the nominal amplitude, rings "
+        "mark the resonance. Red, where the rig is known: along the dashed line a sine has the motor's no-load speed "
+        "ω₀ as its peak speed, amplitude ω₀/(2πf). A saturated drive runs nearly a triangle, at ω₀ all the time: its "
+        "peak ω₀/(4f) is π/2 times higher, its fundamental, which is what is measured here, 4/π times (dash-dotted).",
+        "Measured drive amplitude over frequency, a line for each pretension, with the nominal amplitude dotted.",
+        "The paper reports that the amplitude falls as frequency rises and leaves open whether the drive or the joint "
+        "limits the gain; this figure is added for that question.",
+    ),
+    "energy": page.Caption(
+        "Energy",
+        "(a) Electrical power of the drive (duty, current and voltage of its servo) as it was driven; rings mark the "
+        "resonance. (b) The same per cycle and per squared torsion amplitude: what a swing of the head costs. Dashed: "
+        "the trend, which spring and inertia would need if neither helped the other; the arrow is the reduction at "
+        "resonance, the triangle the frequency of the cheapest swing. (c) Where the power at resonance goes, with "
+        "the tendon motors and the electronics of all servos.",
+        "Power of the drive over frequency, energy per swing over frequency with a trend line, and stacked bars of the "
+        "power at resonance over pretension.",
+        "The paper proposes the reduction of the motor's current at resonance, against its rise with frequency, as a "
+        "measure of the energy saved, and leaves it to future work (section 5.3).",
+    ),
+    "phase_portraits": page.Caption(
+        "Phase portraits at resonance",
+        "Torsion rate over torsion during the recorded periods at resonance. The dashed ellipse is a harmonic "
+        "oscillation of the same frequency and amplitude. Above: the torsion's harmonics as a share of its "
+        "fundamental; even ones bend the portrait to one side, the third squeezes it evenly.",
+        "Closed curves of torsion rate over torsion at resonance, each with a dashed ellipse, for some pretensions.",
+        "The paper expects anharmonicity to show as an asymmetry here (section 5.2.3) and leaves it to its video.",
+    ),
+}
+"""By the name of the figure's files, in the order of the paper."""
 
 
 def build_figures(recording: xr.Dataset, results: xr.Dataset) -> Iterator[tuple[str, Figure]]:

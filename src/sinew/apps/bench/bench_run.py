@@ -4,8 +4,8 @@ import shlex
 import shutil
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
-Port = Annotated[str, option("--port", "PORT", "Serial port of the bench, or of `sinew emulate`.")]
-Wait = Annotated[float, option("--wait", "S", "Wait so long for the port to appear [s].", min=0.0, max=3600.0)]
+Port = Annotated[str, option("PORT", "Serial port of the bench, or of `sinew emulate`.", "--port")]
+Wait = Annotated[float, option("S", "Wait so long for the port to appear [s].", "--wait", min=0.0, max=3600.0)]
 
 JOURNAL = "journal.sqlite"
 """Name of a run's journal in its folder."""
@@ -191,7 +191,19 @@ def recording_doubts(recording: Path | None, spec: "RigSpec") -> list[dict[str, 
 
 
 @contextmanager
-def on_signals(act: Callable[[str], None], emergency: Callable[[str], None] | None = None) -> Iterator[None]:
+def signals_to(act: Callable[[int], None], numbers: Iterable[int]) -> Iterator[None]:
+    """Have signals do something, each time, instead of what they did before."""
+    before = {number: signal.signal(number, lambda number, _frame: act(number)) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, old)
+
+
+def on_signals(
+    act: Callable[[str], None], emergency: Callable[[str], None] | None = None
+) -> AbstractContextManager[None]:
     """Have Ctrl-C, SIGTERM and a closed terminal do something, each time, instead of ending the program.
 
     emergency: what Ctrl-\\ (SIGQUIT) does; None: the same.
@@ -199,16 +211,11 @@ def on_signals(act: Callable[[str], None], emergency: Callable[[str], None] | No
     names = {signal.SIGINT: "interrupted by Ctrl-C", signal.SIGTERM: "terminated", signal.SIGHUP: "the terminal closed"}
     names[signal.SIGQUIT] = "emergency stop by Ctrl-\\"
 
-    def handler(number: int, _frame: Any) -> None:
+    def handle(number: int) -> None:
         which = signal.Signals(number)
         (emergency if emergency is not None and which == signal.SIGQUIT else act)(names[which])
 
-    before = {number: signal.signal(number, handler) for number in names}
-    try:
-        yield
-    finally:
-        for number, old in before.items():
-            signal.signal(number, old)
+    return signals_to(handle, names)
 
 
 def run_document(
@@ -226,7 +233,7 @@ def run_document(
         "safe_state": report.stop.declared,
         "is_safe": report.stop.is_safe,
         "left": report.stop.sentence(),
-        "frozen_ms": _ms(report.halted_s),
+        "frozen_ms": None if report.halted_s is None else round(1e3 * report.halted_s, 1),
         "pauses": list(report.pauses),
         "groups": report.groups,
         "groups_done": report.groups_done,
@@ -240,10 +247,6 @@ def run_document(
         "journal": str(journal),
         "recording": str(recording) if recording is not None else None,
     }
-
-
-def _ms(seconds: float | None) -> float | None:
-    return None if seconds is None else round(1e3 * seconds, 1)
 
 
 def print_run(document: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from sinew.apps.bench.bench_run import Port, Wait, await_port, open_rig
-from sinew.apps.console import Json, Rig, option, print_json, remark
+from sinew.apps.console import Json, Rig, flag, option, print_json, remark
 
 if TYPE_CHECKING:
     from sinew.bench.doctor import Finding, Fix
@@ -27,9 +27,9 @@ _PIPE_WIDTH = 200
 def doctor(
     port: Port,
     rig: Rig = "paper",
-    baud: Annotated[int | None, option("--baud", "N", "Instead of the rig's.")] = None,
-    fix: Annotated[bool, typer.Option("--fix", help="Write safe settings, after asking once.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="With --fix: write without asking.")] = False,
+    baud: Annotated[int | None, option("N", "Instead of the rig's.")] = None,
+    fix: Annotated[bool, flag("--fix", "Write safe settings, after asking once.")] = False,
+    yes: Annotated[bool, flag("--yes", "With --fix: write without asking.")] = False,
     wait: Wait = 0.0,
     json: Json = False,
 ) -> int:
@@ -40,7 +40,7 @@ def doctor(
     and the latency timer of the adapter. Takes about 4 s. Exit status: 0 no fault, 1 a fault remains, 2 the port cannot
     be opened.
     """
-    from sinew.bench.doctor import list_fixes
+    from sinew.bench.doctor import apply_fixes, list_fixes
     from sinew.hardware.serial_port import find_latency_timer
     from sinew.plan.toml import load_rig
 
@@ -51,7 +51,8 @@ def doctor(
     findings = _examine(port, used, spec.wiring.baud, timer)
     written: list[Finding] = []
     if fix and (fixes := list_fixes(findings)) and _may_write(fixes, yes):
-        written = _write(port, used, fixes, timer)
+        with open_rig(port, used, own_time=True) as (bench, clock):
+            written = apply_fixes(bench, clock, fixes, timer)
         findings = _examine(port, used, spec.wiring.baud, timer)
     if json:
         print_json(_document(port, used, findings, written))
@@ -110,13 +111,6 @@ def _may_write(fixes: "Sequence[Fix]", yes: bool) -> bool:
     if not sys.stdin.isatty():
         raise SpecError("found no terminal to ask on before settings are written; add --yes to --fix")
     return typer.confirm(f"write {len(fixes)} settings to motors whose torque is off?", err=True)
-
-
-def _write(port: str, spec: "RigSpec", fixes: "Sequence[Fix]", timer: "LatencyTimer | None") -> "list[Finding]":
-    from sinew.bench.doctor import apply_fixes
-
-    with open_rig(port, spec, own_time=True) as (bench, clock):
-        return apply_fixes(bench, clock, fixes, timer)
 
 
 def _document(

@@ -4,15 +4,14 @@ import json as json_
 import math
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
+from sinew.apps.bench.bench_run import signals_to
 from sinew.apps.bench.run_control import keeping_time
-from sinew.apps.console import Json, Rig, Seed, option, require_file, write_json
+from sinew.apps.console import Json, Rig, Seed, flag, option, require_file, write_json
 
 if TYPE_CHECKING:
     from sinew.emulator.faults import FaultyRig
@@ -24,29 +23,27 @@ if TYPE_CHECKING:
 
 
 def emulate(
-    link: Annotated[Path, option("--link", "PATH", "Name of the port: a link to make.")],
+    link: Annotated[Path, option("PATH", "Name of the port: a link to make.")],
     rig: Rig = "paper",
-    baud: Annotated[int | None, option("--baud", "N", "What the devices are set to; else the rig's.")] = None,
-    speed: Annotated[float, option("--speed", "X", "Emulated seconds in a second.", min=0.01, max=100.0)] = 1.0,
+    baud: Annotated[int | None, option("N", "What the devices are set to; else the rig's.")] = None,
+    speed: Annotated[float, option("X", "Emulated seconds in a second.", min=0.01, max=100.0)] = 1.0,
     fault: Annotated[
-        list[str] | None, option("--fault", "SPEC", "A fault, as drop:p=0.01 or unplug@12.5; may be repeated.")
+        list[str] | None, option("SPEC", "A fault, as drop:p=0.01 or unplug@12.5; may be repeated.")
     ] = None,
     seed: Seed = 0,
     tilt: Annotated[
-        float | None, option("--tilt", "DEG", "Tilt of the slack head plate; else drawn, about 1.", min=0.0, max=20.0)
+        float | None, option("DEG", "Tilt of the slack head plate; else drawn, about 1.", min=0.0, max=20.0)
     ] = None,
-    slack: Annotated[
-        str | None, option("--slack", "MM,...", "Cable to take up until each tendon pulls; else drawn.")
-    ] = None,
-    unloaded: Annotated[bool, typer.Option("--unloaded", help="Motors on the table, without the joint.")] = False,
-    for_s: Annotated[float | None, option("--for", "S", "End after so much emulated time.", min=0.0)] = None,
+    slack: Annotated[str | None, option("MM,...", "Cable to take up until each tendon pulls; else drawn.")] = None,
+    unloaded: Annotated[bool, flag("--unloaded", "Motors on the table, without the joint.")] = False,
+    for_s: Annotated[float | None, option("S", "End after so much emulated time.", "--for", min=0.0)] = None,
     socket: Annotated[
-        bool, typer.Option("--socket", help="A socket, not a terminal: for Sinew alone; keeps time on a busy computer.")
+        bool, flag("--socket", "A socket, not a terminal: for Sinew alone; keeps time on a busy computer.")
     ] = False,
     own_time: Annotated[
-        bool, typer.Option("--own-time", help="Go on while Sinew's run is held up by the computer, as a real bench.")
+        bool, flag("--own-time", "Go on while Sinew's run is held up by the computer, as a real bench.")
     ] = False,
-    truth: Annotated[Path | None, option("--truth", "FILE", "Write at the end what truly happened, as JSON.")] = None,
+    truth: Annotated[Path | None, option("FILE", "Write at the end what truly happened, as JSON.")] = None,
     json: Json = False,
 ) -> None:
     """Play a bench on a pseudo-terminal, byte by byte, until interrupted.
@@ -63,7 +60,7 @@ def emulate(
     """
     from sinew.emulator.faults import parse_fault  # numpy: not for --help
     from sinew.emulator.found import drawn_start, found_bench
-    from sinew.emulator.port_server import ClockSocket, PtyServer, refuse_taken
+    from sinew.emulator.port_server import ClockSocket, PtyPort, PtyServer, SocketPort, refuse_taken
     from sinew.hardware.transport import MonotonicClock
     from sinew.plan.toml import load_rig
 
@@ -76,14 +73,14 @@ def emulate(
     bench = found_bench(rig_, start, seed, faults, baud=baud, unloaded=unloaded)
     shared = None if own_time else ClockSocket(link)
     try:
-        make_port = _kind_of_port(rig_, socket)
+        make_port: Callable[[Path], Port] = partial(SocketPort, host_baud=rig_.wiring.baud) if socket else PtyPort
         server = PtyServer(bench, link, clock=MonotonicClock(), speed=speed, make_port=make_port, shared=shared)
     except BaseException:
         if shared is not None:
             shared.close()
         raise
     try:
-        with _stopping_on_signals(server.stop), keeping_time(collecting=True):
+        with signals_to(lambda _: server.stop(), (signal.SIGINT, signal.SIGTERM)), keeping_time(collecting=True):
             said = _description(rig_, bench, server, start, unloaded, seed, speed)
             _say_ready(said | {"clock": None if shared is None else str(shared.link)}, as_json=json)
             server.run(math.inf if for_s is None else bench.time + for_s)
@@ -91,13 +88,6 @@ def emulate(
         server.close()
     if truth is not None:
         write_json(_truth(rig_, bench, server, unloaded, seed), truth)
-
-
-def _kind_of_port(rig: "RigSpec", socket: bool) -> "Callable[[Path], Port]":
-    """Return what makes the port of a name. socket: whether it is a socket, else a pseudo-terminal."""
-    from sinew.emulator.port_server import PtyPort, SocketPort
-
-    return (lambda link: SocketPort(link, rig.wiring.baud)) if socket else PtyPort
 
 
 def _parse_slack(text: str, count: int) -> tuple[float, ...]:
@@ -110,17 +100,6 @@ def _parse_slack(text: str, count: int) -> tuple[float, ...]:
     if len(slack) != count or not all(0 <= value <= 50 for value in slack):
         raise SpecError(f"--slack {text} is not the slack of {count} tendons; expected {count} numbers from 0 to 50 mm")
     return slack
-
-
-@contextmanager
-def _stopping_on_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Have SIGINT and SIGTERM call `stop`."""
-    before = {number: signal.signal(number, lambda *_: stop()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _description(

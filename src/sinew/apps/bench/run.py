@@ -5,27 +5,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from sinew.apps.bench.bench_run import (
-    JOURNAL,
-    Port,
-    Wait,
-    await_port,
-    close_journal,
-    convert_journal,
-    on_signals,
-    open_rig,
-    print_run,
-    recording_doubts,
-    refuse_full_disk,
-    refuse_unfit_folder,
-    run_document,
-    run_journal,
-    source_of,
-)
+from sinew.apps.bench import bench_run
 from sinew.apps.bench.run_control import keeping_time, listening, showing
-from sinew.apps.console import Json, PlanArgument, Rig, option, print_json, remark
+from sinew.apps.console import Json, PlanArgument, Rig, flag, option, print_json, remark
 
 if TYPE_CHECKING:
     from sinew.plan.plan import Plan
@@ -34,11 +16,11 @@ if TYPE_CHECKING:
 
 def run(
     plan: PlanArgument,
-    port: Port,
-    out: Annotated[Path, option("--out", "DIR", "Folder for journal and recording.")],
+    port: bench_run.Port,
+    out: Annotated[Path, option("DIR", "Folder for journal and recording.")],
     rig: Rig = "paper",
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the interrupted run in --out.")] = False,
-    wait: Wait = 0.0,
+    resume: Annotated[bool, flag("--resume", "Go on with the interrupted run in --out.")] = False,
+    wait: bench_run.Wait = 0.0,
     json: Json = False,
 ) -> int:
     """Run a plan on a bench: pull the tendons, set each pretension, swing, record.
@@ -64,30 +46,37 @@ def run(
 
     plan_, spec = load_plan(plan), load_rig(rig)
     words = ["sinew", "run", plan, "--rig", rig, "--port", port, "--out", str(out)]
-    refuse_unfit_folder(out, resume)
-    await_port(port, wait)
+    bench_run.refuse_unfit_folder(out, resume)
+    bench_run.await_port(port, wait)
     with ExitStack() as signals:
-        with open_rig(port, spec) as (bench, clock), listening(out, steering := Steering(clock.now)) as control:
+        with (
+            bench_run.open_rig(port, spec) as (bench, clock),
+            listening(out, steering := Steering(clock.now)) as control,
+        ):
             # What the bench lacks is said at once; the runner looks again, for the preview takes a while.
             refuse_unready(bench, clock, plan_, torque_may_be_on=resume)
             tension, expected = _refuse_unfit_plan(plan_, spec, out)
-            told = {"source": source_of(bench), "expected": expected}
-            with keeping_time(), run_journal(out, plan_, spec, words, resume, **told) as journal, showing() as screen:
+            told = {"source": bench_run.source_of(bench), "expected": expected}
+            with (
+                keeping_time(),
+                bench_run.run_journal(out, plan_, spec, words, resume, **told) as journal,
+                showing() as screen,
+            ):
                 runner = control.runner = Runner(
                     bench, clock, plan_, journal, tension, listener=screen, steering=steering
                 )
-                signals.enter_context(on_signals(runner.request_stop, runner.request_emergency))
+                signals.enter_context(bench_run.on_signals(runner.request_stop, runner.request_emergency))
                 report = runner.run(resume=resume)
-                close_journal(journal, report)
+                bench_run.close_journal(journal, report)
             statistics = bench.bus.statistics
-        recording = convert_journal(out, report)
-    document = run_document(report, plan_, spec, recording, out / JOURNAL)
-    document["doubts"] = recording_doubts(recording, spec)
+        recording = bench_run.convert_journal(out, report)
+    document = bench_run.run_document(report, plan_, spec, recording, out / bench_run.JOURNAL)
+    document["doubts"] = bench_run.recording_doubts(recording, spec)
     document["bus"] = {name: getattr(statistics, name) for name in statistics.__dataclass_fields__}
     if json:
         print_json(document)
     else:
-        print_run(document)
+        bench_run.print_run(document)
     if not report.is_complete:
         end = f"{report.sentence}; " if json else ""
         remark(f"{end}go on with: {shlex.join([*words, '--resume'])}")
@@ -95,9 +84,9 @@ def run(
 
 
 def stop(
-    port: Port,
+    port: bench_run.Port,
     rig: Rig = "paper",
-    state: Annotated[str | None, option("--state", "hold|release", "Instead of the rig's.")] = None,
+    state: Annotated[str | None, option("hold|release", "Instead of the rig's.")] = None,
     json: Json = False,
 ) -> int:
     """Bring a bench to its safe state, from whatever state it is in: hold, or release the tension and the torque.
@@ -113,7 +102,7 @@ def stop(
     wanted = state or spec.limits.safe_state
     if wanted not in ("hold", "release"):
         raise SpecError(f"found --state {wanted}, expected hold or release")
-    with open_rig(port, spec) as (bench, clock), on_signals(lambda _: None):
+    with bench_run.open_rig(port, spec) as (bench, clock), bench_run.on_signals(lambda _: None):
         report = bring_to_rest(bench, clock, wanted)
     if json:
         failed = [{"motor": name, "sentence": why} for name, why in report.failed]
@@ -132,5 +121,5 @@ def _refuse_unfit_plan(plan: "Plan", spec: "RigSpec", folder: Path) -> tuple[dic
     preview, expected = foresee_plan(plan, spec)
     refuse_beyond_limits(preview)
     pretensions = plan.pretension.pretension_mm
-    refuse_full_disk(folder, plan, preview.longest_s)
+    bench_run.refuse_full_disk(folder, plan, preview.longest_s)
     return dict(zip(pretensions, preview.tension_n, strict=True)), expected

@@ -14,9 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import quote
 
-import typer
-
-from sinew.apps.console import Json, Seed, option, remark
+from sinew.apps.console import Json, Seed, flag, option, remark
 
 if TYPE_CHECKING:
     from sinew.apps.dashboard.access import Access
@@ -30,22 +28,16 @@ _ANY = ("0.0.0.0", "::")
 
 
 def serve(
-    port_bench: Annotated[str | None, option("--port-bench", "PORT", "Serial port of the bench to steer.")] = None,
-    emulate: Annotated[bool, typer.Option("--emulate", help="Steer an emulated bench, which is begun here.")] = False,
-    rig: Annotated[
-        str, option("--rig", "RIG", "The rig that is emulated, and offered first; a file or a name.")
-    ] = "paper",
-    runs: Annotated[Path, option("--runs", "DIR", "Folder of the runs.")] = Path("runs"),
-    http: Annotated[str, option("--http", "HOST:PORT", "Where the pages are served.")] = "127.0.0.1:8080",
-    steering_port: Annotated[
-        int | None, option("--steering-port", "PORT", "Port of the commands; else PORT+1.", min=1, max=65535)
-    ] = None,
+    port_bench: Annotated[str | None, option("PORT", "Serial port of the bench to steer.")] = None,
+    emulate: Annotated[bool, flag("--emulate", "Steer an emulated bench, which is begun here.")] = False,
+    rig: Annotated[str, option("RIG", "The rig that is emulated, and offered first; a file or a name.")] = "paper",
+    runs: Annotated[Path, option("DIR", "Folder of the runs.")] = Path("runs"),
+    http: Annotated[str, option("HOST:PORT", "Where the pages are served.")] = "127.0.0.1:8080",
+    steering_port: Annotated[int | None, option("PORT", "Port of the commands; else PORT+1.", min=1, max=65535)] = None,
     host: Annotated[
-        list[str] | None, option("--host", "NAME", "A name under which a proxy brings browsers; may be repeated.")
+        list[str] | None, option("NAME", "A name under which a proxy brings browsers; may be repeated.")
     ] = None,
-    token_file: Annotated[
-        Path | None, option("--token-file", "FILE", "Take the token from a file, not a new one.")
-    ] = None,
+    token_file: Annotated[Path | None, option("FILE", "Take the token from a file, not a new one.")] = None,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:

@@ -8,33 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
-from sinew.apps.bench.bench_run import (
-    JOURNAL,
-    Wait,
-    await_port,
-    close_journal,
-    convert_journal,
-    on_signals,
-    open_rig,
-    refuse_full_disk,
-    refuse_unfit_folder,
-    rig_on,
-    run_document,
-    run_journal,
-    source_of,
-)
+from sinew.apps import console
+from sinew.apps.bench import bench_run
 from sinew.apps.bench.run_control import keeping_time, listening, showing
-from sinew.apps.console import (
-    HIGHEST_HZ,
-    LARGEST_DEG,
-    Json,
-    Seed,
-    number_list,
-    option,
-    print_json,
-    print_table,
-    write_json,
-)
+from sinew.apps.console import Json, Seed, flag, option
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import finite, fixed, number, pair, shown
 
@@ -42,7 +19,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from sinew.analysis.tracked import TrackedPoint
     from sinew.hardware.rig import Rig as HardwareRig
     from sinew.hardware.transport import Clock
     from sinew.plan.plan import Held, Plan, Track
@@ -54,31 +30,27 @@ Bench = AbstractContextManager["tuple[HardwareRig, Clock]"]
 
 
 def track(
-    rig: Annotated[
-        str, typer.Argument(metavar="[RIG]", help="A rig: a TOML file, or the name of a shipped one.")
-    ] = "paper",
-    port: Annotated[str | None, option("--port", "PORT", "Serial port of the bench.")] = None,
-    emulate: Annotated[bool, typer.Option("--emulate", help="Instead: an emulated bench, in virtual time.")] = False,
+    rig: Annotated[str, typer.Argument(metavar="[RIG]", help=console.RIG_HELP)] = "paper",
+    port: Annotated[str | None, option("PORT", "Serial port of the bench.")] = None,
+    emulate: Annotated[bool, flag("--emulate", "Instead: an emulated bench, in virtual time.")] = False,
     pretension: Annotated[
-        str | None, option("--pretension-mm", "MM,...|FROM:TO", "Pretensions, or one that moves; else 4.")
+        str | None, option("MM,...|FROM:TO", "Pretensions, or one that moves; else 4.", "--pretension-mm")
     ] = None,
-    amplitude: Annotated[str, option("--amplitude-deg", "DEG,...", "Amplitudes that are held.")] = "20",
-    hold: Annotated[
-        str, option("--hold", "command|lever|torsion", "Of what they are: half of peak to peak.")
-    ] = "command",
+    amplitude: Annotated[str, option("DEG,...", "Amplitudes that are held.", "--amplitude-deg")] = "20",
+    hold: Annotated[str, option("command|lever|torsion", "Of what they are: half of peak to peak.")] = "command",
     duration: Annotated[
-        float | None, option("--duration-s", "S", "Of each; else 10, moving 30.", min=3.0, max=3600.0)
+        float | None, option("S", "Of each; else 10, moving 30.", "--duration-s", min=3.0, max=3600.0)
     ] = None,
     start: Annotated[
-        float | None, option("--from-hz", "HZ", "First drive frequency; else the expected one.", min=0.1)
+        float | None, option("HZ", "First drive frequency; else the expected one.", "--from-hz", min=0.1)
     ] = None,
     follow: Annotated[
-        str | None, option("--follow-hz", "FROM:TO", "Move the pretension so that it resonates there.")
+        str | None, option("FROM:TO", "Move the pretension so that it resonates there.", "--follow-hz")
     ] = None,
-    out: Annotated[Path, option("--out", "DIR", "Folder for journal, recording, figure.")] = Path("out/track"),
-    fault: Annotated[list[str] | None, option("--fault", "SPEC", "With --emulate: as of `sinew emulate`.")] = None,
+    out: Annotated[Path, option("DIR", "Folder for journal, recording, figure.")] = Path("out/track"),
+    fault: Annotated[list[str] | None, option("SPEC", "With --emulate: as of `sinew emulate`.")] = None,
     seed: Seed = 0,
-    wait: Wait = 0.0,
+    wait: bench_run.Wait = 0.0,
     json: Json = False,
 ) -> int:
     """Hold the torsion 90° behind the lever: a phase-locked loop moves the drive's frequency.
@@ -94,7 +66,7 @@ def track(
 
     _require_one_bench(port, emulate=emulate, has_faults=bool(fault))
     spec = load_rig(rig)
-    refuse_unfit_folder(out, resume=False)
+    bench_run.refuse_unfit_folder(out, resume=False)
     plan, expected = track_plan(spec, pretension, amplitude, hold, duration, start, follow)
     where = ["--emulate", "--seed", str(seed)] if emulate else ["--port", str(port)]
     asked = {"--pretension-mm": pretension, "--amplitude-deg": amplitude, "--hold": hold, "--duration-s": duration}
@@ -106,7 +78,7 @@ def track(
     document |= found_tracks(document, plan, spec, expected)
     write_found(document, out)
     if json:
-        print_json(document)
+        console.print_json(document)
     else:
         print_found(document)
     return 0 if document["complete"] and document["is_safe"] else 1
@@ -127,8 +99,8 @@ def _options(asked: Mapping[str, object], faults: Sequence[str]) -> list[str]:
 
 @contextmanager
 def _real(port: str, spec: "RigSpec", wait: float) -> "Iterator[tuple[HardwareRig, Clock]]":
-    await_port(port, wait)
-    with open_rig(port, spec) as bench:
+    bench_run.await_port(port, wait)
+    with bench_run.open_rig(port, spec) as bench:
         yield bench
 
 
@@ -140,7 +112,7 @@ def _emulated(spec: "RigSpec", seed: int, faults: Sequence[str]) -> "Iterator[tu
 
     found = [parse_fault(text) for text in faults]
     port = VirtualPort(found_bench(spec, drawn_start(spec, seed), seed, found))
-    yield rig_on(port, port, spec), port
+    yield bench_run.rig_on(port, port, spec), port
 
 
 def _run(
@@ -161,12 +133,16 @@ def _run(
     from sinew.tune.track.expected import planned_tracker
 
     held = tensions(plan, spec)
-    refuse_full_disk(out, plan, sum(group.duration_s for group in plan.groups()))
+    bench_run.refuse_full_disk(out, plan, sum(group.duration_s for group in plan.groups()))
     with bench as (rig, clock), listening(out, steering := Steering(clock.now, can_pause=False)) as control:
         refuse_unready(rig, clock, plan)
         pace = nullcontext() if virtual else keeping_time()
-        told = {"source": source_of(rig)}
-        with pace, run_journal(out, plan, spec, words, False, **told) as journal, showing(tracking=True) as screen:
+        told = {"source": bench_run.source_of(rig)}
+        with (
+            pace,
+            bench_run.run_journal(out, plan, spec, words, False, **told) as journal,
+            showing(tracking=True) as screen,
+        ):
             runner = control.runner = Runner(
                 rig,
                 clock,
@@ -177,11 +153,11 @@ def _run(
                 steering=steering,
                 law=lambda group, time: planned_tracker(group, plan, spec, expected, time),
             )
-            signals.enter_context(on_signals(runner.request_stop, runner.request_emergency))
+            signals.enter_context(bench_run.on_signals(runner.request_stop, runner.request_emergency))
             report = runner.run()
-            close_journal(journal, report)
-    recording = convert_journal(out, report)
-    document = run_document(report, plan, spec, recording, out / JOURNAL)
+            bench_run.close_journal(journal, report)
+    recording = bench_run.convert_journal(out, report)
+    document = bench_run.run_document(report, plan, spec, recording, out / bench_run.JOURNAL)
     document["laws"] = [report.tracks[index] for index in sorted(report.tracks)]
     return document
 
@@ -209,15 +185,15 @@ def track_plan(
 
     Raises SpecError where an option cannot be meant, or a limit of the rig would be broken.
     """
+    from sinew.plan.plan import Track
     from sinew.tune.track.expected import expect_backbones, planned_tracker
 
-    if hold not in _HELD:
-        raise SpecError(f"--hold is {hold!r}, expected one of {', '.join(_HELD)}")
+    console.check_choice("--hold", hold, _HELD)
     amplitudes = _numbers(amplitude, ",", "--amplitude-deg")
-    if not 0 < min(amplitudes) <= max(amplitudes) <= LARGEST_DEG:
-        raise SpecError(f"--amplitude-deg is {amplitude}, expected positive angles up to {LARGEST_DEG:g}°")
-    if start is not None and not 0 < start <= HIGHEST_HZ:
-        raise SpecError(f"--start-hz is {start:g}, expected a positive frequency up to {HIGHEST_HZ:g} Hz")
+    if not 0 < min(amplitudes) <= max(amplitudes) <= console.LARGEST_DEG:
+        raise SpecError(f"--amplitude-deg is {amplitude}, expected positive angles up to {console.LARGEST_DEG:g}°")
+    if start is not None and not 0 < start <= console.HIGHEST_HZ:
+        raise SpecError(f"--start-hz is {start:g}, expected a positive frequency up to {console.HIGHEST_HZ:g} Hz")
     stops, moves = _stops(rig, pretension, follow)
     wanted = _wanted(follow)
     largest = max(amplitudes) if hold == "command" else _LARGEST_DEG
@@ -231,7 +207,16 @@ def track_plan(
     if start is not None:
         low, high = min(low, start), max(high, start)
     seconds = duration if duration is not None else (_MOVE_S if moves else _STAND_S)
-    track: Track = _track(amplitudes, held, start, (low, high), seconds, stops[1] if moves else None, wanted)
+    track = Track(
+        amplitude_deg=tuple(amplitudes),
+        held=held,
+        start_hz=start,
+        low_hz=low,
+        high_hz=high,
+        duration_s=seconds,
+        pretension_to_mm=stops[1] if moves else None,
+        wanted_hz=wanted,
+    )
     plan = _plan(stops[:1] if moves else stops, track)
     _refuse_beyond_limits(plan, rig, expected, held, amplitudes)
     for group in plan.groups():
@@ -251,7 +236,7 @@ def tensions(plan: "Plan", rig: "RigSpec") -> dict[float, float]:
 
 
 def _numbers(text: str, between: str, option: str) -> list[float]:
-    return number_list(option, text, f"numbers with {between!r} between them", between=between)
+    return console.number_list(option, text, f"numbers with {between!r} between them", between=between)
 
 
 def _stops(rig: "RigSpec", pretension: str | None, follow: str | None) -> tuple[list[float], bool]:
@@ -283,34 +268,11 @@ def _wanted(follow: str | None) -> tuple[float, float] | None:
     if follow is None:
         return None
     found = _numbers(follow, ":", "--follow-hz")
-    if len(found) != 2 or min(found) <= 0 or max(found) > HIGHEST_HZ:
+    if len(found) != 2 or min(found) <= 0 or max(found) > console.HIGHEST_HZ:
         raise SpecError(
-            f"--follow-hz is {follow!r}, expected FROM:TO, two positive frequencies up to {HIGHEST_HZ:g} Hz"
+            f"--follow-hz is {follow!r}, expected FROM:TO, two positive frequencies up to {console.HIGHEST_HZ:g} Hz"
         )
     return found[0], found[1]
-
-
-def _track(
-    amplitudes: Sequence[float],
-    held: "Held",
-    start: float | None,
-    bounds: tuple[float, float],
-    seconds: float,
-    to_mm: float | None,
-    wanted: tuple[float, float] | None,
-) -> "Track":
-    from sinew.plan.plan import Track
-
-    return Track(
-        amplitude_deg=tuple(amplitudes),
-        held=held,
-        start_hz=start,
-        low_hz=bounds[0],
-        high_hz=bounds[1],
-        duration_s=seconds,
-        pretension_to_mm=to_mm,
-        wanted_hz=wanted,
-    )
 
 
 def _plan(stops: Sequence[float], track: "Track") -> "Plan":
@@ -397,8 +359,6 @@ def _held_error(columns: "dict[str, NDArray[np.float64]]", lock_cycles: float | 
 
 
 def _point(turns: Any, rig: "RigSpec", expected: "Sequence[ExpectedBackbone]") -> dict[str, Any] | None:
-    import math
-
     from sinew.analysis.tracked import tracked_point
 
     try:
@@ -406,11 +366,6 @@ def _point(turns: Any, rig: "RigSpec", expected: "Sequence[ExpectedBackbone]") -
     except RecordingError:
         return None
     near = min(expected, key=lambda one: abs(one.pretension_mm - point.pretension_mm))
-    predicted = near.frequency_at(math.radians(point.torsion_deg.value))
-    return _point_document(point) | {"predicted_hz": finite(predicted)}
-
-
-def _point_document(point: "TrackedPoint") -> dict[str, Any]:
     return {
         "pretension_mm": point.pretension_mm,
         "frequency_hz": point.frequency_hz.to_json(),
@@ -419,6 +374,7 @@ def _point_document(point: "TrackedPoint") -> dict[str, Any]:
         "damping_ratio": point.damping_ratio.to_json(),
         "phase_error_deg": point.phase_error_deg,
         "turns": point.turns,
+        "predicted_hz": finite(near.frequency_at(math.radians(point.torsion_deg.value))),
     }
 
 
@@ -461,10 +417,10 @@ def write_found(document: dict[str, Any], folder: Path) -> None:
     if not document["tracks"]:
         return
     from sinew.figures.style import save_figure
-    from sinew.figures.tracking import draw_tracking
+    from sinew.figures.tuned import draw_tracking
 
     save_figure(draw_tracking(document["tracks"], document["expected"]), folder, "tracking", ("png", "pdf"))
-    write_json(document, folder / "track.json")
+    console.write_json(document, folder / "track.json")
 
 
 def print_found(document: dict[str, Any]) -> None:
@@ -486,7 +442,7 @@ def print_found(document: dict[str, Any]) -> None:
             "error/°",
         )
         rows = [_row(track) for track in tracks if track["point"] is not None]
-        print_table(columns, rows, f"the torsion lags the lever by 90°; amplitude held: {document['held']}")
+        console.print_table(columns, rows, f"the torsion lags the lever by 90°; amplitude held: {document['held']}")
     for track in tracks:
         if track["point"] is None:
             print(_moved(track))

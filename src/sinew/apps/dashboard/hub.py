@@ -1,4 +1,4 @@
-"""What the pages' server keeps of the bench: newest samples, state of the run, its results.
+"""What the pages' server keeps of the bench, newest samples, state of the run, its results, and streams to viewers.
 
 It looks and never steers: samples come from the journal that the run writes, the state from the steward. What it keeps
 in memory does not grow with the run.
@@ -17,12 +17,15 @@ from time import time as wall_clock
 from typing import Any
 
 import numpy as np
+import orjson
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import unlinked
+from sinew.apps.dashboard.worker import Work
 from sinew.bench.journal_reader import JournalReader, Stretch
 from sinew.measure.arrays import Array
-from sinew.measure.errors import FileError
+from sinew.measure.errors import FileError, SinewError
 from sinew.measure.estimate import finite
 from sinew.measure.events import Doubted, Event, Health, Severity
 from sinew.plan.rig import RigSpec
@@ -35,7 +38,7 @@ def drawn_rig(rig: RigSpec) -> dict[str, Any]:
     """Return what a page draws of a rig, for JSON.
 
     `shape`: lengths in those of the silicone, and the number of tendons; `labels` of the traces by key;
-    `tension_limit_n` [N].
+    `sensors`: key and label of those with a node of their own; `tension_limit_n` [N].
     """
     length = rig.silicone.length.value
     circle = rig.tendons.head_radius.value / length
@@ -49,7 +52,8 @@ def drawn_rig(rig: RigSpec) -> dict[str, Any]:
         "tendons": rig.tendons.count,
     }
     labels = {channel.key: channel.label for channel in LiveChannels(rig).channels}
-    return {"shape": shape, "labels": labels, "tension_limit_n": rig.limits.tension_n}
+    sensors = [{"key": one.channel, "label": f"{one.model} / {one.unit}"} for one in rig.sensors]
+    return {"shape": shape, "labels": labels, "sensors": sensors, "tension_limit_n": rig.limits.tension_n}
 
 
 # The samples of a journal become what the oscilloscope shows, in the units of a screen.
@@ -86,7 +90,9 @@ class LiveChannels:
             Channel("drive_current", "drive current", "A"),
             *(Channel(f"tendon_{i + 1}_current", f"current of tendon {i + 1}", "A") for i in range(self._tendons)),
             Channel("tilt", "tilt", "°"),
+            *(Channel(one.channel, one.model, one.unit) for one in rig.sensors),
         )
+        self._sensors = [one.channel for one in rig.sensors]
         self._torsion, self._rate, self._time = 0.0, math.nan, math.nan
 
     def take(self, rows: dict[str, Array]) -> Array:
@@ -100,6 +106,7 @@ class LiveChannels:
                 rows["drive_current_a"],
                 *tendons,
                 np.degrees(rows["tilt_rad"]),
+                *(rows[name] for name in self._sensors),
             ]
         )
 
@@ -380,3 +387,258 @@ class Hub:
         live.latest["tension_n"] = self._channels.tensions(traces)
         if self._tail is not None and rows["id"][-1] > self._tail.found:
             live.seen = wall_clock()
+
+
+# A run's curve grows: each recorded group analysed, beside what was predicted for the plan.
+
+_LOOK_S = 0.5
+_DRAWS = 40
+_BAND = "Points: mean and 90 % interval over repeats. Band: 90 %, from what the rig's calibration leaves open."
+_COMING = "Points: mean and 90 % interval over repeats. The band of the prediction is being computed."
+_NO_BAND = (
+    "Points: mean and 90 % interval over repeats. The prediction has no band: nothing is known of how certain this "
+    "rig's parameters are; sinew calibrate finds out."
+)
+
+
+@dataclass
+class Results:
+    """What is known of the run that the hub follows.
+
+    predicted: for each pretension `pretension_mm`, `frequency_hz`, `gain`, `phase` [deg], and where the rig knows how
+    certain it is `gain_low`, `gain_high`, `phase_low`, `phase_high` of the 90 % band. measured: for each pretension
+    `pretension_mm`, `frequency_hz`, and `gain`, `phase` as {"value", "std", "interval90"}. damping: of ring-downs.
+    remark: what is to be said of the prediction and its band. notes: on groups that could not be analysed. trouble: why
+    something is missing. version: rises with every change.
+    """
+
+    hub: Hub
+    work: Work
+    runs: Path
+    predicted: list[dict[str, Any]] = field(default_factory=list)
+    measured: list[dict[str, Any]] = field(default_factory=list)
+    damping: list[dict[str, Any]] = field(default_factory=list)
+    remark: str = ""
+    notes: list[str] = field(default_factory=list)
+    version: int = 0
+    trouble: str = ""
+
+    async def run(self) -> None:
+        """Follow the hub until cancelled."""
+        epoch, done = 0, -1
+        predicting: asyncio.Task[None] | None = None
+        while True:
+            live = self.hub.live
+            if live is not None and live.epoch != epoch:
+                epoch, done = live.epoch, -1
+                self.predicted, self.measured, self.damping, self.remark = [], [], [], ""
+                self.notes, self.trouble = [], ""
+                self.version += 1
+                if predicting is not None:
+                    predicting.cancel()
+                predicting = asyncio.create_task(self._predict(live))
+            if live is not None and live.groups_done != done:
+                done = live.groups_done if await self._measure(live) else -1
+            await asyncio.sleep(_LOOK_S)
+
+    async def _predict(self, live: Live) -> None:
+        """Predict the curves first, then their bands, which take longer."""
+        for draws in (0, _DRAWS):
+            try:
+                found = await self.work.call("prediction_for_plan", live.plan_toml, live.rig_toml, draws)
+            except SinewError as trouble:
+                self._complain(f"There is no prediction: {trouble}")
+                return
+            self.predicted = numbered(found["curves"], live)
+            has_bands, can_have = "gain_low" in found["curves"][0], found["can_have_bands"]
+            self.remark = _BAND if has_bands else _COMING if can_have else _NO_BAND
+            self.version += 1
+            if not can_have:
+                return
+
+    async def _measure(self, live: Live) -> bool:
+        """Analyse what is new; return whether that went well."""
+        pending = 1
+        while pending:
+            try:
+                found = await self.work.call("measured_so_far", str(self.runs / live.name / JOURNAL))
+            except SinewError as trouble:
+                self._complain(f"What was measured cannot be analysed: {trouble}")
+                return False
+            self.measured, self.damping = numbered(found["curves"], live), found["damping"]
+            self.notes, pending = found["notes"], found["pending"]
+            self.version += 1
+        return True
+
+    def _complain(self, sentence: str) -> None:
+        if sentence != self.trouble:
+            self.trouble = sentence
+            self.version += 1
+
+
+def numbered(curves: list[dict[str, Any]], live: Live) -> list[dict[str, Any]]:
+    """Return curves with the number of their colour, the place of their pretension in the plan."""
+    order = list(parse_plan(live.plan_toml).pretension.pretension_mm)
+    return [{**curve, "number": order.index(curve["pretension_mm"])} for curve in curves]
+
+
+# A viewer gets frames over a web socket, as fast as it takes them and no faster.
+
+# Samples are thinned to what a screen can show: least and largest value of each column of pixels.
+
+
+@dataclass(frozen=True)
+class Thinned:
+    """time: begin of each bin [s], (b,), or of each sample where nothing was thinned. low, high: least and largest
+    value of each channel there, (c, b); the same array where nothing was thinned."""
+
+    time: Array
+    low: Array
+    high: Array
+
+
+def thin(time: Array, values: Array, bin_s: float) -> Thinned:
+    """Return the least and largest value of every channel in bins of a common grid, k · bin_s.
+
+    time: not decreasing [s], (n,). values: (c, n), not a number where there is none. bin_s: width of a bin [s].
+    A bin holds what falls into it and is not empty; with one sample or less to a bin the samples are given as they
+    are. Bins lie on one grid, so parts that were thinned one after the other join: a bin that both have is the least
+    of the least and the largest of the largest.
+    """
+    if time.size == 0 or bin_s <= 0 or (time[-1] - time[0]) / bin_s + 1 >= time.size:
+        return Thinned(time, values, values)
+    number = np.floor(time / bin_s)
+    first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
+    low = np.fmin.reduceat(values, first, axis=1)
+    high = np.fmax.reduceat(values, first, axis=1)
+    return Thinned(number[first] * bin_s, low, high)
+
+
+MOST_MESSAGE = 512
+"""Most characters of a message from a viewer."""
+
+_STATE_S = 0.25
+_SEND_S = 10.0
+_LISSAJOUS_POINTS = 120
+_DRIVE, _TORSION = 2, 3  # rows of the ring
+_BASES = (0.5, 60.0)
+_PIXELS = (50, 4000)
+
+
+@dataclass
+class View:
+    """How a viewer looks: base_s, width of its oscilloscope [s], in so many columns of pixels; sent: number of the next
+    sample that it has not seen, of a run's epoch."""
+
+    base_s: float = 5.0
+    pixels: int = 600
+    epoch: int = 0
+    sent: int = 0
+
+    def change(self, message: str) -> None:
+        """Take what the viewer says: {"base_s": number, "pixels": number}. Raises ValueError where it is not that."""
+        if len(message) > MOST_MESSAGE:
+            raise ValueError(f"found a message of {len(message)} characters, expected at most {MOST_MESSAGE}")
+        said = orjson.loads(message)
+        if not isinstance(said, dict):
+            raise ValueError("expected an object")
+        base, pixels = said.get("base_s", self.base_s), said.get("pixels", self.pixels)
+        if not all(isinstance(x, int | float) and not isinstance(x, bool) for x in (base, pixels)):
+            raise ValueError("expected numbers")
+        grown = base > self.base_s
+        self.base_s = float(np.clip(base, *_BASES))
+        self.pixels = int(np.clip(pixels, *_PIXELS))
+        if grown:
+            self.epoch = 0  # it wants more of the past than it has
+
+
+def frame_of(live: Live, view: View) -> bytes | None:
+    """Return the next frame for a viewer as JSON, or None where there is nothing new; the viewer has seen it then.
+
+    {"kind": "samples", "reset": whether what the viewer has is of another run; then also
+    "rig" (see `drawn_rig`) and "traces", "time": [s], "low": [[...] for each
+    channel], "high": the same, or null where nothing was thinned, "points": [[θ...], [φ...]] in degrees, "now": the
+    newest value of each channel, "tension_n": of each tendon}.
+    """
+    reset = view.epoch != live.epoch
+    if reset:
+        view.epoch, view.sent = live.epoch, 0
+        first = live.ring.get(live.played - 1, live.played)
+        if first.size:  # no more of the past than the screen shows
+            times = live.ring.get(live.ring.oldest, live.played)[0]
+            view.sent = live.played - int(np.count_nonzero(times > times[-1] - view.base_s))
+    new = live.ring.get(view.sent, live.played)
+    view.sent = live.played
+    if not new.shape[1] and not reset:
+        return None
+    frame: dict[str, Any] = {"kind": "samples", "reset": reset}
+    if reset:
+        frame["rig"] = live.rig
+        frame["traces"] = [{"key": c.key, "label": c.label, "unit": c.unit} for c in live.channels]
+    thinned = thin(new[0], new[1:], view.base_s / view.pixels)
+    frame["time"] = np.round(thinned.time, 4)
+    frame["low"] = np.round(thinned.low, 3)
+    frame["high"] = None if thinned.high is thinned.low else np.round(thinned.high, 3)
+    stride = max(1, -(-new.shape[1] // _LISSAJOUS_POINTS))
+    frame["points"] = np.round(new[[_DRIVE, _TORSION], ::stride], 2)
+    frame["now"] = np.round(new[1:, -1], 3) if new.shape[1] else []
+    frame["tension_n"] = live.latest.get("tension_n", [])
+    return orjson.dumps(frame, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def state_of(hub: Hub) -> bytes:
+    """Return what is going on, as JSON: {"kind": "state", "steward": its status, "live": state of the run}."""
+    live = hub.live
+    said: dict[str, Any] = {"kind": "state", "steward": hub.steward, "live": None, "trouble": hub.trouble}
+    if live is not None:
+        said["live"] = {
+            "name": live.name,
+            "groups": live.groups,
+            "groups_done": live.groups_done,
+            "segment": live.segment,
+            "health": live.health,
+            "events": list(live.events)[-12:],
+            "doubts": live.doubts,
+            "source": live.source,
+            "age_s": None if live.seen is None else max(0.0, wall_clock() - live.seen),
+        }
+    return orjson.dumps(said)
+
+
+async def serve_stream(socket: WebSocket, hub: Hub) -> None:
+    """Serve one viewer until it leaves, says something that is not understood, or takes nothing for 10 s."""
+    await socket.accept()
+    view = View()
+    listening = asyncio.create_task(_listen(socket, view))
+    try:
+        await _speak(socket, hub, view, listening)
+    except (WebSocketDisconnect, TimeoutError, RuntimeError):
+        pass  # RuntimeError: the socket was closed while something was on its way
+    finally:
+        listening.cancel()
+
+
+async def _speak(socket: WebSocket, hub: Hub, view: View, listening: "asyncio.Task[None]") -> None:
+    loop = asyncio.get_running_loop()
+    told = -_STATE_S
+    due = loop.time()
+    while not listening.done():
+        frame = frame_of(hub.live, view) if hub.live is not None else None
+        if frame is not None:
+            await asyncio.wait_for(socket.send_text(frame.decode()), _SEND_S)
+        if loop.time() - told >= _STATE_S:
+            told = loop.time()
+            await asyncio.wait_for(socket.send_text(state_of(hub).decode()), _SEND_S)
+        due = max(due + FRAME_S, loop.time())
+        await asyncio.sleep(due - loop.time())
+
+
+async def _listen(socket: WebSocket, view: View) -> None:
+    """Take the viewer's wishes; what is none of them ends the connection."""
+    while True:
+        message = await socket.receive_text()
+        try:
+            view.change(message)
+        except ValueError:
+            await socket.close(1008, "not understood")
+            return

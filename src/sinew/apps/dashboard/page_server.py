@@ -26,15 +26,13 @@ from starlette.responses import HTMLResponse
 from starlette.routing import Route
 
 from sinew.apps.dashboard.access import Access, Gate, SignedOut, server_config, sign_in_routes
-from sinew.apps.dashboard.hub import Hub
+from sinew.apps.dashboard.hub import Hub, Results, serve_stream
 from sinew.apps.dashboard.operators import BENCH, SIGNED_OUT, is_run_name, open_inside, unlinked
 from sinew.apps.dashboard.pages.design import add_design_page
 from sinew.apps.dashboard.pages.frame import Site, add_error_pages, sign_in_page
 from sinew.apps.dashboard.pages.live import add_live_page
 from sinew.apps.dashboard.pages.plan import add_plan_page
 from sinew.apps.dashboard.pages.runs import add_runs_pages
-from sinew.apps.dashboard.results import Results
-from sinew.apps.dashboard.stream import serve_stream
 from sinew.apps.dashboard.work.results import FILES
 from sinew.apps.dashboard.worker import Work, Worker
 from sinew.measure.errors import SinewError
@@ -81,17 +79,8 @@ def make_app(config: Config, work: Work, status: Callable[[], Awaitable[dict[str
     """Return the application. work: the worker. status: asks the steward."""
     access = config.access
     hub = Hub(config.runs, status)
-    site = Site(
-        runs=config.runs,
-        rig=config.rig,
-        bench=config.bench,
-        steering_port=config.steering_port,
-        is_locked=access.must_sign_in,
-        version=config.version,
-        hub=hub,
-        work=work,
-        results=Results(hub, work, config.runs),
-    )
+    ours = config.runs, config.rig, config.bench, config.steering_port, access.must_sign_in, config.version
+    site = Site(*ours, hub, work, Results(hub, work, config.runs))
 
     @asynccontextmanager
     async def living(_: FastAPI) -> AsyncIterator[None]:

@@ -31,19 +31,11 @@ from starlette.types import ASGIApp
 
 from sinew import __version__
 from sinew.apps.bench.run_control import forget_socket, send_control
+from sinew.apps.dashboard import run_desk
 from sinew.apps.dashboard.access import Access, Gate, SignedOut, raise_file_limit, server_config
 from sinew.apps.dashboard.emergency import Emergency, Order, Outcome, Rest, bring_to_rest
 from sinew.apps.dashboard.operators import BENCH, SIGNED_OUT, Operators, RefusedError, Ticket
-from sinew.apps.dashboard.run_desk import (
-    Adopted,
-    Control,
-    Process,
-    RunDesk,
-    adopt_from,
-    end_process,
-    sinew_command,
-    write_pid,
-)
+from sinew.apps.dashboard.run_desk import Adopted, Control, Process, RunDesk, end_process, sinew_command
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.toml import load_rig
 
@@ -95,7 +87,7 @@ class BenchEmulator:
             (self._folder / _PID).unlink(missing_ok=True)
 
     def _found(self, rig: str) -> Adopted | None:
-        process = adopt_from(self._folder / _PID, ["emulate", self.port])
+        process = run_desk.adopt_from(self._folder / _PID, ["emulate", self.port])
         if process is None or not Path(self.port).exists():
             return None
         playing = (self._folder / _RIG).read_text(encoding="utf-8") if (self._folder / _RIG).exists() else ""
@@ -108,20 +100,8 @@ class BenchEmulator:
         return process
 
     def _begin(self, rig: str, seed: int) -> None:
-        truth = str(self._folder / "truth.json")
-        words = (
-            "emulate",
-            "--link",
-            self.port,
-            "--socket",
-            "--rig",
-            rig,
-            "--seed",
-            str(seed),
-            "--truth",
-            truth,
-            "--json",
-        )
+        words = ["emulate", "--link", self.port, "--socket", "--rig", rig, "--seed", str(seed)]
+        words += ["--truth", str(self._folder / "truth.json"), "--json"]
         log = self._folder / "emulator.log"
         with log.open("wb") as file:
             process = subprocess.Popen(
@@ -132,7 +112,7 @@ class BenchEmulator:
                 start_new_session=True,
             )
         self._process = process
-        write_pid(self._folder / _PID, process.pid)
+        run_desk.write_pid(self._folder / _PID, process.pid)
         (self._folder / _RIG).write_text(rig, encoding="utf-8")
         if not _is_ready(process):
             self.close()

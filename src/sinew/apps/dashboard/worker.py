@@ -50,7 +50,7 @@ CALLS = {
     "shelf": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "read_shelf": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "list_runs": Call(f"{_WORK}.runs", "light", _SHORT_S),
-    "measured_so_far": Call(f"{_WORK}.live", "light", _SHORT_S),
+    "measured_so_far": Call(f"{_WORK}.results", "light", _SHORT_S),
     "preview_document": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),
     "design_curves": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),
     "sketch_curves": Call(f"{_WORK}.design", "sliders", _SHORT_S),

@@ -2,40 +2,33 @@
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, print_json, print_told, progress_bar, require_file, write_json
+from sinew.apps import console
+from sinew.apps.console import Json, RigArgument, flag, option
 from sinew.measure.errors import FileError, SpecError
-
-if TYPE_CHECKING:
-    from sinew.paper.numbers import PaperFit
-    from sinew.paper.posterior import PaperPosterior
-    from sinew.plan.rig import RigSpec
 
 
 def calibrate(
-    rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")],
-    out: Annotated[Path, typer.Option("--out", metavar="RIG2", help="The rig to write, TOML; its stem names it.")],
+    rig: RigArgument,
+    out: Annotated[Path, option("RIG2", "The rig to write, TOML; its stem names it.")],
     recordings: Annotated[
         list[Path] | None, typer.Argument(metavar="RECORDING", help="Recordings of that rig (NetCDF).")
     ] = None,
     free: Annotated[
-        str | None,
-        typer.Option("--free", metavar="NAME,...", help="Parameters to find, as tendons.head_radius; else the usual."),
+        str | None, option("NAME,...", "Parameters to find, as tendons.head_radius; else the usual.")
     ] = None,
-    paper: Annotated[
-        bool, typer.Option("--paper", help="Fit to the numbers of the paper, without recordings.")
-    ] = False,
+    paper: Annotated[bool, flag("--paper", "Fit to the numbers of the paper, without recordings.")] = False,
     ranges: Annotated[
-        bool, typer.Option("--ranges", help="With --paper: how far each parameter can move, as RIG2-ranges.json.")
+        bool, flag("--ranges", "With --paper: how far each parameter can move, as RIG2-ranges.json.")
     ] = False,
     posterior: Annotated[
-        bool, typer.Option("--posterior", help="With --paper: what the numbers determine, as RIG2-posterior.json.")
+        bool, flag("--posterior", "With --paper: what the numbers determine, as RIG2-posterior.json.")
     ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the posterior's draws.")] = 0,
-    force: Annotated[bool, typer.Option("--force", help="Write over files that exist.")] = False,
+    force: Annotated[bool, flag("--force", "Write over files that exist.")] = False,
     json: Json = False,
 ) -> None:
     """Write a rig whose parameters come from recordings of it, each with origin, 90 % interval and source.
@@ -58,11 +51,12 @@ def calibrate(
     else:
         document = _from_recordings(rig, files, out, free, command)
     if json:
-        print_json(document)
+        console.print_json(document)
     else:
         from sinew.identify.joint.calibration import calibration_told
 
-        print_told([*calibration_told(document), _made(document)])
+        made = f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"
+        console.print_told([*calibration_told(document), made])
 
 
 def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, extras: bool) -> None:
@@ -78,7 +72,7 @@ def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, extras:
 
 def _refuse_overwriting(rig: str, paths: list[Path], force: bool) -> None:
     for path in paths:
-        require_file(path)
+        console.require_file(path)
         if path.exists() and not force:
             same = Path(rig).exists() and path.samefile(rig)
             what = "is the rig that is read" if same else "exists"
@@ -90,7 +84,7 @@ def _from_recordings(rig: str, files: list[Path], out: Path, free: str | None, c
     from sinew.plan.toml import save_rig
 
     chosen = {} if free is None else {"free": [name.strip() for name in free.split(",") if name.strip()]}
-    with progress_bar("calibrate") as progress:
+    with console.progress_bar("calibrate") as progress:
         done = run(rig, files, name=out.stem, progress=progress, **chosen)
     head = [f"{shlex.join(command)} --out {out.name}"]
     head += [f"{source.file}: content hash {source.content_hash}" for source in done.sources]
@@ -102,7 +96,7 @@ def _from_paper(
     rig: str, out: Path, ranges: Path | None, posterior: Path | None, seed: int, command: list[str]
 ) -> dict[str, Any]:
     from sinew.identify.joint.calibration import with_intervals
-    from sinew.paper.numbers import find_ranges, fit_paper
+    from sinew.paper.numbers import FREE, TARGETS, find_ranges, fit_paper
     from sinew.paper.posterior import paper_posterior
     from sinew.paper.sampler import require_sampler
     from sinew.plan.toml import load_rig, save_rig
@@ -117,36 +111,22 @@ def _from_paper(
         raise SpecError(f"with {rig} the paper's numbers cannot all be met; nothing was written")
     result, found = fitted.rig.model_copy(update={"name": out.stem}), None
     if posterior is not None:
-        with progress_bar("posterior") as progress:
+        with console.progress_bar("posterior") as progress:
             found = paper_posterior(before, fitted.values, seed=seed, progress=progress)
-        write_json(found.to_json(), posterior)
+        console.write_json(found.to_json(), posterior)
         result = with_intervals(result, found.intervals())
     if ranges is not None:
-        with progress_bar("ranges") as progress:
-            write_json(find_ranges(before, fitted.values, progress), ranges)
+        with console.progress_bar("ranges") as progress:
+            console.write_json(find_ranges(before, fitted.values, progress), ranges)
     # The shipped rig is written by this command; without an interval it stays in the plain form of a rig file.
     save_rig(
         result, out, [] if found is None else [f"{shlex.join(command)} --posterior --seed {seed} --out {out.name}"]
     )
-    return _paper_document(before, result, fitted, found, out, ranges, posterior)
-
-
-def _paper_document(
-    before: "RigSpec",
-    after: "RigSpec",
-    fitted: "PaperFit",
-    found: "PaperPosterior | None",
-    out: Path,
-    ranges: Path | None,
-    posterior: Path | None,
-) -> dict[str, Any]:
-    from sinew.paper.numbers import FREE, TARGETS
-
-    old, new = dict(before.parameters()), dict(after.parameters())
+    old, new = dict(before.parameters()), dict(result.parameters())
     told = [] if found is None else found.sentences()
     return {
         "rig": str(out),
-        "name": after.name,
+        "name": result.name,
         "before": before.name,
         "parameters": {
             free.name: {
@@ -168,7 +148,3 @@ def _paper_document(
         "posterior": None if posterior is None else str(posterior),
         "remarks": told,
     }
-
-
-def _made(document: dict[str, Any]) -> str:
-    return f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"

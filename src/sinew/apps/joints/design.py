@@ -1,4 +1,4 @@
-"""`sinew design`: joints that resonate with a gait, with a rig and a plan for each."""
+"""`sinew joint` and `sinew design`: the rig of a joint that is not built, and joints that resonate with a gait."""
 
 import shlex
 from pathlib import Path
@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import Json, print_json, print_told, progress_bar, require_folder, write_json
-from sinew.apps.joints.options import BASE_RIG
+from sinew.apps import console
+from sinew.apps.console import Json, option
+from sinew.apps.joints.options import BASE_RIG, JointOptions, designed_rig, with_joint_options
 from sinew.measure.errors import FileError, SpecError
+from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     from sinew.figures.design_page import EndCurves
@@ -19,41 +21,71 @@ if TYPE_CHECKING:
     from sinew.tune.proposal import Proposal
 
 
+@with_joint_options
+def joint(
+    rig: Annotated[str, typer.Argument(metavar="RIG", help="The rig to derive it from; else the paper's.")] = BASE_RIG,
+    out: Annotated[Path | None, option("RIG.toml", "Write the rig into this file.")] = None,
+    *,
+    joint: JointOptions,
+    json: Json = False,
+) -> None:
+    """Make the rig of a joint that is not built yet: section, length, material, tendons, inertia.
+
+    What is not said stays as in the rig it is derived from. Every changed parameter is marked as assumed.
+    """
+    if not joint.given:
+        raise SpecError("found nothing to change; say for instance --section annulus --outer-mm 60 --inner-mm 30")
+    if out is not None:
+        console.require_file(out)
+    from sinew.plan.toml import save_rig
+    from sinew.predict.joints.design import design_document
+
+    made, design = designed_rig(rig, joint)
+    assert design is not None
+    document: dict[str, Any] = {"name": made.name, **design_document(made, design), "out": None}
+    if out is not None:
+        save_rig(made, out)
+        document["out"] = str(out)
+    if json:
+        console.print_json(document)
+        return
+    rows = [(name, number(value)) for name, value in document["section"].items() if isinstance(value, float)]
+    console.print_table(("section", ""), rows, title=f"{made.name}: {document['section']['shape']}")
+    print(f"torsional rigidity G·J {number(document['torsional_rigidity_n_m2'], unit='N m²')}", end="")
+    stiffness = number(document["stiffness_n_m_rad"], unit="N m/rad")
+    print(f", G {number(document['shear_modulus_kpa'], unit='kPa')}, G·J/L {stiffness}")
+    if design.material is not None:
+        curve = design.material
+        slack = "" if curve.slack is None else f", slack {number(100 * curve.slack, unit='%')}"
+        print(f"{curve.title}: G {curve.shear_modulus.times(1e-3).shown('kPa')} by fits of its curve", end="")
+        print(f", {number(1e-3 * curve.secant, unit='kPa')} at 100 % strain{slack}")
+    if out is not None:
+        print(f"rig: {out}")
+
+
 def design(
     rig: Annotated[str, typer.Argument(metavar="RIG", help="Its motors, guides and sensors are kept.")] = BASE_RIG,
-    stride: Annotated[
-        str | None, typer.Option("--stride-hz", metavar="LOW:HIGH", help="Stride frequencies to resonate at.")
-    ] = None,
-    yaw: Annotated[float | None, typer.Option("--yaw-deg", metavar="DEG", help="Amplitude of the torsion.")] = None,
-    gait: Annotated[
-        Path | None, typer.Option("--gait", metavar="gait.json", help="Instead of both: what sinew gait wrote.")
-    ] = None,
-    inertia: Annotated[
-        float, typer.Option("--inertia-kg-m2", metavar="I", help="Of what sits on the joint, about its axis.")
-    ] = 0.25,
+    stride: Annotated[str | None, option("LOW:HIGH", "Stride frequencies to resonate at.", "--stride-hz")] = None,
+    yaw: Annotated[float | None, option("DEG", "Amplitude of the torsion.", "--yaw-deg")] = None,
+    gait: Annotated[Path | None, option("gait.json", "Instead of both: what sinew gait wrote.")] = None,
+    inertia: Annotated[float, option("I", "Of what sits on the joint, about its axis.", "--inertia-kg-m2")] = 0.25,
     torso: Annotated[
-        float | None,
-        typer.Option("--torso-kg", metavar="KG", help="Mass of what sits on the joint; else its weight is left out."),
+        float | None, option("KG", "Mass of what sits on the joint; else its weight is left out.", "--torso-kg")
     ] = None,
     centre: Annotated[
-        float | None,
-        typer.Option("--torso-centre-mm", metavar="MM", help="Height of its centre above the head plate; else 250."),
+        float | None, option("MM", "Height of its centre above the head plate; else 250.", "--torso-centre-mm")
     ] = None,
     envelope: Annotated[
-        str, typer.Option("--envelope-mm", metavar="DxL", help="Largest diameter and length, guides included.")
+        str, option("DxL", "Largest diameter and length, guides included.", "--envelope-mm")
     ] = "200x250",
-    shape: Annotated[str | None, typer.Option("--shape", metavar="NAME,...", help="Sections; else all.")] = None,
-    material: Annotated[
-        str | None, typer.Option("--material", metavar="NAME,...", help="Silicones; `base` is the rig's; else all.")
-    ] = None,
+    shape: Annotated[str | None, option("NAME,...", "Sections; else all.")] = None,
+    material: Annotated[str | None, option("NAME,...", "Silicones; `base` is the rig's; else all.")] = None,
     starts: Annotated[int, typer.Option("--starts", min=1, help="Starts for each shape and silicone.")] = 64,
     exact: Annotated[int, typer.Option("--exact", min=1, help="Candidates that are computed exactly.")] = 24,
     proposals: Annotated[int, typer.Option("--proposals", min=1, help="How many, at most.")] = 4,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the starts, and of the twin.")] = 0,
-    scheduler: Annotated[
-        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler whose workers do it.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Rigs, plans, figures and a page.")] = None,
+    scheduler: Annotated[str | None, option("ADDRESS", "A Dask scheduler whose workers do it.")] = None,
+    out: Annotated[Path | None, option("DIR", "Rigs, plans, figures and a page.")] = None,
     json: Json = False,
 ) -> None:
     """Design joints whose resonance can follow a gait: section, silicone, length, tendon circle, lever, pretensions.
@@ -68,9 +100,9 @@ def design(
     base = load_rig(rig)
     silicones, shapes = known_silicones(base, _names(material)), known_shapes(_names(shape))
     if out is not None:
-        require_folder(out)
+        console.require_folder(out)
     effort = Effort(starts, exact, proposals, seed)
-    with progress_bar("design") as bar:
+    with console.progress_bar("design") as bar:
         found = design_joints(
             base,
             target,
@@ -90,9 +122,9 @@ def design(
         words += ["--starts", str(starts), "--exact", str(exact), "--proposals", str(proposals), "--seed", str(seed)]
         write_design(found, document, out, shlex.join([*words, "--out", str(out)]))
     if json:
-        print_json(document)
+        console.print_json(document)
     else:
-        print_told(found.told())
+        console.print_told(found.told())
         if out is not None:
             print(f"page: {out / 'design.html'}")
 
@@ -187,7 +219,7 @@ def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebu
     if curves:
         figure = draw_design_curves(curves, document["target"]["yaw_deg"])
         figures += save_figure(figure, folder / "figures", "design_curves", ("png", "pdf"))
-    write_json(document, folder / "design.json")
+    console.write_json(document, folder / "design.json")
     return write_design_page(
         folder / "design.html",
         document,

@@ -1,4 +1,4 @@
-"""The options that describe a joint to be built, spelt once, and the rig that they make."""
+"""The options that several commands on joints share: a joint to be built, what is asked of a rig."""
 
 import functools
 import inspect
@@ -6,12 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from sinew.apps.console import checked_number, option
+import typer
+
+from sinew.apps.console import LARGEST_DEG, check_choice, checked_band, checked_number, number_list, option
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
     from sinew.predict.joints.design import Design
+    from sinew.predict.predicted import RigAsked
     from sinew.predict.sections.section import Section
 
 BASE_RIG = "paper"
@@ -27,63 +30,43 @@ _SHAPES = {
 }
 
 
-class JointOptions(NamedTuple):
-    """What was asked for, in the units of the options; None where nothing was."""
+def _joint(metavar: str, help_: str) -> Any:
+    return typer.Option(metavar=metavar, help=f"Joint: {help_}")
 
-    section: Annotated[str | None, option("--section", "|".join(_SHAPES), "Joint: cross-section of the silicone.")] = (
-        None
-    )
-    outer_mm: Annotated[float | None, option("--outer-mm", "MM", "Joint: outer diameter (circle, annulus, star).")] = (
-        None
-    )
-    inner_mm: Annotated[float | None, option("--inner-mm", "MM", "Joint: inner diameter (annulus, star).")] = None
-    width_mm: Annotated[float | None, option("--width-mm", "MM", "Joint: width (ellipse, rectangle).")] = None
-    height_mm: Annotated[float | None, option("--height-mm", "MM", "Joint: height (ellipse, rectangle).")] = None
-    star_points: Annotated[int | None, option("--star-points", "N", "Joint: points of a star.")] = None
-    polygon: Annotated[
-        Path | None, option("--polygon", "FILE", "Joint: x,y in mm a line; an empty line begins a hole.")
-    ] = None
-    length_mm: Annotated[float | None, option("--length-mm", "MM", "Joint: length of the silicone.")] = None
-    material: Annotated[str | None, option("--material", "NAME", "Joint: silicone by name, e.g. dragon-skin-30.")] = (
-        None
-    )
-    tensile: Annotated[Path | None, option("--tensile", "FILE", "Joint: silicone by its measured tensile curve.")] = (
-        None
-    )
-    tensile_columns: Annotated[
-        str | None, option("--tensile-columns", "COL:unit,COL:unit", "Joint: strain and stress in that file.")
-    ] = None
-    shear_modulus_kpa: Annotated[float | None, option("--shear-modulus-kpa", "KPA", "Joint: of the silicone, E/3.")] = (
-        None
-    )
-    loss_factor: Annotated[float | None, option("--loss-factor", "1", "Joint: tan δ of the silicone.")] = None
-    tendons: Annotated[int | None, option("--tendons", "N", "Joint: number of tendons.")] = None
-    tendon_circle_mm: Annotated[
-        float | None, option("--tendon-circle-mm", "MM", "Joint: radius of the circle of guides.")
-    ] = None
-    first_contact_n: Annotated[
-        float | None, option("--first-contact-n", "N", "Joint: tension of a tendon at 0 mm.")
-    ] = None
-    head_inertia_kg_m2: Annotated[
-        float | None, option("--head-inertia-kg-m2", "I", "Joint: of the head without the lever.")
-    ] = None
-    lever_inertia_kg_m2: Annotated[
-        float | None, option("--lever-inertia-kg-m2", "I", "Joint: of the lever with its weights.")
-    ] = None
-    head_mass_kg: Annotated[float | None, option("--head-mass-kg", "KG", "Joint: head, lever, drive.")] = None
-    name: Annotated[str | None, option("--name", "NAME", "Joint: name of its rig.")] = None
+
+class JointOptions(NamedTuple):
+    """What was asked for, in the units of the options; None where nothing was. Each is called as its field."""
+
+    section: Annotated[str | None, _joint("|".join(_SHAPES), "cross-section of the silicone.")] = None
+    outer_mm: Annotated[float | None, _joint("MM", "outer diameter (circle, annulus, star).")] = None
+    inner_mm: Annotated[float | None, _joint("MM", "inner diameter (annulus, star).")] = None
+    width_mm: Annotated[float | None, _joint("MM", "width (ellipse, rectangle).")] = None
+    height_mm: Annotated[float | None, _joint("MM", "height (ellipse, rectangle).")] = None
+    star_points: Annotated[int | None, _joint("N", "points of a star.")] = None
+    polygon: Annotated[Path | None, _joint("FILE", "x,y in mm a line; an empty line begins a hole.")] = None
+    length_mm: Annotated[float | None, _joint("MM", "length of the silicone.")] = None
+    material: Annotated[str | None, _joint("NAME", "silicone by name, e.g. dragon-skin-30.")] = None
+    tensile: Annotated[Path | None, _joint("FILE", "silicone by its measured tensile curve.")] = None
+    tensile_columns: Annotated[str | None, _joint("COL:unit,COL:unit", "strain and stress in that file.")] = None
+    shear_modulus_kpa: Annotated[float | None, _joint("KPA", "of the silicone, E/3.")] = None
+    loss_factor: Annotated[float | None, _joint("1", "tan δ of the silicone.")] = None
+    tendons: Annotated[int | None, _joint("N", "number of tendons.")] = None
+    tendon_circle_mm: Annotated[float | None, _joint("MM", "radius of the circle of guides.")] = None
+    first_contact_n: Annotated[float | None, _joint("N", "tension of a tendon at 0 mm.")] = None
+    head_inertia_kg_m2: Annotated[float | None, _joint("I", "of the head without the lever.")] = None
+    lever_inertia_kg_m2: Annotated[float | None, _joint("I", "of the lever with its weights.")] = None
+    head_mass_kg: Annotated[float | None, _joint("KG", "head, lever, drive.")] = None
+    name: Annotated[str | None, _joint("NAME", "name of its rig.")] = None
 
     @property
     def given(self) -> list[str]:
         """Return the options that were given."""
-        return [_flag(name) for name in self._fields if getattr(self, name) is not None]
+        return [_flag(name) for name, value in self._asdict().items() if value is not None]
 
     def words(self) -> list[str]:
         """Return the options as they stand on a command line."""
-        given = [(_flag(name), getattr(self, name)) for name in self._fields if getattr(self, name) is not None]
-        return [
-            word for flag, value in given for word in (flag, f"{value:g}" if isinstance(value, float) else str(value))
-        ]
+        given = [(_flag(name), value) for name, value in self._asdict().items() if value is not None]
+        return [w for flag, value in given for w in (flag, f"{value:g}" if isinstance(value, float) else str(value))]
 
 
 _REACH = {
@@ -189,15 +172,8 @@ def _scaled(value: float | None, factor: float) -> float | None:
 
 
 def _section(joint: JointOptions) -> "Section | None":
+    from sinew.predict.sections import section as shapes
     from sinew.predict.sections.outline import read_polygon
-    from sinew.predict.sections.section import (
-        annulus_section,
-        circle_section,
-        ellipse_section,
-        rectangle_section,
-        section_of_outline,
-        star_section,
-    )
 
     sizes = {name for names in _SHAPES.values() for name in names}
     given = {name for name in sizes if getattr(joint, name) is not None}
@@ -205,8 +181,7 @@ def _section(joint: JointOptions) -> "Section | None":
         if given:
             raise SpecError(f"found {_flag(min(given))} without --section; expected one of {', '.join(_SHAPES)}")
         return None
-    if joint.section not in _SHAPES:
-        raise SpecError(f"--section is {joint.section!r}, expected one of {', '.join(_SHAPES)}")
+    check_choice("--section", joint.section, _SHAPES)
     needed = _SHAPES[joint.section]
     for name in needed:
         if name not in given:
@@ -214,17 +189,50 @@ def _section(joint: JointOptions) -> "Section | None":
     for name in sorted(given - set(needed)):
         raise SpecError(f"{_flag(name)} does not belong to --section {joint.section}, which takes {_flags(needed)}")
     if joint.polygon is not None:
-        return section_of_outline(read_polygon(joint.polygon), f"polygon of {joint.polygon.stem}")
+        return shapes.section_of_outline(read_polygon(joint.polygon), f"polygon of {joint.polygon.stem}")
     values = [getattr(joint, name) * (1 if name == "star_points" else 1e-3) for name in needed]
     makers: dict[str, Callable[..., Section]] = {
-        "circle": circle_section,
-        "annulus": annulus_section,
-        "ellipse": ellipse_section,
-        "rectangle": rectangle_section,
-        "star": star_section,
+        "circle": shapes.circle_section,
+        "annulus": shapes.annulus_section,
+        "ellipse": shapes.ellipse_section,
+        "rectangle": shapes.rectangle_section,
+        "star": shapes.star_section,
     }
     return makers[joint.section](*values)
 
 
 def _flags(names: tuple[str, ...]) -> str:
     return ", ".join(map(_flag, names))
+
+
+# What `sinew predict`, `compare` and `tune` ask of a rig.
+
+MODES = ("position", "position-with-current-limit", "current")
+"""Modes of the tendon motors."""
+
+_BAND_HZ = (1.0, 6.0)
+
+Pretension = Annotated[str, option("MM,...", "Rig: pretensions, one curve for each.", "--pretension-mm")]
+Amplitude = Annotated[float, option("DEG", "Rig: amplitude of the drive's command.", "--amplitude-deg")]
+Mode = Annotated[str, option("|".join(MODES), "Rig: mode of the motors.", "--mode")]
+Without = Annotated[
+    list[str] | None, option("EFFECT", "Rig: switch an effect of the twin off; may be repeated.", "--without")
+]
+
+
+def rig_asked(
+    pretension: str, amplitude: float, mode: str, without: list[str] | None, start: float | None, stop: float | None
+) -> "RigAsked":
+    """Return what the options ask of a rig. Raises SpecError where one of them cannot be meant."""
+    check_choice("--mode", mode, MODES)
+    pretensions = number_list("--pretension-mm", pretension, "zero or more: cables cannot push", low=0)
+    check_angle("--amplitude-deg", amplitude)
+    band_hz = checked_band((_BAND_HZ[0] if start is None else start, _BAND_HZ[1] if stop is None else stop))
+    from sinew.predict.predicted import RigAsked
+
+    return RigAsked(pretensions, amplitude, mode, tuple(without or ()), band_hz)
+
+
+def check_angle(option: str, angle_deg: float) -> None:
+    """Do nothing where an angle can be an amplitude; else raise SpecError."""
+    checked_number(option, angle_deg, f"a positive angle up to {LARGEST_DEG:g}°", low=0, high=LARGEST_DEG, above=True)

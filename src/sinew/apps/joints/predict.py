@@ -1,52 +1,36 @@
-"""`sinew predict`: the steady response over frequency, of a rig or of an oscillator by its numbers."""
+"""`sinew predict` and `sinew compare`: the steady response over frequency, of a rig, an oscillator, or several rigs."""
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from sinew.apps.console import (
-    Json,
-    checked_band,
-    number_list,
-    print_json,
-    print_told,
-    progress_bar,
-    remark,
-    require_file,
-    require_folder,
-)
-from sinew.apps.joints.options import BASE_RIG, JointOptions, designed_rig, with_joint_options
-from sinew.apps.joints.predict_against import (
-    Against,
-    FittedMm,
-    Held,
-    asked_of,
-    hold_against,
-    measured_against,
-    millimetres,
-    print_against,
-)
-from sinew.apps.joints.rig_asked import (
+from sinew.apps import console
+from sinew.apps.console import Json, flag, option
+from sinew.apps.joints import predict_against
+from sinew.apps.joints.options import (
+    BASE_RIG,
     Amplitude,
-    Bands,
-    BandSeed,
+    JointOptions,
     Mode,
     Pretension,
     Without,
+    designed_rig,
     rig_asked,
-    words_of,
-    write_prediction,
+    with_joint_options,
 )
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sinew.predict.predicted import Predicted, RigAsked
     from sinew.solve.branch import Prediction
+
+Backbones = Callable[[], list[dict[str, Any]]]
 
 
 # `sinew predict` is asked for more than curves: bands, and a recording to be held against.
@@ -75,29 +59,29 @@ class Further(NamedTuple):
         against = [] if self.against is None else ["--against", str(self.against)]
         fitted = [] if self.fitted_mm is None else ["--fitted-mm", self.fitted_mm]
         if self.against is None:
-            return [*words_of(asked), *bands]
+            return [*_words_of(asked), *bands]
         off = [word for effect in asked.without for word in ("--without", effect)]
         return [*off, *bands, *against, *fitted]
 
-    def held(self, rig: str | None) -> Held | None:
+    def held(self, rig: str | None) -> predict_against.Held | None:
         """Return the recording. rig: file or name. Raises SpecError, before long work, for what cannot be meant."""
         if self.fitted_mm is not None:
             if self.against is None:
                 raise SpecError("--fitted-mm is about a recording; name one with --against, or leave it out")
-            millimetres(self.fitted_mm)
+            predict_against.millimetres(self.fitted_mm)
         if self.bands is not None:
             from sinew.plan.toml import load_rig
             from sinew.predict.band import spread_of
 
             spread_of(load_rig(rig or BASE_RIG))
-        return None if self.against is None else measured_against(self.against, rig)
+        return None if self.against is None else predict_against.measured_against(self.against, rig)
 
-    def asked(self, held: Held | None, asked: "RigAsked") -> "RigAsked":
+    def asked(self, held: predict_against.Held | None, asked: "RigAsked") -> "RigAsked":
         """Return what is asked of the rig, at the recording's settings where there is one."""
-        return asked if held is None else asked_of(held, asked, self.start, self.stop)
+        return asked if held is None else predict_against.asked_of(held, asked, self.start, self.stop)
 
     def answered(
-        self, held: Held | None, found: "Predicted", base: str | None, *, drawn: bool
+        self, held: predict_against.Held | None, found: "Predicted", base: str | None, *, drawn: bool
     ) -> "tuple[dict[str, Any], dict[str, Figure]]":
         """Return (keys of the document, figures by name; none unless drawn). base: file or name of the rig."""
         document: dict[str, Any] = {}
@@ -106,7 +90,7 @@ class Further(NamedTuple):
             from sinew.plan.toml import load_rig
             from sinew.predict.predicted import with_bands
 
-            with progress_bar("draw") as progress:
+            with console.progress_bar("draw") as progress:
                 more = with_bands(found, load_rig(base or BASE_RIG), self.bands, self.seed, progress).drawn
             assert more is not None
             document |= more.document(found.asked.pretensions)
@@ -115,7 +99,7 @@ class Further(NamedTuple):
 
                 figures["predicted_bands"] = draw_bands(curves_of(found), more.bands)
         if held is not None:
-            document["against"], comparison = hold_against(held, found, self.fitted_mm)
+            document["against"], comparison = predict_against.hold_against(held, found, self.fitted_mm)
             if drawn:
                 from sinew.figures.predicted import draw_against
 
@@ -128,7 +112,7 @@ class Further(NamedTuple):
 
 def predict_joint(
     base: str | None, joint: JointOptions, asked: "RigAsked", further: Further, out: Path | None
-) -> tuple[dict[str, Any], Callable[[], list[dict[str, Any]]]]:
+) -> tuple[dict[str, Any], Backbones]:
     """Return the document of a rig's prediction, and what gives its backbones; write files where `out` says so.
 
     base: file or name of the rig. joint: what is changed in it. further: what is asked beside the curves. out: a folder
@@ -141,9 +125,9 @@ def predict_joint(
     alone = out is not None and out.suffix == ".toml"
     if out is not None:
         if alone:
-            require_file(out)
+            console.require_file(out)
         else:
-            require_folder(out)
+            console.require_folder(out)
     held = further.held(base)
     rig, design = designed_rig(base, joint)
     found = predict_rig(rig, further.asked(held, asked))
@@ -156,11 +140,9 @@ def predict_joint(
     elif out is not None:
         words = ["sinew", "predict", *([base] if base else []), *joint.words()]
         words += [*further.words(asked), "--out", str(out)]
-        write_prediction(found, document, out, shlex.join(words), figures)
+        _write_prediction(found, document, out, shlex.join(words), figures)
     return document, found.backbones
 
-
-Backbones = Callable[[], list[dict[str, Any]]]
 
 _KEYS = {
     "inertia_kg_m2": "inertia",
@@ -174,50 +156,33 @@ _KEYS = {
 }
 _NEEDED = ("inertia_kg_m2", "frequency_hz", "damping_ratio")
 
-_Torque = Annotated[
-    float | None, typer.Option("--torque-n-m", metavar="NM", help="Oscillator: amplitude of the torque on it.")
-]
-_Base = Annotated[
-    float | None, typer.Option("--base-deg", metavar="DEG", help="Oscillator: amplitude by which its base turns.")
-]
-_Backbone = Annotated[
-    bool,
-    typer.Option("--backbone", help="Also where it resonates, over the drive's amplitude up to the asked one."),
-]
-_Out = Annotated[
-    Path | None,
-    typer.Option("--out", metavar="DIR|RIG.toml", help="Rig: write figures and page, or the joint's rig alone."),
-]
-
 
 @with_joint_options
 def predict(
-    rig: Annotated[
-        str | None, typer.Argument(metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")
-    ] = None,
-    oscillator: Annotated[
-        str | None,
-        typer.Option("--oscillator", metavar="KEY=VALUE,...", help=f"Instead of a rig: {', '.join(_KEYS)}."),
-    ] = None,
-    torque: _Torque = None,
-    base: _Base = None,
+    rig: Annotated[str | None, typer.Argument(metavar="RIG", help=console.RIG_HELP)] = None,
+    oscillator: Annotated[str | None, option("KEY=VALUE,...", f"Instead of a rig: {', '.join(_KEYS)}.")] = None,
+    torque: Annotated[float | None, option("NM", "Oscillator: amplitude of the torque on it.", "--torque-n-m")] = None,
+    base: Annotated[float | None, option("DEG", "Oscillator: amplitude by which its base turns.", "--base-deg")] = None,
     pretension: Pretension = "0,4,8,12",
     amplitude: Amplitude = 20.0,
     mode: Mode = "position",
     without: Without = None,
     start: Annotated[
-        float | None,
-        typer.Option("--from-hz", metavar="HZ", help="Lowest frequency; else 1, or a third of the natural."),
+        float | None, option("HZ", "Lowest frequency; else 1, or a third of the natural.", "--from-hz")
     ] = None,
-    stop: Annotated[
-        float | None, typer.Option("--to-hz", metavar="HZ", help="Highest frequency; else 6, or twice the natural.")
+    stop: Annotated[float | None, option("HZ", "Highest frequency; else 6, or twice the natural.", "--to-hz")] = None,
+    backbone: Annotated[
+        bool, flag("--backbone", "Also where it resonates, over the drive's amplitude up to the asked one.")
+    ] = False,
+    out: Annotated[
+        Path | None, option("DIR|RIG.toml", "Rig: write figures and page, or the joint's rig alone.")
     ] = None,
-    backbone: _Backbone = False,
-    out: _Out = None,
-    bands: Bands = None,
-    seed: BandSeed = 0,
-    against: Against = None,
-    fitted: FittedMm = None,
+    bands: Annotated[
+        int | None, option("N", "Calibrated rig: 90 % bands from N draws of what is known of it.", min=20)
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of --bands.")] = 0,
+    against: predict_against.Against = None,
+    fitted: predict_against.FittedMm = None,
     *,
     joint: JointOptions,
     json: Json = False,
@@ -248,23 +213,19 @@ def predict(
     if backbone:
         document["backbone"] = backbones()
     if json:
-        print_json(document)
+        console.print_json(document)
         return
     from sinew.predict.predicted import backbones_told, bands_told, prediction_told
 
-    print_told(prediction_told(document))
+    console.print_told(prediction_told(document))
     if "bands" in document:
-        print_told(bands_told(document))
+        console.print_told(bands_told(document))
     if "against" in document:
-        print_against(document["against"])
+        predict_against.print_against(document["against"])
     if backbone:
-        print_told(backbones_told(document["backbone"]))
+        console.print_told(backbones_told(document["backbone"]))
     if out is not None:
         print(f"written: {out}")
-
-
-def _number(what: str, text: str) -> float:
-    return number_list(what, text, "a finite number", between="\n")[0]
 
 
 def _oscillator(
@@ -283,7 +244,7 @@ def _oscillator(
         key, equal, value = (piece.strip() for piece in part.partition("="))
         if key not in _KEYS or not equal:
             raise SpecError(f"--oscillator holds {part.strip()!r}, expected KEY=VALUE with one of {', '.join(_KEYS)}")
-        values[_KEYS[key]] = _number(f"--oscillator {key}", value)
+        values[_KEYS[key]] = console.number_list(f"--oscillator {key}", value, "a finite number", between="\n")[0]
     missing = [key for key in _NEEDED if _KEYS[key] not in values]
     if missing:
         raise SpecError(f"--oscillator lacks {', '.join(missing)}; add {missing[0]}=...")
@@ -291,10 +252,146 @@ def _oscillator(
         raise SpecError("say what drives the oscillator: either --torque-n-m or --base-deg")
     configure()
     one = Oscillator(**values, torque=torque or 0.0, base=math.radians(base or 0.0)).checked()
-    band_hz = checked_band(
+    band_hz = console.checked_band(
         (one.frequency_hz / 3 if start is None else start, 2 * one.frequency_hz if stop is None else stop)
     )
     if sentence := one.friction_remark():
-        remark(sentence)
+        console.remark(sentence)
     prediction = run(oscillator_problem([one], band_hz), band_hz, resolution_of([one]))
     return prediction, [math.nan], partial(oscillator_backbones, one, band_hz)
+
+
+# `sinew compare` sets several rigs beside each other.
+
+
+def compare(
+    rigs: Annotated[
+        list[str], typer.Argument(metavar="RIG RIG...", help="Rigs: TOML files, or names of shipped ones.")
+    ],
+    pretension: Pretension = "0,4,8,12",
+    amplitude: Amplitude = 20.0,
+    mode: Mode = "position",
+    without: Without = None,
+    start: Annotated[float | None, option("HZ", "Lowest frequency; else 1.", "--from-hz")] = None,
+    stop: Annotated[float | None, option("HZ", "Highest frequency; else 6.", "--to-hz")] = None,
+    out: Annotated[Path | None, option("DIR", "Write figures and a page there.")] = None,
+    json: Json = False,
+) -> None:
+    """Predict the response of several rigs and set them beside each other: tables, curves and maps of gain."""
+    if len(rigs) < 2:
+        raise SpecError(f"found {len(rigs)} rig, expected two or more; one alone is for sinew predict")
+    asked = rig_asked(pretension, amplitude, mode, without, start, stop)
+    if out is not None:
+        console.require_folder(out)
+    found = _predict_all(rigs, asked)
+    document: dict[str, Any] = {
+        "amplitude_deg": amplitude,
+        "rigs": [{"rig": one.rig.name, "source": rig, **one.document()} for rig, one in zip(rigs, found, strict=True)],
+    }
+    page = None
+    if out is not None:
+        command = ["sinew", "compare", *rigs, *_words_of(asked), "--out", str(out)]
+        page = _write_comparison(found, document, out, shlex.join(command))
+    if json:
+        console.print_json(document)
+        return
+    _print_compared(document, amplitude)
+    if page is not None:
+        print(f"page: {page}")
+
+
+def _predict_all(rigs: list[str], asked: "RigAsked") -> "list[Predicted]":
+    from sinew.plan.toml import load_rig
+    from sinew.predict.predicted import predict_rig
+
+    loaded = [load_rig(rig) for rig in rigs]
+    found = []
+    with console.progress_bar("predict") as progress:
+        for i, rig in enumerate(loaded):
+            progress(i, len(loaded))
+            found.append(predict_rig(rig, asked))
+    return found
+
+
+def _print_compared(document: dict[str, Any], amplitude_deg: float) -> None:
+    from sinew.predict.predicted import mark_cell, remarks_told
+
+    rows = []
+    for rig in document["rigs"]:
+        for i, branch in enumerate(rig["branches"]):
+            peak = branch["peak"]
+            gain = number(None if peak is None else peak["amplitude_deg"] / amplitude_deg)
+            folds = str(len(branch["folds"]))
+            rows.append((rig["rig"] if i == 0 else "", f"{branch['pretension_mm']:g}", mark_cell(peak), gain, folds))
+    console.print_table(("rig", "pretension/mm", "peak", "gain", "folds"), rows)
+    for rig in document["rigs"]:
+        held = sum(check["holds"] for check in rig["validity"])
+        print(f"{rig['rig']}: {held} of {len(rig['validity'])} assumptions hold")
+        console.print_told(remarks_told(rig, faults_only=True))
+
+
+# A prediction's figures, page and files are written into a folder.
+
+_FORMATS = ("png", "pdf")
+
+
+def _write_prediction(
+    found: "Predicted", document: dict[str, Any], folder: Path, rebuild: str, more: "Mapping[str, Figure]"
+) -> Path:
+    """Write prediction.json, rig.toml, figures and prediction.html into a folder; return the page.
+
+    rebuild: the command line that makes it again. more: further figures, by name. Raises FileError where the folder
+    cannot be written.
+    """
+    from sinew.figures.predicted import curves_of, draw_predicted, draw_predicted_map
+    from sinew.plan.toml import save_rig
+
+    curves = curves_of(found)
+    figures = {"predicted_response": draw_predicted(curves), "predicted_map": draw_predicted_map([curves])} | dict(more)
+    save_rig(found.rig, folder / "rig.toml")
+    return _write(folder, "prediction", document, [document], figures, found, rebuild)
+
+
+def _write_comparison(rigs: "Sequence[Predicted]", document: dict[str, Any], folder: Path, rebuild: str) -> Path:
+    """Write comparison.json, figures and comparison.html into a folder; return the page."""
+    from sinew.figures.predicted import curves_of, draw_comparison, draw_predicted_map
+
+    curves = [curves_of(found) for found in rigs]
+    figures = {"predicted_comparison": draw_comparison(curves), "predicted_map": draw_predicted_map(curves)}
+    return _write(folder, "comparison", document, document["rigs"], figures, rigs[0], rebuild)
+
+
+def _write(
+    folder: Path,
+    stem: str,
+    document: dict[str, Any],
+    rigs: list[dict[str, Any]],
+    figures: "dict[str, Figure | None]",
+    found: "Predicted",
+    rebuild: str,
+) -> Path:
+    from sinew.figures.predicted import write_prediction_page
+    from sinew.figures.style import save_figure
+    from sinew.measure.files.netcdf import provenance
+
+    paths = []
+    for name, figure in figures.items():
+        if figure is not None:
+            paths += save_figure(figure, folder / "figures", name, _FORMATS)
+    console.write_json(document, folder / f"{stem}.json")
+    return write_prediction_page(
+        folder / f"{stem}.html",
+        rigs,
+        amplitude_deg=found.asked.amplitude_deg,
+        figures=paths,
+        rebuild=rebuild,
+        origins=[("versions", str(provenance("twin")["versions"]))],
+    )
+
+
+def _words_of(asked: "RigAsked") -> list[str]:
+    """Return the options that ask for the same again."""
+    pretensions = ",".join(f"{mm:g}" for mm in asked.pretensions)
+    words = ["--pretension-mm", pretensions, "--amplitude-deg", f"{asked.amplitude_deg:g}", "--mode", asked.mode]
+    words += [word for effect in asked.without for word in ("--without", effect)]
+    return [*words, "--from-hz", f"{asked.band_hz[0]:g}", "--to-hz", f"{asked.band_hz[1]:g}"]

@@ -1,11 +1,9 @@
 """`sinew predict --against`: a rig's curves against a recording of the joint."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-import typer
-
-from sinew.apps.console import number_list, print_table
+from sinew.apps.console import number_list, option, print_table
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -14,17 +12,12 @@ if TYPE_CHECKING:
 
 Against = Annotated[
     Path | None,
-    typer.Option(
-        "--against",
-        metavar="RECORDING",
-        help="Rig: hold it against a recording (NetCDF), at its pretensions, amplitude and mode.",
+    option(
+        "RECORDING", "Rig: hold it against a recording (NetCDF), at its pretensions, amplitude and mode.", "--against"
     ),
 ]
 FittedMm = Annotated[
-    str | None,
-    typer.Option(
-        "--fitted-mm", metavar="MM,...", help="--against: pretensions that the rig was fitted to; else what it says."
-    ),
+    str | None, option("MM,...", "--against: pretensions that the rig was fitted to; else what it says.", "--fitted-mm")
 ]
 
 _TITLES = {
@@ -41,11 +34,11 @@ _TITLES = {
 _SUBSETS = {"all": "all", "fitted": "fitted to", "others": "not fitted to"}
 
 
-class Held:
+class Held(NamedTuple):
     """A recording and what it says of the steady response. file: its name, without folder."""
 
-    def __init__(self, file: str, measured: "Measured") -> None:
-        self.file, self.measured = file, measured
+    file: str
+    measured: "Measured"
 
 
 def measured_against(file: Path, rig: str | None) -> Held:
@@ -73,11 +66,7 @@ def asked_of(held: Held, asked: "RigAsked", start: float | None, stop: float | N
     without = tuple(dict.fromkeys((*asked.without, *measured.effects_off)))
     pretensions = [float(one) for one in measured.response.pretension_mm]
     return asked._replace(
-        pretensions=pretensions,
-        amplitude_deg=measured.amplitude_deg,
-        mode=measured.mode,
-        without=without,
-        band_hz=band,
+        pretensions=pretensions, amplitude_deg=measured.amplitude_deg, mode=measured.mode, without=without, band_hz=band
     )
 
 

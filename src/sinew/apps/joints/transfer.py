@@ -3,19 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
-import typer
-
-from sinew.apps.console import (
-    LARGEST_DEG,
-    Json,
-    checked_band,
-    number_list,
-    option,
-    print_json,
-    print_table,
-    require_file,
-    require_folder,
-)
+from sinew.apps import console
+from sinew.apps.console import Json, RigArgument, Without, option
+from sinew.apps.joints.options import MODES
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import fixed, number
 
@@ -25,28 +15,25 @@ if TYPE_CHECKING:
     from sinew.predict.linear import Gear
     from sinew.twin.parameters import Effects
 
-_MODES = ("position", "position-with-current-limit", "current")
 _GEARS = ("sliding", "creeping")
 
 
 def transfer(
-    rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")],
+    rig: RigArgument,
     pretension: Annotated[
-        str, option("--pretension-mm", "MM,...", "Pretensions, one linear joint for each.")
+        str, option("MM,...", "Pretensions, one linear joint for each.", "--pretension-mm")
     ] = "0,4,8,12",
     gear: Annotated[
-        str, option("--gear", "|".join(_GEARS), "Friction of the gear: the lever slides, or hardly moves.")
+        str, option("|".join(_GEARS), "Friction of the gear: the lever slides, or hardly moves.")
     ] = "sliding",
     amplitude: Annotated[
-        str | None, option("--amplitude-deg", "DEG,...", "Also the describing function at these commands.")
+        str | None, option("DEG,...", "Also the describing function at these commands.", "--amplitude-deg")
     ] = None,
-    start: Annotated[float, option("--from-hz", "HZ", "Its lowest frequency.")] = 1.0,
-    stop: Annotated[float, option("--to-hz", "HZ", "Its highest frequency.")] = 6.0,
-    mode: Annotated[str, option("--mode", "|".join(_MODES), "Mode of the motors.")] = "position",
-    without: Annotated[
-        list[str] | None, option("--without", "EFFECT", "Switch an effect of the twin off; may be repeated.")
-    ] = None,
-    out: Annotated[Path | None, option("--out", "PATH", "FILE.json, FILE.mat, or a folder for both.")] = None,
+    start: Annotated[float, option("HZ", "Its lowest frequency.", "--from-hz")] = 1.0,
+    stop: Annotated[float, option("HZ", "Its highest frequency.", "--to-hz")] = 6.0,
+    mode: Annotated[str, option("|".join(MODES), "Mode of the motors.")] = "position",
+    without: Without = None,
+    out: Annotated[Path | None, option("PATH", "FILE.json, FILE.mat, or a folder for both.")] = None,
     json: Json = False,
 ) -> None:
     """Give the transfer functions of a rig's joint: linear at rest, and the describing function over amplitude.
@@ -55,17 +42,20 @@ def transfer(
     python-control and MATLAB. Where linear is not enough, --amplitude-deg gives gain and lag of the fundamental, and
     the joint's equivalent stiffness and damping, at each amplitude of the command.
     """
-    pretensions = number_list("--pretension-mm", pretension, "zero or more: cables cannot push", low=0)
-    expected = f"positive angles up to {LARGEST_DEG:g}°"
+    pretensions = console.number_list("--pretension-mm", pretension, "zero or more: cables cannot push", low=0)
+    expected = f"positive angles up to {console.LARGEST_DEG:g}°"
     amplitudes = []
     if amplitude is not None:
-        amplitudes = number_list("--amplitude-deg", amplitude, expected, low=0, high=LARGEST_DEG, above=True)
-    checked_band((start, stop))
-    _refuse(mode, gear)
+        amplitudes = console.number_list(
+            "--amplitude-deg", amplitude, expected, low=0, high=console.LARGEST_DEG, above=True
+        )
+    console.checked_band((start, stop))
+    console.check_choice("--mode", mode, MODES)
+    console.check_choice("--gear", gear, _GEARS)
     if out is not None:
         if out.suffix not in ("", ".json", ".mat"):
             raise SpecError(f"--out is {out}, expected a name that ends with .json or .mat, or a folder")
-        (require_file if out.suffix else require_folder)(out)
+        (console.require_file if out.suffix else console.require_folder)(out)
 
     from sinew.plan.toml import load_rig
     from sinew.predict.linear import joint_document, linear_joints, write_transfer
@@ -90,22 +80,17 @@ def transfer(
         files = write_transfer(joints, document, out)
         document["files"] = [str(file) for file in files]
     if json:
-        print_json(document)
+        console.print_json(document)
     else:
         _print(document)
-
-
-def _refuse(mode: str, gear: str) -> None:
-    for what, allowed, found in (("--mode", _MODES, mode), ("--gear", _GEARS, gear)):
-        if found not in allowed:
-            raise SpecError(f"{what} is {found!r}, expected one of {', '.join(allowed)}")
 
 
 def _ratio(ratio: Any) -> dict[str, list[float]]:
     import numpy as np
 
-    lag = np.mod(np.pi / 2 - np.angle(ratio), 2 * np.pi) - np.pi / 2
-    return {"gain": np.abs(ratio).tolist(), "lag_deg": np.degrees(lag).tolist()}
+    from sinew.solve.curves import wrapped_lag
+
+    return {"gain": np.abs(ratio).tolist(), "lag_deg": np.degrees(wrapped_lag(np.conj(ratio))).tolist()}
 
 
 def _describing(
@@ -161,7 +146,7 @@ def _print(document: dict[str, Any]) -> None:
         cells = number(joint["tension_n"], 3), number(1 / static)
         rows.append((f"{joint['pretension_mm']:g}", *cells, swings(joint["lever"]), swings(joint["drive"])))
     columns = "pretension/mm", "tension/N", "static stiffness/(N m/rad)", "lever as told", f"servo, {document['gear']}"
-    print_table(columns, rows, "linear at rest: undamped frequency and damping ratio of the poles that swing")
+    console.print_table(columns, rows, "linear at rest: undamped frequency and damping ratio of the poles that swing")
     if "describing" in document:
         _print_describing(document["describing"])
     for note in document["joints"][0]["notes"]:
@@ -193,7 +178,7 @@ def _print_describing(describing: list[dict[str, Any]]) -> None:
             )
         )
     columns = "pretension/mm", "command/°", "peak/Hz", "torsion/command", "lag/°", "lever/command", "k/(N m/rad)", "D"
-    print_table(columns, rows, "describing function where torsion over command is largest")
+    console.print_table(columns, rows, "describing function where torsion over command is largest")
     for one in describing:
         if not one["complete"]:
             print(f"- at {one['pretension_mm']:g} mm and {one['command_deg']:g}° {one['message']}")

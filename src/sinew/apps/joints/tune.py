@@ -4,17 +4,9 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from sinew.apps.console import (
-    HIGHEST_HZ,
-    LARGEST_DEG,
-    Json,
-    checked_number,
-    number_list,
-    print_json,
-    print_told,
-    progress_bar,
-)
-from sinew.apps.joints.rig_asked import Mode, check_mode
+from sinew.apps import console
+from sinew.apps.console import Json, RigArgument, option
+from sinew.apps.joints.options import MODES, Mode, check_angle
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -22,22 +14,16 @@ if TYPE_CHECKING:
 
 
 def tune(
-    rig: Annotated[str, typer.Argument(metavar="RIG", help="A rig: a TOML file, or the name of a shipped one.")],
-    resonance: Annotated[
-        str, typer.Option("--resonance-hz", metavar="F,...", help="Where it is to resonate: 90° of lag.")
-    ],
+    rig: RigArgument,
+    resonance: Annotated[str, option("F,...", "Where it is to resonate: 90° of lag.", "--resonance-hz")],
     amplitude: Annotated[
-        float | None, typer.Option("--amplitude-deg", metavar="DEG", help="Amplitude of the drive's command; else 20.")
+        float | None, option("DEG", "Amplitude of the drive's command; else 20.", "--amplitude-deg")
     ] = None,
     yaw: Annotated[
-        float | None,
-        typer.Option("--yaw-deg", metavar="DEG", help="Instead: amplitude of the torsion; the command is found."),
+        float | None, option("DEG", "Instead: amplitude of the torsion; the command is found.", "--yaw-deg")
     ] = None,
     mode: Mode = "position",
-    bands: Annotated[
-        int | None,
-        typer.Option("--bands", metavar="N", min=0, help="Draws for the 90 % intervals; else 100, and 0 for none."),
-    ] = None,
+    bands: Annotated[int | None, option("N", "Draws for the 90 % intervals; else 100, and 0 for none.", min=0)] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws.")] = 0,
     json: Json = False,
 ) -> None:
@@ -50,22 +36,18 @@ def tune(
 
     if amplitude is not None and yaw is not None:
         raise SpecError("found --amplitude-deg and --yaw-deg; expected one of them")
-    check_mode(mode)
-    for option, asked in (("--amplitude-deg", amplitude), ("--yaw-deg", yaw)):
+    console.check_choice("--mode", mode, MODES)
+    for flag, asked in (("--amplitude-deg", amplitude), ("--yaw-deg", yaw)):
         if asked is not None:
-            expected = f"a positive angle up to {LARGEST_DEG:g}°"
-            checked_number(option, asked, expected, low=0, high=LARGEST_DEG, above=True)
-    wanted, held = _frequencies(resonance), cast("TendonMode", mode)
-    with progress_bar("draw") as progress:
+            check_angle(flag, asked)
+    expected = f"frequencies above 0 and up to {console.HIGHEST_HZ:g} Hz, as 3.2,3.6"
+    wanted = console.number_list("--resonance-hz", resonance, expected, low=0, high=console.HIGHEST_HZ, above=True)
+    held = cast("TendonMode", mode)
+    with console.progress_bar("draw") as progress:
         found = run(
             rig, wanted, amplitude_deg=amplitude, yaw_deg=yaw, mode=held, bands=bands, seed=seed, progress=progress
         )
     if json:
-        print_json(found.document())
+        console.print_json(found.document())
     else:
-        print_told(found.told())
-
-
-def _frequencies(text: str) -> list[float]:
-    expected = f"frequencies above 0 and up to {HIGHEST_HZ:g} Hz, as 3.2,3.6"
-    return number_list("--resonance-hz", text, expected, low=0, high=HIGHEST_HZ, above=True)
+        console.print_told(found.told())

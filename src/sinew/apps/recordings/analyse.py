@@ -6,24 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sinew.apps.console import (
-    ColumnDrive,
-    ColumnResponse,
-    ColumnTime,
-    Gaps,
-    Json,
-    Settle,
-    Start,
-    Stop,
-    checked_band,
-    option,
-    print_json,
-    print_told,
-    read_csv,
-    remark,
-    require_folder,
-    write_json,
-)
+from sinew.apps import console
+from sinew.apps.console import ColumnDrive, ColumnResponse, ColumnTime, Gaps, Json, Settle, Start, Stop, option
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -32,9 +16,7 @@ if TYPE_CHECKING:
 
 def analyse(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")],
-    kind: Annotated[
-        str | None, typer.Option("--kind", metavar="ring-down|sweep|broadband", help="What a CSV file holds.")
-    ] = None,
+    kind: Annotated[str | None, option("ring-down|sweep|broadband", "What a CSV file holds.")] = None,
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
@@ -42,22 +24,14 @@ def analyse(
     stop: Stop = None,
     gaps: Gaps = "refuse",
     settle: Settle = None,
-    from_hz: Annotated[
-        float | None, option("--from-hz", "HZ", "Broadband: seek modes from here on; else found.")
-    ] = None,
-    to_hz: Annotated[float | None, option("--to-hz", "HZ", "Broadband: seek modes up to here; else found.")] = None,
+    from_hz: Annotated[float | None, option("HZ", "Broadband: seek modes from here on; else found.")] = None,
+    to_hz: Annotated[float | None, option("HZ", "Broadband: seek modes up to here; else found.")] = None,
     modes: Annotated[
-        int | None, option("--modes", "N", "How many modes; else one of a ring-down, as many as show of broadband.")
+        int | None, option("N", "How many modes; else one of a ring-down, as many as show of broadband.")
     ] = None,
-    segment: Annotated[
-        float | None, option("--segment", "S", "Broadband: length of a segment [s]; else by the record.")
-    ] = None,
-    rig: Annotated[
-        str | None, typer.Option("--rig", metavar="RIG", help="A rig: inertia and sensor delays; else the recording's.")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Folder for recording, results, JSON and figure.")
-    ] = None,
+    segment: Annotated[float | None, option("S", "Broadband: length of a segment [s]; else by the record.")] = None,
+    rig: Annotated[str | None, option("RIG", "A rig: inertia and sensor delays; else the recording's.")] = None,
+    out: Annotated[Path | None, option("DIR", "Folder for recording, results, JSON and figure.")] = None,
     json: Json = False,
 ) -> None:
     """Analyse a ring-down, a sweep, a broadband record or a whole recording.
@@ -77,7 +51,7 @@ def analyse(
         raise SpecError(f"--settle is {settle:g}, expected a time of 0 s or more")
     broadband = kind == "broadband"
     if out is not None:
-        require_folder(out)
+        console.require_folder(out)
     if is_recording(file):
         _refuse_columns(time, response, drive, None if broadband else kind)
         recording = cut_recording(load_recording(file), start, stop)
@@ -86,7 +60,7 @@ def analyse(
             f"{file.name} is a table: say what it holds with --kind ring-down or --kind sweep or --kind broadband"
         )
     else:
-        recording = read_csv(file, kind, time, response, drive, start, stop, gaps)
+        recording = console.read_csv(file, kind, time, response, drive, start, stop, gaps)
     found = run(
         recording,
         rig,
@@ -99,11 +73,11 @@ def analyse(
     if out is not None:
         _write(found, out)
     if json:
-        print_json(found.document)
+        console.print_json(found.document)
     else:
-        print_told(found.told())
+        console.print_told(found.told())
     for note in found.notes:
-        remark(note)
+        console.remark(note)
 
 
 def _band(from_hz: float | None, to_hz: float | None) -> tuple[float, float] | None:
@@ -111,7 +85,7 @@ def _band(from_hz: float | None, to_hz: float | None) -> tuple[float, float] | N
         return None
     if from_hz is None or to_hz is None:
         raise SpecError("a band has two ends; name --from-hz and --to-hz, or neither")
-    return checked_band((from_hz, to_hz))
+    return console.checked_band((from_hz, to_hz))
 
 
 def _refuse_columns(*given: object) -> None:
@@ -125,9 +99,9 @@ def _write(found: "Analysed", folder: Path) -> None:
     save_recording(found.recording, folder / "recording.nc")
     if found.dataset is not None:
         save_dataset(found.dataset, folder / "results.nc")
-    write_json(found.document, folder / "analysis.json")
+    console.write_json(found.document, folder / "analysis.json")
     if found.document["kind"] == "broadband":
-        from sinew.figures.broadband import draw_broadband
+        from sinew.figures.response import draw_broadband
         from sinew.figures.style import save_figure
 
         save_figure(draw_broadband(found.document), folder, "broadband", ("png", "pdf"))

@@ -5,30 +5,17 @@ from typing import Annotated, Any
 
 import typer
 
-from sinew.apps.console import (
-    ColumnDrive,
-    ColumnResponse,
-    ColumnTime,
-    Gaps,
-    Json,
-    Start,
-    Stop,
-    one_of,
-    option,
-    print_json,
-    read_csv,
-    remark,
-    require_file,
-)
+from sinew.apps import console
+from sinew.apps.console import ColumnDrive, ColumnResponse, ColumnTime, Gaps, Json, Start, Stop, option
 
 
 def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file.")],
-    out: Annotated[Path, option("--out", "FILE", "The recording to write, NetCDF.")],
+    out: Annotated[Path, option("FILE", "The recording to write, NetCDF.")],
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
-    kind: Annotated[str, option("--kind", "ring-down|sweep|broadband", "What was recorded.")] = "ring-down",
+    kind: Annotated[str, option("ring-down|sweep|broadband", "What was recorded.")] = "ring-down",
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",
@@ -41,8 +28,8 @@ def import_(
     """
     from sinew.measure.files.netcdf import save_recording
 
-    recording = read_csv(file, kind, time, response, drive, start, stop, gaps)
-    save_recording(recording, require_file(out))
+    recording = console.read_csv(file, kind, time, response, drive, start, stop, gaps)
+    save_recording(recording, console.require_file(out))
     notes = [note for note in str(recording.attrs.get("import_notes", "")).splitlines() if note]
     document: dict[str, Any] = {
         "recording": str(out),
@@ -51,25 +38,25 @@ def import_(
         "notes": notes,
     }
     if json:
-        print_json(document)
+        console.print_json(document)
         return
     print(f"{out}: {document['samples']} samples in {document['segments']} segments")
     for note in notes:
-        remark(note)
+        console.remark(note)
 
 
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recording, NetCDF.")],
-    to: Annotated[str, option("--to", "csv|mat", "The format to write.")],
-    out: Annotated[Path, option("--out", "PATH", "The file to write.")],
+    to: Annotated[str, option("csv|mat", "The format to write.")],
+    out: Annotated[Path, option("PATH", "The file to write.")],
     json: Json = False,
 ) -> None:
     """Write a recording as a CSV table or a MATLAB file."""
-    one_of("--to", to, ("csv", "mat"))
+    console.one_of("--to", to, ("csv", "mat"))
     from sinew.measure.files.netcdf import load_recording
 
     recording = load_recording(file)
-    require_file(out)
+    console.require_file(out)
     if to == "csv":
         from sinew.measure.files.csv import export_csv
 
@@ -79,6 +66,6 @@ def export(
 
         export_mat(recording, out)
     if json:
-        print_json({"file": str(out), "format": to, "samples": recording.sizes["sample"]})
+        console.print_json({"file": str(out), "format": to, "samples": recording.sizes["sample"]})
     else:
         print(f"{out}: {recording.sizes['sample']} samples")

@@ -5,18 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import (
-    Json,
-    Start,
-    Stop,
-    number_list,
-    option,
-    print_json,
-    print_table,
-    remark,
-    require_folder,
-    write_json,
-)
+from sinew.apps import console
+from sinew.apps.console import Json, Start, Stop, option
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate, finite, fixed, number, pair
 
@@ -31,23 +21,19 @@ def gait(
     files: Annotated[
         list[Path] | None, typer.Argument(metavar="FILE...", help="Recordings of walking: CSV, or npz of NumPy.")
     ] = None,
-    pelvis: Annotated[
-        str | None, option("--pelvis", "NAME|LEFT,RIGHT", "Sensor or pair of markers on the pelvis.")
-    ] = None,
-    trunk: Annotated[str | None, option("--trunk", "NAME|LEFT,RIGHT", "The same on the trunk or shoulders.")] = None,
-    yaw: Annotated[str | None, option("--yaw", "COL[:unit]", "Instead: a column of trunk against pelvis.")] = None,
-    time: Annotated[str | None, option("--time", "COL[:unit]", "Column of the time stamps.")] = None,
+    pelvis: Annotated[str | None, option("NAME|LEFT,RIGHT", "Sensor or pair of markers on the pelvis.")] = None,
+    trunk: Annotated[str | None, option("NAME|LEFT,RIGHT", "The same on the trunk or shoulders.")] = None,
+    yaw: Annotated[str | None, option("COL[:unit]", "Instead: a column of trunk against pelvis.")] = None,
+    time: Annotated[str | None, option("COL[:unit]", "Column of the time stamps.")] = None,
     start: Start = None,
     stop: Stop = None,
-    up: Annotated[str, option("--up", "x|y|z", "The markers' upward axis.")] = "z",
-    gyro_unit: Annotated[str | None, option("--gyro-unit", "UNIT", "Where names do not tell it; else rad/s.")] = None,
-    acc_unit: Annotated[str | None, option("--acc-unit", "UNIT", "The same (g_0 for gravities); else m/s2.")] = None,
-    speed: Annotated[str | None, option("--speed-m-s", "V,...", "Walking speed of each file, for the table.")] = None,
-    stride: Annotated[str | None, option("--stride-hz", "LOW:HIGH", "Instead of files: the stride band.")] = None,
-    yaw_deg: Annotated[
-        float | None, option("--yaw-deg", "DEG", "With it: the amplitude, half of peak to peak.")
-    ] = None,
-    out: Annotated[Path | None, option("--out", "DIR", "Folder for gait.json and a figure.")] = None,
+    up: Annotated[str, option("x|y|z", "The markers' upward axis.")] = "z",
+    gyro_unit: Annotated[str | None, option("UNIT", "Where names do not tell it; else rad/s.")] = None,
+    acc_unit: Annotated[str | None, option("UNIT", "The same (g_0 for gravities); else m/s2.")] = None,
+    speed: Annotated[str | None, option("V,...", "Walking speed of each file, for the table.", "--speed-m-s")] = None,
+    stride: Annotated[str | None, option("LOW:HIGH", "Instead of files: the stride band.", "--stride-hz")] = None,
+    yaw_deg: Annotated[float | None, option("DEG", "With it: the amplitude, half of peak to peak.")] = None,
+    out: Annotated[Path | None, option("DIR", "Folder for gait.json and a figure.")] = None,
     json: Json = False,
 ) -> None:
     """Find the stride frequency and the yaw between trunk and pelvis that a torso joint has to follow.
@@ -59,7 +45,7 @@ def gait(
     if bool(files) == (stride is not None or yaw_deg is not None):
         raise SpecError("expected recordings of walking, or --stride-hz LOW:HIGH with --yaw-deg, and not both")
     if out is not None:
-        require_folder(out)
+        console.require_folder(out)
     if files:
         bodies = {role: name for role, name in (("pelvis", pelvis), ("trunk", trunk)) if name is not None}
         if yaw is not None and bodies:
@@ -75,11 +61,11 @@ def gait(
     if out is not None:
         document["files"] = _write(document, target, out)
     if json:
-        print_json(document)
+        console.print_json(document)
     else:
         _print(document)
     for note in notes:
-        remark(note)
+        console.remark(note)
 
 
 def gait_document(target: "GaitTarget") -> dict[str, Any]:
@@ -152,7 +138,7 @@ def _of_numbers(stride: str | None, yaw_deg: float | None) -> "GaitTarget":
     if stride is None or yaw_deg is None:
         raise SpecError("--stride-hz and --yaw-deg belong together, as --stride-hz 0.7:1.1 --yaw-deg 7")
     expected = f"LOW:HIGH in hertz, above 0 and up to {_FASTEST_HZ:g}, as 0.7:1.1"
-    found = number_list("--stride-hz", stride, expected, between=":", low=0, high=_FASTEST_HZ, above=True)
+    found = console.number_list("--stride-hz", stride, expected, between=":", low=0, high=_FASTEST_HZ, above=True)
     if len(found) > 2:
         raise SpecError(f"--stride-hz is {stride!r}, expected {expected}")
     return target_of_numbers((found[0], found[-1]), yaw_deg)
@@ -161,21 +147,21 @@ def _of_numbers(stride: str | None, yaw_deg: float | None) -> "GaitTarget":
 def _speeds(text: str | None, count: int) -> list[float] | None:
     if text is None:
         return None
-    found = number_list("--speed-m-s", text, f"one positive speed for each of the {count} files")
+    found = console.number_list("--speed-m-s", text, f"one positive speed for each of the {count} files")
     if len(found) != count or not all(v > 0 for v in found):
         raise SpecError(f"--speed-m-s is {text!r}, expected one positive speed for each of the {count} files")
     return found
 
 
 def _write(document: dict[str, Any], target: "GaitTarget", folder: Path) -> list[str]:
-    from sinew.figures.gait_yaw import draw_gait_yaw
     from sinew.figures.style import save_figure
+    from sinew.figures.tuned import draw_gait_yaw
 
     folder.mkdir(parents=True, exist_ok=True)
     figure = draw_gait_yaw(target)
     paths = [] if figure is None else save_figure(figure, folder, "gait_yaw", ("png", "pdf"))
     files = [str(path) for path in (folder / "gait.json", *paths)]
-    write_json({**document, "files": files}, folder / "gait.json")
+    console.write_json({**document, "files": files}, folder / "gait.json")
     return files
 
 
@@ -196,7 +182,7 @@ def _print(document: dict[str, Any]) -> None:
         )
     if rows:
         columns = ("file", "time/s", "speed/(m/s)", "strides", "stride/Hz", "yaw/°", "peak to peak/°", "regularity")
-        print_table(columns, rows, f"yaw of {document['yaw_of']}, 90 % intervals")
+        console.print_table(columns, rows, f"yaw of {document['yaw_of']}, 90 % intervals")
     for sentence in document["sentences"]:
         print(f"- {sentence}")
     for file in document.get("files", []):

@@ -8,22 +8,9 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from sinew.apps.console import (
-    ColumnTime,
-    Json,
-    print_json,
-    print_told,
-    progress_bar,
-    require_folder,
-    write_json,
-)
-from sinew.apps.recordings.identify_input import (
-    recording_points,
-    refuse_columns,
-    refuse_rig_options,
-    table_points,
-    table_record,
-)
+from sinew.apps import console
+from sinew.apps.console import ColumnTime, Json, flag, option
+from sinew.apps.recordings import identify_input
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -32,85 +19,42 @@ if TYPE_CHECKING:
     from sinew.identify.identified import Identified
     from sinew.identify.oscillator.record import Excitation, Record
 
-
-# The arguments and options of `sinew identify` are spelt.
-
 EXCITATIONS = ("force", "torque", "base", "lever", "none")
 KINDS = ("samples", "stepped")
 _MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|bouc-wen|drag|tendon|auto"
 
-FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")]
-ColumnInput = Annotated[str | None, typer.Option("--input", metavar="COL[:unit]", help="Column of what drives it.")]
-ColumnOutput = Annotated[str | None, typer.Option("--output", metavar="COL[:unit]", help="Column of how it moves.")]
-ExcitationOption = Annotated[
-    str | None,
-    typer.Option("--excitation", metavar="|".join(EXCITATIONS), help="What the input is; none is a free decay."),
-]
-ModelOption = Annotated[str, typer.Option("--model", metavar=_MODELS, help="What to fit.")]
-Train = Annotated[str | None, typer.Option("--train", metavar="A:B", help="Samples to fit: indices from 0, half open.")]
-Test = Annotated[str | None, typer.Option("--test", metavar="A:B", help="Samples to predict, held out of the fit.")]
-Rate = Annotated[
-    float | None, typer.Option("--rate", metavar="HZ", help="Samples per second, where there is no time column.")
-]
-PretensionOption = Annotated[
-    float | None, typer.Option("--pretension", metavar="MM", help="Of a rig's recording; else its smallest.")
-]
-RigOption = Annotated[
-    str | None, typer.Option("--rig", metavar="RIG", help="Where model tendon begins; else the recording's rig.")
-]
-Profile = Annotated[
-    bool, typer.Option("--profile", help="Add intervals of the nonlinear numbers by profile likelihood.")
-]
-Posterior = Annotated[
-    bool, typer.Option("--posterior", help="Add the posterior by NUTS: minutes; needs the extra posterior.")
-]
-Bootstrap = Annotated[
-    int | None,
-    typer.Option("--bootstrap", metavar="N", min=20, help="Of a rig's repeats: add intervals from N draws of them."),
-]
-Kind = Annotated[
-    str,
-    typer.Option("--kind", metavar="|".join(KINDS), help="What FILE holds: samples, or steady states of a sine."),
-]
-Frequency = Annotated[
-    str | None,
-    typer.Option("--frequency", metavar="COL", help="Of steady states: column of frequencies; else frequency_hz."),
-]
-Phase = Annotated[
-    str | None,
-    typer.Option("--phase", metavar="COL[:unit]", help="Of steady states: column of phases; else phase_deg."),
-]
-ChainOption = Annotated[
-    str | None,
-    typer.Option(
-        "--chain", metavar="phase,background", help="Of steady states: what the measuring chain may add; a constant."
-    ),
-]
-DrawSeed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of posterior and bootstrap.")]
-Out = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Folder for fit.json, fit.html and figures.")]
-
 
 def identify(
-    file: FileArgument,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")],
     time: ColumnTime = None,
-    input_: ColumnInput = None,
-    output: ColumnOutput = None,
-    excitation: ExcitationOption = None,
-    model: ModelOption = "auto",
-    train: Train = None,
-    test: Test = None,
-    rate: Rate = None,
-    pretension: PretensionOption = None,
-    rig: RigOption = None,
-    profile: Profile = False,
-    posterior: Posterior = False,
-    bootstrap: Bootstrap = None,
-    seed: DrawSeed = 0,
-    kind: Kind = "samples",
-    frequency: Frequency = None,
-    phase: Phase = None,
-    chain: ChainOption = None,
-    out: Out = None,
+    input_: Annotated[str | None, option("COL[:unit]", "Column of what drives it.", "--input")] = None,
+    output: Annotated[str | None, option("COL[:unit]", "Column of how it moves.")] = None,
+    excitation: Annotated[str | None, option("|".join(EXCITATIONS), "What the input is; none is a free decay.")] = None,
+    model: Annotated[str, option(_MODELS, "What to fit.")] = "auto",
+    train: Annotated[str | None, option("A:B", "Samples to fit: indices from 0, half open.")] = None,
+    test: Annotated[str | None, option("A:B", "Samples to predict, held out of the fit.")] = None,
+    rate: Annotated[float | None, option("HZ", "Samples per second, where there is no time column.")] = None,
+    pretension: Annotated[float | None, option("MM", "Of a rig's recording; else its smallest.")] = None,
+    rig: Annotated[str | None, option("RIG", "Where model tendon begins; else the recording's rig.")] = None,
+    profile: Annotated[
+        bool, flag("--profile", "Add intervals of the nonlinear numbers by profile likelihood.")
+    ] = False,
+    posterior: Annotated[
+        bool, flag("--posterior", "Add the posterior by NUTS: minutes; needs the extra posterior.")
+    ] = False,
+    bootstrap: Annotated[
+        int | None, option("N", "Of a rig's repeats: add intervals from N draws of them.", min=20)
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of posterior and bootstrap.")] = 0,
+    kind: Annotated[str, option("|".join(KINDS), "What FILE holds: samples, or steady states of a sine.")] = "samples",
+    frequency: Annotated[
+        str | None, option("COL", "Of steady states: column of frequencies; else frequency_hz.")
+    ] = None,
+    phase: Annotated[str | None, option("COL[:unit]", "Of steady states: column of phases; else phase_deg.")] = None,
+    chain: Annotated[
+        str | None, option("phase,background", "Of steady states: what the measuring chain may add; a constant.")
+    ] = None,
+    out: Annotated[Path | None, option("DIR", "Folder for fit.json, fit.html and figures.")] = None,
     json: Json = False,
 ) -> None:
     """Identify stiffness, damping law and nonlinearity, with intervals, and say which model the data support.
@@ -133,73 +77,42 @@ def identify(
     a stepped sine, each row a steady state with columns frequency_hz and phase_deg; each level of the drive a curve:
       sinew identify steps.csv --kind stepped --output amplitude:deg --input torque:N*m --excitation torque --out out/e
     """
-    if excitation is not None and excitation not in EXCITATIONS:
-        raise SpecError(f"--excitation is {excitation!r}, expected one of {', '.join(EXCITATIONS)}")
-    if kind not in KINDS:
-        raise SpecError(f"--kind is {kind!r}, expected one of {', '.join(KINDS)}")
+    if excitation is not None:
+        console.check_choice("--excitation", excitation, EXCITATIONS)
+    console.check_choice("--kind", kind, KINDS)
     if out is not None:
-        require_folder(out)
+        console.require_folder(out)
     asked = _Asked(
-        file,
-        _Columns(time, input_, output, rate),
-        cast("Excitation | None", excitation),
-        model,
-        _range("--train", train),
-        _range("--test", test),
-        pretension,
-        rig,
-        _More(profile, posterior, bootstrap, seed),
-        _Steps(kind, frequency, phase, chain),
+        file=file,
+        time=time,
+        input=input_,
+        output=output,
+        rate_hz=rate,
+        excitation=cast("Excitation | None", excitation),
+        model=model,
+        train=_range("--train", train),
+        test=_range("--test", test),
+        pretension_mm=pretension,
+        rig=rig,
+        profile=profile,
+        posterior=posterior,
+        bootstrap=bootstrap,
+        seed=seed,
+        kind=kind,
+        frequency=frequency,
+        phase=phase,
+        chain=chain,
     )
-    found = _find(asked)
+    found = _find_stepped(asked) if kind == "stepped" else _find(asked)
     if out is not None:
-        with progress_bar("draw"):
+        with console.progress_bar("draw"):
             page = _write(found, asked, out)
     if json:
-        print_json(found.document)
+        console.print_json(found.document)
         return
-    print_told(found.told())
+    console.print_told(found.told())
     if out is not None:
         print(f"page: {page}")
-
-
-@dataclass(frozen=True)
-class _Columns:
-    time: str | None
-    input: str | None
-    output: str | None
-    rate_hz: float | None
-
-
-@dataclass(frozen=True)
-class _More:
-    """What is to be added to the fit."""
-
-    profile: bool
-    posterior: bool
-    bootstrap: int | None
-    seed: int
-
-    def words(self) -> list[str]:
-        """Return the options that ask for it."""
-        found = [name for name, given in (("--profile", self.profile), ("--posterior", self.posterior)) if given]
-        found += ["--bootstrap", str(self.bootstrap)] if self.bootstrap is not None else []
-        return [*found, "--seed", str(self.seed)] if self.posterior or self.bootstrap is not None else found
-
-
-@dataclass(frozen=True)
-class _Steps:
-    """What is asked of steady states."""
-
-    kind: str
-    frequency: str | None
-    phase: str | None
-    chain: str | None
-
-    def options(self) -> dict[str, str | None]:
-        """Return what was given, by option."""
-        kind = None if self.kind == "samples" else self.kind
-        return {"--kind": kind, "--frequency": self.frequency, "--phase": self.phase, "--chain": self.chain}
 
 
 @dataclass(frozen=True)
@@ -207,61 +120,67 @@ class _Asked:
     """What the command line asked for."""
 
     file: Path
-    columns: _Columns
+    time: str | None
+    input: str | None
+    output: str | None
+    rate_hz: float | None
     excitation: "Excitation | None"
     model: str
     train: tuple[int, int] | None
     test: tuple[int, int] | None
     pretension_mm: float | None
     rig: str | None
-    more: _More
-    steps: _Steps
+    profile: bool
+    posterior: bool
+    bootstrap: int | None
+    seed: int
+    kind: str
+    frequency: str | None
+    phase: str | None
+    chain: str | None
 
-    @property
+    def more(self) -> list[str]:
+        """Return the options that ask for something to be added to the fit."""
+        found = [name for name, given in (("--profile", self.profile), ("--posterior", self.posterior)) if given]
+        found += ["--bootstrap", str(self.bootstrap)] if self.bootstrap is not None else []
+        return [*found, "--seed", str(self.seed)] if self.posterior or self.bootstrap is not None else found
+
+    def steps(self) -> dict[str, str | None]:
+        """Return what was asked of steady states, by option."""
+        kind = None if self.kind == "samples" else self.kind
+        return {"--kind": kind, "--frequency": self.frequency, "--phase": self.phase, "--chain": self.chain}
+
     def about(self) -> str:
         """Return what was fitted, a sentence for the page."""
-        shown = {"input": self.columns.input, "output": self.columns.output, "excitation": self.excitation}
+        shown = {"input": self.input, "output": self.output, "excitation": self.excitation}
         told = ", ".join(f"{name} {value}" for name, value in shown.items() if value is not None)
         return f"From {self.file.name}{f': {told}' if told else ''}."
-
-    @property
-    def origins(self) -> list[tuple[str, str]]:
-        """Return what the numbers were made from: the file's hash and the versions."""
-        from sinew.apps.recordings.stored import hash_file
-        from sinew.measure.files.netcdf import provenance
-
-        versions = str(provenance("import")["versions"])
-        return [("file", str(self.file)), ("SHA-256", hash_file(self.file)), ("versions", versions)]
 
     def command(self, out: Path) -> str:
         """Return the command line that makes all of it again."""
         options = {
-            "--time": self.columns.time,
-            "--rate": None if self.columns.rate_hz is None else f"{self.columns.rate_hz:g}",
-            "--input": self.columns.input,
-            "--output": self.columns.output,
+            "--time": self.time,
+            "--rate": None if self.rate_hz is None else f"{self.rate_hz:g}",
+            "--input": self.input,
+            "--output": self.output,
             "--excitation": self.excitation,
             "--model": self.model,
-            "--train": _text(self.train),
-            "--test": _text(self.test),
+            "--train": None if self.train is None else f"{self.train[0]}:{self.train[1]}",
+            "--test": None if self.test is None else f"{self.test[0]}:{self.test[1]}",
             "--pretension": None if self.pretension_mm is None else f"{self.pretension_mm:g}",
             "--rig": self.rig,
-            **self.steps.options(),
+            **self.steps(),
         }
         words = [word for name, value in options.items() if value is not None for word in (name, value)]
-        return shlex.join(["sinew", "identify", str(self.file), *words, *self.more.words(), "--out", str(out)])
+        return shlex.join(["sinew", "identify", str(self.file), *words, *self.more(), "--out", str(out)])
 
 
-def _text(found: tuple[int, int] | None) -> str | None:
-    return None if found is None else f"{found[0]}:{found[1]}"
-
-
-def _range(option: str, text: str | None) -> tuple[int, int] | None:
+def _range(flag: str, text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
     found = re.fullmatch(r"(\d+):(\d+)", text.strip())
     if found is None:
-        raise SpecError(f"{option} is {text!r}, expected A:B, two sample indices (from 0, B not included)")
+        raise SpecError(f"{flag} is {text!r}, expected A:B, two sample indices (from 0, B not included)")
     return int(found[1]), int(found[2])
 
 
@@ -270,23 +189,20 @@ def _find(asked: _Asked) -> "Identified":
     from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
 
-    columns, more = asked.columns, asked.more
-    if asked.steps.kind == "stepped":
-        return _find_stepped(asked)
-    for name, value in asked.steps.options().items():
+    for name, value in asked.steps().items():
         if value is not None:
             raise SpecError(f"{name} is for steady states; add --kind stepped, or leave it out")
     record: xr.Dataset | Record
     if is_recording(asked.file):
-        refuse_columns(columns.time, columns.input, columns.output, columns.rate_hz)
+        identify_input.refuse_columns(asked.time, asked.input, asked.output, asked.rate_hz)
         record = load_recording(asked.file)
     else:
-        refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, more.bootstrap)
-        if asked.excitation is None and columns.input is not None:
+        identify_input.refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, asked.bootstrap)
+        if asked.excitation is None and asked.input is not None:
             raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
         chosen = asked.excitation or "none"
-        record = table_record(asked.file, columns.time, columns.input, columns.output, chosen, columns.rate_hz)
-    with progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
+        record = identify_input.table_record(asked.file, asked.time, asked.input, asked.output, chosen, asked.rate_hz)
+    with console.progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
         return run(
             record,
             asked.model,
@@ -295,10 +211,10 @@ def _find(asked: _Asked) -> "Identified":
             rig=asked.rig,
             train=asked.train,
             test=asked.test,
-            profile=more.profile,
-            bootstrap=more.bootstrap,
-            posterior=more.posterior,
-            seed=more.seed,
+            profile=asked.profile,
+            bootstrap=asked.bootstrap,
+            posterior=asked.posterior,
+            seed=asked.seed,
             progress=progress,
         )
 
@@ -307,25 +223,24 @@ def _find_stepped(asked: _Asked) -> "Identified":
     from sinew.identify.stepped.choice import identify_response
     from sinew.measure.read import is_recording
 
-    columns, steps = asked.columns, asked.steps
-    given = {"--time": columns.time, "--rate": columns.rate_hz, "--train": asked.train, "--test": asked.test}
-    given |= dict.fromkeys(asked.more.words(), "")
+    given = {"--time": asked.time, "--rate": asked.rate_hz, "--train": asked.train, "--test": asked.test}
+    given |= dict.fromkeys(asked.more(), "")
     for name, value in given.items():
         if value is not None:
             raise SpecError(f"{name} is for samples over time, FILE holds steady states; leave it out")
     if asked.model == "tendon":
         raise SpecError("model tendon is fitted to samples of a rig's recording; leave --kind stepped out")
-    chain = _chain(steps.chain)
+    chain = _chain(asked.chain)
     remarks: tuple[str, ...] = ()
     if is_recording(asked.file):
-        refuse_columns(columns.input, columns.output, steps.frequency, steps.phase)
-        points = recording_points(asked.file, asked.excitation, asked.pretension_mm, asked.rig)
+        identify_input.refuse_columns(asked.input, asked.output, asked.frequency, asked.phase)
+        points = identify_input.recording_points(asked.file, asked.excitation, asked.pretension_mm, asked.rig)
     else:
-        refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, None)
-        points, remarks = table_points(
-            asked.file, steps.frequency, steps.phase, columns.input, columns.output, asked.excitation
+        identify_input.refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, None)
+        points, remarks = identify_input.table_points(
+            asked.file, asked.frequency, asked.phase, asked.input, asked.output, asked.excitation
         )
-    with progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
+    with console.progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
         return identify_response(points, asked.model, chain=chain, remarks=remarks, progress=progress)
 
 
@@ -340,19 +255,22 @@ def _chain(text: str | None) -> tuple[str, ...]:
 
 def _write(found: "Identified", asked: _Asked, out: Path) -> Path:
     """Write fit.json, figures and fit.html into a folder and return the path of the page."""
+    from sinew.apps.recordings.stored import hash_file
     from sinew.figures.fit.page import draw_identified, write_fit_page
     from sinew.figures.style import save_figure
+    from sinew.measure.files.netcdf import provenance
 
     paths = []
     for name, figure in draw_identified(found).items():
         paths += save_figure(figure, out / "figures", name, ("png", "pdf"))
-    write_json(found.document, out / "fit.json")
+    console.write_json(found.document, out / "fit.json")
+    versions = str(provenance("import")["versions"])
     return write_fit_page(
         out,
         found.document,
         sentences=found.sentences,
         figures=paths,
-        about=asked.about,
+        about=asked.about(),
         rebuild=asked.command(out),
-        origins=asked.origins,
+        origins=[("file", str(asked.file)), ("SHA-256", hash_file(asked.file)), ("versions", versions)],
     )

@@ -1,5 +1,7 @@
 """Files for `sinew identify`: the columns that its options name as a record, and steady states as points."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -36,32 +38,31 @@ def refuse_rig_options(model: str, pretension_mm: float | None, rig: str | None,
         raise SpecError("--bootstrap draws among repeats, this table is one record; leave it out, or try --profile")
 
 
-def table_record(
-    file: Path,
-    time: str | None,
-    given: str | None,
-    output: str | None,
-    excitation: "Excitation",
-    rate_hz: float | None,
-) -> "Record":
-    """Return the record in a table. Columns "COL[:unit]"; rate_hz: of even samples, instead of a time column."""
+_HINTS = {
+    "select one side of it with start and stop (--start, --stop), or split the record at its gaps (--gaps split)": (
+        "put each side of it into a file of its own and identify one"
+    ),
+    ", or select the rows without them by start and stop": "",
+}
+
+
+@contextmanager
+def _in_own_words() -> Iterator[None]:
+    """Have errors hint at the options of this command: the readers name those of others."""
     try:
-        return _read(file, time, given, output, excitation, rate_hz)
-    except RecordingError as error:  # the hints of the readers name the options of other commands
+        yield
+    except RecordingError as error:
         said = str(error)
         for theirs, ours in _HINTS.items():
             said = said.replace(theirs, ours)
         raise type(error)(said) from error
 
 
-def _read(
-    file: Path,
-    time: str | None,
-    given: str | None,
-    output: str | None,
-    excitation: "Excitation",
-    rate_hz: float | None,
+@_in_own_words()
+def table_record(
+    file: Path, time: str | None, given: str | None, output: str | None, excitation: "Excitation", rate_hz: float | None
 ) -> "Record":
+    """Return the record in a table. Columns "COL[:unit]"; rate_hz: of even samples, instead of a time column."""
     import numpy as np
 
     from sinew.identify.oscillator.record import make_record
@@ -74,7 +75,6 @@ def _read(
         raise SpecError(f"{file.name} is a table: name its columns; {missing} is missing")
     table = read_table(file)
     notes: tuple[str, ...] = ()
-
     response, response_unit = _column(table, output)
     drive, drive_unit = (None, "1") if given is None else _column(table, given)
     if rate_hz is not None and not 0 < rate_hz < float("inf"):
@@ -175,11 +175,3 @@ def _mended(timeline: "Timeline", stamps: "np.ndarray[tuple[int], np.dtype[np.fl
     """Return what was done about the time stamps; nothing where they were kept as they are."""
     kept = timeline.time_s.size == stamps.size and bool((timeline.time_s == stamps).all())
     return () if kept else tuple(f"time: {note}" for note in timeline.notes)
-
-
-_HINTS = {
-    "select one side of it with start and stop (--start, --stop), or split the record at its gaps (--gaps split)": (
-        "put each side of it into a file of its own and identify one"
-    ),
-    ", or select the rows without them by start and stop": "",
-}

@@ -1,4 +1,4 @@
-"""`sinew reproduce` and `sinew report`: a whole campaign on the twin, and its pages written anew."""
+"""`sinew reproduce`, `report` and `answer`: the paper's campaign on the twin, its pages, and its open questions."""
 
 import os
 import shlex
@@ -10,31 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.console import (
-    Json,
-    Rig,
-    Seed,
-    option,
-    print_json,
-    print_table,
-    progress_bar,
-    require_folder,
-    write_json,
-)
-from sinew.apps.recordings.stored import (
-    hash_file,
-    stored_answers,
-    stored_beyond,
-    stored_effects,
-    stored_results,
-    stored_times,
-)
+from sinew.apps import console
+from sinew.apps.console import Json, Rig, Seed, option
+from sinew.apps.recordings import stored
 from sinew.measure.errors import FileError
 from sinew.measure.estimate import number, shown_interval
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from sinew.paper.answers.answer import Answer
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
@@ -58,13 +43,12 @@ class _Campaign:
 
 
 def reproduce(
-    plan: Annotated[str, option("--plan", "PLAN", "A plan: a file or a shipped name.")] = "paper",
+    plan: Annotated[str, option("PLAN", "A plan: a file or a shipped name.")] = "paper",
     rig: Rig = "paper",
-    out: Annotated[Path, option("--out", "DIR", "Folder for everything that is written.")] = Path("out/reproduce"),
+    out: Annotated[Path, option("DIR", "Folder for everything that is written.")] = Path("out/reproduce"),
     seed: Seed = 0,
     beyond: Annotated[
-        str | None,
-        option("--beyond", "PLAN", "A sweep above 12 mm for the paper's threshold; `beyond` with plan `paper`."),
+        str | None, option("PLAN", "A sweep above 12 mm for the paper's threshold; `beyond` with plan `paper`.")
     ] = None,
     json: Json = False,
 ) -> None:
@@ -87,22 +71,22 @@ def reproduce(
     previews = [preview_plan(each, rig_) for each in plans]
     for preview in previews:
         refuse_beyond_limits(preview)
-    require_folder(out)
+    console.require_folder(out)
     command = ["sinew", "reproduce", "--plan", plan, "--rig", rig, "--seed", str(seed), "--out", str(out)]
     rebuild = shlex.join(command + (["--beyond", beyond] if beyond is not None and plan != "paper" else []))
-    with progress_bar("simulate") as progress:
+    with console.progress_bar("simulate") as progress:
         recording = simulate(plans[0], rig_, seed=seed, progress=progress).assign_attrs(command=rebuild)
     save_recording(recording, out / "recording.nc")
     results = _analyse(recording, rig_, out)
     further = None
     (out / "beyond.nc").unlink(missing_ok=True)
     if beyond is not None:
-        with progress_bar("simulate above the paper's range") as progress:
+        with console.progress_bar("simulate above the paper's range") as progress:
             further = analyse_with(simulate(plans[1], rig_, seed=seed, progress=progress), rig_)
         save_dataset(further, out / "beyond.nc")
     effects = _measure_effects(plans[0], rig_, out)
     if effects:
-        results = results.assign_attrs(effects_hash=hash_file(out / "effects.json"))
+        results = results.assign_attrs(effects_hash=stored.hash_file(out / "effects.json"))
         save_dataset(results, out / "results.nc")
     simulated_s = sum(preview.duration_s for preview in previews)
     campaign = _Campaign(recording, results, further, rig_, effects, simulated_s, rebuild)
@@ -111,7 +95,7 @@ def reproduce(
 
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with a recording.nc.")],
-    rig: Annotated[str | None, option("--rig", "RIG", "A rig; else the recording's.")] = None,
+    rig: Annotated[str | None, option("RIG", "A rig; else the recording's.")] = None,
     json: Json = False,
 ) -> None:
     """Write figures, summary and report of a recording anew, from the files in its folder.
@@ -127,18 +111,18 @@ def report(
     began = time.monotonic()
     recording = load_recording(folder / "recording.nc")
     rig_ = recording_rig(recording, rig)
-    require_folder(folder)
-    results = stored_results(folder / "results.nc", recording, rig_)
-    before = {} if results is None else stored_times(folder / "summary.json")
+    console.require_folder(folder)
+    results = stored.stored_results(folder / "results.nc", recording, rig_)
+    before = {} if results is None else stored.stored_times(folder / "summary.json")
     if results is None:
         results = _analyse(recording, rig_, folder)
     steps = recording["time_s"].diff("sample")
     campaign = _Campaign(
         recording,
         results,
-        stored_beyond(folder / "beyond.nc", rig_),
+        stored.stored_beyond(folder / "beyond.nc", rig_),
         rig_,
-        stored_effects(folder / "effects.json", results),
+        stored.stored_effects(folder / "effects.json", results),
         before.get("simulated_s", float(steps.median()) * recording.sizes["sample"]),
         _rebuild(recording, folder, rig),
     )
@@ -161,19 +145,21 @@ def _measure_effects(plan: "Plan", rig: "RigSpec", folder: Path) -> list[dict[st
     (folder / "effects.json").unlink(missing_ok=True)
     if not set(SHARE_PRETENSIONS_MM) <= set(plan.pretension.pretension_mm):
         return []
-    with progress_bar("switch effects off"):
+    with console.progress_bar("switch effects off"):
         rows = effect_shares(rig)
-    write_json(rows, folder / "effects.json")
+    console.write_json(rows, folder / "effects.json")
     return rows
 
 
-def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path) -> "xr.Dataset":
+def _analyse(recording: "xr.Dataset", rig: "RigSpec | None", folder: Path | None = None) -> "xr.Dataset":
+    """Return the results of a recording, also written to results.nc where a folder is given."""
     from sinew.analysis.analysed import analyse_with
     from sinew.measure.files.netcdf import save_dataset
 
-    with progress_bar("analyse"):
+    with console.progress_bar("analyse"):
         results = analyse_with(recording, rig)
-    save_dataset(results, folder / "results.nc")
+    if folder is not None:
+        save_dataset(results, folder / "results.nc")
     return results
 
 
@@ -181,14 +167,14 @@ def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: flo
     from sinew.paper.report import draw_figures, write_report
     from sinew.paper.summary import summarise
 
-    with progress_bar("draw"):
+    with console.progress_bar("draw"):
         workers = min(4, os.cpu_count() or 1)
         figures = draw_figures(campaign.recording, campaign.results, folder / "figures", workers=workers)
         elapsed = wall_s if wall_s is not None else time.monotonic() - began
         summary = summarise(
             campaign.results, wall_s=elapsed, simulated_s=campaign.simulated_s, beyond=campaign.beyond, rig=campaign.rig
         )
-        write_json(summary, folder / "summary.json")
+        console.write_json(summary, folder / "summary.json")
         write_report(
             folder,
             results=campaign.results,
@@ -198,7 +184,7 @@ def _write_pages(campaign: _Campaign, folder: Path, *, began: float, wall_s: flo
             rig=campaign.rig,
             determination=_determination(campaign.rig),
             effects=campaign.effects,
-            answers=stored_answers(folder / "answers.json", campaign.recording),
+            answers=stored.stored_answers(folder / "answers.json", campaign.recording),
             rebuild=campaign.rebuild,
         )
     return summary
@@ -217,7 +203,7 @@ def _show(summary: dict[str, Any], folder: Path, *, json: bool) -> None:
     from sinew.paper.table import count_roles
 
     if json:
-        print_json(summary)
+        console.print_json(summary)
         return
     rows = [
         (
@@ -233,7 +219,7 @@ def _show(summary: dict[str, Any], folder: Path, *, json: bool) -> None:
     ]
     if rows:
         head = ("quantity", "paper", "measured", "tolerance", "ok", "role", "where")
-        print_table(head, rows, "paper against measured")
+        console.print_table(head, rows, "paper against measured")
         print(count_roles(summary["paper"]))
     _show_resonances(summary)
     _show_windows(summary)
@@ -248,7 +234,7 @@ def _show_resonances(summary: dict[str, Any]) -> None:
     names = [name for name in _RESONANCES if any(row.get(name) for row in rows)]
     head = ("pretension/mm", *(_RESONANCES[name] for name in names))
     cells = [(number(row["pretension_mm"]), *(shown_interval(row.get(name)) for name in names)) for row in rows]
-    print_table(head, cells, "resonance in Hz, by what is meant (90 % interval)")
+    console.print_table(head, cells, "resonance in Hz, by what is meant (90 % interval)")
 
 
 _RESONANCES = {
@@ -260,7 +246,7 @@ _RESONANCES = {
 
 
 def _show_windows(summary: dict[str, Any]) -> None:
-    from sinew.figures.tables import WINDOW_HEAD, window_cells
+    from sinew.figures.page import WINDOW_HEAD, window_cells
 
     rows = summary["decay_windows"]["rows"]
     if not rows:
@@ -275,9 +261,80 @@ def _show_windows(summary: dict[str, Any]) -> None:
         )
         for row in rows
     ]
-    print_table(head, cells, "Lehr's damping over pretension, by where the decay begins after the stop")
+    console.print_table(head, cells, "Lehr's damping over pretension, by where the decay begins after the stop")
     print(textwrap.fill(summary["decay_windows"]["conclusion"], 120))
 
 
 def _number(value: Any) -> str:
     return number(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value or "")
+
+
+# The paper's open questions are asked of a recording.
+
+
+def answer(
+    file: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording of Sinew (NetCDF).")],
+    out: Annotated[Path | None, option("DIR", "Folder for the page; the recording's own by default.")] = None,
+    rig: Annotated[str | None, option("RIG", "A rig; else the recording's.")] = None,
+    json: Json = False,
+) -> None:
+    """Answer the paper's open questions from a recording: numbers with intervals, and what cannot be told.
+
+    Writes answers.html, answers.json and the figures of the answers. results.nc and beyond.nc beside the recording are
+    taken up where they belong to it. A whole campaign takes about a minute or two.
+    """
+    from sinew.analysis.analysed import recording_rig
+    from sinew.measure.files.netcdf import load_recording
+    from sinew.paper.answers.questions import answer_questions
+
+    if not file.is_file():
+        raise FileError(
+            f"found no recording {file}; expected a file that sinew simulate, run, import or reproduce wrote"
+        )
+    folder = console.require_folder(out if out is not None else file.parent)
+    recording = load_recording(file)
+    rig_ = recording_rig(recording, rig)
+    results = stored.stored_results(file.parent / "results.nc", recording, rig_)
+    if results is None:
+        results = _analyse(recording, rig_)
+    with console.progress_bar("answer") as progress:
+        answers = answer_questions(
+            recording,
+            results,
+            rig_,
+            beyond=stored.stored_beyond(file.parent / "beyond.nc", rig_),
+            progress=lambda _step, done, total: progress(done, total),
+        )
+    command = ["sinew", "answer", str(file), *(["--out", str(out)] if out is not None else [])]
+    command += ["--rig", rig] if rig is not None else []
+    document = _write_answers(answers, recording, rig_, folder, shlex.join(command))
+    if json:
+        console.print_json(document)
+    else:
+        _print_answers(answers, folder)
+
+
+def _write_answers(
+    answers: "list[Answer]", recording: "xr.Dataset", rig: "RigSpec | None", folder: Path, rebuild: str
+) -> dict[str, Any]:
+    from sinew.measure.files.netcdf import content_hash
+    from sinew.paper.answers.questions import draw_answers
+    from sinew.paper.report import write_answers
+
+    figures = draw_answers(answers, folder / "figures")
+    document = {
+        "recording_hash": str(recording.attrs.get("content_hash") or content_hash(recording)),
+        "rig": "" if rig is None else rig.name,
+        "answers": [one.to_json() for one in answers],
+    }
+    console.write_json(document, folder / "answers.json")
+    write_answers(folder, answers, recording=recording, figures=figures, rebuild=rebuild)
+    return document
+
+
+def _print_answers(answers: "list[Answer]", folder: Path) -> None:
+    console.print_table(("question", "answer"), [(one.question, one.verdict) for one in answers])
+    for one in answers:
+        for sentence in one.sentences[:2]:
+            print(textwrap.fill(sentence, 100, initial_indent="- ", subsequent_indent="  "))
+    print(f"page: {folder / 'answers.html'}")

@@ -99,9 +99,9 @@ def stored_times(path: Path) -> dict[str, float]:
 
 
 def _is_of_rig(dataset: "xr.Dataset", rig: "RigSpec | None") -> bool:
-    from sinew.figures.motion import rig_of
+    from sinew.analysis.analysed import recording_rig
 
     try:
-        return rig_of(dataset) == rig
+        return recording_rig(dataset, None) == rig
     except SpecError:
         return False

@@ -1,4 +1,4 @@
-"""Figures of a fitted model: data and curves, parameters, and how frequency and damping go with amplitude."""
+"""Figures of a fitted model: data and curves, steady states, and how frequency and damping go with amplitude."""
 
 import math
 import re
@@ -12,16 +12,19 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from sinew.figures.style import ACCENT, GREEN, GREY, INK, RED, few, in_style, new_figure, note_panel
+from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, few, in_style, new_figure, note_panel
 from sinew.identify.choice.held_out import HeldOut, Split
 from sinew.identify.decay.backbone import Backbone
 from sinew.identify.joint.fit import JointFit
 from sinew.identify.oscillator.fitted import Fit, Swing
-from sinew.identify.oscillator.record import Record
+from sinew.identify.oscillator.record import Record, derivative_order
 from sinew.identify.oscillator.start import dominant_omega
+from sinew.identify.stepped.curves import backbone_of_response, response_curve
+from sinew.identify.stepped.fit import ResponseFit
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import pair, typeset
 from sinew.mechanics.laws import NUMBERS
+from sinew.solve.curves import wrapped_lag
 
 # What a fit found gets the words and units that a figure shows.
 
@@ -124,7 +127,7 @@ def traces_of(fit: Fit, split: Split | None = None, held_out: HeldOut | None = N
         apart = split.apart
         every = np.ones(apart.size, dtype=bool)
         found.insert(0, Trace(apart.time_s, apart.output, apart.output - held_out.residual, every, apart.output_unit))
-    return _joined(found)
+    return sorted(found, key=lambda trace: float(trace.time_s[0]))
 
 
 def _title(record: Record) -> str:
@@ -133,10 +136,6 @@ def _title(record: Record) -> str:
         return record.group
     leading = record if record.input is None else replace(record, output=record.input)
     return f"{record.group}, {dominant_omega(leading) / (2 * np.pi):.2f} Hz".removeprefix(", ")
-
-
-def _joined(traces: Sequence[Trace]) -> list[Trace]:
-    return sorted(traces, key=lambda trace: float(trace.time_s[0]))
 
 
 def traces_of_joint(joint: JointFit) -> list[Trace]:
@@ -178,7 +177,8 @@ def draw_fit(traces: Sequence[Trace], frequency_hz: float, output: str = "output
     low, high = whole.get_ylim()
     whole.set_ylim(low, high + 0.14 * (high - low))  # room for the letters of the close-ups
     note_panel(whole, "a", "the whole record")
-    titles = ("largest motion", _second_title(traces))
+    second = "held out of the fit" if _is_held_at_the_end(traces) else "where the fit leaves most"
+    titles = ("largest motion", second)
     for k, ((which, where), title) in enumerate(zip(_windows(traces, frequency_hz), titles, strict=True)):
         axes = figure.add_subplot(grid[1, k])
         trace = traces[which]
@@ -215,10 +215,6 @@ def _stretches(held: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _is_held_at_the_end(traces: Sequence[Trace]) -> bool:
     return any(len(_stretches(trace.held)) == 1 for trace in traces)
-
-
-def _second_title(traces: Sequence[Trace]) -> str:
-    return "held out of the fit" if _is_held_at_the_end(traces) else "where the fit leaves most"
 
 
 def _windows(traces: Sequence[Trace], frequency_hz: float) -> list[tuple[int, slice]]:
@@ -303,16 +299,11 @@ def draw_backbone(model: Swing | None, decay: Backbone | None, unit: str) -> Fig
         return None
     figure, factor = new_figure(3.0), shown_unit(unit)[0]
     left, right = figure.subplots(1, 2)
-    if decay is not None:
-        look = {"color": GREEN, "label": "decay, no model"}
-        at = factor * decay.amplitude
-        _draw_band(left, at, decay.frequency_hz, decay.frequency_low_hz, decay.frequency_high_hz, **look)
-        _draw_band(right, at, decay.damping_ratio, decay.damping_ratio_low, decay.damping_ratio_high, **look)
-    if model is not None:
-        look = {"color": ACCENT, "label": "fitted model"}
-        at = factor * model.amplitude
-        _draw_band(left, at, model.frequency_hz, model.frequency_low_hz, model.frequency_high_hz, **look)
-        _draw_band(right, at, model.damping_ratio, model.damping_ratio_low, model.damping_ratio_high, **look)
+    for one, color, label in ((decay, GREEN, "decay, no model"), (model, ACCENT, "fitted model")):
+        if one is not None:
+            at, look = factor * one.amplitude, {"color": color, "label": label}
+            _draw_band(left, at, one.frequency_hz, one.frequency_low_hz, one.frequency_high_hz, **look)
+            _draw_band(right, at, one.damping_ratio, one.damping_ratio_low, one.damping_ratio_high, **look)
     curves = [one for one in (model, decay) if one is not None]
     _frame(left, [c.frequency_hz for c in curves], 0.01)
     _frame(right, [c.damping_ratio for c in curves], 0.2)
@@ -359,4 +350,39 @@ def draw_over_pretension(joint: JointFit) -> Figure:
         axes.set(xlabel="pretension in mm", ylabel=label)
         axes.set_ylim(bottom=0)
         note_panel(axes, letter, title)
+    return figure
+
+
+# A stepped sine is drawn beside its fit: gain and lag over frequency, and the backbone on which the peaks lie.
+
+_COLOURS = (ACCENT, RED, GREEN, INK, GREY)
+
+
+@in_style
+def draw_response_fit(fit: ResponseFit) -> Figure:
+    """Return the figure of measured steady states, one marker a level, and the fitted curves through their folds."""
+    figure = new_figure(3.0)
+    left, right = figure.subplots(1, 2)
+    unit = fit.points[0].output_unit
+    factor = shown_unit(unit)[0]
+    for part, points in enumerate(fit.points):
+        colour, marker = _COLOURS[part % len(_COLOURS)], MARKERS[part % len(MARKERS)]
+        frequency, response = response_curve(fit, part)
+        drive, level = points.input_amplitude, float(np.median(points.input_amplitude))
+        left.plot(frequency, factor * level * np.abs(response), color=colour)
+        look = {"color": colour, "marker": marker, "linestyle": "none", "markerfacecolor": "none"}
+        label = points.group.replace("*", " ") or "measured"
+        left.plot(points.frequency_hz, factor * drive * np.abs(points.response), label=label, **look)
+        right.plot(frequency, np.degrees(wrapped_lag(np.conj(response))), color=colour)
+        right.plot(points.frequency_hz, np.degrees(wrapped_lag(np.conj(points.response))), **look)
+    if not derivative_order(unit) and fit.frame == "relative":
+        largest = int(np.argmax([np.max(np.abs(p.response) * p.input_amplitude) for p in fit.points]))
+        backbone = backbone_of_response(fit, part=largest)
+        left.plot(backbone.frequency_hz, factor * backbone.amplitude, color=GREY, linestyle="--", label="backbone")
+    left.set(xlabel="frequency in Hz", ylabel=axis_label("amplitude", unit))
+    left.set_ylim(bottom=0)
+    right.set(xlabel="frequency in Hz", ylabel="lag in degrees")
+    note_panel(left, "a", "steady states and fit")
+    note_panel(right, "b", "lag behind the input")
+    left.legend(loc="best")
     return figure

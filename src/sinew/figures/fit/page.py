@@ -16,15 +16,14 @@ from sinew.figures.fit.data import (
     draw_backbone,
     draw_fit,
     draw_over_pretension,
+    draw_response_fit,
     parameter_label,
     shown_unit,
     traces_of,
     traces_of_joint,
 )
-from sinew.figures.fit.stepped import draw_response_fit
-from sinew.figures.page import Caption, picture, write_page
+from sinew.figures.page import Caption, Table, number, pictures, write_page
 from sinew.figures.style import ACCENT, GREY, INK, RED, in_style, new_figure, note_panel
-from sinew.figures.tables import Table, number
 from sinew.identify.decay.backbone import Backbone, fit_backbone
 from sinew.identify.identified import Identified, joint_names
 from sinew.identify.joint.fit import JointFit
@@ -42,7 +41,6 @@ FIT_CAPTIONS = {
         "Measured output (grey) and the fitted model's (blue), simulated from the measured input; in red what is left. "
         "Shaded: samples that were held out of the fit, where the line is a prediction. Of one record the whole and "
         "two close-ups, of several segments some periods of each.",
-        "",
         "Measured and fitted output over time, with their difference and the held-out part shaded.",
     ),
     "residuals": Caption(
@@ -51,7 +49,6 @@ FIT_CAPTIONS = {
         "white noise; bars far outside mean that the model misses something, and the intervals above are widened for "
         "it. (c) Size of the residuals in each period against the amplitude there: a trend means a law that depends on "
         "amplitude. (d) Their distribution beside a normal one of the same spread.",
-        "",
         "Four panels: residuals over time, autocorrelation with band, size over amplitude, histogram.",
     ),
     "corner": Caption(
@@ -59,7 +56,6 @@ FIT_CAPTIONS = {
         "On the diagonal each parameter alone, 90 % between the dotted lines; below it the regions that hold 50 % and "
         "90 % of each pair, above it the correlation. A narrow slanting region means that the record tells a "
         "combination of the two better than either. Axes count standard deviations from the value in the title.",
-        "",
         "A triangle of panels: distributions of the parameters on the diagonal, regions of pairs below it.",
     ),
     "backbone": Caption(
@@ -67,7 +63,6 @@ FIT_CAPTIONS = {
         "Damped frequency and damping ratio of the free swing against its amplitude, with pointwise 90 % bands. Blue: "
         "the fitted model's. Green, where the record is a free decay: from the decay itself, without a model of the "
         "joint. A curve that leaves the other's band speaks against the model.",
-        "",
         "Frequency and damping ratio over amplitude, each a line with a band.",
     ),
     "response": Caption(
@@ -75,14 +70,12 @@ FIT_CAPTIONS = {
         "(a) Amplitude of the output at each frequency, one colour a level of the drive: markers as measured, lines "
         "the fitted model's, through their folds where there are any; dashed the backbone, on which the motion lags "
         "the drive's force by 90°. (b) Lag of the output behind the input.",
-        "",
         "Two panels over frequency: amplitude with points, curves and backbone, and lag.",
     ),
     "pretension": Caption(
         "Frequency and damping over pretension",
         "Natural frequency and damping ratio of the fitted joint at each pretension of the recording, at the amplitude "
         "it swung with; bars are 90 % intervals.",
-        "",
         "Natural frequency and damping ratio over pretension with bars.",
     ),
 }
@@ -127,7 +120,7 @@ def write_fit_page(
         unit=document["unit"],
         sentences=[_sentence(one) for one in sentences[1:]],
         unidentifiable=[_sentence(one) for one in document["unidentifiable"]],
-        pictures=[picture(path, FIT_CAPTIONS) for path in figures if path.suffix == ".png"],
+        pictures=pictures(figures, FIT_CAPTIONS),
         rebuild=rebuild,
         origins=list(origins),
     )

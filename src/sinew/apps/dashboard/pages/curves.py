@@ -74,7 +74,7 @@ class Curves:
         self._chart.update()
 
     def show(self, predicted: Sequence[dict[str, Any]], measured: Sequence[dict[str, Any]]) -> None:
-        """Show predictions and measurements, as `sinew.apps.dashboard.results.Results` has them."""
+        """Show predictions and measurements, as `sinew.apps.dashboard.hub.Results` has them."""
         self.draw([*map(self._predicted, predicted), *map(self._measured, measured)])
 
     def _predicted(self, one: dict[str, Any]) -> Curve:

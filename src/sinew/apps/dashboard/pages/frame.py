@@ -16,8 +16,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
 from sinew.apps.dashboard.access import SIGN_IN_PAGE
-from sinew.apps.dashboard.hub import Hub
-from sinew.apps.dashboard.results import Results
+from sinew.apps.dashboard.hub import Hub, Results
 from sinew.apps.dashboard.work.runs import read_shelf
 from sinew.apps.dashboard.worker import Work
 from sinew.measure.estimate import shown_interval, typeset
@@ -32,7 +31,7 @@ class Site:
 
     runs: folder of the runs. rig: name or file of the rig that is offered first. bench: "emulator", "port" or None.
     steering_port: where the browser sends commands. is_locked: whether even watching needs the token.
-    results: analysed groups of the run under way, and its prediction, see `sinew.apps.dashboard.results`.
+    results: analysed groups of the run under way, and its prediction, see `sinew.apps.dashboard.hub`.
     """
 
     runs: Path

@@ -10,14 +10,8 @@ from sinew.apps.dashboard.pages.frame import Site, card, empty, framed, heading,
 from sinew.measure.errors import SinewError
 from sinew.measure.units import local_time
 
-_COLUMNS = (
-    ("name", "run", "left"),
-    ("started", "started", "left"),
-    ("plan", "plan", "left"),
-    ("rig", "rig", "left"),
-    ("groups", "segments", "right"),
-    ("state", "state", "left"),
-)
+_COLUMNS = {"name": "run", "started": "started", "plan": "plan", "rig": "rig", "groups": "segments", "state": "state"}
+_RIGHT = ("groups", "mm", "value")
 _DOWNLOADS = (("recording", "Recording (NetCDF)"), ("csv", "CSV"), ("mat", "MAT"), ("report", "Report"))
 _MOST_OVERLAID = 6
 
@@ -53,10 +47,12 @@ def add_runs_pages(site: Site) -> None:
             await _open(site, chosen)
 
 
-def _columns(names: tuple[tuple[str, str, str], ...]) -> list[dict[str, Any]]:
-    """Return columns as a table takes them. names: (key, label, alignment) of each."""
+def _columns(labels: dict[str, str]) -> list[dict[str, Any]]:
+    """Return columns as a table takes them."""
+    sides = {key: "right" if key in _RIGHT else "left" for key in labels}
     return [
-        {"name": key, "label": label, "field": key, "align": align, "sortable": True} for key, label, align in names
+        {"name": key, "label": label, "field": key, "align": sides[key], "sortable": True}
+        for key, label in labels.items()
     ]
 
 
@@ -101,7 +97,7 @@ def _table(found: list[dict[str, Any]]) -> None:
 def _row(run: dict[str, Any]) -> dict[str, Any]:
     done = "–" if run.get("groups") is None else f"{run['groups_done']} of {run['groups']}"
     started = local_time(run.get("started") or "–")
-    return {**{key: run.get(key) or "–" for key, _, _ in _COLUMNS}, "groups": done, "started": started}
+    return {**{key: run.get(key) or "–" for key in _COLUMNS}, "groups": done, "started": started}
 
 
 async def _open(site: Site, names: list[str]) -> None:
@@ -182,13 +178,8 @@ def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
             }
             for row in rows
         ]
-        names = (
-            ("run", "run", "left"),
-            ("mm", "pretension / mm", "right"),
-            ("name", "quantity", "left"),
-            ("value", "value, 90 % interval", "right"),
-        )
-        table = ui.table(rows=shown, columns=_columns(names), row_key="key", pagination=12)
+        labels = {"run": "run", "mm": "pretension / mm", "name": "quantity", "value": "value, 90 % interval"}
+        table = ui.table(rows=shown, columns=_columns(labels), row_key="key", pagination=12)
         table.props("flat dense wrap-cells").classes("w-full")
 
 

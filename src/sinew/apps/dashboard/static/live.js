@@ -10,12 +10,13 @@ const traces = new Traces();
 let scope, lissajous, joint, scene, rig, base = 5, paused = false, shownEnd = 0, now = [], tensions = [], state = null, told = 0, socket = null;
 let drawn = 0, drawnSince = performance.now();
 
-const PANELS = (tendons) => [
+const PANELS = (tendons, sensors) => [
   { unit: "angle / °", least: 4, share: 3, lines: [
     { key: "drive_command", colour: "--command", dash: [5, 4] }, { key: "drive", colour: "--drive" }, { key: "torsion", colour: "--torsion" }] },
   { unit: "drive current / A", least: 0.2, share: 1.3, lines: [{ key: "drive_current", colour: "--current" }] },
   { unit: "tendon currents / A", least: 0.1, share: 1.3, lines: Array.from({ length: tendons }, (_, i) =>
     ({ key: `tendon_${i + 1}_current`, colour: ["--torsion", "--other", "--drive", "--current"][i % 4], dash: [null, [6, 3], [2, 3], [8, 3, 2, 3]][i % 4] })) },
+  ...sensors.map(({ key, label }) => ({ unit: label, least: 0.2, share: 1.3, lines: [{ key, colour: "--other" }] })),
 ];
 
 function ready() { return ["sinew-scope", "sinew-lissajous", "sinew-legend"].every($); }
@@ -41,7 +42,7 @@ async function begin() {
 // A run may be of another rig than the one that is offered first.
 async function show(drawn) {
   rig = drawn;
-  scope = new Scope($("sinew-scope"), PANELS(rig.shape.tendons));
+  scope = new Scope($("sinew-scope"), PANELS(rig.shape.tendons, rig.sensors));
   put("sinew-tension-limit", String(rig.tension_limit_n));
   $("sinew-legend").replaceChildren();
   legend();

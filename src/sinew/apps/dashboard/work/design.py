@@ -42,7 +42,7 @@ def design_curves(
     `error_estimate`, `harmonics`, `complete`, `message`, `wall_s`, and `base`, `rig`: the names.
     Raises SpecError where a number cannot be meant.
     """
-    from sinew.apps.joints.rig_asked import rig_asked
+    from sinew.apps.joints.options import rig_asked
 
     base = base_rig(rig)
     made = changed_rig(base, changes)
@@ -64,15 +64,8 @@ def design_curves(
     }
 
 
-def sketch_curves(
-    rig: str,
-    changes: Mapping[str, float | str | None],
-    pretension_mm: float,
-    amplitude_deg: float,
-    band_hz: Sequence[float] = (1.0, 6.0),
-) -> dict[str, Any]:
-    """Return the sketch of `design_curves`: in a process of its own it need not wait for a refined curve."""
-    return design_curves(rig, changes, pretension_mm, amplitude_deg, band_hz, fine=False)
+sketch_curves = functools.partial(design_curves, fine=False)
+"""The sketch of `design_curves`: in a process of its own it need not wait for a refined curve."""
 
 
 def changed_rig(base: "RigSpec", changes: Mapping[str, float | str | None]) -> "RigSpec":
