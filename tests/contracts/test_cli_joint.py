@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.contracts.refusals import refused
+from tests.contracts.commands import command_lines, refused
 
 from sinew.apps.cli import main
 from sinew.plan.toml import load_rig
@@ -48,13 +48,13 @@ def test_a_polygon_comes_from_its_file(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 @pytest.fixture
-def curve(tmp_path: Path) -> Path:
+def curve(here: Path) -> Path:
     """A neo-Hookean bar of 200 kPa, pulled to 150 % strain and let back on a softer path."""
     strain = np.concatenate([np.linspace(0.02, 1.5, 80), np.linspace(1.48, 0.1, 60)])
     stress = np.where(np.arange(140) < 80, 200.0, 150.0) * (1 + strain - (1 + strain) ** -2)
     rows = [f"{100 * e:.3f},{s:.4f},0" for e, s in zip(strain, stress, strict=True)]
-    (tmp_path / "casting.csv").write_text("strain [%],pull,still\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    return tmp_path / "casting.csv"
+    (here / "casting.csv").write_text("strain [%],pull,still\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    return here / "casting.csv"
 
 
 def test_a_tensile_curve_gives_the_silicone_its_shear_modulus(
@@ -72,30 +72,19 @@ def test_a_tensile_curve_gives_the_silicone_its_shear_modulus(
     assert rigidity.interval90 is not None
 
 
-TENSILE = ("joint", "--tensile", "casting.csv")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (TENSILE, "STRAIN:unit,STRESS:unit"),
-        ((*TENSILE, "--tensile-columns", "strain [%]"), "two columns"),
-        ((*TENSILE, "--tensile-columns", "strain [%],pull"), "pull:kPa"),
-        ((*TENSILE, "--tensile-columns", "strain [%],pull:mm"), "cannot be turned into 'Pa'"),
-        ((*TENSILE, "--tensile-columns", "pull:1,strain [%]:kPa"), "expected"),
-        ((*TENSILE, "--tensile-columns", "strain [%],still:kPa"), "a stress that changes"),
-        ((*TENSILE, "--material", "dragon-skin-30"), "--material and --tensile"),
-        (("joint", "--length-mm", "95", "--tensile-columns", "a,b"), "without --tensile"),
-    ],
-)
+@command_lines("""
+    joint --tensile casting.csv => STRAIN:unit,STRESS:unit
+    joint --tensile casting.csv --tensile-columns 'strain [%]' => two columns
+    joint --tensile casting.csv --tensile-columns 'strain [%],pull' => pull:kPa
+    joint --tensile casting.csv --tensile-columns 'strain [%],pull:mm' => cannot be turned into 'Pa'
+    joint --tensile casting.csv --tensile-columns 'pull:1,strain [%]:kPa' => expected
+    joint --tensile casting.csv --tensile-columns 'strain [%],still:kPa' => a stress that changes
+    joint --tensile casting.csv --material dragon-skin-30 => --material and --tensile
+    joint --length-mm 95 --tensile-columns a,b => without --tensile
+""")
 def test_a_tensile_curve_that_cannot_be_meant_is_refused(
-    arguments: tuple[str, ...],
-    sentence: str,
-    curve: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...], sentence: str, curve: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(curve.parent)
     assert sentence in refused(capsys, *arguments)
 
 
@@ -134,25 +123,22 @@ def test_two_rigs_are_compared_in_one_document_and_on_one_page(
     assert (out / "figures" / "predicted_comparison.pdf").is_file()
 
 
-REFUSED = {
-    "nothing to change": (("joint",), "nothing to change"),
-    "unknown section": (("joint", "--section", "heart"), "'heart', expected one of circle"),
-    "missing size": (("joint", "--section", "annulus", "--outer-mm", "60"), "--inner-mm is missing"),
-    "size of another": (("joint", "--section", "circle", "--outer-mm", "60", "--width-mm", "3"), "--width-mm does not"),
-    "size without section": (("joint", "--outer-mm", "60"), "--outer-mm without --section"),
-    "inside out": (("joint", "--section", "annulus", "--outer-mm", "30", "--inner-mm", "60"), "0 < inner < outer"),
-    "unknown material": (("joint", "--material", "jelly"), "unknown material 'jelly'"),
-    "two stiffnesses": (("joint", "--material", "dragon-skin-30", "--shear-modulus-kpa", "9"), "one of them"),
-    "no such polygon": (("joint", "--section", "polygon", "--polygon", "nowhere.csv"), "nowhere.csv"),
-    "negative length": (("joint", "--length-mm", "-5"), "--length-mm is -5, expected 1 to 5000"),
-    "joint of an oscillator": (("predict", "--oscillator", "x=1", "--length-mm", "50"), "--length-mm is for a rig"),
-    "page of an oscillator": (("predict", "--oscillator", "x=1", "--out", "o"), "--out is for a rig"),
-    "one rig": (("compare", "paper"), "found 1 rig, expected two or more"),
-    "pushing": (("compare", "paper", "paper", "--pretension-mm", "-2"), "cables cannot push"),
-}
-
-
-@pytest.mark.parametrize(("arguments", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+@command_lines("""
+    joint => nothing to change
+    joint --section heart => 'heart', expected one of circle
+    joint --section annulus --outer-mm 60 => --inner-mm is missing
+    joint --section circle --outer-mm 60 --width-mm 3 => --width-mm does not
+    joint --outer-mm 60 => --outer-mm without --section
+    joint --section annulus --outer-mm 30 --inner-mm 60 => 0 < inner < outer
+    joint --material jelly => unknown material 'jelly'
+    joint --material dragon-skin-30 --shear-modulus-kpa 9 => one of them
+    joint --section polygon --polygon nowhere.csv => nowhere.csv
+    joint --length-mm -5 => --length-mm is -5, expected 1 to 5000
+    predict --oscillator x=1 --length-mm 50 => --length-mm is for a rig
+    predict --oscillator x=1 --out o => --out is for a rig
+    compare paper => found 1 rig, expected two or more
+    compare paper paper --pretension-mm -2 => cables cannot push
+""")
 def test_what_cannot_be_meant_is_refused_in_one_line(
     arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
