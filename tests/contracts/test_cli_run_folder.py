@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from tests.contracts.emulated_bench import QUESTIONS, WatchedPort
-from tests.contracts.virtual_run import run
+from tests.contracts.virtual_run import RunHere, run
 
 
 def occupied(folder: Path) -> None:
@@ -37,17 +37,13 @@ def test_an_unfit_folder_is_refused_and_left_as_it_was(
     prepare: Callable[[Path], object],
     options: tuple[str, ...],
     words: tuple[str, ...],
-    plan: str,
-    out: Path,
+    run_here: RunHere,
     tmp_path: Path,
-    port: WatchedPort,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    prepare(out)
+    prepare(run_here.out)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    told = run(capsys, plan, out, *options)
-    assert (told.status, told.out, told.err.count("\n"), port.codes) == (2, "", 1, set())
-    assert [word for word in words if word not in told.err] == []
+    run_here.refused(words, *options)
+    assert run_here.port.codes == set()
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import QUESTIONS, WatchedPort, rig_file, virtual_port
-from tests.contracts.virtual_run import run, without_motor
+from tests.contracts.virtual_run import RunHere, run, without_motor
 
 from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.register_tables import OVERLOAD
@@ -68,18 +68,11 @@ UNFIT_BENCHES: dict[str, tuple[Callable[[EmulatedRig], object], tuple[str, ...]]
 
 @pytest.mark.parametrize(("spoil", "words"), UNFIT_BENCHES.values(), ids=UNFIT_BENCHES.keys())
 def test_an_unfit_bench_is_refused_with_a_reason_and_nothing_is_touched(
-    spoil: Callable[[EmulatedRig], object],
-    words: tuple[str, ...],
-    plan: str,
-    out: Path,
-    port: WatchedPort,
-    capsys: pytest.CaptureFixture[str],
+    spoil: Callable[[EmulatedRig], object], words: tuple[str, ...], run_here: RunHere
 ) -> None:
-    spoil(port.rig)
-    told = run(capsys, plan, out)
-    assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
-    assert [word for word in words if word not in told.err] == []
-    assert port.codes <= QUESTIONS
+    spoil(run_here.port.rig)
+    run_here.refused(words)
+    assert not run_here.out.parent.exists()
 
 
 UNFIT_RIGS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
@@ -106,18 +99,10 @@ UNFIT_RIGS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
 
 @pytest.mark.parametrize(("wiring", "words"), UNFIT_RIGS.values(), ids=UNFIT_RIGS.keys())
 def test_a_rig_that_is_not_the_bench_is_refused_with_a_reason_and_nothing_is_touched(
-    wiring: dict[str, Any],
-    words: tuple[str, ...],
-    plan: str,
-    out: Path,
-    tmp_path: Path,
-    port: WatchedPort,
-    capsys: pytest.CaptureFixture[str],
+    wiring: dict[str, Any], words: tuple[str, ...], run_here: RunHere, tmp_path: Path
 ) -> None:
-    told = run(capsys, plan, out, "--rig", rig_file(tmp_path, **wiring))
-    assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
-    assert [word for word in words if word not in told.err] == []
-    assert port.codes <= QUESTIONS
+    run_here.refused(words, "--rig", rig_file(tmp_path, **wiring))
+    assert not run_here.out.parent.exists()
 
 
 def test_another_baud_than_the_devices_is_refused(
