@@ -74,8 +74,8 @@ class Scenario:
     mode: TendonMode
     safe_state: str
     slack_m: tuple[float, ...]
-    rest_tilt: tuple[float, float]
     faults: tuple[FaultSpec, ...]
+    rest_tilt: tuple[float, float]
     interrupt_s: float = math.inf
     phase: Phase | None = None
     fault_seed: int = 0
