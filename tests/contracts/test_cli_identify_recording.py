@@ -11,6 +11,7 @@ from tests.contracts.identify_sweep import (
     identified,
     unidentified,
 )
+from tests.contracts.virtual_run import spoken
 from tests.unit.figures_sample import Joint, sample_recording
 
 from sinew.apps.cli import main
@@ -94,23 +95,27 @@ def test_a_rig_s_recording_is_not_asked_what_it_cannot_answer(
     assert sentence in unidentified(capsys, rig_recording(tmp_path, 1), *LINEAR, *arguments)
 
 
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording that `sinew simulate` wrote."""
+    path = tmp_path_factory.mktemp("twin") / "a.nc"
+    assert spoken("simulate", "short", "--rig", "paper", "--out", str(path))[0] == 0
+    return path
+
+
 @pytest.mark.slow
 def test_a_recording_of_the_twin_needs_no_columns_and_gives_the_papers_three_hertz(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    simulated: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["simulate", "short", "--rig", "paper", "--out", str(tmp_path / "a.nc")]) == 0
-    capsys.readouterr()
-    found = identified(capsys, tmp_path / "a.nc", "--model", "cubic")
+    found = identified(capsys, simulated, "--model", "cubic")
     assert found["natural_frequency_hz"]["value"] == pytest.approx(3.0, rel=0.04)
 
 
 @pytest.mark.slow
 def test_the_tendon_joint_of_a_recording_has_the_papers_three_hertz(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["simulate", "short", "--rig", "paper", "--out", str(tmp_path / "a.nc")]) == 0
-    capsys.readouterr()
-    found = identified(capsys, tmp_path / "a.nc", "--model", "tendon", "--out", tmp_path / "out")
+    found = identified(capsys, simulated, "--model", "tendon", "--out", tmp_path / "out")
     assert set(found) == set(DOCUMENT)
     assert found["natural_frequency_hz"]["value"] == pytest.approx(3.0, rel=0.04)
     assert (tmp_path / "out" / "figures" / "corner.png").is_file()

@@ -8,6 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from scipy import special
+from tests.tables import rows
 from tests.unit.figures_pages import alternatives, asked_outside
 from tests.unit.figures_panels import drawn, labelled, smallest_type, titled
 from tests.unit.identify_signals import OMEGA, dry_decay, motion, noisy, viscous
@@ -264,16 +265,16 @@ def test_no_type_is_smaller_than_eight_points() -> None:
 
 @pytest.mark.parametrize(
     ("name", "words", "unit"),
-    [
-        ("stiffness_per_s2", "stiffness", "1/s²"),
-        ("cubic_per_s2_rad2", "cubic term", "1/(s² rad²)"),
-        ("stiffness_n_m_per_rad", "stiffness", "N m/rad"),
-        ("inertia_kg_m2", "inertia", "kg m²"),
-        ("loss_factor", "loss factor", ""),
-        ("natural_frequency_hz[4 mm]", "natural frequency 4 mm", "Hz"),
-        ("input_gain_v_per_s2_a", "input gain", "V/(s² A)"),
-        ("silicone.torsional_rigidity_n_m2", "silicone torsional rigidity", "N m²"),
-    ],
+    rows("""
+        stiffness_per_s2 => stiffness => 1/s²
+        cubic_per_s2_rad2 => cubic term => 1/(s² rad²)
+        stiffness_n_m_per_rad => stiffness => N m/rad
+        inertia_kg_m2 => inertia => kg m²
+        loss_factor => loss factor =>
+        natural_frequency_hz[4 mm] => natural frequency 4 mm => Hz
+        input_gain_v_per_s2_a => input gain => V/(s² A)
+        silicone.torsional_rigidity_n_m2 => silicone torsional rigidity => N m²
+    """),
 )
 def test_a_parameters_name_gives_its_words_and_its_unit(name: str, words: str, unit: str) -> None:
     assert parameter_label(name) == (words, unit)
