@@ -71,11 +71,11 @@ class Scenario:
 
     number: int
     plan: str
+    slack_m: tuple[float, ...]
+    rest_tilt: tuple[float, float]
     mode: TendonMode
     safe_state: str
-    slack_m: tuple[float, ...]
     faults: tuple[FaultSpec, ...]
-    rest_tilt: tuple[float, float]
     interrupt_s: float = math.inf
     phase: Phase | None = None
     fault_seed: int = 0

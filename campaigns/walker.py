@@ -15,18 +15,18 @@ _GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class Walker:
-    """What a made-up person does: mean stride frequency [Hz], amplitudes [deg], how late the trunk is [deg of stride].
-
-    period_cv, yaw_cv: standard deviation over mean, from stride to stride; likeness: correlation of neighbours.
-    """
+    """What a made-up person does: mean stride frequency [Hz], amplitudes [deg], and how they vary."""
 
     frequency_hz: float = 0.95
     pelvis_deg: float = 4.5
     trunk_deg: float = 3.0
     trunk_lag_deg: float = 130.0
+    """Of a stride of 360°."""
     period_cv: float = 0.025
     yaw_cv: float = 0.12
+    """Standard deviation over mean, from stride to stride."""
     likeness: float = 0.4
+    """Correlation of neighbouring strides."""
 
     def relative_deg(self) -> float:
         """Amplitude of trunk against pelvis: the difference of two phasors."""

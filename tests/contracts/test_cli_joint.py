@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.contracts.commands import command_lines, refused
+from tests.contracts.commands import answered, command_lines, refused
 
 from sinew.apps.cli import main
 from sinew.plan.toml import load_rig
@@ -16,10 +16,8 @@ SHORT = ("--pretension-mm", "4", "--from-hz", "2.5", "--to-hz", "3.5", "--amplit
 
 def test_a_joint_is_written_as_a_rig_and_told_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "ring.toml"
-    status = main(["joint", *RING, "--material", "dragon-skin-30", "--tendons", "3", "--out", str(out), "--json"])
-    document = json.loads(capsys.readouterr().out)
+    document = answered(capsys, "joint", *RING, "--material", "dragon-skin-30", "--tendons", "3", "--out", str(out))
     rig = load_rig(out)
-    assert status == 0
     assert document["section"]["torsion_constant_mm4"] == pytest.approx(np.pi * (60**4 - 30**4) / 32)
     assert document["section"]["area_mm2"] == pytest.approx(np.pi * (60**2 - 30**2) / 4)
     assert document["material"]["name"] == "dragon-skin-30"
@@ -41,8 +39,7 @@ def test_a_joint_can_be_derived_from_one_that_was_written(tmp_path: Path, capsys
 def test_a_polygon_comes_from_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "square.csv"
     file.write_text("0,0\n40,0\n40,40\n0,40\n", encoding="utf-8")
-    assert main(["joint", "--section", "polygon", "--polygon", str(file), "--json"]) == 0
-    section = json.loads(capsys.readouterr().out)["section"]
+    section = answered(capsys, "joint", "--section", "polygon", "--polygon", str(file))["section"]
     assert section["torsion_constant_mm4"] == pytest.approx(0.140577 * 40**4, rel=1e-3)  # Timoshenko and Goodier
     assert section["torsion_error"] < 1e-3
 
@@ -62,8 +59,7 @@ def test_a_tensile_curve_gives_the_silicone_its_shear_modulus(
 ) -> None:
     out = tmp_path / "casting.toml"
     words = ("--tensile", str(curve), "--tensile-columns", "strain [%],pull:kPa", "--out", str(out))
-    assert main(["joint", *RING, *words, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered(capsys, "joint", *RING, *words)
     rigidity = load_rig(out).silicone.torsional_rigidity
     assert document["material"]["name"] == "casting"
     assert document["material"]["shear_modulus_pa"]["value"] == pytest.approx(2e5, rel=1e-3)
@@ -93,10 +89,8 @@ def test_a_described_joint_is_predicted_as_the_rig_that_is_written_of_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "predicted"
-    assert main(["predict", *RING, "--shear-modulus-kpa", "250", *SHORT, "--out", str(out), "--json"]) == 0
-    described = json.loads(capsys.readouterr().out)
-    assert main(["predict", str(out / "rig.toml"), *SHORT, "--json"]) == 0
-    written = json.loads(capsys.readouterr().out)
+    described = answered(capsys, "predict", *RING, "--shear-modulus-kpa", "250", *SHORT, "--out", str(out))
+    written = answered(capsys, "predict", str(out / "rig.toml"), *SHORT)
     assert written["branches"] == described["branches"]
     assert written["validity"] == described["validity"]
     assert {"check", "value", "limit", "holds", "sentence"} == set(described["validity"][0])
@@ -113,8 +107,7 @@ def test_two_rigs_are_compared_in_one_document_and_on_one_page(
     soft, out = tmp_path / "soft.toml", tmp_path / "compared"
     main(["joint", "--shear-modulus-kpa", "150", "--name", "soft", "--out", str(soft)])
     capsys.readouterr()
-    assert main(["compare", "paper", str(soft), *SHORT, "--out", str(out), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered(capsys, "compare", "paper", str(soft), *SHORT, "--out", str(out))
     assert [rig["rig"] for rig in document["rigs"]] == ["paper", "soft"]
     assert document["amplitude_deg"] == 10
     first, second = (rig["branches"][0]["peak"] for rig in document["rigs"])

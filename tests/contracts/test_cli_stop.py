@@ -172,8 +172,7 @@ def test_a_bench_on_which_nobody_answers_is_said_in_one_sentence(
 def test_an_interrupt_does_not_cut_it_short(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spec = load_rig("paper")
-    port = virtual_port(monkeypatch, spec, joint(spec))
+    port = virtual_port(monkeypatch, SPEC, joint(SPEC))
     in_motion(port)
     port.agenda = [(port.now() + late, lambda: os.kill(os.getpid(), signal.SIGINT)) for late in (0.0, 0.01, 0.02)]
     told = stop(capsys, "--state", "release")
@@ -183,8 +182,7 @@ def test_an_interrupt_does_not_cut_it_short(
 def test_tension_is_let_down_before_the_torque_goes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spec = load_rig("paper")
-    port = virtual_port(monkeypatch, spec, joint(spec))
+    port = virtual_port(monkeypatch, SPEC, joint(SPEC))
     in_motion(port)
     seen: list[tuple[float, int]] = []
     port.witness = lambda: seen.append((max(port.rig.motion().tension), sum(torques(port.rig)[:4])))

@@ -4,9 +4,8 @@ import json
 from pathlib import Path
 
 import pytest
-from tests.contracts.commands import command_lines, refused
+from tests.contracts.commands import answered, command_lines, refused
 
-from sinew.apps.cli import main
 from sinew.plan.toml import load_plan, load_rig
 
 GAIT = ("--stride-hz", "0.7:1.1", "--yaw-deg", "7")
@@ -16,8 +15,7 @@ GAIT = ("--stride-hz", "0.7:1.1", "--yaw-deg", "7")
 def test_a_setting_is_told_as_json_and_the_rig_without_calibration_says_so(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(["tune", "paper", "--resonance-hz", "3.5,9", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered(capsys, "tune", "paper", "--resonance-hz", "3.5,9")
     near, far = document["settings"]
     assert (document["command_deg"], document["yaw_deg"], document["draws"]) == (20.0, None, None)
     assert near["feasible"]
@@ -52,8 +50,7 @@ def test_a_design_leaves_a_rig_a_plan_and_a_page_that_go_on_from_there(
 ) -> None:
     out = tmp_path / "torso"
     words = ["--shape", "circle", "--material", "base", "--starts", "8", "--exact", "2", "--proposals", "1"]
-    assert main(["design", *GAIT, *words, "--seed", "1000", "--out", str(out), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered(capsys, "design", *GAIT, *words, "--seed", "1000", "--out", str(out))
     (one,) = document["proposals"]
     assert one["is_confirmed"]
     assert all(check["holds"] for check in one["validity"])
@@ -66,6 +63,5 @@ def test_a_design_leaves_a_rig_a_plan_and_a_page_that_go_on_from_there(
     assert "proposal" in (out / "design.html").read_text(encoding="utf-8")
     assert (out / "figures" / "design_front.png").stat().st_size > 10_000
     assert (out / "figures" / "design_curves.png").stat().st_size > 10_000
-    assert main(["check", one["plan"], "--rig", one["rig"], "--json"]) == 0
-    checked = json.loads(capsys.readouterr().out)
+    checked = answered(capsys, "check", one["plan"], "--rig", one["rig"])
     assert [row for row in checked["findings"] if row["severity"] == "refuse"] == []

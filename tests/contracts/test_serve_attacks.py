@@ -24,6 +24,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 
 @pytest.fixture
 def operator(served: Served) -> Page:
+    """Return a signed-in page that may command."""
     return served.operator()
 
 

@@ -15,23 +15,26 @@ def table_file(folder: Path, text: str | bytes, name: str = "t.csv") -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        pytest.param("t,a\n0,1.5\n1,2.5\n", id="comma"),
-        pytest.param("t;a\n0;1.5\n1;2.5\n", id="semicolon"),
-        pytest.param("t\ta\n0\t1.5\n1\t2.5\n", id="tab"),
-        pytest.param("t a\n0 1.5\n1 2.5\n", id="blanks"),
-        pytest.param("t;a\n0;1,5\n1;2,5\n", id="decimal comma"),
-        pytest.param("t, a\r\n0, 1.5\r\n1, 2.5\r\n", id="windows"),
-        pytest.param("# from the bench\n\nt,a\n0,1.5\n1,2.5\n", id="comment"),
-        pytest.param("# t,a\n0,1.5\n1,2.5\n", id="header in a comment"),
-        pytest.param('"t","a"\n0,1.5\n1,2.5\n', id="quotes"),
-        pytest.param("t,a,\n0,1.5,\n1,2.5,\n", id="trailing delimiter"),
-        pytest.param("\ufefft,a\n0,1.5\n1,2.5\n", id="byte order mark"),
-        pytest.param("t,a\n0,1.5\n\n1,2.5\n\n", id="empty lines"),
-    ],
-)
+DELIMITERS = {
+    "comma": "t,a\n0,1.5\n1,2.5\n",
+    "semicolon": "t;a\n0;1.5\n1;2.5\n",
+    "tab": "t\ta\n0\t1.5\n1\t2.5\n",
+    "blanks": "t a\n0 1.5\n1 2.5\n",
+    "decimal comma": "t;a\n0;1,5\n1;2,5\n",
+    "quotes": '"t","a"\n0,1.5\n1,2.5\n',
+    "trailing delimiter": "t,a,\n0,1.5,\n1,2.5,\n",
+}
+SURROUNDINGS = {
+    "windows": "t, a\r\n0, 1.5\r\n1, 2.5\r\n",
+    "comment": "# from the bench\n\nt,a\n0,1.5\n1,2.5\n",
+    "header in a comment": "# t,a\n0,1.5\n1,2.5\n",
+    "byte order mark": "\ufefft,a\n0,1.5\n1,2.5\n",
+    "empty lines": "t,a\n0,1.5\n\n1,2.5\n\n",
+}
+TEXTS = DELIMITERS | SURROUNDINGS
+
+
+@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)
 def test_a_table_is_read_whatever_its_delimiters(tmp_path: Path, text: str) -> None:
     table = read_table(table_file(tmp_path, text))
     assert (list(table.columns), numbers(table, "a").tolist()) == (["t", "a"], [1.5, 2.5])
