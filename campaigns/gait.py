@@ -36,7 +36,7 @@ def count(strides: int, likeness: float, runs: int, seed: int) -> Count:
         walker = Walker(frequency_hz=generator.uniform(0.6, 1.15), likeness=likeness)
         bout = max(estimate_gait(walk(walker, strides, generator), "made up").bouts, key=lambda one: one.strides)
         assert bout.trunk_lag_deg is not None
-        told = (bout.frequency_hz, walker.frequency_hz), (bout.yaw_deg, walker.relative_deg())
+        told = (bout.frequency_hz, walker.frequency_hz), (bout.yaw_deg, walker.relative_deg)
         held += [_holds(e, truth) for e, truth in (*told, (bout.trunk_lag_deg, walker.trunk_lag_deg))]
         bias += [e.value / truth - 1 for e, truth in told]
     shares = held / runs

@@ -72,9 +72,9 @@ class Scenario:
     number: int
     plan: str
     slack_m: tuple[float, ...]
-    rest_tilt: tuple[float, float]
     mode: TendonMode
     safe_state: str
+    rest_tilt: tuple[float, float]
     faults: tuple[FaultSpec, ...]
     interrupt_s: float = math.inf
     phase: Phase | None = None

@@ -15,19 +15,19 @@ _GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class Walker:
-    """What a made-up person does: mean stride frequency [Hz], amplitudes [deg], and how they vary."""
+    """What a made-up person does: mean stride frequency [Hz], amplitudes [deg], how late the trunk is [deg of stride].
+
+    cv: of period and yaw, standard deviation over mean from stride to stride; likeness: correlation of neighbours.
+    """
 
     frequency_hz: float = 0.95
     pelvis_deg: float = 4.5
     trunk_deg: float = 3.0
     trunk_lag_deg: float = 130.0
-    """Of a stride of 360°."""
-    period_cv: float = 0.025
-    yaw_cv: float = 0.12
-    """Standard deviation over mean, from stride to stride."""
+    cv: tuple[float, float] = (0.025, 0.12)
     likeness: float = 0.4
-    """Correlation of neighbouring strides."""
 
+    @property
     def relative_deg(self) -> float:
         """Amplitude of trunk against pelvis: the difference of two phasors."""
         return float(abs(self.trunk_deg * np.exp(-1j * np.radians(self.trunk_lag_deg)) - self.pelvis_deg))
@@ -43,8 +43,8 @@ def alike(count: int, likeness: float, generator: np.random.Generator) -> Array:
 
 def phase_of(walker: Walker, strides: int, generator: np.random.Generator) -> tuple[Array, Array, Array]:
     """Return (time [s], phase [rad], relative size of the yaw) of so many strides, shape (n,) each."""
-    period = (1 + walker.period_cv * alike(strides, walker.likeness, generator)) / walker.frequency_hz
-    size = 1 + walker.yaw_cv * alike(strides, walker.likeness, generator)
+    period = (1 + walker.cv[0] * alike(strides, walker.likeness, generator)) / walker.frequency_hz
+    size = 1 + walker.cv[1] * alike(strides, walker.likeness, generator)
     ends = np.concatenate([[0.0], np.cumsum(period)])
     time = np.arange(0, ends[-1], 1 / RATE_HZ)
     phase = CubicSpline(ends, 2 * np.pi * np.arange(strides + 1))(time)

@@ -55,7 +55,7 @@ def test_the_intervals_of_a_file_hold_what_it_was_made_with(
     slow_and_fast: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     found = run(capsys, slow_and_fast[0])
-    for key, truth in (("stride_frequency_hz", 0.75), ("yaw_amplitude_deg", Walker().relative_deg())):
+    for key, truth in (("stride_frequency_hz", 0.75), ("yaw_amplitude_deg", Walker().relative_deg)):
         assert set(found[key]) == QUANTITY
         assert found[key]["interval90"][0] < truth < found[key]["interval90"][1]
 

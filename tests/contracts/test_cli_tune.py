@@ -26,24 +26,6 @@ def test_a_setting_is_told_as_json_and_the_rig_without_calibration_says_so(
     assert "holds no intervals" in document["remarks"][0]
 
 
-@command_lines("""
-    tune paper --resonance-hz 3 --amplitude-deg 9 --yaw-deg 7 => one of
-    tune paper --resonance-hz fast => --resonance-hz is 'fast'
-    tune paper --resonance-hz 3 --bands 1 => found 1 draw
-    tune paper --resonance-hz 3 --bands 9 => holds no intervals
-    design --yaw-deg 7 => --stride-hz LOW:HIGH with --yaw-deg
-    design --stride-hz 0.7 --yaw-deg 7 => --stride-hz is '0.7'
-    design --stride-hz 0.7:1.1 --yaw-deg 7 --envelope-mm big => --envelope-mm is 'big'
-    design --stride-hz 0.7:1.1 --yaw-deg 7 --shape star => the section 'star'
-    design --stride-hz 0.7:1.1 --yaw-deg 7 --material dragon-skin-31 => did you mean dragon-skin-30
-    design --gait nowhere.json => cannot read nowhere.json
-""")
-def test_a_wrong_command_line_is_one_line_and_status_2(
-    arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert sentence in refused(capsys, *arguments)
-
-
 @pytest.mark.slow
 def test_a_design_leaves_a_rig_a_plan_and_a_page_that_go_on_from_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -65,3 +47,21 @@ def test_a_design_leaves_a_rig_a_plan_and_a_page_that_go_on_from_there(
     assert (out / "figures" / "design_curves.png").stat().st_size > 10_000
     checked = answered(capsys, "check", one["plan"], "--rig", one["rig"])
     assert [row for row in checked["findings"] if row["severity"] == "refuse"] == []
+
+
+@command_lines("""
+    tune paper --resonance-hz 3 --amplitude-deg 9 --yaw-deg 7 => one of
+    tune paper --resonance-hz fast => --resonance-hz is 'fast'
+    tune paper --resonance-hz 3 --bands 1 => found 1 draw
+    tune paper --resonance-hz 3 --bands 9 => holds no intervals
+    design --yaw-deg 7 => --stride-hz LOW:HIGH with --yaw-deg
+    design --stride-hz 0.7 --yaw-deg 7 => --stride-hz is '0.7'
+    design --stride-hz 0.7:1.1 --yaw-deg 7 --envelope-mm big => --envelope-mm is 'big'
+    design --stride-hz 0.7:1.1 --yaw-deg 7 --shape star => the section 'star'
+    design --stride-hz 0.7:1.1 --yaw-deg 7 --material dragon-skin-31 => did you mean dragon-skin-30
+    design --gait nowhere.json => cannot read nowhere.json
+""")
+def test_a_wrong_command_line_is_one_line_and_status_2(
+    arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert sentence in refused(capsys, *arguments)

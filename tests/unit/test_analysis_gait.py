@@ -12,7 +12,7 @@ from sinew.measure.errors import RecordingError, SpecError
 from sinew.tune.gait.bout import BodyMotion, fundamental, mean_of_strides
 from sinew.tune.gait.target import WalkGait, estimate_gait, target_of_numbers, target_of_walks
 
-EVEN = Walker(period_cv=0.0, yaw_cv=0.0)
+EVEN = Walker(cv=(0.0, 0.0))
 
 
 def gait(motion: BodyMotion) -> WalkGait:
@@ -32,7 +32,7 @@ def test_an_even_walk_gives_the_frequency_amplitude_and_lag_it_was_made_with(fre
     (bout,) = gait(walk(walker, 40, np.random.default_rng(1))).bouts
     assert bout.trunk_lag_deg is not None
     assert bout.frequency_hz.value == pytest.approx(frequency_hz, rel=2e-3)
-    assert bout.yaw_deg.value == pytest.approx(walker.relative_deg(), rel=0.01)
+    assert bout.yaw_deg.value == pytest.approx(walker.relative_deg, rel=0.01)
     assert bout.trunk_lag_deg.value == pytest.approx(walker.trunk_lag_deg, abs=1.0)
 
 
@@ -97,7 +97,7 @@ def test_a_change_of_stride_length_smears_the_one_sine_and_not_the_strides() -> 
     time = np.arange(0, 40, 1 / RATE_HZ)
     phase = 2 * np.pi * np.cumsum(np.linspace(0.9, 1.0, time.size)) / RATE_HZ
     (bout,) = gait(motion_of(phase, 0.2 * np.cos(2 * phase))).bouts
-    assert bout.yaw_deg.value == pytest.approx(EVEN.relative_deg(), rel=5e-3)
+    assert bout.yaw_deg.value == pytest.approx(EVEN.relative_deg, rel=5e-3)
     assert bout.line_deg < 0.8 * bout.yaw_deg.value
 
 
@@ -119,7 +119,7 @@ def test_a_few_strides_give_numbers_without_an_interval(strides: int) -> None:
     found = gait(walk(EVEN, strides, np.random.default_rng(9)))
     (bout,) = found.bouts
     assert bout.frequency_hz.value == pytest.approx(0.95, rel=0.03)
-    assert bout.yaw_deg.value == pytest.approx(EVEN.relative_deg(), abs=0.5)
+    assert bout.yaw_deg.value == pytest.approx(EVEN.relative_deg, abs=0.5)
     assert np.isnan([bout.frequency_hz.std, bout.frequency_hz.low, bout.yaw_deg.high]).all()
     assert "no scatter" in " ".join(target_of_walks([found]).sentences)
 

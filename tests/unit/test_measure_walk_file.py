@@ -16,7 +16,7 @@ from sinew.tune.gait.target import estimate_gait
 
 Columns = dict[str, NDArray[np.float64]]
 
-WALKER = Walker(period_cv=0.01, yaw_cv=0.02)
+WALKER = Walker(cv=(0.01, 0.02))
 
 
 @pytest.fixture(scope="module")
@@ -60,13 +60,13 @@ def test_sensors_mounted_anyhow_give_the_yaw_that_the_body_made(
     gait = estimate_gait(body_motion(read_walk(csv(tmp_path, made_up[0]))), "made up")
     (bout,) = gait.bouts
     assert gait.swing == "trunk against pelvis"
-    assert bout.yaw_deg.value == pytest.approx(WALKER.relative_deg(), abs=0.2)
+    assert bout.yaw_deg.value == pytest.approx(WALKER.relative_deg, abs=0.2)
     assert bout.frequency_hz.value == pytest.approx(WALKER.frequency_hz, rel=0.01)
 
 
 def test_markers_give_the_same_yaw_and_the_speed(made_up: tuple[Columns, Columns], tmp_path: Path) -> None:
     (bout,) = estimate_gait(body_motion(read_walk(csv(tmp_path, made_up[1]))), "made up").bouts
-    assert bout.yaw_deg.value == pytest.approx(WALKER.relative_deg(), abs=0.1)
+    assert bout.yaw_deg.value == pytest.approx(WALKER.relative_deg, abs=0.1)
     assert bout.speed_m_s == pytest.approx(1.2, rel=1e-3)
 
 
@@ -90,7 +90,7 @@ def test_another_upward_axis_turns_the_markers(made_up: tuple[Columns, Columns],
     turned = {
         (name if name == "t_s" else f"{name[:5]}{renamed[name[5]]}_mm"): values for name, values in made_up[1].items()
     }
-    assert yaw_deg(csv(tmp_path, turned), WalkColumns(up="y")) == pytest.approx(WALKER.relative_deg(), abs=0.1)
+    assert yaw_deg(csv(tmp_path, turned), WalkColumns(up="y")) == pytest.approx(WALKER.relative_deg, abs=0.1)
 
 
 def test_names_of_ones_own_are_named(made_up: tuple[Columns, Columns], tmp_path: Path) -> None:
@@ -111,7 +111,7 @@ def test_an_angle_that_others_computed_needs_no_body(made_up: tuple[Columns, Col
     time, phase, size = phase_of(WALKER, 30, np.random.default_rng(2))
     pelvis, trunk = yaw_of(WALKER, phase, size)
     file = csv(tmp_path, {"time": time, "twist": np.degrees(trunk - pelvis)})
-    assert yaw_deg(file, WalkColumns(yaw="twist:deg")) == pytest.approx(WALKER.relative_deg(), rel=0.02)
+    assert yaw_deg(file, WalkColumns(yaw="twist:deg")) == pytest.approx(WALKER.relative_deg, rel=0.02)
 
 
 def test_markers_that_are_lost_at_the_ends_and_for_a_moment_do_no_harm(
@@ -164,7 +164,7 @@ def test_degrees_that_are_not_named_so_are_noticed(made_up: tuple[Columns, Colum
     file = csv(tmp_path, degrees)
     with pytest.raises(RecordingError, match="--gyro-unit"):
         read_walk(file)
-    assert yaw_deg(file, WalkColumns(gyro_unit="deg/s")) == pytest.approx(WALKER.relative_deg(), abs=0.2)
+    assert yaw_deg(file, WalkColumns(gyro_unit="deg/s")) == pytest.approx(WALKER.relative_deg, abs=0.2)
 
 
 def test_a_table_without_a_time_asks_for_its_name(made_up: tuple[Columns, Columns], tmp_path: Path) -> None:
