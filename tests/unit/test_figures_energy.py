@@ -26,7 +26,7 @@ def figure(results: xr.Dataset) -> Figure:
 
 def test_the_rings_are_the_power_at_resonance(figure: Figure, results: xr.Dataset) -> None:
     (rings,) = [line for line in figure.axes[0].lines if line.get_linestyle() == "None"]
-    assert np.allclose(rings.get_ydata(), results["drive_power_at_resonance_w"].values)
+    assert np.allclose(rings.get_data(), [results["resonance_hz"].values, results["drive_power_at_resonance_w"].values])
 
 
 def test_the_triangles_are_the_cheapest_swings(figure: Figure, results: xr.Dataset) -> None:
