@@ -16,7 +16,9 @@ def command_lines(table: str) -> pytest.MarkDecorator:
 
     Its `arguments` are the words as a shell splits them, its `sentence` is a part of the line that is expected.
     """
-    cases = [pytest.param(tuple(shlex.split(words)), sentence, id=words) for words, sentence in rows(table)]
+    cases = [
+        pytest.param(tuple(shlex.split(words)), sentence, id=words or "nothing") for words, sentence in rows(table)
+    ]
     return pytest.mark.parametrize(("arguments", "sentence"), cases)
 
 
