@@ -1,16 +1,10 @@
-"""A folder of its own for each test, and property tests that do not watch the clock."""
+"""How property tests draw: the same cases every time, whatever the clock says, for a busy computer is no fault of the
+code. HYPOTHESIS_PROFILE=random draws others."""
 
-from pathlib import Path
+import os
 
-import pytest
 from hypothesis import settings
 
-settings.register_profile("sinew", deadline=None)  # a busy computer is no fault of the code
-settings.load_profile("sinew")
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return an empty folder, which is the working directory."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+settings.register_profile("sinew", deadline=None, derandomize=True)
+settings.register_profile("random", deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "sinew"))

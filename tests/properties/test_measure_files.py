@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sinew.measure.errors import FileError, SinewError, UnitError
@@ -136,6 +136,8 @@ def test_the_factor_to_a_canonical_unit_is_that_of_a_conversion(a: str, sign: st
 
 
 @given(st.one_of(st.text(max_size=30), st.text(st.sampled_from("mskgNVA*/^().-² 123"), max_size=30)))
+@example("k²²")  # of Boltzmann's constant: no number holds its factor
+@example("1/k^30")
 @settings(max_examples=200, deadline=None)
 def test_any_text_is_a_unit_with_a_positive_factor_or_a_unit_error(text: str) -> None:
     with contextlib.suppress(UnitError):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from sinew.measure.errors import SpecError
 from sinew.predict.oscillator import Oscillator, expected_amplitude, oscillator_problem, resolution_of
@@ -164,3 +165,24 @@ def test_an_oscillator_that_cannot_be_meant_is_refused_with_a_sentence(
 ) -> None:
     with pytest.raises(SpecError, match=sentence):
         oscillator(**changed).checked()
+
+
+def test_a_drag_that_takes_up_most_of_the_torque_lets_it_swing_as_time_integration_does() -> None:
+    one = oscillator(drag=0.05)
+    mark = curve(one).phase_90
+    assert mark is not None
+    omega, damping = 2 * np.pi * mark.frequency_hz, 2 * DAMPING * np.sqrt(one.stiffness * INERTIA)
+
+    def rate(t: float, y: np.ndarray) -> list[float]:
+        lost = damping * y[1] + 0.05 * abs(y[1]) * y[1]
+        return [y[1], (0.45 * np.sin(omega * t) - lost - one.stiffness * y[0]) / INERTIA]
+
+    last = np.linspace(30, 31, 501) * 2 * np.pi / omega
+    swing = solve_ivp(rate, (0.0, last[-1]), [0.0, 0.0], t_eval=last, rtol=1e-8, atol=1e-10).y[0]
+    assert mark.amplitude == pytest.approx(0.5 * np.ptp(swing), rel=1e-4)
+    assert mark.amplitude < 0.4 * 0.45 / (damping * omega)
+
+
+def test_a_drag_that_gives_energy_is_refused() -> None:
+    with pytest.raises(SpecError, match=r"drag is -0\.1"):
+        oscillator(drag=-0.1).checked()

@@ -157,9 +157,13 @@ def _parse(unit: str) -> Any:
         raise unknown
     text = _WORD.sub(lambda word: _SPELLINGS.get(word[0], word[0]), _BARE_POWER.sub(r"**\1", text))
     try:
-        return _registry().parse_units(text)
+        parsed = _registry().parse_units(text)
+        size = _registry().Quantity(1.0, parsed).to_base_units().magnitude
     except (*_UNREADABLE, pint.PintError) as error:
         raise unknown from error
+    if not 0 < size < float("inf"):  # a power so high that no number holds its factor
+        raise unknown
+    return parsed
 
 
 def _factor(unit: str, scale: Callable[[float], float]) -> float:

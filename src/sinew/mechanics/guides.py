@@ -24,6 +24,8 @@ import numpy as np
 LOOP_POINTS = 24
 """Nodes of Chebyshev and Gauss over a half cycle at which a loop's fundamental is taken."""
 
+_SMALLEST = 1e-6  # of a swing over the reach, by which its loop is still told from rounding
+
 
 def _namespace(value: Any) -> Any:
     return value.__array_namespace__() if hasattr(value, "__array_namespace__") else np
@@ -106,9 +108,15 @@ class GuideFriction(ABC):
         return 4 * self.level * tension * _mean([reach * self.swept(amplitude / reach) for reach in reaches])
 
     def fundamental(self, tension: Any, amplitude: Any) -> tuple[Any, Any]:
-        """Return (spring, loss): real and imaginary part of the fundamental's stiffness [N m/rad] in a steady swing."""
+        """Return (spring, loss): real and imaginary part of the fundamental's stiffness [N m/rad] in a steady swing.
+
+        A swing of nothing has the limit of small ones: guides that hold.
+        """
+        xp = _namespace(amplitude)
+        amplitude = xp.maximum(amplitude, _SMALLEST * self.reach)
         way = -np.cos((2 * np.arange(LOOP_POINTS) + 1) * np.pi / (2 * LOOP_POINTS))
-        held = _namespace(amplitude).mean(self.loop(way * amplitude, amplitude) * way)
+        each = xp.expand_dims(amplitude, -1)
+        held = xp.mean(self.loop(way * each, each) * way, axis=-1)
         return self.level * tension * 2 * held / amplitude, self.loss(tension, amplitude) / (np.pi * amplitude**2)
 
     def first_guess(self, swing: Any) -> list[Any]:

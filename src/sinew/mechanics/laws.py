@@ -304,23 +304,27 @@ class BoucWen(Term):
         return jnp.tanh(p["hysteresis_start"])  # a state that the motion can have led to
 
     def rate(self, p: Values, r: Any, v: Any, z: Any) -> Any:
-        return v / jnp.maximum(p["yield"], self._LEAST) * (1.0 - jnp.where(v * z > 0, z * z, 0.0))
+        return v / self._yield(p) * (1.0 - jnp.where(v * z > 0, z * z, 0.0))
 
     def stored(self, p: Values, r: Any) -> Any:
         return 0.5 * p["hysteresis"] * self._turning(p, np.abs(r)) * np.abs(r)  # to first order: the loop's secant
 
     def dissipated(self, p: Values, cycle: Cycle) -> Any:
         w = self._turning(p, cycle.amplitude)
-        slid = 2.0 * cycle.amplitude / p["yield"] - w
-        return 2.0 * p["hysteresis"] * p["yield"] * (np.logaddexp(slid, -slid) - np.log(2.0) - 0.5 * w**2)
+        slid = 2.0 * cycle.amplitude / self._yield(p) - w
+        return 2.0 * p["hysteresis"] * self._yield(p) * (np.logaddexp(slid, -slid) - np.log(2.0) - 0.5 * w**2)
 
     def regressor(self, r: Array, v: Array) -> tuple[Array, int]:
         return np.sign(v), 0
 
-    @staticmethod
-    def _turning(p: Values, amplitude: Array) -> Array:
+    @classmethod
+    def _yield(cls, p: Values) -> Any:
+        return jnp.maximum(p["yield"], cls._LEAST)  # what yields sooner is dry friction, and too stiff for a step
+
+    @classmethod
+    def _turning(cls, p: Values, amplitude: Array) -> Array:
         """Return the state where a steady swing turns: w = tanh(2 A/y - w)."""
-        twice = 2.0 * amplitude / p["yield"]
+        twice = 2.0 * amplitude / cls._yield(p)
         w = np.tanh(0.5 * twice)
         for _ in range(20):
             end = np.tanh(twice - w)

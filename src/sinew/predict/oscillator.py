@@ -1,6 +1,6 @@
 """An oscillator of one degree of freedom, described by a handful of numbers.
 
-    I φ̈ + d φ̇ + k φ + k₂ φ² + k₃ φ³ + M_c tanh(φ̇/v) = M sin Ωt + I Ω² b sin Ωt,
+    I φ̈ + d φ̇ + c |φ̇| φ̇ + k φ + k₂ φ² + k₃ φ³ + M_c tanh(φ̇/v) = M sin Ωt + I Ω² b sin Ωt,
 
 the left side being `LAW`, a sum of terms (`sinew.mechanics.laws`). φ is the rotation against the base, which turns by
 b sin Ωt. Dry friction M_c turns round over the speed v, which is `SLIDING_SHARE` of a speed that is expected; a motion
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
-from sinew.mechanics.laws import Cubic, DryFriction, Linear, Quadratic, Viscous
+from sinew.mechanics.laws import Cubic, Drag, DryFriction, Linear, Quadratic, Viscous
 from sinew.solve.balance import Lane
 from sinew.solve.curves import Problem, Resolution
 from sinew.solve.waves import Coordinate, Equations, Size
@@ -24,14 +24,14 @@ SLIDING_SHARE = 0.02
 """Speed over which dry friction turns round, as a share of the natural frequency times the expected amplitude, or times
 three static rotations where that is less; the more of the torque the friction takes up, the less."""
 
-LAW = Linear() + Viscous() + DryFriction() + Quadratic() + Cubic()
+LAW = Linear() + Viscous() + Drag() + DryFriction() + Quadratic() + Cubic()
 
 _LEAST_LEFT, _HEAVY = 0.1, 0.5
 
 
 class Oscillator(NamedTuple):
     """An oscillator in SI: I [kg m²], k/I as natural frequency [Hz], D = d/(2 sqrt(k I)), k₃ [N m/rad³],
-    k₂ [N m/rad²], M_c [N m]; driven by a torque M [N m] or by its base, b [rad]."""
+    k₂ [N m/rad²], M_c [N m], c [N m s²/rad²]; driven by a torque M [N m] or by its base, b [rad]."""
 
     inertia: float
     frequency_hz: float
@@ -39,6 +39,7 @@ class Oscillator(NamedTuple):
     cubic: float = 0.0
     quadratic: float = 0.0
     coulomb: float = 0.0
+    drag: float = 0.0
     torque: float = 0.0
     base: float = 0.0
 
@@ -60,8 +61,9 @@ class Oscillator(NamedTuple):
         for name in ("inertia", "frequency_hz", "damping_ratio"):
             if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
                 raise SpecError(f"{name} is {getattr(self, name):g}, expected a positive number")
-        if self.coulomb < 0:
-            raise SpecError(f"coulomb is {self.coulomb:g} N m, expected zero or more")
+        for name, unit in (("coulomb", "N m"), ("drag", "N m s²/rad²")):
+            if not getattr(self, name) >= 0:
+                raise SpecError(f"{name} is {getattr(self, name):g} {unit}, expected zero or more")
         push = abs(self.torque) + abs(self.base)
         if not np.isfinite(push) or push == 0:
             raise SpecError("found nothing that drives the oscillator, expected a torque or a motion of the base")
@@ -85,6 +87,7 @@ class _Numbers(NamedTuple):
     quadratic: jax.Array
     cubic: jax.Array
     coulomb: jax.Array
+    drag: jax.Array
     speed: jax.Array
     torque: jax.Array
     base: jax.Array
@@ -108,7 +111,8 @@ def equations_of(oscillators: list[Oscillator]) -> Equations:
 
 
 def expected_amplitude(one: Oscillator) -> float:
-    """Return about how far the oscillator swings at resonance [rad]: d Ω A = M on the backbone of the fundamental."""
+    """Return about how far the oscillator swings at resonance [rad]: its losses are what drives it, on the backbone of
+    the fundamental: d Ω A + 8/(3π) c Ω² A² = M."""
     k, omega = one.stiffness, 2 * np.pi * one.frequency_hz
     damping = 2 * one.damping_ratio * k / omega
     low, high = 0.0, (abs(one.torque) + k * abs(one.base)) / (damping * omega) + 1e-300
@@ -116,7 +120,8 @@ def expected_amplitude(one: Oscillator) -> float:
         middle = 0.5 * (low + high)
         free = np.sqrt(max(k + 0.75 * one.cubic * middle**2, 0.01 * k) / one.inertia)
         push = abs(one.torque) + one.inertia * free**2 * abs(one.base)
-        low, high = (middle, high) if damping * free * middle < push else (low, middle)
+        lost = damping * free * middle + 8 / (3 * np.pi) * one.drag * (free * middle) ** 2
+        low, high = (middle, high) if lost < push else (low, middle)
     return float(high)
 
 
@@ -131,6 +136,7 @@ def lane_of(one: Oscillator, width_hz: float) -> Lane:
         one.quadratic,
         one.cubic,
         one.coulomb,
+        one.drag,
         left * SLIDING_SHARE * omega * min(amplitude, 3 * (abs(one.torque) / one.stiffness + abs(one.base))),
         one.torque,
         one.base,

@@ -11,6 +11,7 @@ from sinew.measure.arrays import Array, Complexes
 from sinew.solve.landmark import interpolated_peak
 
 _FEWEST = 7  # points of a curve about its peak
+_NEUTRAL = 1e-9  # a spring of the guides that never slides keeps a disturbance as it is: its multiplier is one
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Branch:
     amplitude: half of peak to peak over the period, (n,). harmonics: complex amplitudes c_h, (n, h), of the orders
     (h,): response = Re Σ c_h exp(jhΩt). drive: fundamental of what drives, (n,); its unit is the drive's.
     phase: lag of the response's fundamental behind the drive's [rad], from -π/2 to 3π/2, (n,).
-    multiplier: modulus of the largest Floquet multiplier, (n,); stable below one, NaN where nobody asked for it.
+    multiplier: modulus of the largest Floquet multiplier, (n,); stable up to one, NaN where nobody asked for it.
     folds: in the order of the curve. peak: the largest amplitude, None where it lies at an end of the curve.
     phase_90: where the response lags by 90°; of several the one with the largest amplitude.
     error: what the last refinement of the waves changed at each point (n,): of the amplitude, in shares of the largest
@@ -54,7 +55,7 @@ class Branch:
     @property
     def stable(self) -> NDArray[np.bool_]:
         """Return which points are stable, (n,)."""
-        return np.asarray(self.multiplier < 1)
+        return np.asarray(self.multiplier < 1 + _NEUTRAL)
 
     @property
     def fundamental(self) -> Array:

@@ -170,6 +170,7 @@ _KEYS = {
     "quadratic": "quadratic",
     "quadratic_n_m_rad2": "quadratic",
     "coulomb_n_m": "coulomb",
+    "drag_n_m_s2_rad2": "drag",
 }
 _NEEDED = ("inertia_kg_m2", "frequency_hz", "damping_ratio")
 
