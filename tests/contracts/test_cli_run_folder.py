@@ -6,7 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from tests.contracts.emulated_bench import QUESTIONS, WatchedPort
+from tests.contracts.emulated_bench import WatchedPort
 from tests.contracts.virtual_run import RunHere, run
 
 
@@ -56,11 +56,7 @@ def test_a_folder_that_may_not_be_written_is_refused(
     assert "cannot write into /proc/out" in told.err
 
 
-def test_a_disk_without_room_for_the_run_is_refused(
-    plan: str, out: Path, port: WatchedPort, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_disk_without_room_for_the_run_is_refused(run_here: RunHere, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
-    told = run(capsys, plan, out)
-    assert (told.status, told.err.count("\n"), out.parent.exists()) == (2, 1, False)
-    assert all(word in told.err for word in ("has 1.0 MB left", "the run writes about", "--out"))
-    assert port.codes <= QUESTIONS
+    run_here.refused(("has 1.0 MB left", "the run writes about", "--out"))
+    assert not run_here.out.parent.exists()

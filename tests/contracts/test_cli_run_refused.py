@@ -4,6 +4,7 @@ The bench is the emulator's in virtual time, and the whole command runs in this 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -115,34 +116,24 @@ def test_another_baud_than_the_devices_is_refused(
     assert port.codes <= QUESTIONS
 
 
-def test_several_reasons_are_said_at_once(
-    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_several_reasons_are_said_at_once(run_here: RunHere) -> None:
     for spoil in (with_torque, with_offset, with_heat):
-        spoil(port.rig)
-    told = run(capsys, plan, out)
-    assert (told.status, told.err.count("\n")) == (2, 1)
-    assert all(word in told.err for word in ("torque is on", "homing offset", "75 °C"))
+        spoil(run_here.port.rig)
+    run_here.refused(("torque is on", "homing offset", "75 °C"))
 
 
-def test_a_port_that_goes_away_while_the_bench_is_looked_at_is_a_refusal(
-    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_port_that_goes_away_while_the_bench_is_looked_at_is_a_refusal(run_here: RunHere) -> None:
+    port = run_here.port
     port.agenda = [(port.now() + 0.01, lambda: setattr(port.rig, "unplugged", True))]
-    told = run(capsys, plan, out)
-    assert (told.status, told.err.count("\n"), out.parent.exists()) == (2, 1, False)
-    assert "the port is gone" in told.err
+    run_here.refused(("the port is gone",))
+    assert not run_here.out.parent.exists()
 
 
-def test_a_plan_beyond_a_limit_of_the_rig_is_refused(
-    out: Path, tmp_path: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plan_beyond_a_limit_of_the_rig_is_refused(run_here: RunHere, tmp_path: Path) -> None:
     path = tmp_path / "hard.toml"
     path.write_text(TINY.replace("[2]", "[20]"))
-    told = run(capsys, str(path), out)
-    assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
-    assert all(word in told.err for word in ("20 mm", "16", "pretension_mm"))
-    assert port.codes <= QUESTIONS
+    replace(run_here, plan=str(path)).refused(("20 mm", "16", "pretension_mm"))
+    assert not run_here.out.parent.exists()
 
 
 @pytest.mark.slow
