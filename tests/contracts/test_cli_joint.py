@@ -124,7 +124,7 @@ def test_two_rigs_are_compared_in_one_document_and_on_one_page(
     joint --outer-mm 60 => --outer-mm without --section
     joint --section annulus --outer-mm 30 --inner-mm 60 => 0 < inner < outer
     joint --material jelly => unknown material 'jelly'
-    joint --material dragon-skin-30 --shear-modulus-kpa 9 => one of them
+    joint --material dragon-skin-30 --shear-modulus-kpa 9 => expected one way to say
     joint --section polygon --polygon nowhere.csv => nowhere.csv
     joint --length-mm -5 => --length-mm is -5, expected 1 to 5000
     predict --oscillator x=1 --length-mm 50 => --length-mm is for a rig
