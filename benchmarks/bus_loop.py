@@ -20,7 +20,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.sdk_bus import SdkMaster
 from sinew.apps.bench.bench_run import open_rig
@@ -38,6 +37,7 @@ from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.errors import HardwareError
 from sinew.hardware.rig import Rig
 from sinew.hardware.transport import MonotonicClock
+from sinew.measure.arrays import Array
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
 from sinew.plan.rig import RigSpec
@@ -50,8 +50,6 @@ MODE: TendonMode = "position-with-current-limit"
 TURNS = 4  # of bare bus and SDK, one after the other
 WANTED_MISSED = 0.5  # percent
 PATIENCE_S = 60.0
-
-Floats = NDArray[np.float64]
 
 
 class _TimedClock(MonotonicClock):
@@ -117,7 +115,7 @@ def _put_under_power(loop: Loop, rig: Rig, tension_n: float) -> None:
     set_pretension(loop, motors, PRETENSION_MM, 0.0, (0.0, 0.0))
 
 
-def _time_loop(port: str, spec: RigSpec, seconds: float, folder: Path) -> tuple[Floats, Floats, LoopStatistics, float]:
+def _time_loop(port: str, spec: RigSpec, seconds: float, folder: Path) -> tuple[Array, Array, LoopStatistics, float]:
     """Return (busy times, latenesses of the cycles [s], statistics, wire time of a cycle [s]) of the bench's loop."""
     tension = float(rest_tension([PRETENSION_MM], spec)[0])
     clock = _TimedClock()
@@ -202,12 +200,12 @@ def _sdk(port: str, spec: RigSpec, count: int, kind: str) -> tuple[list[float], 
         master.close()
 
 
-def _quantiles(seconds: Sequence[float] | Floats) -> str:
+def _quantiles(seconds: Sequence[float] | Array) -> str:
     median, most, worst = 1e3 * np.quantile(seconds, (0.5, 0.99, 1.0))
     return f"median {median:5.2f}  p99 {most:5.2f}  longest {worst:5.2f} ms"
 
 
-def _print_histogram(title: str, seconds: Floats, edges_ms: Sequence[float]) -> None:
+def _print_histogram(title: str, seconds: Array, edges_ms: Sequence[float]) -> None:
     """Print how many times lie between edges; what lies beyond the last, too."""
     counts, _ = np.histogram(1e3 * seconds, [*edges_ms, math.inf])
     print(f"  {title}")

@@ -6,9 +6,8 @@ favour.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sinew.measure.arrays import Array
 
 
 def _extremum(along: Array, row: Array, i: int, sign: float) -> float:

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
+from sinew.measure.arrays import Array
 from sinew.twin.cache import configure
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Energy = Callable[[jax.Array, jax.Array], jax.Array]
 

@@ -14,13 +14,11 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
-
-Array = NDArray[np.float64]
+from sinew.measure.arrays import Array
 
 INERTIA, CUBIC, TORQUE = 12.74e-3, 6.0, 0.45
 OMEGA, DAMPING = 2 * np.pi * 3.0, 0.05

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.drive import commanded_angle, duty, electrical_torque, gear_friction
 from sinew.mechanics.joint import State, friction_torque, mechanical_energy, rate, state_at_rest
@@ -110,8 +110,6 @@ def powers(time_s: jax.Array, state: State, p: Parameters, e: Electrics) -> Powe
     )
 
 
-Floats = NDArray[np.float64]
-
 _STEPS = 512
 _LANES = 64
 
@@ -124,29 +122,29 @@ class Balance:
     current_rms [A], of the drive; torsion, drive: amplitudes of the fundamentals [rad].
     """
 
-    frequency_hz: Floats
-    electrical: Floats
-    drawn: Floats
-    copper: Floats
-    gear: Floats
-    friction: Floats
-    mechanical: Floats
-    silicone: Floats
-    guides: Floats
-    viscous: Floats
-    holding: Floats
-    stored: Floats
-    current_rms: Floats
-    torsion: Floats
-    drive: Floats
+    frequency_hz: Array
+    electrical: Array
+    drawn: Array
+    copper: Array
+    gear: Array
+    friction: Array
+    mechanical: Array
+    silicone: Array
+    guides: Array
+    viscous: Array
+    holding: Array
+    stored: Array
+    current_rms: Array
+    torsion: Array
+    drive: Array
 
     @property
-    def drive_residual(self) -> Floats:
+    def drive_residual(self) -> Array:
         """Return electrical power less copper, gear, friction and mechanical power [W]: zero but for rounding."""
         return self.electrical - self.copper - self.gear - self.friction - self.mechanical
 
     @property
-    def joint_residual(self) -> Floats:
+    def joint_residual(self) -> Array:
         """Return mechanical power less what the joint loses and stores [W]: zero but for the error of the steps."""
         return self.mechanical - self.silicone - self.guides - self.viscous - self.stored
 

@@ -6,15 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from campaigns.faulty_bench import FaultyBench
 from campaigns.witness import MOTOR_S, SENSOR_S, Truth, wrong_readings
 from sinew.bench.conversion import recording_from_journal
 from sinew.bench.journal_reader import JournalReader
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
-
-Floats = NDArray[np.float64]
 
 _SHOWN = 5
 _DRIVE = ("drive_rad", "drive_current_a", "drive_pwm")
@@ -37,7 +35,7 @@ class Comparison:
     violations: list[str] = field(default_factory=list)
 
     def take(
-        self, where: str, truth: Truth, readings: Mapping[str, Floats], at: Floats, early: float, late: float
+        self, where: str, truth: Truth, readings: Mapping[str, Array], at: Array, early: float, late: float
     ) -> None:
         """Hold readings against the truth between so long before and after their times [s]."""
         wrong, nearest = wrong_readings(truth, readings, at, early, late)
@@ -80,14 +78,14 @@ def compare(bench: FaultyBench, journal: Path, groups_done: int) -> Comparison:
     return comparison
 
 
-def _take_journal(bench: FaultyBench, truth: Truth, table: Mapping[str, Floats], comparison: Comparison) -> None:
+def _take_journal(bench: FaultyBench, truth: Truth, table: Mapping[str, Array], comparison: Comparison) -> None:
     _take_motors(bench, "journal", truth, table.__getitem__, table["time_s"], comparison)
     sensors = {name: column for name, column in table.items() if name.startswith(("gyro_x", "acceleration"))}
     comparison.take("journal", truth, sensors, table["imu_time_s"], MOTOR_S, MOTOR_S)
 
 
 def _take_recording(
-    bench: FaultyBench, truth: Truth, recording: xr.Dataset, table: Mapping[str, Floats], comparison: Comparison
+    bench: FaultyBench, truth: Truth, recording: xr.Dataset, table: Mapping[str, Array], comparison: Comparison
 ) -> None:
     """Compare a recording; table: the journal's rows from its first group on.
 
@@ -100,7 +98,7 @@ def _take_recording(
         comparison.violations.append("the recording's times are not those of the journal's rows")
         return
 
-    def column(name: str) -> Floats:
+    def column(name: str) -> Array:
         if name.startswith("tendon"):
             _, tendon, what = name.split("_", 2)
             return np.asarray(recording[f"tendon_{what}"].values[:, int(tendon) - 1], dtype=float)
@@ -115,8 +113,8 @@ def _take_motors(
     bench: FaultyBench,
     where: str,
     truth: Truth,
-    column: Callable[[str], Floats],
-    at: Floats,
+    column: Callable[[str], Array],
+    at: Array,
     comparison: Comparison,
 ) -> None:
     """Compare drive and tendons, whose answers follow the drive's."""
@@ -126,7 +124,7 @@ def _take_motors(
     comparison.take(where, truth, {name: column(name) for name in names}, at, MOTOR_S, MOTOR_S + answers_s)
 
 
-def _host_times(recording: xr.Dataset, table: Mapping[str, Floats], stamp_s: float) -> Floats | None:
+def _host_times(recording: xr.Dataset, table: Mapping[str, Array], stamp_s: float) -> Array | None:
     """Return the host's times of a recording's rows [s], whose own time counts from its first row.
 
     None where the rows are not rows of the journal, with the times they have there.
@@ -138,6 +136,6 @@ def _host_times(recording: xr.Dataset, table: Mapping[str, Floats], stamp_s: flo
     for first in known[drive == asked[0]]:
         place = np.clip(np.searchsorted(known, first + since - 1e-6), 0, known.size - 1)
         if np.abs(known[place] - first - since).max() < 1e-6 and (drive[place] == asked).all():
-            host: Floats = known[place]
+            host: Array = known[place]
             return host
     return None

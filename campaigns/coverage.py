@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from benchmarks.sweep_fit import CUBIC, sweep_record
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks, savgol_filter
 
@@ -25,9 +24,8 @@ from sinew.identify.oscillator.record import make_record
 from sinew.identify.stepped.curves import peak_of_response
 from sinew.identify.stepped.fit import fit_response
 from sinew.identify.stepped.points import ResponsePoints
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
-
-Array = NDArray[np.float64]
 
 DAMPINGS = (0.05, 0.10, 0.17, 0.25)
 TRIALS = 500

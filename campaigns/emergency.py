@@ -56,7 +56,10 @@ _LOOK_S = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run: the phase, how long after its begin the request comes [s], on what bench, and what goes wrong then."""
+    """One run.
+
+    phase, after_s: when the request comes, so long [s] after the phase's begin. fault: what goes wrong then.
+    """
 
     number: int
     phase: str

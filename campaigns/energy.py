@@ -24,6 +24,7 @@ from sinew.analysis.signal.signals import read_signals
 from sinew.analysis.sweep.energy import energy_of_repeat, estimate_energy, fit_line_trend, fit_swing_trend
 from sinew.analysis.sweep.resonance import read_resonances
 from sinew.analysis.sweep.response import response_of
+from sinew.measure.arrays import Array
 from sinew.measure.schema import companions
 from sinew.plan.plan import Group, Plan
 from sinew.plan.rig import RigSpec
@@ -31,7 +32,6 @@ from sinew.plan.toml import load_plan, load_rig
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import Lanes, lane_parameters, record_tracks, simulate_tracks
 
-Floats = NDArray[np.float64]
 Pair = tuple[float, int]
 
 EXACT_QUANTITIES = (
@@ -63,16 +63,16 @@ class Trial:
     """
 
     seed: int
-    pretension_mm: Floats
-    measured: Floats
-    low: Floats
-    high: Floats
-    same: Floats
-    steady: Floats
+    pretension_mm: Array
+    measured: Array
+    low: Array
+    high: Array
+    same: Array
+    steady: Array
     seconds: float
 
     @property
-    def error(self) -> Floats:
+    def error(self) -> Array:
         """Return measured over exact of the same lanes, less one."""
         return self.measured / self.same - 1
 
@@ -92,7 +92,7 @@ def paper_sweep(pretension_mm: Sequence[float] = ()) -> Plan:
     )
 
 
-def _columns(balance: Balance, part: slice) -> dict[str, Floats]:
+def _columns(balance: Balance, part: slice) -> dict[str, Array]:
     """Return the balance of some lanes under the names of the result schema."""
     names = {
         "drive_power_w": balance.electrical,
@@ -134,7 +134,7 @@ def exact_energy(
 
 
 def _quantities(
-    f: Floats, sweep: dict[str, Floats], last: dict[str, float], at: float, resistance: float
+    f: Array, sweep: dict[str, Array], last: dict[str, float], at: float, resistance: float
 ) -> dict[str, float]:
     """Return the quantities from the balances of a sweep and of the lane at the resonance."""
     trend = fit_swing_trend(f, sweep["drive_current_rms_a"], sweep["amplitude_rad"])
@@ -162,7 +162,7 @@ def _quantities(
     } | {name: by_spline[name][0] for name in _BY_SPLINE if name in by_spline}
 
 
-def _measure(plan: Plan, rig: RigSpec, lanes: Lanes, seed: int, effects: Effects) -> tuple[xr.Dataset, Floats, Floats]:
+def _measure(plan: Plan, rig: RigSpec, lanes: Lanes, seed: int, effects: Effects) -> tuple[xr.Dataset, Array, Array]:
     """Return (energy part of the results, resonance (p, r) [Hz], pretensions) of a plan's lanes."""
     groups = plan.groups()
     tracks = simulate_tracks(lanes, groups, plan.sample_hz)
@@ -176,7 +176,7 @@ def _measure(plan: Plan, rig: RigSpec, lanes: Lanes, seed: int, effects: Effects
     return energy, resonance, response.pretension_mm
 
 
-def steady_truth(plan: Plan, rig: RigSpec) -> Floats:
+def steady_truth(plan: Plan, rig: RigSpec) -> Array:
     """Return `EXACT_QUANTITIES` of a rig without scatter, (quantity, p), at the resonance that a quiet sweep shows."""
     once = plan.model_copy(update={"sweep": plan.sweep.model_copy(update={"repeats": 1})})  # type: ignore[union-attr]
     effects = Effects().without("sensor_noise", "stamp_jitter", "repeatability")
@@ -187,7 +187,7 @@ def steady_truth(plan: Plan, rig: RigSpec) -> Floats:
     return np.array([[exact[float(p), 0][name] for p in pretension] for name in EXACT_QUANTITIES])
 
 
-def run_trial(seed: int, plan: Plan, rig: RigSpec, steady: Floats) -> Trial:
+def run_trial(seed: int, plan: Plan, rig: RigSpec, steady: Array) -> Trial:
     """Return one trial. steady: of `steady_truth`."""
     begin = perf_counter()
     groups = plan.groups()

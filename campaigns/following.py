@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from campaigns.energy import paper_sweep
@@ -24,13 +23,12 @@ from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.signal.power import read_power
 from sinew.analysis.signal.signals import read_signals
 from sinew.analysis.tracked import tracked_turns
+from sinew.measure.arrays import Array
 from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.tune.track.expected import ExpectedBackbone
 from sinew.twin.simulate import simulate
-
-Floats = NDArray[np.float64]
 
 FIXED_MM = (0.0, 3.0, 6.0, 9.0, 12.0)
 BAND_HZ, LASTS_S = (3.1, 4.15), 30.0
@@ -97,7 +95,7 @@ def follow(
     known = np.isfinite(campaign["cheapest_hz"].values)
     best = np.interp(frequency, campaign["cheapest_hz"].values[known], campaign["pretension_mm"].values[known])
 
-    def at(pretension_mm: Floats | float) -> tuple[MotionEnergy, float]:
+    def at(pretension_mm: Array | float) -> tuple[MotionEnergy, float]:
         found = energy_per_cycle(campaign, frequency, pretension_mm, swing)
         return found, _reached(campaign, frequency, pretension_mm, swing)
 
@@ -105,7 +103,7 @@ def follow(
     return Followed(name, turns, at(turns["pretension_mm"].values), at(best), {mm: at(mm) for mm in FIXED_MM})
 
 
-def _reached(campaign: xr.Dataset, frequency_hz: Floats, pretension_mm: Floats | float, swing: Floats) -> float:
+def _reached(campaign: xr.Dataset, frequency_hz: Array, pretension_mm: Array | float, swing: Array) -> float:
     """Return the share of turns in which the campaign's drive swings the head as far, within 3 %."""
     axes = (campaign["pretension_mm"].values, campaign["frequency_hz"].values)
     largest = RegularGridInterpolator(axes, campaign["amplitude_rad"].mean("repeat").values)

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
@@ -26,9 +25,8 @@ from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.posterior import sample_posterior
 from sinew.identify.oscillator.profile import interval90
 from sinew.identify.oscillator.record import Record, make_record
+from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
-
-Array = NDArray[np.float64]
 
 OMEGA = 2 * np.pi * 3.0
 RATE_HZ = 130.0

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import nnls
 
 from sinew.identify.oscillator.record import Record, make_record
+from sinew.measure.arrays import Array
 
-Array = NDArray[np.float64]
 Kind = Literal["decay", "torque", "lever"]
 DampingLaw = Literal["viscous", "loss-factor", "coulomb"]
 

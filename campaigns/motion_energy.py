@@ -4,15 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import RegularGridInterpolator
 
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.sweep.energy import cost_of_swing
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -65,13 +64,13 @@ def energy_per_cycle(
     return MotionEnergy(*(_estimate(np.array(x)) for x in (drive, holding, np.add(drive, holding))))
 
 
-def _estimate(repeats: Floats) -> Estimate:
+def _estimate(repeats: Array) -> Estimate:
     """Return mean and interval over repeats, (r,)."""
     found = combine_repeats(repeats[None], np.full((1, repeats.size), np.nan))
     return Estimate(*(float(x[0]) for x in (found.value, found.std_of_value, found.low, found.high)))
 
 
-def energy_between(time_s: Floats, power_w: Floats, edges_s: Floats) -> Floats:
+def energy_between(time_s: Array, power_w: Array, edges_s: Array) -> Array:
     """Return the energy [J] between successive times, (e - 1,): of the cycles of a motion whose frequency moves.
 
     time_s, power_w: (n,). edges_s: where cycles begin and end, (e,), inside the record. Trapezoidal rule on the actual

@@ -71,9 +71,9 @@ class Scenario:
 
     number: int
     plan: str
+    slack_m: tuple[float, ...]
     mode: TendonMode
     safe_state: str
-    slack_m: tuple[float, ...]
     rest_tilt: tuple[float, float]
     faults: tuple[FaultSpec, ...]
     interrupt_s: float = math.inf

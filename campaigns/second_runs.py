@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import xarray as xr
@@ -108,13 +108,12 @@ _LETHAL_ONES = ("id", "baud_rate", "protocol_type", "status_return_level", "torq
 _REFUSED = tuple({row.register for row in KNOWN_STATE if row.is_refused})
 
 
-@dataclass(frozen=True, slots=True)
-class Write:
+class Write(NamedTuple):
     """What other software writes: counts to a register of a motor, by id."""
 
     device: int
     register: str
-    count: int
+    counts: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,7 +301,7 @@ class Bench:
         tables = {motor.id: motor.table for motor in rig.motors}
         for one in writes:
             row = tables[one.device][one.register]
-            data = one.count.to_bytes(row.size, "little", signed=row.signed)
+            data = one.counts.to_bytes(row.size, "little", signed=row.signed)
             rig.bus.write(one.device, row.address, data, retries=0)
         port.wait_until(port.now() + 0.05)
 
@@ -311,7 +310,7 @@ class Bench:
         for one in writes:
             motor = self.emulated.motors[one.device]
             row = motor.registers.rows[one.register]
-            motor.write(row.address, one.count.to_bytes(row.size, "little", signed=row.signed), self.emulated.time)
+            motor.write(row.address, one.counts.to_bytes(row.size, "little", signed=row.signed), self.emulated.time)
 
     def leave_alone(self, seconds: float = _ALONE_S) -> None:
         """Let time pass in which nobody speaks."""
@@ -323,7 +322,7 @@ def try_pair(pair: Pair) -> Result:
     began = time.perf_counter()
     result = Result(
         pair.number, pair.mode, pair.end, pair.way, pair.end_s,
-        [f"{one.device}:{one.register}={one.count}" for one in pair.writes],
+        [f"{one.device}:{one.register}={one.counts}" for one in pair.writes],
     )  # fmt: skip
     if math.isfinite(pair.meddle_s):
         result.writes.insert(0, f"during the second run, {pair.meddle_s:g} s")

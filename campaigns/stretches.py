@@ -3,15 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.harmonics import fit_harmonics, refine_frequency, relative_noise
 from sinew.identify.oscillator.record import Record
 from sinew.identify.stepped.points import ResponsePoints, make_points, turned
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError, SpecError
-
-Array = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _PADDING = 8
 _FEWEST_PERIODS = 2.0

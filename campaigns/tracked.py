@@ -24,14 +24,13 @@ from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
+from sinew.measure.arrays import Array
 from sinew.plan.plan import Group, Plan, Pretension, Track
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
 from sinew.tune.track.expected import ExpectedBackbone, planned_tracker
 from sinew.tune.track.tracker import Tracker
 from sinew.twin.simulate import rest_tension
-
-Floats = NDArray[np.float64]
 
 HELD_DEG = 6.0
 _BOUNDS_HZ = (1.5, 7.0)
@@ -50,11 +49,11 @@ class Tracked:
     report: RunReport
     is_safe: bool
     begin: float
-    time_s: Floats
-    frequency_hz: Floats
-    error_deg: Floats
-    torsion_deg: Floats
-    pretension_mm: Floats
+    time_s: Array
+    frequency_hz: Array
+    error_deg: Array
+    torsion_deg: Array
+    pretension_mm: Array
     tracker: Tracker | None
     recording: xr.Dataset | None
 
@@ -158,7 +157,7 @@ def _tensions(plan: Plan, spec: RigSpec) -> dict[float, float]:
     return dict(zip(visited, rest_tension(visited, spec).tolist(), strict=True))
 
 
-def _turns(rows: Floats, begin: float, length: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+def _turns(rows: Array, begin: float, length: float) -> tuple[Array, Array, Array, Array, Array]:
     """Return time, frequency, phase error, torsion and pretension by turn of the true lever."""
     mine = rows[(rows[:, 0] >= begin) & (rows[:, 0] < begin + length)]
     time, lever = mine[:, 0] - begin, mine[:, 1]

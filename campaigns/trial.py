@@ -29,10 +29,9 @@ class Verdict:
 
     kind: of its fault. struck: whether it came before the run had ended. happened: what its faults did, and how often.
     outcome: complete, stopped, refused or raised. sentence: what ended it. stop: how it was left, as the bench says.
-    rows, left_out: of the recording. checked: readings held against the truth, in recording and journal. wrong: the
-    first of those that were not true. nearest: how near to its tolerance the worst reading came, by name. end: the
-    motors' true state. tension_n: of every tendon in the end. virtual_s, wall_s: how long it took. violations: of what
-    may not happen.
+    readings: of the recording and the journal, held against the truth. end: the motors' true state. tension_n: of every
+    tendon in the end. virtual_s, wall_s: how long it took. violations: of what may not happen, those of the readings
+    among them.
     """
 
     number: int
@@ -49,11 +48,7 @@ class Verdict:
     stop: str = ""
     groups: int = 0
     groups_done: int = 0
-    rows: int = 0
-    left_out: int = 0
-    checked: int = 0
-    wrong: list[str] = field(default_factory=list)
-    nearest: dict[str, float] = field(default_factory=dict)
+    readings: Comparison = field(default_factory=Comparison)
     end: list[str] = field(default_factory=list)
     tension_n: list[float] = field(default_factory=list)
     virtual_s: float = 0.0
@@ -89,7 +84,8 @@ def judge(scenario: Scenario, tension_n: Mapping[float, float]) -> Verdict:
         with TemporaryDirectory() as folder:
             report = _run(bench, Path(folder), tension_n, verdict)
             _look_at_end(bench, report, verdict)
-            _take(compare(bench, Path(folder) / JOURNAL, report.groups_done if report else 0), verdict)
+            verdict.readings = compare(bench, Path(folder) / JOURNAL, report.groups_done if report else 0)
+            verdict.violations += verdict.readings.violations
     finally:
         if collecting:
             gc.enable()
@@ -150,12 +146,6 @@ def _is_as_declared(scenario: Scenario, state: MotorState) -> bool:
     # The supply, or a motor's own protection, may have taken its torque after it was asked.
     may_be_off = any(fault.kind in ("brown-out", "overload", "overheat") for fault in scenario.faults)
     return state.torque or may_be_off
-
-
-def _take(comparison: Comparison, verdict: Verdict) -> None:
-    verdict.rows, verdict.left_out, verdict.checked = comparison.rows, comparison.left_out, comparison.checked
-    verdict.wrong, verdict.nearest = comparison.wrong, comparison.nearest
-    verdict.violations += comparison.violations
 
 
 def _words(device: int, state: MotorState) -> str:

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from sinew.measure.arrays import Array
 from sinew.tune.gait.bout import BodyMotion
-
-Floats = NDArray[np.float64]
 
 RATE_HZ = 100.0
 _GRAVITY = 9.80665
@@ -19,15 +17,14 @@ _GRAVITY = 9.80665
 class Walker:
     """What a made-up person does: mean stride frequency [Hz], amplitudes [deg], how late the trunk is [deg of stride].
 
-    period_cv, yaw_cv: standard deviation over mean, from stride to stride; likeness: correlation of neighbours.
+    cv: of period and yaw, standard deviation over mean from stride to stride; likeness: correlation of neighbours.
     """
 
     frequency_hz: float = 0.95
     pelvis_deg: float = 4.5
     trunk_deg: float = 3.0
     trunk_lag_deg: float = 130.0
-    period_cv: float = 0.025
-    yaw_cv: float = 0.12
+    cv: tuple[float, float] = (0.025, 0.12)
     likeness: float = 0.4
 
     @property
@@ -36,7 +33,7 @@ class Walker:
         return float(abs(self.trunk_deg * np.exp(-1j * np.radians(self.trunk_lag_deg)) - self.pelvis_deg))
 
 
-def alike(count: int, likeness: float, generator: np.random.Generator) -> Floats:
+def alike(count: int, likeness: float, generator: np.random.Generator) -> Array:
     """Return a stationary first-order autoregression of mean 0 and variance 1, shape (count,)."""
     draw = generator.normal(size=count)
     for i in range(1, count):
@@ -44,17 +41,17 @@ def alike(count: int, likeness: float, generator: np.random.Generator) -> Floats
     return draw
 
 
-def phase_of(walker: Walker, strides: int, generator: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+def phase_of(walker: Walker, strides: int, generator: np.random.Generator) -> tuple[Array, Array, Array]:
     """Return (time [s], phase [rad], relative size of the yaw) of so many strides, shape (n,) each."""
-    period = (1 + walker.period_cv * alike(strides, walker.likeness, generator)) / walker.frequency_hz
-    size = 1 + walker.yaw_cv * alike(strides, walker.likeness, generator)
+    period = (1 + walker.cv[0] * alike(strides, walker.likeness, generator)) / walker.frequency_hz
+    size = 1 + walker.cv[1] * alike(strides, walker.likeness, generator)
     ends = np.concatenate([[0.0], np.cumsum(period)])
     time = np.arange(0, ends[-1], 1 / RATE_HZ)
     phase = CubicSpline(ends, 2 * np.pi * np.arange(strides + 1))(time)
     return time, phase, np.interp(time, 0.5 * (ends[1:] + ends[:-1]), size)
 
 
-def yaw_of(walker: Walker, phase: Floats, size: Floats) -> tuple[Floats, Floats]:
+def yaw_of(walker: Walker, phase: Array, size: Array) -> tuple[Array, Array]:
     """Return the yaw of pelvis and trunk [rad] over the phase [rad], with a second and a third harmonic."""
     pelvis = np.cos(phase) + 0.15 * np.cos(2 * phase + 0.4) + 0.1 * np.cos(3 * phase)
     trunk = np.cos(phase - np.radians(walker.trunk_lag_deg)) + 0.1 * np.cos(3 * phase)
@@ -74,8 +71,8 @@ def walk(walker: Walker, strides: int, generator: np.random.Generator, drift_deg
 
 
 def sensor_columns(
-    name: str, time: Floats, yaw: Floats, height: Floats, mounting: Rotation, generator: np.random.Generator
-) -> dict[str, Floats]:
+    name: str, time: Array, yaw: Array, height: Array, mounting: Rotation, generator: np.random.Generator
+) -> dict[str, Array]:
     """Return what an inertial sensor reads that turns with yaw [rad] and goes up and down with height [m].
 
     It nods and rolls by some degrees beside. mounting: turns the sensor's axes into the body's. Biases of up to 0.5°/s

@@ -21,14 +21,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from sinew.emulator.devices.imu_node import SAMPLE_PERIOD
 from sinew.emulator.plant import Law, Motion, Plant
+from sinew.measure.arrays import Array
 from sinew.plan.rig import RigSpec
-
-Floats = NDArray[np.float64]
 
 MOTOR_S = 3.1e-3
 """How far off the time of a motor's fresh reading may be [s]."""
@@ -100,11 +98,11 @@ class Witness:
 class Truth:
     """How the joint moved. rows: of a `Witness`."""
 
-    def __init__(self, rows: Floats, spec: RigSpec) -> None:
+    def __init__(self, rows: Array, spec: RigSpec) -> None:
         self.time, last = np.unique(rows[::-1, 0], return_index=True)
         rows = rows[::-1][last]
         count = spec.tendons.count
-        self.values: dict[str, Floats] = {"drive_rad": rows[:, 1], "drive_current_a": rows[:, 3]}
+        self.values: dict[str, Array] = {"drive_rad": rows[:, 1], "drive_current_a": rows[:, 3]}
         self.values["drive_pwm"] = rows[:, 4]
         zero = TENDON_COUNTS * math.tau / spec.tendons.counts_per_turn.value
         for i in range(count):
@@ -123,7 +121,7 @@ class Truth:
         self._drive = CubicHermiteSpline(self.time, rows[:, 1], rows[:, 2]) if self.time.size > 1 else None
         self._tolerance = _tolerances(spec)
 
-    def range(self, name: str, begin: Floats, end: Floats) -> tuple[Floats, Floats]:
+    def range(self, name: str, begin: Array, end: Array) -> tuple[Array, Array]:
         """Return the lowest and the highest value between two times [s], by row."""
         values = self.values[name]
         if name.startswith(("gyro", "acceleration")):
@@ -143,7 +141,7 @@ class Truth:
         """Return how far beside the truth a reading may be, in its own unit."""
         return self._tolerance["tendon" + name[8:] if name.startswith("tendon") else name]
 
-    def _at(self, name: str, time: Floats) -> Floats:
+    def _at(self, name: str, time: Array) -> Array:
         clipped = np.clip(time, self.time[0], self.time[-1])
         if name == "drive_rad" and self._drive is not None:
             return np.asarray(self._drive(clipped), dtype=float)
@@ -165,7 +163,7 @@ class Wrong:
 
 
 def wrong_readings(
-    truth: Truth, readings: Mapping[str, Floats], time_s: Floats, early_s: float, late_s: float
+    truth: Truth, readings: Mapping[str, Array], time_s: Array, early_s: float, late_s: float
 ) -> tuple[list[Wrong], dict[str, float]]:
     """Return the readings that were not true between time - early and time + late, and how near the worst came.
 

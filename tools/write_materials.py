@@ -12,13 +12,7 @@ if __package__ in (None, ""):
 
 from sinew.predict.joints.material import fit_tensile, read_tensile
 
-CURVES = {
-    "dragon-skin-10": ("Dragon Skin 10 Medium", "Dragon_Skin_10_MEDIUM.csv"),
-    "dragon-skin-20": ("Dragon Skin 20", "Dragon_Skin_20.csv"),
-    "dragon-skin-30": ("Dragon Skin 30", "Dragon_Skin_30.csv"),
-    "ecoflex-00-30": ("Ecoflex 00-30", "Ecoflex_00-30.csv"),
-    "ecoflex-00-50": ("Ecoflex 00-50", "Ecoflex_00-50.csv"),
-}
+TITLES = ("Dragon Skin 10 Medium", "Dragon Skin 20", "Dragon Skin 30", "Ecoflex 00-30", "Ecoflex 00-50")
 
 _HEAD = """\
 # Silicones by name. Written by tools/write_materials.py from measured tensile curves; edit that, not this.
@@ -36,7 +30,9 @@ _HEAD = """\
 def materials_text(folder: Path) -> str:
     """Return the table as TOML, from the folder with the curves."""
     parts = [_HEAD]
-    for name, (title, file) in CURVES.items():
+    for title in TITLES:
+        file = title.replace("Medium", "MEDIUM").replace(" ", "_") + ".csv"
+        name = title.lower().removesuffix(" medium").replace(" ", "-")
         found = fit_tensile(*read_tensile(folder / file))
         modulus = found.shear_modulus
         parts.append(

@@ -6,6 +6,7 @@ import pytest
 from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import WatchedPort, virtual_port
 from tests.contracts.identify_sweep import write_sweep
+from tests.contracts.virtual_run import RunHere
 
 
 @pytest.fixture
@@ -24,6 +25,12 @@ def out(tmp_path: Path) -> Path:
 def port(monkeypatch: pytest.MonkeyPatch) -> WatchedPort:
     """Return the port of an emulated bench that stands in for every serial port."""
     return virtual_port(monkeypatch)
+
+
+@pytest.fixture
+def run_here(plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]) -> RunHere:
+    """Return `sinew run` of the tiny plan on that port."""
+    return RunHere(plan, out, port, capsys)
 
 
 @pytest.fixture(scope="session")

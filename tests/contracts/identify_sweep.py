@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.contracts.refusals import refused
+from tests.contracts.commands import refused
 from tests.unit.identify_signals import chirp, motion, noisy, viscous
 
 from sinew.apps.cli import main

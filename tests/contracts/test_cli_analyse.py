@@ -156,17 +156,10 @@ def test_the_resonance_has_the_keys_of_the_reference(wide_sweep: Path, capsys: p
     (row,) = run(capsys, "analyse", wide_sweep, *SWEEP)["resonance"]
     assert row.pop("pretension_mm") == 0
     assert {key: set(value) for key, value in row.items()} == dict.fromkeys(
-        (
-            "paper_resonance_hz",
-            "paper_gain_peak",
-            "resonance_hz",
-            "gain_peak",
-            "gain_peak_measured_drive",
-            "resonance_measured_drive_hz",
-            "phase_90_hz",
-            "half_power_width_hz",
-            "drive_amplitude_at_resonance_rad",
-        ),
+        [
+            *("paper_resonance_hz", "paper_gain_peak", "resonance_hz", "gain_peak", "resonance_measured_drive_hz"),
+            *("gain_peak_measured_drive", "phase_90_hz", "half_power_width_hz", "drive_amplitude_at_resonance_rad"),
+        ],
         QUANTITY,
     )
 

@@ -1,7 +1,6 @@
 """`sinew calibrate`: the rig it writes, the document that other people's scripts rely on, and what it refuses."""
 
 import importlib.util
-import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from tests.contracts.commands import answered, command_lines, refused
 
 from sinew.apps.cli import main
 from sinew.identify.joint import calibration
@@ -60,18 +60,11 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def calibrate(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    status = main(["calibrate", *arguments, "--json"])
-    out, err = capsys.readouterr()
-    assert (status, err) == (0, "")
-    return dict(json.loads(out))
-
-
 NAMES = ("--free", ",".join(FOUND))
 
 
 def test_the_document_has_the_keys_of_the_reference(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    document = calibrate(capsys, "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES)
+    document = answered(capsys, "calibrate", "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES)
     assert set(document) == {
         "rig", "name", "before", "recordings", "parameters", "kept", "rmse", "converged", "remarks"
     }  # fmt: skip
@@ -87,7 +80,7 @@ def test_the_document_has_the_keys_of_the_reference(bench: Path, capsys: pytest.
 def test_the_rig_that_is_written_reads_back_with_origin_interval_and_source(
     bench: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    calibrate(capsys, "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES)
+    answered(capsys, "calibrate", "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES)
     rig, old = load_rig("rig2.toml"), load_rig("mine.toml")
     assert rig.name == "rig2"
     one = rig.tendons.first_contact_tension
@@ -101,7 +94,7 @@ def test_the_rig_that_is_written_reads_back_with_origin_interval_and_source(
 
 
 def test_the_file_begins_with_the_command_and_the_whole_hashes(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    calibrate(capsys, "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES)
+    answered(capsys, "calibrate", "mine.toml", "monday.nc", "--out", "rig2.toml", *NAMES)
     first, second, *_ = Path("rig2.toml").read_text(encoding="utf-8").splitlines()
     assert first.startswith("# sinew calibrate mine.toml monday.nc")
     assert load_recording(Path("monday.nc")).attrs["content_hash"] in second
@@ -119,39 +112,32 @@ def test_the_input_is_written_over_only_when_forced(bench: Path, capsys: pytest.
     assert main(["calibrate", "mine.toml", "monday.nc", "--out", "mine.toml", *NAMES]) == 2
     assert re.search(r"mine\.toml is the rig that is read.*--out.*--force", capsys.readouterr().err)
     assert Path("mine.toml").read_bytes() == before
-    calibrate(capsys, "mine.toml", "monday.nc", "--out", "mine.toml", "--force", *NAMES)
+    answered(capsys, "calibrate", "mine.toml", "monday.nc", "--out", "mine.toml", "--force", *NAMES)
     assert load_rig("mine.toml").tendons.first_contact_tension.value == 10.5
 
 
-Refusal = tuple[tuple[str, ...], str]
-REFUSED: dict[str, Refusal] = {
-    "no recording": (("mine.toml", "--out", "b.toml"), "found no recording to calibrate from"),
-    "out exists": (("paper", "monday.nc", "--out", "mine.toml"), "mine.toml exists; give another name with --out"),
-    "out is no rig file": (("paper", "monday.nc", "--out", "b.nc"), "expected a name that ends with .toml"),
-    "out is a folder": (("paper", "monday.nc", "--out", "."), "expected a name that ends with .toml"),
-    "unknown rig": (("papre", "monday.nc", "--out", "b.toml"), "did you mean paper?"),
-    "a plan for a rig": (("short.toml", "monday.nc", "--out", "b.toml"), "short.toml is a plan, expected a rig"),
-    "a recording for a rig": (("monday.nc", "monday.nc", "--out", "b.toml"), "monday.nc is not text"),
-    "a table for a recording": (("paper", "swing.csv", "--out", "b.toml"), "swing.csv is not a NetCDF file"),
-    "a rig for a recording": (("paper", "mine.toml", "--out", "b.toml"), "mine.toml is not a NetCDF file"),
-    "an absent recording": (("paper", "sunday.nc", "--out", "b.toml"), "sunday.nc"),
-    "an imported recording": (("paper", "table.nc", "--out", "b.toml"), "was imported from a table"),
-    "an unknown parameter": (("paper", "monday.nc", "--out", "b.toml", "--free", "radius"), "no parameter 'radius'"),
-    "the paper and a recording": (("paper", "monday.nc", "--paper", "--out", "b.toml"), "takes neither recordings"),
-    "a posterior without the paper": (("paper", "monday.nc", "--posterior", "--out", "b.toml"), "add --paper"),
-}
-
-
-@pytest.mark.parametrize(("arguments", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+@command_lines("""
+    mine.toml --out b.toml => found no recording to calibrate from
+    paper monday.nc --out mine.toml => mine.toml exists; give another name with --out
+    paper monday.nc --out b.nc => expected a name that ends with .toml
+    paper monday.nc --out . => expected a name that ends with .toml
+    papre monday.nc --out b.toml => did you mean paper?
+    short.toml monday.nc --out b.toml => short.toml is a plan, expected a rig
+    monday.nc monday.nc --out b.toml => monday.nc is not text
+    paper swing.csv --out b.toml => swing.csv is not a NetCDF file
+    paper mine.toml --out b.toml => mine.toml is not a NetCDF file
+    paper sunday.nc --out b.toml => sunday.nc
+    paper table.nc --out b.toml => was imported from a table
+    paper monday.nc --out b.toml --free radius => no parameter 'radius'
+    paper monday.nc --paper --out b.toml => takes neither recordings
+    paper monday.nc --posterior --out b.toml => add --paper
+""")
 def test_wrong_input_is_one_line_and_leaves_nothing(
     arguments: tuple[str, ...], sentence: str, bench: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     Path("short.toml").write_text((ROOT / "plans" / "short.toml").read_text(encoding="utf-8"), encoding="utf-8")
     before = {path.name: path.read_bytes() for path in bench.iterdir()}
-    status = main(["calibrate", *arguments])
-    out, err = capsys.readouterr()
-    assert (status, out, err.count("\n")) == (2, "", 1), err
-    assert sentence in err
+    assert sentence in refused(capsys, "calibrate", *arguments)
     assert {path.name: path.read_bytes() for path in bench.iterdir()} == before
 
 
@@ -170,7 +156,7 @@ def test_without_numpyro_a_posterior_is_refused_before_anything_is_computed(
 @pytest.mark.slow
 def test_the_shipped_rig_is_what_the_command_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert list_shipped("rigs") == ["paper"]
-    document = calibrate(capsys, "paper", "--paper", "--out", str(tmp_path / "paper.toml"))
+    document = answered(capsys, "calibrate", "paper", "--paper", "--out", str(tmp_path / "paper.toml"))
     assert (tmp_path / "paper.toml").read_text(encoding="utf-8") == dump_rig(load_rig("paper"))
     assert all(abs(row["twin"] - row["paper"]) <= row["tolerance"] for row in document["numbers"])
 
@@ -180,7 +166,9 @@ def test_a_hidden_rig_is_found_from_a_recording_of_it(tmp_path: Path, capsys: py
     """Of nine 90 % intervals fewer than six hold the truth once in a hundred times, were they independent."""
     hidden = load_rig("paper").with_values({TENSION: 11.0, "silicone.loss_factor": 0.1, "tendons.guide_friction": 5e-3})
     save_recording(simulate(load_plan("short"), hidden, seed=5), tmp_path / "hidden.nc")
-    document = calibrate(capsys, "paper", str(tmp_path / "hidden.nc"), "--out", str(tmp_path / "found.toml"))
+    document = answered(
+        capsys, "calibrate", "paper", str(tmp_path / "hidden.nc"), "--out", str(tmp_path / "found.toml")
+    )
     truth = dict(hidden.parameters())
     rows = {name: row["after"] for name, row in document["parameters"].items() if row["after"]["std"] is not None}
     inside = [name for name, row in rows.items() if row["interval90"][0] <= truth[name].value <= row["interval90"][1]]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.contracts.commands import refused
 from tests.patience import comes, communicate
 
 from sinew.apps.cli import main
@@ -86,7 +87,4 @@ def test_a_wrong_baud_is_a_fault_that_names_the_right_one(port: str, capsys: pyt
 
 
 def test_a_port_that_is_not_there_is_one_line_and_status_2(capsys: pytest.CaptureFixture[str]) -> None:
-    status = main(["doctor", "--port", "/dev/no-such-port"])
-    out, err = capsys.readouterr()
-    assert (status, out, err.count("\n")) == (2, "", 1)
-    assert "cannot open /dev/no-such-port at 1000000 baud" in err
+    assert "cannot open /dev/no-such-port at 1000000 baud" in refused(capsys, "doctor", "--port", "/dev/no-such-port")

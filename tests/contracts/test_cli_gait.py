@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from campaigns.walker import Walker, phase_of, yaw_of
-from tests.contracts.refusals import refused
+from tests.contracts.commands import command_lines, refused
 
 from sinew.apps.cli import main
 
@@ -101,23 +101,20 @@ def test_an_angle_column_is_a_target_too(tmp_path: Path, capsys: pytest.CaptureF
     assert found["bouts"][0]["pelvis_amplitude_deg"] is None
 
 
-FAULTS = {
-    "nothing": ((), "--stride-hz LOW:HIGH with --yaw-deg"),
-    "both": (("walk.csv", "--stride-hz", "0.7:1.1", "--yaw-deg", "7"), "not both"),
-    "half of the numbers": (("--stride-hz", "0.7:1.1"), "belong together"),
-    "a band backwards": (("--stride-hz", "1.1:0.7", "--yaw-deg", "7"), "0 < lowest <= highest"),
-    "a band in words": (("--stride-hz", "slow", "--yaw-deg", "7"), "expected a number (LOW:HIGH"),
-    "an absent file": (("absent.csv",), "cannot read absent.csv"),
-    "an unknown axis": (("walk.csv", "--up", "w"), "expected x, y or z"),
-    "an angle and a sensor": (("walk.csv", "--yaw", "a", "--pelvis", "b"), "leave --pelvis and --trunk out"),
-    "too few speeds": (("walk.csv", "--speed-m-s", "1,2"), "one positive speed for each of the 1 files"),
-    "no such marker": (("walk.csv", "--trunk", "C7,IJ"), "walk.csv: no marker 'C7'"),
-    "standing": (("walk.csv", "--yaw", "LASI_z_mm:mdeg"), "no steps found"),
-    "too short": (("walk.csv", "--stop", "0.5"), "too short"),
-}
-
-
-@pytest.mark.parametrize(("arguments", "sentence"), FAULTS.values(), ids=FAULTS.keys())
+@command_lines("""
+    => --stride-hz LOW:HIGH with --yaw-deg
+    walk.csv --stride-hz 0.7:1.1 --yaw-deg 7 => not both
+    --stride-hz 0.7:1.1 => belong together
+    --stride-hz 1.1:0.7 --yaw-deg 7 => 0 < lowest <= highest
+    --stride-hz slow --yaw-deg 7 => expected a number (LOW:HIGH
+    absent.csv => cannot read absent.csv
+    walk.csv --up w => expected x, y or z
+    walk.csv --yaw a --pelvis b => leave --pelvis and --trunk out
+    walk.csv --speed-m-s 1,2 => one positive speed for each of the 1 files
+    walk.csv --trunk C7,IJ => walk.csv: no marker 'C7'
+    walk.csv --yaw LASI_z_mm:mdeg => no steps found
+    walk.csv --stop 0.5 => too short
+""")
 def test_what_is_no_gait_is_one_line_and_status_2(
     arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.contracts.commands import command_lines
 from tests.contracts.identify_sweep import (
     DOCUMENT,
     LINEAR,
     identified,
     unidentified,
 )
+from tests.contracts.virtual_run import spoken
 from tests.unit.figures_sample import Joint, sample_recording
 
 from sinew.apps.cli import main
@@ -32,21 +34,18 @@ def test_an_imported_recording_is_asked_what_drives_it(
     assert found["natural_frequency_hz"]["value"] == pytest.approx(3.0, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        (("--time", "t"), "knows its columns"),
-        (("--model", "tendon"), "names none"),
-        (("--pretension", "4", "--excitation", "force"), "imported"),
-        (("--bootstrap", "50", "--excitation", "force"), "imported"),
-        (("--model", "tendon", "--posterior"), "posterior does not go"),
-        (("--model", "tendon", "--train", "0:100"), "train does not go"),
-    ],
-)
+@command_lines("""
+    --time t => knows its columns
+    --model tendon => names none
+    --pretension 4 --excitation force => imported
+    --bootstrap 50 --excitation force => imported
+    --model tendon --posterior => posterior does not go
+    --model tendon --train 0:100 => train does not go
+""")
 def test_a_recording_is_not_asked_what_it_cannot_answer(
-    sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], words: str
+    sweep: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], sentence: str
 ) -> None:
-    assert words in unidentified(capsys, imported(capsys, sweep, tmp_path), *more)
+    assert sentence in unidentified(capsys, imported(capsys, sweep, tmp_path), *arguments)
 
 
 def test_a_recording_without_its_ending_is_known_by_its_bytes(
@@ -83,39 +82,40 @@ def test_repeats_of_a_rig_give_intervals_by_bootstrap(tmp_path: Path, capsys: py
     assert "bootstrap: " in found["message"]
 
 
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        (("--bootstrap", "20"), "repeats nothing"),
-        (("--pretension", "5"), "the recording has 0, 4"),
-        (("--train", "0:100"), "one record"),
-        (("--model", "tendon"), "names none"),
-        (("--model", "tendon", "--excitation", "base"), "driven by its lever"),
-    ],
-)
+@command_lines("""
+    --bootstrap 20 => repeats nothing
+    --pretension 5 => the recording has 0, 4
+    --train 0:100 => one record
+    --model tendon => names none
+    --model tendon --excitation base => driven by its lever
+""")
 def test_a_rig_s_recording_is_not_asked_what_it_cannot_answer(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], words: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], sentence: str
 ) -> None:
-    assert words in unidentified(capsys, rig_recording(tmp_path, 1), *LINEAR, *more)
+    assert sentence in unidentified(capsys, rig_recording(tmp_path, 1), *LINEAR, *arguments)
+
+
+@pytest.fixture(scope="module")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording that `sinew simulate` wrote."""
+    path = tmp_path_factory.mktemp("twin") / "a.nc"
+    assert spoken("simulate", "short", "--rig", "paper", "--out", str(path))[0] == 0
+    return path
 
 
 @pytest.mark.slow
 def test_a_recording_of_the_twin_needs_no_columns_and_gives_the_papers_three_hertz(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    simulated: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["simulate", "short", "--rig", "paper", "--out", str(tmp_path / "a.nc")]) == 0
-    capsys.readouterr()
-    found = identified(capsys, tmp_path / "a.nc", "--model", "cubic")
+    found = identified(capsys, simulated, "--model", "cubic")
     assert found["natural_frequency_hz"]["value"] == pytest.approx(3.0, rel=0.04)
 
 
 @pytest.mark.slow
 def test_the_tendon_joint_of_a_recording_has_the_papers_three_hertz(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    simulated: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["simulate", "short", "--rig", "paper", "--out", str(tmp_path / "a.nc")]) == 0
-    capsys.readouterr()
-    found = identified(capsys, tmp_path / "a.nc", "--model", "tendon", "--out", tmp_path / "out")
+    found = identified(capsys, simulated, "--model", "tendon", "--out", tmp_path / "out")
     assert set(found) == set(DOCUMENT)
     assert found["natural_frequency_hz"]["value"] == pytest.approx(3.0, rel=0.04)
     assert (tmp_path / "out" / "figures" / "corner.png").is_file()

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.contracts.commands import command_lines
 from tests.contracts.identify_sweep import (
     COLUMNS,
     PHASE,
@@ -49,19 +50,23 @@ def test_a_lever_taken_for_a_force_is_named(tmp_path: Path, capsys: pytest.Captu
     assert "excitation torque looks wrong: as lever" in identified(capsys, file, *columns)["message"]
 
 
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        (("--model", "quartic"), "linear"),
-        (("--train", "5"), "A:B"),
-        (("--train", "0:99999"), "1600"),
-        (("--excitation", "wind"), "force"),
-    ],
-)
-def test_a_wrong_word_is_refused_with_what_was_expected(
-    sweep: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, str], words: str
+@command_lines("""
+    --model quartic => linear
+    --model tendon => recording of a rig
+    --excitation wind => force
+    --rig paper => --rig is for
+    --pretension 4 => --pretension is for
+    --bootstrap 50 => repeats
+    --train 5 => A:B
+    --train 0:8 => at least 16
+    --train 900:400 => A < B
+    --train 0:99999 => 1600
+    --train 0:800 --test 1500:1700 => 1600
+""")
+def test_an_option_that_cannot_be_meant_is_refused_with_what_was_expected(
+    sweep: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], sentence: str
 ) -> None:
-    assert words in unidentified(capsys, sweep, *COLUMNS, *more)
+    assert sentence in unidentified(capsys, sweep, *COLUMNS, *arguments)
 
 
 def test_the_rate_may_stand_beside_the_stamps_it_agrees_with(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -113,38 +118,23 @@ def test_a_damaged_file_is_refused_in_one_line(
     assert said.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("columns", "words"),
-    [
-        (
-            ("--time", "t", "--input", "uu:V", "--output", "y:V", "--excitation", "force"),
-            "no column 'uu', did you mean",
-        ),
-        (("--time", "t", "--input", "u:V", "--output", "y:V"), "--excitation"),
-        (("--time", "t", "--output", "y:V", "--excitation", "force"), "no input is given"),
-        (("--time", "t", "--input", "u:V", "--output", "y:V", "--excitation", "none"), "leave the"),
-        (("--time", "t", "--input", "u:V", "--excitation", "force"), "--output COL is missing"),
-        (("--input", "u:V", "--output", "y:V", "--excitation", "force"), "--rate HZ"),
-        (("--time", "t:mm", "--input", "u:V", "--output", "y:V", "--excitation", "force"), "'mm'"),
-        (("--time", "t", "--input", "u:furlongg", "--output", "y:V", "--excitation", "force"), "furlongg"),
-        (("--time", "t", "--input", "u:N*m", "--output", "y:rad", "--excitation", "lever"), "no motion"),
-        (("--time", "t", "--input", "u:N", "--output", "y:mm", "--excitation", "base"), "force or torque"),
-        (("--rate", "-5", "--input", "u:V", "--output", "y:V", "--excitation", "force"), "--rate is -5"),
-        ((*COLUMNS, "--model", "tendon"), "recording of a rig"),
-        ((*COLUMNS, "--rig", "paper"), "--rig is for"),
-        ((*COLUMNS, "--pretension", "4"), "--pretension is for"),
-        ((*COLUMNS, "--bootstrap", "50"), "repeats"),
-        ((*COLUMNS, "--train", "0:8"), "at least 16"),
-        ((*COLUMNS, "--train", "900:400"), "A < B"),
-        ((*COLUMNS, "--train", "0:800", "--test", "1500:1700"), "1600"),
-    ],
-)
+@command_lines("""
+    --time t --input uu:V --output y:V --excitation force => no column 'uu', did you mean
+    --time t --input u:V --output y:V => --excitation
+    --time t --output y:V --excitation force => no input is given
+    --time t --input u:V --output y:V --excitation none => leave the
+    --time t --input u:V --excitation force => --output COL is missing
+    --input u:V --output y:V --excitation force => --rate HZ
+    --time t:mm --input u:V --output y:V --excitation force => 'mm'
+    --time t --input u:furlongg --output y:V --excitation force => furlongg
+    --time t --input 'u:N*m' --output y:rad --excitation lever => no motion
+    --time t --input u:N --output y:mm --excitation base => force or torque
+    --rate -5 --input u:V --output y:V --excitation force => --rate is -5
+""")
 def test_a_question_that_cannot_be_answered_is_refused_in_one_line(
-    sweep: Path, capsys: pytest.CaptureFixture[str], columns: tuple[str, ...], words: str
+    sweep: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], sentence: str
 ) -> None:
-    said = unidentified(capsys, sweep, *columns)
-    assert words in said
-    assert said.count("\n") == 1
+    assert sentence in unidentified(capsys, sweep, *arguments)
 
 
 def test_a_training_range_of_one_period_is_refused_as_too_short(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.contracts.commands import command_lines
 from tests.contracts.identify_sweep import DOCUMENT, identified, unidentified, write
 from tests.unit.figures_sample import Joint, sample_recording
 
@@ -64,24 +65,21 @@ def test_the_steady_segments_of_a_rig_are_steady_states(tmp_path: Path, capsys: 
     assert found["damping_ratio"]["value"] == pytest.approx(Joint.at(4.0).damping, rel=0.02)
 
 
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        (("--time", "t"), "--time is for samples over time"),
-        (("--profile",), "--profile is for samples over time"),
-        (("--chain", "delay"), "expected phase, background"),
-        (("--phase", "turn"), "turn"),
-        (("--frequency", "frequency_hz:rad/s"), "expected Hz"),
-        (("--model", "tendon"), "leave --kind stepped out"),
-        (("--pretension", "4"), "recording of a rig"),
-        (("--excitation", "none"), "say what the input is"),
-        (("--kind", "sweep"), "expected one of samples, stepped"),
-    ],
-)
+@command_lines("""
+    --time t => --time is for samples over time
+    --profile => --profile is for samples over time
+    --chain delay => expected phase, background
+    --phase turn => turn
+    --frequency frequency_hz:rad/s => expected Hz
+    --model tendon => leave --kind stepped out
+    --pretension 4 => recording of a rig
+    --excitation none => say what the input is
+    --kind sweep => expected one of samples, stepped
+""")
 def test_what_does_not_go_with_steady_states_is_refused(
-    steps: Path, capsys: pytest.CaptureFixture[str], more: tuple[str, ...], words: str
+    steps: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], sentence: str
 ) -> None:
-    assert words in unidentified(capsys, steps, *COLUMNS, *more)
+    assert sentence in unidentified(capsys, steps, *COLUMNS, *arguments)
 
 
 def test_options_of_steady_states_are_refused_for_samples(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.contracts.refusals import refused
+from tests.contracts.commands import answered, command_lines, refused
 
 from sinew.apps.cli import main
 from sinew.plan.toml import load_rig
@@ -16,10 +16,8 @@ SHORT = ("--pretension-mm", "4", "--from-hz", "2.5", "--to-hz", "3.5", "--amplit
 
 def test_a_joint_is_written_as_a_rig_and_told_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "ring.toml"
-    status = main(["joint", *RING, "--material", "dragon-skin-30", "--tendons", "3", "--out", str(out), "--json"])
-    document = json.loads(capsys.readouterr().out)
+    document = answered(capsys, "joint", *RING, "--material", "dragon-skin-30", "--tendons", "3", "--out", str(out))
     rig = load_rig(out)
-    assert status == 0
     assert document["section"]["torsion_constant_mm4"] == pytest.approx(np.pi * (60**4 - 30**4) / 32)
     assert document["section"]["area_mm2"] == pytest.approx(np.pi * (60**2 - 30**2) / 4)
     assert document["material"]["name"] == "dragon-skin-30"
@@ -41,20 +39,19 @@ def test_a_joint_can_be_derived_from_one_that_was_written(tmp_path: Path, capsys
 def test_a_polygon_comes_from_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "square.csv"
     file.write_text("0,0\n40,0\n40,40\n0,40\n", encoding="utf-8")
-    assert main(["joint", "--section", "polygon", "--polygon", str(file), "--json"]) == 0
-    section = json.loads(capsys.readouterr().out)["section"]
+    section = answered(capsys, "joint", "--section", "polygon", "--polygon", str(file))["section"]
     assert section["torsion_constant_mm4"] == pytest.approx(0.140577 * 40**4, rel=1e-3)  # Timoshenko and Goodier
     assert section["torsion_error"] < 1e-3
 
 
 @pytest.fixture
-def curve(tmp_path: Path) -> Path:
+def curve(here: Path) -> Path:
     """A neo-Hookean bar of 200 kPa, pulled to 150 % strain and let back on a softer path."""
     strain = np.concatenate([np.linspace(0.02, 1.5, 80), np.linspace(1.48, 0.1, 60)])
     stress = np.where(np.arange(140) < 80, 200.0, 150.0) * (1 + strain - (1 + strain) ** -2)
     rows = [f"{100 * e:.3f},{s:.4f},0" for e, s in zip(strain, stress, strict=True)]
-    (tmp_path / "casting.csv").write_text("strain [%],pull,still\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    return tmp_path / "casting.csv"
+    (here / "casting.csv").write_text("strain [%],pull,still\n" + "\n".join(rows) + "\n", encoding="utf-8")
+    return here / "casting.csv"
 
 
 def test_a_tensile_curve_gives_the_silicone_its_shear_modulus(
@@ -62,8 +59,7 @@ def test_a_tensile_curve_gives_the_silicone_its_shear_modulus(
 ) -> None:
     out = tmp_path / "casting.toml"
     words = ("--tensile", str(curve), "--tensile-columns", "strain [%],pull:kPa", "--out", str(out))
-    assert main(["joint", *RING, *words, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered(capsys, "joint", *RING, *words)
     rigidity = load_rig(out).silicone.torsional_rigidity
     assert document["material"]["name"] == "casting"
     assert document["material"]["shear_modulus_pa"]["value"] == pytest.approx(2e5, rel=1e-3)
@@ -72,30 +68,19 @@ def test_a_tensile_curve_gives_the_silicone_its_shear_modulus(
     assert rigidity.interval90 is not None
 
 
-TENSILE = ("joint", "--tensile", "casting.csv")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (TENSILE, "STRAIN:unit,STRESS:unit"),
-        ((*TENSILE, "--tensile-columns", "strain [%]"), "two columns"),
-        ((*TENSILE, "--tensile-columns", "strain [%],pull"), "pull:kPa"),
-        ((*TENSILE, "--tensile-columns", "strain [%],pull:mm"), "cannot be turned into 'Pa'"),
-        ((*TENSILE, "--tensile-columns", "pull:1,strain [%]:kPa"), "expected"),
-        ((*TENSILE, "--tensile-columns", "strain [%],still:kPa"), "a stress that changes"),
-        ((*TENSILE, "--material", "dragon-skin-30"), "--material and --tensile"),
-        (("joint", "--length-mm", "95", "--tensile-columns", "a,b"), "without --tensile"),
-    ],
-)
+@command_lines("""
+    joint --tensile casting.csv => STRAIN:unit,STRESS:unit
+    joint --tensile casting.csv --tensile-columns 'strain [%]' => two columns
+    joint --tensile casting.csv --tensile-columns 'strain [%],pull' => pull:kPa
+    joint --tensile casting.csv --tensile-columns 'strain [%],pull:mm' => cannot be turned into 'Pa'
+    joint --tensile casting.csv --tensile-columns 'pull:1,strain [%]:kPa' => expected
+    joint --tensile casting.csv --tensile-columns 'strain [%],still:kPa' => a stress that changes
+    joint --tensile casting.csv --material dragon-skin-30 => --material and --tensile
+    joint --length-mm 95 --tensile-columns a,b => without --tensile
+""")
 def test_a_tensile_curve_that_cannot_be_meant_is_refused(
-    arguments: tuple[str, ...],
-    sentence: str,
-    curve: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    arguments: tuple[str, ...], sentence: str, curve: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.chdir(curve.parent)
     assert sentence in refused(capsys, *arguments)
 
 
@@ -104,10 +89,8 @@ def test_a_described_joint_is_predicted_as_the_rig_that_is_written_of_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "predicted"
-    assert main(["predict", *RING, "--shear-modulus-kpa", "250", *SHORT, "--out", str(out), "--json"]) == 0
-    described = json.loads(capsys.readouterr().out)
-    assert main(["predict", str(out / "rig.toml"), *SHORT, "--json"]) == 0
-    written = json.loads(capsys.readouterr().out)
+    described = answered(capsys, "predict", *RING, "--shear-modulus-kpa", "250", *SHORT, "--out", str(out))
+    written = answered(capsys, "predict", str(out / "rig.toml"), *SHORT)
     assert written["branches"] == described["branches"]
     assert written["validity"] == described["validity"]
     assert {"check", "value", "limit", "holds", "sentence"} == set(described["validity"][0])
@@ -124,8 +107,7 @@ def test_two_rigs_are_compared_in_one_document_and_on_one_page(
     soft, out = tmp_path / "soft.toml", tmp_path / "compared"
     main(["joint", "--shear-modulus-kpa", "150", "--name", "soft", "--out", str(soft)])
     capsys.readouterr()
-    assert main(["compare", "paper", str(soft), *SHORT, "--out", str(out), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = answered(capsys, "compare", "paper", str(soft), *SHORT, "--out", str(out))
     assert [rig["rig"] for rig in document["rigs"]] == ["paper", "soft"]
     assert document["amplitude_deg"] == 10
     first, second = (rig["branches"][0]["peak"] for rig in document["rigs"])
@@ -134,25 +116,22 @@ def test_two_rigs_are_compared_in_one_document_and_on_one_page(
     assert (out / "figures" / "predicted_comparison.pdf").is_file()
 
 
-REFUSED = {
-    "nothing to change": (("joint",), "nothing to change"),
-    "unknown section": (("joint", "--section", "heart"), "'heart', expected one of circle"),
-    "missing size": (("joint", "--section", "annulus", "--outer-mm", "60"), "--inner-mm is missing"),
-    "size of another": (("joint", "--section", "circle", "--outer-mm", "60", "--width-mm", "3"), "--width-mm does not"),
-    "size without section": (("joint", "--outer-mm", "60"), "--outer-mm without --section"),
-    "inside out": (("joint", "--section", "annulus", "--outer-mm", "30", "--inner-mm", "60"), "0 < inner < outer"),
-    "unknown material": (("joint", "--material", "jelly"), "unknown material 'jelly'"),
-    "two stiffnesses": (("joint", "--material", "dragon-skin-30", "--shear-modulus-kpa", "9"), "one of them"),
-    "no such polygon": (("joint", "--section", "polygon", "--polygon", "nowhere.csv"), "nowhere.csv"),
-    "negative length": (("joint", "--length-mm", "-5"), "--length-mm is -5, expected 1 to 5000"),
-    "joint of an oscillator": (("predict", "--oscillator", "x=1", "--length-mm", "50"), "--length-mm is for a rig"),
-    "page of an oscillator": (("predict", "--oscillator", "x=1", "--out", "o"), "--out is for a rig"),
-    "one rig": (("compare", "paper"), "found 1 rig, expected two or more"),
-    "pushing": (("compare", "paper", "paper", "--pretension-mm", "-2"), "cables cannot push"),
-}
-
-
-@pytest.mark.parametrize(("arguments", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+@command_lines("""
+    joint => nothing to change
+    joint --section heart => 'heart', expected one of circle
+    joint --section annulus --outer-mm 60 => --inner-mm is missing
+    joint --section circle --outer-mm 60 --width-mm 3 => --width-mm does not
+    joint --outer-mm 60 => --outer-mm without --section
+    joint --section annulus --outer-mm 30 --inner-mm 60 => 0 < inner < outer
+    joint --material jelly => unknown material 'jelly'
+    joint --material dragon-skin-30 --shear-modulus-kpa 9 => expected one way to say
+    joint --section polygon --polygon nowhere.csv => nowhere.csv
+    joint --length-mm -5 => --length-mm is -5, expected 1 to 5000
+    predict --oscillator x=1 --length-mm 50 => --length-mm is for a rig
+    predict --oscillator x=1 --out o => --out is for a rig
+    compare paper => found 1 rig, expected two or more
+    compare paper paper --pretension-mm -2 => cables cannot push
+""")
 def test_what_cannot_be_meant_is_refused_in_one_line(
     arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,13 +1,11 @@
 """`sinew predict --bands` and `--against`: the documents that scripts rely on, and what is refused."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from tests.contracts.commands import answered, command_lines, refused
 
-from sinew.apps.cli import main
 from sinew.identify.joint.calibration import Source, calibrated_together
 from sinew.measure.files.netcdf import save_recording
 from sinew.plan.plan import Plan, Pretension, Sweep
@@ -31,17 +29,12 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def document(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, Any]:
-    status = main(["predict", *arguments, "--json"])
-    out, err = capsys.readouterr()
-    assert (status, err) == (0, "")
-    return dict(json.loads(out))
-
-
 @pytest.mark.slow
 def test_bands_have_the_keys_of_the_reference(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig = str(bench / "mine.toml")
-    found = document(capsys, rig, "--pretension-mm", "6", "--from-hz", "2.5", "--to-hz", "4.5", "--bands", "20")
+    found = answered(
+        capsys, "predict", rig, "--pretension-mm", "6", "--from-hz", "2.5", "--to-hz", "4.5", "--bands", "20"
+    )
     (band,) = found["bands"]
     assert set(band) == {
         "pretension_mm", "frequency_hz", "up", "down", "reached", "peak", "phase_90", "folds",
@@ -61,7 +54,7 @@ def test_against_a_recording_has_the_keys_of_the_reference_and_the_figure(
     bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rig, recording, out = str(bench / "mine.toml"), str(bench / "tuesday.nc"), tmp_path / "out"
-    found = document(capsys, rig, "--against", recording, "--out", str(out))
+    found = answered(capsys, "predict", rig, "--against", recording, "--out", str(out))
     against = found["against"]
     assert set(against) == {
         "recording", "amplitude_deg", "mode", "fitted_mm", "scores", "resonance", "points", "remarks"
@@ -79,25 +72,16 @@ def test_against_a_recording_has_the_keys_of_the_reference_and_the_figure(
     assert against["scores"]["all"]["phase_lag_deg"]["rms"] < 3.0
 
 
-REFUSED = {
-    "no intervals": (("plain.toml", "--bands", "20"), "holds no intervals"),
-    "too few draws": (("mine.toml", "--bands", "3"), "--bands"),
-    "an oscillator": (
-        ("--oscillator", "inertia_kg_m2=1,frequency_hz=1,damping_ratio=0.1", "--torque-n-m", "1", "--bands", "20"),
-        "--bands is for a rig",
-    ),
-    "fitted to nothing": (("mine.toml", "--fitted-mm", "0, 4"), "name one with --against"),
-    "no number": (
-        ("mine.toml", "--against", "tuesday.nc", "--fitted-mm", "zero"),
-        "zero or more, as 0,4,8",
-    ),
-    "no recording": (("mine.toml", "--against", "plain.toml"), "is not a NetCDF file"),
-    "an absent recording": (("mine.toml", "--against", "sunday.nc"), "sunday.nc"),
-    "a narrower band": (("mine.toml", "--against", "tuesday.nc", "--to-hz", "4"), "goes from 2.6 to 4.4 Hz"),
-}
-
-
-@pytest.mark.parametrize(("arguments", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+@command_lines("""
+    plain.toml --bands 20 => holds no intervals
+    mine.toml --bands 3 => --bands
+    --oscillator inertia_kg_m2=1,frequency_hz=1,damping_ratio=0.1 --torque-n-m 1 --bands 20 => --bands is for a rig
+    mine.toml --fitted-mm '0, 4' => name one with --against
+    mine.toml --against tuesday.nc --fitted-mm zero => zero or more, as 0,4,8
+    mine.toml --against plain.toml => is not a NetCDF file
+    mine.toml --against sunday.nc => sunday.nc
+    mine.toml --against tuesday.nc --to-hz 4 => goes from 2.6 to 4.4 Hz
+""")
 def test_what_cannot_be_meant_is_refused(
     arguments: tuple[str, ...],
     sentence: str,
@@ -106,7 +90,4 @@ def test_what_cannot_be_meant_is_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(bench)
-    assert main(["predict", *arguments]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert sentence in err
+    assert sentence in refused(capsys, "predict", *arguments)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from tests.contracts.emulated_bench import WatchedPort, rig_file
-from tests.contracts.virtual_run import interrupt, run, torques
+from tests.contracts.virtual_run import RunHere, interrupt, run, torques
 
 from sinew.bench.journal_reader import JournalReader
 from sinew.measure.events import Ended
@@ -23,21 +23,15 @@ SIGNALS = {
 
 @pytest.mark.parametrize(("number", "state"), [*((number, "release") for number in SIGNALS), (signal.SIGINT, "hold")])
 def test_a_signal_ends_a_run_in_the_declared_safe_state(
-    number: signal.Signals,
-    state: str,
-    plan: str,
-    out: Path,
-    tmp_path: Path,
-    port: WatchedPort,
-    capsys: pytest.CaptureFixture[str],
+    number: signal.Signals, state: str, run_here: RunHere, tmp_path: Path
 ) -> None:
     rig = rig_file(tmp_path, limits={"safe_state": state})
-    interrupt(port, 3.0, number=number)
-    told = run(capsys, plan, out, "--rig", rig, "--json")
+    interrupt(run_here.port, 3.0, number=number)
+    told = run_here("--rig", rig, "--json")
     document = json.loads(told.out)
     keys = ("complete", "ended", "safe_state", "is_safe")
     assert [told.status, *(document[key] for key in keys)] == [1, False, SIGNALS[number], state, True]
-    assert (port.rig.in_safe_state(), set(torques(port.rig))) == (True, {state == "hold"})
+    assert (run_here.port.rig.in_safe_state(), set(torques(run_here.port.rig))) == (True, {state == "hold"})
 
 
 def test_a_second_and_a_third_interrupt_change_nothing(

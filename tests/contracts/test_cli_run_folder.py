@@ -6,8 +6,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from tests.contracts.emulated_bench import QUESTIONS, WatchedPort
-from tests.contracts.virtual_run import run
+from tests.contracts.emulated_bench import WatchedPort
+from tests.contracts.virtual_run import RunHere, run
 
 
 def occupied(folder: Path) -> None:
@@ -37,17 +37,13 @@ def test_an_unfit_folder_is_refused_and_left_as_it_was(
     prepare: Callable[[Path], object],
     options: tuple[str, ...],
     words: tuple[str, ...],
-    plan: str,
-    out: Path,
+    run_here: RunHere,
     tmp_path: Path,
-    port: WatchedPort,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    prepare(out)
+    prepare(run_here.out)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    told = run(capsys, plan, out, *options)
-    assert (told.status, told.out, told.err.count("\n"), port.codes) == (2, "", 1, set())
-    assert [word for word in words if word not in told.err] == []
+    run_here.refused(words, *options)
+    assert run_here.port.codes == set()
     assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
 
 
@@ -60,11 +56,7 @@ def test_a_folder_that_may_not_be_written_is_refused(
     assert "cannot write into /proc/out" in told.err
 
 
-def test_a_disk_without_room_for_the_run_is_refused(
-    plan: str, out: Path, port: WatchedPort, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_disk_without_room_for_the_run_is_refused(run_here: RunHere, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
-    told = run(capsys, plan, out)
-    assert (told.status, told.err.count("\n"), out.parent.exists()) == (2, 1, False)
-    assert all(word in told.err for word in ("has 1.0 MB left", "the run writes about", "--out"))
-    assert port.codes <= QUESTIONS
+    run_here.refused(("has 1.0 MB left", "the run writes about", "--out"))
+    assert not run_here.out.parent.exists()

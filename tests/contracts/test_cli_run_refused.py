@@ -4,13 +4,14 @@ The bench is the emulator's in virtual time, and the whole command runs in this 
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from campaigns.same_numbers import TINY
 from tests.contracts.emulated_bench import QUESTIONS, WatchedPort, rig_file, virtual_port
-from tests.contracts.virtual_run import run, without_motor
+from tests.contracts.virtual_run import RunHere, run, without_motor
 
 from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.register_tables import OVERLOAD
@@ -68,18 +69,11 @@ UNFIT_BENCHES: dict[str, tuple[Callable[[EmulatedRig], object], tuple[str, ...]]
 
 @pytest.mark.parametrize(("spoil", "words"), UNFIT_BENCHES.values(), ids=UNFIT_BENCHES.keys())
 def test_an_unfit_bench_is_refused_with_a_reason_and_nothing_is_touched(
-    spoil: Callable[[EmulatedRig], object],
-    words: tuple[str, ...],
-    plan: str,
-    out: Path,
-    port: WatchedPort,
-    capsys: pytest.CaptureFixture[str],
+    spoil: Callable[[EmulatedRig], object], words: tuple[str, ...], run_here: RunHere
 ) -> None:
-    spoil(port.rig)
-    told = run(capsys, plan, out)
-    assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
-    assert [word for word in words if word not in told.err] == []
-    assert port.codes <= QUESTIONS
+    spoil(run_here.port.rig)
+    run_here.refused(words)
+    assert not run_here.out.parent.exists()
 
 
 UNFIT_RIGS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
@@ -106,18 +100,10 @@ UNFIT_RIGS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
 
 @pytest.mark.parametrize(("wiring", "words"), UNFIT_RIGS.values(), ids=UNFIT_RIGS.keys())
 def test_a_rig_that_is_not_the_bench_is_refused_with_a_reason_and_nothing_is_touched(
-    wiring: dict[str, Any],
-    words: tuple[str, ...],
-    plan: str,
-    out: Path,
-    tmp_path: Path,
-    port: WatchedPort,
-    capsys: pytest.CaptureFixture[str],
+    wiring: dict[str, Any], words: tuple[str, ...], run_here: RunHere, tmp_path: Path
 ) -> None:
-    told = run(capsys, plan, out, "--rig", rig_file(tmp_path, **wiring))
-    assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
-    assert [word for word in words if word not in told.err] == []
-    assert port.codes <= QUESTIONS
+    run_here.refused(words, "--rig", rig_file(tmp_path, **wiring))
+    assert not run_here.out.parent.exists()
 
 
 def test_another_baud_than_the_devices_is_refused(
@@ -130,34 +116,24 @@ def test_another_baud_than_the_devices_is_refused(
     assert port.codes <= QUESTIONS
 
 
-def test_several_reasons_are_said_at_once(
-    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_several_reasons_are_said_at_once(run_here: RunHere) -> None:
     for spoil in (with_torque, with_offset, with_heat):
-        spoil(port.rig)
-    told = run(capsys, plan, out)
-    assert (told.status, told.err.count("\n")) == (2, 1)
-    assert all(word in told.err for word in ("torque is on", "homing offset", "75 °C"))
+        spoil(run_here.port.rig)
+    run_here.refused(("torque is on", "homing offset", "75 °C"))
 
 
-def test_a_port_that_goes_away_while_the_bench_is_looked_at_is_a_refusal(
-    plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_port_that_goes_away_while_the_bench_is_looked_at_is_a_refusal(run_here: RunHere) -> None:
+    port = run_here.port
     port.agenda = [(port.now() + 0.01, lambda: setattr(port.rig, "unplugged", True))]
-    told = run(capsys, plan, out)
-    assert (told.status, told.err.count("\n"), out.parent.exists()) == (2, 1, False)
-    assert "the port is gone" in told.err
+    run_here.refused(("the port is gone",))
+    assert not run_here.out.parent.exists()
 
 
-def test_a_plan_beyond_a_limit_of_the_rig_is_refused(
-    out: Path, tmp_path: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_plan_beyond_a_limit_of_the_rig_is_refused(run_here: RunHere, tmp_path: Path) -> None:
     path = tmp_path / "hard.toml"
     path.write_text(TINY.replace("[2]", "[20]"))
-    told = run(capsys, str(path), out)
-    assert (told.status, told.out, told.err.count("\n"), out.parent.exists()) == (2, "", 1, False)
-    assert all(word in told.err for word in ("20 mm", "16", "pretension_mm"))
-    assert port.codes <= QUESTIONS
+    replace(run_here, plan=str(path)).refused(("20 mm", "16", "pretension_mm"))
+    assert not run_here.out.parent.exists()
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import typer
-from tests.contracts.refusals import refused
+from tests.contracts.commands import command_lines, refused
 
 from sinew import __version__
 from sinew.apps.cli import app, main
@@ -65,24 +65,21 @@ def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     assert "Commands:" in capsys.readouterr().out
 
 
-USAGE_FAULTS = {
-    "unknown command": (("chek",), "Did you mean 'check'?"),
-    "unknown option": (("check", "paper", "--rgi", "paper"), "--rgi"),
-    "missing argument": (("check",), "PLAN"),
-    "missing option": (("simulate", "paper"), "--out"),
-    "text for a number": (("simulate", "short", "--out", "x.nc", "--seed", "one"), "--seed"),
-    "unknown kind": (("analyse", "x.csv", "--kind", "decay", "--time", "t", "--response", "x"), "ring-down or sweep"),
-    "unknown format": (("export", "x.nc", "--to", "xls", "--out", "x.xls"), "csv or mat"),
-    "unknown effect": (("simulate", "short", "--out", "x.nc", "--without", "gravity"), "unknown effect 'gravity'"),
-    "table without kind": (("analyse", "x.csv", "--time", "t", "--response", "x"), "--kind ring-down or --kind sweep"),
-    "table without time": (("analyse", "x.csv", "--kind", "sweep", "--response", "x"), "--time COL is missing"),
-    "columns of a recording": (("analyse", "x.nc", "--time", "t"), "are for CSV"),
-    "folder without recording": (("report", "nowhere"), "found no recording.nc in nowhere"),
-    "unknown plan": (("reproduce", "--plan", "papre"), "did you mean paper?"),
-}
-
-
-@pytest.mark.parametrize(("arguments", "sentence"), USAGE_FAULTS.values(), ids=USAGE_FAULTS.keys())
+@command_lines("""
+    chek => Did you mean 'check'?
+    check paper --rgi paper => --rgi
+    check => PLAN
+    simulate paper => --out
+    simulate short --out x.nc --seed one => --seed
+    analyse x.csv --kind decay --time t --response x => ring-down or sweep
+    export x.nc --to xls --out x.xls => csv or mat
+    simulate short --out x.nc --without gravity => unknown effect 'gravity'
+    analyse x.csv --time t --response x => --kind ring-down or --kind sweep
+    analyse x.csv --kind sweep --response x => --time COL is missing
+    analyse x.nc --time t => are for CSV
+    report nowhere => found no recording.nc in nowhere
+    reproduce --plan papre => did you mean paper?
+""")
 def test_a_wrong_command_line_is_one_line_and_status_2(
     arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from campaigns.same_numbers import TINY
@@ -23,10 +22,11 @@ from tests.contracts.emulated_bench import (
     running,
     virtual_port,
 )
+from tests.contracts.virtual_run import Said, torques
 from tests.patience import await_end
+from tests.unit.bench_virtual import set_going
 
 from sinew.apps.cli import main
-from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.plan.plan import TendonMode
@@ -36,38 +36,16 @@ SPEC = load_rig("paper")
 NAMES = {"tendon 1", "tendon 2", "tendon 3", "tendon 4", "drive"}
 
 
-class Said(NamedTuple):
-    status: int
-    out: str
-    err: str
-
-
 def stop(capsys: pytest.CaptureFixture[str], *options: str, port: str = "/dev/bench") -> Said:
     capsys.readouterr()
     status = main(["stop", "--port", port, *options])
     return Said(status, *capsys.readouterr())
 
 
-def torques(rig: EmulatedRig) -> list[bool]:
-    return [state.torque for state in rig.states().values()]
-
-
 def in_motion(port: WatchedPort, mode: TendonMode = "position") -> None:
     """Leave the bench as a run does that dies: motors under way, bus watchdogs armed."""
     rig = Rig(Bus(port, port, BusTiming(latency=4e-3)), port, SPEC)
-    rig.configure()
-    rig.set_tendon_mode(mode)
-    for motor in rig.motors:
-        if mode == "current" and motor in rig.tendons:
-            motor.set("goal_current", 0.1)
-        motor.torque_on()
-        motor.arm_watchdog(0.08)
-    start = [motor.angle() for motor in rig.tendons]
-    for cycle in range(40):
-        goals = [0.1] * 4 if mode == "current" else [angle + 0.01 * cycle for angle in start]
-        rig.write_goals(0.01 * cycle, goals)
-        rig.read()
-        port.wait_until(port.now() + 0.005)
+    set_going(rig, port, mode, cycles=40, drive_step=0.01, tendon_step=0.01, current=0.1)
 
 
 def tripped(port: WatchedPort) -> None:
@@ -94,38 +72,36 @@ WITHOUT_TORQUE: dict[str, Callable[[WatchedPort], None]] = {
     "as switched on": lambda _: None,
     "after a brown-out": browned_out,
 }
-BOTH = UNDER_TORQUE | WITHOUT_TORQUE
+STATES = UNDER_TORQUE | WITHOUT_TORQUE
 
 
-@pytest.mark.parametrize("prepare", BOTH.values(), ids=BOTH.keys())
-def test_a_bench_is_released_from_any_state(
-    prepare: Callable[[WatchedPort], None], port: WatchedPort, capsys: pytest.CaptureFixture[str]
-) -> None:
-    prepare(port)
+@pytest.fixture
+def left(request: pytest.FixtureRequest, port: WatchedPort) -> WatchedPort:
+    """Return the port of a bench in the state of that name."""
+    STATES[request.param](port)
+    return port
+
+
+@pytest.mark.parametrize("left", STATES, indirect=True)
+def test_a_bench_is_released_from_any_state(left: WatchedPort, capsys: pytest.CaptureFixture[str]) -> None:
     told = stop(capsys, "--state", "release")
     assert told == (0, "release: tension let down, torque off on all motors\n", "")
-    port.wait_until(port.now() + 0.5)
-    assert (port.rig.stopped(), any(torques(port.rig))) == (True, False)
+    left.wait_until(left.now() + 0.5)
+    assert (left.rig.stopped(), any(torques(left.rig))) == (True, False)
 
 
-@pytest.mark.parametrize("prepare", UNDER_TORQUE.values(), ids=UNDER_TORQUE.keys())
-def test_a_bench_under_torque_is_held_from_any_state(
-    prepare: Callable[[WatchedPort], None], port: WatchedPort, capsys: pytest.CaptureFixture[str]
-) -> None:
-    prepare(port)
+@pytest.mark.parametrize("left", UNDER_TORQUE, indirect=True)
+def test_a_bench_under_torque_is_held_from_any_state(left: WatchedPort, capsys: pytest.CaptureFixture[str]) -> None:
     told = stop(capsys, "--state", "hold")
     assert (told.status, told.err, told.out.startswith("hold: all motors stand still")) == (0, "", True)
-    port.wait_until(port.now() + 0.5)
-    assert (port.rig.in_safe_state(), port.rig.stopped(), all(torques(port.rig))) == (True, True, True)
+    left.wait_until(left.now() + 0.5)
+    assert (left.rig.in_safe_state(), left.rig.stopped(), all(torques(left.rig))) == (True, True, True)
 
 
-@pytest.mark.parametrize("prepare", WITHOUT_TORQUE.values(), ids=WITHOUT_TORQUE.keys())
-def test_a_bench_without_torque_is_not_said_to_hold(
-    prepare: Callable[[WatchedPort], None], port: WatchedPort, capsys: pytest.CaptureFixture[str]
-) -> None:
-    prepare(port)
+@pytest.mark.parametrize("left", WITHOUT_TORQUE, indirect=True)
+def test_a_bench_without_torque_is_not_said_to_hold(left: WatchedPort, capsys: pytest.CaptureFixture[str]) -> None:
     told = stop(capsys, "--state", "hold")
-    assert (told.status, told.out.count("\n"), any(torques(port.rig))) == (1, 1, False)
+    assert (told.status, told.out.count("\n"), any(torques(left.rig))) == (1, 1, False)
     assert "has no torque, expected it to hold" in told.out
 
 
@@ -196,8 +172,7 @@ def test_a_bench_on_which_nobody_answers_is_said_in_one_sentence(
 def test_an_interrupt_does_not_cut_it_short(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spec = load_rig("paper")
-    port = virtual_port(monkeypatch, spec, joint(spec))
+    port = virtual_port(monkeypatch, SPEC, joint(SPEC))
     in_motion(port)
     port.agenda = [(port.now() + late, lambda: os.kill(os.getpid(), signal.SIGINT)) for late in (0.0, 0.01, 0.02)]
     told = stop(capsys, "--state", "release")
@@ -207,8 +182,7 @@ def test_an_interrupt_does_not_cut_it_short(
 def test_tension_is_let_down_before_the_torque_goes(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    spec = load_rig("paper")
-    port = virtual_port(monkeypatch, spec, joint(spec))
+    port = virtual_port(monkeypatch, SPEC, joint(SPEC))
     in_motion(port)
     seen: list[tuple[float, int]] = []
     port.witness = lambda: seen.append((max(port.rig.motion().tension), sum(torques(port.rig)[:4])))

@@ -4,36 +4,33 @@ import json
 from pathlib import Path
 
 import pytest
+from tests.contracts.commands import command_lines, refused
 from tests.contracts.virtual_run import spoken
 
 from sinew.apps.cli import main
 from sinew.measure.files.netcdf import load_recording
 
-REFUSED = {
-    "nowhere to run": ((), "neither"),
-    "two places to run": (("--emulate", "--port", "/dev/bench"), "found both --port and --emulate"),
-    "faults on a real bench": (("--port", "/dev/bench", "--fault", "unplug@1"), "faults are for --emulate"),
-    "an amplitude of nothing": (("--emulate", "--amplitude-deg", "0"), "expected positive angles"),
-    "an amplitude of something else": (("--emulate", "--hold", "current"), "expected one of command, lever, torsion"),
-    "words for pretensions": (("--emulate", "--pretension-mm", "loose"), "expected a number"),
-    "cables that push": (("--emulate", "--pretension-mm", "-1, 2"), "cables cannot push"),
-    "too much pretension": (("--emulate", "--pretension-mm", "0:99"), "the rig allows 0 to 16 mm"),
-    "a way without an end": (("--emulate", "--pretension-mm", "4:4"), "expected FROM:TO"),
-    "following without room": (("--emulate", "--pretension-mm", "4", "--follow-hz", "3:4"), "needs room to move"),
-    "following one frequency": (("--emulate", "--follow-hz", "3"), "expected FROM:TO"),
-    "no time": (("--emulate", "--duration-s", "1"), "--duration-s"),
-    "an unknown rig": (("papre", "--emulate"), "did you mean paper"),
-}
 
-
-@pytest.mark.parametrize(("options", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+@command_lines("""
+    => neither
+    --emulate --port /dev/bench => found both --port and --emulate
+    --port /dev/bench --fault unplug@1 => faults are for --emulate
+    --emulate --amplitude-deg 0 => expected positive angles
+    --emulate --hold current => expected one of command, lever, torsion
+    --emulate --pretension-mm loose => expected a number
+    --emulate --pretension-mm '-1, 2' => cables cannot push
+    --emulate --pretension-mm 0:99 => the rig allows 0 to 16 mm
+    --emulate --pretension-mm 4:4 => expected FROM:TO
+    --emulate --pretension-mm 4 --follow-hz 3:4 => needs room to move
+    --emulate --follow-hz 3 => expected FROM:TO
+    --emulate --duration-s 1 => --duration-s
+    papre --emulate => did you mean paper
+""")
 def test_what_cannot_be_meant_is_refused_in_one_line(
-    options: tuple[str, ...], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], sentence: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    status = main(["track", *options, "--out", str(tmp_path / "out")])
-    out, err = capsys.readouterr()
-    assert (status, out, err.count("\n"), list(tmp_path.iterdir())) == (2, "", 1, [])
-    assert sentence in err
+    assert sentence in refused(capsys, "track", *arguments, "--out", tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_holds_a_run_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

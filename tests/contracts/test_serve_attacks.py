@@ -22,14 +22,14 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         yield served
 
 
-@pytest.fixture
-def operator(served: Served) -> Page:
-    return served.operator()
-
-
 @pytest.fixture(scope="module")
 def anybody(served: Served) -> Page:
     return served.page()
+
+
+@pytest.fixture
+def operator(served: Served) -> Page:
+    return served.operator()
 
 
 def raw(served: Served, text: bytes) -> int:

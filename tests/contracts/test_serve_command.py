@@ -14,6 +14,7 @@ from typing import Any
 
 import httpx
 import pytest
+from tests.contracts.commands import command_lines
 from tests.contracts.serving import PATIENCE, RIG, TOKEN, free_port, plan, serving, until
 from tests.patience import await_end, comes, communicate
 
@@ -147,25 +148,22 @@ def test_a_crowd_leaves_a_number_below_1024_for_the_serial_port(tmp_path: Path, 
     assert 700 < highest < 1000
 
 
-REFUSED = {
-    "two benches": (("--emulate", "--port-bench", "/dev/x"), "expected one of them at most"),
-    "no port": (("--http", "127.0.0.1"), "expected HOST:PORT"),
-    "a port beyond all": (("--http", "127.0.0.1:65536"), "expected HOST:PORT"),
-    "no room for commands": (("--http", "127.0.0.1:65535"), "found 65536 for the port of commands"),
-    "one port for two": (("--steering-port", "8080"), "expected another port"),
-    "a name with a scheme": (("--host", "http://x"), "found --host http://x"),
-    "a rig unknown": (("--rig", "papre"), "did you mean paper?"),
-    "no token file": (("--token-file", "nowhere"), "cannot read a token from nowhere"),
-    "an address of others": (("--http", "192.0.2.1:8080"), "cannot listen on 192.0.2.1"),
-}
-
-
-@pytest.mark.parametrize(("options", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+@command_lines("""
+    --emulate --port-bench /dev/x => expected one of them at most
+    --http 127.0.0.1 => expected HOST:PORT
+    --http 127.0.0.1:65536 => expected HOST:PORT
+    --http 127.0.0.1:65535 => found 65536 for the port of commands
+    --steering-port 8080 => expected another port
+    --host http://x => found --host http://x
+    --rig papre => did you mean paper?
+    --token-file nowhere => cannot read a token from nowhere
+    --http 192.0.2.1:8080 => cannot listen on 192.0.2.1
+""")
 def test_what_cannot_be_served_is_refused_in_one_line_and_nothing_is_begun(
-    options: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = signal.getsignal(signal.SIGTERM)
-    status = main(["serve", *options])
+    status = main(["serve", *arguments])
     signal.signal(signal.SIGTERM, before)
     err = capsys.readouterr().err.splitlines()
     assert (status, sentence in err[-1], list(here.iterdir())) == (2, True, [])

@@ -4,11 +4,12 @@ import io
 import os
 import signal
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from tests.contracts.emulated_bench import WatchedPort
+from tests.contracts.emulated_bench import QUESTIONS, WatchedPort
 
 from sinew.apps.cli import main
 from sinew.emulator.rig import EmulatedRig
@@ -27,6 +28,26 @@ def run(capsys: pytest.CaptureFixture[str], plan: str, out: Path, *options: str)
     capsys.readouterr()
     status = main(["run", plan, "--port", "/dev/bench", "--out", str(out), *options])
     return Said(status, *capsys.readouterr())
+
+
+@dataclass(frozen=True)
+class RunHere:
+    """`sinew run` of the tiny plan on the bench of a port, into a folder that is not there yet."""
+
+    plan: str
+    out: Path
+    port: WatchedPort
+    capsys: pytest.CaptureFixture[str]
+
+    def __call__(self, *options: str) -> Said:
+        return run(self.capsys, self.plan, self.out, *options)
+
+    def refused(self, words: tuple[str, ...], *options: str) -> None:
+        """Check that it is refused in one line that has the words, and that the bench was only asked."""
+        told = self(*options)
+        assert (told.status, told.out, told.err.count("\n")) == (2, "", 1)
+        assert [word for word in words if word not in told.err] == []
+        assert self.port.codes <= QUESTIONS
 
 
 def spoken(*arguments: str) -> tuple[int, str, str]:

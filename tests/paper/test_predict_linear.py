@@ -14,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from sinew.measure.arrays import Array
 from sinew.mechanics.joint import State, rate
 from sinew.mechanics.silicone import BRANCHES
 from sinew.plan.rig import RigSpec
@@ -32,7 +33,6 @@ from sinew.solve.march import integrate, runge_kutta
 from sinew.solve.waves import channels, embedded, grid, slices, unknowns
 
 pytestmark = pytest.mark.slow
-Array = NDArray[np.float64]
 BAND_HZ = (1.0, 6.0)
 PRETENSIONS = [0.0, 6.0, 12.0]
 

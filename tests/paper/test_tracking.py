@@ -20,6 +20,7 @@ from campaigns.tracking import (
     rough_rows,
     sweep_seconds,
 )
+from tests.tables import rows
 
 from sinew.analysis.tracked import tracked_point, tracked_turns
 from sinew.emulator.faults import parse_fault
@@ -87,18 +88,18 @@ def test_it_outlasts_a_silent_sensor_and_pushes(expected: Expected) -> None:
     assert min(row.largest_deg for row in rows[1:]) > 3.0  # the pushes were felt
 
 
-ENDS = {
-    "a sensor that stays silent": ("imu-freeze@0-1000", "IMU repeats one sample"),
-    "a line that is silent for half a second": ("drop:p=1@0-0.5", "have not answered"),
-    "a port that is gone": ("unplug@0-1000", "the port is gone"),
-    "a supply that breaks down": ("brown-out:to=5V@0-1000", "not answered"),
-    "a motor that overheats": ("overheat:motor=2,rate=100@0-1000", "tendon 2 raises its alert"),
-    "a push beyond the largest torsion": ("push:torque=8@0-0.3", "torsion of the head"),
-    "a cable that slips": ("slip-tendon:tendon=2,by=6mm@0", "tendon"),
-}
-
-
-@pytest.mark.parametrize(("fault", "sentence"), ENDS.values(), ids=ENDS.keys())
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    rows("""
+        imu-freeze@0-1000 => IMU repeats one sample
+        drop:p=1@0-0.5 => have not answered
+        unplug@0-1000 => the port is gone
+        brown-out:to=5V@0-1000 => not answered
+        overheat:motor=2,rate=100@0-1000 => tendon 2 raises its alert
+        push:torque=8@0-0.3 => torsion of the head
+        slip-tendon:tendon=2,by=6mm@0 => tendon
+    """),
+)
 def test_whatever_ends_it_the_motors_are_safe(expected: Expected, fault: str, sentence: str) -> None:
     found = tracked(track_plan(6.0, None, 8.0), expected[2:3], [(parse_fault(fault), 3.0)], seed=SEED)
     assert not found.report.is_complete

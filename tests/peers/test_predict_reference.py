@@ -9,10 +9,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import fsolve
 
+from sinew.measure.arrays import Array
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.solve.branch import Branch
 from sinew.solve.continuation import Stride
@@ -25,7 +25,6 @@ BAND_HZ = (1.0, 6.0)
 UPPER_FOLD_HZ, LOWER_FOLD_HZ, PEAK_RAD = 3.818697, 3.521591, 0.793727
 STIFFNESS = 12.74e-3 * (6 * np.pi) ** 2
 VISCOUS = 2 * 0.05 * np.sqrt(STIFFNESS * 12.74e-3)
-Array = NDArray[np.float64]
 
 
 @cache

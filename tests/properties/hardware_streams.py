@@ -22,29 +22,6 @@ PIECES = [
 ]
 
 
-@dataclass
-class Tally:
-    """streams, sent: how many. damaged: packets of them that did not arrive whole.
-
-    lost: packets that arrived whole and did not come out.
-    shared: the same, but their first bytes FF replaced just those that had been cut off the packet before, which
-    thereby came out whole: nobody can tell whose bytes they were.
-    crc_errors: times the decoder found a packet of full length with a wrong CRC.
-    invented: packets that came out but do not stand in the stream, whole and with the right CRC.
-    undetected: packets that came out, do stand in the stream so, but nobody sent: damage that a CRC of 16 bits misses.
-    """
-
-    streams: int = 0
-    sent: int = 0
-    damaged: int = 0
-    accepted: int = 0
-    crc_errors: int = 0
-    lost: int = 0
-    shared: int = 0
-    invented: int = 0
-    undetected: int = 0
-
-
 def draw_payload(chance: random.Random) -> bytes:
     kind = chance.random()
     if kind < 0.5:
@@ -81,6 +58,29 @@ def damage(wire: bytes, chance: random.Random) -> bytes:
     if kind == 3:
         return wire[:at] + chance.choice(PIECES) + wire[at:]
     return wire[:at] + wire[at : at + chance.randrange(1, 6)] + wire[at:]
+
+
+@dataclass
+class Tally:
+    """streams, sent: how many. damaged: packets of them that did not arrive whole.
+
+    lost: packets that arrived whole and did not come out.
+    shared: the same, but their first bytes FF replaced just those that had been cut off the packet before, which
+    thereby came out whole: nobody can tell whose bytes they were.
+    crc_errors: times the decoder found a packet of full length with a wrong CRC.
+    invented: packets that came out but do not stand in the stream, whole and with the right CRC.
+    undetected: packets that came out, do stand in the stream so, but nobody sent: damage that a CRC of 16 bits misses.
+    """
+
+    streams: int = 0
+    sent: int = 0
+    damaged: int = 0
+    accepted: int = 0
+    crc_errors: int = 0
+    lost: int = 0
+    shared: int = 0
+    invented: int = 0
+    undetected: int = 0
 
 
 def run_stream(chance: random.Random, tally: Tally) -> None:

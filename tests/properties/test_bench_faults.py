@@ -64,7 +64,7 @@ def test_a_ring_down_with_holes_is_not_taken_for_whole_because_of_the_pause_befo
 @pytest.mark.slow
 def test_without_a_fault_every_reading_is_found_to_be_true(tension_n: Mapping[float, float]) -> None:
     verdict = judge(scenario(interrupt_s=math.inf), tension_n)
-    assert (verdict.outcome, verdict.violations, verdict.checked > 50_000) == ("complete", [], True)
+    assert (verdict.outcome, verdict.violations, verdict.readings.checked > 50_000) == ("complete", [], True)
 
 
 @pytest.mark.slow

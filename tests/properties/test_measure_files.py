@@ -2,7 +2,10 @@
 
 import contextlib
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -44,12 +47,22 @@ def recordings(draw: st.DrawFn) -> xr.Dataset:
     return build_recording(samples, segments, sizes, provenance("twin", rig=draw(TEXT), seed=draw(st.integers(0, 99))))
 
 
+Thing = TypeVar("Thing")
+
+
+def through_file(
+    recording: xr.Dataset, save: Callable[[xr.Dataset, Path], object], load: Callable[[Path], Thing]
+) -> Thing:
+    """Return what is read from the file that a recording was saved in."""
+    with tempfile.TemporaryDirectory() as folder:
+        save(recording, Path(folder) / "x")
+        return load(Path(folder) / "x")
+
+
 @given(recordings())
 @settings(max_examples=25, deadline=None)
 def test_any_recording_comes_back_from_netcdf_identical(recording: xr.Dataset) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        save_recording(recording, Path(folder) / "x.nc")
-        back = load_recording(Path(folder) / "x.nc")
+    back = through_file(recording, save_recording, load_recording)
     del back.attrs["content_hash"]
     xr.testing.assert_identical(back, recording)
 
@@ -57,9 +70,7 @@ def test_any_recording_comes_back_from_netcdf_identical(recording: xr.Dataset) -
 @given(recordings())
 @settings(max_examples=25, deadline=None)
 def test_any_recording_has_its_segments_in_its_exported_table(recording: xr.Dataset) -> None:
-    with tempfile.TemporaryDirectory() as folder:
-        export_csv(recording, Path(folder) / "x.csv")
-        table = read_table(Path(folder) / "x.csv")
+    table = through_file(recording, export_csv, read_table)
     expected = [
         (index, segment.kind)
         for index, segment, where in iterate_segments(recording)
@@ -73,9 +84,7 @@ def test_any_recording_has_its_segments_in_its_exported_table(recording: xr.Data
 def test_any_numbers_come_back_from_an_exported_table_unchanged(values: list[float]) -> None:
     samples = {"time_s": np.arange(len(values)) / 100, "torsion_rad": np.array(values)}
     recording = build_recording(samples, [Segment("idle", 0, 1, 1, 0)], [len(values)], provenance("twin"))
-    with tempfile.TemporaryDirectory() as folder:
-        export_csv(recording, Path(folder) / "x.csv")
-        back = import_csv(Path(folder) / "x.csv", time="time_s", response="torsion_rad")
+    back = through_file(recording, export_csv, partial(import_csv, time="time_s", response="torsion_rad"))
     assert back["torsion_rad"].values.tolist() == values
 
 

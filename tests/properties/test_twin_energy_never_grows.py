@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from sinew.mechanics.guides import GUIDE_LAWS
 from sinew.mechanics.joint import State, dissipation, mechanical_energy, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.plan.plan import Group
@@ -14,12 +15,15 @@ from sinew.twin.cache import configure
 from sinew.twin.simulate import lane_parameters
 
 configure()
-RIG = load_rig("paper")
+PAPER = load_rig("paper")
+RIGS = {
+    law: PAPER.model_copy(update={"tendons": PAPER.tendons.model_copy(update={"guide_law": law})}) for law in GUIDE_LAWS
+}
 share = st.floats(-1, 1)
 
 
-def _joint(pretension_mm: float, loss: float, friction: float) -> tuple[Parameters, jax.Array]:
-    rig = RIG.with_values({"silicone.loss_factor": loss, "tendons.guide_friction": friction})
+def _joint(law: str, pretension_mm: float, loss: float, friction: float) -> tuple[Parameters, jax.Array]:
+    rig = RIGS[law].with_values({"silicone.loss_factor": loss, "tendons.guide_friction": friction})
     lanes, shortening = lane_parameters([Group("idle", pretension_mm, np.nan, np.nan, 0, 0.0, 1.0)], rig)
     p = jax.tree.map(lambda leaf: jnp.asarray(leaf[0]), lanes)
     return p, jnp.asarray(shortening[0])
@@ -36,6 +40,7 @@ def _powers(state: State, p: Parameters) -> tuple[jax.Array, jax.Array, jax.Arra
 
 @settings(max_examples=60, deadline=None)
 @given(
+    st.sampled_from(list(GUIDE_LAWS)),
     st.floats(0, 16),
     st.floats(0.02, 0.3),
     st.floats(0, 0.015),
@@ -46,16 +51,16 @@ def _powers(state: State, p: Parameters) -> tuple[jax.Array, jax.Array, jax.Arra
     share,
 )
 def test_power_balance_holds_at_any_state(
-    pretension_mm: float, loss: float, friction: float, torsion: float, speed: float, lever: float, lever_speed: float,
-    bristle: float,
+    law: str, pretension_mm: float, loss: float, friction: float, torsion: float, speed: float, lever: float,
+    lever_speed: float, bristle: float,
 ) -> None:  # fmt: skip
-    p, shortening = _joint(pretension_mm, loss, friction)
+    p, shortening = _joint(law, pretension_mm, loss, friction)
     state = state_at_rest(shortening, p)._replace(
         torsion=jnp.asarray(torsion),
         torsion_rate=jnp.asarray(speed),
         lever=jnp.asarray(lever),
         lever_rate=jnp.asarray(lever_speed),
-        bristles=(jnp.asarray(bristle),),
+        bristles=(jnp.asarray(bristle),) * len(p.guides.spread),
         memory=tuple(jnp.asarray(0.5 * torsion) for _ in range(4)),
     )
     flow, lost, delivered = (float(power) for power in _powers(state, p))

@@ -12,7 +12,7 @@ from sinew.emulator.rig import EmulatedRig
 from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
-from sinew.plan.plan import Plan
+from sinew.plan.plan import Plan, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig
 
@@ -45,3 +45,30 @@ def virtual_bench(
     port = VirtualPort(emulated)
     bus = Bus(port, port, BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms), retries=2)
     return VirtualBench(spec, emulated, port, Rig(bus, port, spec))
+
+
+def set_going(
+    rig: Rig,
+    clock: VirtualPort,
+    mode: TendonMode,
+    *,
+    cycles: int,
+    drive_step: float,
+    tendon_step: float = 0.0,
+    current: float = 0.05,
+) -> None:
+    """Leave a bench as a run does that dies: motors under way by a step [rad] a cycle of 5 ms, or tendon motors under a
+    current [A], and bus watchdogs armed."""
+    rig.configure()
+    rig.set_tendon_mode(mode)
+    for motor in rig.motors:
+        if mode == "current" and motor in rig.tendons:
+            motor.set("goal_current", current)
+        motor.torque_on()
+        motor.arm_watchdog(0.08)
+    start = [motor.angle() for motor in rig.tendons]
+    for cycle in range(cycles):
+        goals = [current if mode == "current" else angle + tendon_step * cycle for angle in start]
+        rig.write_goals(drive_step * cycle, goals)
+        rig.read()
+        clock.wait_until(clock.now() + 0.005)

@@ -63,17 +63,9 @@ class StandIn:
 
     def motion(self) -> Motion:
         horns = [HornMotion(*row) for row in zip(self.angles, self.speeds, self.current, self.duty, strict=True)]
-        return Motion(
-            time=self.time,
-            drive=horns[-1],
-            tendons=tuple(horns[:-1]),
-            tension=(0.0,) * (len(horns) - 1),
-            torsion=0.0,
-            torsion_rate=0.0,
-            tilt=(0.0, 0.0),
-            gyro=self.gyro,
-            acceleration=self.acceleration,
-        )
+        still = (0.0, 0.0)  # torsion and its rate, and the tilt about both axes
+        slack = (0.0,) * (len(horns) - 1)
+        return Motion(self.time, horns[-1], tuple(horns[:-1]), slack, *still, still, self.gyro, self.acceleration)
 
     @staticmethod
     def _speed(law: Law, angle: float, dt: float) -> float:

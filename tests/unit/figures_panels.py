@@ -25,6 +25,16 @@ def labelled(axes: Axes, label: str) -> np.ndarray:
     return np.column_stack([line.get_xdata(), line.get_ydata()]).astype(float)
 
 
+def bars(axes: Axes) -> dict[str, np.ndarray]:
+    """Return the points of each row of error bars by its label, "" without one: x, value, both ends; shape (n, 4)."""
+    found = {}
+    for row in axes.containers:
+        line, _, (bar, *_) = row.lines
+        label, ends = str(row.get_label()), np.array(bar.get_segments())[:, :, 1]
+        found["" if label.startswith("_") else label] = np.column_stack([*line.get_data(), ends]).astype(float)
+    return found
+
+
 def smallest_type(figures: Mapping[str, Figure]) -> tuple[float, str, str]:
     """Return the smallest size of type [pt] in the figures, the name of its figure, and what is written so small."""
     return min(

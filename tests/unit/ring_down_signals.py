@@ -10,7 +10,10 @@ STOP_S = 2.0
 
 @dataclass(frozen=True)
 class Decay:
-    """A linear decay φ = A e^{-λt} cos(ω_d t + phase) of an oscillator with natural frequency 3 Hz."""
+    """A linear decay φ = A e^{-λt} cos(ω_d t + phase) of an oscillator with natural frequency 3 Hz.
+
+    damping: Lehr's ratio. amplitude: A, in the unit of φ. phase: [rad].
+    """
 
     damping: float = 0.08
     amplitude: float = 30.0

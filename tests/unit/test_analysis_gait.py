@@ -5,23 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from campaigns.walker import RATE_HZ, Walker, alike, walk, yaw_of
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.tune.gait.bout import BodyMotion, fundamental, mean_of_strides
 from sinew.tune.gait.target import WalkGait, estimate_gait, target_of_numbers, target_of_walks
 
-Floats = NDArray[np.float64]
-
-EVEN = Walker(period_cv=0.0, yaw_cv=0.0)
+EVEN = Walker(cv=(0.0, 0.0))
 
 
 def gait(motion: BodyMotion) -> WalkGait:
     return estimate_gait(motion, "made up")
 
 
-def motion_of(phase: Floats, bounce: Floats, size: float = 1.0) -> BodyMotion:
+def motion_of(phase: Array, bounce: Array, size: float = 1.0) -> BodyMotion:
     """Return the motion without noise of a phase [rad] that is sampled at 100 Hz."""
     pelvis, trunk = yaw_of(EVEN, phase, np.full(phase.size, size))
     time = np.arange(phase.size) / RATE_HZ

@@ -205,19 +205,19 @@ def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
         Journal.open(path, PLAN_TEXT, RIG_TEXT)
 
 
-def test_a_foreign_database_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "journal.sqlite"
+@pytest.mark.parametrize(
+    ("own", "statement", "said"),
+    [
+        (False, "CREATE TABLE runs (id)", "an SQLite file, but no journal of Sinew"),
+        (True, "PRAGMA user_version = 99", "a journal of version 99, expected 2; go on with the Sinew that began it"),
+    ],
+    ids=["a foreign database", "a journal of another version"],
+)
+def test_a_database_of_others_is_refused(own: bool, statement: str, said: str, tmp_path: Path) -> None:
+    path = written(tmp_path) if own else tmp_path / "journal.sqlite"
     with closing(sqlite3.connect(path)) as connection:
-        connection.execute("CREATE TABLE runs (id)")
-    with pytest.raises(FileError, match="an SQLite file, but no journal of Sinew"):
-        Journal.open(path, PLAN_TEXT, RIG_TEXT)
-
-
-def test_a_journal_of_another_version_is_refused(tmp_path: Path) -> None:
-    path = written(tmp_path)
-    with closing(sqlite3.connect(path)) as connection:
-        connection.execute("PRAGMA user_version = 99")
-    with pytest.raises(FileError, match="a journal of version 99, expected 2; go on with the Sinew that began it"):
+        connection.execute(statement)
+    with pytest.raises(FileError, match=said):
         Journal.open(path, PLAN_TEXT, RIG_TEXT)
 
 

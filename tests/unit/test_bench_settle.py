@@ -17,7 +17,10 @@ SETTLE_S, MOST_S = 1.0, 20.0
 
 @dataclass(frozen=True)
 class Driven:
-    """φ̈ + 2Dω₀φ̇ + ω₀²φ = -s θ̈, θ = θ₁ sin Ωt from t = 0 on: the jump of θ̇ kicks the joint by -s Ω θ₁."""
+    """φ̈ + 2Dω₀φ̇ + ω₀²φ = -s θ̈, θ = θ₁ sin Ωt from t = 0 on: the jump of θ̇ kicks the joint by -s Ω θ₁.
+
+    natural_hz, damping: ω₀/2π, D. frequency_hz, amplitude_rad: Ω/2π, θ₁. share: s.
+    """
 
     natural_hz: float
     damping: float

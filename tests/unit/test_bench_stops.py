@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from tests.unit.bench_virtual import VirtualBench, virtual_bench
+from tests.unit.bench_virtual import VirtualBench, set_going, virtual_bench
 
 from sinew.bench.stops import STAND_S, stop
 from sinew.emulator.unloaded import Unloaded
@@ -17,19 +17,7 @@ MODES: tuple[TendonMode, ...] = ("position", "position-with-current-limit", "cur
 def powered(mode: TendonMode = "position") -> VirtualBench:
     """Return a bench under torque, its drive on the way to 30°, its tendon motors holding."""
     bench = virtual_bench(SPEC, plant=Unloaded(SPEC.tendons.count, SPEC))
-    rig = bench.rig
-    rig.configure()
-    rig.set_tendon_mode(mode)
-    for motor in rig.motors:
-        if mode == "current" and motor in rig.tendons:
-            motor.set("goal_current", 0.05)
-        motor.torque_on()
-        motor.arm_watchdog(0.08)
-    goals = (0.05,) * 4 if mode == "current" else tuple(motor.angle() for motor in rig.tendons)
-    for cycle in range(20):
-        rig.write_goals(math.radians(1.5 * cycle), goals)
-        rig.read()
-        bench.port.wait_until(bench.port.now() + 0.005)
+    set_going(bench.rig, bench.port, mode, cycles=20, drive_step=math.radians(1.5))
     return bench
 
 

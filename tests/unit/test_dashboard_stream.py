@@ -132,6 +132,12 @@ def journal_of(runs: Path, name: str = "one") -> Journal:
     return Journal.create(runs / name / "journal.sqlite", dump_plan(load_plan("short")), dump_rig(load_rig("paper")))
 
 
+def put(journal: Journal, indices: range) -> None:
+    for i in indices:
+        journal.append(sample(i))
+    journal.flush()
+
+
 def hub_at(runs: Path, name: str = "one") -> Hub:
     async def status() -> dict[str, Any]:
         return {"run": {"name": name, "state": "running"}}
@@ -143,25 +149,19 @@ def hub_at(runs: Path, name: str = "one") -> Hub:
 
 def test_samples_of_a_run_reach_the_ring(runs: Path) -> None:
     with journal_of(runs) as journal:
-        for i in range(100):
-            journal.append(sample(i))
-        journal.flush()
+        put(journal, range(100))
         hub = hub_at(runs)
         asyncio.run(hub.tick(0.04))
         assert hub.live is not None
         assert hub.live.ring.count == 100
-        for i in range(100, 150):
-            journal.append(sample(i))
-        journal.flush()
+        put(journal, range(100, 150))
         asyncio.run(hub.tick(0.04))
         assert hub.live.ring.count == 150
 
 
 def test_what_came_in_one_go_is_played_little_by_little(runs: Path) -> None:
     with journal_of(runs) as journal:
-        for i in range(200):
-            journal.append(sample(i))
-        journal.flush()
+        put(journal, range(200))
         hub = hub_at(runs)
         played = []
         for _ in range(40):

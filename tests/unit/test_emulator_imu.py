@@ -157,22 +157,14 @@ def test_the_bias_is_drawn_once_and_stays() -> None:
     assert max(map(abs, before)) > 0.01
 
 
-def test_the_noise_of_single_samples_has_the_specs_standard_deviation() -> None:
-    node = Node(chip(gyro_noise=0.05, average_samples=1))
+@pytest.mark.parametrize(("average", "within"), [(1, 0.06), (3, 0.09)])  # 4 standard errors
+def test_the_noise_of_a_mean_of_samples_is_the_specs_over_the_root_of_their_number(average: int, within: float) -> None:
+    node = Node(chip(gyro_noise=0.05, average_samples=average))
     values = []
-    for _ in range(2000):
+    for _ in range(2000 if average == 1 else 3000):
         node.run(node.imu.due + 1e-3)
         values.append(gyro(node)[0])
-    assert statistics.stdev(values) == pytest.approx(0.05, rel=0.06)  # 4 standard errors
-
-
-def test_the_mean_of_three_samples_is_quieter_by_the_root_of_three() -> None:
-    node = Node(chip(gyro_noise=0.05, average_samples=3))
-    values = []
-    for _ in range(3000):
-        node.run(node.imu.due + 1e-3)
-        values.append(gyro(node)[0])
-    assert statistics.stdev(values[::3]) == pytest.approx(0.05 / math.sqrt(3), rel=0.09)  # 4 standard errors
+    assert statistics.stdev(values[::average]) == pytest.approx(0.05 / math.sqrt(average), rel=within)
 
 
 def test_chip_axes_are_turned_from_those_of_the_head() -> None:

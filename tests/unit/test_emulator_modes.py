@@ -28,32 +28,28 @@ def law(bench: Bench, device: int = TENDON) -> Law:
     return bench.plant.laws[device - 1]
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_a_new_mode_puts_gains_back_to_the_models_own(mode: int) -> None:
-    bench = bench_in(CURRENT, torque=False)
-    for name in ("position_p_gain", "position_d_gain", "velocity_p_gain", "velocity_i_gain"):
-        bench.put(TENDON, name, 123)
-    bench.put(TENDON, "operating_mode", mode)
-    names = ("position_p_gain", "position_d_gain", "velocity_p_gain", "velocity_i_gain")
-    assert [bench.get(TENDON, name) for name in names] == [900, 0, 100, 1920]
+OWN_GAINS = {"position_p_gain": 900, "position_d_gain": 0, "velocity_p_gain": 100, "velocity_i_gain": 1920}
+PROFILE = ("profile_velocity", "profile_acceleration")
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_new_mode_takes_the_profile_away(mode: int) -> None:
+@pytest.mark.parametrize(
+    ("written", "after"),
+    [
+        (dict.fromkeys(OWN_GAINS, 123), OWN_GAINS),
+        (dict.fromkeys(PROFILE, 5), dict.fromkeys(PROFILE, 0)),
+        ({"current_limit": 300, "pwm_limit": 400}, {"goal_current": 300, "goal_pwm": 400}),
+    ],
+    ids=["the gains of the model", "no profile", "goals at their limits"],
+)
+def test_a_new_mode_puts_gains_profile_and_goals_back(
+    written: dict[str, int], after: dict[str, int], mode: int
+) -> None:
     bench = bench_in(CURRENT, torque=False)
-    bench.put(TENDON, "profile_velocity", 5)
-    bench.put(TENDON, "profile_acceleration", 6)
+    for name, count in written.items():
+        bench.put(TENDON, name, count)
     bench.put(TENDON, "operating_mode", mode)
-    assert [bench.get(TENDON, name) for name in ("profile_velocity", "profile_acceleration")] == [0, 0]
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_a_new_mode_puts_goal_pwm_and_current_to_their_limits(mode: int) -> None:
-    bench = bench_in(CURRENT, torque=False)
-    bench.put(TENDON, "current_limit", 300)
-    bench.put(TENDON, "pwm_limit", 400)
-    bench.put(TENDON, "operating_mode", mode)
-    assert [bench.get(TENDON, name) for name in ("goal_current", "goal_pwm")] == [300, 400]
+    assert {name: bench.get(TENDON, name) for name in after} == after
 
 
 @pytest.mark.parametrize("mode", [2, 6, 15])

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from matplotlib.collections import LineCollection
 from tests.unit.figures_pages import alternatives, asked_outside
-from tests.unit.figures_panels import drawn
+from tests.unit.figures_panels import bars, drawn, labelled
 
 from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell
@@ -23,33 +22,88 @@ def about(value: float, std: float = 0.1) -> Estimate:
     return Estimate.normal(value, std * abs(value))
 
 
+PRETENSION_MM = (0.0, 6.0, 12.0)
+PANELS: dict[str, dict[str, dict[str, tuple[str, float]]]] = {
+    "hardening": {
+        "shift of f₀ at the swing in %": {"": ("frequency_shift", 100)},
+        "share of the linear force in %": {"": ("quadratic_share", 100)},
+        "larger on one side by %": {"": ("half_area_asymmetry", 100)},
+    },
+    "saturation": {
+        "gain": {"by nominal drive": ("gain_peak", 1), "by measured drive": ("gain_peak_measured_drive", 1)},
+        "amplitude in degrees": {"": ("drive_amplitude_at_resonance_rad", 180 / math.pi)},
+        "frequency in Hz": {"": ("resonance_hz", 1)},
+    },
+    "losses": {
+        "share of D in %": {
+            "silicone": ("silicone_share", 100),
+            "guides' friction": ("guide_friction_share", 100),
+            "lever's recoil": ("recoil_share", 100),
+            "sensors": ("sensor_share", 100),
+            "method": ("method_share", 100),
+        },
+        "D": {"measured": ("lehr_damping", 1), "fitted joint": ("lehr_damping_model", 1)},
+    },
+    "constancy": {"D": {"mean over repeats, 90 %": ("damping_ratio", 1)}},
+    "delay": {"delay in ms": {"extra delay": ("extra_delay_s", 1e3)}},
+}
+"""What each answer's figure draws: by the label of each panel's axis its rows, their columns, and factors."""
+
+
 def told(name: str) -> Answer:
-    """Return an answer of this name at three pretensions with every column that its figure draws."""
-    columns = {
-        "hardening": ("frequency_shift", "quadratic_share", "half_area_asymmetry"),
-        "saturation": ("gain_peak", "gain_peak_measured_drive", "drive_amplitude_at_resonance_rad", "resonance_hz"),
-        "losses": ("silicone_share", "guide_friction_share", "recoil_share", "sensor_share", "method_share",
-                   "lehr_damping", "lehr_damping_model"),
-        "constancy": ("damping_ratio",),
-        "delay": ("extra_delay_s",),
-    }[name]  # fmt: skip
+    """Return an answer of this name at three pretensions with every column that its figure draws, no two alike."""
     numbers = {
         "constancy": {"slope_per_mm": about(1e-4), "mean": about(0.06)},
         "delay": {"budget_s": about(0.0105, 0.05), "extra_delay_s": about(2e-4)},
         "saturation": {"threshold_mm": about(5.0), "drives_share_of_the_fall": Estimate(1.0, 0.1, -math.inf, math.inf)},
     }.get(name, {"frequency_shift": about(0.02)})
+    columns = [column for panel in PANELS[name].values() for column, _ in panel.values()]
     rows: list[dict[str, Cell]] = []
-    for i, pretension in enumerate((0.0, 6.0, 12.0)):
+    for i, pretension in enumerate(PRETENSION_MM):
         row: dict[str, Cell] = {"pretension_mm": pretension, "omega_rad_s": 18.0 + 4 * i, "repeat_0": 0.06}
-        rows.append(row | {column: about(0.1 * (i + 1)) for column in columns})
+        rows.append(row | {column: about(0.1 * (i + 1) + 0.01 * k) for k, column in enumerate(columns)})
     return Answer(name, f"Is {name} <real>?", "yes, it is", (f"It is {name}.", "More."), numbers, tuple(rows))
 
 
 @pytest.mark.parametrize("name", QUESTIONS)
-def test_every_answer_has_a_figure_with_a_labelled_axis_of_pretension(name: str) -> None:
-    figure = drawn(draw_answer(told(name)))
+def test_every_answer_has_its_estimates_over_pretension_in_the_unit_of_the_axis(name: str) -> None:
+    answer = told(name)
+    figure = drawn(draw_answer(answer))
     assert {axes.get_xlabel() for axes in figure.axes} == {"pretension in mm"}
-    assert all(axes.get_ylabel() for axes in figure.axes)
+    assert [axes.get_ylabel() for axes in figure.axes] == list(PANELS[name])
+    for axes, panel in zip(figure.axes, PANELS[name].values(), strict=True):
+        shown = bars(axes)
+        assert set(shown) == set(panel)
+        for label, (column, factor) in panel.items():
+            cells = [row[column] for row in answer.rows]
+            expected = [[factor * one.value, factor * one.low, factor * one.high] for one in cells]  # type: ignore[union-attr]
+            np.testing.assert_allclose(shown[label][:, 1:], expected)
+            np.testing.assert_allclose(shown[label][:, 0], PRETENSION_MM, atol=0.3)  # side by side
+
+
+def test_the_threshold_stands_at_its_pretension() -> None:
+    assert labelled(drawn(draw_answer(told("saturation"))).axes[0], "threshold")[:, 0].tolist() == [5.0, 5.0]
+
+
+def test_the_line_of_constancy_has_the_answers_slope_and_its_laws_fall_with_the_frequency() -> None:
+    axes = drawn(draw_answer(told("constancy"))).axes[0]
+    slope, at_zero = np.polyfit(*labelled(axes, "line").T, 1)
+    assert (slope, at_zero + 6.0 * slope) == (pytest.approx(1e-4), pytest.approx(0.06))
+    for label, power in (("constant d", 1), ("silicone alone", 2)):
+        law = labelled(axes, label)[:, 1]
+        assert law.mean() == pytest.approx(0.06)
+        assert law / law[0] == pytest.approx(np.array([1.0, 18 / 22, 18 / 26]) ** power)
+
+
+def test_the_budget_and_the_delay_of_all_together_are_bands_in_milliseconds() -> None:
+    patches = drawn(draw_answer(told("delay"))).axes[0].patches
+    found = {one.get_label(): (one.get_y(), one.get_y() + one.get_height()) for one in patches}  # type: ignore[attr-defined]
+    budget, together = about(0.0105, 0.05), about(2e-4)
+    half = 1e3 * (budget.high - budget.value)
+    assert found == {
+        "written budget, 90 %": pytest.approx((-half, half)),
+        "all together, 90 %": pytest.approx((1e3 * together.low, 1e3 * together.high)),
+    }
 
 
 @pytest.mark.parametrize("name", QUESTIONS)
@@ -57,20 +111,10 @@ def test_an_answer_that_cannot_be_told_has_no_figure(name: str) -> None:
     assert draw_answer(cannot_tell(name, "Is it?", "It lacks a drive.")) is None
 
 
-def ends_of_bars(answer: Answer) -> set[float]:
-    """Return where the bars of an answer's figure end."""
-    figure = drawn(draw_answer(answer))
-    bars = [part for part in figure.axes[0].collections if isinstance(part, LineCollection)]
-    return {round(float(y), 6) for bar in bars for part in bar.get_segments() for y in np.asarray(part)[:, 1]}
-
-
 def test_an_answer_with_one_pretension_is_drawn_with_its_interval_alone() -> None:
     one = told("constancy")
-    assert ends_of_bars(replace(one, rows=one.rows[:1])) == {round(about(0.1).low, 6), round(about(0.1).high, 6)}
-
-
-def test_the_intervals_are_in_the_figure() -> None:
-    assert {round(1e3 * about(0.1).low, 6), round(1e3 * about(0.1).high, 6)} <= ends_of_bars(told("delay"))
+    (row,) = bars(drawn(draw_answer(replace(one, rows=one.rows[:1]))).axes[0])["mean over repeats, 90 %"]
+    assert row == pytest.approx([0.0, 0.1, about(0.1).low, about(0.1).high])
 
 
 @pytest.fixture(scope="module")

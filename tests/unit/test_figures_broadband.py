@@ -36,3 +36,8 @@ def test_single_panels_are_drawn_on_axes_that_are_given(found: sn.Analysed) -> N
         draw(found, one) for draw, one in zip((sn.plot.response, sn.plot.phase, sn.plot.coherence), axes, strict=True)
     ]
     assert [one.get_ylabel() for one in drawn] == ["response / drive in rad/(N*m)", "lag in degrees", "coherence γ²"]
+    np.testing.assert_array_equal(labelled(drawn[0], "H1")[:, 1], column(found, "gain", "value"))
+    lag, known = labelled(drawn[1], "H1")[:, 1], column(found, "phase_lag_deg", "value")
+    np.testing.assert_array_equal(lag[np.isfinite(lag)], known[np.isfinite(lag)])  # a gap where it jumps by a turn
+    assert np.isfinite(lag).mean() > 0.5
+    np.testing.assert_array_equal(labelled(drawn[2], "γ²")[:, 1], column(found, "coherence"))

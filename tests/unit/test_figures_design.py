@@ -3,14 +3,14 @@
 from typing import Any
 
 import numpy as np
-import pytest
+from tests.unit.figures_panels import labelled
 
 from sinew.figures.design_page import EndCurves, draw_design_curves, draw_design_front
 from sinew.solve.branch import Branch
 
 
 def joint(shape: str, energy: float, *, front: bool, feasible: bool = True) -> dict[str, Any]:
-    size = {"volume_cm3": 1e3 * energy, "tension_n": 40.0}
+    size = {"volume_cm3": 1e3 * energy, "tension_n": 100 - 200 * energy}
     return {"name": shape, "shape": shape, "energy_j": energy, "on_front": front, "feasible": feasible, **size}
 
 
@@ -28,8 +28,9 @@ def test_every_joint_is_a_mark_in_both_panels_and_proposals_have_their_number() 
     evaluated = [joint("circle", 0.2, front=True), joint("annulus", 0.3, front=False)]
     evaluated.append(joint("ellipse", 0.25, front=False, feasible=False))
     figure = draw_design_front(evaluated, evaluated[:1])
-    for axes in figure.axes:
-        assert [float(line.get_ydata()[0]) for line in axes.lines] == pytest.approx([200.0, 300.0, 250.0])  # type: ignore[index,arg-type]
+    for axes, at in zip(figure.axes, ([200.0, 300.0, 250.0], [60.0, 40.0, 50.0]), strict=True):
+        marks = np.array([np.ravel(line.get_data()) for line in axes.lines], dtype=float)
+        np.testing.assert_allclose(marks, np.column_stack([at, [200.0, 300.0, 250.0]]))  # mJ
         assert [text.get_text() for text in axes.texts] == ["1"]
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels == ["circle", "annulus", "ellipse", "dominated", "breaks a limit"]
@@ -41,6 +42,9 @@ def test_a_proposal_has_both_curves_and_what_the_twin_found() -> None:
     document = {"name": "annulus of 40 mm", "ends": ends, "confirmed": confirmed}
     figure = draw_design_curves([EndCurves(document, (curve(0.7), curve(1.1)))], 7.0)
     axes = figure.axes[0]
-    assert sum(len(np.atleast_1d(line.get_xdata())) == 41 for line in axes.lines) == 2
+    for end, one in (("lower", curve(0.7)), ("upper", curve(1.1))):
+        points = np.column_stack([one.frequency_hz, np.degrees(one.amplitude)])
+        np.testing.assert_allclose(labelled(axes, f"{end} end, predicted"), points)
     (ring,) = [line for line in axes.lines if line.get_marker() == "o"]
-    assert float(np.asarray(ring.get_xdata())[0]) == 0.7
+    assert np.ravel(ring.get_data()).tolist() == [0.7, 7.0]
+    assert axes.get_ylabel() == "torsion in degrees"

@@ -8,6 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from scipy import special
+from tests.tables import rows
 from tests.unit.figures_pages import alternatives, asked_outside
 from tests.unit.figures_panels import drawn, labelled, smallest_type, titled
 from tests.unit.identify_signals import OMEGA, dry_decay, motion, noisy, viscous
@@ -147,9 +148,12 @@ def test_blocks_that_were_held_out_show_what_was_predicted_without_them() -> Non
 
 
 def test_the_whole_record_is_drawn_in_degrees() -> None:
-    measured = labelled(titled(figures()["fit_data"], "whole record"), "measured")
-    np.testing.assert_allclose(measured[:, 1], np.rad2deg(divided()[0].record.output))
-    np.testing.assert_allclose(measured[:, 0], TIME)
+    [trace], axes = traces(), titled(figures()["fit_data"], "whole record")
+    measured = np.rad2deg(divided()[0].record.output)
+    fitted = np.rad2deg(trace.fitted)
+    for label, values in (("measured", measured), ("fitted", fitted), ("measured less fitted", measured - fitted)):
+        np.testing.assert_allclose(labelled(axes, label), np.column_stack([TIME, values]), atol=1e-9)
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time in s", "output in degrees")
 
 
 def test_the_second_close_up_begins_with_the_held_out_part() -> None:
@@ -191,6 +195,7 @@ def test_the_size_of_residuals_is_drawn_against_the_amplitude_of_each_period() -
     fitted, held = (np.asarray(line.get_xydata()) for line in axes.lines)
     assert len(fitted) == 400 // 33
     assert fitted[:, 0].max() > 4 * held[:, 0].max()
+    assert np.median(fitted[:, 1]) == pytest.approx(np.rad2deg(0.01), rel=0.2)  # of the noise
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9])
@@ -235,11 +240,24 @@ def test_draws_replace_the_covariance_of_the_parameters_they_are_of() -> None:
 
 
 def test_the_corner_plot_tells_values_and_correlation() -> None:
-    figure = figures()["corner"]
-    told = " ".join(text.get_text() for text in figure.findobj(Text))
-    found = divided()[1].fit
-    assert f"{found.parameters['damping_per_s'].value:.2f}" in told
-    assert "ρ = " in told
+    found, cloud = divided()[1].fit, cloud_of(divided()[1].fit)
+    grid = np.reshape(np.array(figures()["corner"].axes), (2, 2))
+    for k, name in enumerate(cloud.names):
+        (words, unit), one = parameter_label(name), found.parameters[name]
+        value, spread = value_and_std(one.value, one.std).split(" ± ")
+        assert grid[k, k].get_title() == f"{words}\n{value} {unit}\n± {spread}"
+        assert grid[1, k].get_xlabel() == words
+    assert grid[0, 1].texts[0].get_text() == f"ρ = {cloud.correlation[0, 1]:.2f}".replace("-", "−")
+
+
+def test_the_ellipses_of_the_corner_plot_reach_as_far_as_their_shares_and_lean_with_the_correlation() -> None:
+    cloud = Cloud(("loss_factor", "inertia_kg_m2"), np.ones(2), np.array([[4.0, 1.5], [1.5, 1.0]]))
+    pair = drawn(draw_corner(cloud)).axes[2]
+    assert (pair.get_xlabel(), pair.get_ylabel()) == ("loss factor", "inertia")
+    for outline, share in zip(pair.patches, (0.9, 0.5), strict=True):
+        x, y = outline.get_xy().T  # type: ignore[attr-defined]
+        assert x.max() == pytest.approx(np.sqrt(-2 * np.log(1 - share)), rel=1e-3)  # in standard deviations
+        assert y[np.argmax(x)] / x.max() == pytest.approx(0.75, abs=0.03)
 
 
 def test_a_single_parameter_has_no_corner() -> None:
@@ -251,7 +269,11 @@ def test_the_backbone_has_a_curve_of_the_model_and_one_of_the_decay() -> None:
     model, itself = labelled(left, "fitted model"), labelled(left, "decay, no model")
     np.testing.assert_allclose(model[:, 1], 3.0 * np.sqrt(1 - 0.05**2), rtol=0.002)
     np.testing.assert_allclose(np.median(itself[:, 1]), 3.0 * np.sqrt(1 - 0.05**2), rtol=0.01)
-    assert right.get_xlabel() == "amplitude in degrees"
+    assert 0.5 < itself[:, 0].max() / np.degrees(0.4) < 1.1
+    np.testing.assert_allclose(labelled(right, "fitted model")[:, 1], 0.05, rtol=0.05)
+    assert np.median(labelled(right, "decay, no model")[:, 1]) == pytest.approx(0.05, rel=0.1)
+    assert [axes.get_ylabel() for axes in (left, right)] == ["frequency in Hz", "damping ratio"]
+    assert {axes.get_xlabel() for axes in (left, right)} == {"amplitude in degrees"}
 
 
 def test_neither_curve_means_no_backbone() -> None:
@@ -264,16 +286,16 @@ def test_no_type_is_smaller_than_eight_points() -> None:
 
 @pytest.mark.parametrize(
     ("name", "words", "unit"),
-    [
-        ("stiffness_per_s2", "stiffness", "1/s²"),
-        ("cubic_per_s2_rad2", "cubic term", "1/(s² rad²)"),
-        ("stiffness_n_m_per_rad", "stiffness", "N m/rad"),
-        ("inertia_kg_m2", "inertia", "kg m²"),
-        ("loss_factor", "loss factor", ""),
-        ("natural_frequency_hz[4 mm]", "natural frequency 4 mm", "Hz"),
-        ("input_gain_v_per_s2_a", "input gain", "V/(s² A)"),
-        ("silicone.torsional_rigidity_n_m2", "silicone torsional rigidity", "N m²"),
-    ],
+    rows("""
+        stiffness_per_s2 => stiffness => 1/s²
+        cubic_per_s2_rad2 => cubic term => 1/(s² rad²)
+        stiffness_n_m_per_rad => stiffness => N m/rad
+        inertia_kg_m2 => inertia => kg m²
+        loss_factor => loss factor =>
+        natural_frequency_hz[4 mm] => natural frequency 4 mm => Hz
+        input_gain_v_per_s2_a => input gain => V/(s² A)
+        silicone.torsional_rigidity_n_m2 => silicone torsional rigidity => N m²
+    """),
 )
 def test_a_parameters_name_gives_its_words_and_its_unit(name: str, words: str, unit: str) -> None:
     assert parameter_label(name) == (words, unit)

@@ -33,9 +33,15 @@ def test_a_cycle_begins_where_its_fundamental_is_greatest(target: GaitTarget) ->
         assert abs(angle) <= np.pi / 64 + 1e-9  # half a point of the cycle
 
 
-def test_the_axes_say_what_they_show(target: GaitTarget) -> None:
-    figure = drawn(draw_gait_yaw(target))
-    assert [axes.get_xlabel() for axes in figure.axes] == ["share of the stride in %", "stride frequency in Hz"]
+def test_each_bout_is_a_mark_of_its_amplitude_over_its_frequency_beside_the_band(target: GaitTarget) -> None:
+    cycle, over = drawn(draw_gait_yaw(target)).axes
+    marks = [np.column_stack(line.get_data())[0].tolist() for line in over.lines if line.get_linestyle() == "None"]
+    bouts = [bout for one in target.walks for bout in one.bouts]
+    assert marks == [[bout.frequency_hz.value, bout.yaw_deg.value] for bout in bouts]
+    (band,) = over.patches
+    assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx(target.band_hz)  # type: ignore[attr-defined]
+    assert (cycle.get_xlabel(), cycle.get_ylabel()) == ("share of the stride in %", "yaw in degrees")
+    assert (over.get_xlabel(), over.get_ylabel()) == ("stride frequency in Hz", "yaw amplitude in degrees")
 
 
 def test_a_target_of_numbers_has_no_figure() -> None:

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from tests.unit.figures_panels import drawn
 
+import sinew as sn
 from sinew.figures.predicted import (
     PREDICTION_CAPTIONS,
     Curves,
@@ -19,7 +20,9 @@ from sinew.figures.predicted import (
     upper_gain,
     write_prediction_page,
 )
-from sinew.solve.branch import Branch, Mark
+from sinew.plan.toml import load_rig
+from sinew.predict.predicted import Predicted, RigAsked
+from sinew.solve.branch import Branch, Mark, Prediction
 
 
 def bent(shift_hz: float) -> Branch:
@@ -79,6 +82,18 @@ def test_the_gain_is_by_the_commanded_amplitude() -> None:
     left = figure.axes[0]
     tallest = max(np.max(np.asarray(line.get_ydata())) for line in left.lines)
     assert tallest == pytest.approx(1.0 / np.radians(30.0))
+
+
+def test_the_phase_plot_of_a_prediction_is_the_lag_of_its_branch_in_degrees_with_its_folds() -> None:
+    one, asked = bent(0.0), RigAsked([0.0], 30.0, "position", (), (2.0, 4.5))
+    found = Predicted(load_rig("paper"), asked, None, Prediction((one,), 1, 0.0, 0.0), [])  # type: ignore[arg-type]
+    axes = sn.plot.predicted_phase(found, Figure().subplots())
+    lines = [np.column_stack(line.get_data()).astype(float) for line in axes.lines]
+    curve = np.concatenate([line for line in lines if len(line) > 2])
+    expected = np.column_stack([one.frequency_hz, np.degrees(one.phase)])
+    np.testing.assert_allclose(np.unique(curve, axis=0), np.unique(expected, axis=0))
+    assert [line[0].tolist() for line in lines if len(line) == 1] == [[3.5, np.degrees(1.2)], [3.0, np.degrees(1.8)]]
+    assert axes.get_ylabel() == "lag of torsion behind lever in degrees"
 
 
 def test_a_curve_with_folds_tells_its_line_styles_apart() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from tests.tables import rows
 from tests.unit.figures_pages import alternatives, asked_outside, outline
 from tests.unit.figures_sample import SMALL, foreign_ring_down, sample_recording, sample_results
 
@@ -16,23 +17,12 @@ from sinew.paper.summary import shares_plan, summarise
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 
+KEYS = ("value", "unit", "alone", "together", "bounds", "sentence")
+DIAMETER = (0.056, "m", [0.055, 0.057], [0.054, 0.058], [0.04, 0.08], "The gain at 12 mm fixes it.")
+ARMATURE = (0.01, "kg*m^2", [0.008, 0.012], [0.003, 0.03], [0.003, 0.03], "Nothing fixes it.")
 DETERMINATION = {
-    "silicone.diameter": {
-        "value": 0.056,
-        "unit": "m",
-        "alone": [0.055, 0.057],
-        "together": [0.054, 0.058],
-        "bounds": [0.04, 0.08],
-        "sentence": "The gain at 12 mm fixes it.",
-    },
-    "drive.armature": {
-        "value": 0.01,
-        "unit": "kg*m^2",
-        "alone": [0.008, 0.012],
-        "together": [0.003, 0.03],
-        "bounds": [0.003, 0.03],
-        "sentence": "Nothing fixes it.",
-    },
+    "silicone.diameter": dict(zip(KEYS, DIAMETER, strict=True)),
+    "drive.armature": dict(zip(KEYS, ARMATURE, strict=True)),
 }
 EFFECTS = [
     {
@@ -242,18 +232,19 @@ def test_bars_lie_on_a_scale_of_the_bounds() -> None:
 
 @pytest.mark.parametrize(
     ("value", "spread", "text"),
-    [
-        (3.0151, 0.0052, "3.015 ± 0.005"),
-        (2.8082, 0.0153, "2.808 ± 0.015"),
-        (0.0406803, 0.0000071, "0.040680 ± 0.000007"),
-        (22.88, 0.21, "22.88 ± 0.21"),
-        (-1.26, 0.3, "−1.26 ± 0.30"),
-        (1.23456, 0.0, "1.235"),
-    ],
+    rows("""
+        3.0151 => 0.0052 => 3.015 ± 0.005
+        2.8082 => 0.0153 => 2.808 ± 0.015
+        0.0406803 => 0.0000071 => 0.040680 ± 0.000007
+        22.88 => 0.21 => 22.88 ± 0.21
+        -1.26 => 0.3 => −1.26 ± 0.30
+        1.23456 => 0.0 => 1.235
+    """),
 )
-def test_measured_values_are_cut_at_their_spread(value: float, spread: float, text: str) -> None:
+def test_measured_values_are_cut_at_their_spread(value: str, spread: str, text: str) -> None:
     results = sample_results(*SMALL)
-    results["paper_resonance_hz"].values[0], results["paper_resonance_std_hz"].values[0] = value, spread
+    results["paper_resonance_hz"].values[0] = float(value)
+    results["paper_resonance_std_hz"].values[0] = float(spread)
     assert measured_tables(results)[0].rows[0][1] == text
 
 

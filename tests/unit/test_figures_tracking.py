@@ -33,13 +33,24 @@ def test_frequency_and_phase_error_are_those_of_the_turns() -> None:
     figure = draw_tracking([STOOD], EXPECTED)
     for panel, name in (("frequency", "frequency_hz"), ("lag of the torsion", "phase_error_deg")):
         line = titled(figure, panel).lines[0]
-        assert np.asarray(line.get_ydata()) == pytest.approx(TURNS[name])
+        assert np.array(line.get_data()) == pytest.approx(np.array([TURNS["time_s"], TURNS[name]]))
+
+
+def test_the_point_of_what_stood_has_its_intervals_and_lies_beside_the_predicted_backbones() -> None:
+    axes = titled(draw_tracking([STOOD], EXPECTED), "where it resonated")
+    (point,) = axes.containers
+    line, _, (across, along) = point.lines
+    assert np.ravel(line.get_data()).tolist() == [3.5, 36.0]
+    assert across.get_segments()[0] == pytest.approx(np.array([[3.49, 36.0], [3.51, 36.0]]))
+    assert along.get_segments()[0] == pytest.approx(np.array([[3.5, 35.8], [3.5, 36.2]]))
+    backbones = [np.array(one.get_data()).tolist() for one in axes.lines if len(one.get_xdata()) == 3]
+    assert backbones == [[one["frequency_hz"], one["torsion_deg"]] for one in EXPECTED]
 
 
 def test_what_moved_is_drawn_from_its_lock_on_and_what_was_wanted_beside_it() -> None:
     figure = draw_tracking([MOVED], EXPECTED)
     tracked = labelled(titled(figure, "where it resonated"), "tracked")
-    assert tracked[:, 1] == pytest.approx(TURNS["torsion_deg"][7:])
+    np.testing.assert_allclose(tracked, np.column_stack([TURNS["frequency_hz"], TURNS["torsion_deg"]])[7:])
     wanted = labelled(titled(figure, "frequency"), "wanted")
     assert wanted[1:3].tolist() == [[2.0, 3.4], [8.0, 3.6]]
 

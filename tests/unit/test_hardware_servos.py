@@ -34,6 +34,15 @@ def put_into(servo: TendonServo, mode: TendonMode) -> None:
     servo.set_count("operating_mode", TENDON_MODES[mode])
 
 
+def powered(mode: TendonMode, pull: int) -> tuple[Bench, TendonServo]:
+    """Return a bench whose tendon 1 pulls that way, and that motor under torque in a mode."""
+    bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)))
+    servo = tendon(bench, pull)
+    put_into(servo, mode)
+    servo.torque_on()
+    return bench, servo
+
+
 @both_ways
 def test_a_tendons_angle_grows_where_its_counts_pull(pull: int) -> None:
     bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)), tendon_counts=1000)
@@ -45,10 +54,7 @@ def test_a_tendons_angle_grows_where_its_counts_pull(pull: int) -> None:
 
 @both_ways
 def test_a_tendons_current_is_positive_where_it_pulls(pull: int) -> None:
-    bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)))
-    servo = tendon(bench, pull)
-    put_into(servo, "current")
-    servo.torque_on()
+    bench, servo = powered("current", pull)
     bench.plant.current[0] = 0.3
     bench.wait(0.01)
     assert servo.current() == pytest.approx(0.3, abs=AMPERE)
@@ -56,10 +62,7 @@ def test_a_tendons_current_is_positive_where_it_pulls(pull: int) -> None:
 
 @both_ways
 def test_a_tendon_goes_to_its_goal_over_more_than_a_turn(pull: int) -> None:
-    bench = Bench(paper_rig(tendon_pull=(pull, 1, 1, 1)))
-    servo = tendon(bench, pull)
-    put_into(servo, "position")
-    servo.torque_on()
+    bench, servo = powered("position", pull)
     goal = servo.angle() + 9.0
     servo.set_goal_angle(goal)
     bench.wait(5.0)

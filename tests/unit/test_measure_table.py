@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from tests.tables import rows
 
 from sinew.measure.errors import FileError, RecordingError
 from sinew.measure.files.table import find_columns, numbers, read_table
@@ -14,23 +15,26 @@ def table_file(folder: Path, text: str | bytes, name: str = "t.csv") -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        pytest.param("t,a\n0,1.5\n1,2.5\n", id="comma"),
-        pytest.param("t;a\n0;1.5\n1;2.5\n", id="semicolon"),
-        pytest.param("t\ta\n0\t1.5\n1\t2.5\n", id="tab"),
-        pytest.param("t a\n0 1.5\n1 2.5\n", id="blanks"),
-        pytest.param("t;a\n0;1,5\n1;2,5\n", id="decimal comma"),
-        pytest.param("t, a\r\n0, 1.5\r\n1, 2.5\r\n", id="windows"),
-        pytest.param("# from the bench\n\nt,a\n0,1.5\n1,2.5\n", id="comment"),
-        pytest.param("# t,a\n0,1.5\n1,2.5\n", id="header in a comment"),
-        pytest.param('"t","a"\n0,1.5\n1,2.5\n', id="quotes"),
-        pytest.param("t,a,\n0,1.5,\n1,2.5,\n", id="trailing delimiter"),
-        pytest.param("\ufefft,a\n0,1.5\n1,2.5\n", id="byte order mark"),
-        pytest.param("t,a\n0,1.5\n\n1,2.5\n\n", id="empty lines"),
-    ],
-)
+DELIMITERS = {
+    "comma": "t,a\n0,1.5\n1,2.5\n",
+    "semicolon": "t;a\n0;1.5\n1;2.5\n",
+    "tab": "t\ta\n0\t1.5\n1\t2.5\n",
+    "blanks": "t a\n0 1.5\n1 2.5\n",
+    "decimal comma": "t;a\n0;1,5\n1;2,5\n",
+    "quotes": '"t","a"\n0,1.5\n1,2.5\n',
+    "trailing delimiter": "t,a,\n0,1.5,\n1,2.5,\n",
+}
+SURROUNDINGS = {
+    "windows": "t, a\r\n0, 1.5\r\n1, 2.5\r\n",
+    "comment": "# from the bench\n\nt,a\n0,1.5\n1,2.5\n",
+    "header in a comment": "# t,a\n0,1.5\n1,2.5\n",
+    "byte order mark": "\ufefft,a\n0,1.5\n1,2.5\n",
+    "empty lines": "t,a\n0,1.5\n\n1,2.5\n\n",
+}
+TEXTS = DELIMITERS | SURROUNDINGS
+
+
+@pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS)
 def test_a_table_is_read_whatever_its_delimiters(tmp_path: Path, text: str) -> None:
     table = read_table(table_file(tmp_path, text))
     assert (list(table.columns), numbers(table, "a").tolist()) == (["t", "a"], [1.5, 2.5])
@@ -104,42 +108,34 @@ def test_a_specification_names_columns_and_a_unit(tmp_path: Path, spec: str, fou
     assert find_columns(table, spec) == found
 
 
-def test_a_missing_column_is_answered_with_the_closest_and_all_names(tmp_path: Path) -> None:
-    table = read_table(table_file(tmp_path, "time_s,angle_deg\n0,1\n"))
-    with pytest.raises(RecordingError, match=r"'angel_deg'.* 'angle_deg'\?.* time_s"):
-        find_columns(table, "angel_deg:deg")
-
-
-def test_the_missing_one_of_several_columns_is_named(tmp_path: Path) -> None:
-    table = read_table(table_file(tmp_path, "t,Tip-1,Tip-2\n0,1,2\n"))
-    with pytest.raises(RecordingError, match="no column 'Tip-9'"):
-        find_columns(table, "Tip-1,Tip-9:m")
-
-
-def test_a_column_that_occurs_twice_is_refused_when_it_is_asked_for(tmp_path: Path) -> None:
-    table = read_table(table_file(tmp_path, "t,a,a\n0,1,2\n"))
-    with pytest.raises(RecordingError, match="column 'a' occurs 2 times"):
-        find_columns(table, "a")
+@pytest.mark.parametrize(
+    ("head", "spec", "said"),
+    rows(r"""
+        time_s,angle_deg => angel_deg:deg => 'angel_deg'.* 'angle_deg'\?.* time_s
+        t,Tip-1,Tip-2 => Tip-1,Tip-9:m => no column 'Tip-9'
+        t,a,a => a => column 'a' occurs 2 times
+    """),
+    ids=["missing, with the closest and all names", "the missing one of several", "twice, when it is asked for"],
+)
+def test_a_column_that_is_not_there_once_is_refused(tmp_path: Path, head: str, spec: str, said: str) -> None:
+    table = read_table(table_file(tmp_path, f"{head}\n{','.join('0' for _ in head.split(','))}\n"))
+    with pytest.raises(RecordingError, match=said):
+        find_columns(table, spec)
 
 
 @pytest.mark.parametrize(
-    ("cell", "said"),
+    ("cells", "said"),
     [
-        ("oops", "column 'a' holds 'oops' in data row 2, expected a number"),
-        ("", "column 'a' holds NaN or an empty cell in data row 2"),
-        ("nan", "column 'a' holds NaN or an empty cell in data row 2"),
-        ("inf", "column 'a' holds infinity in data row 2"),
+        ("0,1 1,oops 2,3", "column 'a' holds 'oops' in data row 2, expected a number"),
+        ("0,1 1, 2,3", "column 'a' holds NaN or an empty cell in data row 2"),
+        ("0,1 1,nan 2,3", "column 'a' holds NaN or an empty cell in data row 2"),
+        ("0,1 1,inf 2,3", "column 'a' holds infinity in data row 2"),
+        ("s,deg 0,1", "if this row holds units, delete it"),
     ],
 )
-def test_a_cell_without_a_number_is_refused_by_row_and_column(tmp_path: Path, cell: str, said: str) -> None:
-    table = read_table(table_file(tmp_path, f"t,a\n0,1\n1,{cell}\n2,3\n"))
+def test_a_cell_without_a_number_is_refused_by_row_and_column(tmp_path: Path, cells: str, said: str) -> None:
+    table = read_table(table_file(tmp_path, "t,a\n" + cells.replace(" ", "\n") + "\n"))
     with pytest.raises(RecordingError, match=said):
-        numbers(table, "a")
-
-
-def test_a_row_of_units_is_recognised_for_what_it_may_be(tmp_path: Path) -> None:
-    table = read_table(table_file(tmp_path, "t,a\ns,deg\n0,1\n"))
-    with pytest.raises(RecordingError, match="if this row holds units, delete it"):
         numbers(table, "a")
 
 

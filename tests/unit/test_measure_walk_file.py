@@ -16,7 +16,7 @@ from sinew.tune.gait.target import estimate_gait
 
 Columns = dict[str, NDArray[np.float64]]
 
-WALKER = Walker(period_cv=0.01, yaw_cv=0.02)
+WALKER = Walker(cv=(0.01, 0.02))
 
 
 @pytest.fixture(scope="module")

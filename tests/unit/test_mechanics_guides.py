@@ -2,21 +2,30 @@
 
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sinew.mechanics.guides import GUIDE_LAWS, Dahl, GuideFriction
+from sinew.identify.joint.balance import balance
+from sinew.identify.joint.coordinates import make_coordinates, numbers_of
+from sinew.mechanics.guides import GUIDE_LAWS, Dahl, GuideFriction, MaxwellSlip
+from sinew.mechanics.parameters import POSITION
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
+from sinew.tune.swing_stiffness import as_one_tendon, held_at, swing_loss, swing_stiffness
+from sinew.twin.cache import configure
+from sinew.twin.parameters import from_rig
+
+configure()
 
 TENSION = 3.0
 each_law = pytest.mark.parametrize("law", [law(0.7, 0.2) for law in GUIDE_LAWS.values()], ids=list(GUIDE_LAWS))
 
 
-def slipping_rig() -> RigSpec:
-    return parse_rig(dump_rig(load_rig("paper")).replace('guide_law = "dahl"', 'guide_law = "maxwell-slip"'))
+def slipping_rig(law: str = "maxwell-slip") -> RigSpec:
+    return parse_rig(dump_rig(load_rig("paper")).replace('guide_law = "dahl"', f'guide_law = "{law}"'))
 
 
 def cycle(law: GuideFriction, amplitude: float) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
@@ -72,6 +81,64 @@ def test_slipping_guides_take_four_times_torque_and_swing(law: GuideFriction) ->
 def test_springs_that_slide_lose_less_than_dahls_bristle_where_nothing_slips_yet() -> None:
     dahl, slip = (law(0.7, 0.2) for law in GUIDE_LAWS.values())
     assert slip.loss(TENSION, 0.04) < 0.01 * dahl.loss(TENSION, 0.04)
+
+
+def test_a_spring_that_slides_all_at_once_is_elastic_and_perfectly_plastic() -> None:
+    class Plastic(MaxwellSlip):
+        spread = (1.0,)
+
+        @staticmethod
+        def slip(z: float) -> float:
+            return z * abs(z) ** 99
+
+    law = Plastic(0.7, 0.2)
+    t, torsion, (bristle,) = cycle(law, 3 * law.reach)
+    stop = [float(bristle[0])]
+    for step in np.diff(torsion) / law.reach:
+        stop.append(min(1.0, max(-1.0, stop[-1] + step)))
+    assert np.abs(bristle - stop).max() < 0.05
+    work = np.trapezoid(law.torque(TENSION, (bristle,)) * -3 * law.reach * np.sin(t), t)
+    assert work == pytest.approx(4 * law.greatest_torque(TENSION) * 2 * law.reach, rel=0.02)
+
+
+SWING = 0.3  # rad; of the four springs only the first slides
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(GUIDE_LAWS))
+def test_a_joint_that_is_tuned_has_the_spring_and_the_loss_that_its_guides_settle_to(name: str) -> None:
+    rig = slipping_rig(name)
+    guides, at = rig.tendons.guides, jnp.asarray(0.005)
+    swing = 5 * guides.reach  # all springs slide, and settle within three cycles
+    held, tension = held_at(at, as_one_tendon(from_rig(rig)))
+    bare = held._replace(guides=held.guides.scaled(0.0))
+    t, _, bristles = cycle(guides, swing)
+    stiffness = guides.torque(float(tension), tuple(bristles)) / swing
+    for of, wave in ((swing_stiffness, np.cos(t)), (swing_loss, -np.sin(t))):
+        found = [float(of(at, jnp.asarray(swing), jnp.asarray(20.0), p)) for p in (held, bare)]
+        assert found[0] - found[1] == pytest.approx(np.trapezoid(stiffness * wave, t) / np.pi, rel=0.01)
+
+
+@pytest.mark.slow
+def test_identification_damps_a_joint_by_the_loop_of_its_rigs_own_guides() -> None:
+    rig = slipping_rig()
+    found = balance(numbers_of(rig), 4.0, POSITION, SWING)
+    inertia = rig.inertia.head.value + rig.inertia.lever.value
+    stored = 0.5 * inertia * (2 * np.pi * float(found.natural_frequency_hz) * SWING) ** 2
+    lost = float(found.guide_friction_share * found.damping_ratio) * 4 * np.pi * stored
+    guides, total = rig.tendons.guides, 4 * float(found.tension_n)
+    assert lost == pytest.approx(guides.loss(total, SWING), rel=0.1)  # the tension grows as the head turns
+    assert lost < 0.8 * Dahl(guides.level, guides.reach).loss(total, SWING)
+
+
+def test_a_calibration_scales_the_law_of_its_own_rig() -> None:
+    rig = slipping_rig()
+    free = make_coordinates(rig, ["tendons.guide_friction"])
+    x = np.array([0.3])
+    expected = float(free.values(x)[0] / free.origin[0]) * rig.tendons.guides.loss(TENSION, SWING)
+    assert expected != pytest.approx(rig.tendons.guides.loss(TENSION, SWING), rel=0.05)
+    for guides in (free.fitted_rig(x).tendons.guides, free.numbers(x).p.guides):
+        assert float(guides.loss(TENSION, SWING)) == pytest.approx(expected)
 
 
 def test_an_unknown_law_is_refused_with_those_there_are() -> None:

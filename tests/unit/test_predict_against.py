@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.torsion import LeverMotion, measure_lever
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.recording import Segment, build_recording
 from sinew.mechanics.joint import potential
@@ -24,7 +24,6 @@ from sinew.twin.cache import configure
 from sinew.twin.parameters import Effects
 
 configure()
-Array = NDArray[np.float64]
 SAMPLE_HZ, PERIODS = 400.0, 5
 NONE = np.zeros(0)
 

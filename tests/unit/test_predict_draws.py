@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import pearsonr
+from tests.tables import rows
 
 from sinew.identify.joint.calibration import Source, calibrated_together, with_intervals, with_ties
 from sinew.measure.errors import SpecError
@@ -112,20 +113,19 @@ def test_correlations_that_contradict_each_other_are_refused() -> None:
         spread_of(RIG.model_copy(update={"calibration": record}))
 
 
-REFUSED = {
-    "a name twice": ('parameters = ["a", "a"]\nstd = [1, 1]\ncorrelation = [[1], [0, 1]]', "lists a name twice"),
-    "too few numbers": ('parameters = ["a", "b"]\nstd = [1]\ncorrelation = [[1], [0, 1]]', "std has 1 numbers"),
-    "no triangle": ('parameters = ["a", "b"]\nstd = [1, 1]\ncorrelation = [[1, 0], [0, 1]]', "its lower triangle"),
-    "no diagonal": ('parameters = ["a"]\nstd = [1]\ncorrelation = [[0.5]]', "its diagonal"),
-    "no such parameter": ('parameters = ["a"]\nstd = [1]\ncorrelation = [[1]]', "names a, which is not in the rig"),
-    "not calibrated": (
-        'parameters = ["silicone.length"]\nstd = [1]\ncorrelation = [[1]]', "silicone.length, which has origin paper"
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("table", "sentence"), REFUSED.values(), ids=REFUSED.keys())
-def test_a_table_that_cannot_be_meant_is_refused(table: str, sentence: str) -> None:
+@pytest.mark.parametrize(
+    ("parameters", "std", "correlation", "sentence"),
+    rows("""
+        ["a", "a"] => [1, 1] => [[1], [0, 1]] => lists a name twice
+        ["a", "b"] => [1] => [[1], [0, 1]] => std has 1 numbers
+        ["a", "b"] => [1, 1] => [[1, 0], [0, 1]] => its lower triangle
+        ["a"] => [1] => [[0.5]] => its diagonal
+        ["a"] => [1] => [[1]] => names a, which is not in the rig
+        ["silicone.length"] => [1] => [[1]] => silicone.length, which has origin paper
+    """),
+)
+def test_a_table_that_cannot_be_meant_is_refused(parameters: str, std: str, correlation: str, sentence: str) -> None:
+    table = f"parameters = {parameters}\nstd = {std}\ncorrelation = {correlation}"
     with pytest.raises(SpecError, match=sentence):
         parse_rig(f"{dump_rig(RIG)}\n[calibration]\n{table}\n")
 

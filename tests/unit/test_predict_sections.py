@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sinew.measure.errors import FileError, SpecError
+from sinew.predict.sections import section
 from sinew.predict.sections.outline import (
     Outline,
     moments,
@@ -13,14 +14,6 @@ from sinew.predict.sections.outline import (
     read_polygon,
     rectangle,
     star,
-)
-from sinew.predict.sections.section import (
-    annulus_section,
-    circle_section,
-    ellipse_section,
-    rectangle_section,
-    section_of_outline,
-    star_section,
 )
 from sinew.predict.sections.torsion import solve_torsion
 
@@ -133,15 +126,15 @@ def test_a_re_entrant_corner_has_no_largest_shear_strain() -> None:
 
 
 CLOSED = {
-    "circle": (circle_section(0.06), circle(0.06)),
-    "annulus": (annulus_section(0.06, 0.03), annulus(0.06, 0.03)),
-    "ellipse": (ellipse_section(0.03, 0.08), ellipse(0.03, 0.08)),
+    "circle": (section.circle_section(0.06), circle(0.06)),
+    "annulus": (section.annulus_section(0.06, 0.03), annulus(0.06, 0.03)),
+    "ellipse": (section.ellipse_section(0.03, 0.08), ellipse(0.03, 0.08)),
 }
 
 
 @pytest.mark.parametrize(("closed", "drawn"), CLOSED.values(), ids=CLOSED.keys())
 def test_a_closed_form_agrees_with_the_polygon_in_everything(closed, drawn) -> None:  # type: ignore[no-untyped-def]
-    meshed = section_of_outline(drawn, closed.shape)
+    meshed = section.section_of_outline(drawn, closed.shape)
     for name in ("diameter", "area", "perimeter", "least", "greatest", "torsion_constant"):
         assert getattr(meshed, name) == pytest.approx(getattr(closed, name), rel=1e-3), name
     assert meshed.warping_constant == pytest.approx(closed.warping_constant, rel=1e-3, abs=1e-12 * 0.06**6)
@@ -178,8 +171,12 @@ def test_a_larger_section_grows_by_the_fourth_and_sixth_power(drawn: Outline) ->
 
 
 def test_no_section_is_stiffer_in_torsion_than_its_polar_moment() -> None:
-    for section in (star_section(0.07, 0.03, 6), rectangle_section(0.05, 0.02), section_of_outline(outline(ANGLE), "")):
-        assert section.torsion_constant < section.polar_moment
+    for one in (
+        section.star_section(0.07, 0.03, 6),
+        section.rectangle_section(0.05, 0.02),
+        section.section_of_outline(outline(ANGLE), ""),
+    ):
+        assert one.torsion_constant < one.polar_moment
 
 
 def test_a_slit_makes_a_ring_weak() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import io, signal
-from tests.contracts.refusals import refused
+from tests.contracts.commands import command_lines, refused
 
 from sinew.apps.cli import main
 from sinew.measure.errors import SpecError
@@ -178,19 +178,16 @@ def test_the_command_prints_a_table_and_what_was_left_out(tmp_path: Path, capsys
     assert (tmp_path / "joint.mat").exists()
 
 
-REFUSED = {
-    "no number": (("--pretension-mm", "a"), "found 'a', expected a number (zero or more"),
-    "pushing cables": (("--pretension-mm", "-1"), "cables cannot push"),
-    "unknown gear": (("--gear", "worm"), "'worm', expected one of sliding, creeping"),
-    "unknown mode": (("--mode", "velocity"), "'velocity', expected one of"),
-    "amplitude": (("--amplitude-deg", "0"), "expected positive angles up to 180"),
-    "band": (("--from-hz", "4", "--to-hz", "2"), "from 4 to 2 Hz"),
-    "unknown effect": (("--without", "gravity"), "unknown effect 'gravity'"),
-    "unknown ending": (("--out", "joint.txt"), "ends with .json or .mat"),
-}
-
-
-@pytest.mark.parametrize(("arguments", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+@command_lines("""
+    --pretension-mm a => found 'a', expected a number (zero or more
+    --pretension-mm -1 => cables cannot push
+    --gear worm => 'worm', expected one of sliding, creeping
+    --mode velocity => 'velocity', expected one of
+    --amplitude-deg 0 => expected positive angles up to 180
+    --from-hz 4 --to-hz 2 => from 4 to 2 Hz
+    --without gravity => unknown effect 'gravity'
+    --out joint.txt => ends with .json or .mat
+""")
 def test_what_cannot_be_meant_is_refused_in_one_line(
     arguments: tuple[str, ...], sentence: str, here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -260,12 +260,13 @@ def test_the_document_has_the_promised_keys() -> None:
     ]
 
 
-def test_samples_taken_at_jittering_times_leave_the_damping_exact() -> None:
+@pytest.mark.parametrize(("jitter_s", "within"), [(0.0008, 1e-6), (0.002, 5e-3)], ids=["a little", "very much"])
+def test_samples_taken_at_uneven_times_leave_the_damping(jitter_s: float, within: float) -> None:
     rng = np.random.default_rng(5)
     t = times(sample_hz=200.0)
-    jittering = t + rng.uniform(-0.0008, 0.0008, t.size)
+    jittering = t + rng.uniform(-jitter_s, jitter_s, t.size)
     result = analyse_ring_down(jittering, Decay(0.08).angle(jittering))
-    assert result.damping_ratio.value == pytest.approx(0.08, rel=1e-6)
+    assert result.damping_ratio.value == pytest.approx(0.08, rel=within)
 
 
 def test_stamps_that_jitter_on_even_samples_add_no_noise() -> None:
@@ -286,11 +287,3 @@ def test_the_jitter_of_the_stamps_is_in_the_interval_of_the_frequency() -> None:
     ]
     inside = [result.frequency_hz.low <= truth <= result.frequency_hz.high for result in found]
     assert 0.8 <= np.mean(inside) <= 0.98
-
-
-def test_very_uneven_samples_leave_the_damping_within_half_a_percent() -> None:
-    rng = np.random.default_rng(5)
-    t = times(sample_hz=200.0)
-    jittering = t + rng.uniform(-0.002, 0.002, t.size)
-    result = analyse_ring_down(jittering, Decay(0.08).angle(jittering))
-    assert result.damping_ratio.value == pytest.approx(0.08, rel=5e-3)

@@ -78,6 +78,14 @@ def read_for_two_seconds(port: SharedPort, clock: SharedClock) -> None:
         port.read(clock.now() + 0.1)
 
 
+def echo(port: SharedPort, clock: SharedClock, data: bytes) -> bytes:
+    """Return what comes back of some bytes, and close the port."""
+    port.write(data)
+    got = port.read(clock.now() + 0.1)
+    port.close()
+    return got
+
+
 def test_the_time_of_the_bench_stands_while_its_master_does_something_else(served: Served) -> None:
     port, clock = served.opened()
     clock.wait_until(clock.now() + 0.01)
@@ -182,10 +190,7 @@ def test_a_second_master_is_turned_away_and_the_first_goes_on(served: Served) ->
     port, clock = served.opened()
     with pytest.raises(PortError, match="does not share its clock"):
         SharedClock(str(served.link))
-    port.write(b"still there")
-    got = port.read(clock.now() + 0.1)
-    port.close()
-    assert got == b"still there"
+    assert echo(port, clock, b"still there") == b"still there"
 
 
 def test_what_an_earlier_master_left_is_not_for_the_next(served: Served) -> None:
@@ -195,10 +200,7 @@ def test_what_an_earlier_master_left_is_not_for_the_next(served: Served) -> None
     port.close()
     assert grown(lambda: not served.server._is_shared)
     port, clock = served.opened()
-    port.write(b"new")
-    got = port.read(clock.now() + 0.1)
-    port.close()
-    assert got == b"new"
+    assert echo(port, clock, b"new") == b"new"
 
 
 def test_a_master_notices_that_the_bench_is_unplugged(served: Served) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.plan.plan import Held
 from sinew.tune.track.tracker import Mode, PretensionPath, Stand, Tracker, TrackerSetting
 
@@ -38,13 +39,13 @@ class Run:
     whether it was locked, its turns, torsion's amplitude [rad] and pretension [mm]."""
 
     tracker: Tracker
-    time: NDArray[np.float64]
-    frequency_hz: NDArray[np.float64]
-    natural_hz: NDArray[np.float64]
-    error: NDArray[np.float64]
+    time: Array
+    frequency_hz: Array
+    natural_hz: Array
+    error: Array
     locked: NDArray[np.bool_]
-    torsion: NDArray[np.float64]
-    pretension_mm: NDArray[np.float64]
+    torsion: Array
+    pretension_mm: Array
 
 
 def setting(
