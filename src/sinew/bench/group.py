@@ -12,7 +12,7 @@ import numpy as np
 
 from sinew.bench.loop import Loop
 from sinew.bench.pretension import MotorMap
-from sinew.bench.sample import Sample
+from sinew.bench.record.sample import Sample
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.schema import SegmentKind
 from sinew.plan.plan import Group, Sweep

@@ -27,7 +27,7 @@ from sinew.apps.console import progress_bar, remark
 from sinew.measure.errors import FileError, SinewError
 
 if TYPE_CHECKING:
-    from sinew.bench.listeners import Stream
+    from sinew.bench.record.listeners import Stream
     from sinew.bench.run import Runner
     from sinew.bench.steering import Steering
 
@@ -384,7 +384,7 @@ def _read_line(line: socket.socket, end: float) -> bytes:
 @contextmanager
 def showing(*, tracking: bool = False) -> "Iterator[Screen]":
     """Give what shows a run: remarks, and on a terminal a bar, or the state of a run that tracks."""
-    from sinew.bench.listeners import Stream
+    from sinew.bench.record.listeners import Stream
 
     with ExitStack() as stack:
         writer = _Follower() if tracking else _Writer(stack.enter_context(progress_bar("run")))
