@@ -28,11 +28,11 @@ from sinew.apps.bench.run_control import keeping_time
 from sinew.bench.errors import BenchError
 from sinew.bench.group import Swing
 from sinew.bench.guard import Guard, Watch
-from sinew.bench.journal import Journal
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.pretension import MotorMap, pull_to_contact, set_pretension
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import Sample
 from sinew.bench.run import LIMIT_RESERVE_N
-from sinew.bench.sample import Sample
 from sinew.bench.stops import release
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.errors import HardwareError

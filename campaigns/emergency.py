@@ -25,7 +25,7 @@ import numpy as np
 
 from campaigns.options import campaign_parser
 from sinew.bench.errors import StartError
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
 from sinew.emulator.faults import Faults, parse_fault
 from sinew.emulator.joint_plant import JointPlant

@@ -7,9 +7,9 @@ from tempfile import TemporaryDirectory
 
 from campaigns.scenario import Scenario, Timeline, plan_of, rig_of
 from campaigns.witness import TENDON_COUNTS, Witness
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import Sample
 from sinew.bench.run import Runner, RunReport
-from sinew.bench.sample import Sample
 from sinew.emulator.faults import Faults
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig

@@ -19,8 +19,8 @@ from typing import get_args
 import numpy as np
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.bench.conversion import recording_from_journal
-from sinew.bench.journal import Journal
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig

@@ -29,10 +29,10 @@ import xarray as xr
 from campaigns.options import campaign_parser
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.doubts import doubts_of
-from sinew.bench.conversion import recording_from_journal
 from sinew.bench.doctor import apply_fixes, call_roll, examine_motors, list_fixes
 from sinew.bench.errors import StartError
-from sinew.bench.journal import Journal
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner, RunReport
 from sinew.bench.stops import stop
 from sinew.emulator.joint_plant import JointPlant

@@ -23,8 +23,8 @@ import xarray as xr
 
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.doubts import doubts_of
-from sinew.bench.conversion import recording_from_journal
-from sinew.bench.journal_reader import JournalReader
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal_reader import JournalReader
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.register_tables import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig

@@ -15,8 +15,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.bench.conversion import recording_from_journal
-from sinew.bench.journal import Journal
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner, RunReport
 from sinew.emulator.faults import Faults, FaultSpec
 from sinew.emulator.joint_plant import JointPlant

@@ -18,7 +18,7 @@ from tests.unit.bench_journal import Node, cycle
 from tests.unit.dashboard_journal import RIG_TEXT
 
 from sinew.apps.bench.run_control import RunControl, listening
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Progress
 from sinew.bench.steering import Steering
 from sinew.bench.stops import StopReport

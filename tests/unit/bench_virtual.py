@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner, RunReport
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.plant import Plant

@@ -24,9 +24,9 @@ from tests.unit.bench_journal import (
 
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.signal.harmonics import fit_harmonics
-from sinew.bench.conversion import convert, group_is_whole, imu_series, readings_at, recording_from_journal
-from sinew.bench.journal import Journal
-from sinew.bench.sample import MISSING
+from sinew.bench.record.conversion import convert, group_is_whole, imu_series, readings_at, recording_from_journal
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import MISSING
 from sinew.measure.errors import FileError, RecordingError
 from sinew.measure.files.netcdf import load_recording
 from sinew.measure.recording import iterate_segments, segment_slices

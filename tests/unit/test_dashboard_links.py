@@ -11,7 +11,7 @@ from sinew.apps.dashboard.run_desk import PID, find_runs, told_at_end
 from sinew.apps.dashboard.work.live import measured_so_far
 from sinew.apps.dashboard.work.results import FILES, download, run_results
 from sinew.apps.dashboard.work.runs import list_runs, read_shelf, shelf
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 from sinew.measure.errors import FileError, SpecError
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 

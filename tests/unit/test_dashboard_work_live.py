@@ -8,8 +8,8 @@ from tests.unit.dashboard_journal import DECAY_PER_S, GROUPS, PLAN, PLAN_TEXT, r
 
 from sinew.apps.dashboard.work.live import LiveResults, measured_so_far
 from sinew.apps.dashboard.work.results import run_results
-from sinew.bench import conversion
-from sinew.bench.journal import Journal
+from sinew.bench.record import conversion
+from sinew.bench.record.journal import Journal
 from sinew.measure.errors import FileError
 
 

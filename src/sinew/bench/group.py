@@ -11,7 +11,7 @@ import numpy as np
 
 from sinew.bench.loop import Loop
 from sinew.bench.pretension import MotorMap
-from sinew.bench.sample import Sample
+from sinew.bench.record.sample import Sample
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.events import Event, Lock, Track, Unlock
 from sinew.measure.schema import SegmentKind

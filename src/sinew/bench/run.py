@@ -9,16 +9,16 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from sinew.analysis.doubts import group_doubts
-from sinew.bench.conversion import group_is_whole
 from sinew.bench.errors import BenchError, LostError, PauseError, StartError, StoppedError
 from sinew.bench.group import DriveLaw, Levelled, Mover, SettleRule, pause, run_group, run_tracking
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
-from sinew.bench.journal import Journal
-from sinew.bench.listeners import Listener
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.preflight import refuse_unready
 from sinew.bench.pretension import Contact, MotorMap, pull_to_contact, set_pretension
-from sinew.bench.sample import Sample
+from sinew.bench.record.conversion import group_is_whole
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.listeners import Listener
+from sinew.bench.record.sample import Sample
 from sinew.bench.steering import SafeState, Steering
 from sinew.bench.stops import StopReport, stop
 from sinew.bench.tilt import TiltEstimator

@@ -20,7 +20,7 @@ import numpy as np
 
 from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import unlinked
-from sinew.bench.journal_reader import JournalReader, Stretch
+from sinew.bench.record.journal_reader import JournalReader, Stretch
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError
 from sinew.measure.estimate import finite

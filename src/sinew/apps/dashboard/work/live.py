@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-    from sinew.bench.journal_reader import Stretch
+    from sinew.bench.record.journal_reader import Stretch
     from sinew.plan.rig import RigSpec
 
 MOST_AT_ONCE = 120
@@ -73,7 +73,7 @@ class LiveResults:
         `decay_rate_per_s`, `repeats`. `groups_done`: finished, `pending`: of them not yet analysed. `notes`: sentences
         on groups that could not be. Raises FileError where there is no journal.
         """
-        from sinew.bench.journal_reader import JournalReader
+        from sinew.bench.record.journal_reader import JournalReader
         from sinew.plan.toml import parse_rig
 
         with JournalReader(self.path) as journal:
@@ -95,7 +95,7 @@ class LiveResults:
 
     def _take(self, batch: "dict[Key, list[Stretch]]", rig: "RigSpec") -> None:
         """Analyse some groups of one kind and one repeat."""
-        from sinew.bench.conversion import recording_from_journal
+        from sinew.bench.record.conversion import recording_from_journal
 
         kind = next(iter(batch.values()))[-1].kind
         if kind not in ("steady", "ring-down"):

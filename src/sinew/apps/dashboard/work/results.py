@@ -12,7 +12,7 @@ from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import CACHE, held_inside, unlinked
 from sinew.apps.dashboard.work.live import LiveResults, mean_of, shared_delay
 from sinew.apps.dashboard.work.runs import RECORDING
-from sinew.bench.journal_reader import is_being_written
+from sinew.bench.record.journal_reader import is_being_written
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.estimate import finite
 
@@ -75,7 +75,7 @@ def recording_of(folder: Path) -> Path:
 
     Raises FileError where there is neither, or the run is under way; RecordingError where no group is whole.
     """
-    from sinew.bench.conversion import convert
+    from sinew.bench.record.conversion import convert
 
     recording, journal = unlinked(folder) / RECORDING, folder / JOURNAL
     if recording.is_file():

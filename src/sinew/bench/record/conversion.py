@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.bench.journal_reader import JournalReader, Stretch
-from sinew.bench.sample import Sample
+from sinew.bench.record.journal_reader import JournalReader, Stretch
+from sinew.bench.record.sample import Sample
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import provenance, save_recording

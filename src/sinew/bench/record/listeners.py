@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Protocol
 
-from sinew.bench.sample import Sample
+from sinew.bench.record.sample import Sample
 from sinew.measure.events import Event
 
 _CLOSE_S = 2.0
