@@ -35,9 +35,9 @@ from sinew.bench.record.sample import Sample
 from sinew.bench.run import LIMIT_RESERVE_N
 from sinew.bench.stops import release
 from sinew.bench.tilt import TiltEstimator
+from sinew.hardware.bus import MonotonicClock
 from sinew.hardware.errors import HardwareError
 from sinew.hardware.rig import Rig
-from sinew.hardware.transport import MonotonicClock
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
 from sinew.plan.rig import RigSpec

@@ -28,9 +28,9 @@ from sinew.bench.errors import StartError
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
 from sinew.emulator.faults import Faults, parse_fault
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.plan.plan import Plan, TendonMode

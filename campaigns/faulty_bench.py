@@ -11,9 +11,9 @@ from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Sample
 from sinew.bench.run import Runner, RunReport
 from sinew.emulator.faults import Faults
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.measure.events import Event

@@ -35,13 +35,12 @@ from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner, RunReport
 from sinew.bench.stops import stop
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.configuration import KNOWN_STATE
-from sinew.hardware.register_tables import XH430_W350
-from sinew.hardware.registers import Register
+from sinew.hardware.registers import XH430_W350, Register
 from sinew.hardware.rig import Rig
 from sinew.measure.errors import SinewError
 from sinew.plan.plan import Plan, TendonMode

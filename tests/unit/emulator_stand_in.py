@@ -2,9 +2,9 @@
 
 import math
 
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.plant import HornMotion, Law, Motion
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig, read_spec

@@ -16,7 +16,7 @@ from sinew.bench.record.journal import Journal
 from sinew.bench.record.journal_reader import JournalReader
 from sinew.bench.record.sample import Sample
 from sinew.bench.run import Runner, RunReport
-from sinew.bench.steering import Steering
+from sinew.bench.stops import Steering
 from sinew.measure.events import Event, Resumed
 from sinew.measure.recording import segment_slices
 from sinew.plan.plan import Plan

@@ -9,15 +9,14 @@ from typing import Literal
 
 import numpy as np
 
-from sinew.hardware.bus import Bus
+from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
 from sinew.hardware.errors import DeviceError, HardwareError, PortError
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.motor import Identity, Motor, name_hardware_errors
-from sinew.hardware.register_tables import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
+from sinew.hardware.registers import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
-from sinew.hardware.transport import Clock, Outcome
 from sinew.plan.rig import Limits
 
 # It is said what the doctor found: one fact, how bad it is, and what to do.

@@ -19,16 +19,14 @@ from sinew.bench.record.conversion import group_is_whole
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.listeners import Listener
 from sinew.bench.record.sample import Sample
-from sinew.bench.steering import SafeState, Steering
-from sinew.bench.stops import StopReport, stop
+from sinew.bench.stops import SafeState, Steering, StopReport, stop
 from sinew.bench.tilt import TiltEstimator
-from sinew.hardware.bus import Bus
+from sinew.hardware.bus import Bus, Clock
 from sinew.hardware.configuration import prepare_goal
 from sinew.hardware.errors import HardwareError, PortError
 from sinew.hardware.motor import Motor
-from sinew.hardware.register_tables import WATCHDOG_TRIPPED
+from sinew.hardware.registers import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
-from sinew.hardware.transport import Clock
 from sinew.measure import events
 from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment

@@ -15,7 +15,7 @@ import numpy as np
 
 from sinew.emulator.line import Line
 from sinew.emulator.rig import EmulatedRig
-from sinew.hardware.register_tables import OVERLOAD
+from sinew.hardware.registers import OVERLOAD
 from sinew.measure.errors import SpecError
 
 # A fault of the emulated bench is written down: which, how strong, from when to when.

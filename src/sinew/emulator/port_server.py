@@ -20,9 +20,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
+from sinew.hardware.bus import Clock
 from sinew.hardware.errors import PortError
 from sinew.hardware.shared_clock import ANSWER, ASK, HELLO, PATIENCE_S, READ, SUFFIX, WROTE
-from sinew.hardware.transport import Clock
 from sinew.measure.errors import FileError
 
 

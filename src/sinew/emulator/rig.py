@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinew.emulator.devices.imu_node import ImuNode, SensorNode
+from sinew.emulator.devices.imu_node import ImuNode, SensorBoard
 from sinew.emulator.devices.motor import Motor
 from sinew.emulator.line import Line
 from sinew.emulator.plant import Horn, Law, Mechanics, Motion, Plant
-from sinew.hardware.register_tables import BAUD_RATES, MOTORS, OPENCR_NODE
+from sinew.hardware.registers import BAUD_RATES, MOTORS, OPENCR_NODE
 from sinew.measure.errors import SpecError
 from sinew.plan.rig import RigSpec
 
@@ -177,7 +177,7 @@ class EmulatedRig:
         self.imu = ImuNode(
             spec.imu, self.mechanics, rng, device_id=wiring.imu_id, baud=baud, axes=wiring.imu_axes, ppm=imu_ppm
         )
-        nodes = (SensorNode(s, self.mechanics, np.random.default_rng((seed, s.id)), baud) for s in spec.sensors)
+        nodes = (SensorBoard(s, self.mechanics, np.random.default_rng((seed, s.id)), baud) for s in spec.sensors)
         self.sensors = tuple(nodes)
         self.line = Line([*self._motors, self.imu, *self.sensors], wiring.baud)
         self.trips = TripLog(self._motors, self.line)

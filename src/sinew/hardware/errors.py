@@ -8,7 +8,7 @@
         └── DeviceError      a device does not do what it must: silent, another model, a register that does not take
 
 To the bus a device that is silent, refuses or raises its alert is no exception but an outcome, see
-`sinew.hardware.transport`; a motor or sensor that is set up, though, must do as it is told, and raises DeviceError.
+`sinew.hardware.bus`; a motor or sensor that is set up, though, must do as it is told, and raises DeviceError.
 """
 
 from sinew.measure.errors import SinewError

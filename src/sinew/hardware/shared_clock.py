@@ -22,8 +22,8 @@ import threading
 from pathlib import Path
 from time import monotonic
 
+from sinew.hardware.bus import MonotonicClock, Transport
 from sinew.hardware.errors import PortError
-from sinew.hardware.transport import MonotonicClock, Transport
 
 SUFFIX = ".clock"
 """What the clock's socket is called behind the name of the port."""

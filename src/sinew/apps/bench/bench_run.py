@@ -15,8 +15,8 @@ from sinew.measure.estimate import finite
 if TYPE_CHECKING:
     from sinew.bench.record.journal import Journal
     from sinew.bench.run import RunReport
+    from sinew.hardware.bus import Clock, Transport
     from sinew.hardware.rig import Rig as HardwareRig
-    from sinew.hardware.transport import Clock, Transport
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
@@ -47,9 +47,9 @@ def open_rig(port: str, spec: "RigSpec", *, own_time: bool = False) -> "Iterator
     port: a serial port, or that of an emulated bench, terminal or socket, whose clock is shared where it has one.
     own_time: the computer's clock in any case, for who measures what the computer does.
     """
+    from sinew.hardware.bus import MonotonicClock
     from sinew.hardware.serial_port import LocalPort, SerialPort
     from sinew.hardware.shared_clock import SharedPort, shared_clock
-    from sinew.hardware.transport import MonotonicClock
 
     clock: Clock = MonotonicClock()
     local = Path(port).is_socket()

@@ -59,7 +59,7 @@ def run(
     """
     from sinew.bench.preflight import refuse_unready
     from sinew.bench.run import Runner
-    from sinew.bench.steering import Steering
+    from sinew.bench.stops import Steering
     from sinew.plan.toml import load_plan, load_rig
 
     plan_, spec = load_plan(plan), load_rig(rig)

@@ -30,7 +30,7 @@ from sinew.measure.events import Ended, Event, Health, Track
 if TYPE_CHECKING:
     from sinew.bench.record.listeners import Stream
     from sinew.bench.run import Runner
-    from sinew.bench.steering import Steering
+    from sinew.bench.stops import Steering
 
 
 COMMANDS = ("pause", "resume", "hold", "release", "stop", "emergency", "status")

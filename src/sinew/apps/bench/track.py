@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sinew.analysis.tracked import TrackedPoint
+    from sinew.hardware.bus import Clock
     from sinew.hardware.rig import Rig as HardwareRig
-    from sinew.hardware.transport import Clock
     from sinew.plan.plan import Held, Plan, Track
     from sinew.plan.rig import RigSpec
     from sinew.tune.track.expected import ExpectedBackbone
@@ -135,8 +135,7 @@ def _real(port: str, spec: "RigSpec", wait: float) -> "Iterator[tuple[HardwareRi
 @contextmanager
 def _emulated(spec: "RigSpec", seed: int, faults: Sequence[str]) -> "Iterator[tuple[HardwareRig, Clock]]":
     from sinew.emulator.faults import parse_fault
-    from sinew.emulator.found import drawn_start, found_bench
-    from sinew.emulator.virtual import VirtualPort
+    from sinew.emulator.found import VirtualPort, drawn_start, found_bench
 
     found = [parse_fault(text) for text in faults]
     port = VirtualPort(found_bench(spec, drawn_start(spec, seed), seed, found))
@@ -157,7 +156,7 @@ def _run(
     """Run a plan that tracks and return how it ended, as JSON holds it."""
     from sinew.bench.preflight import refuse_unready
     from sinew.bench.run import Runner
-    from sinew.bench.steering import Steering
+    from sinew.bench.stops import Steering
     from sinew.tune.track.expected import planned_tracker
 
     held = tensions(plan, spec)

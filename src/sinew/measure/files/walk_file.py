@@ -19,7 +19,7 @@ import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, TimeError
-from sinew.measure.files.table import Table, find_columns, read_table
+from sinew.measure.files.csv import Table, find_columns, read_table
 from sinew.measure.timing import straighten_times
 from sinew.measure.units import convert, unit_in_name
 
