@@ -136,7 +136,7 @@ position alone.
 
 {tables}
 How each number is made: [analysis](../explanation/analysis.md), [energy](../explanation/energy.md). Beside the energy
-stands the attribute `idle_power_w`, what all servos draw with their torque off by data sheet, or NaN.
+stands the attribute `idle_power_w`, what all servos draw with their torque off by data sheet.
 """
 
 

@@ -62,18 +62,10 @@ class StandIn:
             self.angles[motor] += self.speeds[motor] * dt
 
     def motion(self) -> Motion:
-        horns = [HornMotion(*row) for row in zip(self.angles, self.speeds, self.current, self.duty, strict=True)]
-        return Motion(
-            time=self.time,
-            drive=horns[-1],
-            tendons=tuple(horns[:-1]),
-            tension=(0.0,) * (len(horns) - 1),
-            torsion=0.0,
-            torsion_rate=0.0,
-            tilt=(0.0, 0.0),
-            gyro=self.gyro,
-            acceleration=self.acceleration,
-        )
+        rows = zip(self.angles, self.speeds, self.current, self.duty, strict=True)
+        *tendons, drive = (HornMotion(*row) for row in rows)
+        slack = (0.0,) * len(tendons)
+        return Motion(self.time, drive, tuple(tendons), slack, gyro=self.gyro, acceleration=self.acceleration)
 
     @staticmethod
     def _speed(law: Law, angle: float, dt: float) -> float:

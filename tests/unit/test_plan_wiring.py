@@ -67,6 +67,11 @@ FAULTS = {
     "same axis twice": ('["+x", "+y"', '["+x", "-x"', "imu_axes +x, -x, +z are no right-handed frame"),
     "mirrored chip": ('["+x", "+y"', '["-x", "+y"', "imu_axes -x, +y, +z are no right-handed frame"),
     "unknown key": ("drive_id = 5", "drive_ids = 5", "unknown rig key wiring.drive_ids; did you mean drive_id?"),
+    "unknown servo": (
+        'drive_model = "XM430-W350"',
+        'drive_model = "XL320"',
+        "rig key wiring.drive_model: no servo 'XL320' is known; expected one of XH430-W350, XM430-W350, XL330-M288",
+    ),
     "no waiting at all": ("latency_ms = 4", "latency_ms = 0", "wiring.latency_ms: found 0, expected greater than 0"),
     "window the wrong way round": ("[-20, 40]", "[40, -20]", "limits.tendon_travel_mm: the first number, 40"),
 }

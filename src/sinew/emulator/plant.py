@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import PULSE, servo_of
+from sinew.plan.servo import PULSE, SERVOS
 
 LawKind = Literal["off", "pwm", "velocity", "position", "current"]
 
@@ -46,7 +46,7 @@ class HornMotion:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """The mechanics at one moment.
+    """The mechanics at one moment; what is left out is zero.
 
     time: [s] since the start. drive, tendons: of the motors. tension: of every tendon [N].
     torsion [rad] and torsion_rate [rad/s]: true ones. tilt: of the head plate about y and z of frame B [rad].
@@ -58,11 +58,11 @@ class Motion:
     drive: HornMotion
     tendons: tuple[HornMotion, ...]
     tension: tuple[float, ...]
-    torsion: float
-    torsion_rate: float
-    tilt: tuple[float, float]
-    gyro: tuple[float, float, float]
-    acceleration: tuple[float, float, float]
+    torsion: float = 0.0
+    torsion_rate: float = 0.0
+    tilt: tuple[float, float] = (0.0, 0.0)
+    gyro: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    acceleration: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 class Plant(Protocol):
@@ -248,7 +248,7 @@ class Unloaded:
     """
 
     def __init__(self, count: int, spec: RigSpec) -> None:
-        drive, servo = spec.drive, servo_of(spec.wiring.tendon_model)
+        drive, servo = spec.drive, SERVOS[spec.wiring.tendon_model]
         self._time = 0.0
         self._voltages = [servo.nominal_voltage] * count + [drive.nominal_voltage.value]
         speeds = [servo.no_load_speed] * count + [drive.no_load_speed.value]
@@ -280,18 +280,8 @@ class Unloaded:
         self._time = max(self._time, until)
 
     def motion(self) -> Motion:
-        horns = [self._motion(horn) for horn in self._horns]
-        return Motion(
-            time=self._time,
-            drive=horns[-1],
-            tendons=tuple(horns[:-1]),
-            tension=(0.0,) * (len(horns) - 1),
-            torsion=0.0,
-            torsion_rate=0.0,
-            tilt=(0.0, 0.0),
-            gyro=(0.0, 0.0, 0.0),
-            acceleration=(_GRAVITY, 0.0, 0.0),
-        )
+        *tendons, drive = (self._motion(horn) for horn in self._horns)
+        return Motion(self._time, drive, tuple(tendons), (0.0,) * len(tendons), acceleration=(_GRAVITY, 0.0, 0.0))
 
     def _motion(self, horn: _FreeHorn) -> HornMotion:
         angle, speed = horn.at(self._time)
