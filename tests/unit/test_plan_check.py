@@ -139,7 +139,6 @@ def test_a_single_repeat_is_warned_of() -> None:
 def test_a_rig_with_another_servos_numbers_is_warned_of_with_both() -> None:
     data = load_rig("paper").model_dump()
     data["wiring"]["tendon_model"] = "XL330-M288"
-    data["limits"]["voltage_v"] = (3.7, 15.0)
     told = sentences(check_plan(load_plan("short"), type(RIG).model_validate(data)), "warn")
     sheet = 0.52 / 1.47  # the maker's page: stall torque and current at 5 V
     assert f"tendons.torque_constant is 2.62 N*m/A, that of the XL330-M288 is {sheet:.4g}" in told

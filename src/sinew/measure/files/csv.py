@@ -1,7 +1,7 @@
 """CSV files: columns that become a recording, and a recording that becomes columns.
 
 Import: the columns of time, response and drive are named by specifications "COL" or "COL:unit" (see
-`sinew.measure.files.csv.find_columns`). Without a unit, the one in the column's own name counts ("angle_deg",
+`find_columns`). Without a unit, the one in the column's own name counts ("angle_deg",
 "x [mm]"), else 1, and seconds for time. An angle becomes `torsion_rad` (as drive: `drive_rad`), anything else
 `response` (`drive`) in SI units. An angular rate stays a rate, `response` in rad/s: where the sensor sat and what its
 other axes read is not known, so it is not passed off as the gyroscope of the schema. Its frequency and damping are
@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
 from sinew.measure.doors import as_path, as_seconds, most_bytes
-from sinew.measure.errors import FileError, RecordingError, TimeError, UnitError
+from sinew.measure.errors import FileError, RecordingError, UnitError
 from sinew.measure.files.netcdf import provenance, write_atomically
 from sinew.measure.recording import Segment, build_recording
 from sinew.measure.schema import SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
-from sinew.measure.timing import refuse_backwards, straighten_times
+from sinew.measure.timing import choose_stretch, refuse_backwards, straighten_times
 from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
 
 # A pandas DataFrame with one column for each field and the names as the file has them (duplicates kept).
@@ -287,7 +287,8 @@ def import_csv(
     for spec in specs.values():
         find_columns(table, spec)
     stamps = _read_time(table, time)
-    rows = _rows(stamps, start_s, stop_s)
+    chosen = np.flatnonzero(choose_stretch(stamps, start_s, stop_s))
+    rows = slice(int(chosen[0]), int(chosen[-1]) + 1)
     timeline = straighten_times(stamps[rows], gaps=gaps, first_row=rows.start + 1)
     samples: dict[str, Array] = {"time_s": timeline.time_s}
     units: dict[str, str] = {}
@@ -350,18 +351,6 @@ def _read_signal(table: Table, spec: str, rows: slice) -> tuple[Array, str]:
     names, stated = find_columns(table, spec)
     unit, factor = canonical_unit(_unit_of(names, stated, "1"))
     return np.mean([numbers(table, name, rows) for name in names], axis=0) * factor, unit
-
-
-def _rows(stamps: Array, start_s: float | None, stop_s: float | None) -> slice:
-    start, stop = (-math.inf if start_s is None else start_s), (math.inf if stop_s is None else stop_s)
-    if not start < stop:
-        raise TimeError(f"found start {start:g} s and stop {stop:g} s, expected start before stop")
-    rows = slice(int(np.searchsorted(stamps, start, "left")), int(np.searchsorted(stamps, stop, "right")))
-    if rows.start >= rows.stop:
-        raise TimeError(
-            f"no samples from {start:g} s to {stop:g} s; the file runs from {stamps[0]:g} s to {stamps[-1]:g} s"
-        )
-    return rows
 
 
 def export_csv(recording: xr.Dataset, path: Path | str) -> None:
