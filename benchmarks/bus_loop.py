@@ -33,7 +33,7 @@ from sinew.bench.pretension import MotorMap, pull_to_contact, set_pretension
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Sample
 from sinew.bench.run import LIMIT_RESERVE_N
-from sinew.bench.stops import release
+from sinew.bench.stops import stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.bus import MonotonicClock
 from sinew.hardware.errors import HardwareError
@@ -143,7 +143,7 @@ def _time_loop(port: str, spec: RigSpec, seconds: float, folder: Path) -> tuple[
             clock.wait_until(clock.now())  # ends the last cycle
             journal.end_segment("complete")
         finally:
-            release(rig, MonotonicClock())
+            stop(rig, MonotonicClock(), "release")
         wire = rig.cycle_bytes * 10 / spec.wiring.baud
     return np.array(clock.busy[1:]), np.array(late), loop.statistics, wire
 

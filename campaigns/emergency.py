@@ -143,7 +143,7 @@ class _Port(VirtualPort):
         if runner is None or now - self.looked < _LOOK_S:
             return
         if self.case.phase == "pause" and runner.at.group is not None:
-            runner.request_pause()
+            runner.steering.request_pause()
         if math.isinf(self.due) and _phase(runner) == self.case.phase:
             self.due = now + self.case.after_s
         motion = self.emulated.motion()
@@ -153,7 +153,7 @@ class _Port(VirtualPort):
                 self.asked, self.torsion, self._start_lever = now, motion.torsion, motion.drive.angle
                 self.before = max(tension for _, tension in self._recent)
                 self._go_wrong()
-                runner.request_emergency("emergency stop of the campaign")
+                runner.steering.request_emergency("emergency stop of the campaign")
             return
         self.looked = now
         self.lever = max(self.lever, abs(motion.drive.angle - self._start_lever))

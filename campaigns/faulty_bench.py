@@ -61,7 +61,7 @@ class _Operator:
             self.after_contact = now
         self.newest = now
         if now >= self._interrupt_s and self.runner is not None:
-            self.runner.request_stop("interrupted by the operator")
+            self.runner.steering.request_stop("interrupted by the operator")
 
     def on_event(self, event: Event) -> None:
         self.said.setdefault(event.kind, self._port.now())

@@ -285,9 +285,9 @@ class Bench:
         _, tension = truth(plan.pretension.mode)
         with Journal.open(path, *texts) if resume else Journal.create(path, *texts) as journal:
             acts = {
-                "hold": lambda: runner.request_stop("asked to hold", "hold"),
-                "release": lambda: runner.request_stop("asked to release", "release"),
-                "emergency": lambda: runner.request_emergency("emergency"),
+                "hold": lambda: runner.steering.request_stop("asked to hold", "hold"),
+                "release": lambda: runner.steering.request_stop("asked to release", "release"),
+                "emergency": lambda: runner.steering.request_emergency("emergency"),
                 "killed": lambda: setattr(port, "dies_at", port.now()),
                 "lost line": lambda: setattr(self.emulated, "unplugged", True),
             }

@@ -17,7 +17,7 @@ from typing import Literal
 from sinew.bench.errors import StoppedError
 from sinew.hardware.bus import Clock
 from sinew.hardware.codec import Read
-from sinew.hardware.errors import DeviceError, HardwareError, PortError
+from sinew.hardware.errors import TROUBLES, DeviceError, HardwareError, PortError
 from sinew.hardware.motor import Motor, TendonServo
 from sinew.hardware.registers import CURRENT_MODE, CURRENT_POSITION_MODE, WATCHDOG_TRIPPED, encode_raw, lay_out
 from sinew.hardware.rig import Rig
@@ -229,7 +229,8 @@ def stop(
 ) -> StopReport:
     """Bring the rig to a safe state, hold or release, and report how it was left.
 
-    Works from any state: how each motor runs is read from its registers. on_frozen: called with what is known so far
+    Works from any state: how each motor runs is read from its registers. Both freeze all motors with limited output;
+    release then ramps the tension down and takes the torque from all motors. on_frozen: called with what is known so far
     when the first stage is over. is_emergency: the motors stand for a while before a release lets the tension down.
     emergency_asked: looked at while the tension is let down; once it is so, all motors are frozen anew, `on_frozen` is
     called again, and the motors stand for a while before the tension goes on being let down.
@@ -253,16 +254,6 @@ def stop(
         _carry_out(report, clock, {motor.name: partial(_torque_off, motor) for motor in rig.motors})
     report.took_s = clock.now() - start
     return report
-
-
-def hold(rig: Rig, clock: Clock) -> StopReport:
-    """Freeze all motors where they are, with limited output and without the bus watchdog, and report."""
-    return stop(rig, clock, "hold")
-
-
-def release(rig: Rig, clock: Clock) -> StopReport:
-    """Freeze all motors, ramp the tension down, take the torque from all motors; report."""
-    return stop(rig, clock, "release")
 
 
 def _freeze(report: StopReport, rig: Rig, clock: Clock) -> None:
@@ -349,9 +340,7 @@ class _Ramp:
                 return share == 0.0
             self.motor.set_goal_angle(self.start - speed * elapsed)
             return self.motor.current() <= slack
-        except PortError:
-            raise
-        except HardwareError:
+        except TROUBLES:
             return True
 
 

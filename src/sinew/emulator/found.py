@@ -63,11 +63,8 @@ def _plant(rig: RigSpec, start: Start, unloaded: bool) -> Plant:
     return JointPlant(rig, slack_m=start.slack, rest_tilt=start.tilt)
 
 
-# A bench in virtual time: port and clock in one, and nothing sleeps.
-
-
 class VirtualPort:
-    """A Transport and a Clock of the same time.
+    """A bench in virtual time: Transport and Clock of the same time, and nothing sleeps.
 
     rig: the bench, with faults or without. host_cost: how long each call keeps the host busy [s], so that time passes
     for a master that never waits.
@@ -78,25 +75,18 @@ class VirtualPort:
         self._now = rig.time
 
     def now(self) -> float:
-        """Return the time of the bench [s]."""
         self._now = max(self._now, self.rig.time)
         return self._now
 
     def wait_until(self, time: float) -> None:
-        """Let time pass until then [s]; one that has passed changes nothing."""
         self._now = max(self.now(), time)
         self.rig.advance(self._now)
 
     def write(self, data: bytes) -> None:
-        """Send bytes; raises PortError if the bench is unplugged."""
         self._work()
         self.rig.receive(data, self._now)
 
     def read(self, deadline: float) -> bytes:
-        """Return what has arrived, waiting for at least a byte until `deadline` [s]; then b"".
-
-        Raises PortError if the bench is unplugged.
-        """
         self._work()
         while True:
             data = self.rig.transmit(self._now)
@@ -111,7 +101,7 @@ class VirtualPort:
             self._refuse_unplugged()
 
     def close(self) -> None:
-        """Give the port back; may be called again."""
+        pass
 
     def _work(self) -> None:
         self._refuse_unplugged()

@@ -28,7 +28,7 @@ from sinew.hardware.codec import (
 # The seams to the outside: what the bus asks of a port, and of a clock.
 #
 # Both are handed in by the caller: a serial port and the computer's clock on a bench, lists of bytes and a clock moved
-# by hand in a test.
+# by hand in a test. Whatever is one of them does what is said here, and says only what else it does.
 
 
 class Clock(Protocol):
@@ -63,14 +63,12 @@ class Transport(Protocol):
 
 
 class MonotonicClock:
-    """The computer's clock that no setting of the date moves."""
+    """The computer's clock that no setting of the date moves; a Clock."""
 
     def now(self) -> float:
-        """Return the time [s] since some fixed moment."""
         return monotonic()
 
     def wait_until(self, time: float) -> None:
-        """Return at `time` [s] or a little later; at once if it has passed."""
         if (left := time - self.now()) > 0:
             sleep(left)
 

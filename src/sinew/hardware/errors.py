@@ -32,3 +32,7 @@ class PortError(HardwareError):
 
 class DeviceError(HardwareError):
     """A device that does not do what it must: it is silent, of another model, or does not take a register's value."""
+
+
+TROUBLES = (PacketError, RegisterError, DeviceError)
+"""What can go wrong while the port is there, and the others can still be asked."""

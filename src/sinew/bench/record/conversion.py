@@ -206,8 +206,8 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
     groups: their indices in the plan; None for all that are finished.
     Rows have the time of the drive's reading plus the rig's drive_delay, so that the rig's delay budget holds; the
     IMU's readings are brought from its own times to those. Rows without a reading of drive, tendons or IMU are left
-    out; a sensor with a node of its own that gave no answer leaves only its own value unknown, NaN. Time counts from the first run; those that resumed it follow
-    after as long as the computer's calendar says.
+    out; a sensor with a node of its own that gave no answer leaves only its own value unknown, NaN. Time counts from
+    the first run; those that resumed it follow after as long as the computer's calendar says.
     Attributes beside those of `provenance`, and those given to the journal: `started` (date), `runs`, `left_out_rows`,
     `left_out_groups` (found to have too many holes), `registers` (see `sinew.measure.recording.read_registers`), and
     the journal's statistics.

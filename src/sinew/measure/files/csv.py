@@ -338,10 +338,8 @@ def _read_time(table: Table, spec: str) -> Array:
         if stated is not None:
             raise UnitError(f"the time column {names[0]!r} holds dates or durations, which need no unit; leave it out")
         stamps = as_seconds(column)
-        refuse_backwards(stamps)
-        return stamps
-    factor = convert(_unit_of(names, stated, "s"), "s")
-    stamps = numbers(table, names[0]) * factor
+    else:
+        stamps = numbers(table, names[0]) * convert(_unit_of(names, stated, "s"), "s")
     refuse_backwards(stamps)
     return stamps
 
