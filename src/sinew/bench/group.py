@@ -382,7 +382,7 @@ def run_tracking(
     told, was_locked = -math.inf, False
     for index in range(count):
         sample = loop.cycle(command)
-        _pass_on(law, sample)
+        law.take(sample.time_s, sample.time_s, sample.drive_rad, sample.imu_time_s, sample.gyro_rad_s[0])
         if mover is not None:
             mover.move(law.pretension_mm)
         if index * loop.period - told >= _TELL_S:
@@ -397,7 +397,3 @@ def run_tracking(
     for _ in range(round(_FADE_S / loop.period)):
         loop.cycle(lambda time: max(0.0, 1 - (time - begin) / _FADE_S) * command(time))
     return last
-
-
-def _pass_on(law: DriveLaw, sample: Sample) -> None:
-    law.take(sample.time_s, sample.time_s, sample.drive_rad, sample.imu_time_s, sample.gyro_rad_s[0])

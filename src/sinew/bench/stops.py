@@ -16,10 +16,9 @@ from typing import Literal
 
 from sinew.bench.errors import StoppedError
 from sinew.hardware.bus import Clock
-from sinew.hardware.codec import Read
 from sinew.hardware.errors import TROUBLES, DeviceError, HardwareError, PortError
 from sinew.hardware.motor import Motor, TendonServo
-from sinew.hardware.registers import CURRENT_MODE, CURRENT_POSITION_MODE, WATCHDOG_TRIPPED, encode_raw, lay_out
+from sinew.hardware.registers import CURRENT_MODE, CURRENT_POSITION_MODE, WATCHDOG_TRIPPED, encode_raw
 from sinew.hardware.rig import Rig
 
 # All motors are told at once to stay where they are: the first stage of every stop.
@@ -68,7 +67,7 @@ def freeze(rig: Rig, clock: Clock) -> Frozen:
     frozen, told = Frozen(), dict[str, Counts]()
     pending: Sequence[Motor] = rig.motors
     while pending and clock.now() - start < FREEZE_MOST_S:
-        found = _ask(rig, pending)
+        found = rig.ask_at_once(pending, _ASKED)
         there = {motor.name for motor in pending if motor.name in found and _stays(found[motor.name], told, motor)}
         if there:
             frozen.names |= there
@@ -86,17 +85,6 @@ def freeze_alone(rig: Rig, motor: Motor) -> None:
     goals = _standing(rig, motor, motor.get_counts(_ASKED))
     for name in sorted(goals, key=lambda name: name != "goal_position"):
         motor.set_count(name, goals[name])
-
-
-def _ask(rig: Rig, motors: Sequence[Motor]) -> dict[str, Counts]:
-    """Return the registers of those motors that answer, by name."""
-    layouts = {motor.id: lay_out(motor.table, _ASKED) for motor in motors}
-    replies = rig.bus.bulk_read([Read(id_, lay.address, lay.length) for id_, lay in layouts.items()], retries=0)
-    return {
-        motor.name: dict(zip(_ASKED, layouts[motor.id].unpack.unpack(replies[motor.id].data), strict=True))
-        for motor in motors
-        if replies[motor.id].ok
-    }
 
 
 def _stays(found: Counts, told: Mapping[str, Counts], motor: Motor) -> bool:
@@ -229,8 +217,7 @@ def stop(
 ) -> StopReport:
     """Bring the rig to a safe state, hold or release, and report how it was left.
 
-    Works from any state: how each motor runs is read from its registers. Both freeze all motors with limited output;
-    release then ramps the tension down and takes the torque from all motors. on_frozen: called with what is known so far
+    Works from any state: how each motor runs is read from its registers. on_frozen: called with what is known so far
     when the first stage is over. is_emergency: the motors stand for a while before a release lets the tension down.
     emergency_asked: looked at while the tension is let down; once it is so, all motors are frozen anew, `on_frozen` is
     called again, and the motors stand for a while before the tension goes on being let down.

@@ -251,20 +251,24 @@ class Rig:
 
         All are asked at once, or one after the other on a bus so slow that a watchdog would trip meanwhile.
         """
-        layouts = {motor.id: lay_out(motor.table, registers_read(motor)) for motor in self.motors}
-        answers = sum(wire_bytes(layout.length, status=True) for layout in layouts.values())
-        if answers * 10 / self.bus.timing.baud > _READ_MOST_S:
-            return {motor.name: motor.get_counts(registers_read(motor)) for motor in self.motors}
-        replies = self.bus.bulk_read([Read(id_, layout.address, layout.length) for id_, layout in layouts.items()])
-        found = {}
-        for motor in self.motors:
-            reply = replies[motor.id]
-            if reply.ok:
-                counts = layouts[motor.id].unpack.unpack(reply.data)
-                found[motor.name] = dict(zip(registers_read(motor), counts, strict=True))
-            else:
-                found[motor.name] = motor.get_counts(registers_read(motor))
-        return found
+        names = registers_read(self.drive)
+        answers = sum(wire_bytes(lay_out(motor.table, names).length, status=True) for motor in self.motors)
+        is_quick = answers * 10 / self.bus.timing.baud <= _READ_MOST_S
+        found = self.ask_at_once(self.motors, names) if is_quick else {}
+        return {motor.name: found.get(motor.name) or motor.get_counts(names) for motor in self.motors}
+
+    def ask_at_once(self, motors: Sequence[Motor], names: Sequence[str]) -> dict[str, dict[str, int]]:
+        """Return registers, named by increasing address, of those motors that answer one question to all, by motor.
+
+        It is never repeated. Raises PortError.
+        """
+        layouts = {motor.id: lay_out(motor.table, names) for motor in motors}
+        replies = self.bus.bulk_read([Read(id_, lay.address, lay.length) for id_, lay in layouts.items()], retries=0)
+        return {
+            motor.name: dict(zip(names, layouts[motor.id].unpack.unpack(replies[motor.id].data), strict=True))
+            for motor in motors
+            if replies[motor.id].ok
+        }
 
     def changed_registers(self, found: Mapping[str, Mapping[str, int]]) -> list[str]:
         """Return which of the registers found are no longer as the run set them; goals that it tells are left out."""

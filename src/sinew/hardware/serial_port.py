@@ -15,7 +15,10 @@ _OPENS_S = 5.0  # on a busy computer
 
 
 class _Port:
-    """What serial port and socket share; a Transport. opened: what was opened; None when closed. advice: where it is lost."""
+    """What serial port and socket share; a Transport.
+
+    opened: what was opened; None when closed. advice: where it is lost.
+    """
 
     def __init__(self, path: str, clock: Clock, advice: str) -> None:
         self._path, self._clock, self._advice = path, clock, advice
