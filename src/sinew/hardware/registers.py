@@ -6,7 +6,6 @@ radians; a duty (PWM) is a fraction of the supply and temperatures are in degree
 
 import difflib
 import math
-import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from struct import Struct
@@ -27,7 +26,7 @@ from sinew.plan.servo import (
     WATCHDOG_LSB,
 )
 
-_FLOAT = struct.Struct("<f")
+_FLOAT = Struct("<f")
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,13 +177,9 @@ def lay_out(table: RegisterTable, names: Sequence[str]) -> Layout:
     for row in rows:
         if row.address < at:
             raise RegisterError(f"{row.name} lies before {at}; expected registers by increasing address")
-        form += f"{row.address - at}x" + _code(row)
+        form += f"{row.address - at}x" + ("f" if row.is_float else _CODES[row.size, row.signed])
         at = row.stop
     return Layout(address, length, Struct(form), tuple(row.scale for row in rows))
-
-
-def _code(row: Register) -> str:
-    return "f" if row.is_float else _CODES[row.size, row.signed]
 
 
 # The control tables of what may be on the bus: the servos of `sinew.plan.servo`, and the head's inertial sensor.
