@@ -76,7 +76,7 @@ def run(
                 runner = control.runner = Runner(
                     bench, clock, plan_, journal, tension, listener=screen, steering=steering
                 )
-                signals.enter_context(on_signals(runner.request_stop, runner.request_emergency))
+                signals.enter_context(on_signals(steering.request_stop, steering.request_emergency))
                 report = runner.run(resume=resume)
                 close_journal(journal, report)
             statistics = bench.bus.statistics

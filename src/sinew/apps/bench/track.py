@@ -176,7 +176,7 @@ def _run(
                 steering=steering,
                 law=lambda group, time: planned_tracker(group, plan, spec, expected, time),
             )
-            signals.enter_context(on_signals(runner.request_stop, runner.request_emergency))
+            signals.enter_context(on_signals(steering.request_stop, steering.request_emergency))
             report = runner.run()
             close_journal(journal, report)
     recording = convert_journal(out, report)
