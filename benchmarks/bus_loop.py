@@ -27,16 +27,16 @@ from sinew.apps.bench.run_control import keeping_time
 from sinew.bench.errors import BenchError
 from sinew.bench.group import Swing
 from sinew.bench.guard import Guard, Watch
-from sinew.bench.journal import Journal
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.pretension import MotorMap, pull_to_contact, set_pretension
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import Sample
 from sinew.bench.run import LIMIT_RESERVE_N
-from sinew.bench.sample import Sample
-from sinew.bench.stops import release
+from sinew.bench.stops import stop
 from sinew.bench.tilt import TiltEstimator
+from sinew.hardware.bus import MonotonicClock
 from sinew.hardware.errors import HardwareError
 from sinew.hardware.rig import Rig
-from sinew.hardware.transport import MonotonicClock
 from sinew.measure.arrays import Array
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
@@ -141,7 +141,7 @@ def _time_loop(port: str, spec: RigSpec, seconds: float, folder: Path) -> tuple[
             clock.wait_until(clock.now())  # ends the last cycle
             journal.end_segment("complete")
         finally:
-            release(rig, MonotonicClock())
+            stop(rig, MonotonicClock(), "release")
         wire = rig.cycle_bytes * 10 / spec.wiring.baud
     return np.array(clock.busy[1:]), np.array(late), loop.statistics, wire
 

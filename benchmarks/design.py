@@ -6,7 +6,7 @@ The workers run on the same machine. All are warmed up first, so that no compili
 import time
 from collections.abc import Sequence
 
-from sinew.measure.extras import how_to_install
+from sinew.measure.errors import how_to_install
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import shear_modulus_of
 from sinew.predict.joints.material import list_materials, load_material

@@ -17,7 +17,7 @@ from sinew.mechanics.silicone import relaxation_times, twist_rigidity
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import servo_of
+from sinew.plan.servo import SERVOS
 from sinew.solve.march import runge_kutta
 from sinew.twin.simulate import Lanes, lane_parameters
 
@@ -67,7 +67,7 @@ def electrics_of(rig: RigSpec) -> Electrics:
     R: nominal voltage over stall current. k_e = (line's slope) R/k_t: the speed at which the torque of a duty is zero.
     """
     drive, tendons = rig.drive, rig.tendons
-    servo = servo_of(rig.wiring.tendon_model)
+    servo = SERVOS[rig.wiring.tendon_model]
     resistance = drive.nominal_voltage.value / drive.stall_current.value
     constant = (drive.stall_torque.value + drive.friction.value) / drive.stall_current.value
     slope = drive.stall_torque.value / drive.no_load_speed.value

@@ -9,8 +9,8 @@ import xarray as xr
 
 from campaigns.faulty_bench import FaultyBench
 from campaigns.witness import MOTOR_S, SENSOR_S, Truth, wrong_readings
-from sinew.bench.conversion import recording_from_journal
-from sinew.bench.journal_reader import JournalReader
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal_reader import JournalReader
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
 

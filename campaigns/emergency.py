@@ -25,12 +25,12 @@ import numpy as np
 
 from campaigns.options import campaign_parser
 from sinew.bench.errors import StartError
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
 from sinew.emulator.faults import Faults, parse_fault
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.plan.plan import Plan, TendonMode
@@ -146,7 +146,7 @@ class _Port(VirtualPort):
         if runner is None or now - self.looked < _LOOK_S:
             return
         if self.case.phase == "pause" and runner.at.group is not None:
-            runner.request_pause()
+            runner.steering.request_pause()
         if math.isinf(self.due) and _phase(runner) == self.case.phase:
             self.due = now + self.case.after_s
         motion = self.emulated.motion()
@@ -156,7 +156,7 @@ class _Port(VirtualPort):
                 self.asked, self.torsion, self._start_lever = now, motion.torsion, motion.drive.angle
                 self.before = max(tension for _, tension in self._recent)
                 self._go_wrong()
-                runner.request_emergency("emergency stop of the campaign")
+                runner.steering.request_emergency("emergency stop of the campaign")
             return
         self.looked = now
         self.lever = max(self.lever, abs(motion.drive.angle - self._start_lever))

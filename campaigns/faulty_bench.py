@@ -7,13 +7,13 @@ from tempfile import TemporaryDirectory
 
 from campaigns.scenario import Scenario, Timeline, plan_of, rig_of
 from campaigns.witness import TENDON_COUNTS, Witness
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import Sample
 from sinew.bench.run import Runner, RunReport
-from sinew.bench.sample import Sample
 from sinew.emulator.faults import Faults
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.measure.events import Event
@@ -61,7 +61,7 @@ class _Operator:
             self.after_contact = now
         self.newest = now
         if now >= self._interrupt_s and self.runner is not None:
-            self.runner.request_stop("interrupted by the operator")
+            self.runner.steering.request_stop("interrupted by the operator")
 
     def on_event(self, event: Event) -> None:
         self.said.setdefault(event.kind, self._port.now())

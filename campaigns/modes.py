@@ -19,12 +19,12 @@ from typing import get_args
 import numpy as np
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.bench.conversion import recording_from_journal
-from sinew.bench.journal import Journal
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.measure.events import Event, Pretensioned

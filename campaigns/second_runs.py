@@ -29,19 +29,18 @@ import xarray as xr
 from campaigns.options import campaign_parser
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.doubts import doubts_of
-from sinew.bench.conversion import recording_from_journal
 from sinew.bench.doctor import apply_fixes, call_roll, examine_motors, list_fixes
 from sinew.bench.errors import StartError
-from sinew.bench.journal import Journal
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner, RunReport
 from sinew.bench.stops import stop
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.configuration import KNOWN_STATE
-from sinew.hardware.register_tables import XH430_W350
-from sinew.hardware.registers import Register
+from sinew.hardware.registers import XH430_W350, Register
 from sinew.hardware.rig import Rig
 from sinew.measure.errors import SinewError
 from sinew.plan.plan import Plan, TendonMode
@@ -285,9 +284,9 @@ class Bench:
         _, tension = truth(plan.pretension.mode)
         with Journal.open(path, *texts) if resume else Journal.create(path, *texts) as journal:
             acts = {
-                "hold": lambda: runner.request_stop("asked to hold", "hold"),
-                "release": lambda: runner.request_stop("asked to release", "release"),
-                "emergency": lambda: runner.request_emergency("emergency"),
+                "hold": lambda: runner.steering.request_stop("asked to hold", "hold"),
+                "release": lambda: runner.steering.request_stop("asked to release", "release"),
+                "emergency": lambda: runner.steering.request_emergency("emergency"),
                 "killed": lambda: setattr(port, "dies_at", port.now()),
                 "lost line": lambda: setattr(self.emulated, "unplugged", True),
             }

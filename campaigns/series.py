@@ -23,13 +23,12 @@ import xarray as xr
 
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.doubts import doubts_of
-from sinew.bench.conversion import recording_from_journal
-from sinew.bench.journal_reader import JournalReader
-from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.register_tables import WATCHDOG_TRIPPED
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal_reader import JournalReader
+from sinew.hardware.bus import Bus, BusTiming, MonotonicClock
+from sinew.hardware.registers import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import SerialPort
-from sinew.hardware.transport import MonotonicClock
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import load_recording
 from sinew.measure.recording import read_registers, segment_slices

@@ -15,13 +15,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.bench.conversion import recording_from_journal
-from sinew.bench.journal import Journal
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner, RunReport
 from sinew.emulator.faults import Faults, FaultSpec
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.measure.arrays import Array

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 import websockets
 
-from sinew.bench.journal import Journal
-from sinew.bench.journal_reader import JournalReader
-from sinew.bench.sample import Sample
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.sample import Sample
 from sinew.measure.recording import Segment
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 

@@ -19,7 +19,8 @@ from typer.testing import CliRunner
 from sinew.apps.cli import app
 from sinew.hardware.bus import Bus
 from sinew.hardware.configuration import KNOWN_STATE, Post
-from sinew.hardware.register_tables import (
+from sinew.hardware.motor import DriveServo, TendonServo
+from sinew.hardware.registers import (
     BAUD_RATES,
     EXTENDED_POSITION_MODE,
     HARDWARE_ERRORS,
@@ -28,9 +29,9 @@ from sinew.hardware.register_tables import (
     POSITION_MODE,
     XH430_W350,
     XM430_W350,
+    Register,
+    RegisterTable,
 )
-from sinew.hardware.registers import Register, RegisterTable
-from sinew.hardware.servos import DriveServo, TendonServo
 from sinew.measure import schema
 from sinew.plan.toml import load_rig
 from tools.tree import ROOT
@@ -135,7 +136,7 @@ position alone.
 
 {tables}
 How each number is made: [analysis](../explanation/analysis.md), [energy](../explanation/energy.md). Beside the energy
-stands the attribute `idle_power_w`, what all servos draw with their torque off by data sheet, or NaN.
+stands the attribute `idle_power_w`, what all servos draw with their torque off by data sheet.
 """
 
 
@@ -243,9 +244,10 @@ def _known_state_table() -> str:
     """Return a Markdown table of what a run brings the registers to, for the paper's rig."""
     spec = load_rig("paper")
     bus = cast(Bus, None)  # nothing is asked
-    tendon = Post(TendonServo(bus, "tendon 1", 1, XH430_W350), spec, EXTENDED_POSITION_MODE)
+    pulling = TendonServo(bus, "tendon 1", 1, XH430_W350, 1, current_limit=math.inf, supply=12.0)
+    tendon = Post(pulling, spec, EXTENDED_POSITION_MODE)
     window = math.radians(spec.limits.drive_window_deg)
-    drive = Post(DriveServo(bus, "drive", 5, XM430_W350, window=window), spec, POSITION_MODE)
+    drive = Post(DriveServo(bus, "drive", 5, XM430_W350, 1, zero=2048, window=window), spec, POSITION_MODE)
     lines = ["| register | tendon | drive | rule | why |", "|---|---|---|---|---|"]
     for row in KNOWN_STATE:
         cells = []

@@ -12,7 +12,7 @@ from packaging.utils import canonicalize_name
 from tools import check_hosts, check_links, write_reference
 
 from sinew import __version__
-from sinew.measure.extras import DISTRIBUTION
+from sinew.measure.errors import DISTRIBUTION
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -116,7 +116,7 @@ def test_nobody_is_told_to_fetch_another_projects_sinew() -> None:
         *(ROOT / "src").rglob("*.html"),
     ]
     told = re.compile(r"(?:pip|uv|pipx) (?:install|add) [^\n]*\bsinew(?:\[|\"|'|\b(?![-_/]))|`sinew\[")
-    allowed = {ROOT / "docs/how-to/install.md", ROOT / "src/sinew/measure/extras.py"}  # which warn of it
+    allowed = {ROOT / "docs/how-to/install.md", ROOT / "src/sinew/measure/errors.py"}  # which warn of it
     found = [str(path) for path in texts if path not in allowed and told.search(path.read_text(encoding="utf-8"))]
     assert found == []
 

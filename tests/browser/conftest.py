@@ -8,7 +8,7 @@ import pytest
 from tests.browser.dashboard import ARGUMENTS, CHROMIUM, Served, served
 
 from sinew.apps.cli import main
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 from sinew.plan.toml import dump_rig, load_rig
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="no Playwright: make setup-dev installs it")

@@ -18,10 +18,9 @@ from tests.unit.bench_journal import Node, cycle
 from tests.unit.dashboard_journal import RIG_TEXT
 
 from sinew.apps.bench.run_control import RunControl, listening
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Progress
-from sinew.bench.steering import Steering
-from sinew.bench.stops import StopReport
+from sinew.bench.stops import Steering, StopReport
 from sinew.measure.events import Contact, Pulled
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Group

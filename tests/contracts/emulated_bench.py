@@ -15,11 +15,10 @@ from typing import Any
 import pytest
 from tests.patience import await_end, comes, communicate, finished
 
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.joint_plant import JointPlant
-from sinew.emulator.plant import Plant
+from sinew.emulator.plant import Plant, Unloaded
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.unloaded import Unloaded
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Decoder, Instruction
 from sinew.plan.rig import RigSpec
@@ -61,7 +60,7 @@ def virtual_port(
     spec = spec or load_rig("paper")
     port = WatchedPort(EmulatedRig(spec, plant or Unloaded(spec.tendons.count, spec), baud=baud))
     monkeypatch.setattr("sinew.hardware.serial_port.SerialPort", lambda *_: port)
-    monkeypatch.setattr("sinew.hardware.transport.MonotonicClock", lambda: port)
+    monkeypatch.setattr("sinew.hardware.bus.MonotonicClock", lambda: port)
     return port
 
 

@@ -13,8 +13,8 @@ from tests.contracts.commands import answered, command_lines, refused
 
 from sinew.apps.cli import main
 from sinew.identify.joint import calibration
+from sinew.measure.errors import how_to_install
 from sinew.measure.estimate import Estimate
-from sinew.measure.extras import how_to_install
 from sinew.measure.files.csv import import_csv
 from sinew.measure.files.netcdf import load_recording, save_recording
 from sinew.plan.toml import dump_rig, list_shipped, load_plan, load_rig

@@ -17,10 +17,9 @@ from tests.patience import await_end, comes, communicate, until
 
 from sinew.apps.cli import main
 from sinew.emulator.faults import FAULT_KINDS
-from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.register_tables import XH430_W350
+from sinew.hardware.bus import Bus, BusTiming, MonotonicClock
+from sinew.hardware.registers import XH430_W350
 from sinew.hardware.serial_port import SerialPort
-from sinew.hardware.transport import MonotonicClock
 
 SINEW = Path(sys.executable).with_name("sinew")
 PATIENCE = 60.0  # s

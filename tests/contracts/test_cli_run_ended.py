@@ -11,7 +11,7 @@ import pytest
 from tests.contracts.emulated_bench import WatchedPort, rig_file
 from tests.contracts.virtual_run import RunHere, interrupt, run, torques
 
-from sinew.bench.journal_reader import JournalReader
+from sinew.bench.record.journal_reader import JournalReader
 from sinew.measure.events import Ended
 
 SIGNALS = {

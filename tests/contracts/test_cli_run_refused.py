@@ -14,7 +14,7 @@ from tests.contracts.emulated_bench import QUESTIONS, WatchedPort, rig_file, vir
 from tests.contracts.virtual_run import RunHere, run, without_motor
 
 from sinew.emulator.rig import EmulatedRig
-from sinew.hardware.register_tables import OVERLOAD
+from sinew.hardware.registers import OVERLOAD
 
 
 def with_torque(rig: EmulatedRig) -> None:

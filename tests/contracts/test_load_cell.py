@@ -13,7 +13,7 @@ from tests.unit.bench_virtual import virtual_bench
 from sinew.apps.dashboard.hub import LiveChannels
 from sinew.bench.errors import LostError
 from sinew.bench.guard import Guard, Watch
-from sinew.emulator.unloaded import Unloaded
+from sinew.emulator.plant import Unloaded
 from sinew.measure.errors import SpecError
 from sinew.measure.files.netcdf import load_recording
 from sinew.plan.rig import RigSpec

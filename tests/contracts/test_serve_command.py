@@ -20,7 +20,7 @@ from tests.patience import await_end, comes, communicate
 
 from sinew.apps.cli import main
 from sinew.apps.dashboard.run_desk import Adopted
-from sinew.measure.extras import how_to_install
+from sinew.measure.errors import how_to_install
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from tests.unit.dashboard_journal import GROUPS, PLAN, PLAN_TEXT, run_folder
 
 from sinew.apps.bench.run_control import listening, send_control
 from sinew.apps.dashboard.run_desk import RESUMED, Adopted, adopt, find_runs, told_at_end
-from sinew.bench.steering import Steering
+from sinew.bench.stops import Steering
 from sinew.plan.toml import parse_rig
 
 

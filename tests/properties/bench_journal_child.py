@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tests.unit.bench_journal import PLAN, PLAN_TEXT, RIG_TEXT, Node, cycles
 
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 
 
 def main(path: Path) -> None:

@@ -6,8 +6,8 @@ import pytest
 from campaigns.emergency import PHASES, Case, draw_case, play, tensions
 
 from sinew.bench.stops import Frozen
+from sinew.hardware.bus import Clock
 from sinew.hardware.rig import Rig
-from sinew.hardware.transport import Clock
 
 CASES = [draw_case(7, number) for number in range(10)]
 

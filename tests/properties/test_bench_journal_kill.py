@@ -13,8 +13,8 @@ from tests.patience import comes
 from tests.unit.bench_journal import PLAN, RIG
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.bench.conversion import recording_from_journal
-from sinew.bench.journal_reader import JournalReader
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal_reader import JournalReader
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import segment_slices
 

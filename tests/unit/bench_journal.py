@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sinew.bench.journal import Journal
-from sinew.bench.sample import MISSING, Sample
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import MISSING, Sample
 from sinew.plan.plan import Group, Plan
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 

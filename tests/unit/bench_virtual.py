@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner, RunReport
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.plant import Plant
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
 from sinew.plan.plan import Plan, TendonMode

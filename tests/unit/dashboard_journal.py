@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from tests.unit.bench_journal import RIG_TEXT, Node, cycles, write_group
 
-from sinew.bench.journal import Journal
-from sinew.bench.sample import Sample
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import Sample
 from sinew.plan.plan import Group
 from sinew.plan.toml import dump_plan, parse_plan
 

@@ -2,9 +2,9 @@
 
 import math
 
+from sinew.emulator.found import VirtualPort
 from sinew.emulator.plant import HornMotion, Law, Motion
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig, read_spec
@@ -62,10 +62,10 @@ class StandIn:
             self.angles[motor] += self.speeds[motor] * dt
 
     def motion(self) -> Motion:
-        horns = [HornMotion(*row) for row in zip(self.angles, self.speeds, self.current, self.duty, strict=True)]
-        still = (0.0, 0.0)  # torsion and its rate, and the tilt about both axes
-        slack = (0.0,) * (len(horns) - 1)
-        return Motion(self.time, horns[-1], tuple(horns[:-1]), slack, *still, still, self.gyro, self.acceleration)
+        rows = zip(self.angles, self.speeds, self.current, self.duty, strict=True)
+        *tendons, drive = (HornMotion(*row) for row in rows)
+        slack = (0.0,) * len(tendons)
+        return Motion(self.time, drive, tuple(tendons), slack, gyro=self.gyro, acceleration=self.acceleration)
 
     @staticmethod
     def _speed(law: Law, angle: float, dt: float) -> float:

@@ -24,12 +24,15 @@ from tests.unit.bench_journal import (
 
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.signal.harmonics import fit_harmonics
-from sinew.bench.conversion import convert, group_is_whole, imu_series, readings_at, recording_from_journal
-from sinew.bench.journal import Journal
-from sinew.bench.sample import MISSING
+from sinew.bench.record.conversion import convert, group_is_whole, imu_series, readings_at, recording_from_journal
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import MISSING
 from sinew.measure.errors import FileError, RecordingError
 from sinew.measure.files.netcdf import load_recording
 from sinew.measure.recording import iterate_segments, segment_slices
+from sinew.plan.parameter import Parameter
+from sinew.plan.rig import LoadCell
+from sinew.plan.toml import dump_rig
 
 NODES = {
     "fast crystal": Node(),
@@ -108,6 +111,22 @@ def test_duty_and_voltage_of_the_tendons_are_in_the_recording(tmp_path: Path) ->
     recording = recording_from_journal(written(tmp_path))
     assert np.allclose(recording["tendon_pwm"].values, [0.1, 0.2, 0.3, 0.4])
     assert np.allclose(recording["supply_v"].values, 12.3)
+
+
+def test_a_load_cell_that_misses_answers_leaves_its_own_values_alone_unknown(tmp_path: Path) -> None:
+    noise = Parameter(value=0.02, unit="N", origin="assumed", bounds=(0.0, 1.0))
+    rig = dump_rig(RIG.model_copy(update={"load_cell": LoadCell(id=30, tendon=2, noise=noise)}))
+    heard = [replace(s, sensors=(20.0,)) for s in cycles(PLAN.groups()[1], 1000.0, Node())]
+    silent = list(with_holes(heard, range(50, 58), sensors=(MISSING,)))
+    recordings = []
+    for name, samples in (("heard", heard), ("silent", silent)):
+        with Journal.create(tmp_path / name, PLAN_TEXT, rig) as journal:
+            write_group(journal, 1, samples)
+        recordings.append(recording_from_journal(tmp_path / name))
+    unknown = [np.isnan(recording["load_cell_n"].values) for recording in recordings]
+    assert [int(there.sum()) for there in unknown] == [0, 8]
+    assert recordings[1].drop_vars("load_cell_n").equals(recordings[0].drop_vars("load_cell_n"))
+    assert group_is_whole(list(with_holes(heard, range(50, 150), sensors=(MISSING,))), PLAN.sample_hz)
 
 
 def test_a_journal_of_the_first_version_gives_a_recording_without_them(tmp_path: Path) -> None:

@@ -15,9 +15,9 @@ import pytest
 from tests.patience import finished
 from tests.unit.bench_journal import PLAN, PLAN_TEXT, RIG_TEXT, Node, cycles, write_group, written
 
-from sinew.bench.journal import Journal
-from sinew.bench.journal_reader import JournalReader
-from sinew.bench.sample import MISSING, Sample, sample_columns, sample_row
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.sample import MISSING, Sample, sample_columns, sample_row
 from sinew.measure.errors import FileError
 from sinew.measure.events import Pulled
 from sinew.measure.recording import Segment

@@ -11,12 +11,12 @@ import xarray as xr
 from tests.unit.bench_virtual import VirtualBench, virtual_bench
 
 from sinew.analysis.analysis import analyse_recording
-from sinew.bench.conversion import recording_from_journal
-from sinew.bench.journal import Journal
-from sinew.bench.journal_reader import JournalReader
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.journal_reader import JournalReader
+from sinew.bench.record.sample import Sample
 from sinew.bench.run import Runner, RunReport
-from sinew.bench.sample import Sample
-from sinew.bench.steering import Steering
+from sinew.bench.stops import Steering
 from sinew.measure.events import Event, Resumed
 from sinew.measure.recording import segment_slices
 from sinew.plan.plan import Plan

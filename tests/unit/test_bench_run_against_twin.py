@@ -10,7 +10,7 @@ from tests.unit.bench_virtual import virtual_bench
 
 from sinew.analysis.analysis import analyse_recording
 from sinew.analysis.signal.harmonics import fit_harmonics
-from sinew.bench.conversion import recording_from_journal
+from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.run import RunReport
 from sinew.measure.recording import iterate_segments, read_registers
 from sinew.plan.plan import Plan

@@ -6,7 +6,7 @@ import pytest
 from tests.unit.bench_virtual import VirtualBench, set_going, virtual_bench
 
 from sinew.bench.stops import STAND_S, stop
-from sinew.emulator.unloaded import Unloaded
+from sinew.emulator.plant import Unloaded
 from sinew.plan.plan import TendonMode
 from sinew.plan.toml import load_rig
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sinew.bench.sample import MISSING
+from sinew.bench.record.sample import MISSING
 from sinew.bench.tilt import TiltEstimator
 from sinew.plan.toml import load_rig
 

@@ -8,10 +8,10 @@ import pytest
 import xarray as xr
 from tests.unit.bench_virtual import VirtualBench, virtual_bench
 
-from sinew.bench.conversion import recording_from_journal
 from sinew.bench.group import MOVE_SPEED, DriveLaw
-from sinew.bench.journal import Journal
-from sinew.bench.journal_reader import JournalReader
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.journal_reader import JournalReader
 from sinew.bench.run import Runner, RunReport
 from sinew.measure.events import Track as State
 from sinew.plan.plan import Group, Plan, Pretension, Track

@@ -6,10 +6,10 @@ from typing import NamedTuple
 import pytest
 from tests.unit.bench_virtual import virtual_bench
 
-from sinew.bench.journal import Journal
 from sinew.bench.loop import WATCHDOG_S
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import Sample
 from sinew.bench.run import Runner, RunReport
-from sinew.bench.sample import Sample
 from sinew.emulator.rig import EmulatedRig
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 from sinew.twin.simulate import rest_tension

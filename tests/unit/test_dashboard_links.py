@@ -10,7 +10,7 @@ from sinew.apps.dashboard.operators import is_run_name, open_inside, unlinked
 from sinew.apps.dashboard.run_desk import PID, find_runs, told_at_end
 from sinew.apps.dashboard.work.results import FILES, download, measured_so_far, run_results
 from sinew.apps.dashboard.work.runs import list_runs, read_shelf, shelf
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 from sinew.measure.errors import FileError, SpecError
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sinew.apps.dashboard.hub import MOST_MESSAGE, Channel, Hub, Live, LiveChannels, Ring, View, frame_of, state_of
-from sinew.bench.journal import Journal
-from sinew.bench.sample import MISSING, Sample
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import MISSING, Sample
 from sinew.measure.events import Contact, Doubted, Health
 from sinew.measure.recording import Segment
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig

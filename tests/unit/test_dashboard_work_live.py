@@ -7,8 +7,8 @@ from tests.unit.bench_journal import RIG_TEXT, write_group
 from tests.unit.dashboard_journal import DECAY_PER_S, GROUPS, PLAN, PLAN_TEXT, run_folder, swing
 
 from sinew.apps.dashboard.work.results import LiveResults, measured_so_far, run_results
-from sinew.bench import conversion
-from sinew.bench.journal import Journal
+from sinew.bench.record import conversion
+from sinew.bench.record.journal import Journal
 from sinew.measure.errors import FileError
 
 

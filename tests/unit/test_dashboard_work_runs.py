@@ -13,7 +13,7 @@ from tests.unit.dashboard_journal import DECAY_PER_S, GROUPS, PLAN_TEXT, run_fol
 from sinew.apps.dashboard.work import runs as runs_module
 from sinew.apps.dashboard.work.results import download, run_results
 from sinew.apps.dashboard.work.runs import list_runs, run_summary
-from sinew.bench.journal import Journal
+from sinew.bench.record.journal import Journal
 from sinew.measure.errors import FileError, SpecError
 from sinew.measure.files.netcdf import load_recording
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sinew.emulator.devices.control_table import ControlTable
-from sinew.hardware.register_tables import OPENCR_NODE, XH430_W350, XM430_W350
+from sinew.hardware.registers import OPENCR_NODE, XH430_W350, XM430_W350
 
 RANGE, LENGTH, ACCESS = 4, 5, 7
 LED, GOAL_PWM, GOAL_POSITION, PRESENT_POSITION, TORQUE, ID = 65, 100, 116, 132, 64, 7

@@ -7,13 +7,12 @@ import pytest
 from tests.unit.emulator_stand_in import StandIn
 
 from sinew.emulator.faults import DRAWN_KINDS, FAULT_KINDS, Faults, FaultSpec, FaultyRig, parse_fault, random_fault
+from sinew.emulator.found import VirtualPort
+from sinew.emulator.plant import Unloaded
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.unloaded import Unloaded
-from sinew.emulator.virtual import VirtualPort
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.errors import PortError
-from sinew.hardware.register_tables import OPENCR_NODE, XH430_W350
-from sinew.hardware.registers import Register, encode_raw
+from sinew.hardware.registers import OPENCR_NODE, XH430_W350, Register, encode_raw
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import load_rig
 

@@ -11,8 +11,7 @@ from sinew.emulator.devices.imu_node import ImuNode
 from sinew.emulator.plant import Mechanics
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction, Status
-from sinew.hardware.register_tables import OPENCR_NODE
-from sinew.hardware.registers import decode
+from sinew.hardware.registers import OPENCR_NODE, decode
 from sinew.plan.rig import Imu
 
 GYRO_LSB, FORCE_LSB = math.radians(2000) / 32_768, 2 * 9.80665 / 32_768

@@ -6,9 +6,8 @@ from hypothesis import strategies as st
 from tests.unit.emulator_stand_in import Bench, paper_rig
 
 from sinew.hardware import codec as ask
-from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.bus import Bus, BusTiming, Outcome
 from sinew.hardware.codec import Decoder, Read, Status, Write, encode
-from sinew.hardware.transport import Outcome
 
 BYTE = 10e-6  # s at 1 Mbps
 TENDONS = [1, 2, 3, 4]

@@ -9,9 +9,9 @@ from tests.unit.emulator_stand_in import Bench, StandIn
 from sinew.emulator.devices.motor import Motor
 from sinew.emulator.plant import Horn, Mechanics
 from sinew.hardware import codec as ask
+from sinew.hardware.bus import Outcome
 from sinew.hardware.codec import Instruction, Status
-from sinew.hardware.register_tables import XH430_W350
-from sinew.hardware.transport import Outcome
+from sinew.hardware.registers import XH430_W350
 
 
 def test_a_registered_write_waits_for_action() -> None:

@@ -8,8 +8,8 @@ from tests.unit.emulator_stand_in import FASTEST, Bench, paper_rig
 
 from sinew.emulator.plant import Law
 from sinew.hardware import codec as ask
+from sinew.hardware.bus import Outcome
 from sinew.hardware.codec import Instruction, Status
-from sinew.hardware.transport import Outcome
 
 
 def test_a_reboot_is_answered_and_then_the_motor_is_deaf_for_a_while() -> None:

@@ -12,8 +12,8 @@ import serial
 from tests.patience import LONG_S, comes
 
 from sinew.emulator.port_server import PtyServer
+from sinew.hardware.bus import MonotonicClock
 from sinew.hardware.serial_port import SerialPort
-from sinew.hardware.transport import MonotonicClock
 from sinew.measure.errors import FileError
 
 TIOCGEXCL = 0x80045440  # of Linux; the module termios does not have it

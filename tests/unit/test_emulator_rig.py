@@ -161,7 +161,6 @@ def test_a_cycle_of_five_goals_and_six_answers_fits_into_five_milliseconds() -> 
 @pytest.mark.parametrize(
     ("wiring", "baud", "word"),
     [
-        ({"tendon_model": "XL330"}, None, "XL330"),
         ({"imu_model": "TurtleBot3"}, None, "TurtleBot3"),
         ({}, 12_345, "12345"),
     ],

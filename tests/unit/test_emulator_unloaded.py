@@ -5,8 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from sinew.emulator.plant import HornMotion, Law
-from sinew.emulator.unloaded import RESPONSE_S, Unloaded
+from sinew.emulator.plant import RESPONSE_S, HornMotion, Law, Unloaded
 from sinew.plan.toml import load_rig
 
 NO_LOAD = math.pi  # 30 rpm at 12 V

@@ -3,7 +3,7 @@
 import pytest
 from tests.unit.emulator_stand_in import Bench
 
-from sinew.emulator.virtual import VirtualPort
+from sinew.emulator.found import VirtualPort
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import encode
 from sinew.hardware.errors import PortError

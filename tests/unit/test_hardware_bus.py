@@ -3,9 +3,8 @@
 import pytest
 from tests.unit.hardware_line import Arrivals, Line, ManualClock, Slave
 
-from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.bus import Bus, BusTiming, Outcome, Reply
 from sinew.hardware.codec import ACTION, READ, REBOOT, Read, Status, Write, encode, sync_read
-from sinew.hardware.transport import Outcome, Reply
 
 TIMING = BusTiming(baud=1_000_000, return_delay=500e-6, latency=0.005)
 

@@ -7,11 +7,10 @@ import pytest
 from tests.unit.emulator_stand_in import Bench, paper_rig
 from tests.unit.hardware_line import Line, ManualClock, Slave
 
-from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.bus import Bus, BusTiming, Outcome, Reply
 from sinew.hardware.errors import DeviceError
 from sinew.hardware.imu import ClockTrack, Imu
-from sinew.hardware.register_tables import OPENCR_NODE, TURTLEBOT3
-from sinew.hardware.transport import Outcome, Reply
+from sinew.hardware.registers import OPENCR_NODE, TURTLEBOT3
 
 GYRO = math.radians(2000) / 32768
 FORCE = 2 * 9.80665 / 32768

@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 
 from sinew.hardware.errors import RegisterError
-from sinew.hardware.register_tables import (
+from sinew.hardware.registers import (
     BAUD_RATES,
     IMUS,
     MOTORS,
@@ -15,8 +15,12 @@ from sinew.hardware.register_tables import (
     XH430_W350,
     XL330_M288,
     XM430_W350,
+    Register,
+    RegisterTable,
+    decode,
+    decode_raw,
+    encode_raw,
 )
-from sinew.hardware.registers import Register, RegisterTable, decode, decode_raw, encode_raw
 
 TABLES = [*MOTORS.values(), *IMUS.values()]
 ROWS = [(table, row) for table in TABLES for row in table]

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import pytest
 from tests.patience import LONG_S
 
+from sinew.hardware.bus import MonotonicClock
 from sinew.hardware.errors import PortError
 from sinew.hardware.serial_port import SerialPort
-from sinew.hardware.transport import MonotonicClock
 
 pytest.importorskip("serial", reason="pyserial is not installed")
 CLOCK = MonotonicClock()

@@ -6,8 +6,8 @@ import pytest
 from tests.unit.emulator_stand_in import Bench, paper_rig
 
 from sinew.hardware.errors import RegisterError
-from sinew.hardware.register_tables import XH430_W350, XM430_W350
-from sinew.hardware.servos import TENDON_MODES, DriveServo, TendonServo
+from sinew.hardware.motor import TENDON_MODES, DriveServo, TendonServo
+from sinew.hardware.registers import XH430_W350, XM430_W350
 from sinew.plan.plan import TendonMode
 
 COUNT = math.tau / 4096
@@ -21,12 +21,12 @@ def bench() -> Bench:
     return Bench()
 
 
-def tendon(bench: Bench, pull: int = 1, **more: float) -> TendonServo:
-    return TendonServo(bench.bus, "tendon 1", 1, XH430_W350, pull, **more)
+def tendon(bench: Bench, pull: int = 1, current_limit: float = math.inf, supply: float = 12.0) -> TendonServo:
+    return TendonServo(bench.bus, "tendon 1", 1, XH430_W350, pull, current_limit=current_limit, supply=supply)
 
 
-def drive(bench: Bench, sign: int = 1, **more: float) -> DriveServo:
-    return DriveServo(bench.bus, "drive", 5, XM430_W350, sign, **more)  # type: ignore[arg-type]
+def drive(bench: Bench, sign: int = 1, zero: int = 2048, window: float = math.pi) -> DriveServo:
+    return DriveServo(bench.bus, "drive", 5, XM430_W350, sign, zero=zero, window=window)
 
 
 def put_into(servo: TendonServo, mode: TendonMode) -> None:

@@ -10,8 +10,8 @@ import pytest
 
 from sinew.measure.doors import most_bytes
 from sinew.measure.errors import FileError
+from sinew.measure.files.csv import read_table
 from sinew.measure.files.netcdf import load_dataset
-from sinew.measure.files.table import read_table
 
 GIB = 1 << 30
 

@@ -136,6 +136,26 @@ def test_a_single_repeat_is_warned_of() -> None:
     assert "gives no standard deviation" in sentences(check_plan(load_plan("short"), RIG), "warn")
 
 
+def test_a_rig_with_another_servos_numbers_is_warned_of_with_both() -> None:
+    data = load_rig("paper").model_dump()
+    data["wiring"]["tendon_model"] = "XL330-M288"
+    told = sentences(check_plan(load_plan("short"), type(RIG).model_validate(data)), "warn")
+    sheet = 0.52 / 1.47  # the maker's page: stall torque and current at 5 V
+    assert f"tendons.torque_constant is 2.62 N*m/A, that of the XL330-M288 is {sheet:.4g}" in told
+    assert "drive.supply_voltage is 13.27 V, that of the XL330-M288 is 5;" in told
+
+
+def test_a_limit_above_what_the_tendons_servo_draws_in_stall_is_warned_of() -> None:
+    data = RIG.model_dump()
+    data["limits"]["tendon_current_a"] = 2.0
+    told = sentences(check_plan(load_plan("short"), type(RIG).model_validate(data)), "warn")
+    assert "limits.tendon_current_a is 2 A, a XH430-W350 stalls at 1.3 A" in told
+
+
+def test_the_papers_rig_has_the_numbers_of_its_servos() -> None:
+    assert "[wiring]" not in sentences(check_plan(load_plan("paper"), load_rig("paper")), "warn")
+
+
 def test_a_refused_plan_raises_its_first_refusal_and_counts_the_others() -> None:
     preview = check_plan(plan_with(sweep__amplitude_deg=50.0, ring_down__amplitude_deg=50.0), RIG)
     with pytest.raises(SpecError, match=r"^sweep asks for 50°.*\(and 1 more refusal; see sinew check\)$"):

@@ -16,7 +16,7 @@ import pytest
 from sinew.apps.bench import run_control
 from sinew.apps.bench.run_control import CONTROL, ControlError, listening, send_control
 from sinew.apps.dashboard.run_desk import PID, adopt, adopt_from, find_runs, read_pid, read_specs, write_pid
-from sinew.bench.steering import Steering
+from sinew.bench.stops import Steering
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_rig, load_rig
 

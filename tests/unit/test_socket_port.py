@@ -8,9 +8,9 @@ import pytest
 from tests.patience import LONG_S, until
 
 from sinew.emulator.port_server import SocketPort
+from sinew.hardware.bus import MonotonicClock
 from sinew.hardware.errors import PortError
 from sinew.hardware.serial_port import LocalPort
-from sinew.hardware.transport import MonotonicClock
 from sinew.measure.errors import FileError
 
 BAUD = 1_000_000

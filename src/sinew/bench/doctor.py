@@ -9,15 +9,14 @@ from typing import Literal
 
 import numpy as np
 
-from sinew.hardware.bus import Bus
+from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
-from sinew.hardware.errors import DeviceError, HardwareError, PortError
+from sinew.hardware.errors import TROUBLES, DeviceError, HardwareError, PortError
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.motor import Identity, Motor, name_hardware_errors
-from sinew.hardware.register_tables import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
+from sinew.hardware.registers import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
-from sinew.hardware.transport import Clock, Outcome
 from sinew.plan.rig import Limits
 
 # It is said what the doctor found: one fact, how bad it is, and what to do.
@@ -104,9 +103,7 @@ def call_roll(rig: Rig) -> Roll:
     for device in rig.devices:
         try:
             identity = device.identify()
-        except PortError:
-            raise
-        except HardwareError as trouble:
+        except TROUBLES as trouble:
             roll.missing.append(device.name)
             roll.findings.append(Finding("fault", device.name, str(trouble)))
             continue
@@ -201,9 +198,7 @@ def _examine_motor(rig: Rig, motor: Motor, identity: Identity) -> list[Finding]:
         return [Finding("fault", motor.name, found, "an answer to everything", advice, fix)]
     try:
         counts = motor.get_counts(_STATE) | read_counts(motor)
-    except PortError:
-        raise
-    except HardwareError as trouble:
+    except TROUBLES as trouble:
         return [Finding("fault", motor.name, str(trouble), "its registers", "")]
     troubles = [*_state_findings(motor, counts), *_climate_findings(motor, counts, rig.spec.limits)]
     settings = unfit_settings(Post(motor, rig.spec, counts["operating_mode"]), counts)
@@ -399,9 +394,7 @@ def listen_to_imu(rig: Rig, clock: Clock, seconds: float = 2.0) -> tuple[list[Im
             break
         try:
             reading = rig.imu.read()
-        except PortError:
-            raise
-        except HardwareError:
+        except TROUBLES:
             continue
         samples.setdefault(reading.counter, reading)
         answers += 1

@@ -11,7 +11,7 @@ import numpy as np
 
 from sinew.bench.loop import Loop
 from sinew.bench.pretension import MotorMap
-from sinew.bench.sample import Sample
+from sinew.bench.record.sample import Sample
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.events import Event, Lock, Track, Unlock
 from sinew.measure.schema import SegmentKind
@@ -242,23 +242,12 @@ def _record(
     segments.end()
 
 
-def _until(loop: Loop, end: float, drive: Callable[[float], float]) -> None:
-    """Run all cycles that begin before a host time [s]."""
+def _until(loop: Loop, end: float, drive: Callable[[float], float]) -> list[Sample]:
+    """Run all cycles that begin before a host time [s] and return their samples."""
+    samples = []
     while loop.due < end - 0.01 * loop.period:
-        loop.cycle(drive)
-
-
-@dataclass(slots=True)
-class _Period:
-    """Samples of the drive period under way."""
-
-    times: list[float]
-    rates: list[float]
-
-    def take(self, sample: Sample) -> None:
-        if not math.isnan(sample.gyro_rad_s[0]):
-            self.times.append(sample.imu_time_s)
-            self.rates.append(sample.gyro_rad_s[0])
+        samples.append(loop.cycle(drive))
+    return samples
 
 
 def _settle(loop: Loop, swing: Swing, rule: SettleRule) -> None:
@@ -266,11 +255,9 @@ def _settle(loop: Loop, swing: Swing, rule: SettleRule) -> None:
     turn = 0
     while not rule.is_settled:
         turn += 1
-        period = _Period([], [])
-        end = swing.start + turn / swing.frequency_hz
-        while loop.due < end - 0.01 * loop.period:
-            period.take(loop.cycle(swing))
-        rule.feed(period.times, period.rates)
+        samples = _until(loop, swing.start + turn / swing.frequency_hz, swing)
+        told = [(sample.imu_time_s, sample.gyro_rad_s[0]) for sample in samples if not math.isnan(sample.gyro_rad_s[0])]
+        rule.feed([time for time, _ in told], [rate for _, rate in told])
 
 
 MOVE_SPEED = 0.002
@@ -382,7 +369,7 @@ def run_tracking(
     told, was_locked = -math.inf, False
     for index in range(count):
         sample = loop.cycle(command)
-        _pass_on(law, sample)
+        law.take(sample.time_s, sample.time_s, sample.drive_rad, sample.imu_time_s, sample.gyro_rad_s[0])
         if mover is not None:
             mover.move(law.pretension_mm)
         if index * loop.period - told >= _TELL_S:
@@ -397,7 +384,3 @@ def run_tracking(
     for _ in range(round(_FADE_S / loop.period)):
         loop.cycle(lambda time: max(0.0, 1 - (time - begin) / _FADE_S) * command(time))
     return last
-
-
-def _pass_on(law: DriveLaw, sample: Sample) -> None:
-    law.take(sample.time_s, sample.time_s, sample.drive_rad, sample.imu_time_s, sample.gyro_rad_s[0])

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 from sinew.bench.errors import LostError, PauseError, StoppedError
 from sinew.bench.guard import Guard, Watch
-from sinew.bench.sample import MISSING, Sample
+from sinew.bench.record.sample import MISSING, Sample
 from sinew.bench.tilt import TiltEstimator
+from sinew.hardware.bus import Clock
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import Reading, Rig
-from sinew.hardware.transport import Clock
 from sinew.plan.rig import Limits
 
 WATCHDOG_S = 0.08

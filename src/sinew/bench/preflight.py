@@ -4,11 +4,11 @@ import math
 from collections.abc import Iterator, Sequence
 
 from sinew.bench.errors import StartError
-from sinew.hardware.errors import HardwareError, PortError
+from sinew.hardware.bus import Clock, Outcome, Reply
+from sinew.hardware.errors import TROUBLES, PortError
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.motor import Motor
 from sinew.hardware.rig import Rig
-from sinew.hardware.transport import Clock, Outcome, Reply
 from sinew.plan.plan import Plan
 from sinew.plan.rig import Limits
 
@@ -106,9 +106,7 @@ def _other_models(rig: Rig) -> Iterator[str]:
     for device in rig.devices:
         try:
             device.identify()
-        except PortError:
-            raise
-        except HardwareError as trouble:
+        except TROUBLES as trouble:
             yield str(trouble)
 
 
@@ -119,9 +117,7 @@ def _motor_reasons(rig: Rig, torque_may_be_on: bool) -> Iterator[str]:
         try:
             for reason in _troubles(motor, rig.spec.limits, torque_may_be_on):
                 found.setdefault(reason, []).append(motor.name)
-        except PortError:
-            raise
-        except HardwareError as trouble:
+        except TROUBLES as trouble:
             yield str(trouble)
     for (what, advice), names in found.items():
         yield f"{what} at {'all motors' if len(names) == len(rig.motors) else _listed(names)}{advice}"

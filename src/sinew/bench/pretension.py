@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from sinew.bench.errors import LostError
 from sinew.bench.loop import Loop
-from sinew.bench.sample import Sample
+from sinew.bench.record.sample import Sample
 from sinew.hardware.rig import Rig
 from sinew.measure.events import Pretensioned
 from sinew.plan.plan import TendonMode

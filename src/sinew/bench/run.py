@@ -9,26 +9,24 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from sinew.analysis.doubts import group_doubts
-from sinew.bench.conversion import group_is_whole
 from sinew.bench.errors import BenchError, LostError, PauseError, StartError, StoppedError
 from sinew.bench.group import DriveLaw, Levelled, Mover, SettleRule, pause, run_group, run_tracking
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
-from sinew.bench.journal import Journal
-from sinew.bench.listeners import Listener
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.preflight import refuse_unready
 from sinew.bench.pretension import Contact, MotorMap, pull_to_contact, set_pretension
-from sinew.bench.sample import Sample
-from sinew.bench.steering import SafeState, Steering
-from sinew.bench.stops import StopReport, stop
+from sinew.bench.record.conversion import group_is_whole
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.listeners import Listener
+from sinew.bench.record.sample import Sample
+from sinew.bench.stops import Steering, StopReport, stop
 from sinew.bench.tilt import TiltEstimator
-from sinew.hardware.bus import Bus
+from sinew.hardware.bus import Bus, Clock
 from sinew.hardware.configuration import prepare_goal
-from sinew.hardware.errors import HardwareError, PortError
+from sinew.hardware.errors import TROUBLES, HardwareError
 from sinew.hardware.motor import Motor
-from sinew.hardware.register_tables import WATCHDOG_TRIPPED
+from sinew.hardware.registers import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
-from sinew.hardware.transport import Clock
 from sinew.measure import events
 from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
@@ -197,22 +195,6 @@ class Runner:
     def group_kind(self) -> str:
         """Kind of the group under way; empty before the first."""
         return self._group.kind if self._group is not None else ""
-
-    def request_pause(self) -> None:
-        """Rest after the group under way, lever at zero and tension held; from any thread, as the others."""
-        self.steering.request_pause()
-
-    def request_resume(self) -> None:
-        """Go on with the next group."""
-        self.steering.request_resume()
-
-    def request_stop(self, reason: str, state: SafeState | None = None) -> None:
-        """End the run at the next cycle. state: hold or release to leave the rig in; None: as it declares."""
-        self.steering.request_stop(reason, state)
-
-    def request_emergency(self, reason: str) -> None:
-        """Freeze all motors at once, then bring the rig to its declared state."""
-        self.steering.request_emergency(reason)
 
     def run(self, *, resume: bool = False) -> RunReport:
         """Run what is left of the plan and return how it ended; the rig is in its safe state then.
@@ -459,9 +441,7 @@ class Runner:
         try:
             self._rig.configure(min(needed, self._rig.spec.limits.tendon_current_a))
             self._rig.set_tendon_mode("position-with-current-limit")
-        except PortError:
-            raise
-        except HardwareError as trouble:
+        except TROUBLES as trouble:
             has_moved = self._may_hold or self.report.pauses
             raise (StoppedError if has_moved else StartError)(str(trouble)) from trouble
 

@@ -4,20 +4,22 @@ First all motors are frozen where they are, with limited output, within millisec
 *release*: the tension is ramped down, then all motors lose their torque. A motor that does not answer is asked again
 for a second: a line that is disturbed, or a motor that starts anew, may be back by then. Nothing here raises: what a
 motor does not do is said in the report, and the motors' own bus watchdog has the last word.
+
+`Steering`, below, takes what asks a run for a stop, or a pause.
 """
 
+import threading
 from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Literal
 
-from sinew.hardware.codec import Read
-from sinew.hardware.errors import DeviceError, HardwareError, PortError
-from sinew.hardware.motor import Motor
-from sinew.hardware.register_tables import CURRENT_MODE, CURRENT_POSITION_MODE, WATCHDOG_TRIPPED
-from sinew.hardware.registers import encode_raw, lay_out
+from sinew.bench.errors import StoppedError
+from sinew.hardware.bus import Clock
+from sinew.hardware.errors import TROUBLES, DeviceError, HardwareError, PortError
+from sinew.hardware.motor import Motor, TendonServo
+from sinew.hardware.registers import CURRENT_MODE, CURRENT_POSITION_MODE, WATCHDOG_TRIPPED, encode_raw
 from sinew.hardware.rig import Rig
-from sinew.hardware.servos import TendonServo
-from sinew.hardware.transport import Clock
 
 # All motors are told at once to stay where they are: the first stage of every stop.
 #
@@ -65,7 +67,7 @@ def freeze(rig: Rig, clock: Clock) -> Frozen:
     frozen, told = Frozen(), dict[str, Counts]()
     pending: Sequence[Motor] = rig.motors
     while pending and clock.now() - start < FREEZE_MOST_S:
-        found = _ask(rig, pending)
+        found = rig.ask_at_once(pending, _ASKED)
         there = {motor.name for motor in pending if motor.name in found and _stays(found[motor.name], told, motor)}
         if there:
             frozen.names |= there
@@ -83,17 +85,6 @@ def freeze_alone(rig: Rig, motor: Motor) -> None:
     goals = _standing(rig, motor, motor.get_counts(_ASKED))
     for name in sorted(goals, key=lambda name: name != "goal_position"):
         motor.set_count(name, goals[name])
-
-
-def _ask(rig: Rig, motors: Sequence[Motor]) -> dict[str, Counts]:
-    """Return the registers of those motors that answer, by name."""
-    layouts = {motor.id: lay_out(motor.table, _ASKED) for motor in motors}
-    replies = rig.bus.bulk_read([Read(id_, lay.address, lay.length) for id_, lay in layouts.items()], retries=0)
-    return {
-        motor.name: dict(zip(_ASKED, layouts[motor.id].unpack.unpack(replies[motor.id].data), strict=True))
-        for motor in motors
-        if replies[motor.id].ok
-    }
 
 
 def _stays(found: Counts, told: Mapping[str, Counts], motor: Motor) -> bool:
@@ -252,16 +243,6 @@ def stop(
     return report
 
 
-def hold(rig: Rig, clock: Clock) -> StopReport:
-    """Freeze all motors where they are, with limited output and without the bus watchdog, and report."""
-    return stop(rig, clock, "hold")
-
-
-def release(rig: Rig, clock: Clock) -> StopReport:
-    """Freeze all motors, ramp the tension down, take the torque from all motors; report."""
-    return stop(rig, clock, "release")
-
-
 def _freeze(report: StopReport, rig: Rig, clock: Clock) -> None:
     try:
         frozen = freeze(rig, clock)
@@ -346,9 +327,7 @@ class _Ramp:
                 return share == 0.0
             self.motor.set_goal_angle(self.start - speed * elapsed)
             return self.motor.current() <= slack
-        except PortError:
-            raise
-        except HardwareError:
+        except TROUBLES:
             return True
 
 
@@ -386,3 +365,88 @@ def _try(report: StopReport, name: str, act: Callable[[], None]) -> bool:
         report.reached.append(name)
         return True
     return False
+
+
+# Requests to pause a run, to go on, or to end it, come from whoever steers it: a signal, a socket, a dashboard.
+#
+# They come from other threads or from signal handlers, so each is one assignment and waits for nothing. The run looks
+# at them before every cycle and between the steps that have none.
+
+
+SafeState = Literal["hold", "release"]
+
+
+@dataclass(frozen=True, slots=True)
+class Halt:
+    """Why a run is to end. state: in which to leave the rig, or None for its declared one. is_emergency: at once.
+
+    asked_s: when it was asked for [s, the run's clock].
+    """
+
+    reason: str
+    state: SafeState | None
+    is_emergency: bool
+    asked_s: float
+
+
+class Steering:
+    """What was asked of a run.
+
+    now: the run's clock [s]. can_pause: whether it takes a pause; one that tracks a resonance does not.
+    halt: why the run is to end, or None. pause_asked: whether it is to rest after the group under way.
+    has_begun: whether motors may be under power by this run. stopped: what is known of the stop since its first stage
+    was over; None before. is_over: whether the stop is done.
+    """
+
+    def __init__(self, now: Callable[[], float], *, can_pause: bool = True) -> None:
+        self._now = now
+        self.can_pause = can_pause
+        self.halt: Halt | None = None
+        self.pause_asked = False
+        self.has_begun = False
+        self.stopped: StopReport | None = None
+        self.is_over = False
+        self._frozen = threading.Event()
+
+    def request_pause(self) -> None:
+        """Have the run rest after the group under way. One that cannot pause goes on."""
+        self.pause_asked = self.can_pause
+
+    def request_resume(self) -> None:
+        """Have a run that rests, or is to rest, go on."""
+        self.pause_asked = False
+
+    def request_stop(self, reason: str, state: SafeState | None = None) -> None:
+        """End the run at the next cycle; the first request counts. state: to leave the rig in; None: as declared."""
+        if self.halt is None:
+            self.halt = Halt(reason, state, False, self._now())
+
+    def request_emergency(self, reason: str) -> None:
+        """End the run at once: before the next step of whatever it is at, letting the tension down among it."""
+        if not self.emergency_asked():
+            if self.stopped is not None and self.stopped.declared == "release" and not self.is_over:
+                self._frozen = threading.Event()  # the motors stood, and move again; before the request, or it is lost
+            self.halt = Halt(reason, None, True, self._now())
+
+    def emergency_asked(self) -> bool:
+        """Return whether the run is to end at once."""
+        return self.halt is not None and self.halt.is_emergency
+
+    def check(self) -> None:
+        """Raise StoppedError if the run is to end."""
+        if self.halt is not None:
+            raise StoppedError(self.halt.reason)
+
+    def note_frozen(self, report: StopReport) -> None:
+        """Take that the first stage of the stop is over, or that of an emergency that came in between."""
+        self.stopped = report
+        self._frozen.set()
+
+    def note_over(self, report: StopReport) -> None:
+        """Take that the stop is done."""
+        self.is_over = True
+        self.note_frozen(report)
+
+    def await_frozen(self, timeout_s: float) -> StopReport | None:
+        """Return what is known of the stop when its first stage is over; None where that takes longer [s]."""
+        return self.stopped if self._frozen.wait(timeout_s) else None

@@ -15,7 +15,7 @@ import numpy as np
 
 from sinew.emulator.line import Line
 from sinew.emulator.rig import EmulatedRig
-from sinew.hardware.register_tables import OVERLOAD
+from sinew.hardware.registers import OVERLOAD
 from sinew.measure.errors import SpecError
 
 # A fault of the emulated bench is written down: which, how strong, from when to when.
@@ -333,7 +333,7 @@ class Faults:
 
 
 class FaultyRig:
-    """A bench to which faults happen, in the place of the bench itself.
+    """A bench to which faults happen, in the place of the bench itself, and to be used like it.
 
     rig: the bench. faults: what happens to it.
     """
@@ -344,35 +344,28 @@ class FaultyRig:
 
     @property
     def line(self) -> Line:
-        """The line that the master is on."""
         return self.rig.line
 
     @property
     def unplugged(self) -> bool:
-        """Whether there is no way from the master to the line."""
         return self.rig.unplugged
 
     @property
     def time(self) -> float:
-        """The time it has been advanced to [s]."""
         return self.rig.time
 
     def receive(self, data: bytes, now: float) -> None:
-        """Take bytes that the master begins to send at a time [s]."""
         self.advance(now)
         self.rig.receive(data, now)
 
     def transmit(self, now: float) -> bytes:
-        """Return the bytes that have come to the master by a time [s]."""
         self.advance(now)
         return self.rig.transmit(now)
 
     def next_event(self) -> float:
-        """Return when something happens next [s]: on the line, or a fault; infinite: nothing is foreseen."""
         return min(self._next, self.rig.next_event())
 
     def advance(self, now: float) -> None:
-        """Let everything happen that is due by a time [s]; one that has passed changes nothing."""
         while self._next <= now:
             self.rig.advance(self._next)
             self.faults.act(self.rig, self._next)

@@ -1,4 +1,4 @@
-"""The bench as a master finds it: slack tendons, a tilted head, and all compiled that a first answer waits for."""
+"""The bench as a master finds it, slack tendons and a tilted head, all compiled that a first answer waits for."""
 
 import math
 from collections.abc import Sequence
@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sinew.emulator.faults import Faults, FaultSpec, FaultyRig
-from sinew.emulator.plant import Plant
+from sinew.emulator.plant import Plant, Unloaded
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.unloaded import Unloaded
+from sinew.hardware.errors import PortError
 from sinew.plan.rig import RigSpec
 
 _WARM_UP = 0.02  # s of emulated time, before a master can open the port
@@ -61,3 +61,52 @@ def _plant(rig: RigSpec, start: Start, unloaded: bool) -> Plant:
 
     compute_inline()
     return JointPlant(rig, slack_m=start.slack, rest_tilt=start.tilt)
+
+
+class VirtualPort:
+    """A bench in virtual time: Transport and Clock of the same time, and nothing sleeps.
+
+    rig: the bench, with faults or without. host_cost: how long each call keeps the host busy [s], so that time passes
+    for a master that never waits.
+    """
+
+    def __init__(self, rig: EmulatedRig | FaultyRig, host_cost: float = 50e-6) -> None:
+        self.rig, self.host_cost = rig, host_cost
+        self._now = rig.time
+
+    def now(self) -> float:
+        self._now = max(self._now, self.rig.time)
+        return self._now
+
+    def wait_until(self, time: float) -> None:
+        self._now = max(self.now(), time)
+        self.rig.advance(self._now)
+
+    def write(self, data: bytes) -> None:
+        self._work()
+        self.rig.receive(data, self._now)
+
+    def read(self, deadline: float) -> bytes:
+        self._work()
+        while True:
+            data = self.rig.transmit(self._now)
+            if data:
+                return data
+            event = self.rig.next_event()
+            if event > deadline:
+                self.wait_until(deadline)
+                self._refuse_unplugged()
+                return self.rig.transmit(self._now)
+            self.wait_until(event)
+            self._refuse_unplugged()
+
+    def close(self) -> None:
+        pass
+
+    def _work(self) -> None:
+        self._refuse_unplugged()
+        self._now = self.now() + self.host_cost
+
+    def _refuse_unplugged(self) -> None:
+        if self.rig.unplugged:
+            raise PortError("the port is gone; plug it in again")

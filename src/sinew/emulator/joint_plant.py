@@ -13,7 +13,7 @@ from sinew.measure.errors import SpecError
 from sinew.mechanics.parameters import POSITION
 from sinew.mechanics.tendons import span_lengths
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, servo_of
+from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, SERVOS
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
 from sinew.twin.parameters import from_rig
@@ -222,7 +222,7 @@ class JointPlant:
 
     def _order_tendon(self, tendon: int) -> None:
         law, held, radius = self._laws[tendon], self._stuck[tendon], self._radius
-        servo = servo_of(self.spec.wiring.tendon_model)
+        servo = SERVOS[self.spec.wiring.tendon_model]
         share = self._supply / servo.nominal_voltage
         stall = max(1e-9, servo.stall_torque * share / radius)
         fastest = servo.no_load_speed * share * radius
@@ -337,5 +337,5 @@ def _specific_force(
 
 def _servo_gain(spec: RigSpec) -> float:
     """Return the gain of a tendon motor's position loop [duty/rad] to which the rig's servo_stiffness belongs."""
-    per_count = servo_of(spec.wiring.tendon_model).position_gain_counts * P_GAIN_LSB / FULL_DUTY_COUNTS
+    per_count = SERVOS[spec.wiring.tendon_model].position_gain_counts * P_GAIN_LSB / FULL_DUTY_COUNTS
     return per_count * spec.tendons.counts_per_turn.value / math.tau

@@ -18,11 +18,12 @@ import termios
 import tty
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
+from sinew.emulator.faults import FaultyRig
+from sinew.hardware.bus import Clock
 from sinew.hardware.errors import PortError
 from sinew.hardware.shared_clock import ANSWER, ASK, HELLO, PATIENCE_S, READ, SUFFIX, WROTE
-from sinew.hardware.transport import Clock
 from sinew.measure.errors import FileError
 
 
@@ -374,53 +375,8 @@ _LEAST_STEP = 1e-5
 """By how much time passes at least where something is due and nothing comes of it [s]."""
 
 
-class HostEnd(Protocol):
-    """The line where the master's adapter is. host_baud: the adapter's rate [1/s]."""
-
-    host_baud: int
-
-
-class Served(Protocol):
-    """An emulated bench as `PtyServer` sees it; every time is emulated, in seconds since the start."""
-
-    @property
-    def line(self) -> HostEnd:
-        """The line that the master is on."""
-        ...
-
-    @property
-    def time(self) -> float:
-        """The time it has been advanced to."""
-        ...
-
-    @property
-    def unplugged(self) -> bool:
-        """Whether there is no way from the master to the line."""
-        ...
-
-    def receive(self, data: bytes, now: float) -> None:
-        """Take what the master has sent."""
-        ...
-
-    def transmit(self, now: float) -> bytes:
-        """Return what has reached the master since the last call."""
-        ...
-
-    def next_event(self) -> float:
-        """Return when there is next something to transmit or to do; infinite where nothing is foreseen."""
-        ...
-
-    def advance(self, now: float) -> None:
-        """Let time pass."""
-        ...
-
-    def catch_up(self) -> None:
-        """Do now, while nobody waits, what an answer would otherwise have to wait for."""
-        ...
-
-
 class PtyServer:
-    """Serves a bench on a pseudo-terminal, or another kind of port, until it is stopped.
+    """Serves a bench on a pseudo-terminal, or another kind of port, until it is stopped. Its times are emulated.
 
     link: name of the port. speed: emulated seconds in a second of `clock`. make_port: makes the port of that name.
     shared: the clock that it shares with a master that wants to; None: with nobody.
@@ -431,7 +387,7 @@ class PtyServer:
 
     def __init__(
         self,
-        rig: Served,
+        rig: FaultyRig,
         link: Path,
         *,
         clock: Clock,

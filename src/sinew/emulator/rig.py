@@ -10,13 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinew.emulator.devices.imu_node import ImuNode, SensorNode
+from sinew.emulator.devices.imu_node import ImuNode, SensorBoard
 from sinew.emulator.devices.motor import Motor
 from sinew.emulator.line import Line
 from sinew.emulator.plant import Horn, Law, Mechanics, Motion, Plant
-from sinew.hardware.register_tables import BAUD_RATES, MOTORS, OPENCR_NODE
+from sinew.hardware.registers import BAUD_RATES, MOTORS, OPENCR_NODE
 from sinew.measure.errors import SpecError
 from sinew.plan.rig import RigSpec
+from sinew.plan.servo import SERVOS
 
 # It is noted when a bus watchdog has stopped a motor, and what became of it.
 
@@ -128,7 +129,7 @@ class EmulatedRig:
     baud: what the devices are set to [1/s]; None: the wiring's, which the master has. firmware: of the motors.
     return_delay: register return_delay_time of the motors, in 2 µs; a factory-new motor has 250.
     imu_ppm: error of the sensor's crystal [1e-6]; None: drawn. trips: who was stopped by its bus watchdog, and when.
-    Raises SpecError for a model that is not emulated, or a baud that the motors do not have.
+    Raises SpecError for a sensor that is not emulated, or a baud that the motors do not have.
     """
 
     def __init__(
@@ -159,16 +160,11 @@ class EmulatedRig:
         models = (wiring.tendon_model,) * len(wiring.tendon_ids) + (wiring.drive_model,)
         signs = (*wiring.tendon_pull, wiring.drive_sign)
         zeros = (tendon_counts,) * len(wiring.tendon_ids) + (wiring.drive_zero_counts,)
-        tables = {table.model: table for table in MOTORS.values()}
         self.motors: dict[int, Motor] = {}
         for index, device in enumerate(ids):
-            if models[index] not in tables:
-                raise SpecError(f"the motor {models[index]} is not emulated; expected {' or '.join(tables)}")
             horn = Horn(self.mechanics, index, signs[index], zeros[index])
-            code = BAUD_RATES.index(baud)
-            motor = Motor(
-                tables[models[index]], horn, device_id=device, baud_code=code, firmware=firmware, supply=self.supply
-            )
+            table, code = MOTORS[SERVOS[models[index]].number], BAUD_RATES.index(baud)
+            motor = Motor(table, horn, device_id=device, baud_code=code, firmware=firmware, supply=self.supply)
             motor.registers["return_delay_time"] = return_delay
             self.motors[device] = motor
         self._motors = tuple(self.motors.values())
@@ -177,7 +173,7 @@ class EmulatedRig:
         self.imu = ImuNode(
             spec.imu, self.mechanics, rng, device_id=wiring.imu_id, baud=baud, axes=wiring.imu_axes, ppm=imu_ppm
         )
-        nodes = (SensorNode(s, self.mechanics, np.random.default_rng((seed, s.id)), baud) for s in spec.sensors)
+        nodes = (SensorBoard(s, self.mechanics, np.random.default_rng((seed, s.id)), baud) for s in spec.sensors)
         self.sensors = tuple(nodes)
         self.line = Line([*self._motors, self.imu, *self.sensors], wiring.baud)
         self.trips = TripLog(self._motors, self.line)

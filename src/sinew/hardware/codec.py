@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from struct import unpack_from
+from typing import NamedTuple
 
 from sinew.hardware.errors import PacketError
 
@@ -321,8 +322,7 @@ SYNC_READ, SYNC_WRITE, FAST_SYNC_READ = 0x82, 0x83, 0x8A
 BULK_READ, BULK_WRITE, FAST_BULK_READ = 0x92, 0x93, 0x9A
 
 
-@dataclass(frozen=True, slots=True)
-class Read:
+class Read(NamedTuple):
     """`length` bytes from `address` on are asked from device `id`."""
 
     id: int
@@ -330,8 +330,7 @@ class Read:
     length: int
 
 
-@dataclass(frozen=True, slots=True)
-class Write:
+class Write(NamedTuple):
     """`data` is to be stored from `address` on in device `id`."""
 
     id: int

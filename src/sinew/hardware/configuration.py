@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sinew.hardware.errors import DeviceError
-from sinew.hardware.motor import Motor
-from sinew.hardware.register_tables import CURRENT_MODE, SHUTDOWN
-from sinew.hardware.servos import DriveServo
+from sinew.hardware.motor import DriveServo, Motor
+from sinew.hardware.registers import CURRENT_MODE, SHUTDOWN
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, SERVOS
 

@@ -8,7 +8,7 @@
         └── DeviceError      a device does not do what it must: silent, another model, a register that does not take
 
 To the bus a device that is silent, refuses or raises its alert is no exception but an outcome, see
-`sinew.hardware.transport`; a motor or sensor that is set up, though, must do as it is told, and raises DeviceError.
+`sinew.hardware.bus`; a motor or sensor that is set up, though, must do as it is told, and raises DeviceError.
 """
 
 from sinew.measure.errors import SinewError
@@ -32,3 +32,7 @@ class PortError(HardwareError):
 
 class DeviceError(HardwareError):
     """A device that does not do what it must: it is silent, of another model, or does not take a register's value."""
+
+
+TROUBLES = (PacketError, RegisterError, DeviceError)
+"""What can go wrong while the port is there, and the others can still be asked."""

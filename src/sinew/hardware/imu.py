@@ -1,16 +1,27 @@
-"""The head's inertial sensor as it is read: rates and accelerations in the head's frame, and their age."""
+"""Sensors as they are read: the head's rates and accelerations in its frame, and their age; and those of one value."""
 
 import math
 from dataclasses import dataclass
 from statistics import median_high
 
-from sinew.hardware.bus import Bus
+from sinew.hardware.bus import Bus, Reply
 from sinew.hardware.codec import Read
 from sinew.hardware.errors import DeviceError
 from sinew.hardware.motor import RETRIES, Identity, check_identity
-from sinew.hardware.register_tables import EMULATED_FIRMWARE, OPENCR_NODE, TURTLEBOT3
-from sinew.hardware.registers import Layout, Register, RegisterTable, decode_raw, encode_raw, lay_out
-from sinew.hardware.transport import Reply
+from sinew.hardware.registers import (
+    EMULATED_FIRMWARE,
+    OPENCR_NODE,
+    TURTLEBOT3,
+    Layout,
+    Register,
+    RegisterTable,
+    decode,
+    decode_raw,
+    encode_raw,
+    lay_out,
+    sensor_table,
+)
+from sinew.plan.rig import BusSensor
 
 # A device's own clock is held against the host's, so that an old answer is not taken for a new one.
 #
@@ -163,10 +174,8 @@ class Imu:
         """Return the newest sample, asked for alone. Raises DeviceError if there is no fresh answer."""
         for _ in range(1 + RETRIES):
             reply = self.bus.read(self.id, self.ask.address, self.ask.length, retries=0)
-            if reply.ok:
-                reading = self.decode(reply, self.bus.left_wire)
-                if reading is not None:
-                    return reading
+            if (reading := self.decode(reply, self.bus.left_wire)) is not None:
+                return reading
         raise DeviceError(
             f"IMU (id {self.id}) gave no fresh reading: {reply}; check its cable and supply, or restart its board"
         )
@@ -194,10 +203,12 @@ class Imu:
         return int(decode_raw(row, reply.data))
 
     def decode(self, reply: Reply, answered: float) -> ImuReading | None:
-        """Return what a good answer says, or None if it is an old one.
+        """Return what an answer says, or None if it is not good or an old one.
 
         answered: host's time at which the device took the values [s]; NaN where not known, then by earlier answers.
         """
+        if not reply.ok:
+            return None
         values = self._unpack(reply.data)
         if self.is_grouped:
             counter, clock = values[6], values[7]
@@ -218,3 +229,27 @@ class Imu:
             counter,
             answered - age,
         )
+
+
+class SensorReader:
+    """A sensor of the rig on a node of its own: one value, asked for alone, as simple firmware answers.
+
+    Its value is taken for that of the moment: the node has no clock that would tell an old answer.
+    """
+
+    def __init__(self, bus: Bus, spec: BusSensor) -> None:
+        self.bus, self.spec, self.id, self.name = bus, spec, spec.id, spec.model
+        self.table = sensor_table(spec)
+        self.row = self.table[spec.channel]
+
+    def identify(self) -> Identity:
+        """Return who answers. Raises DeviceError if nobody does, or another model than expected."""
+        return check_identity(self.bus, self.name, self.id, self.table)
+
+    def ask(self) -> Reply:
+        """Return its answer, asked once. Raises PortError."""
+        return self.bus.read(self.id, self.row.address, self.row.size, retries=0)
+
+    def value(self, reply: Reply) -> float:
+        """Return the quantity of an answer [unit of its channel], NaN of one that is not ok."""
+        return decode(self.row, reply.data) if reply.ok else math.nan

@@ -1,18 +1,32 @@
-"""A register: how it is described, and how its bytes become a quantity and back.
+"""Registers: how one is described, how its bytes become a quantity and back, and the tables of every model.
 
 A register is a row: where it lies, what may be done to it, and what one count of it means. Quantities are in SI and
 radians; a duty (PWM) is a fraction of the supply and temperatures are in degrees Celsius.
 """
 
 import difflib
-import struct
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from struct import Struct
 
 from sinew.hardware.errors import RegisterError
+from sinew.plan.rig import BusSensor
+from sinew.plan.servo import (
+    ACCELERATION_LSB,
+    COUNTS_PER_TURN,
+    FULL_DUTY_COUNTS,
+    MOST_TURN_COUNTS,
+    P_GAIN_LSB,
+    PULSE,
+    RETURN_DELAY_LSB,
+    SERVOS,
+    SPEED_LSB,
+    VOLTAGE_LSB,
+    WATCHDOG_LSB,
+)
 
-_FLOAT = struct.Struct("<f")
+_FLOAT = Struct("<f")
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,10 +177,216 @@ def lay_out(table: RegisterTable, names: Sequence[str]) -> Layout:
     for row in rows:
         if row.address < at:
             raise RegisterError(f"{row.name} lies before {at}; expected registers by increasing address")
-        form += f"{row.address - at}x" + _code(row)
+        form += f"{row.address - at}x" + ("f" if row.is_float else _CODES[row.size, row.signed])
         at = row.stop
     return Layout(address, length, Struct(form), tuple(row.scale for row in rows))
 
 
-def _code(row: Register) -> str:
-    return "f" if row.is_float else _CODES[row.size, row.signed]
+# The control tables of what may be on the bus: the servos of `sinew.plan.servo`, and the head's inertial sensor.
+#
+# Source: ROBOTIS e-Manual, the page of each model, read beside the model files of ROBOTIS's ROS 2 driver. Speeds are
+# the manual's 0.229 rev/min a count; ROBOTIS's driver uses 0.2289.
+
+
+# Baud [1/s] by the count of the register baud_rate.
+BAUD_RATES = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
+# Values of the register operating_mode.
+CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE, PWM_MODE = 0, 1, 3, 4, 5, 16
+# Bits of the registers hardware_error_status and shutdown.
+HARDWARE_ERRORS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
+VOLTAGE, OVERHEATING, ENCODER, ELECTRICAL_SHOCK, OVERLOAD = (1 << bit for bit in HARDWARE_ERRORS)
+SHUTDOWN = OVERHEATING | ELECTRICAL_SHOCK | OVERLOAD
+# What bus_watchdog reads after it has stopped the motor; only writing 0 clears it.
+WATCHDOG_TRIPPED = -1
+
+_DUTY = 0.113e-2  # of the supply voltage
+
+
+def _kept(name: str, address: int, size: int, low: int, high: int, initial: int, **more: object) -> Register:
+    return Register(name, address, size, writable=True, low=low, high=high, initial=initial, **more)  # type: ignore[arg-type]
+
+
+_EEPROM = (
+    Register("model_number", 0, 2),
+    Register("model_information", 2, 4),
+    Register("firmware_version", 6, 1),
+    _kept("id", 7, 1, 0, 252, 1),
+    _kept("baud_rate", 8, 1, 0, 7, 1),
+    _kept("return_delay_time", 9, 1, 0, 254, 250, unit="s", scale=RETURN_DELAY_LSB),
+    _kept("drive_mode", 10, 1, 0, 13, 0),
+    _kept("operating_mode", 11, 1, 0, 16, 3),
+    _kept("shadow_id", 12, 1, 0, 255, 255),  # above 252: none
+    _kept("protocol_type", 13, 1, 1, 2, 2),
+    _kept("homing_offset", 20, 4, -1_044_479, 1_044_479, 0, signed=True, unit="rad", scale=PULSE),
+    _kept("moving_threshold", 24, 4, 0, 1023, 10, unit="rad/s", scale=SPEED_LSB),
+    _kept("temperature_limit", 31, 1, 0, 100, 80, unit="degC"),
+    _kept("max_voltage_limit", 32, 2, 95, 160, 160, unit="V", scale=VOLTAGE_LSB),
+    _kept("min_voltage_limit", 34, 2, 95, 160, 95, unit="V", scale=VOLTAGE_LSB),
+    _kept("pwm_limit", 36, 2, 0, FULL_DUTY_COUNTS, FULL_DUTY_COUNTS, scale=_DUTY),
+    _kept("current_limit", 38, 2, 0, 648, 648, unit="A"),
+    _kept("velocity_limit", 44, 4, 0, 1023, 130, unit="rad/s", scale=SPEED_LSB),
+    _kept("max_position_limit", 48, 4, 0, COUNTS_PER_TURN - 1, COUNTS_PER_TURN - 1, unit="rad", scale=PULSE),
+    _kept("min_position_limit", 52, 4, 0, COUNTS_PER_TURN - 1, 0, unit="rad", scale=PULSE),
+    _kept("startup_configuration", 60, 1, 0, 3, 0),
+    _kept("shutdown", 63, 1, 0, 61, SHUTDOWN),
+)
+_CONTROL = (
+    _kept("torque_enable", 64, 1, 0, 1, 0),
+    _kept("led", 65, 1, 0, 1, 0),
+    _kept("status_return_level", 68, 1, 0, 2, 2),
+    Register("registered_instruction", 69, 1, initial=0),
+    Register("hardware_error_status", 70, 1, initial=0),
+    _kept("velocity_i_gain", 76, 2, 0, 16_383, 1920, scale=1 / 65536),
+    _kept("velocity_p_gain", 78, 2, 0, 16_383, 100, scale=P_GAIN_LSB),
+    _kept("position_d_gain", 80, 2, 0, 16_383, 0, scale=1 / 16),
+    _kept("position_i_gain", 82, 2, 0, 16_383, 0, scale=1 / 65536),
+    _kept("position_p_gain", 84, 2, 0, 16_383, 0, scale=P_GAIN_LSB),
+    _kept("feedforward_2nd_gain", 88, 2, 0, 16_383, 0, scale=1 / 4),
+    _kept("feedforward_1st_gain", 90, 2, 0, 16_383, 0, scale=1 / 4),
+    _kept("bus_watchdog", 98, 1, 0, 127, 0, signed=True, unit="s", scale=WATCHDOG_LSB),
+    Register("goal_pwm", 100, 2, True, True, scale=_DUTY, low=-FULL_DUTY_COUNTS, high=FULL_DUTY_COUNTS),
+    Register("goal_current", 102, 2, True, True, "A", low=-648, high=648),
+    Register("goal_velocity", 104, 4, True, True, "rad/s", SPEED_LSB, -1023, 1023),
+    _kept("profile_acceleration", 108, 4, 0, 32_767, 0, unit="rad/s^2", scale=ACCELERATION_LSB),
+    _kept("profile_velocity", 112, 4, 0, 32_767, 0, unit="rad/s", scale=SPEED_LSB),
+    # 256 turns either way in extended position mode; in position mode the motor refuses what is outside its limits.
+    Register("goal_position", 116, 4, True, True, "rad", PULSE, -MOST_TURN_COUNTS, MOST_TURN_COUNTS),
+)
+_PRESENT = (
+    Register("realtime_tick", 120, 2, unit="s", scale=1e-3, low=0, high=32_767),
+    Register("moving", 122, 1),
+    Register("moving_status", 123, 1),
+    Register("present_pwm", 124, 2, signed=True, scale=_DUTY),
+    Register("present_current", 126, 2, signed=True, unit="A"),
+    Register("present_velocity", 128, 4, signed=True, unit="rad/s", scale=SPEED_LSB),
+    Register("present_position", 132, 4, signed=True, unit="rad", scale=PULSE),
+    Register("velocity_trajectory", 136, 4, signed=True, unit="rad/s", scale=SPEED_LSB),
+    Register("position_trajectory", 140, 4, signed=True, unit="rad", scale=PULSE),
+    Register("present_input_voltage", 144, 2, unit="V", scale=VOLTAGE_LSB),
+    Register("present_temperature", 146, 1, unit="degC"),
+    Register("backup_ready", 147, 1),
+)
+
+
+def _indirect(first: int, address: int, data: int, count: int = 28, last: int = 661) -> tuple[Register, ...]:
+    """Return indirect addresses and the bytes they point to; each points to its own byte at the start."""
+    ways = [_kept(f"indirect_address_{first + i}", address + 2 * i, 2, 64, last, data + i) for i in range(count)]
+    return (*ways, *(_kept(f"indirect_data_{first + i}", data + i, 1, 0, 255, 0) for i in range(count)))
+
+
+_ROWS = (*_EEPROM, *_CONTROL, *_PRESENT)
+_INDIRECT = (*_indirect(1, 168, 224), *_indirect(29, 578, 634))
+
+
+def _motor(
+    model: str, own: Mapping[str, Mapping[str, int]] | None = None, more: Iterable[Register] = _INDIRECT
+) -> RegisterTable:
+    """Return the table of a servo: the rows that all share, with its numbers, and what is its `own` by register.
+
+    more: rows that not all have.
+    """
+    servo = SERVOS[model]
+    numbers: dict[str, Mapping[str, float]] = {
+        "model_number": {"initial": servo.number},
+        "position_p_gain": {"initial": servo.position_gain_counts},
+    }
+    numbers |= own or {}
+    rows = (replace(row, **numbers.get(row.name, {})) for row in _ROWS)  # type: ignore[arg-type]
+    rows = (replace(row, scale=servo.current_lsb) if row.unit == "A" else row for row in rows)
+    ordered = sorted((*rows, *more), key=lambda row: row.address)
+    return RegisterTable(model, servo.number, tuple(ordered), eeprom_stop=64)
+
+
+XH430_W350 = _motor("XH430-W350")
+XM430_W350 = _motor(
+    "XM430-W350",
+    {
+        "current_limit": {"high": 1193, "initial": 1193},
+        "goal_current": {"low": -1193, "high": 1193},
+        "velocity_limit": {"initial": 350},
+    },
+)
+XL330_M288 = _motor(
+    "XL330-M288",
+    {
+        "baud_rate": {"high": 6},
+        "protocol_type": {"low": 2, "high": 22},
+        "temperature_limit": {"initial": 70},
+        "max_voltage_limit": {"low": 31, "high": 70, "initial": 70},
+        "min_voltage_limit": {"low": 31, "high": 70, "initial": 35},
+        "current_limit": {"high": 1750, "initial": 1750},
+        "velocity_limit": {"high": 2047, "initial": 445},
+        "shutdown": {"initial": SHUTDOWN | VOLTAGE},
+        "velocity_i_gain": {"initial": 1600},
+        "velocity_p_gain": {"initial": 180},
+        "goal_current": {"low": -1750, "high": 1750},
+        "goal_velocity": {"low": -2047, "high": 2047},
+    },
+    # pwm_slope is not emulated: with the factory's 140 the duty takes 18 ms from nothing to all of 5 V.
+    (_kept("pwm_slope", 62, 1, 1, 255, 140, unit="V/s", scale=1.977), *_indirect(1, 168, 208, 20, 227)),
+)
+MOTORS = {table.number: table for table in (XH430_W350, XM430_W350, XL330_M288)}
+
+
+# The control tables of the head's inertial sensor stand: an OpenCR board that answers like a motor.
+#
+# `OPENCR_NODE` lies on the motors' bus. Its registers up to 50 are those of the firmware of ROBOTIS's OP3. Stock
+# firmware has no usable time, so Sinew asks for two registers more, both in microseconds of the board, which wrap
+# after 71.6 minutes: `sample_time`, when the newest sample was taken, which stands still where the sensor is frozen;
+# and `clock`, when the board answered. Their difference is the age of the sample, whatever the bus does. `TURTLEBOT3`
+# is the map of the TurtleBot3 firmware: the board alone on a port of its own, floats in SI, refreshed at 50 Hz only,
+# plain reads only.
+#
+# Sources: the OP3 and TurtleBot3 firmware in ROBOTIS's OpenCR repository; gyro 2000 °/s, accelerometer 2 g full scale
+# as its IMU library sets them.
+
+EMULATED_FIRMWARE = 0xEE
+"""Firmware version that an emulated node tells in its answer to a ping; those of real nodes count from 1."""
+
+_GYRO = math.radians(2000) / 32_768  # rad/s
+_CHIP_FORCE = 2 * 9.80665 / 32_768  # m/s²
+_TENTH_DEGREE = math.radians(0.1)
+
+
+def _three(names: tuple[str, str, str], address: int, unit: str, scale: float) -> tuple[Register, ...]:
+    return tuple(Register(n, address + 2 * i, 2, signed=True, unit=unit, scale=scale) for i, n in enumerate(names))
+
+
+def _floats(names: tuple[str, ...], address: int, unit: str) -> tuple[Register, ...]:
+    return tuple(Register(n, address + 4 * i, 4, signed=True, unit=unit, is_float=True) for i, n in enumerate(names))
+
+
+OPENCR_NODE = RegisterTable(
+    "OpenCR node",
+    0x7400,
+    (
+        Register("model_number", 0, 2, initial=0x7400),
+        *_three(("gyro_x", "gyro_y", "gyro_z"), 32, "rad/s", _GYRO),
+        *_three(("acceleration_x", "acceleration_y", "acceleration_z"), 38, "m/s^2", _CHIP_FORCE),
+        *_three(("roll", "pitch", "yaw"), 44, "rad", _TENTH_DEGREE),
+        Register("imu_control", 50, 1, writable=True, initial=0),
+        Register("sample_time", 52, 4, unit="s", scale=1e-6),
+        Register("clock", 56, 4, unit="s", scale=1e-6),
+    ),
+)
+TURTLEBOT3 = RegisterTable(
+    "TurtleBot3",
+    0x5000,
+    (
+        Register("model_number", 0, 2, initial=0x5000),
+        Register("sample_time", 10, 4, unit="s", scale=1e-3),
+        Register("heartbeat", 19, 1, writable=True, initial=0),
+        Register("imu_recalibrate", 59, 1, writable=True, low=0, high=1, initial=0),
+        *_floats(("gyro_x", "gyro_y", "gyro_z"), 60, "rad/s"),
+        *_floats(("acceleration_x", "acceleration_y", "acceleration_z"), 72, "m/s^2"),
+        *_floats(("magnetic_x", "magnetic_y", "magnetic_z"), 84, "1"),
+        *_floats(("orientation_w", "orientation_x", "orientation_y", "orientation_z"), 96, "1"),
+    ),
+)
+IMUS = {table.number: table for table in (OPENCR_NODE, TURTLEBOT3)}
+
+
+def sensor_table(sensor: BusSensor) -> RegisterTable:
+    """Return the table of a sensor's node; its register is called as the channel of a recording."""
+    value = Register(sensor.channel, 32, 2, signed=True, unit=sensor.unit, scale=sensor.lsb)
+    return RegisterTable(sensor.model, sensor.number, (Register("model_number", 0, 2, initial=sensor.number), value))

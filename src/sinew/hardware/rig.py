@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from sinew.hardware.bus import Bus
+from sinew.hardware.bus import Bus, Clock, Reply
 from sinew.hardware.codec import Read, Write, wire_bytes
 from sinew.hardware.configuration import (
     Post,
@@ -20,15 +20,12 @@ from sinew.hardware.configuration import (
     registers_read,
 )
 from sinew.hardware.errors import DeviceError, RegisterError
-from sinew.hardware.imu import ClockTrack, Imu, ImuReading
-from sinew.hardware.motor import Motor
-from sinew.hardware.register_tables import CURRENT_POSITION_MODE, IMUS, MOTORS, POSITION_MODE
-from sinew.hardware.registers import RegisterTable, lay_out
-from sinew.hardware.sensor import SensorNode
-from sinew.hardware.servos import TENDON_MODES, DriveServo, TendonServo
-from sinew.hardware.transport import Clock, Reply
+from sinew.hardware.imu import ClockTrack, Imu, ImuReading, SensorReader
+from sinew.hardware.motor import TENDON_MODES, DriveServo, Motor, TendonServo
+from sinew.hardware.registers import CURRENT_POSITION_MODE, IMUS, MOTORS, POSITION_MODE, lay_out
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
+from sinew.plan.servo import SERVOS
 
 _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
 _CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")
@@ -95,7 +92,9 @@ class _Present:
         self.track = ClockTrack(short.scales[0], motor.table["realtime_tick"].highest + 1)
 
     def decode(self, reply: Reply, time: float) -> MotorReading | None:
-        """Return what a good answer says, or None if it does not belong to this host time [s]."""
+        """Return what an answer says, or None if it is not good or does not belong to this host time [s]."""
+        if not reply.ok:
+            return None
         tick, duty, current, speed, position = self._unpack(reply.data)
         if not self.track.is_fresh(tick, time):
             return None
@@ -114,15 +113,19 @@ class Rig:
     bus, clock: the seams; nothing is sent while it is made. spec: wiring, limits and gear of the rig.
     tendons, drive, imu, sensors: the devices. motors: tendons first, then the drive. stale: answers of an earlier time,
     by device.
-    Raises RegisterError if the wiring names a model of which there is no register table.
+    Raises RegisterError if the wiring names a sensor of which there is no register table.
     """
 
     def __init__(self, bus: Bus, clock: Clock, spec: RigSpec) -> None:
         self.bus, self.clock, self.spec = bus, clock, spec
         wiring, limits, supply = spec.wiring, spec.limits, spec.drive.supply_voltage.value
-        tendon = _table(wiring.tendon_model, "tendon_model", list(MOTORS.values()))
-        drive = _table(wiring.drive_model, "drive_model", list(MOTORS.values()))
-        imu = _table(wiring.imu_model, "imu_model", list(IMUS.values()))
+        tendon, drive = (MOTORS[SERVOS[model].number] for model in (wiring.tendon_model, wiring.drive_model))
+        imus = {table.model: table for table in IMUS.values()}
+        if wiring.imu_model not in imus:
+            raise RegisterError(
+                f"rig key wiring.imu_model: there is no register table of {wiring.imu_model!r}; expected one of "
+                f"{', '.join(imus)}"
+            )
         self.tendons = tuple(
             TendonServo(bus, f"tendon {i}", id_, tendon, pull, current_limit=limits.tendon_current_a, supply=supply)
             for i, (id_, pull) in enumerate(zip(wiring.tendon_ids, wiring.tendon_pull, strict=True), start=1)
@@ -131,10 +134,10 @@ class Rig:
         self.drive = DriveServo(
             bus, "drive", wiring.drive_id, drive, wiring.drive_sign, zero=wiring.drive_zero_counts, window=window
         )
-        self.imu = Imu(bus, wiring.imu_id, imu, wiring.imu_axes)
-        self.sensors = tuple(SensorNode(bus, sensor) for sensor in spec.sensors)
+        self.imu = Imu(bus, wiring.imu_id, imus[wiring.imu_model], wiring.imu_axes)
+        self.sensors = tuple(SensorReader(bus, sensor) for sensor in spec.sensors)
         self.motors: tuple[Motor, ...] = (*self.tendons, self.drive)
-        self.devices: tuple[Motor | Imu | SensorNode, ...] = (*self.motors, self.imu, *self.sensors)
+        self.devices: tuple[Motor | Imu | SensorReader, ...] = (*self.motors, self.imu, *self.sensors)
         self.stale: Counter[str] = Counter()
         self._mode: TendonMode | None = None
         self._needed_a = 0.0
@@ -170,18 +173,19 @@ class Rig:
         self._turn = (turn + 1) % len(self._turns)
         replies = bus.bulk_read(self._turns[turn], retries=0)
         time = bus.left_wire + self._return_delay
-        stale: list[str] = []
-        drive = self._motor(self._drive_present, replies, time, stale)
-        tendons = tuple([self._motor(present, replies, time, stale) for present in self._tendon_presents])
-        imu = self._sensor(replies, time, stale)
+        drive = self._drive_present.decode(replies[self.drive.id], time)
+        tendons = tuple([present.decode(replies[present.id], time) for present in self._tendon_presents])
+        imu = self._imu_reading(replies, time)
+        found = zip(self.devices, (*tendons, drive, imu), strict=False)
+        stale = tuple([device.name for device, there in found if there is None and replies[device.id].ok])
         asked = self._presents[turn]
-        there = drive if asked is self._drive_present else tendons[turn]
-        climate = asked.climate(replies[asked.id]) if there is not None else None
+        fresh = drive if asked is self._drive_present else tendons[turn]
+        climate = asked.climate(replies[asked.id]) if fresh is not None else None
         replies |= {sensor.id: sensor.ask() for sensor in self.sensors}
         told = tuple([sensor.value(replies[sensor.id]) for sensor in self.sensors])
         faults = tuple([reply for reply in replies.values() if not reply.ok])
         self.stale.update(stale)
-        return Reading(time, drive, tendons, imu, climate, faults, tuple(stale), told)
+        return Reading(time, drive, tendons, imu, climate, faults, stale, told)
 
     def write_goals(self, drive_angle: float, tendon_goals: Sequence[float]) -> None:
         """Tell all motors their goals, in one packet that nobody answers.
@@ -247,20 +251,24 @@ class Rig:
 
         All are asked at once, or one after the other on a bus so slow that a watchdog would trip meanwhile.
         """
-        layouts = {motor.id: lay_out(motor.table, registers_read(motor)) for motor in self.motors}
-        answers = sum(wire_bytes(layout.length, status=True) for layout in layouts.values())
-        if answers * 10 / self.bus.timing.baud > _READ_MOST_S:
-            return {motor.name: motor.get_counts(registers_read(motor)) for motor in self.motors}
-        replies = self.bus.bulk_read([Read(id_, layout.address, layout.length) for id_, layout in layouts.items()])
-        found = {}
-        for motor in self.motors:
-            reply = replies[motor.id]
-            if reply.ok:
-                counts = layouts[motor.id].unpack.unpack(reply.data)
-                found[motor.name] = dict(zip(registers_read(motor), counts, strict=True))
-            else:
-                found[motor.name] = motor.get_counts(registers_read(motor))
-        return found
+        names = registers_read(self.drive)
+        answers = sum(wire_bytes(lay_out(motor.table, names).length, status=True) for motor in self.motors)
+        is_quick = answers * 10 / self.bus.timing.baud <= _READ_MOST_S
+        found = self.ask_at_once(self.motors, names) if is_quick else {}
+        return {motor.name: found.get(motor.name) or motor.get_counts(names) for motor in self.motors}
+
+    def ask_at_once(self, motors: Sequence[Motor], names: Sequence[str]) -> dict[str, dict[str, int]]:
+        """Return registers, named by increasing address, of those motors that answer one question to all, by motor.
+
+        It is never repeated. Raises PortError.
+        """
+        layouts = {motor.id: lay_out(motor.table, names) for motor in motors}
+        replies = self.bus.bulk_read([Read(id_, lay.address, lay.length) for id_, lay in layouts.items()], retries=0)
+        return {
+            motor.name: dict(zip(names, layouts[motor.id].unpack.unpack(replies[motor.id].data), strict=True))
+            for motor in motors
+            if replies[motor.id].ok
+        }
 
     def changed_registers(self, found: Mapping[str, Mapping[str, int]]) -> list[str]:
         """Return which of the registers found are no longer as the run set them; goals that it tells are left out."""
@@ -279,37 +287,15 @@ class Rig:
         sensor = [self.imu.ask] if self.imu.is_grouped else []
         return [asked[-1], *sensor, *asked[:-1]]
 
-    @staticmethod
-    def _motor(present: _Present, replies: dict[int, Reply], time: float, stale: list[str]) -> MotorReading | None:
-        reply = replies[present.id]
-        if not reply.ok:
-            return None
-        reading = present.decode(reply, time)
-        if reading is None:
-            stale.append(present.name)
-        return reading
-
-    def _sensor(self, replies: dict[int, Reply], time: float, stale: list[str]) -> ImuReading | None:
+    def _imu_reading(self, replies: dict[int, Reply], time: float) -> ImuReading | None:
+        """Return what the IMU says, asked now where it takes no part in the read of all."""
         imu = self.imu
         if imu.is_grouped:
-            reply, before = replies[imu.id], replies[self.drive.id]
+            before = replies[self.drive.id]
             # It answers behind the drive; where the drive was silent, its own clock says when.
             behind = wire_bytes(len(before.data), status=True) * 10 / self.bus.timing.baud
             answered = time + behind if before.ok else math.nan
         else:
-            reply = replies[imu.id] = self.bus.read(imu.id, imu.ask.address, imu.ask.length, retries=0)
+            replies[imu.id] = self.bus.read(imu.id, imu.ask.address, imu.ask.length, retries=0)
             answered = self.bus.left_wire
-        if not reply.ok:
-            return None
-        reading = imu.decode(reply, answered)
-        if reading is None:
-            stale.append(imu.name)
-        return reading
-
-
-def _table(model: str, key: str, tables: Sequence[RegisterTable]) -> RegisterTable:
-    for table in tables:
-        if table.model == model:
-            return table
-    known = ", ".join(table.model for table in tables)
-    raise RegisterError(f"rig key wiring.{key}: there is no register table of {model!r}; expected one of {known}")
+        return imu.decode(replies[imu.id], answered)

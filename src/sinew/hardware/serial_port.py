@@ -7,22 +7,24 @@ import termios
 from pathlib import Path
 from typing import Any
 
+from sinew.hardware.bus import Clock
 from sinew.hardware.errors import PortError
-from sinew.hardware.transport import Clock
 
 _AT_ONCE = 4096  # bytes
 _OPENS_S = 5.0  # on a busy computer
 
 
 class _Port:
-    """What serial port and socket share. opened: what was opened; None when closed. advice: where it is lost."""
+    """What serial port and socket share; a Transport.
+
+    opened: what was opened; None when closed. advice: where it is lost.
+    """
 
     def __init__(self, path: str, clock: Clock, advice: str) -> None:
         self._path, self._clock, self._advice = path, clock, advice
         self._opened: Any = None
 
     def write(self, data: bytes) -> None:
-        """Send bytes; raises PortError if the port, or the other end, is gone."""
         opened = self._open()
         try:
             opened.sendall(data) if isinstance(opened, socket.socket) else opened.write(data)
@@ -30,10 +32,6 @@ class _Port:
             raise self._gone(trouble) from trouble
 
     def read(self, deadline: float) -> bytes:
-        """Return what has arrived, waiting for at least a byte until `deadline` [s]; then b"".
-
-        Raises PortError if the port, or the other end, is gone.
-        """
         file = self._open().fileno()
         try:
             ready, _, _ = select.select([file], [], [], max(0.0, deadline - self._clock.now()))
@@ -46,7 +44,6 @@ class _Port:
         return data
 
     def close(self) -> None:
-        """Give the port back; may be called again."""
         if self._opened is not None:
             self._opened.close()
             self._opened = None

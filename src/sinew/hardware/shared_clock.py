@@ -22,8 +22,8 @@ import threading
 from pathlib import Path
 from time import monotonic
 
+from sinew.hardware.bus import MonotonicClock, Transport
 from sinew.hardware.errors import PortError
-from sinew.hardware.transport import MonotonicClock, Transport
 
 SUFFIX = ".clock"
 """What the clock's socket is called behind the name of the port."""
@@ -44,7 +44,7 @@ _COST_S = 50e-6  # what a call takes in the bench's time: a master that never wa
 
 
 class SharedClock:
-    """The time of an emulated bench; a Clock.
+    """The time of an emulated bench; a Clock. What waits for it raises PortError where the bench is gone.
 
     port: name of the port, beside which the clock lies. Raises PortError where nobody answers, or another master is
     served. `now` may be asked from any thread and in signal handlers; all else by the one that owns the bus.
@@ -68,7 +68,6 @@ class SharedClock:
             ) from trouble
 
     def now(self) -> float:
-        """Return the time of the bench [s]."""
         if monotonic() - self._heard > _SILENT_S and self._lock.acquire(blocking=False):
             try:
                 self._exchange(WAIT, self._now)
@@ -79,7 +78,6 @@ class SharedClock:
         return self._now
 
     def wait_until(self, time: float) -> None:
-        """Return at `time` [s] or a little later. Raises PortError where the bench is gone."""
         while self._now < time:
             self.ask(WAIT, min(time, self._now + _STEP_S))
 
@@ -146,15 +144,10 @@ class SharedPort:
         self._got = 0
 
     def write(self, data: bytes) -> None:
-        """Send bytes; raises PortError if the port is gone."""
         self._clock.announce(len(data))
         self._port.write(data)
 
     def read(self, deadline: float) -> bytes:
-        """Return what has arrived, waiting for at least a byte until `deadline` [s]; then b"".
-
-        Raises PortError if the port is gone.
-        """
         clock = self._clock
         clock.spend()
         while self._got == clock.sent and (now := clock.now()) < deadline:
@@ -162,7 +155,6 @@ class SharedPort:
         return self._collect()
 
     def close(self) -> None:
-        """Give port and clock back; may be called again."""
         self._port.close()
         self._clock.close()
 

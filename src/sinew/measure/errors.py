@@ -12,6 +12,8 @@ A sentence says what was found, what was expected and what to do. An outcome of 
 that saturates, a decay that is not exponential) is a field of a result and never an exception.
 """
 
+from sinew import __version__
+
 
 class SinewError(Exception):
     """Base of all errors that a user can put right."""
@@ -39,3 +41,14 @@ class RecordingError(SinewError):
 
 class TimeError(RecordingError):
     """The time stamps of a recording are unusable."""
+
+
+DISTRIBUTION = "sinew-lab"
+
+
+def how_to_install(extra: str) -> str:
+    """Return the words, after "install it: ", that say how the packages of an extra such as `dashboard` come in."""
+    wheel = f"{DISTRIBUTION.replace('-', '_')}-{__version__}-py3-none-any.whl"
+    return (
+        f'in a clone `.venv/bin/python -m pip install -e ".[{extra}]"`, with a wheel `pip install "{wheel}[{extra}]"`'
+    )

@@ -8,9 +8,8 @@ import xarray as xr
 
 from sinew.measure.doors import as_path
 from sinew.measure.errors import FileError, SchemaError, SpecError
-from sinew.measure.files.csv import import_csv
+from sinew.measure.files.csv import Table, import_csv, read_table
 from sinew.measure.files.netcdf import is_netcdf, load_recording, load_results
-from sinew.measure.files.table import Table, read_table
 from sinew.measure.recording import cut_recording
 
 

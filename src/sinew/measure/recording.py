@@ -1,7 +1,6 @@
 """Recordings, put together and taken apart into segments."""
 
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +10,9 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sinew.measure.doors import as_numbers, as_seconds
-from sinew.measure.errors import SchemaError, SpecError, TimeError
+from sinew.measure.errors import SchemaError, SpecError
 from sinew.measure.schema import RECORDING_SCHEMA, SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
+from sinew.measure.timing import choose_stretch
 
 REGISTERS_ATTRIBUTE = "registers"
 """Attribute of a recording from a bench: the motors' registers as they were read back, as JSON."""
@@ -135,15 +135,8 @@ def cut_recording(recording: xr.Dataset, start_s: float | None, stop_s: float | 
             "start and stop choose a stretch of a CSV file or of an imported recording; this one is a campaign whose "
             "segments are analysed whole; leave them out"
         )
-    start, stop = (-math.inf if start_s is None else start_s), (math.inf if stop_s is None else stop_s)
-    if not start < stop:
-        raise TimeError(f"found start {start:g} s and stop {stop:g} s, expected start before stop")
     time = recording["time_s"].values
-    kept = (time >= start) & (time <= stop)
-    if not kept.any():
-        raise TimeError(
-            f"no samples from {start:g} s to {stop:g} s; the recording runs from {time.min():g} s to {time.max():g} s"
-        )
+    kept = choose_stretch(time, start_s, stop_s, "recording")
     sizes = np.array([int(kept[where].sum()) for where in segment_slices(recording)], dtype=np.int64)
     cut = recording.isel(sample=np.flatnonzero(kept), segment=np.flatnonzero(sizes))
     cut["row_size"] = ("segment", sizes[sizes > 0], recording["row_size"].attrs)

@@ -23,12 +23,13 @@ SegmentKind = Literal["settle", "steady", "ring-down", "idle", "tracking"]
 
 @dataclass(frozen=True)
 class Variable:
-    """One row of the schema: dimensions, unit, meaning, and whether a recording may lack it."""
+    """One row of the schema: dimensions, unit, meaning, whether a recording must have it, and whether it may be NaN."""
 
     dims: tuple[str, ...]
     unit: str
     meaning: str
     required: bool = False
+    may_be_unknown: bool = False
 
 
 SAMPLE_VARIABLES: dict[str, Variable] = {
@@ -43,7 +44,9 @@ SAMPLE_VARIABLES: dict[str, Variable] = {
     ),
     "tendon_pwm": Variable(("sample", "tendon"), "1", "measured duty of the tendon motors, -1..1; pulling is positive"),
     "supply_v": Variable(("sample",), "V", "supply voltage at the motors, mean over those that told it"),
-    "load_cell_n": Variable(("sample",), "N", "tension of one tendon, by a load cell in it"),
+    "load_cell_n": Variable(
+        ("sample",), "N", "tension of one tendon, by a load cell in it; NaN where it was silent", may_be_unknown=True
+    ),
     "gyro_rad_s": Variable(("sample", "axis"), "rad/s", "gyroscope on the head plate, axes of frame H"),
     "acceleration_m_s2": Variable(("sample", "axis"), "m/s2", "accelerometer on the head plate, axes of frame H"),
     "torsion_rad": Variable(("sample",), "rad", "torsion of the head, where an angle was measured directly"),
@@ -106,9 +109,11 @@ def _check_variable(recording: xr.Dataset, name: str, variable: Variable) -> Non
         raise SchemaError(f"recording variable {name!r} has unit {unit!r}, expected {variable.unit!r}")
     if name != "kind" and found.dtype.kind not in "fiu":
         raise SchemaError(f"recording variable {name!r} holds {found.dtype} values, expected numbers")
-    if variable.dims[0] == "sample" and not bool(np.isfinite(found.values).all()):
-        where = int(np.argmin(np.isfinite(found.values).reshape(found.shape[0], -1).all(axis=1)))
-        raise SchemaError(f"recording variable {name!r} holds NaN or infinity (first at sample {where})")
+    if variable.dims[0] == "sample":
+        fine = ~np.isinf(found.values) if variable.may_be_unknown else np.isfinite(found.values)
+        if not fine.all():
+            where = int(np.argmin(fine.reshape(found.shape[0], -1).all(axis=1)))
+            raise SchemaError(f"recording variable {name!r} holds NaN or infinity (first at sample {where})")
 
 
 def _check_segments(recording: xr.Dataset) -> None:

@@ -293,6 +293,22 @@ def _refuse_nonsense(stamps: Array, first_row: int) -> None:
         raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
 
 
+def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of: str = "file") -> NDArray[np.bool_]:
+    """Return which times [s] lie from start_s to stop_s, both included, shape (n,); None leaves an end open.
+
+    of: what the times are of, for the sentence. Raises TimeError where start is not before stop, or nothing is left.
+    """
+    low, high = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
+    if not low < high:
+        raise TimeError(f"found start {low:g} s and stop {high:g} s, expected start before stop")
+    inside = (time >= low) & (time <= high)
+    if not inside.any():
+        raise TimeError(
+            f"no samples from {low:g} s to {high:g} s; the {of} runs from {time.min():g} s to {time.max():g} s"
+        )
+    return np.asarray(inside)
+
+
 def refuse_backwards(stamps: Array, *, first_row: int = 1) -> None:
     """Raise TimeError, naming the data row, where time goes backwards."""
     back = np.flatnonzero(np.diff(stamps) < 0)

@@ -14,8 +14,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.measure.errors import SpecError
-from sinew.measure.extras import how_to_install
+from sinew.measure.errors import SpecError, how_to_install
 
 Vector = NDArray[np.float64]
 Residual = Callable[[Vector], Vector]

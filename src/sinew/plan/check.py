@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 from sinew.measure.errors import SpecError
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
+from sinew.plan.servo import SERVOS
 
 # The drive's reach: which lever amplitude it gives for a commanded sine.
 #
@@ -203,6 +204,7 @@ def check_plan(
         *_torsion_findings(plan, rig, torsions),
         *_reach_findings(plan, rig, reached_deg),
         *_time_findings(plan, rig, tensions),
+        *_servo_findings(rig),
     ]
     duration = sum(group.duration_s for group in groups)
     waiting = plan.sweep.longest_settle_s - plan.sweep.settle_s if plan.sweep else 0.0
@@ -336,6 +338,40 @@ def _torsion_findings(plan: Plan, rig: RigSpec, torsion_deg: Sequence[float]) ->
             "refuse",
             f"the head twists by {max(torsion_deg):.0f}° at {where:g} mm, the rig allows {rig.limits.torsion_deg:g}°; "
             "lower amplitude_deg or leave out the frequencies around the resonance",
+        )
+
+
+_SERVO_FACTOR = 1.25
+"""By which a rig's number and its servo's may differ: that of the maker's voltages, and what "at stall" leaves open."""
+
+
+def _servo_findings(rig: RigSpec) -> Iterator[Finding]:
+    """Yield which numbers of the rig are not those of the servos that its wiring names."""
+    tendon, drive = SERVOS[rig.wiring.tendon_model], SERVOS[rig.wiring.drive_model]
+    known = {
+        "tendons.torque_constant": (tendon, tendon.stall_torque / tendon.stall_current),
+        "tendons.current_lsb": (tendon, tendon.current_lsb),
+        "drive.supply_voltage": (tendon, tendon.nominal_voltage),
+        "drive.nominal_voltage": (drive, drive.nominal_voltage),
+        "drive.stall_torque": (drive, drive.stall_torque),
+        "drive.no_load_speed": (drive, drive.no_load_speed),
+        "drive.stall_current": (drive, drive.stall_current),
+        "drive.current_lsb": (drive, drive.current_lsb),
+    }
+    for name, parameter in rig.parameters():
+        if name in known:
+            servo, expected = known[name]
+            if not 1 / _SERVO_FACTOR <= parameter.value / expected <= _SERVO_FACTOR:
+                yield Finding(
+                    "warn",
+                    f"{name} is {parameter.value:.4g} {parameter.unit}, that of the {servo.model} is {expected:.4g}; "
+                    "correct it, or the model in the rig's [wiring]",
+                )
+    if rig.limits.tendon_current_a > _SERVO_FACTOR * tendon.stall_current:
+        yield Finding(
+            "warn",
+            f"limits.tendon_current_a is {rig.limits.tendon_current_a:g} A, a {tendon.model} stalls at "
+            f"{tendon.stall_current:g} A; lower it, or correct the model in the rig's [wiring]",
         )
 
 

@@ -3,17 +3,25 @@
 import math
 from collections.abc import Callable
 from decimal import Decimal
-from typing import Literal, cast
+from typing import Annotated, Literal, cast
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from sinew.measure.errors import UnitError
 from sinew.measure.units import convert
 
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 Origin = Literal["paper", "data sheet", "calibrated", "assumed"]
 
 
-class Parameter(BaseModel):
+class Settings(BaseModel):
+    """Settings as a file has them: they do not change, know no other key, and are finite."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Parameter(Settings):
     """A number with unit, origin and bounds.
 
     value: in `unit`.
@@ -25,8 +33,6 @@ class Parameter(BaseModel):
     `model_dump` leaves the interval out: who makes a rig with other values from that (`RigSpec.with_values`) has a rig
     that was not calibrated to them.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     value: float
     unit: str

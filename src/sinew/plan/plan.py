@@ -6,17 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
-
-_STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+from sinew.plan.parameter import NotNegative, Positive, Settings
 
 TendonMode = Literal["position", "position-with-current-limit", "current"]
 Held = Literal["command", "lever", "torsion"]
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
 Duration = Annotated[float, Field(gt=0, le=3600)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
 
@@ -46,15 +43,13 @@ def _few(most: int, what: str) -> BeforeValidator:
     return BeforeValidator(refuse_many)
 
 
-class Pretension(BaseModel):
+class Pretension(Settings):
     """The pretensions to visit and how the tendon motors hold them.
 
     pretension_mm: common shortening of the four tendons from first contact [mm], in the order of visiting.
     mode: position, position with a current limit, or current (constant tension).
     rest_s: idle record after each change, at rest, for the gyroscope bias [s].
     """
-
-    model_config = _STRICT
 
     pretension_mm: Annotated[tuple[NotNegative, ...], Field(min_length=1), _few(MOST_PRETENSIONS, "pretensions")]
     mode: TendonMode = "position"
@@ -71,7 +66,7 @@ class Pretension(BaseModel):
         return self
 
 
-class Sweep(BaseModel):
+class Sweep(Settings):
     """Frequency groups (paper, section 4.1): at each frequency settle, then record whole periods.
 
     frequency_hz: drive frequencies [Hz], increasing.
@@ -83,8 +78,6 @@ class Sweep(BaseModel):
     below settle_tolerance of the steady amplitude, or until settle_most_s [s]. Only a bench can adapt: a simulation
     waits settle_s.
     """
-
-    model_config = _STRICT
 
     frequency_hz: Annotated[tuple[Positive, ...], Field(min_length=1), _few(MOST_FREQUENCIES, "frequencies")]
     amplitude_deg: Positive = 20.0
@@ -115,7 +108,7 @@ class Sweep(BaseModel):
         return self.settle_s if self.settle == "fixed" else self.settle_most_s
 
 
-class RingDown(BaseModel):
+class RingDown(Settings):
     """Free decays (paper, section 4.2): drive, stop the drive at its zero crossing, record.
 
     frequency_hz: drive frequency [Hz] at the first and at the last pretension of the plan, linear between.
@@ -125,8 +118,6 @@ class RingDown(BaseModel):
     repeats: number of decays at each pretension.
     """
 
-    model_config = _STRICT
-
     frequency_hz: tuple[Positive, Positive]
     amplitude_deg: Positive = 20.0
     drive_s: Duration = 3.0
@@ -134,7 +125,7 @@ class RingDown(BaseModel):
     repeats: Count = 3
 
 
-class Track(BaseModel):
+class Track(Settings):
     """Resonance tracking: at each pretension, and with each amplitude, the drive is kept at 90° of phase.
 
     amplitude_deg: amplitudes that are held [deg], one motion for each. held: of what: the lever's command, the measured
@@ -146,8 +137,6 @@ class Track(BaseModel):
     lead_s, tail_s: how long a moving pretension stands before and after its motion [s].
     gap_s: how long the sensor may be silent before the run ends [s]; until then the drive goes on as it did.
     """
-
-    model_config = _STRICT
 
     amplitude_deg: Annotated[tuple[Positive, ...], Field(min_length=1), _few(MOST_FREQUENCIES, "amplitudes")]
     held: Held = "command"
@@ -212,14 +201,12 @@ class Group:
         return settle, max(1, round(self.record_s * sample_hz))
 
 
-class Plan(BaseModel):
+class Plan(Settings):
     """A whole campaign.
 
     name: for titles and file names.
     sample_hz: rate at which motors and IMU are recorded [Hz].
     """
-
-    model_config = _STRICT
 
     name: str = Field(min_length=1)
     sample_hz: Positive = 200.0

@@ -6,11 +6,11 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from sinew.mechanics.guides import GUIDE_LAWS, GuideFriction, GuideLaw
-from sinew.plan.parameter import Parameter, not_negative, positive, signed
-from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON
+from sinew.plan.parameter import NotNegative, Parameter, Positive, Settings, not_negative, positive, signed
+from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON, SERVOS
 
 # It is written which device of the bus is which part of the rig, and which way round it is mounted.
 
@@ -19,11 +19,20 @@ Sign = Literal[1, -1]
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
-class Wiring(BaseModel):
+def _known(model: str) -> str:
+    if model not in SERVOS:
+        raise ValueError(f"no servo {model!r} is known; expected one of {', '.join(SERVOS)}")
+    return model
+
+
+ServoModel = Annotated[str, AfterValidator(_known)]
+
+
+class Wiring(Settings):
     """Ids, models, signs and zero of the devices on the bus.
 
     baud: of the bus [1/s]. tendon_ids, drive_id, imu_id: of the devices; tendon motors in the order of the tendons.
-    tendon_model, drive_model, imu_model: as the register tables are called.
+    tendon_model, drive_model: of `sinew.plan.servo`. imu_model: as its register table is called.
     tendon_pull: 1 where more counts of the encoder pull the tendon, -1 where they let it go.
     drive_sign: 1 where more counts turn the lever positively against the head, else -1.
     drive_zero_counts: encoder reading with the lever in its middle.
@@ -31,14 +40,12 @@ class Wiring(BaseModel):
     latency_ms: of port, driver and operating system; how much longer than on the wire an answer may take.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
     baud: int = Field(default=1_000_000, gt=0)
     tendon_ids: Annotated[tuple[Id, ...], Field(min_length=2, max_length=12)] = (1, 2, 3, 4)
     drive_id: Id = 5
     imu_id: Id = 200
-    tendon_model: str = PAPER_TENDON
-    drive_model: str = PAPER_DRIVE
+    tendon_model: ServoModel = PAPER_TENDON
+    drive_model: ServoModel = PAPER_DRIVE
     imu_model: str = "OpenCR node"
     tendon_pull: tuple[Sign, ...] = (1, 1, 1, 1)
     drive_sign: Sign = 1
@@ -80,11 +87,10 @@ def _handedness(axes: tuple[Axis, Axis, Axis]) -> int:
 
 # A rig says what it was calibrated from, and how its calibrated parameters vary together.
 
-NotNegative = Annotated[float, Field(ge=0)]
 Correlation = Annotated[float, Field(ge=-1, le=1)]
 
 
-class Calibrated(BaseModel):
+class Calibrated(Settings):
     """The joint uncertainty of a rig's calibrated parameters, k of them, and where it is from.
 
     recordings: file and beginning of the content hash of each. pretension_mm: at which they were made, increasing.
@@ -94,8 +100,6 @@ class Calibrated(BaseModel):
     The parameters' uncertainty is a normal distribution about the rig's values with covariance
     std_i · std_j · correlation_ij. What is tied (the head's inertia to the lever's) is correlated by 1 or -1.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     recordings: tuple[str, ...] = ()
     pretension_mm: tuple[NotNegative, ...] = ()
@@ -133,7 +137,7 @@ class Calibrated(BaseModel):
 # The cross-section of a silicone is described that is no solid circle.
 
 
-class CrossSection(BaseModel):
+class CrossSection(Settings):
     """What the equations need of a section, instead of the solid circle that the silicone's diameter stands for.
 
     shape: in words. area [m²]. torsion_constant: St Venant's J [m⁴], which with the silicone's G·J sets G, hence the
@@ -142,8 +146,6 @@ class CrossSection(BaseModel):
     where a re-entrant corner makes it unbounded.
     The equations take area and torsion constant; the others tell what the prediction is worth.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     shape: str = Field(min_length=1)
     area: Annotated[Parameter, positive("m^2")]
@@ -155,10 +157,6 @@ class CrossSection(BaseModel):
     shear_arm: Annotated[Parameter, positive("m")] | None = None
 
 
-_STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-Positive = Annotated[float, Field(gt=0)]
-
-
 def _ordered(window: tuple[float, float]) -> tuple[float, float]:
     if not window[0] < window[1]:
         raise ValueError(f"the first number, {window[0]:g}, must be below the second, {window[1]:g}")
@@ -168,7 +166,7 @@ def _ordered(window: tuple[float, float]) -> tuple[float, float]:
 Window = Annotated[tuple[float, float], AfterValidator(_ordered)]
 
 
-class Silicone(BaseModel):
+class Silicone(Settings):
     """The continuum: a solid cylinder, incompressible neo-Hookean, with a loss factor.
 
     torsional_rigidity: relaxed G·J (paper Eq. 5). diameter then fixes J = π d⁴/32, hence G; where the rig has a
@@ -177,8 +175,6 @@ class Silicone(BaseModel):
     viscous: torsional dashpot in parallel; zero in the paper's rig, used for linear reference joints.
     """
 
-    model_config = _STRICT
-
     length: Annotated[Parameter, positive("m")]
     torsional_rigidity: Annotated[Parameter, positive("N*m^2")]
     diameter: Annotated[Parameter, positive("m")]
@@ -186,17 +182,15 @@ class Silicone(BaseModel):
     viscous: Annotated[Parameter, not_negative("N*m*s/rad")]
 
 
-class Inertia(BaseModel):
+class Inertia(Settings):
     """What moves. head: I_h without the lever, about the joint's axis; lever: I_l with its weights."""
-
-    model_config = _STRICT
 
     head: Annotated[Parameter, positive("kg*m^2")]
     lever: Annotated[Parameter, positive("kg*m^2")]
     head_mass: Annotated[Parameter, positive("kg")]
 
 
-class Tendons(BaseModel):
+class Tendons(Settings):
     """Straight tendons between base and head, each pulled by its own motor.
 
     base_radius, head_radius: of the circles of guides [m]; free_span: length between them at rest [m].
@@ -207,8 +201,6 @@ class Tendons(BaseModel):
     pulley_radius: of the motor pulleys [m]; torque_constant: of the tendon motors [N m/A].
     current_lsb: unit of the current register [A]; counts_per_turn: of the encoder.
     """
-
-    model_config = _STRICT
 
     count: int = Field(ge=2, le=12)
     base_radius: Annotated[Parameter, positive("m")]
@@ -231,7 +223,7 @@ class Tendons(BaseModel):
         return GUIDE_LAWS[self.guide_law](self.guide_friction.value, self.presliding_angle.value)
 
 
-class Drive(BaseModel):
+class Drive(Settings):
     """The motor that swings the lever: geared DC motor with a proportional position loop on its duty.
 
     stall_torque, no_load_speed, stall_current: at nominal_voltage, at the horn.
@@ -239,8 +231,6 @@ class Drive(BaseModel):
     position_gain: duty per radian of error, the register P gain times the encoder resolution over the duty range.
     duty_limit: 1 is full supply. armature: rotor inertia seen at the horn.
     """
-
-    model_config = _STRICT
 
     nominal_voltage: Annotated[Parameter, positive("V")]
     supply_voltage: Annotated[Parameter, positive("V")]
@@ -256,7 +246,7 @@ class Drive(BaseModel):
     counts_per_turn: Annotated[Parameter, positive("1")]
 
 
-class Imu(BaseModel):
+class Imu(Settings):
     """Gyroscope and accelerometer on the head plate.
 
     low_pass: corner of the second-order Butterworth low-pass [Hz]; residual_delay: what the data sheet's delay
@@ -265,8 +255,6 @@ class Imu(BaseModel):
     delay_std: standard uncertainty of the whole delay [s].
     bias: rest reading that the start-up zeroing leaves. mount_radius: distance of the chip from the joint's axis.
     """
-
-    model_config = _STRICT
 
     gyro_range: Annotated[Parameter, positive("rad/s")]
     gyro_lsb: Annotated[Parameter, positive("rad/s")]
@@ -283,26 +271,22 @@ class Imu(BaseModel):
     delay_std: Annotated[Parameter, not_negative("s")]
 
 
-class Bus(BaseModel):
+class Bus(Settings):
     """Time of the samples. stamp_jitter: standard deviation of the host's stamps; drive_delay: age of the drive's
     encoder reading at the stamp, minus that of the IMU's newest sample; both in seconds."""
-
-    model_config = _STRICT
 
     stamp_jitter: Annotated[Parameter, not_negative("s")]
     drive_delay: Annotated[Parameter, signed("s")]
 
 
-class Repeatability(BaseModel):
+class Repeatability(Settings):
     """How far repetitions differ: standard deviations of the set pretension [m] and of the guide friction [1]."""
-
-    model_config = _STRICT
 
     pretension: Annotated[Parameter, not_negative("m")]
     guide_friction: Annotated[Parameter, not_negative("1")]
 
 
-class Limits(BaseModel):
+class Limits(Settings):
     """What the rig must not exceed; a plan is refused, and a bench stops, beyond them.
 
     tendon_travel_mm: how far a tendon motor may be from its first contact, as length of cable; pulling is positive.
@@ -310,8 +294,6 @@ class Limits(BaseModel):
     resumes_after_pause: how often a run goes on by itself after the computer paused for longer than the motors wait;
     None: three times where the rig declares release, never where it declares hold.
     """
-
-    model_config = _STRICT
 
     pretension_mm: Window
     tension_n: Positive
@@ -336,7 +318,7 @@ class Limits(BaseModel):
         return 3 if self.safe_state == "release" else 0
 
 
-class BusSensor(BaseModel):
+class BusSensor(Settings):
     """A sensor on a node of its own on the bus; a kind of it is a part of the rig, and says what it measures.
 
     The node has two registers of two bytes: its model number at 0 and its value at 32, signed. model, number: what the
@@ -345,7 +327,6 @@ class BusSensor(BaseModel):
     id: on the bus. noise: standard deviation of a value.
     """
 
-    model_config = _STRICT
     model: ClassVar[str]
     number: ClassVar[int]
     channel: ClassVar[str]
@@ -383,7 +364,7 @@ class LoadCell(BusSensor):
         return np.asarray(tension_n[..., self.tendon - 1])
 
 
-class RigSpec(BaseModel):
+class RigSpec(Settings):
     """A whole test bed, as data.
 
     section: of a silicone that is no solid circle; None where the diameter says it all. load_cell: None where no
@@ -391,8 +372,6 @@ class RigSpec(BaseModel):
     calibration: how the calibrated parameters vary together; None where that is not known. As the intervals it is left
     out of `model_dump`: a rig with other values was not calibrated to them.
     """
-
-    model_config = _STRICT
 
     name: str = Field(min_length=1)
     silicone: Silicone

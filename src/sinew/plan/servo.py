@@ -1,7 +1,7 @@
 """The servos: a row of numbers for each model, and what a count of their registers means in all of them.
 
 Source: e-Manual of the maker, specifications and control table of each model. What the registers of a model allow and
-begin with stands beside them, in `sinew.hardware.register_tables`; nothing else knows a model by name.
+begin with stands in `sinew.hardware.registers`; nothing else knows a model by name.
 """
 
 import math
@@ -78,8 +78,3 @@ SERVOS = {
     )
 }
 """By model."""
-
-
-def servo_of(model: str) -> Servo:
-    """Return the row of a model; of one that is not known, which no bench drives, that of the paper's tendons."""
-    return SERVOS.get(model) or SERVOS[PAPER_TENDON]

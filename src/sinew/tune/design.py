@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from sinew import __version__
 from sinew.analysis.analysis import analyse_recording
 from sinew.measure.arrays import Array
-from sinew.measure.errors import SpecError
+from sinew.measure.errors import SpecError, how_to_install
 from sinew.measure.estimate import Estimate, number
-from sinew.measure.extras import how_to_install
 from sinew.measure.told import Table, Told
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec

@@ -20,7 +20,7 @@ from sinew.mechanics.parameters import CURRENT, TENDON_MODES, Parameters
 from sinew.mechanics.tendons import tendon_tension
 from sinew.plan.plan import Group, Plan, TendonMode
 from sinew.plan.rig import Bus, Imu, RigSpec
-from sinew.plan.servo import VOLTAGE_LSB, servo_of
+from sinew.plan.servo import SERVOS, VOLTAGE_LSB
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 from sinew.solve.march import LANES, Track, integrate
 from sinew.solve.rest import set_pretension
@@ -379,7 +379,7 @@ def _tendon_duty(
     (R i + k_e ω)/V: what holds the current against winding and back-EMF. R and k_e of the model's data sheet: nominal
     voltage over stall current, and over no-load speed.
     """
-    servo = servo_of(rig.wiring.tendon_model)
+    servo = SERVOS[rig.wiring.tendon_model]
     supply = rig.drive.supply_voltage.value
     duty = (servo.resistance / supply) * current
     turned = angle[2:] - angle[:-2]

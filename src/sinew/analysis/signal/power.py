@@ -11,7 +11,7 @@ from sinew.analysis.signal.signals import Signals
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import NORMAL_90
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import SERVOS, VOLTAGE_LSB, servo_of
+from sinew.plan.servo import SERVOS, VOLTAGE_LSB
 
 # A periodic signal gets its mean over a cycle, from samples that hold no whole number of cycles.
 
@@ -56,15 +56,13 @@ def winding_resistance(rig: RigSpec) -> float:
     return rig.drive.nominal_voltage.value / rig.drive.stall_current.value
 
 
-def idle_power(rig: RigSpec) -> float | None:
+def idle_power(rig: RigSpec) -> float:
     """Return what all servos draw with their torque off [W], by data sheet: no register tells it.
 
-    Standby current times supply voltage, of the tendons' servos and the drive's; None for a model that is not known.
+    Standby current times supply voltage, of the tendons' servos and the drive's.
     """
     models = [rig.wiring.tendon_model] * rig.tendons.count + [rig.wiring.drive_model]
-    servos = [SERVOS.get(model) for model in models]
-    currents = [servo.standby_current for servo in servos if servo is not None]
-    return sum(currents) * rig.drive.supply_voltage.value if len(currents) == len(models) else None
+    return sum(SERVOS[model].standby_current for model in models) * rig.drive.supply_voltage.value
 
 
 def supply_uncertainty(supply_v: NDArray[Any] | None, rig: RigSpec) -> float:
@@ -106,7 +104,7 @@ def read_power(signals: Signals) -> Power | None:
         if "tendon_pwm" in recorded:
             holding = (recorded["tendon_pwm"] * currents).sum(axis=1) * supply
         else:
-            holding = servo_of(rig.wiring.tendon_model).resistance * (currents**2).sum(axis=1)
+            holding = SERVOS[rig.wiring.tendon_model].resistance * (currents**2).sum(axis=1)
     return Power(recorded["drive_pwm"] * supply * current, winding_resistance(rig) * current**2, holding)
 
 
@@ -126,7 +124,7 @@ def rest_power(signals: Signals, rig: RigSpec) -> dict[tuple[float, int], tuple[
             holding = 0.0 if power.holding is None else float(power.holding[where].mean())
             mean = float(power.drive[where].mean()) + holding
             found.setdefault((segment.pretension_mm, segment.repeat), []).append(mean)
-    servo = servo_of(rig.wiring.tendon_model)
+    servo = SERVOS[rig.wiring.tendon_model]
     unit = rig.tendons.current_lsb.value / math.sqrt(12.0)
 
     def std(watts: float) -> float:

@@ -141,7 +141,7 @@ def estimate_energy(signals: Signals, response: Response, resonance_hz: Array) -
     resonance_hz: of every pretension and repeat, (p, r): by nominal drive. Each repeat is read at its own resonance;
     repeats are combined by Student's t. What they share is added: the voltage's uncertainty, how far two readings
     between the measured frequencies differ, and what the trend's residual leaves open. The attribute
-    `idle_power_w` is what all servos draw with their torque off, by data sheet; NaN where it is not known.
+    `idle_power_w` is what all servos draw with their torque off, by data sheet.
     docs/explanation/energy.md says what each number means.
     """
     columns, rig = response.columns, signals.rig
@@ -163,8 +163,7 @@ def estimate_energy(signals: Signals, response: Response, resonance_hz: Array) -
         if rows.size and repeat < shape[1]:
             value["rest_power_w"][rows[0], repeat], std["rest_power_w"][rows[0], repeat] = watts
     volts = _of_voltage(value, supply_uncertainty(signals.recorded.get("supply_v"), rig))
-    idle = idle_power(rig)
-    out = xr.Dataset(attrs={"idle_power_w": math.nan if idle is None else idle})
+    out = xr.Dataset(attrs={"idle_power_w": idle_power(rig)})
     for name in ENERGY_QUANTITIES:
         grid = np.hypot(mean_of_known(misfit[name], 0.0), volts.get(name, 0.0))
         alone = np.isfinite(value[name]).sum(axis=1) == 1  # its own deviation holds the trend's already

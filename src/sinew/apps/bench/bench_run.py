@@ -13,10 +13,10 @@ from sinew.apps.console import option, require_folder
 from sinew.measure.estimate import finite
 
 if TYPE_CHECKING:
-    from sinew.bench.journal import Journal
+    from sinew.bench.record.journal import Journal
     from sinew.bench.run import RunReport
+    from sinew.hardware.bus import Clock, Transport
     from sinew.hardware.rig import Rig as HardwareRig
-    from sinew.hardware.transport import Clock, Transport
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
@@ -47,9 +47,9 @@ def open_rig(port: str, spec: "RigSpec", *, own_time: bool = False) -> "Iterator
     port: a serial port, or that of an emulated bench, terminal or socket, whose clock is shared where it has one.
     own_time: the computer's clock in any case, for who measures what the computer does.
     """
+    from sinew.hardware.bus import MonotonicClock
     from sinew.hardware.serial_port import LocalPort, SerialPort
     from sinew.hardware.shared_clock import SharedPort, shared_clock
-    from sinew.hardware.transport import MonotonicClock
 
     clock: Clock = MonotonicClock()
     local = Path(port).is_socket()
@@ -111,7 +111,7 @@ def run_journal(
     attrs: what else the recording shall carry, such as its source where that is no real bench.
     """
     from sinew.bench.errors import StartError
-    from sinew.bench.journal import Journal
+    from sinew.bench.record.journal import Journal
     from sinew.measure.errors import FileError
     from sinew.plan.toml import dump_plan, dump_rig
 
@@ -156,7 +156,7 @@ def close_journal(journal: "Journal", report: "RunReport") -> None:
 
 def convert_journal(folder: Path, report: "RunReport") -> Path | None:
     """Make the recording of a run that has ended, and return where it is; without one the run is incomplete."""
-    from sinew.bench.conversion import convert
+    from sinew.bench.record.conversion import convert
     from sinew.measure.errors import SinewError
 
     if not report.groups_done:

@@ -12,10 +12,9 @@ from sinew.apps.console import Json, Rig, flag, option, print_json, remark
 
 if TYPE_CHECKING:
     from sinew.bench.doctor import Finding, Fix
-    from sinew.hardware.bus import Bus
+    from sinew.hardware.bus import Bus, Clock
     from sinew.hardware.rig import Rig as HardwareRig
     from sinew.hardware.serial_port import LatencyTimer
-    from sinew.hardware.transport import Clock
     from sinew.plan.rig import RigSpec
 
 _COLUMNS = ("", "device", "found", "expected", "what to do")

@@ -61,7 +61,7 @@ def emulate(
     from sinew.emulator.faults import parse_fault  # numpy: not for --help
     from sinew.emulator.found import drawn_start, found_bench
     from sinew.emulator.port_server import ClockSocket, PtyPort, PtyServer, SocketPort, refuse_taken
-    from sinew.hardware.transport import MonotonicClock
+    from sinew.hardware.bus import MonotonicClock
     from sinew.plan.toml import load_rig
 
     rig_ = load_rig(rig)

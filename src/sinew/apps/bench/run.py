@@ -41,7 +41,7 @@ def run(
     """
     from sinew.bench.preflight import refuse_unready
     from sinew.bench.run import Runner
-    from sinew.bench.steering import Steering
+    from sinew.bench.stops import Steering
     from sinew.plan.toml import load_plan, load_rig
 
     plan_, spec = load_plan(plan), load_rig(rig)
@@ -65,7 +65,7 @@ def run(
                 runner = control.runner = Runner(
                     bench, clock, plan_, journal, tension, listener=screen, steering=steering
                 )
-                signals.enter_context(bench_run.on_signals(runner.request_stop, runner.request_emergency))
+                signals.enter_context(bench_run.on_signals(steering.request_stop, steering.request_emergency))
                 report = runner.run(resume=resume)
                 bench_run.close_journal(journal, report)
             statistics = bench.bus.statistics

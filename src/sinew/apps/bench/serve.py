@@ -129,8 +129,7 @@ def _say_ready(steward: "Steward", access: "Access", *, as_json: bool) -> None:
 
 
 def _refuse_without_packages() -> None:
-    from sinew.measure.errors import SinewError
-    from sinew.measure.extras import how_to_install
+    from sinew.measure.errors import SinewError, how_to_install
 
     needed = ("nicegui", "starlette", "uvicorn", "itsdangerous", "psutil")
     lacking = [name for name in needed if importlib.util.find_spec(name) is None]

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from sinew.hardware.bus import Clock
     from sinew.hardware.rig import Rig as HardwareRig
-    from sinew.hardware.transport import Clock
     from sinew.plan.plan import Held, Plan, Track
     from sinew.plan.rig import RigSpec
     from sinew.tune.track.expected import ExpectedBackbone
@@ -107,8 +107,7 @@ def _real(port: str, spec: "RigSpec", wait: float) -> "Iterator[tuple[HardwareRi
 @contextmanager
 def _emulated(spec: "RigSpec", seed: int, faults: Sequence[str]) -> "Iterator[tuple[HardwareRig, Clock]]":
     from sinew.emulator.faults import parse_fault
-    from sinew.emulator.found import drawn_start, found_bench
-    from sinew.emulator.virtual import VirtualPort
+    from sinew.emulator.found import VirtualPort, drawn_start, found_bench
 
     found = [parse_fault(text) for text in faults]
     port = VirtualPort(found_bench(spec, drawn_start(spec, seed), seed, found))
@@ -129,7 +128,7 @@ def _run(
     """Run a plan that tracks and return how it ended, as JSON holds it."""
     from sinew.bench.preflight import refuse_unready
     from sinew.bench.run import Runner
-    from sinew.bench.steering import Steering
+    from sinew.bench.stops import Steering
     from sinew.tune.track.expected import planned_tracker
 
     held = tensions(plan, spec)
@@ -153,7 +152,7 @@ def _run(
                 steering=steering,
                 law=lambda group, time: planned_tracker(group, plan, spec, expected, time),
             )
-            signals.enter_context(bench_run.on_signals(runner.request_stop, runner.request_emergency))
+            signals.enter_context(bench_run.on_signals(steering.request_stop, steering.request_emergency))
             report = runner.run()
             bench_run.close_journal(journal, report)
     recording = bench_run.convert_journal(out, report)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from sinew.identify.oscillator.record import Excitation, Record
     from sinew.identify.stepped.points import ResponsePoints
-    from sinew.measure.files.table import Table
+    from sinew.measure.files.csv import Table
     from sinew.measure.timing import Timeline
 
     Array = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -66,7 +66,7 @@ def table_record(
     import numpy as np
 
     from sinew.identify.oscillator.record import make_record
-    from sinew.measure.files.table import find_columns, numbers, read_table
+    from sinew.measure.files.csv import find_columns, numbers, read_table
     from sinew.measure.timing import straighten_times
     from sinew.measure.units import convert, unit_in_name
 
@@ -104,7 +104,7 @@ def _column(table: "Table", spec: str) -> "tuple[Array, str]":
     """Return a column, or the mean of several, in the SI unit that comes with it."""
     import numpy as np
 
-    from sinew.measure.files.table import find_columns, numbers
+    from sinew.measure.files.csv import find_columns, numbers
     from sinew.measure.units import canonical_unit, unit_in_name
 
     names, stated = find_columns(table, spec)
@@ -117,7 +117,7 @@ def table_points(
 ) -> tuple[tuple["ResponsePoints", ...], tuple[str, ...]]:
     """Return the points in a table of steady states, and remarks on them. Columns "COL[:unit]"."""
     from sinew.identify.stepped.points import points_of_table
-    from sinew.measure.files.table import find_columns, numbers, read_table
+    from sinew.measure.files.csv import find_columns, numbers, read_table
 
     if given is None or output is None:
         missing = "--output COL" if output is None else "--input COL"

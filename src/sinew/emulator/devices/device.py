@@ -33,24 +33,24 @@ class Device(ABC):
         """How fast it listens and speaks [1/s]."""
 
     @property
-    @abstractmethod
     def return_delay(self) -> float:
         """How long it waits before it speaks [s]."""
+        return 0.0
 
     @property
-    @abstractmethod
     def status_return_level(self) -> int:
         """0: answers to pings; 1: and to reads; 2: to everything."""
+        return 2
 
     @property
-    @abstractmethod
     def alert(self) -> bool:
         """Whether it reports a hardware error in every status."""
+        return False
 
     @property
-    @abstractmethod
     def knows_fast_reads(self) -> bool:
         """Whether it takes part in fast sync and bulk reads."""
+        return False
 
     @abstractmethod
     def hears(self, now: float) -> bool:
@@ -126,22 +126,6 @@ class Board(Device):
     @property
     def baud(self) -> int:
         return self._baud
-
-    @property
-    def return_delay(self) -> float:
-        return 0.0
-
-    @property
-    def status_return_level(self) -> int:
-        return 2
-
-    @property
-    def alert(self) -> bool:
-        return False
-
-    @property
-    def knows_fast_reads(self) -> bool:
-        return False
 
     def hears(self, now: float) -> bool:
         return self.is_powered and now >= self._deaf_until

@@ -18,7 +18,7 @@ import numpy as np
 from sinew.emulator.devices.control_table import ControlTable
 from sinew.emulator.devices.device import Board
 from sinew.emulator.plant import Mechanics
-from sinew.hardware.register_tables import EMULATED_FIRMWARE, OPENCR_NODE, sensor_table
+from sinew.hardware.registers import EMULATED_FIRMWARE, OPENCR_NODE, sensor_table
 from sinew.plan.rig import BusSensor, Imu
 
 SAMPLE_PERIOD = 5e-3
@@ -151,7 +151,7 @@ class ImuNode(Board):
         return values
 
 
-class SensorNode(Board):
+class SensorBoard(Board):
     """A sensor with a node of its own, which takes its value as it is asked for it."""
 
     def __init__(self, spec: BusSensor, mechanics: Mechanics, rng: np.random.Generator, baud: int) -> None:

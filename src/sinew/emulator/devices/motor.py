@@ -16,7 +16,7 @@ from sinew.emulator.devices.servo import MODES, Servo, goal_of, reset_for_mode
 from sinew.emulator.plant import Horn
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import BROADCAST, Instruction
-from sinew.hardware.register_tables import (
+from sinew.hardware.registers import (
     BAUD_RATES,
     ELECTRICAL_SHOCK,
     OVERHEATING,
@@ -24,8 +24,8 @@ from sinew.hardware.register_tables import (
     POSITION_MODE,
     VOLTAGE,
     WATCHDOG_TRIPPED,
+    RegisterTable,
 )
-from sinew.hardware.registers import RegisterTable
 from sinew.plan.servo import COUNTS_PER_VOLT, RETURN_DELAY_LSB, SERVOS, WATCHDOG_LSB
 from sinew.plan.servo import Servo as DataSheet
 

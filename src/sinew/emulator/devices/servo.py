@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from sinew.emulator.devices.control_table import ControlTable
 from sinew.emulator.plant import Horn, Law
-from sinew.hardware.register_tables import (
+from sinew.hardware.registers import (
     CURRENT_MODE,
     CURRENT_POSITION_MODE,
     EXTENDED_POSITION_MODE,

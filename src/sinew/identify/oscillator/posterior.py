@@ -29,9 +29,8 @@ from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
 from sinew.identify.oscillator.layout import Layout, Part
 from sinew.identify.oscillator.track import LOCAL, Grid, traced_slopes, traced_track
 from sinew.measure.arrays import Array
-from sinew.measure.errors import SpecError
+from sinew.measure.errors import SpecError, how_to_install
 from sinew.measure.estimate import Estimate
-from sinew.measure.extras import how_to_install
 from sinew.mechanics.laws import Law
 from sinew.twin.cache import configure
 

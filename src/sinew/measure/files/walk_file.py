@@ -19,8 +19,8 @@ import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, TimeError
-from sinew.measure.files.table import Table, find_columns, read_table
-from sinew.measure.timing import straighten_times
+from sinew.measure.files.csv import Table, find_columns, read_table
+from sinew.measure.timing import choose_stretch, straighten_times
 from sinew.measure.units import convert, unit_in_name
 
 _KINDS = {"gyr": "gyr|gyro|gyroscope|omega|angular_?velocity", "acc": "acc|accel|acceleration|accelerometer"}
@@ -267,14 +267,7 @@ def _numbers(table: Table, name: str) -> Array:
 
 def _stretch(stamps: Array, values: Array, start_s: float | None, stop_s: float | None, notes: list[str]) -> slice:
     """Return the rows of the longest stretch whose holes are all short enough to be bridged."""
-    low, high = -np.inf if start_s is None else start_s, np.inf if stop_s is None else stop_s
-    if not low < high:
-        raise TimeError(f"found start {low:g} s and stop {high:g} s, expected start before stop")
-    inside = (stamps >= low) & (stamps <= high)
-    if not inside.any():
-        raise TimeError(
-            f"no samples from {low:g} s to {high:g} s; the file runs from {stamps[0]:g} s to {stamps[-1]:g} s"
-        )
+    inside = choose_stretch(stamps, start_s, stop_s)
     whole = np.flatnonzero(inside & np.isfinite(values).all(axis=1))
     if whole.size < 2:
         raise RecordingError("no two samples where all columns hold numbers; choose other columns or another stretch")

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SpecError, UnitError
 from sinew.measure.estimate import Estimate
-from sinew.measure.files.table import find_columns, numbers, read_table
+from sinew.measure.files.csv import find_columns, numbers, read_table
 from sinew.measure.units import convert, unit_in_name
 
 

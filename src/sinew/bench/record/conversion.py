@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.bench.journal_reader import JournalReader, Stretch
-from sinew.bench.sample import Sample
+from sinew.bench.record.journal_reader import JournalReader, Stretch
+from sinew.bench.record.sample import Sample
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import provenance, save_recording
@@ -168,10 +168,10 @@ def group_is_whole(samples: Sequence[Sample], sample_hz: float) -> bool:
 
 
 def _sum(s: Sample) -> float:
-    """Return a number that is NaN if any reading is."""
+    """Return a number that is NaN if any reading is that a row cannot do without."""
     return (
         s.time_s + s.imu_time_s + s.drive_rad + s.drive_current_a + s.drive_pwm + sum(s.tendon_rad)
-        + sum(s.tendon_current_a) + sum(s.gyro_rad_s) + sum(s.acceleration_m_s2) + sum(s.sensors)
+        + sum(s.tendon_current_a) + sum(s.gyro_rad_s) + sum(s.acceleration_m_s2)
     )  # fmt: skip
 
 
@@ -205,9 +205,9 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
 
     groups: their indices in the plan; None for all that are finished.
     Rows have the time of the drive's reading plus the rig's drive_delay, so that the rig's delay budget holds; the
-    IMU's readings are brought from its own times to those. Rows without a reading of
-    drive, tendons, IMU or another sensor are left out. Time counts from the first run; those that resumed it follow
-    after as long as the computer's calendar says.
+    IMU's readings are brought from its own times to those. Rows without a reading of drive, tendons or IMU are left
+    out; a sensor with a node of its own that gave no answer leaves only its own value unknown, NaN. Time counts from
+    the first run; those that resumed it follow after as long as the computer's calendar says.
     Attributes beside those of `provenance`, and those given to the journal: `started` (date), `runs`, `left_out_rows`,
     `left_out_groups` (found to have too many holes), `registers` (see `sinew.measure.recording.read_registers`), and
     the journal's statistics.
@@ -277,13 +277,13 @@ def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSp
         "tendon_current_a": np.stack([rows[f"tendon_{i}_current_a"] for i in tendons], axis=1),
         "gyro_rad_s": readings[:, :3],
         "acceleration_m_s2": readings[:, 3:6],
-        **{sensor.channel: rows[sensor.channel] for sensor in rig.sensors},
     }
     came = np.all([np.isfinite(rows[name]) for name in ("imu_time_s", *_IMU_COLUMNS[:6])], axis=0)
     kept = came & np.all([np.isfinite(v.reshape(time.size, -1)).all(axis=1) for v in values.values()], axis=0)
     if np.isfinite(readings[kept, 6]).all():
         values["tilt_rad"] = readings[:, 6]
     values |= {name: v for name, v in _power_columns(rows, tendons).items() if np.isfinite(v[kept]).all()}
+    values |= {sensor.channel: rows[sensor.channel] for sensor in rig.sensors}
     sizes = [int((kept & (rows["id"] >= s.first) & (rows["id"] < (s.end or 0))).sum()) for s in stretches]
     tracked = stretches[-1].kind == "tracking"  # a law goes on through holes; they are left out all the same
     whole = min(sizes) > 0 and (tracked or _has_few_holes(time[kept], time, sample_hz, _GRACE))

@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Protocol
 
-from sinew.bench.sample import Sample
+from sinew.bench.record.sample import Sample
 from sinew.measure.events import Event
 
 _CLOSE_S = 2.0
@@ -26,7 +26,7 @@ class Listener(Protocol):
 
 
 class Stream:
-    """Passes samples and events on to listeners, each in a thread of its own; itself a listener.
+    """Passes samples and events on to listeners, each in a thread of its own, and returns at once; itself a listener.
 
     listeners: who gets them. capacity: how many items may wait for a slow one; then the oldest is dropped.
     takes_samples: whether samples are passed on, too.
@@ -51,12 +51,10 @@ class Stream:
         return tuple(channel.failure for channel in self._channels)
 
     def on_sample(self, sample: Sample) -> None:
-        """Pass a sample on; returns at once."""
         for channel in self._sampled:
             channel.put(sample)
 
     def on_event(self, event: Event) -> None:
-        """Pass an event on; returns at once."""
         for channel in self._channels:
             channel.put(event)
 

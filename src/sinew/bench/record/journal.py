@@ -1,7 +1,7 @@
 """The journal of a run, written while it happens, so that whatever ends it, no sample is lost.
 
-The journal is the record; recordings are made from it (`sinew.bench.conversion`). It is an SQLite file in WAL mode: of
-the formats that were killed with SIGKILL only it and flushed text lost nothing committed.
+The journal is the record; recordings are made from it (`sinew.bench.record.conversion`). It is an SQLite file in WAL
+mode: of the formats that were killed with SIGKILL only it and flushed text lost nothing committed.
 """
 
 import fcntl
@@ -18,7 +18,7 @@ from time import monotonic
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from sinew.bench.sample import (
+from sinew.bench.record.sample import (
     APPLICATION_ID,
     JOURNAL_VERSION,
     MISSING,

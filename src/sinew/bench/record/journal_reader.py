@@ -11,7 +11,7 @@ from typing import Any, Self, cast
 
 import numpy as np
 
-from sinew.bench.sample import APPLICATION_ID, JOURNAL_VERSION, READABLE_VERSIONS, REGISTERS, sample_columns
+from sinew.bench.record.sample import APPLICATION_ID, JOURNAL_VERSION, READABLE_VERSIONS, REGISTERS, sample_columns
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError
 from sinew.measure.events import STATES, Event, read_event
