@@ -31,7 +31,6 @@ from sinew.bench.guard import Guard, Watch
 from sinew.bench.journal import Journal
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.pretension import MotorMap, pull_to_contact, set_pretension
-from sinew.bench.run import LIMIT_RESERVE_N
 from sinew.bench.sample import Sample
 from sinew.bench.stops import release
 from sinew.bench.tilt import TiltEstimator
@@ -40,7 +39,7 @@ from sinew.hardware.rig import Rig
 from sinew.hardware.transport import MonotonicClock
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
-from sinew.plan.rig import RigSpec
+from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
 from sinew.twin.simulate import rest_tension
 

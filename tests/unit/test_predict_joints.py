@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from tools.write_materials import materials_text
 
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.mechanics.silicone import silicone_energy, twist_rigidity
+from sinew.mechanics.silicone import compressive_load, silicone_energy, twist_rigidity
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
@@ -23,7 +23,6 @@ from sinew.predict.joints.validity import (
     bonded_axial_factor,
     bonded_torsion_factor,
     check_joint,
-    compressive_load,
     euler_load,
     haringx_load,
     largest_strain,
@@ -288,6 +287,13 @@ def test_a_squat_block_between_plates_follows_the_shape_factor_of_gent_and_lindl
 def test_the_largest_strain_is_that_of_simple_shear_or_of_plain_compression() -> None:
     assert largest_strain(0.6, 1.0) == pytest.approx(0.3 + np.sqrt(1 + 0.09) - 1)
     assert largest_strain(0.0, 0.81) == pytest.approx(1 / 0.9 - 1)
+
+
+def test_the_largest_strain_is_the_largest_singular_value_of_the_deformation() -> None:
+    shear, stretch = 0.5, 0.75
+    across = stretch**-0.5
+    gradient = np.array([[across, 0.0, 0.0], [0.0, across, shear * across], [0.0, 0.0, stretch]])
+    assert largest_strain(shear, stretch) == pytest.approx(np.linalg.svd(gradient, compute_uv=False)[0] - 1)
 
 
 def test_loads_at_rest_are_those_of_the_twin_and_grow_with_torsion() -> None:

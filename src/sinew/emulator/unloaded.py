@@ -5,13 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from sinew.emulator.plant import HornMotion, Law, Motion
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import servo_of
 
 RESPONSE_S = 0.02
 """Time constant with which the speed of an unloaded motor follows what its law asks for [s]; assumed."""
-
-_GRAVITY = 9.80665  # standard gravity [m/s²], as in the twin, whose module would load scipy
 
 
 @dataclass(slots=True)
@@ -129,7 +128,7 @@ class Unloaded:
             torsion_rate=0.0,
             tilt=(0.0, 0.0),
             gyro=(0.0, 0.0, 0.0),
-            acceleration=(_GRAVITY, 0.0, 0.0),
+            acceleration=(STANDARD_GRAVITY, 0.0, 0.0),
         )
 
     def _motion(self, horn: _Horn) -> HornMotion:

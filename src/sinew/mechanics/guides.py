@@ -21,12 +21,10 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
+from sinew.measure.arrays import namespace_of
+
 LOOP_POINTS = 24
 """Nodes of Chebyshev and Gauss over a half cycle at which a loop's fundamental is taken."""
-
-
-def _namespace(value: Any) -> Any:
-    return value.__array_namespace__() if hasattr(value, "__array_namespace__") else np
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,7 @@ class GuideFriction(ABC):
     def fundamental(self, tension: Any, amplitude: Any) -> tuple[Any, Any]:
         """Return (spring, loss): real and imaginary part of the fundamental's stiffness [N m/rad] in a steady swing."""
         way = -np.cos((2 * np.arange(LOOP_POINTS) + 1) * np.pi / (2 * LOOP_POINTS))
-        held = _namespace(amplitude).mean(self.loop(way * amplitude, amplitude) * way)
+        held = namespace_of(amplitude).mean(self.loop(way * amplitude, amplitude) * way)
         return self.level * tension * 2 * held / amplitude, self.loss(tension, amplitude) / (np.pi * amplitude**2)
 
     def first_guess(self, swing: Any) -> list[Any]:
@@ -136,12 +134,12 @@ class Dahl(GuideFriction):
 
     @staticmethod
     def rising(way: Any, amplitude: Any) -> Any:
-        xp = _namespace(amplitude)
+        xp = namespace_of(amplitude)
         return 1 - (1 + xp.tanh(amplitude)) * xp.exp(-way)
 
     @staticmethod
     def swept(amplitude: Any) -> Any:
-        return amplitude - _namespace(amplitude).tanh(amplitude)
+        return amplitude - namespace_of(amplitude).tanh(amplitude)
 
 
 class MaxwellSlip(GuideFriction):
@@ -160,13 +158,13 @@ class MaxwellSlip(GuideFriction):
 
     @staticmethod
     def rising(way: Any, amplitude: Any) -> Any:
-        xp, (z, path, half, _) = _namespace(amplitude), _sliding()
+        xp, (z, path, half, _) = namespace_of(amplitude), _sliding()
         turning = xp.interp(amplitude, half, z[-half.size :])
         return xp.interp(xp.interp(-turning, z, path) + way, path, z)
 
     @staticmethod
     def swept(amplitude: Any) -> Any:
-        xp, (_, _, half, energy) = _namespace(amplitude), _sliding()
+        xp, (_, _, half, energy) = namespace_of(amplitude), _sliding()
         return xp.interp(amplitude, half, energy) + xp.maximum(amplitude - half[-1], 0.0)
 
 

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from sinew.mechanics.guides import GUIDE_LAWS, GuideFriction, GuideLaw
 from sinew.plan.parameter import Parameter, not_negative, positive, signed
-from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON
+from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON, winding_resistance
 
 # It is written which device of the bus is which part of the rig, and which way round it is mounted.
 
@@ -185,6 +185,10 @@ class Silicone(BaseModel):
     loss_factor: Annotated[Parameter, not_negative("1")]
     viscous: Annotated[Parameter, not_negative("N*m*s/rad")]
 
+    def stiffness(self, shortening: Any = 0.0) -> Any:
+        """Return the torsional stiffness at small angles [N m/rad] where it is shortened [m]: G J/(L - x)."""
+        return self.torsional_rigidity.value / (self.length.value - shortening)
+
 
 class Inertia(BaseModel):
     """What moves. head: I_h without the lever, about the joint's axis; lever: I_l with its weights."""
@@ -230,6 +234,25 @@ class Tendons(BaseModel):
         """Return the friction of the guides."""
         return GUIDE_LAWS[self.guide_law](self.guide_friction.value, self.presliding_angle.value)
 
+    def stiffness(self, tension: Any, shortening: Any = 0.0) -> Any:
+        """Return the torsional stiffness at small angles [N m/rad]: ΣT r_b r_h/(ℓ - x).
+
+        tension: of all tendons together, which stays [N]. shortening: of the joint [m].
+        """
+        return tension * (self.base_radius.value * self.head_radius.value) / (self.free_span.value - shortening)
+
+    def current(self, tension: Any) -> Any:
+        """Return the current [A] with which a tendon's motor holds a tension [N]."""
+        return tension * self.pulley_radius.value / self.torque_constant.value
+
+    def tension(self, current: Any) -> Any:
+        """Return the tension [N] that a tendon's motor holds with a current [A]."""
+        return current * self.torque_constant.value / self.pulley_radius.value
+
+
+LIMIT_RESERVE_N = 5.0
+"""Tension above that at rest at which a current-limited position loop yields [N]; the paper does not give it."""
+
 
 class Drive(BaseModel):
     """The motor that swings the lever: geared DC motor with a proportional position loop on its duty.
@@ -254,6 +277,29 @@ class Drive(BaseModel):
     current_lsb: Annotated[Parameter, positive("A")]
     duty_lsb: Annotated[Parameter, positive("1")]
     counts_per_turn: Annotated[Parameter, positive("1")]
+
+    # The torque line goes through stall torque and no-load speed at nominal voltage, its friction taken out already.
+
+    @property
+    def duty_torque(self) -> float:
+        """Return the torque of the whole supply's current at standstill [N m], friction not taken out."""
+        supply = self.supply_voltage.value / self.nominal_voltage.value
+        return (self.stall_torque.value + self.friction.value) * supply
+
+    @property
+    def speed_slope(self) -> float:
+        """Return what the torque line falls by with the speed [N m s/rad]."""
+        return self.stall_torque.value / self.no_load_speed.value
+
+    @property
+    def torque_constant(self) -> float:
+        """Return the torque of the current, friction not taken out [N m/A]."""
+        return (self.stall_torque.value + self.friction.value) / self.stall_current.value
+
+    @property
+    def resistance(self) -> float:
+        """Return that of winding, brushes and bridge [Ω]."""
+        return winding_resistance(self.nominal_voltage.value, self.stall_current.value)
 
 
 class Imu(BaseModel):

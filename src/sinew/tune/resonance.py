@@ -18,6 +18,7 @@ import numpy as np
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
+from sinew.mechanics.silicone import glassy_factor
 from sinew.mechanics.tendons import total_tension
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
@@ -73,10 +74,9 @@ class Resonance:
 @cache
 def _stiffness() -> Any:
     def of(shortening: jax.Array, p: Any) -> tuple[jax.Array, jax.Array]:
-        glassy = 1 + sum(p.prony_shares, start=jnp.zeros(()))
         guides = p.guides.stiffness(total_tension(jnp.zeros(()), shortening, p))
         relaxed = torsional_stiffness(shortening, p)
-        return relaxed, relaxed * glassy + guides
+        return relaxed, relaxed * glassy_factor(p) + guides
 
     return jax.jit(jax.vmap(of))
 

@@ -22,8 +22,8 @@ from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 from sinew.measure.files.walk_file import Imu, MarkerPair, WalkRecord
+from sinew.measure.units import STANDARD_GRAVITY
 
-_GRAVITY = 9.80665
 _SLOWEST_STEP_HZ = 0.4
 _TALLEST_BOUNCE_M = 0.3
 _LEAST_SPEED_M_S = 0.2
@@ -98,7 +98,7 @@ def _of_imu(time: Array, imu: Imu) -> tuple[Array, Array]:
     w, x, y, z = np.asarray(found["quat6D"]).T
     up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z])
     rate = np.sum(up * (imu.gyro - np.asarray(found["bias"])), axis=1)
-    rise = np.sum(up * imu.acceleration, axis=1) - _GRAVITY
+    rise = np.sum(up * imu.acceleration, axis=1) - STANDARD_GRAVITY
     yaw = cumulative_simpson(rate, x=time, initial=0.0)
     velocity = cumulative_simpson(rise - rise.mean(), x=time, initial=0.0)
     sections = butter(2, _SLOWEST_STEP_HZ, "highpass", fs=1.0 / step, output="sos")
