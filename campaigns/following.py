@@ -27,7 +27,7 @@ from sinew.analysis.tracked import tracked_turns
 from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.tune.track.expected import ExpectedBackbone
+from sinew.tune.track import ExpectedBackbone
 from sinew.twin.simulate import simulate
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from sinew.measure.units import STANDARD_GRAVITY
-from sinew.tune.gait.bout import BodyMotion
+from sinew.tune.gait import BodyMotion
 
 Floats = NDArray[np.float64]
 

@@ -5,8 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sinew.figures.style import GREY, INK, MARKERS, frequency_colours, in_style, new_figure, note_panel
-from sinew.tune.gait.bout import BoutGait
-from sinew.tune.gait.target import GaitTarget
+from sinew.tune.gait import BoutGait, GaitTarget
 
 _NAMED = 6
 

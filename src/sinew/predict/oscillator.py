@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
 from sinew.mechanics.laws import Cubic, DryFriction, Linear, Quadratic, Viscous
-from sinew.solve.balance import Lane
+from sinew.solve.balance import Coordinate, Equations, Lane, Size
 from sinew.solve.curves import Problem, Resolution
-from sinew.solve.waves import Coordinate, Equations, Size
 
 LAW = Linear() + Viscous() + DryFriction() + Quadratic() + Cubic()
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.solve.balance import Lane, balance
+from sinew.solve.balance import Equations, Lane, Size, balance, embedded, orders, size_of, slices, unknowns
 from sinew.solve.branch import Branch
 from sinew.solve.curves import Problem, Resolution
 from sinew.solve.examination import (
@@ -28,7 +28,6 @@ from sinew.solve.examination import (
     pool,
     rows_of,
 )
-from sinew.solve.waves import Equations, Size, embedded, orders, size_of, slices, unknowns
 
 # The balance is extended by two unknowns' worth of conditions: phase resonance, followed over the drive.
 #

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.solve.balance import Lane
+from sinew.solve.balance import Equations, Lane, Size, embedded, orders, slices, unknowns
 from sinew.solve.branch import Branch, Mark, Prediction
 from sinew.solve.continuation import LIMIT, LOST, OUTSIDE, POINTS, STUCK, Curve, Stride, follow
 from sinew.solve.examination import Examination, examine, largest_multiplier, pool, rows_of
@@ -24,7 +24,6 @@ from sinew.solve.landmark import (
     interpolated_peak,
     locate,
 )
-from sinew.solve.waves import Equations, Size, embedded, orders, slices, unknowns
 
 LANES = 4
 """Lanes that are followed together."""

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array, Complexes
-from sinew.solve.balance import Lane, balance, solve
-from sinew.solve.waves import Equations, Size, embedded, is_symmetric, orders, size_of, slices
+from sinew.solve.balance import Equations, Lane, Size, balance, embedded, is_symmetric, orders, size_of, slices, solve
 
 # The size of steady motions is measured: half of peak to peak, fundamental, phase behind the drive.
 #

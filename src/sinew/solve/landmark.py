@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.solve.balance import Lane
+from sinew.solve.balance import Equations, Lane, Size
 from sinew.solve.examination import evaluate, half_range, lag_product, rows_of
-from sinew.solve.waves import Equations, Size
 
 FOLD, PEAK, QUARTER = range(3)
 """Kinds: extremum of the frequency, extremum of the amplitude, response 90° behind the drive."""

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from sinew.hardware.transport import Clock
     from sinew.plan.plan import Held, Plan, Track
     from sinew.plan.rig import RigSpec
-    from sinew.tune.track.expected import ExpectedBackbone
+    from sinew.tune.track import ExpectedBackbone
 
 
 Bench = AbstractContextManager["tuple[HardwareRig, Clock]"]
@@ -158,7 +158,7 @@ def _run(
     from sinew.bench.preflight import refuse_unready
     from sinew.bench.run import Runner
     from sinew.bench.steering import Steering
-    from sinew.tune.track.expected import planned_tracker
+    from sinew.tune.track import planned_tracker
 
     held = tensions(plan, spec)
     refuse_full_disk(out, plan, sum(group.duration_s for group in plan.groups()))
@@ -209,7 +209,7 @@ def track_plan(
 
     Raises SpecError where an option cannot be meant, or a limit of the rig would be broken.
     """
-    from sinew.tune.track.expected import expect_backbones, planned_tracker
+    from sinew.tune.track import expect_backbones, planned_tracker
 
     if hold not in _HELD:
         raise SpecError(f"--hold is {hold!r}, expected one of {', '.join(_HELD)}")

@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from sinew.measure.arrays import Array, Complexes
 from sinew.mechanics.laws import DryFriction, Law, LossFactor, Pendulum, Quadratic
 from sinew.mechanics.silicone import relaxation_times
-from sinew.solve.balance import Lane
+from sinew.solve.balance import Coordinate, Equations, Lane, Size, orders
 from sinew.solve.curves import Problem, Resolution, first_curves
 from sinew.solve.examination import evaluate, phasors
 from sinew.solve.steady import at_frequency, steady
-from sinew.solve.waves import Coordinate, Equations, Size, orders
 from sinew.twin.cache import configure
 
 NUMBERS = ("stiffness", "damping", "loss_factor", "coulomb", "quadratic", "cubic", "gain")
