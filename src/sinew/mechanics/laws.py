@@ -331,30 +331,31 @@ class BoucWen(Term):
         return np.asarray(w)
 
 
-class Quadratic(Term):
+class _Bend(Term):
+    """A spring's k_n rⁿ."""
+
+    power: ClassVar[int]
+    plain = True
+
+    def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
+        return p[self.numbers[0].name] * r**self.power
+
+    def stored(self, p: Values, r: Any) -> Any:
+        return p[self.numbers[0].name] * r ** (self.power + 1) / (self.power + 1.0)
+
+
+class Quadratic(_Bend):
     """A spring's k₂ r²."""
 
     numbers = (Number("quadratic", "quadratic term", 0.5, (2, -1), force=True, absent=True),)
-    plain = True
-
-    def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
-        return p["quadratic"] * r**2
-
-    def stored(self, p: Values, r: Any) -> Any:
-        return p["quadratic"] * r**3 / 3.0
+    power = 2
 
 
-class Cubic(Term):
+class Cubic(_Bend):
     """A spring's k₃ r³."""
 
     numbers = (Number("cubic", "cubic term", 0.5, (2, -2), force=True, absent=True),)
-    plain = True
-
-    def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
-        return p["cubic"] * r**3
-
-    def stored(self, p: Values, r: Any) -> Any:
-        return p["cubic"] * r**4 / 4.0
+    power = 3
 
 
 TERMS: tuple[Term, ...] = (

@@ -145,9 +145,9 @@ class Preview:
     bench_s: what a bench takes for all of it, within 15 %: with power-up and pull to first contact, the changes of
     pretension and their levelling, the rests before ring-downs, and the stop.
     groups, samples: numbers of motions (idle records included) and of recorded samples.
+    full_amplitude_hz: up to where the nominal amplitude is reached (from the lowest frequency on); None if nowhere.
     frequency_hz: of the sweep. drive_amplitude_deg, drive_current_a: what the drive reaches there against a held
     head, and the amplitude of its current's fundamental; see `drive_reach`.
-    full_amplitude_hz: up to where the nominal amplitude is reached (from the lowest frequency on); None if nowhere.
     tension_n, torsion_deg: of one tendon at rest, and the largest torsion, at each pretension, as the caller gave them;
     empty if it did not.
     findings: refusals first.
@@ -158,10 +158,10 @@ class Preview:
     bench_s: float
     groups: int
     samples: int
+    full_amplitude_hz: float | None
     frequency_hz: tuple[float, ...]
     drive_amplitude_deg: tuple[float, ...]
     drive_current_a: tuple[float, ...]
-    full_amplitude_hz: float | None
     tension_n: tuple[float, ...]
     torsion_deg: tuple[float, ...]
     findings: tuple[Finding, ...]

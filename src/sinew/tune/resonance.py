@@ -23,7 +23,6 @@ from sinew.mechanics.tendons import total_tension
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.predict.band import COARSE
-from sinew.predict.describing import fundamental_phasor
 from sinew.predict.joint import joint_problem
 from sinew.predict.joints.validity import loads_of
 from sinew.solve.branch import Branch
@@ -130,7 +129,7 @@ def resonances_at(
 
 def _lever_at(branch: Branch, frequency_hz: float) -> complex:
     """Return the lever's phasor where the lag is 90°, turned so that the torsion's is real."""
-    gain = branch.drive / fundamental_phasor(branch) * branch.fundamental
+    gain = branch.drive / branch.phasor * branch.fundamental
     i = int(np.argmin(np.abs(branch.frequency_hz - frequency_hz) + np.abs(branch.phase - np.pi / 2)))
     near = slice(max(0, i - 1), i + 2)
     size = np.interp(np.pi / 2, branch.phase[near], np.abs(gain[near]))

@@ -23,7 +23,7 @@ from sinew.plan.plan import Group, Plan, TendonMode
 from sinew.plan.rig import LIMIT_RESERVE_N, Bus, Imu, RigSpec
 from sinew.plan.servo import VOLTAGE_LSB, servo_of
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
-from sinew.solve.march import LANES, Track, integrate
+from sinew.solve.march import LANES, Progress, Track, integrate
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
 from sinew.twin.parameters import Effects, from_rig
@@ -228,12 +228,7 @@ _REPEATED = ("sweep", "ring_down")
 
 
 def simulate_tracks(
-    lanes: Lanes,
-    groups: Sequence[Group],
-    sample_hz: float,
-    *,
-    steps: int | None = None,
-    progress: Callable[[float, float], None] | None = None,
+    lanes: Lanes, groups: Sequence[Group], sample_hz: float, steps: int | None = None, progress: Progress | None = None
 ) -> list[Track]:
     """Return the true motion of every group, sampled at `sample_hz`; see `sinew.solve.march`."""
     samples = [sum(g.sample_counts(sample_hz)) for g in groups]
@@ -246,7 +241,7 @@ def simulate(
     *,
     seed: int = 0,
     effects: Effects | None = None,
-    progress: Callable[[float, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Return the recording that the plan gives on the rig's physics twin.
 
