@@ -19,6 +19,7 @@ from sinew.predict.band import spread_of
 from sinew.predict.joint import joint_problem
 from sinew.predict.joints.design import Design, design_rig, section_of, shear_modulus_of
 from sinew.predict.joints.material import fit_tensile, list_materials, load_material
+from sinew.predict.joints.section import annulus_section, circle_section, ellipse_section, rectangle_section
 from sinew.predict.joints.validity import (
     bonded_axial_factor,
     bonded_torsion_factor,
@@ -29,7 +30,6 @@ from sinew.predict.joints.validity import (
     loads_of,
     twisting_stretch,
 )
-from sinew.predict.sections.section import annulus_section, circle_section, ellipse_section, rectangle_section
 from sinew.twin.parameters import from_rig
 from sinew.twin.simulate import rest_tension
 

@@ -6,23 +6,21 @@ import numpy as np
 import pytest
 
 from sinew.measure.errors import FileError, SpecError
-from sinew.predict.sections.outline import (
+from sinew.predict.joints.section import (
     Outline,
+    annulus_section,
+    circle_section,
+    ellipse_section,
     moments,
     outline,
     read_polygon,
     rectangle,
-    star,
-)
-from sinew.predict.sections.section import (
-    annulus_section,
-    circle_section,
-    ellipse_section,
     rectangle_section,
     section_of_outline,
+    star,
     star_section,
 )
-from sinew.predict.sections.torsion import solve_torsion
+from sinew.predict.joints.torsion import solve_torsion
 
 
 def ellipse(width: float, height: float, corners: int = 360) -> Outline:

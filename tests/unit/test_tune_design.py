@@ -12,7 +12,7 @@ from sinew.apps.joints.design import read_gait
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
-from sinew.predict.sections.section import annulus_section
+from sinew.predict.joints.section import annulus_section
 from sinew.tune.candidate import SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
 from sinew.tune.design import blocks_of, nondominated, run_tasks, search_block, spread_out
 from sinew.tune.resonance import Swing, find_resonances

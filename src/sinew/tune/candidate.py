@@ -18,6 +18,14 @@ from sinew.mechanics.drive import duty_for, gear_friction
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import compressive_load
 from sinew.plan.rig import RigSpec
+from sinew.predict.joints.section import (
+    Section,
+    annulus_section,
+    circle_section,
+    ellipse_section,
+    ellipse_torsion,
+    rectangle_section,
+)
 from sinew.predict.joints.validity import (
     CLOSE,
     LOST,
@@ -30,7 +38,6 @@ from sinew.predict.joints.validity import (
     largest_strain,
     twisting_stretch,
 )
-from sinew.predict.sections.section import Section, annulus_section, circle_section, ellipse_section, rectangle_section
 from sinew.solve.first import as_one_tendon, held_at, peak_tension, swing_loss, swing_stiffness
 from sinew.twin.parameters import from_rig
 
@@ -101,7 +108,7 @@ def drive_load(rig: RigSpec, frequency_hz: float, lever: complex, torsion: float
 
 # Cross-sections are closed formulas of two sizes, so that a search can follow their slopes.
 #
-# The same formulas as in `sinew.predict.sections`, which a proposal is computed with in the end; the rectangle's
+# The same formulas as in `sinew.predict.joints.section`, which a proposal is computed with in the end; the rectangle's
 # torsion is Saint-Venant's series here and finite elements there (Timoshenko and Goodier, Theory of Elasticity,
 # chapter 10).
 
@@ -110,7 +117,7 @@ _ODD = (1.0, 3.0, 5.0, 7.0, 9.0)
 
 class Form(NamedTuple):
     """diameter of the circle around it [m], area [m²], perimeter [m], torsion_constant, polar and least moment [m⁴],
-    warping_constant [m⁶], shear_arm [m]: as in `sinew.predict.sections.section.Section`."""
+    warping_constant [m⁶], shear_arm [m]: as in `sinew.predict.joints.section.Section`."""
 
     diameter: jax.Array
     area: jax.Array
@@ -145,18 +152,18 @@ def _annulus(size: jax.Array, ratio: jax.Array) -> Form:
 
 def _ellipse(size: jax.Array, ratio: jax.Array) -> Form:
     a, b = size / 2, ratio * size / 2
-    squares = a**2 + b**2
+    torsion_constant, warping_constant, shear_arm = ellipse_torsion(a, b)
     h = ((a - b) / (a + b)) ** 2
     perimeter = jnp.pi * (a + b) * (1 + 3 * h / (10 + jnp.sqrt(4 - 3 * h)))  # Ramanujan, within 5e-5 here
     return Form(
         size,
         jnp.pi * a * b,
         perimeter,
-        jnp.pi * (a * b) ** 3 / squares,
-        jnp.pi * a * b * squares / 4,
+        torsion_constant,
+        jnp.pi * a * b * (a**2 + b**2) / 4,
         jnp.pi * a * b**3 / 4,
-        ((a**2 - b**2) / squares) ** 2 * jnp.pi * (a * b) ** 3 / 24,
-        2 * a**2 * b / squares,
+        warping_constant,
+        shear_arm,
     )
 
 

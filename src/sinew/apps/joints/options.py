@@ -12,7 +12,7 @@ from sinew.measure.errors import SpecError
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
     from sinew.predict.joints.design import Design
-    from sinew.predict.sections.section import Section
+    from sinew.predict.joints.section import Section
 
 BASE_RIG = "paper"
 """The rig that a joint is derived from where none is named."""
@@ -189,11 +189,11 @@ def _scaled(value: float | None, factor: float) -> float | None:
 
 
 def _section(joint: JointOptions) -> "Section | None":
-    from sinew.predict.sections.outline import read_polygon
-    from sinew.predict.sections.section import (
+    from sinew.predict.joints.section import (
         annulus_section,
         circle_section,
         ellipse_section,
+        read_polygon,
         rectangle_section,
         section_of_outline,
         star_section,

@@ -10,7 +10,7 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import complaint
 from sinew.predict.band import carried_over
 from sinew.predict.joints.material import Material
-from sinew.predict.sections.section import Section, circle_section
+from sinew.predict.joints.section import Section, circle_section
 
 _ROOM = 2.0
 
