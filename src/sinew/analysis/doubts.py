@@ -488,9 +488,10 @@ def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
     inertia = rig.inertia.head.value + rig.inertia.lever.value
     omega = 2.0 * math.pi * frequency_hz
     stiffness = omega**2 * inertia
-    bare = silicone.stiffness()
+    bare = silicone.stiffness(0.0)
     by_silicone = 0.5 * silicone.loss_factor.value * min(1.0, bare / stiffness)
-    total = max(0.0, stiffness - bare) / tendons.stiffness(1.0) + tendons.count * tendons.first_contact_tension.value
+    total = max(0.0, stiffness - bare) / tendons.stiffness(1.0, 0.0)
+    total += tendons.count * tendons.first_contact_tension.value
     swing = np.geomspace(0.1, 100.0, 200) * tendons.guides.reach
     loops = tendons.guides.loss(total, swing)
     by_guides = float((loops / (2.0 * math.pi * stiffness * swing**2)).max())

@@ -148,7 +148,7 @@ class MotorMap:
         # The current comes in whole counts, so the pull stopped a little beside the tension of first contact. Take-up
         # per newton in each tendon: cable and servo in series, and the silicone, axial stiffness 3 G A/L, under all.
         series = 1 / tendons.cable_stiffness.value + 1 / tendons.servo_stiffness.value
-        torsional = spec.silicone.stiffness()
+        torsional = spec.silicone.stiffness(0.0)
         axial = 3 * torsional * spec.area_over_torsion_constant
         missing = self._contact_tension - contact.current / self.newton
         self._first = missing * (series + tendons.count / axial) - missing / self._servo

@@ -411,7 +411,7 @@ def _slowest_decay(rig: RigSpec, amplitude_rad: float, tension_n: float) -> floa
     """
     silicone, tendons = rig.silicone, rig.tendons
     total = tendons.count * tension_n
-    stiffness = silicone.stiffness() + tendons.stiffness(total)
+    stiffness = silicone.stiffness(0.0) + tendons.stiffness(total, 0.0)
     inertia = rig.inertia.head.value + rig.inertia.lever.value
     loop = float(tendons.guides.loss(total, amplitude_rad))
     ratio = silicone.loss_factor.value / 2 + loop / (2 * math.pi * stiffness * amplitude_rad**2)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON, windin
 Id = Annotated[int, Field(ge=0, le=252)]
 Sign = Literal[1, -1]
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+_Amount = TypeVar("_Amount", float, NDArray[np.float64])
 
 
 class Wiring(BaseModel):
@@ -185,7 +186,7 @@ class Silicone(BaseModel):
     loss_factor: Annotated[Parameter, not_negative("1")]
     viscous: Annotated[Parameter, not_negative("N*m*s/rad")]
 
-    def stiffness(self, shortening: Any = 0.0) -> Any:
+    def stiffness(self, shortening: _Amount) -> _Amount:
         """Return the torsional stiffness at small angles [N m/rad] where it is shortened [m]: G J/(L - x)."""
         return self.torsional_rigidity.value / (self.length.value - shortening)
 
@@ -234,18 +235,18 @@ class Tendons(BaseModel):
         """Return the friction of the guides."""
         return GUIDE_LAWS[self.guide_law](self.guide_friction.value, self.presliding_angle.value)
 
-    def stiffness(self, tension: Any, shortening: Any = 0.0) -> Any:
+    def stiffness(self, tension: _Amount, shortening: _Amount) -> _Amount:
         """Return the torsional stiffness at small angles [N m/rad]: ΣT r_b r_h/(ℓ - x).
 
         tension: of all tendons together, which stays [N]. shortening: of the joint [m].
         """
         return tension * (self.base_radius.value * self.head_radius.value) / (self.free_span.value - shortening)
 
-    def current(self, tension: Any) -> Any:
+    def current(self, tension: _Amount) -> _Amount:
         """Return the current [A] with which a tendon's motor holds a tension [N]."""
         return tension * self.pulley_radius.value / self.torque_constant.value
 
-    def tension(self, current: Any) -> Any:
+    def tension(self, current: _Amount) -> _Amount:
         """Return the tension [N] that a tendon's motor holds with a current [A]."""
         return current * self.torque_constant.value / self.pulley_radius.value
 

@@ -80,7 +80,7 @@ class Proposal:
     @property
     def holding_a(self) -> float:
         """Return the current of a tendon motor at rest at the upper end of the band [A], if its gear held nothing."""
-        return float(self.rig.tendons.current(self.ends[1].rest_tension))
+        return self.rig.tendons.current(self.ends[1].rest_tension)
 
     @property
     def objectives(self) -> tuple[float, float, float]:

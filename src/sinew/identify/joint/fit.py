@@ -55,7 +55,8 @@ def derive(swings: Sequence[Swing], coordinates: Coordinates, x: Array, covarian
 
 def _of_the_joint(coordinates: Coordinates, x: Array) -> Array:
     rig = coordinates.rig_at(x)
-    return np.array([rig.silicone.stiffness(), rig.tendons.head_radius.value * rig.tendons.first_contact_tension.value])
+    moment = rig.tendons.head_radius.value * rig.tendons.first_contact_tension.value
+    return np.array([rig.silicone.stiffness(0.0), moment])
 
 
 def _at(coordinates: Coordinates, pretension_mm: float, mode: float, amplitude: float, x: Array) -> Array:

@@ -91,7 +91,7 @@ def design_document(rig: RigSpec, design: Design | None) -> dict[str, Any]:
         "shear_modulus_kpa": 1e-3 * shear_modulus_of(rig),
         "torsional_rigidity_n_m2": rigidity,
         "length_mm": 1e3 * length,
-        "stiffness_n_m_rad": rig.silicone.stiffness(),
+        "stiffness_n_m_rad": rig.silicone.stiffness(0.0),
     }
 
 
