@@ -1,7 +1,7 @@
 """Motion of the whole joint: its coordinates, its energy, and one function from state to rate."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -72,7 +72,7 @@ def _strain_energy(torsion: jax.Array, shortening: jax.Array, state: State, p: P
     return potential(torsion, shortening, p) + stored
 
 
-def head_torque(slope: jax.Array, friction: Any, state: State, p: Parameters) -> jax.Array:
+def head_torque(slope: jax.Array, friction: jax.Array, state: State, p: Parameters) -> jax.Array:
     """Return the torque on the head [N m], the lever's inertia apart.
 
     slope: of the strain energy, ∂V/∂φ [N m]. friction: torque of the guides [N m].
