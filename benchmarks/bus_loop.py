@@ -31,7 +31,6 @@ from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.pretension import MotorMap, pull_to_contact, set_pretension
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Sample
-from sinew.bench.run import LIMIT_RESERVE_N
 from sinew.bench.stops import stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.bus import MonotonicClock
@@ -40,7 +39,7 @@ from sinew.hardware.rig import Rig
 from sinew.measure.arrays import Array
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
-from sinew.plan.rig import RigSpec
+from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
 from sinew.twin.simulate import rest_tension
 

@@ -13,7 +13,7 @@ from sinew.measure.errors import SpecError
 from sinew.mechanics.drive import commanded_angle, duty, electrical_torque, gear_friction
 from sinew.mechanics.joint import State, friction_torque, mechanical_energy, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
-from sinew.mechanics.silicone import relaxation_times, twist_rigidity
+from sinew.mechanics.silicone import silicone_power
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
@@ -68,15 +68,12 @@ def electrics_of(rig: RigSpec) -> Electrics:
     """
     drive, tendons = rig.drive, rig.tendons
     servo = SERVOS[rig.wiring.tendon_model]
-    resistance = drive.nominal_voltage.value / drive.stall_current.value
-    constant = (drive.stall_torque.value + drive.friction.value) / drive.stall_current.value
-    slope = drive.stall_torque.value / drive.no_load_speed.value
     numbers = (
         drive.supply_voltage.value,
-        resistance,
-        slope * resistance / constant,
+        drive.resistance,
+        drive.speed_slope * drive.resistance / drive.torque_constant,
         servo.resistance,
-        tendons.pulley_radius.value / tendons.torque_constant.value,
+        tendons.current(1.0),
     )
     return Electrics(*(jnp.asarray(x) for x in numbers))
 
@@ -90,12 +87,6 @@ def powers(time_s: jax.Array, state: State, p: Parameters, e: Electrics) -> Powe
     electrical = share * e.supply * current
     friction = gear_friction(state.lever_rate, p)
     tension = [tendon_tension(stretch, p) for stretch in tendon_stretch(state.torsion, state.shortening, p)]
-    stretch = 1 - state.shortening / p.length
-    torsional, axial = twist_rigidity(stretch, p) / p.length, 3 * p.axial_rigidity / p.length
-    silicone = jnp.zeros(())
-    for weight, tau, q, u in zip(p.prony_shares, relaxation_times(), state.memory, state.axial_memory, strict=True):
-        branch = torsional * (state.torsion - q) ** 2 + axial * (state.shortening - u) ** 2
-        silicone = silicone + weight * branch / tau
     return Powers(
         electrical=electrical,
         drawn=jnp.maximum(electrical, 0.0),
@@ -103,7 +94,7 @@ def powers(time_s: jax.Array, state: State, p: Parameters, e: Electrics) -> Powe
         gear=(e.back_emf - p.torque_constant) * current * state.lever_rate,
         friction=friction * state.lever_rate,
         mechanical=(torque - friction) * state.lever_rate,
-        silicone=silicone,
+        silicone=silicone_power(state.torsion, state.shortening, state.memory, state.axial_memory, p),
         guides=friction_torque(state, p) * state.torsion_rate,
         viscous=p.viscous * state.torsion_rate**2,
         holding=e.tendon_resistance * e.newton**2 * jnp.asarray(sum(t**2 for t in tension)),

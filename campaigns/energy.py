@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from campaigns.balance import Balance, balance_lanes
-from sinew.analysis.signal.power import winding_resistance
 from sinew.analysis.signal.signals import read_signals
 from sinew.analysis.sweep.energy import energy_of_repeat, estimate_energy, fit_line_trend, fit_swing_trend
 from sinew.analysis.sweep.resonance import read_resonances
@@ -129,7 +128,7 @@ def exact_energy(
     out = {}
     for (pair, at), span in zip(resonance_hz.items(), spans, strict=True):
         last = {name: float(column[0]) for name, column in _columns(balance, slice(span.stop, span.stop + 1)).items()}
-        out[pair] = _quantities(balance.frequency_hz[span], _columns(balance, span), last, at, winding_resistance(rig))
+        out[pair] = _quantities(balance.frequency_hz[span], _columns(balance, span), last, at, rig.drive.resistance)
     return out
 
 

@@ -27,7 +27,7 @@ from sinew.measure.arrays import Array
 from sinew.measure.recording import segment_slices
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
-from sinew.tune.track.expected import ExpectedBackbone
+from sinew.tune.track import ExpectedBackbone
 from sinew.twin.simulate import simulate
 
 FIXED_MM = (0.0, 3.0, 6.0, 9.0, 12.0)

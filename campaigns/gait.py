@@ -12,7 +12,7 @@ import numpy as np
 
 from campaigns.walker import Walker, walk
 from sinew.measure.estimate import Estimate
-from sinew.tune.gait.target import estimate_gait
+from sinew.tune.gait import estimate_gait
 
 SETTINGS = ((14, 0.4), (24, 0.0), (24, 0.4), (24, 0.6), (45, 0.4), (100, 0.5))
 """Strides walked, and how alike neighbours are."""

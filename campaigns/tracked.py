@@ -28,8 +28,7 @@ from sinew.measure.arrays import Array
 from sinew.plan.plan import Group, Plan, Pretension, Track
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig
-from sinew.tune.track.expected import ExpectedBackbone, planned_tracker
-from sinew.tune.track.tracker import Tracker
+from sinew.tune.track import ExpectedBackbone, Tracker, planned_tracker
 from sinew.twin.simulate import rest_tension
 
 HELD_DEG = 6.0

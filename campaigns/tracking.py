@@ -19,7 +19,7 @@ from campaigns.tracked import Tracked, track_plan, tracked
 from sinew.emulator.faults import parse_fault
 from sinew.plan.plan import Sweep
 from sinew.plan.toml import load_plan, load_rig
-from sinew.tune.track.expected import ExpectedBackbone, expect_backbones
+from sinew.tune.track import ExpectedBackbone, expect_backbones
 
 COMMAND_DEG = 20.0
 PRETENSIONS_MM = (0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0)

@@ -7,10 +7,10 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from sinew.measure.arrays import Array
-from sinew.tune.gait.bout import BodyMotion
+from sinew.measure.units import STANDARD_GRAVITY
+from sinew.tune.gait import BodyMotion
 
 RATE_HZ = 100.0
-_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def sensor_columns(
     step = time[1] - time[0]
     between = (turned[:-1].inv() * turned[1:]).as_rotvec() / step
     gyro = np.vstack([between[:1], 0.5 * (between[:-1] + between[1:]), between[-1:]])
-    rise = np.gradient(np.gradient(height, step), step) + _GRAVITY
+    rise = np.gradient(np.gradient(height, step), step) + STANDARD_GRAVITY
     force = turned.inv().apply(np.column_stack([np.zeros_like(rise), np.zeros_like(rise), rise]))
     gyro = gyro + np.radians([0.4, -0.3, 0.5]) + np.radians(0.1) * generator.normal(size=gyro.shape)
     force = force + 0.05 * generator.normal(size=force.shape)

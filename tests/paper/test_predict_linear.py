@@ -24,13 +24,12 @@ from sinew.predict.joint import RESOLUTION, free_lever, joint_problem
 from sinew.predict.linear import linear_joints
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
 from sinew.solve.backbone import follow_backbones
-from sinew.solve.balance import motion
+from sinew.solve.balance import channels, embedded, grid, motion, slices, unknowns
 from sinew.solve.branch import Branch
 from sinew.solve.continuation import follow
 from sinew.solve.curves import predict
 from sinew.solve.examination import evaluate, maps_of, rows_of
 from sinew.solve.march import integrate, runge_kutta
-from sinew.solve.waves import channels, embedded, grid, slices, unknowns
 
 pytestmark = pytest.mark.slow
 BAND_HZ = (1.0, 6.0)

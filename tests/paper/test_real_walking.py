@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from sinew.measure.files.walk_file import read_walk
-from sinew.tune.gait.bout import BodyMotion, BoutGait, body_motion
-from sinew.tune.gait.target import WalkGait, estimate_gait, target_of_walks
+from sinew.tune.gait import BodyMotion, BoutGait, WalkGait, body_motion, estimate_gait, target_of_walks
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real recordings are not beside this repository")

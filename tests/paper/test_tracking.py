@@ -25,7 +25,7 @@ from tests.tables import rows
 from sinew.analysis.tracked import tracked_point, tracked_turns
 from sinew.emulator.faults import parse_fault
 from sinew.plan.toml import load_plan, load_rig
-from sinew.tune.track.expected import ExpectedBackbone
+from sinew.tune.track import ExpectedBackbone
 
 pytestmark = pytest.mark.slow
 

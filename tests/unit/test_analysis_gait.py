@@ -9,8 +9,15 @@ from scipy.ndimage import gaussian_filter1d
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.tune.gait.bout import BodyMotion, fundamental, mean_of_strides
-from sinew.tune.gait.target import WalkGait, estimate_gait, target_of_numbers, target_of_walks
+from sinew.tune.gait import (
+    BodyMotion,
+    WalkGait,
+    estimate_gait,
+    fundamental,
+    mean_of_strides,
+    target_of_numbers,
+    target_of_walks,
+)
 
 EVEN = Walker(cv=(0.0, 0.0))
 

@@ -6,7 +6,7 @@ from campaigns.walker import Walker, walk
 from tests.unit.figures_panels import drawn
 
 from sinew.figures.tuned import draw_gait_yaw
-from sinew.tune.gait.target import GaitTarget, estimate_gait, target_of_numbers, target_of_walks
+from sinew.tune.gait import GaitTarget, estimate_gait, target_of_numbers, target_of_walks
 
 
 @pytest.fixture(scope="module")

@@ -192,7 +192,7 @@ def test_a_recording_without_a_rig_is_taken_and_said_to_be_so() -> None:
 
 
 def test_a_number_at_the_end_of_its_tolerance_is_met_and_three_standard_deviations_off() -> None:
-    observed = np.array([target.value + target.tolerance * (1 - 1e-9) for target in TARGETS])
+    observed = np.array([target.value + target.within * (1 - 1e-9) for target in TARGETS])
     assert misfit(observed) == pytest.approx(np.full(len(TARGETS), 3.0))
     assert bool(is_met(observed))
     assert not is_met(observed + 1e-6)

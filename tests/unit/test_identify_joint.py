@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sinew.identify.joint.balance import balance
 from sinew.identify.joint.coordinates import numbers_of
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.measure.errors import RecordingError, SpecError
@@ -12,6 +11,7 @@ from sinew.mechanics.parameters import POSITION
 from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
+from sinew.solve.first import free_swing
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate, simulate_tracks
 
@@ -95,7 +95,8 @@ def test_frequency_and_damping_of_the_balance_are_those_of_a_free_decay_that_los
     swing = 0.5 * np.abs(np.diff(torsion[turning]))
     frequency = 2000.0 / (turning[4] - turning[2])
     decrement = np.log(swing[2] / swing[4]) / (2 * np.pi)
-    found = balance(numbers_of(rig), pretension, POSITION, float(np.sqrt(swing[2] * swing[4])))
+    numbers = numbers_of(rig)
+    found = free_swing(numbers.p, numbers.contact, pretension, POSITION, float(np.sqrt(swing[2] * swing[4])))
     assert float(found.damping_ratio) == pytest.approx(decrement, rel=0.05)
     assert float(found.natural_frequency_hz) == pytest.approx(frequency, rel=0.005)
 

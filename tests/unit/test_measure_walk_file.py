@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from sinew.measure.errors import FileError, RecordingError, TimeError
 from sinew.measure.files.walk_file import Imu, MarkerPair, WalkColumns, read_walk
-from sinew.tune.gait.bout import body_motion
-from sinew.tune.gait.target import estimate_gait
+from sinew.tune.gait import body_motion, estimate_gait
 
 Columns = dict[str, NDArray[np.float64]]
 

@@ -18,8 +18,8 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.against import Comparison, Reading, error_of, estimate_at, measured_of, scores_of
 from sinew.predict.joint import RESOLUTION, joint_problem, lever_problem
+from sinew.solve.balance import Size
 from sinew.solve.curves import predict
-from sinew.solve.waves import Size
 from sinew.twin.cache import configure
 from sinew.twin.parameters import Effects
 

@@ -12,8 +12,8 @@ from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import BRANCHES, complex_stiffness
 from sinew.plan.toml import load_rig
 from sinew.predict.joint import RESOLUTION, free_lever, joint_problem, prescribed_lever
+from sinew.solve.balance import Size, channels, grid, unknowns
 from sinew.solve.curves import predict
-from sinew.solve.waves import Size, channels, grid, unknowns
 from sinew.twin.parameters import Effects
 
 BAND_HZ = (1.0, 6.0)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sinew.measure.errors import FileError, SpecError
-from sinew.predict.sections import section
-from sinew.predict.sections.outline import (
+from sinew.predict.joints import section
+from sinew.predict.joints.section import (
     Outline,
     moments,
     outline,
@@ -15,7 +15,7 @@ from sinew.predict.sections.outline import (
     rectangle,
     star,
 )
-from sinew.predict.sections.torsion import solve_torsion
+from sinew.predict.joints.torsion import solve_torsion
 
 
 def ellipse(width: float, height: float, corners: int = 360) -> Outline:

@@ -7,10 +7,10 @@ import pytest
 
 from sinew.apps.joints.design import _torso
 from sinew.measure.errors import SpecError
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import section_of, shear_modulus_of
 from sinew.predict.joints.validity import (
-    GRAVITY,
     Check,
     Loads,
     Torso,
@@ -44,7 +44,7 @@ def test_the_silicone_under_a_weight_carries_tendons_and_weight() -> None:
     torso, rigidity = Torso(12.0, 0.0), 900.0
     under = loads_under(REST, torso, rigidity, (4, 0.03), 10.0)
     before, after = float(REST.stretch[0]), float(under.stretch[0])
-    assert rigidity * (after**-2 - after) == pytest.approx(rigidity * (before**-2 - before) + 12.0 * GRAVITY)
+    assert rigidity * (after**-2 - after) == pytest.approx(rigidity * (before**-2 - before) + 12.0 * STANDARD_GRAVITY)
 
 
 def test_the_moment_of_a_tilted_torso_is_the_moment_of_the_tensions_that_hold_it() -> None:
@@ -52,7 +52,7 @@ def test_the_moment_of_a_tilted_torso_is_the_moment_of_the_tensions_that_hold_it
     more = float(loads_under(REST, torso, 1e4, (4, 0.1), 10.0).tension[0] - REST.tension[0])
     around = np.arange(4) * math.pi / 2
     held = float(np.sum(more * np.cos(around) * 0.1 * np.cos(around)))
-    assert held == pytest.approx(20.0 * GRAVITY * 0.3 * math.sin(math.radians(10.0)))
+    assert held == pytest.approx(20.0 * STANDARD_GRAVITY * 0.3 * math.sin(math.radians(10.0)))
 
 
 def test_shares_of_tendons_and_weight_add_up_in_buckling() -> None:
@@ -61,7 +61,7 @@ def test_shares_of_tendons_and_weight_add_up_in_buckling() -> None:
     tendons = haringx_load(4 * math.pi**2 * stiffness / length**2, sliding)
     sway = haringx_load(euler_load(stiffness, length, tilt_held=False), sliding)
     found = checks(Torso(3.0))["buckling_sideways"]
-    assert found.value == pytest.approx(4 * 60.0 / tendons + 3.0 * GRAVITY / sway)
+    assert found.value == pytest.approx(4 * 60.0 / tendons + 3.0 * STANDARD_GRAVITY / sway)
 
 
 @pytest.mark.parametrize("name", ["buckling_sideways", "tension_n", "tipping_over", "local_strain"])

@@ -12,8 +12,7 @@ from sinew.apps.joints.design import read_gait
 from sinew.measure.errors import SpecError
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.predict.joints.design import Design, design_rig, shear_modulus_of
-from sinew.predict.joints.validity import largest_strain
-from sinew.predict.sections.section import annulus_section
+from sinew.predict.joints.section import annulus_section
 from sinew.tune.candidate import SHAPES, SIZES, DesignTarget, frame_of, judge, unpacked
 from sinew.tune.design import blocks_of, nondominated, run_tasks, search_block, spread_out
 from sinew.tune.resonance import Swing, find_resonances
@@ -93,16 +92,6 @@ def test_a_candidate_resonates_by_harmonic_balance_where_the_search_says() -> No
         assert abs(one.lever) == pytest.approx(lever, rel=0.03)
     assert found[1] is not None
     assert float(judged.objectives[2]) == pytest.approx(found[1].tension, rel=0.01)
-
-
-def test_the_strain_with_slopes_is_the_one_that_the_prediction_checks() -> None:
-    from sinew.tune.candidate import _principal_strain
-
-    configure()
-    for shear, stretch in ((0.0, 0.8), (0.3, 1.0), (0.5, 0.75)):
-        assert float(_principal_strain(jnp.asarray(shear), jnp.asarray(stretch))) == pytest.approx(
-            largest_strain(shear, stretch)
-        )
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from sinew.tune.track.tracker import (
+from sinew.tune.track import (
     FASTEST_MM_S,
     Follow,
     Fundamental,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.unit.tune_joint import Joint, Run, run, setting
 
-from sinew.tune.track.tracker import Follow, Mode, Ramp
+from sinew.tune.track import Follow, Mode, Ramp
 
 
 def settled(found: Run, since: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
 from sinew.plan.plan import Held
-from sinew.tune.track.tracker import Mode, PretensionPath, Stand, Tracker, TrackerSetting
+from sinew.tune.track import Mode, PretensionPath, Stand, Tracker, TrackerSetting
 
 INERTIA, LEVER = 12.74e-3, 7.8e-3  # kg m²
 STEP_S, CYCLE_S = 5e-4, 5e-3

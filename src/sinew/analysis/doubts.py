@@ -488,12 +488,10 @@ def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
     inertia = rig.inertia.head.value + rig.inertia.lever.value
     omega = 2.0 * math.pi * frequency_hz
     stiffness = omega**2 * inertia
-    bare = silicone.torsional_rigidity.value / silicone.length.value
+    bare = silicone.stiffness(0.0)
     by_silicone = 0.5 * silicone.loss_factor.value * min(1.0, bare / stiffness)
-    total = (
-        max(0.0, stiffness - bare) * tendons.free_span.value / (tendons.base_radius.value * tendons.head_radius.value)
-        + tendons.count * tendons.first_contact_tension.value
-    )
+    total = max(0.0, stiffness - bare) / tendons.stiffness(1.0, 0.0)
+    total += tendons.count * tendons.first_contact_tension.value
     swing = np.geomspace(0.1, 100.0, 200) * tendons.guides.reach
     loops = tendons.guides.loss(total, swing)
     by_guides = float((loops / (2.0 * math.pi * stiffness * swing**2)).max())
@@ -610,7 +608,7 @@ def _pretension_doubts(signals: Signals, rig: RigSpec) -> Iterator[Doubt]:
         return
     tendons = rig.tendons
     radius = tendons.pulley_radius.value
-    per_ampere = tendons.torque_constant.value / radius / tendons.servo_stiffness.value
+    per_ampere = tendons.tension(1.0) / tendons.servo_stiffness.value
     angle, current = (recorded[name].mean(axis=1) for name in ("tendon_rad", "tendon_current_a"))
     found: dict[float, list[float]] = {}
     for segment, where in signals.segments:

@@ -101,10 +101,9 @@ def _pretension(signals: Signals, where: slice, begin: float, rig: RigSpec) -> A
     if "tendon_rad" not in recorded:
         return np.full(where.stop - where.start, begin)
     tendons = rig.tendons
-    radius = tendons.pulley_radius.value
-    force = tendons.torque_constant.value / radius
-    horn = recorded["tendon_rad"][where].astype(float).mean(axis=1) * radius
-    give = recorded["tendon_current_a"][where].astype(float).mean(axis=1) * force / tendons.servo_stiffness.value
+    horn = recorded["tendon_rad"][where].astype(float).mean(axis=1) * tendons.pulley_radius.value
+    current = recorded["tendon_current_a"][where].astype(float).mean(axis=1)
+    give = current * tendons.tension(1.0) / tendons.servo_stiffness.value
     goal = horn + give
     rest = goal[:_FIRST_ROWS].mean()
     return np.asarray(begin + 1e3 * (goal - rest))

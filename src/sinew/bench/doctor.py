@@ -17,6 +17,7 @@ from sinew.hardware.motor import Identity, Motor, name_hardware_errors
 from sinew.hardware.registers import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import Limits
 
 # It is said what the doctor found: one fact, how bad it is, and what to do.
@@ -349,7 +350,6 @@ def _set_timer(timer: LatencyTimer, wanted: int) -> None:
 # What a glance does not show is measured: the sensor at rest, and how fast the loop can go.
 
 _PERIOD = 2.5e-3  # twice as often as there are samples, so that none is missed
-_GRAVITY = 9.80665
 _GRAVITY_TOLERANCE = 0.1
 _UPRIGHT = math.cos(math.radians(15))
 _LOWEST_RATE = 150.0
@@ -445,7 +445,7 @@ def _sample_rate(counters: Sequence[int]) -> float:
 
 def _gravity_findings(force: np.ndarray, axes: tuple[str, ...]) -> list[Finding]:
     size = float(np.linalg.norm(force))
-    if abs(size / _GRAVITY - 1) > _GRAVITY_TOLERANCE:
+    if abs(size / STANDARD_GRAVITY - 1) > _GRAVITY_TOLERANCE:
         advice = "is it at rest? is it the sensor that the wiring names?"
         return [Finding("fault", "IMU", f"{size:.2f} m/s² at rest", "9.81 m/s²", advice)]
     if force[0] > _UPRIGHT * size:

@@ -51,7 +51,7 @@ class Guard:
     def __init__(self, spec: RigSpec, gyro_bias: float = 0.0) -> None:
         self._limits, self._sensors = spec.limits, [sensor.model for sensor in spec.sensors]
         self._radius = spec.tendons.pulley_radius.value
-        self._force = spec.tendons.torque_constant.value / self._radius  # N/A
+        self._force = spec.tendons.tension(1.0)  # N/A
         self._give = 1 / (spec.tendons.servo_stiffness.value * self._radius)  # rad/N
         self._lsb = spec.tendons.current_lsb.value
         self._seen: dict[str, float] = {}

@@ -9,13 +9,13 @@ from sinew.hardware.errors import TROUBLES, PortError
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.motor import Motor
 from sinew.hardware.rig import Rig
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.plan import Plan
 from sinew.plan.rig import Limits
 
 _LISTEN_S = 0.06
 _ATTEMPTS = 3
 _IMU_ATTEMPTS = 5
-_GRAVITY = 9.80665
 _GRAVITY_TOLERANCE = 0.1
 _UPRIGHT_SHARE = 0.9
 
@@ -165,7 +165,7 @@ def _imu_reasons(rig: Rig, clock: Clock) -> Iterator[str]:
     if first.counter == second.counter:
         yield f"the IMU repeats one sample for {1e3 * _LISTEN_S:.0f} ms; restart its board"
     size = math.hypot(*second.acceleration)
-    if abs(size / _GRAVITY - 1) > _GRAVITY_TOLERANCE:
+    if abs(size / STANDARD_GRAVITY - 1) > _GRAVITY_TOLERANCE:
         yield f"the IMU reads {size:.2f} m/s² at rest, expected 9.81; is the joint moving, or is it another sensor?"
     elif second.acceleration[0] < _UPRIGHT_SHARE * size:
         yield (

@@ -142,14 +142,13 @@ class MotorMap:
         tendons = spec.tendons
         self._mode, self._contact, self._tension = mode, contact, tension_n
         self.radius = tendons.pulley_radius.value
-        self.newton = self.radius / tendons.torque_constant.value  # A/N
+        self.newton = tendons.current(1.0)  # A/N
         self._servo = tendons.servo_stiffness.value
         self._contact_tension = tendons.first_contact_tension.value
         # The current comes in whole counts, so the pull stopped a little beside the tension of first contact. Take-up
         # per newton in each tendon: cable and servo in series, and the silicone, axial stiffness 3 G A/L, under all.
         series = 1 / tendons.cable_stiffness.value + 1 / tendons.servo_stiffness.value
-        silicone = spec.silicone
-        torsional = silicone.torsional_rigidity.value / silicone.length.value
+        torsional = spec.silicone.stiffness(0.0)
         axial = 3 * torsional * spec.area_over_torsion_constant
         missing = self._contact_tension - contact.current / self.newton
         self._first = missing * (series + tendons.count / axial) - missing / self._servo
@@ -197,9 +196,7 @@ def pull_to_contact(loop: Loop, rig: Rig) -> Contact:
     """
     tendons = rig.spec.tendons
     radius = tendons.pulley_radius.value
-    counts = round(
-        tendons.first_contact_tension.value * radius / tendons.torque_constant.value / tendons.current_lsb.value
-    )
+    counts = round(tendons.current(tendons.first_contact_tension.value) / tendons.current_lsb.value)
     limit = counts * tendons.current_lsb.value
     for motor in rig.tendons:
         motor.limit_output(limit)

@@ -32,6 +32,7 @@ from sinew.measure.errors import FileError
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 from sinew.plan.plan import Group, Plan
+from sinew.plan.rig import LIMIT_RESERVE_N
 
 # It is told once a second how a run fares: cycles, bus, temperatures, progress.
 
@@ -127,9 +128,6 @@ class RunReport:
     pauses: list[str] = field(default_factory=list)
     halted_s: float | None = None
 
-
-LIMIT_RESERVE_N = 5.0
-"""Tension above that at rest at which a current-limited position loop yields [N]; as in the twin."""
 
 _ATTEMPTS = 3
 _LEVER_HOME_S = 1.5
@@ -431,13 +429,12 @@ class Runner:
         resumed, for then motors have moved.
         """
         tendons = self._rig.spec.tendons
-        per_newton = tendons.pulley_radius.value / tendons.torque_constant.value
         most = max(self._tension.values(), default=0.0)
         if self._plan.pretension.mode == "position":
             most = 0.0  # its loop has no limit of current; only the pull to first contact has
         elif self._plan.pretension.mode == "position-with-current-limit":
             most += LIMIT_RESERVE_N
-        needed = per_newton * max(most, tendons.first_contact_tension.value)
+        needed = tendons.current(1.0) * max(most, tendons.first_contact_tension.value)
         try:
             self._rig.configure(min(needed, self._rig.spec.limits.tendon_current_a))
             self._rig.set_tendon_mode("position-with-current-limit")
@@ -479,9 +476,8 @@ class Runner:
         watch = self._loop.watch
         watch.resting, watch.share = False, None
         tendons = self._rig.spec.tendons
-        per_newton = tendons.pulley_radius.value / tendons.torque_constant.value
         if self._plan.pretension.mode == "position-with-current-limit":
-            watch.limit = (self._tension[pretension_mm] + LIMIT_RESERVE_N) * per_newton
+            watch.limit = (self._tension[pretension_mm] + LIMIT_RESERVE_N) * tendons.current(1.0)
             for motor in self._rig.tendons:
                 motor.limit_output(watch.limit)
 

@@ -141,8 +141,7 @@ def _most(motor: Motor, register: str, quantity: float, limit: int) -> int:
 def _give(rig: Rig, motor: Motor, current: float) -> int:
     """Return by how many counts the goal of a tendon motor is ahead of its horn where it pulls with a current [A]."""
     tendons = rig.spec.tendons
-    radius = tendons.pulley_radius.value
-    angle = current * tendons.torque_constant.value / radius / tendons.servo_stiffness.value / radius
+    angle = tendons.tension(current) / tendons.servo_stiffness.value / tendons.pulley_radius.value
     return int(angle / motor.table["goal_position"].scale) + 1
 
 

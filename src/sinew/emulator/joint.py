@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from sinew.mechanics.drive import electrical_torque, gear_friction
 from sinew.mechanics.guides import GuideFriction
-from sinew.mechanics.joint import State, derivative, free_lever_acceleration
+from sinew.mechanics.joint import State, axial_omega, derivative, free_lever_acceleration, head_torque
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import BRANCHES, silicone_energy, viscoelastic_energy
 from sinew.mechanics.tendons import span_lengths
@@ -191,11 +191,9 @@ def steps_per_tick(joint: Joint, speed: float) -> int:
     """
     p = joint.p
     grip = len(p.guide_directions) * float(joint.cable_stiffness)
-    glassy = 1 + float(sum(p.prony_shares))
-    axial = np.sqrt((grip + 3 * glassy * float(p.axial_rigidity / p.length)) / float(p.head_mass))
     bending = float(p.bending_rigidity / p.length)
     tilt = (0.5 * grip * max(float(p.head_radius), float(p.base_radius)) ** 2 + bending) / float(joint.damping)
-    return max(1, int(np.ceil(TICK_S * max(axial, tilt, float(p.guides.fastest(speed))) / 2)))
+    return max(1, int(np.ceil(TICK_S * max(axial_omega(grip, p), tilt, float(p.guides.fastest(speed))) / 2)))
 
 
 def _turns(now: Now, order: TendonOrder, joint: Joint, step_s: jax.Array) -> tuple[Numbers, Numbers, Numbers, Numbers]:
@@ -246,7 +244,7 @@ def _slope(
         return stored + sum(t * span for t, span in zip(pull, spans, strict=True)), jnp.asarray(sum(pull))
 
     slope, total = jax.grad(energy, argnums=(0, 1, 2), has_aux=True)(motion.torsion, motion.shortening, at.tilt)
-    torque = -slope[0] - p.viscous * motion.torsion_rate - p.guides.torque(total, motion.bristles) + drive.push
+    torque = head_torque(slope[0], p.guides.torque(total, motion.bristles), motion, p) + drive.push
     pulled = _drive_torque(time_s, motion, now.goal, drive, p)
     horn = pulled - gear_friction(motion.lever_rate, p)
     lever = free_lever_acceleration(torque, horn, p)

@@ -10,6 +10,8 @@ import numpy as np
 from sinew.emulator.joint import TICK_S, Kind, Layout, Tilting, joint_of, layout, move_on, steps_per_tick
 from sinew.emulator.plant import HornMotion, Law, Motion
 from sinew.measure.errors import SpecError
+from sinew.measure.units import STANDARD_GRAVITY
+from sinew.mechanics.drive import duty_for
 from sinew.mechanics.parameters import POSITION
 from sinew.mechanics.tendons import span_lengths
 from sinew.plan.rig import RigSpec
@@ -17,7 +19,6 @@ from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, SERVOS
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
 from sinew.twin.parameters import from_rig
-from sinew.twin.simulate import GRAVITY
 
 GEAR_HOLD = 0.1
 """Torque at the horn that the gear of an unpowered tendon motor holds [N m]; assumed. Gears of 353:1 hardly yield."""
@@ -65,7 +66,7 @@ class JointPlant:
         self.spec, self.count = spec, count
         self._servo_gain = _servo_gain(spec)
         self._radius = spec.tendons.pulley_radius.value
-        self._newton = self._radius / spec.tendons.torque_constant.value  # [A/N]
+        self._newton = spec.tendons.current(1.0)  # [A/N]
         joint = joint_of(spec, rest_tilt)
         self._constants = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(joint)])
         self._p = joint.p
@@ -287,7 +288,7 @@ class JointPlant:
         duty = 0.0
         if self._laws[self.count].kind != "off":
             full = max(1e-9, float(self._drive[self._where.drive.duty_torque]))
-            duty = (torque + float(p.speed_slope) * speed) / full
+            duty = float(duty_for(torque, speed, p._replace(duty_torque=full)))  # type: ignore[arg-type]
         angle = seen[motion.lever] + late * speed
         return HornMotion(angle, speed, torque / float(p.torque_constant), max(-1.0, min(1.0, duty)))
 
@@ -332,7 +333,8 @@ def _specific_force(
     sine = math.sin(angle) / angle if angle else 1.0
     up_y, up_z = -sine * z, sine * y
     force_y, force_z = c * up_y + s * up_z, c * up_z - s * up_y
-    return GRAVITY * math.cos(angle), GRAVITY * force_y + radial, GRAVITY * force_z + tangential
+    g = STANDARD_GRAVITY
+    return g * math.cos(angle), g * force_y + radial, g * force_z + tangential
 
 
 def _servo_gain(spec: RigSpec) -> float:

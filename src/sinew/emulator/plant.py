@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import PULSE, SERVOS
 
@@ -172,8 +173,6 @@ class Horn:
 RESPONSE_S = 0.02
 """Time constant with which the speed of an unloaded motor follows what its law asks for [s]; assumed."""
 
-_GRAVITY = 9.80665  # standard gravity [m/s²], as in the twin, whose module would load scipy
-
 
 @dataclass(slots=True)
 class _FreeHorn:
@@ -281,7 +280,9 @@ class Unloaded:
 
     def motion(self) -> Motion:
         *tendons, drive = (self._motion(horn) for horn in self._horns)
-        return Motion(self._time, drive, tuple(tendons), (0.0,) * len(tendons), acceleration=(_GRAVITY, 0.0, 0.0))
+        return Motion(
+            self._time, drive, tuple(tendons), (0.0,) * len(tendons), acceleration=(STANDARD_GRAVITY, 0.0, 0.0)
+        )
 
     def _motion(self, horn: _FreeHorn) -> HornMotion:
         angle, speed = horn.at(self._time)

@@ -13,7 +13,6 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from sinew.analysis.signal.power import winding_resistance
 from sinew.analysis.sweep.energy import cost_of_swing, fit_swing_trend
 from sinew.analysis.sweep.saturation import gain_map
 from sinew.figures.motion import Group, at_pretension, drive_of, groups_of, rig_of
@@ -272,7 +271,7 @@ def _draw_cost(axes: Axes, results: xr.Dataset) -> None:
         axes.plot(frequency, cost, color=colours[p], linewidth=1.6)
         trend = fit_swing_trend(frequency, current, swing)
         if rig is not None and trend is not None:
-            saved = winding_resistance(rig) * trend.squared_saving(frequency) / frequency
+            saved = rig.drive.resistance * trend.squared_saving(frequency) / frequency
             axes.plot(frequency, cost + saved, color=colours[p], linestyle="--", linewidth=1.1)
         at = float(results["resonance_hz"].values[p])
         ends = [

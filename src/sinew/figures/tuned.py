@@ -18,8 +18,7 @@ from sinew.figures.style import (
     note_panel,
     pretension_colours,
 )
-from sinew.tune.gait.bout import BoutGait
-from sinew.tune.gait.target import GaitTarget
+from sinew.tune.gait import BoutGait, GaitTarget
 
 _PHASE_DEG = 15.0
 _TARGET_DEG = 3.0

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from struct import Struct
 
 from sinew.hardware.errors import RegisterError
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import BusSensor
 from sinew.plan.servo import (
     ACCELERATION_LSB,
@@ -344,7 +345,7 @@ EMULATED_FIRMWARE = 0xEE
 """Firmware version that an emulated node tells in its answer to a ping; those of real nodes count from 1."""
 
 _GYRO = math.radians(2000) / 32_768  # rad/s
-_CHIP_FORCE = 2 * 9.80665 / 32_768  # m/s²
+_CHIP_FORCE = 2 * STANDARD_GRAVITY / 32_768  # m/s²
 _TENTH_DEGREE = math.radians(0.1)
 
 

@@ -1,10 +1,17 @@
 """Arrays: the types of real and complex ones, mean and spread that leave out what was not measured."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
+
+
+def namespace_of(value: Any) -> Any:
+    """Return the functions that belong to an array, NumPy's or JAX's; NumPy's for a plain number."""
+    return value.__array_namespace__() if hasattr(value, "__array_namespace__") else np
 
 
 def mean_of_known(values: Array, otherwise: float = np.nan) -> Array:

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     import pint
 
 
+STANDARD_GRAVITY = 9.80665
+"""Standard gravity [m/s²]."""
+
 # Words that people write and pint does not read, or reads as something else (it takes "Nm" for a yarn count).
 _SPELLINGS = {
     "degs": "deg",

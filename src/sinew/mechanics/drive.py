@@ -1,5 +1,7 @@
 """Drive: the motor's position loop, from an error of angle to torque and current."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
@@ -29,6 +31,11 @@ def duty(error: jax.Array, p: Parameters) -> jax.Array:
 def electrical_torque(duty_now: jax.Array, speed: jax.Array, p: Parameters) -> jax.Array:
     """Return the torque of the motor's current, at the horn [N m], at a duty and a speed [rad/s]."""
     return p.duty_torque * duty_now - p.speed_slope * speed
+
+
+def duty_for(torque: Any, speed: Any, p: Parameters) -> Any:
+    """Return the duty at which the motor's current gives a torque at the horn [N m] at a speed [rad/s]."""
+    return (torque + p.speed_slope * speed) / p.duty_torque
 
 
 def gear_friction(speed: jax.Array, p: Parameters) -> jax.Array:

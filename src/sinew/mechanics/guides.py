@@ -21,14 +21,12 @@ from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
+from sinew.measure.arrays import namespace_of
+
 LOOP_POINTS = 24
 """Nodes of Chebyshev and Gauss over a half cycle at which a loop's fundamental is taken."""
 
 _SMALLEST = 1e-6  # of a swing over the reach, by which its loop is still told from rounding
-
-
-def _namespace(value: Any) -> Any:
-    return value.__array_namespace__() if hasattr(value, "__array_namespace__") else np
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,7 @@ class GuideFriction(ABC):
 
         A swing of nothing has the limit of small ones: guides that hold.
         """
-        xp = _namespace(amplitude)
+        xp = namespace_of(amplitude)
         amplitude = xp.maximum(amplitude, _SMALLEST * self.reach)
         way = -np.cos((2 * np.arange(LOOP_POINTS) + 1) * np.pi / (2 * LOOP_POINTS))
         each = xp.expand_dims(amplitude, -1)
@@ -144,12 +142,12 @@ class Dahl(GuideFriction):
 
     @staticmethod
     def rising(way: Any, amplitude: Any) -> Any:
-        xp = _namespace(amplitude)
+        xp = namespace_of(amplitude)
         return 1 - (1 + xp.tanh(amplitude)) * xp.exp(-way)
 
     @staticmethod
     def swept(amplitude: Any) -> Any:
-        return amplitude - _namespace(amplitude).tanh(amplitude)
+        return amplitude - namespace_of(amplitude).tanh(amplitude)
 
 
 class MaxwellSlip(GuideFriction):
@@ -168,13 +166,13 @@ class MaxwellSlip(GuideFriction):
 
     @staticmethod
     def rising(way: Any, amplitude: Any) -> Any:
-        xp, (z, path, half, _) = _namespace(amplitude), _sliding()
+        xp, (z, path, half, _) = namespace_of(amplitude), _sliding()
         turning = xp.interp(amplitude, half, z[-half.size :])
         return xp.interp(xp.interp(-turning, z, path) + way, path, z)
 
     @staticmethod
     def swept(amplitude: Any) -> Any:
-        xp, (_, _, half, energy) = _namespace(amplitude), _sliding()
+        xp, (_, _, half, energy) = namespace_of(amplitude), _sliding()
         return xp.interp(amplitude, half, energy) + xp.maximum(amplitude - half[-1], 0.0)
 
 

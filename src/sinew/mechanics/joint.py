@@ -1,5 +1,6 @@
 """Motion of the whole joint: its coordinates, its energy, and one function from state to rate."""
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -7,7 +8,15 @@ import jax.numpy as jnp
 
 from sinew.mechanics.drive import commanded_angle, duty, horn_torque
 from sinew.mechanics.parameters import Parameters
-from sinew.mechanics.silicone import BRANCHES, relaxation_times, silicone_energy, twist_rigidity, viscoelastic_energy
+from sinew.mechanics.silicone import (
+    BRANCHES,
+    axial_stiffness,
+    glassy_factor,
+    relaxation_times,
+    silicone_energy,
+    silicone_power,
+    viscoelastic_energy,
+)
 from sinew.mechanics.tendons import tendon_energy, tendon_stretch, total_tension
 
 LOCKING_TIME = 5e-3
@@ -63,21 +72,39 @@ def _strain_energy(torsion: jax.Array, shortening: jax.Array, state: State, p: P
     return potential(torsion, shortening, p) + stored
 
 
+def head_torque(slope: jax.Array, friction: jax.Array, state: State, p: Parameters) -> jax.Array:
+    """Return the torque on the head [N m], the lever's inertia apart.
+
+    slope: of the strain energy, ∂V/∂φ [N m]. friction: torque of the guides [N m].
+    """
+    return -slope - p.viscous * state.torsion_rate - friction
+
+
+def head_forces(state: State, p: Parameters) -> tuple[jax.Array, jax.Array]:
+    """Return (torque on the head, the lever's inertia apart [N m]; ∂V/∂x [N]), by automatic differentiation."""
+    slope = jax.grad(_strain_energy, argnums=(0, 1))(state.torsion, state.shortening, state, p)
+    return head_torque(slope[0], friction_torque(state, p), state, p), slope[1]
+
+
+def axial_omega(grip: float, p: Parameters) -> float:
+    """Return ω of the head along its axis, the silicone unrelaxed [rad/s]. grip: of all tendons together [N/m]."""
+    return math.sqrt((grip + float(axial_stiffness(p) * glassy_factor(p))) / float(p.head_mass))
+
+
 def rate(time_s: jax.Array, state: State, p: Parameters) -> State:
     """Return the time derivative of the state.
 
-    Kinetic energy T = ½ I_h φ̇² + ½ I_l (φ̇ + θ̇)² + ½ J_a θ̇² + ½ m_h ẋ²; forces are -∇V by automatic
-    differentiation. The rotor's spin about its own axis adds J_a/353 to the coupling and is left out.
+    Kinetic energy T = ½ I_h φ̇² + ½ I_l (φ̇ + θ̇)² + ½ J_a θ̇² + ½ m_h ẋ²; forces are -∇V. The rotor's spin about its own
+    axis adds J_a/353 to the coupling and is left out.
     """
-    slope = jax.grad(_strain_energy, argnums=(0, 1))(state.torsion, state.shortening, state, p)
-    torque = -slope[0] - p.viscous * state.torsion_rate - friction_torque(state, p)
+    torque, axial_slope = head_forces(state, p)
     goal, goal_rate, goal_acceleration = commanded_angle(time_s, p)
     horn = horn_torque(duty(goal - state.lever, p), state.lever_rate, p)
 
     locked = (p.locked_stop > 0) & (time_s >= p.stop_s)
     prescribed = (p.prescribed > 0) | locked
     lever_acceleration = jnp.where(prescribed, goal_acceleration, free_lever_acceleration(torque, horn, p))
-    moving = derivative(state, torque, slope[1], lever_acceleration, p)
+    moving = derivative(state, torque, axial_slope, lever_acceleration, p)
     return moving._replace(
         lever=jnp.where(prescribed, goal_rate, state.lever_rate),
         lever_rate=jnp.where(locked, -state.lever_rate / LOCKING_TIME, lever_acceleration),
@@ -131,13 +158,8 @@ def mechanical_energy(state: State, p: Parameters) -> jax.Array:
 
 def dissipation(time_s: jax.Array, state: State, p: Parameters) -> tuple[jax.Array, jax.Array]:
     """Return (power lost in silicone, viscous damper and guides, power delivered by the horn) [W]."""
-    stretch = 1 - state.shortening / p.length
-    torsional = twist_rigidity(stretch, p) / p.length
-    axial = 3 * p.axial_rigidity / p.length
-    lost = p.viscous * state.torsion_rate**2 + friction_torque(state, p) * state.torsion_rate
-    for share, tau, q, u in zip(p.prony_shares, relaxation_times(), state.memory, state.axial_memory, strict=True):
-        branch = torsional * (state.torsion - q) ** 2 + axial * (state.shortening - u) ** 2
-        lost = lost + share * branch / tau
+    silicone = silicone_power(state.torsion, state.shortening, state.memory, state.axial_memory, p)
+    lost = p.viscous * state.torsion_rate**2 + friction_torque(state, p) * state.torsion_rate + silicone
     goal, _, _ = commanded_angle(time_s, p)
     horn = horn_torque(duty(goal - state.lever, p), state.lever_rate, p)
     return lost, horn * state.lever_rate

@@ -18,7 +18,7 @@ import numpy as np
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
-from sinew.mechanics.silicone import prony_shares
+from sinew.mechanics.silicone import branch_stiffness, prony_shares
 
 Values = Mapping[str, Any]
 """Numbers of a simulation by name, as JAX or NumPy has them; `amplitude` is A where a term needs it, else one."""
@@ -220,8 +220,7 @@ class LossFactor(Term):
 
 
 def _storage(shares: Any, omega: Any, relaxation: Any) -> Any:
-    wt = (omega * relaxation) ** 2
-    return 1.0 + jnp.sum(shares * wt / (1.0 + wt))
+    return 1.0 + jnp.sum(branch_stiffness(shares, omega * relaxation)[0])
 
 
 def _natural(p: Values) -> Any:
@@ -250,8 +249,12 @@ def _shares(loss_factor: jax.Array) -> jax.Array:
 
 
 class DryFriction(Term):
-    """Coulomb's friction c sign r', which holds a rest; softened to c tanh(r'/v₀) where a motion must be smooth."""
+    """Coulomb's friction c sign r', which holds a rest; softened to c tanh(r'/v₀) where a motion must be smooth.
 
+    With v₀ the `SLIDING_SHARE` of the largest speed, the fundamental of the friction is right to 2e-4.
+    """
+
+    SLIDING_SHARE: ClassVar[float] = 0.02
     numbers = (Number("coulomb", "dry friction", 0.1, (2, 1), True, True, absent=True, start=(1e-3, 0.8)),)
     lost = "dry friction"
     sticks = True
@@ -332,30 +335,31 @@ class BoucWen(Term):
         return np.asarray(w)
 
 
-class Quadratic(Term):
+class _Bend(Term):
+    """A spring's k_n rⁿ."""
+
+    power: ClassVar[int]
+    plain = True
+
+    def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
+        return p[self.numbers[0].name] * r**self.power
+
+    def stored(self, p: Values, r: Any) -> Any:
+        return p[self.numbers[0].name] * r ** (self.power + 1) / (self.power + 1.0)
+
+
+class Quadratic(_Bend):
     """A spring's k₂ r²."""
 
     numbers = (Number("quadratic", "quadratic term", 0.5, (2, -1), force=True, absent=True),)
-    plain = True
-
-    def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
-        return p["quadratic"] * r**2
-
-    def stored(self, p: Values, r: Any) -> Any:
-        return p["quadratic"] * r**3 / 3.0
+    power = 2
 
 
-class Cubic(Term):
+class Cubic(_Bend):
     """A spring's k₃ r³."""
 
     numbers = (Number("cubic", "cubic term", 0.5, (2, -2), force=True, absent=True),)
-    plain = True
-
-    def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
-        return p["cubic"] * r**3
-
-    def stored(self, p: Values, r: Any) -> Any:
-        return p["cubic"] * r**4 / 4.0
+    power = 3
 
 
 TERMS: tuple[Term, ...] = (

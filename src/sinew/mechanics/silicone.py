@@ -1,5 +1,7 @@
 """Silicone: strain energy of twist and compression, and the memory that makes its loss factor."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +13,8 @@ from sinew.mechanics.parameters import Parameters
 BAND_HZ = (0.3, 30.0)
 """Band over which the loss factor is held constant [Hz]."""
 
+Memory = tuple[jax.Array, ...]
+
 BRANCHES = 4
 """Maxwell branches; over two decades four keep the loss factor within 2 % of constant."""
 
@@ -21,6 +25,11 @@ def relaxation_times() -> NDArray[np.float64]:
     return np.asarray(1 / (2 * np.pi * corner_hz))
 
 
+def branch_stiffness(share: Any, turned: Any) -> tuple[Any, Any]:
+    """Return (storage, loss) of Maxwell branches of stiffness g at ωτ, in the unit of g; NumPy's numbers or JAX's."""
+    return share * turned**2 / (1 + turned**2), share * turned / (1 + turned**2)
+
+
 def prony_shares(loss_factor: float) -> NDArray[np.float64]:
     """Return the branch stiffnesses g_i as shares of the relaxed stiffness, shape (branch,).
 
@@ -29,15 +38,16 @@ def prony_shares(loss_factor: float) -> NDArray[np.float64]:
     """
     omega = 2 * np.pi * np.geomspace(*BAND_HZ, 60)
     wt = omega[:, None] * relaxation_times()
-    storage, loss = wt**2 / (1 + wt**2), wt / (1 + wt**2)
+    storage, loss = branch_stiffness(1.0, wt)
     shares, _ = nnls(loss - loss_factor * storage, np.full(omega.size, loss_factor))
     return np.asarray(shares)
 
 
 def complex_stiffness(shares: ArrayLike, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
     """Return G*(f) over the relaxed stiffness, shape of `frequency_hz`."""
-    jwt = 2j * np.pi * np.asarray(frequency_hz, dtype=float)[..., None] * relaxation_times()
-    return np.asarray(1 + np.sum(np.asarray(shares) * jwt / (1 + jwt), axis=-1))
+    turned = 2 * np.pi * np.asarray(frequency_hz, dtype=float)[..., None] * relaxation_times()
+    storage, loss = branch_stiffness(np.asarray(shares), turned)
+    return np.asarray(1 + np.sum(storage + 1j * loss, axis=-1))
 
 
 def silicone_energy(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
@@ -60,22 +70,53 @@ def twist_rigidity(stretch: jax.Array, p: Parameters) -> jax.Array:
     return (p.torsional_rigidity + p.warping_rigidity * (1 - stretch**-3)) / stretch
 
 
+def axial_stiffness(p: Parameters) -> jax.Array:
+    """Return the relaxed axial stiffness at small strain [N/m]: 3 G A/L."""
+    return 3 * p.axial_rigidity / p.length
+
+
+def compressive_load(shear_rigidity: Any, stretch: Any) -> Any:
+    """Return the load [N] that compresses a neo-Hookean bar to a stretch λ: G A (1/λ² - λ)."""
+    return shear_rigidity * (stretch**-2 - stretch)
+
+
+def glassy_factor(p: Parameters) -> Any:
+    """Return the stiffness of what is too fast for the branches to relax, over the relaxed one: 1 + Σ g_i."""
+    return 1 + sum(p.prony_shares)
+
+
+def memory_stiffness(omega: jax.Array, shortening: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array]:
+    """Return (storage, loss) of the branches in torsion, beside the relaxed stiffness [N m/rad]. omega: [rad/s]."""
+    torsional = twist_rigidity(1 - shortening / p.length, p) / p.length
+    storage, loss = jnp.zeros(()), jnp.zeros(())
+    for share, tau in zip(p.prony_shares, relaxation_times(), strict=True):
+        more = branch_stiffness(share, omega * tau)
+        storage, loss = storage + more[0], loss + more[1]
+    return torsional * storage, torsional * loss
+
+
+def _twice_stored(
+    torsion: jax.Array, shortening: jax.Array, memory: Memory, axial_memory: Memory, p: Parameters
+) -> list[jax.Array]:
+    torsional, axial = twist_rigidity(1 - shortening / p.length, p) / p.length, axial_stiffness(p)
+    rows = zip(p.prony_shares, memory, axial_memory, strict=True)
+    return [share * (torsional * (torsion - q) ** 2 + axial * (shortening - u) ** 2) for share, q, u in rows]
+
+
 def viscoelastic_energy(
-    torsion: jax.Array,
-    shortening: jax.Array,
-    memory: tuple[jax.Array, ...],
-    axial_memory: tuple[jax.Array, ...],
-    p: Parameters,
+    torsion: jax.Array, shortening: jax.Array, memory: Memory, axial_memory: Memory, p: Parameters
 ) -> jax.Array:
     """Return the energy in the Maxwell branches [J].
 
     memory [rad], axial_memory [m]: dashpot positions q_i, u_i, by branch. Branch stiffnesses are the shares
-    g_i of the torsional stiffness at the present stretch, and of the axial one 3 G A/L.
+    g_i of the torsional stiffness at the present stretch, and of the axial one.
     """
-    stretch = 1 - shortening / p.length
-    torsional = twist_rigidity(stretch, p) / p.length
-    axial = 3 * p.axial_rigidity / p.length
-    stored = jnp.zeros_like(torsion)
-    for share, q, u in zip(p.prony_shares, memory, axial_memory, strict=True):
-        stored = stored + share * (torsional * (torsion - q) ** 2 + axial * (shortening - u) ** 2)
-    return 0.5 * stored
+    return 0.5 * sum(_twice_stored(torsion, shortening, memory, axial_memory, p), start=jnp.zeros(()))
+
+
+def silicone_power(
+    torsion: jax.Array, shortening: jax.Array, memory: Memory, axial_memory: Memory, p: Parameters
+) -> jax.Array:
+    """Return the power that the branches' dashpots turn to heat [W]: twice the energy of each over τ_i."""
+    twice = _twice_stored(torsion, shortening, memory, axial_memory, p)
+    return sum((one / tau for one, tau in zip(twice, relaxation_times(), strict=True)), start=jnp.zeros(()))

@@ -32,20 +32,16 @@ _MOST_DEVIATIONS = 3.0
 """Standard deviations in a tolerance: the paper's numbers count with a third of their tolerance."""
 
 
-class Free(NamedTuple):
-    """A free parameter: dotted name, what is thought likely, and how firmly (standard deviation), in its unit."""
+class Stated(NamedTuple):
+    """A number with what is meant to hold of it, in its unit.
 
-    name: str
-    likely: float
-    width: float
-
-
-class Target(NamedTuple):
-    """A number of the paper: its value and the tolerance within which it is met."""
+    Of a free parameter its dotted name, what is thought likely, and how firmly (standard deviation); of a number of the
+    paper its value, and the tolerance within which it is met.
+    """
 
     name: str
     value: float
-    tolerance: float
+    within: float
 
 
 @dataclass(frozen=True)
@@ -67,29 +63,29 @@ class Scale:
 
 
 FREE = (
-    Free("tendons.head_radius", 0.0278, 0.008),
-    Free("tendons.first_contact_tension", 12.0, 8.0),
-    Free("silicone.diameter", 0.058, 0.008),
-    Free("silicone.loss_factor", 0.10, 0.06),
-    Free("inertia.lever", 8.3e-3, 1.6e-3),
-    Free("tendons.guide_friction", 4e-3, 4e-3),
-    Free("tendons.presliding_angle", 0.3, 0.4),
-    Free("drive.supply_voltage", 13.5, 1.0),
-    Free("drive.armature", 0.0125, 0.006),
-    Free("drive.friction", 0.25, 0.15),
+    Stated("tendons.head_radius", 0.0278, 0.008),
+    Stated("tendons.first_contact_tension", 12.0, 8.0),
+    Stated("silicone.diameter", 0.058, 0.008),
+    Stated("silicone.loss_factor", 0.10, 0.06),
+    Stated("inertia.lever", 8.3e-3, 1.6e-3),
+    Stated("tendons.guide_friction", 4e-3, 4e-3),
+    Stated("tendons.presliding_angle", 0.3, 0.4),
+    Stated("drive.supply_voltage", 13.5, 1.0),
+    Stated("drive.armature", 0.0125, 0.006),
+    Stated("drive.friction", 0.25, 0.15),
 )
 
 TARGETS = (
-    Target("resonance_hz at 0 mm", 3.0, 0.1),
-    Target("resonance_hz at 12 mm", 4.3, 0.1),
-    Target("gain at 0 mm", 2.8, 0.15),
-    Target("gain at 12 mm", 1.4, 0.1),
-    Target("damping spread, 0 mm", 0.0, 0.06),
-    Target("damping spread, 6 mm", 0.0, 0.06),
-    Target("damping spread, 12 mm", 0.0, 0.06),
-    Target("90 degree crossing minus peak at 0 mm, Hz", 0.0, 0.3),
-    Target("90 degree crossing minus peak at 6 mm, Hz", 0.0, 0.3),
-    Target("90 degree crossing minus peak at 12 mm, Hz", 0.0, 0.3),
+    Stated("resonance_hz at 0 mm", 3.0, 0.1),
+    Stated("resonance_hz at 12 mm", 4.3, 0.1),
+    Stated("gain at 0 mm", 2.8, 0.15),
+    Stated("gain at 12 mm", 1.4, 0.1),
+    Stated("damping spread, 0 mm", 0.0, 0.06),
+    Stated("damping spread, 6 mm", 0.0, 0.06),
+    Stated("damping spread, 12 mm", 0.0, 0.06),
+    Stated("90 degree crossing minus peak at 0 mm, Hz", 0.0, 0.3),
+    Stated("90 degree crossing minus peak at 6 mm, Hz", 0.0, 0.3),
+    Stated("90 degree crossing minus peak at 12 mm, Hz", 0.0, 0.3),
 )
 
 
@@ -105,12 +101,12 @@ def scale_of(base: RigSpec) -> Scale:
     """Return the prior of the free parameters: likely values and widths of `FREE`, bounds of the rig."""
     table = dict(base.parameters())
     low, high = np.array([table[free.name].bounds for free in FREE]).T
-    return Scale(np.array([free.likely for free in FREE]), np.array([free.width for free in FREE]), low, high)
+    return Scale(np.array([free.value for free in FREE]), np.array([free.within for free in FREE]), low, high)
 
 
 def misfit(observed: Vector) -> Vector:
     """Return (observed - paper) in standard deviations, thirds of a tolerance; the last axis is the target."""
-    value, tolerance = np.array([(target.value, target.tolerance) for target in TARGETS]).T
+    value, tolerance = np.array([(target.value, target.within) for target in TARGETS]).T
     return np.asarray((observed - value) * _MOST_DEVIATIONS / tolerance)
 
 

@@ -30,12 +30,10 @@ def rest_stiffness(rig: RigSpec, pretension_mm: Sequence[float]) -> dict[str, fl
     """
     groups = [Group("idle", p, np.nan, np.nan, 0, 0.0, 1.0) for p in pretension_mm]
     p, shortening = lane_parameters(groups, rig, mode="current")
-    length, tendons = rig.silicone.length.value, rig.tendons
+    tendons = rig.tendons
     total = tendons.count * np.asarray(p.held_tension)
-    radii = tendons.base_radius.value * tendons.head_radius.value
-    tendon = total * radii / (tendons.free_span.value - shortening)
+    tendon, silicone = tendons.stiffness(total, shortening), rig.silicone.stiffness(shortening)
     guide_torque, guide = tendons.guides.greatest_torque(total), tendons.guides.stiffness(total)
-    silicone = rig.silicone.torsional_rigidity.value / (length - shortening)
     rows = {
         "tension_n": total / tendons.count,
         "tendon_stiffness_n_m_rad": tendon,

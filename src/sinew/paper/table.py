@@ -251,7 +251,7 @@ def _bounded(results: xr.Dataset, beyond: xr.Dataset) -> list[Row]:
 
 
 def _bare_silicone(rig: RigSpec) -> list[Row]:
-    stiffness = rig.silicone.torsional_rigidity.value / rig.silicone.length.value
+    stiffness = rig.silicone.stiffness(0.0)
     inertia = rig.inertia.head.value + rig.inertia.lever.value
     frequency = math.sqrt(stiffness / inertia) / (2 * math.pi)
     text = "frequency of the bare silicone, √(k/I)/2π, in Hz (the joint with tendons: 3.0 Hz)"

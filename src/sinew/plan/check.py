@@ -69,14 +69,10 @@ class _Servo:
     def of(rig: RigSpec, omega: float, head: complex) -> "_Servo":
         drive = rig.drive
         inertia = rig.inertia.lever.value * (1 + head) + drive.armature.value
-        slope = drive.stall_torque.value / drive.no_load_speed.value
-        full_duty = (drive.stall_torque.value + drive.friction.value) * (
-            drive.supply_voltage.value / drive.nominal_voltage.value
-        )
         return _Servo(
-            load=-inertia * omega**2 + 1j * slope * omega,
+            load=-inertia * omega**2 + 1j * drive.speed_slope * omega,
             friction=4 / math.pi * drive.friction.value,
-            torque_limit=full_duty * drive.duty_limit.value,
+            torque_limit=drive.duty_torque * drive.duty_limit.value,
             error_limit=drive.duty_limit.value / drive.position_gain.value,
         )
 
@@ -113,12 +109,10 @@ def drive_reach(rig: RigSpec, command_rad: float, frequency_hz: float, head: com
     )
     x = low if low == high else math.exp(float(brentq(surplus, math.log(low), math.log(high), xtol=1e-12)))
     theta, command = servo.lever(x)
-    slope = rig.drive.stall_torque.value / rig.drive.no_load_speed.value
     friction = servo.friction if theta > 0 else 0.0
-    electrical = abs((servo.load - 1j * slope * omega) * theta + 1j * friction)
-    constant = (rig.drive.stall_torque.value + rig.drive.friction.value) / rig.drive.stall_current.value
+    electrical = abs((servo.load - 1j * rig.drive.speed_slope * omega) * theta + 1j * friction)
     share = 1 - 2 / math.pi * math.asin(1 / x) if x > 1 else 0.0
-    return Reach(theta, math.atan2(command.imag, command.real), electrical / constant, share)
+    return Reach(theta, math.atan2(command.imag, command.real), electrical / rig.drive.torque_constant, share)
 
 
 def _saturated(x: float) -> float:
@@ -152,9 +146,9 @@ class Preview:
     bench_s: what a bench takes for all of it, within 15 %: with power-up and pull to first contact, the changes of
     pretension and their levelling, the rests before ring-downs, and the stop.
     groups, samples: numbers of motions (idle records included) and of recorded samples.
+    full_amplitude_hz: up to where the nominal amplitude is reached (from the lowest frequency on); None if nowhere.
     frequency_hz: of the sweep. drive_amplitude_deg, drive_current_a: what the drive reaches there against a held
     head, and the amplitude of its current's fundamental; see `drive_reach`.
-    full_amplitude_hz: up to where the nominal amplitude is reached (from the lowest frequency on); None if nowhere.
     tension_n, torsion_deg: of one tendon at rest, and the largest torsion, at each pretension, as the caller gave them;
     empty if it did not.
     findings: refusals first.
@@ -165,10 +159,10 @@ class Preview:
     bench_s: float
     groups: int
     samples: int
+    full_amplitude_hz: float | None
     frequency_hz: tuple[float, ...]
     drive_amplitude_deg: tuple[float, ...]
     drive_current_a: tuple[float, ...]
-    full_amplitude_hz: float | None
     tension_n: tuple[float, ...]
     torsion_deg: tuple[float, ...]
     findings: tuple[Finding, ...]
@@ -311,7 +305,7 @@ def _current_findings(plan: Plan, rig: RigSpec, reach: Sequence[Reach]) -> Itera
 def _tension_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iterator[Finding]:
     if not tension_n:
         return
-    limits, tendons = rig.limits, rig.tendons
+    limits = rig.limits
     worst = max(range(len(tension_n)), key=lambda index: tension_n[index])
     where = f"at {plan.pretension.pretension_mm[worst]:g} mm"
     advice = "lower pretension.pretension_mm"
@@ -320,7 +314,7 @@ def _tension_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> I
             "refuse",
             f"each tendon pulls {tension_n[worst]:.0f} N {where}, the rig allows {limits.tension_n:g} N; {advice}",
         )
-    current = tension_n[worst] * tendons.pulley_radius.value / tendons.torque_constant.value
+    current = rig.tendons.current(tension_n[worst])
     if current > limits.tendon_current_a:
         yield Finding(
             "refuse",
@@ -453,8 +447,7 @@ def _slowest_decay(rig: RigSpec, amplitude_rad: float, tension_n: float) -> floa
     """
     silicone, tendons = rig.silicone, rig.tendons
     total = tendons.count * tension_n
-    arms = tendons.base_radius.value * tendons.head_radius.value
-    stiffness = silicone.torsional_rigidity.value / silicone.length.value + total * arms / tendons.free_span.value
+    stiffness = silicone.stiffness(0.0) + tendons.stiffness(total, 0.0)
     inertia = rig.inertia.head.value + rig.inertia.lever.value
     loop = float(tendons.guides.loss(total, amplitude_rad))
     ratio = silicone.loss_factor.value / 2 + loop / (2 * math.pi * stiffness * amplitude_rad**2)

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +10,14 @@ from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from sinew.mechanics.guides import GUIDE_LAWS, GuideFriction, GuideLaw
 from sinew.plan.parameter import NotNegative, Parameter, Positive, Settings, not_negative, positive, signed
-from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON, SERVOS
+from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON, SERVOS, winding_resistance
 
 # It is written which device of the bus is which part of the rig, and which way round it is mounted.
 
 Id = Annotated[int, Field(ge=0, le=252)]
 Sign = Literal[1, -1]
 Axis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+_Amount = TypeVar("_Amount", float, NDArray[np.float64])
 
 
 def _known(model: str) -> str:
@@ -181,6 +182,10 @@ class Silicone(Settings):
     loss_factor: Annotated[Parameter, not_negative("1")]
     viscous: Annotated[Parameter, not_negative("N*m*s/rad")]
 
+    def stiffness(self, shortening: _Amount) -> _Amount:
+        """Return the torsional stiffness at small angles [N m/rad] where it is shortened [m]: G J/(L - x)."""
+        return self.torsional_rigidity.value / (self.length.value - shortening)
+
 
 class Inertia(Settings):
     """What moves. head: I_h without the lever, about the joint's axis; lever: I_l with its weights."""
@@ -222,6 +227,25 @@ class Tendons(Settings):
         """Return the friction of the guides."""
         return GUIDE_LAWS[self.guide_law](self.guide_friction.value, self.presliding_angle.value)
 
+    def stiffness(self, tension: _Amount, shortening: _Amount) -> _Amount:
+        """Return the torsional stiffness at small angles [N m/rad]: ΣT r_b r_h/(ℓ - x).
+
+        tension: of all tendons together, which stays [N]. shortening: of the joint [m].
+        """
+        return tension * (self.base_radius.value * self.head_radius.value) / (self.free_span.value - shortening)
+
+    def current(self, tension: _Amount) -> _Amount:
+        """Return the current [A] with which a tendon's motor holds a tension [N]."""
+        return tension * self.pulley_radius.value / self.torque_constant.value
+
+    def tension(self, current: _Amount) -> _Amount:
+        """Return the tension [N] that a tendon's motor holds with a current [A]."""
+        return current * self.torque_constant.value / self.pulley_radius.value
+
+
+LIMIT_RESERVE_N = 5.0
+"""Tension above that at rest at which a current-limited position loop yields [N]; the paper does not give it."""
+
 
 class Drive(Settings):
     """The motor that swings the lever: geared DC motor with a proportional position loop on its duty.
@@ -244,6 +268,29 @@ class Drive(Settings):
     current_lsb: Annotated[Parameter, positive("A")]
     duty_lsb: Annotated[Parameter, positive("1")]
     counts_per_turn: Annotated[Parameter, positive("1")]
+
+    # The torque line goes through stall torque and no-load speed at nominal voltage, its friction taken out already.
+
+    @property
+    def duty_torque(self) -> float:
+        """Return the torque of the whole supply's current at standstill [N m], friction not taken out."""
+        supply = self.supply_voltage.value / self.nominal_voltage.value
+        return (self.stall_torque.value + self.friction.value) * supply
+
+    @property
+    def speed_slope(self) -> float:
+        """Return what the torque line falls by with the speed [N m s/rad]."""
+        return self.stall_torque.value / self.no_load_speed.value
+
+    @property
+    def torque_constant(self) -> float:
+        """Return the torque of the current, friction not taken out [N m/A]."""
+        return (self.stall_torque.value + self.friction.value) / self.stall_current.value
+
+    @property
+    def resistance(self) -> float:
+        """Return that of winding, brushes and bridge [Ω]."""
+        return winding_resistance(self.nominal_voltage.value, self.stall_current.value)
 
 
 class Imu(Settings):

@@ -34,6 +34,11 @@ WATCHDOG_LSB, RETURN_DELAY_LSB = 20e-3, 2e-6
 """Units of the registers bus_watchdog and return_delay_time [s]."""
 
 
+def winding_resistance(nominal_voltage: float, stall_current: float) -> float:
+    """Return the resistance of winding, brushes and bridge [Ω], from voltage [V] and current [A] of a stalled motor."""
+    return nominal_voltage / stall_current
+
+
 @dataclass(frozen=True)
 class Servo:
     """One model, as its data sheet has it; torque and speed at the horn.
@@ -59,8 +64,8 @@ class Servo:
 
     @property
     def resistance(self) -> float:
-        """Return nominal voltage over stall current [Ω]: winding, brushes and bridge."""
-        return self.nominal_voltage / self.stall_current
+        """Return that of winding, brushes and bridge [Ω]."""
+        return winding_resistance(self.nominal_voltage, self.stall_current)
 
 
 PAPER_TENDON, PAPER_DRIVE = "XH430-W350", "XM430-W350"

@@ -23,9 +23,9 @@ from sinew.plan.parameter import Parameter
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.predict.joint import RESOLUTION, joint_problem
+from sinew.solve.balance import Size
 from sinew.solve.branch import Branch, Direction, Mark, Prediction, Swept, sweep
 from sinew.solve.curves import Problem, Resolution, predict
-from sinew.solve.waves import Size
 from sinew.twin.parameters import Effects
 
 _ENDS = (0.05, 0.5, 0.95)

@@ -42,17 +42,12 @@ class Describing:
     equivalent: Equivalent
 
 
-def fundamental_phasor(branch: Branch) -> Complexes:
-    """Return the complex amplitude of the response's fundamental [rad], (n,): φ = Re c exp(jΩt)."""
-    return np.asarray(branch.harmonics[:, branch.orders == 1][:, 0])
-
-
 def harmonic_shares(branch: Branch) -> dict[int, Array]:
     """Return the amplitudes of the harmonics from the second to the fifth as shares of the fundamental's, (n,) each.
 
     Orders that the equations' symmetry rules out are not there.
     """
-    first = np.abs(fundamental_phasor(branch))
+    first = branch.fundamental
     return {
         int(h): np.abs(branch.harmonics[:, i]) / first for i, h in enumerate(branch.orders) if 1 < h <= _HIGHEST_SHARE
     }
@@ -60,7 +55,7 @@ def harmonic_shares(branch: Branch) -> dict[int, Array]:
 
 def _equivalent(branch: Branch, inertia: float, push: Complexes) -> Equivalent:
     omega = 2 * np.pi * branch.frequency_hz
-    dynamic = omega**2 * inertia + push / fundamental_phasor(branch)
+    dynamic = omega**2 * inertia + push / branch.phasor
     stiffness, damping = dynamic.real, dynamic.imag / omega
     root = np.sqrt(np.where(stiffness > 0, stiffness, np.nan) * inertia)
     return Equivalent(stiffness, damping, damping / (2 * root))
@@ -91,6 +86,6 @@ def lever_phasor(branch: Branch, command: float, *, prescribed: bool) -> Complex
 
 def describing_function(branch: Branch, command: float, rig: RigSpec, *, prescribed: bool = False) -> Describing:
     """Return the describing function of a rig's joint along a curve at one amplitude of the command [rad]."""
-    torsion, lever = fundamental_phasor(branch), lever_phasor(branch, command, prescribed=prescribed)
+    torsion, lever = branch.phasor, lever_phasor(branch, command, prescribed=prescribed)
     asked = -1j * command
     return Describing(torsion / asked, torsion / lever, lever / asked, equivalent_of_rig(branch, lever, rig))

@@ -25,11 +25,10 @@ from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import BRANCHES, relaxation_times
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
-from sinew.solve.balance import Lane
+from sinew.solve.balance import Coordinate, Equations, Lane, Size
 from sinew.solve.continuation import Stride
 from sinew.solve.curves import Problem, Resolution
 from sinew.solve.landmark import Search
-from sinew.solve.waves import Coordinate, Equations, Size
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters
 

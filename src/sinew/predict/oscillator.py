@@ -3,8 +3,9 @@
     I φ̈ + d φ̇ + c |φ̇| φ̇ + k φ + k₂ φ² + k₃ φ³ + M_c tanh(φ̇/v) = M sin Ωt + I Ω² b sin Ωt,
 
 the left side being `LAW`, a sum of terms (`sinew.mechanics.laws`). φ is the rotation against the base, which turns by
-b sin Ωt. Dry friction M_c turns round over the speed v, which is `SLIDING_SHARE` of a speed that is expected; a motion
-that rests for a part of its period creeps instead.
+b sin Ωt. Dry friction M_c turns round over the speed v, `DryFriction.SLIDING_SHARE` of the natural frequency times the
+expected amplitude, or times three static rotations where that is less; the more of the torque the friction takes up,
+the less. A motion that rests for a part of its period creeps instead.
 """
 
 from typing import NamedTuple
@@ -16,13 +17,8 @@ from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
 from sinew.mechanics.laws import Cubic, Drag, DryFriction, Linear, Quadratic, Viscous
-from sinew.solve.balance import Lane
+from sinew.solve.balance import Coordinate, Equations, Lane, Size
 from sinew.solve.curves import Problem, Resolution
-from sinew.solve.waves import Coordinate, Equations, Size
-
-SLIDING_SHARE = 0.02
-"""Speed over which dry friction turns round, as a share of the natural frequency times the expected amplitude, or times
-three static rotations where that is less; the more of the torque the friction takes up, the less."""
 
 LAW = Linear() + Viscous() + Drag() + DryFriction() + Quadratic() + Cubic()
 
@@ -128,6 +124,7 @@ def expected_amplitude(one: Oscillator) -> float:
 def lane_of(one: Oscillator, width_hz: float) -> Lane:
     """Return the oscillator as one lane; width_hz: of the band of frequencies."""
     omega, amplitude = 2 * np.pi * one.frequency_hz, expected_amplitude(one)
+    static = abs(one.torque) / one.stiffness + abs(one.base)
     left = max(1 - one.coulomb / abs(one.torque), _LEAST_LEFT) if one.torque else 1.0
     numbers = (
         one.inertia,
@@ -137,7 +134,7 @@ def lane_of(one: Oscillator, width_hz: float) -> Lane:
         one.cubic,
         one.coulomb,
         one.drag,
-        left * SLIDING_SHARE * omega * min(amplitude, 3 * (abs(one.torque) / one.stiffness + abs(one.base))),
+        left * DryFriction.SLIDING_SHARE * omega * min(amplitude, 3 * static),
         one.torque,
         one.base,
     )

@@ -16,7 +16,7 @@ import numpy as np
 from sinew.measure.arrays import Array
 from sinew.predict.band import crest
 from sinew.predict.joint import RESOLUTION
-from sinew.solve.balance import Lane
+from sinew.solve.balance import Equations, Lane, Size, orders
 from sinew.solve.branch import Branch, Mark, Prediction
 from sinew.solve.continuation import OUTSIDE, Stride
 from sinew.solve.curves import ENDS, Problem, first_curves, wrapped_lag
@@ -30,7 +30,6 @@ from sinew.solve.examination import (
     rows_of,
 )
 from sinew.solve.landmark import FOLD, QUARTER, guesses
-from sinew.solve.waves import Equations, Size, orders
 
 SKETCH_ERROR = 5e-3
 """Error of a sketched amplitude, in shares of the largest [1]: above the largest that was found."""

@@ -14,21 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.solve.balance import Lane, balance
+from sinew.solve.balance import Equations, Lane, Size, balance, embedded, orders, size_of, unknowns
 from sinew.solve.branch import Branch
-from sinew.solve.curves import Problem, Resolution
+from sinew.solve.curves import Problem, Resolution, at_rest
 from sinew.solve.examination import (
-    BLOCK,
     drive_phasor,
     half_map,
     half_range,
+    in_blocks,
     lag_product,
     largest_multiplier,
     phasors,
-    pool,
     rows_of,
+    solved,
 )
-from sinew.solve.waves import Equations, Size, embedded, orders, size_of, slices, unknowns
 
 # The balance is extended by two unknowns' worth of conditions: phase resonance, followed over the drive.
 #
@@ -77,15 +76,8 @@ def evaluate_extended(y: Array, lanes: NDArray[np.intp], problem: Problem, size:
     if not len(y):
         m, states = y.shape[1] - 1, size_of(equations)
         return Extended(np.zeros((0, m)), np.zeros((0, m, m + 1)), np.zeros((0, states, states)))
-    blocks = [np.minimum(np.arange(i, i + BLOCK), len(y) - 1) for i in range(0, len(y), BLOCK)]
-
-    def run(index: NDArray[np.intp]) -> list[Array]:
-        lane = rows_of(problem.lane, lanes[index])
-        done = _block(y[index], lane, equations=equations, size=size, weakened=problem.weakened)
-        return [np.asarray(leaf) for leaf in done]
-
-    parts = [run(blocks[0])] if len(blocks) == 1 else list(pool().map(run, blocks))
-    left, slope, maps = (np.concatenate(part)[: len(y)] for part in zip(*parts, strict=True))
+    each = partial(_block, weakened=problem.weakened)
+    left, slope, maps = in_blocks(each, y, rows_of(problem.lane, lanes), equations, size)
     product, by_motion = lag_product(y[:, :-1], equations, size.harmonics)
     scale = np.maximum(np.abs(product), 1e-300)[:, None]
     row = np.concatenate([by_motion, np.zeros((len(y), 1))], axis=1) / scale
@@ -123,7 +115,7 @@ def corrected(
 def _solved(matrix: Array, right: Array) -> Array:
     """Return the solutions of systems (k, n, n); not a number where there is none."""
     try:
-        return np.asarray(np.linalg.solve(matrix, right[:, :, None])[:, :, 0])
+        return solved(matrix, right)
     except np.linalg.LinAlgError:
         return np.full_like(right, np.nan)
 
@@ -146,22 +138,13 @@ class Backbone(NamedTuple):
     share: Array
 
 
-def _rest(problem: Problem, size: Size) -> Array:
-    """Return scaled amplitudes (lane, m) of no motion."""
-    q = np.zeros((problem.rest.shape[0], unknowns(problem.equations, size.harmonics)))
-    for c, part in enumerate(slices(problem.equations, size.harmonics)):
-        if orders(problem.equations.coordinates[c], size.harmonics)[0] == 0:
-            q[:, part.start] = problem.rest[:, c] / np.asarray(problem.lane.scale)[:, c]
-    return q
-
-
 def _driven(q: Array, frequency: Array, share: float, lanes: NDArray[np.intp], problem: Problem, size: Size) -> Array:
     """Return points (k, m + 2) at given scaled frequencies and a small share of the drive, near rest q (k, m)."""
     y = np.concatenate([q, frequency[:, None], np.full((len(q), 1), share)], axis=1)
     for _ in range(_NEWTON):
         seen = evaluate_extended(y, lanes, problem, size)
         m = q.shape[1]
-        y[:, :m] -= np.linalg.solve(seen.slope[:, :m, :m], seen.left[:, :m, None])[:, :, 0]
+        y[:, :m] -= solved(seen.slope[:, :m, :m], seen.left[:, :m])
     return y
 
 
@@ -176,7 +159,7 @@ def _ratio(y: Array, problem: Problem, size: Size) -> Array:
 def _starts(problem: Problem, window: Array, share: float, size: Size) -> list[Array | None]:
     """Return a point (m + 2,) near the begin of each lane's backbone: where a weak drive's response passes 90°, of
     several crossings the one with the largest response. None where there is none in the window."""
-    rest = _rest(problem, size)
+    rest = at_rest(problem, size, 0.0)[:, :-1]
     grid, count = np.linspace(window[0], window[1], _GRID), len(rest)
     each = np.repeat(np.arange(count), _GRID)
     y = _driven(rest[each], np.tile(grid, count), share, each, problem, size)
@@ -208,7 +191,7 @@ def _tangents(slope: Array, forward: Array) -> Array:
     matrix = np.concatenate([slope, forward[:, None, :]], axis=1)
     last = np.zeros_like(forward)
     last[:, -1] = 1.0
-    tangent = np.linalg.solve(matrix, last[:, :, None])[:, :, 0]
+    tangent = solved(matrix, last)
     return np.asarray(tangent / np.linalg.norm(tangent, axis=1, keepdims=True))
 
 

@@ -42,8 +42,8 @@ class Branch:
     amplitude: Array
     phase: Array
     orders: NDArray[np.int64]
-    harmonics: NDArray[np.complex128]
-    drive: NDArray[np.complex128]
+    harmonics: Complexes
+    drive: Complexes
     multiplier: Array
     folds: tuple[Mark, ...]
     peak: Mark | None
@@ -58,9 +58,14 @@ class Branch:
         return np.asarray(self.multiplier < 1 + _NEUTRAL)
 
     @property
+    def phasor(self) -> Complexes:
+        """Return the complex amplitude c of the fundamental, (n,): response = Re c exp(jΩt)."""
+        return np.asarray(self.harmonics[:, self.orders == 1][:, 0])
+
+    @property
     def fundamental(self) -> Array:
         """Return the amplitude of the fundamental, (n,)."""
-        return np.asarray(np.abs(self.harmonics[:, self.orders == 1][:, 0]))
+        return np.asarray(np.abs(self.phasor))
 
     @property
     def fundamental_peak(self) -> Mark | None:
@@ -133,7 +138,7 @@ def sweep(branch: Branch, frequency_hz: Array, direction: Direction) -> Swept:
 
 def _columns(branch: Branch) -> Array:
     """Return frequency, amplitude, unwrapped lag and both fundamentals along the curve, made dense, (n, 7)."""
-    first = branch.harmonics[:, branch.orders == 1][:, 0]
+    first = branch.phasor
     rows = (branch.frequency_hz, branch.amplitude, np.unwrap(branch.phase))
     columns = np.stack([*rows, first.real, first.imag, branch.drive.real, branch.drive.imag], axis=1)
     if len(columns) < 3:

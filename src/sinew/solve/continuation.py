@@ -15,8 +15,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from sinew.solve.balance import Lane, balance, solve
-from sinew.solve.waves import Equations, Size
+from sinew.solve.balance import Equations, Lane, Size, balance, solve
 
 POINTS = 512
 """Points that a curve can have."""

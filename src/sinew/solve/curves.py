@@ -3,16 +3,17 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.solve.balance import Lane
+from sinew.solve.balance import Equations, Lane, Size, embedded, orders, slices, unknowns
 from sinew.solve.branch import Branch, Mark, Prediction
 from sinew.solve.continuation import LIMIT, LOST, OUTSIDE, POINTS, STUCK, Curve, Stride, follow
-from sinew.solve.examination import Examination, examine, largest_multiplier, pool, rows_of
+from sinew.solve.examination import Examination, examine, in_blocks, largest_multiplier, rows_of
 from sinew.solve.landmark import (
     FOLD,
     PEAK,
@@ -24,7 +25,6 @@ from sinew.solve.landmark import (
     interpolated_peak,
     locate,
 )
-from sinew.solve.waves import Equations, Size, embedded, orders, slices, unknowns
 
 LANES = 4
 """Lanes that are followed together."""
@@ -64,7 +64,7 @@ class Problem(NamedTuple):
     eased: Callable[[Any, float], Any] | None = None
 
 
-def _at_rest(problem: Problem, size: Size, frequency: float) -> Array:
+def at_rest(problem: Problem, size: Size, frequency: float) -> Array:
     """Return scaled unknowns (lane, m + 1) of no motion at a scaled frequency."""
     equations, lanes = problem.equations, problem.rest.shape[0]
     x = np.zeros((lanes, unknowns(equations, size.harmonics) + 1))
@@ -79,17 +79,8 @@ def _followed(
     start: Array, lane: Lane, window: Array, limit: int, equations: Equations, size: Size, stride: Stride
 ) -> Curve:
     """Return the curves from the given motions, in blocks of `LANES` on all cores."""
-    width = 1 if len(start) == 1 else LANES
-    blocks = [np.minimum(np.arange(i, i + width), len(start) - 1) for i in range(0, len(start), width)]
-
-    def run(index: NDArray[np.intp]) -> list[NDArray[Any]]:
-        done = follow(
-            start[index], rows_of(lane, index), window, np.int64(limit), stride, equations=equations, size=size
-        )
-        return [np.asarray(leaf) for leaf in done]
-
-    parts = [run(blocks[0])] if len(blocks) == 1 else list(pool().map(run, blocks))
-    return Curve(*(np.concatenate(rows)[: len(start)] for rows in zip(*parts, strict=True)))  # type: ignore[arg-type]
+    go = partial(follow, window=window, limit=np.int64(limit), stride=stride)
+    return Curve(*in_blocks(go, start, lane, equations, size, 1 if len(start) == 1 else LANES))  # type: ignore[arg-type]
 
 
 def _ramped(start: Array, problem: Problem, window: Array, resolution: Resolution, size: Size) -> Array:
@@ -108,7 +99,7 @@ def first_curves(problem: Problem, window: Array, resolution: Resolution, size: 
 
     window: scaled frequencies at which they begin and end, (2,). resolution: whose stride is taken.
     """
-    start = _at_rest(problem, size, float(window[0]))
+    start = at_rest(problem, size, float(window[0]))
     args = problem.equations, size, resolution.stride
     curve = _followed(start, problem.lane, window, POINTS, *args)
     lost = np.flatnonzero(np.asarray(curve.status) == LOST)

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array, Complexes
-from sinew.solve.balance import Lane, balance, solve
-from sinew.solve.waves import Equations, Size, embedded, is_symmetric, orders, size_of, slices
+from sinew.solve.balance import Equations, Lane, Size, balance, embedded, is_symmetric, orders, size_of, slices, solve
 
 # The size of steady motions is measured: half of peak to peak, fundamental, phase behind the drive.
 #
@@ -221,10 +220,12 @@ def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tupl
     return (jax.vmap(one)(x, lane),)
 
 
-def in_blocks(compiled: Any, x: Any, lane: Lane, equations: Equations, size: Size) -> tuple[Array, ...]:
+def in_blocks(
+    compiled: Any, x: Any, lane: Lane, equations: Equations, size: Size, width: int = BLOCK
+) -> tuple[Array, ...]:
     """Return what a compiled function says of k motions x, a tree with a leading axis, which it takes in blocks."""
     count = len(jax.tree.leaves(x)[0])
-    blocks = [np.minimum(np.arange(i, i + BLOCK), count - 1) for i in range(0, count, BLOCK)]
+    blocks = [np.minimum(np.arange(i, i + width), count - 1) for i in range(0, count, width)]
 
     def run(index: NDArray[np.intp]) -> list[Array]:
         rows, lanes = rows_of(x, index), rows_of(lane, index)
@@ -232,6 +233,11 @@ def in_blocks(compiled: Any, x: Any, lane: Lane, equations: Equations, size: Siz
 
     parts = [run(blocks[0])] if len(blocks) == 1 else list(pool().map(run, blocks))
     return tuple(np.concatenate(part)[:count] for part in zip(*parts, strict=True))
+
+
+def solved(matrix: Array, right: Array) -> Array:
+    """Return the solutions (k, n) of systems (k, n, n), right sides (k, n). Raises LinAlgError where one has none."""
+    return np.asarray(np.linalg.solve(matrix, right[:, :, None])[:, :, 0])
 
 
 def evaluate(x: Array, lane: Lane, equations: Equations, size: Size) -> Evaluation:
@@ -267,7 +273,7 @@ def examine(
         seen = evaluate(there[left], rows_of(lane, left), equations, fine)
         matrix = np.concatenate([seen.slope, normal[left, None, :]], axis=1)
         right = np.concatenate([-seen.left, np.zeros((left.size, 1))], axis=1)
-        change = np.linalg.solve(matrix, right[:, :, None])[:, :, 0]
+        change = solved(matrix, right)
         mapped[left] = there[left]
         there[left] += change
         last[left] = np.linalg.norm(change, axis=1)

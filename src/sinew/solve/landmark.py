@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.solve.balance import Lane
-from sinew.solve.examination import evaluate, half_range, lag_product, rows_of
-from sinew.solve.waves import Equations, Size
+from sinew.solve.balance import Equations, Lane, Size
+from sinew.solve.examination import evaluate, half_range, lag_product, rows_of, solved
 
 FOLD, PEAK, QUARTER = range(3)
 """Kinds: extremum of the frequency, extremum of the amplitude, response 90° behind the drive."""
@@ -45,10 +44,6 @@ class Located(NamedTuple):
     lag: NDArray[np.complex128]
 
 
-def _solve(matrix: Array, right: Array) -> Array:
-    return np.asarray(np.linalg.solve(matrix, right[:, :, None])[:, :, 0])
-
-
 def _height(x: Array, peak: Array, equations: Equations, harmonics: int) -> Array:
     """Return the gradient of what is extremal: the amplitude at a peak, the frequency at a fold."""
     gradient = half_range(x, equations, harmonics).gradient
@@ -75,16 +70,16 @@ def locate(
         seen = evaluate(np.concatenate([x, ahead, behind]), thrice, equations, size)
         slope = seen.slope[:count]
         matrix = np.concatenate([slope, normal[:, None, :]], axis=1)
-        tangent = _solve(matrix, last)
+        tangent = solved(matrix, last)
         up = _height(x, peak, equations, size.harmonics)
         bend = np.subtract(*(_height(z, peak, equations, size.harmonics) for z in (ahead, behind)))
-        back = _solve(matrix.transpose(0, 2, 1), up)[:, :-1]
+        back = solved(matrix.transpose(0, 2, 1), up)[:, :-1]
         turn = np.einsum("ki,kij->kj", back, seen.slope[count : 2 * count] - seen.slope[2 * count :])
         product, by_phase = lag_product(x, equations, size.harmonics)
         quarter = (kind == QUARTER)[:, None]
         g = np.where(quarter, product.real[:, None], np.sum(up * tangent, axis=1)[:, None])
         g_slope = np.where(quarter, by_phase, (bend - turn) / (2 * search.nudge))
-        change = _solve(
+        change = solved(
             np.concatenate([slope, g_slope[:, None, :]], axis=1), -np.concatenate([seen.left[:count], g], axis=1)
         )
         length = np.linalg.norm(change, axis=1)

@@ -12,12 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.mechanics.drive import commanded_angle, duty
 from sinew.mechanics.joint import State, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import tendon_stretch
 
 S = TypeVar("S")
+Progress = Callable[[float, float], None]
 
 LANES = 64
 """Lanes in one batch: small enough for the second-level cache, large enough to hide the loop's overhead."""
@@ -35,16 +37,16 @@ class Track(NamedTuple):
     stretch: elongation ℓ - ℓ_c of every tendon [m], (tendon, sample).
     """
 
-    torsion: NDArray[np.float64]
-    torsion_rate: NDArray[np.float64]
-    torsion_acceleration: NDArray[np.float64]
-    shortening: NDArray[np.float64]
-    lever: NDArray[np.float64]
-    lever_rate: NDArray[np.float64]
-    duty: NDArray[np.float64]
-    gyro: NDArray[np.float64]
-    gyro_rate: NDArray[np.float64]
-    stretch: NDArray[np.float64]
+    torsion: Array
+    torsion_rate: Array
+    torsion_acceleration: Array
+    shortening: Array
+    lever: Array
+    lever_rate: Array
+    duty: Array
+    gyro: Array
+    gyro_rate: Array
+    stretch: Array
 
 
 def runge_kutta(slope: Callable[[jax.Array, S], S], time_s: jax.Array, state: S, step_s: jax.Array) -> S:
@@ -133,12 +135,12 @@ def _pool() -> ThreadPoolExecutor:
 
 def integrate(
     p: Parameters,
-    shortening: NDArray[np.float64],
+    shortening: Array,
     samples: Sequence[int],
     sample_s: float,
     *,
     steps: int | None = None,
-    progress: Callable[[float, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> list[Track]:
     """Return the track of every lane, from rest.
 
@@ -157,7 +159,7 @@ def integrate(
     total, done = float(np.sum(samples)) * sample_s, 0.0
     tracks: dict[int, Track] = {}
 
-    def run(lanes: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    def run(lanes: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
         padded = np.concatenate([lanes, np.full(LANES - lanes.size, lanes[-1])])
         chunk = jax.tree.map(lambda leaf: np.asarray(leaf)[padded], p)
         longest = max(samples[i] for i in lanes)

@@ -1,8 +1,5 @@
 """The joint at rest: first contact, pretension, tension."""
 
-from collections.abc import Callable
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 
@@ -14,21 +11,23 @@ from sinew.mechanics.tendons import tendon_stretch, tendon_tension
 _NEWTON_STEPS = 30
 
 
-def _solve(slope: Callable[[jax.Array], jax.Array], start: jax.Array) -> jax.Array:
-    """Return the root of a scalar function by a fixed number of Newton steps."""
-    curvature = jax.grad(slope)
+def sink(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:
+    """Return the axial shortening [m] one step of Newton's method nearer to where ∂V/∂x = 0 at a torsion [rad]."""
+    force, curvature = jax.jvp(
+        lambda x: jax.grad(potential, argnums=1)(torsion, x, p), (shortening,), (jnp.ones_like(shortening),)
+    )
+    return jnp.asarray(shortening - force / curvature)
 
-    def step(_: int, x: jax.Array) -> jax.Array:
-        return x - slope(x) / jnp.asarray(curvature(x))
 
-    root: jax.Array = jax.lax.fori_loop(0, _NEWTON_STEPS, step, start)
-    return root
+def sunk(torsion: jax.Array, start: jax.Array, p: Parameters, steps: int) -> jax.Array:
+    """Return the axial shortening [m] at which the relaxed joint rests at a torsion [rad]: so many steps of `sink`."""
+    found: jax.Array = jax.lax.fori_loop(0, steps, lambda _, x: sink(torsion, x, p), start)
+    return found
 
 
 def rest_shortening(p: Parameters) -> jax.Array:
     """Return the axial shortening x [m] at which the untwisted, relaxed joint rests: ∂V/∂x = 0 at φ = 0."""
-    slope = jax.grad(partial(potential, jnp.zeros(())), argnums=0)
-    return _solve(lambda x: slope(x, p), 0.001 * p.length)
+    return sunk(jnp.zeros(()), 0.001 * p.length, p, _NEWTON_STEPS)
 
 
 def set_pretension(

@@ -14,9 +14,8 @@ from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.solve.balance import Lane, balance, solve
+from sinew.solve.balance import Equations, Lane, Size, balance, slices, solve
 from sinew.solve.examination import in_blocks
-from sinew.solve.waves import Equations, Size, slices
 
 _TRIES, _LEAST_SHARE = 100, 1 / 64
 _FREQUENCY_SHARE = 0.2  # of the frequency: the longest step over it

@@ -14,12 +14,31 @@ import jax.numpy as jnp
 import numpy as np
 
 from sinew.measure.errors import SpecError
-from sinew.mechanics.drive import gear_friction
+from sinew.mechanics.drive import duty_for, gear_friction
 from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import compressive_load
 from sinew.plan.rig import RigSpec
-from sinew.predict.joints.validity import CLOSE, LOST, SLENDER, STRAIN, Torso
-from sinew.predict.sections.section import Section, annulus_section, circle_section, ellipse_section, rectangle_section
-from sinew.tune.swing_stiffness import as_one_tendon, held_at, peak_tension, swing_loss, swing_stiffness
+from sinew.predict.joints.section import (
+    Section,
+    annulus_section,
+    circle_section,
+    ellipse_section,
+    ellipse_torsion,
+    rectangle_section,
+)
+from sinew.predict.joints.validity import (
+    CLOSE,
+    LOST,
+    SLENDER,
+    STRAIN,
+    Torso,
+    bonded_torsion_factor,
+    euler_load,
+    haringx_load,
+    largest_strain,
+    twisting_stretch,
+)
+from sinew.solve.first import as_one_tendon, held_at, peak_tension, swing_loss, swing_stiffness
 from sinew.twin.parameters import from_rig
 
 # It is worked out what the drive has to do for a steady swing: torque, duty, current, energy a cycle.
@@ -69,7 +88,7 @@ def load_of_swing(
     own, coupled = p.lever + p.armature, p.lever
     horn = -(omega**2) * (own * (real * c - imaginary * s) + coupled * torsion * c)
     electrical = horn + gear_friction(speed, p)
-    duty = (electrical + p.speed_slope * speed) / p.duty_torque
+    duty = duty_for(electrical, speed, p)
     current = electrical / p.torque_constant
     period = 2 * jnp.pi / omega
     work, energy = period * jnp.mean(horn * speed), period * supply * jnp.mean(duty * current)
@@ -89,7 +108,7 @@ def drive_load(rig: RigSpec, frequency_hz: float, lever: complex, torsion: float
 
 # Cross-sections are closed formulas of two sizes, so that a search can follow their slopes.
 #
-# The same formulas as in `sinew.predict.sections`, which a proposal is computed with in the end; the rectangle's
+# The same formulas as in `sinew.predict.joints.section`, which a proposal is computed with in the end; the rectangle's
 # torsion is Saint-Venant's series here and finite elements there (Timoshenko and Goodier, Theory of Elasticity,
 # chapter 10).
 
@@ -98,7 +117,7 @@ _ODD = (1.0, 3.0, 5.0, 7.0, 9.0)
 
 class Form(NamedTuple):
     """diameter of the circle around it [m], area [m²], perimeter [m], torsion_constant, polar and least moment [m⁴],
-    warping_constant [m⁶], shear_arm [m]: as in `sinew.predict.sections.section.Section`."""
+    warping_constant [m⁶], shear_arm [m]: as in `sinew.predict.joints.section.Section`."""
 
     diameter: jax.Array
     area: jax.Array
@@ -133,18 +152,18 @@ def _annulus(size: jax.Array, ratio: jax.Array) -> Form:
 
 def _ellipse(size: jax.Array, ratio: jax.Array) -> Form:
     a, b = size / 2, ratio * size / 2
-    squares = a**2 + b**2
+    torsion_constant, warping_constant, shear_arm = ellipse_torsion(a, b)
     h = ((a - b) / (a + b)) ** 2
     perimeter = jnp.pi * (a + b) * (1 + 3 * h / (10 + jnp.sqrt(4 - 3 * h)))  # Ramanujan, within 5e-5 here
     return Form(
         size,
         jnp.pi * a * b,
         perimeter,
-        jnp.pi * (a * b) ** 3 / squares,
-        jnp.pi * a * b * squares / 4,
+        torsion_constant,
+        jnp.pi * a * b * (a**2 + b**2) / 4,
         jnp.pi * a * b**3 / 4,
-        ((a**2 - b**2) / squares) ** 2 * jnp.pi * (a * b) ** 3 / 24,
-        2 * a**2 * b / squares,
+        warping_constant,
+        shear_arm,
     )
 
 
@@ -309,7 +328,7 @@ class Judged(NamedTuple):
 def frame_of(rig: RigSpec, target: DesignTarget, name: str) -> Frame:
     """Return the frame of a search for one shape, from a base rig whose motors, guides and loss factor are kept."""
     tendons, limits, shape = rig.tendons, rig.limits, SHAPES[name]
-    pull = limits.tendon_current_a * tendons.torque_constant.value / tendons.pulley_radius.value
+    pull = tendons.tension(limits.tendon_current_a)
     most_lever = target.lever_share * target.inertia
     low = (0.015, shape.ratio[0], 0.03, 0.015, min(rig.inertia.lever.value, 0.5 * most_lever))
     high = (target.diameter, shape.ratio[1], target.length, 0.5 * target.diameter - GUIDE, most_lever)
@@ -407,15 +426,8 @@ def _first_contact(p: Parameters, frame: Frame) -> jax.Array:
     load = frame.contact / p.axial_rigidity
     stretch = 1 - load / 3
     for _ in range(6):
-        stretch = stretch - (stretch**-2 - stretch - load) / (-2 * stretch**-3 - 1)
+        stretch = stretch - (compressive_load(1.0, stretch) - load) / (-2 * stretch**-3 - 1)
     return p.length * (1 - stretch)
-
-
-def _principal_strain(shear: jax.Array, stretch: jax.Array) -> jax.Array:
-    """Return the largest principal strain as `sinew.predict.joints.validity.largest_strain` does, with slopes."""
-    across = stretch**-0.5
-    trace = across**2 * (1 + shear**2) + stretch**2
-    return jnp.sqrt(0.5 * (trace + jnp.sqrt(trace**2 - 4 * across**2 * stretch**2))) - 1
 
 
 def judge(place: jax.Array, modulus: jax.Array, frame: Frame) -> Judged:
@@ -461,18 +473,17 @@ def _material_excess(
 ) -> list[jax.Array]:
     """Return the excess over strain, compression, beam theory, buckling and clearance at the upper end of the band."""
     shear = form.shear_arm * frame.amplitude / sizes.length
-    euler, sliding = 4 * jnp.pi**2 * 3 * modulus * form.least / sizes.length**2, modulus * form.area
-    haringx = 0.5 * sliding * (jnp.sqrt(1 + 4 * euler / sliding) - 1)
+    euler = euler_load(3 * modulus * form.least, sizes.length, tilt_held=True)
+    haringx = haringx_load(euler, modulus * form.area)
     bulge = form.area / (form.perimeter * sizes.length)
-    twisting = 1 - (1 - jnp.clip(form.torsion_constant / form.polar, 0.0, 1 - 1e-9)) ** (1 / 3)
-    turned = jnp.where(form.warping_constant > 0, form.warping_constant, 1e-20)
-    h = 0.5 * sizes.length * jnp.sqrt(form.torsion_constant / (3 * turned))
+    twisting = 1 - twisting_stretch(form.torsion_constant, form.polar, 1e-9)
+    warping = bonded_torsion_factor(form.torsion_constant, form.warping_constant, sizes.length) - 1
     return [
-        _principal_strain(shear, stretch) / (_RESERVE * STRAIN) - 1,
+        largest_strain(shear, stretch) / (_RESERVE * STRAIN) - 1,
         (1 - stretch) / _COMPRESSION - 1,
         SLENDER / _BEAM * form.diameter / sizes.length - 1,
         4 * LOST * bulge * (1 + _BEAM * CLOSE) / (_BEAM * CLOSE) - 1,  # 1/(1 - 4 LOST S) - 1, solved for S
-        jnp.where(form.warping_constant > 0, (1 / (1 - jnp.tanh(h) / h) - 1) / (_BEAM * CLOSE) - 1, -1.0),
+        warping / (_BEAM * CLOSE) - 1,
         _SAFE_BUCKLING * load / haringx - 1,
         (1 - stretch) / (_RESERVE * twisting) - 1,
         (0.5 * form.diameter * stretch**-0.5 + 0.5 * GUIDE) / sizes.circle - 1,

@@ -67,9 +67,9 @@ class Reachable:
 
 def stresses_of(rig: RigSpec, one: Resonance, swing: Swing) -> list[Stress]:
     """Return how far a rig's limits are used where it resonates: tension, currents, torsion, drive."""
-    limits, tendons = rig.limits, rig.tendons
+    limits = rig.limits
     load = drive_load(rig, one.frequency_hz, one.lever, one.torsion)
-    pull = one.tension * tendons.pulley_radius.value / tendons.torque_constant.value
+    pull = rig.tendons.current(one.tension)
     command, torsion = math.degrees(one.command), math.degrees(one.torsion)
     where = f"at {one.pretension_mm:.3g} mm"
     found = [

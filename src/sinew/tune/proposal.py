@@ -80,8 +80,7 @@ class Proposal:
     @property
     def holding_a(self) -> float:
         """Return the current of a tendon motor at rest at the upper end of the band [A], if its gear held nothing."""
-        tendons = self.rig.tendons
-        return self.ends[1].rest_tension * tendons.pulley_radius.value / tendons.torque_constant.value
+        return self.rig.tendons.current(self.ends[1].rest_tension)
 
     @property
     def objectives(self) -> tuple[float, float, float]:

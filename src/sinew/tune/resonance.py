@@ -18,11 +18,11 @@ import numpy as np
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
+from sinew.mechanics.silicone import glassy_factor
 from sinew.mechanics.tendons import total_tension
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.predict.band import COARSE
-from sinew.predict.describing import fundamental_phasor
 from sinew.predict.joint import joint_problem
 from sinew.predict.joints.validity import loads_of
 from sinew.solve.branch import Branch
@@ -73,10 +73,9 @@ class Resonance:
 @cache
 def _stiffness() -> Any:
     def of(shortening: jax.Array, p: Any) -> tuple[jax.Array, jax.Array]:
-        glassy = 1 + sum(p.prony_shares, start=jnp.zeros(()))
         guides = p.guides.stiffness(total_tension(jnp.zeros(()), shortening, p))
         relaxed = torsional_stiffness(shortening, p)
-        return relaxed, relaxed * glassy + guides
+        return relaxed, relaxed * glassy_factor(p) + guides
 
     return jax.jit(jax.vmap(of))
 
@@ -130,7 +129,7 @@ def resonances_at(
 
 def _lever_at(branch: Branch, frequency_hz: float) -> complex:
     """Return the lever's phasor where the lag is 90°, turned so that the torsion's is real."""
-    gain = branch.drive / fundamental_phasor(branch) * branch.fundamental
+    gain = branch.drive / branch.phasor * branch.fundamental
     i = int(np.argmin(np.abs(branch.frequency_hz - frequency_hz) + np.abs(branch.phase - np.pi / 2)))
     near = slice(max(0, i - 1), i + 2)
     size = np.interp(np.pi / 2, branch.phase[near], np.abs(gain[near]))

@@ -18,17 +18,13 @@ def from_rig(rig: RigSpec) -> Parameters:
 
     The cross-section's second moments follow from the diameter: J = π d⁴/32, A = π d²/4, and G = G·J / J. Where the
     rig has a section of its own, J is its torsion constant and A its area.
-    The drive's torque line goes through stall torque and no-load speed at nominal voltage; its Coulomb friction is
-    contained in that line, so duty_torque is larger than the stall torque by the friction.
     """
     silicone, tendons, drive = rig.silicone, rig.tendons, rig.drive
     series = 1 / (1 / tendons.cable_stiffness.value + 1 / tendons.servo_stiffness.value)
-    stall = drive.stall_torque.value + drive.friction.value
-    supply = drive.supply_voltage.value / drive.nominal_voltage.value
     values = {
         "length": silicone.length.value,
         "torsional_rigidity": silicone.torsional_rigidity.value,
-        "axial_rigidity": _axial_rigidity(rig),
+        "axial_rigidity": silicone.torsional_rigidity.value * rig.area_over_torsion_constant,
         "warping_rigidity": _warping_rigidity(rig),
         "bending_rigidity": rig.bending_over_torsional_rigidity * silicone.torsional_rigidity.value,
         "prony_shares": tuple(prony_shares(silicone.loss_factor.value)),
@@ -46,12 +42,12 @@ def from_rig(rig: RigSpec) -> Parameters:
         "held_tension": 0.0,
         "mode": POSITION,
         "guides": tendons.guides,
-        "duty_torque": stall * supply,
-        "speed_slope": drive.stall_torque.value / drive.no_load_speed.value,
+        "duty_torque": drive.duty_torque,
+        "speed_slope": drive.speed_slope,
         "drive_friction": drive.friction.value,
         "position_gain": drive.position_gain.value,
         "duty_limit": drive.duty_limit.value,
-        "torque_constant": stall / drive.stall_current.value,
+        "torque_constant": drive.torque_constant,
         "amplitude": 0.0,
         "omega": 1.0,
         "stop_s": np.inf,
@@ -60,16 +56,6 @@ def from_rig(rig: RigSpec) -> Parameters:
         "low_pass_omega": 2 * np.pi * rig.imu.low_pass.value,
     }
     return jax.tree.map(lambda value: np.asarray(value, dtype=float), Parameters(**values))  # type: ignore[arg-type,no-any-return]
-
-
-def _axial_rigidity(rig: RigSpec) -> float:
-    """Return G·A [N]."""
-    rigidity, section = rig.silicone.torsional_rigidity.value, rig.section
-    if section is not None:
-        return rigidity / section.torsion_constant.value * section.area.value
-    diameter = rig.silicone.diameter.value
-    shear_modulus = rigidity / (np.pi * diameter**4 / 32)
-    return float(shear_modulus * np.pi * diameter**2 / 4)
 
 
 def _warping_rigidity(rig: RigSpec) -> float:

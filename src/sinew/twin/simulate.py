@@ -15,22 +15,20 @@ from scipy import signal
 from sinew.measure.errors import SpecError
 from sinew.measure.files.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.drive import motor_current
 from sinew.mechanics.parameters import CURRENT, TENDON_MODES, Parameters
 from sinew.mechanics.tendons import tendon_tension
 from sinew.plan.plan import Group, Plan, TendonMode
-from sinew.plan.rig import Bus, Imu, RigSpec
+from sinew.plan.rig import LIMIT_RESERVE_N, Bus, Imu, RigSpec
 from sinew.plan.servo import SERVOS, VOLTAGE_LSB
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
-from sinew.solve.march import LANES, Track, integrate
+from sinew.solve.march import LANES, Progress, Track, integrate
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
 from sinew.twin.parameters import Effects, from_rig
 
 # The true motion becomes what the registers and stamps of a bench would say.
-
-GRAVITY = 9.80665
-"""Standard gravity [m/s²]; the rig stands upright, so it is on the x axis of the accelerometer."""
 
 Samples = NDArray[np.float64]
 
@@ -102,11 +100,11 @@ def read_accelerometer(
 ) -> NDArray[np.float32]:
     """Return the accelerometer's three axes [m/s²], shape (sample, 3), for a chip at (0, r, 0) in frame H.
 
-    rate, acceleration: of the torsion. Specific force: +g along x, -r φ̇² along y, r φ̈ along z; clipped at the
+    rate, acceleration: of the torsion. Specific force, upright: +g along x, -r φ̇² along y, r φ̈ along z; clipped at the
     range. Its low-pass is not modelled.
     """
     radius = imu.mount_radius.value
-    force = np.stack([np.full_like(rate, GRAVITY), -radius * rate**2, radius * acceleration], axis=-1)
+    force = np.stack([np.full_like(rate, STANDARD_GRAVITY), -radius * rate**2, radius * acceleration], axis=-1)
     if effects.sensor_noise:
         force += imu.accelerometer_noise.value * rng.standard_normal(force.shape)
         force = np.clip(force, -imu.accelerometer_range.value, imu.accelerometer_range.value)
@@ -126,9 +124,6 @@ def stamp(counts: NDArray[np.intp], sample_hz: float, bus: Bus, effects: Effects
     jitter = bus.stamp_jitter.value * rng.standard_normal(index.size)
     return np.asarray(ideal + np.clip(jitter, -0.4 / sample_hz, 0.4 / sample_hz))
 
-
-LIMIT_RESERVE_N = 5.0
-"""Tension above that at rest at which a current-limited position loop yields [N]; the paper does not give it."""
 
 _READ = (
     "amplitude", "omega", "stop_s", "duty_torque", "speed_slope", "torque_constant", "stiffness", "held_tension", "mode"
@@ -233,12 +228,7 @@ _REPEATED = ("sweep", "ring_down")
 
 
 def simulate_tracks(
-    lanes: Lanes,
-    groups: Sequence[Group],
-    sample_hz: float,
-    *,
-    steps: int | None = None,
-    progress: Callable[[float, float], None] | None = None,
+    lanes: Lanes, groups: Sequence[Group], sample_hz: float, steps: int | None = None, progress: Progress | None = None
 ) -> list[Track]:
     """Return the true motion of every group, sampled at `sample_hz`; see `sinew.solve.march`."""
     samples = [sum(g.sample_counts(sample_hz)) for g in groups]
@@ -251,7 +241,7 @@ def simulate(
     *,
     seed: int = 0,
     effects: Effects | None = None,
-    progress: Callable[[float, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """Return the recording that the plan gives on the rig's physics twin.
 
@@ -345,7 +335,7 @@ def _read(
     current = np.asarray(motor_current(jnp.asarray(joined.duty), jnp.asarray(joined.lever_rate), each))
     tension = np.asarray(tendon_tension(jnp.asarray(joined.stretch), each)).T
     taken_up = _take_up(joined.stretch, tension, starts, counts, groups, rig) / tendons.pulley_radius.value
-    pull = tension * tendons.pulley_radius.value / tendons.torque_constant.value
+    pull = tendons.current(tension)
     supply = np.full(command.size, drive.supply_voltage.value)
     turn = 2 * np.pi
     channels: dict[str, NDArray[Any]] = {

@@ -51,11 +51,6 @@ def cycle_mean(time_s: Array, signal: Array, frequency_hz: Array) -> tuple[Array
     return solution[:, 0], std
 
 
-def winding_resistance(rig: RigSpec) -> float:
-    """Return the drive's resistance [Ω], winding, brushes and bridge: nominal voltage over stall current."""
-    return rig.drive.nominal_voltage.value / rig.drive.stall_current.value
-
-
 def idle_power(rig: RigSpec) -> float:
     """Return what all servos draw with their torque off [W], by data sheet: no register tells it.
 
@@ -105,7 +100,7 @@ def read_power(signals: Signals) -> Power | None:
             holding = (recorded["tendon_pwm"] * currents).sum(axis=1) * supply
         else:
             holding = SERVOS[rig.wiring.tendon_model].resistance * (currents**2).sum(axis=1)
-    return Power(recorded["drive_pwm"] * supply * current, winding_resistance(rig) * current**2, holding)
+    return Power(recorded["drive_pwm"] * supply * current, rig.drive.resistance * current**2, holding)
 
 
 def rest_power(signals: Signals, rig: RigSpec) -> dict[tuple[float, int], tuple[float, float]]:

@@ -9,7 +9,7 @@ import xarray as xr
 from scipy.interpolate import Akima1DInterpolator, CubicSpline
 from scipy.optimize import nnls
 
-from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty, winding_resistance
+from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.signals import Signals
 from sinew.analysis.sweep.resonance import store_interval
@@ -149,7 +149,7 @@ def estimate_energy(signals: Signals, response: Response, resonance_hz: Array) -
         return None
     shape = resonance_hz.shape
     value, std, misfit = ({name: np.full(shape, np.nan) for name in ENERGY_QUANTITIES} for _ in range(3))
-    resistance = winding_resistance(rig)
+    resistance = rig.drive.resistance
     for p, r in np.ndindex(*shape):
         mine = {name: values[p, :, r] for name, values in columns.items()}
         at = float(resonance_hz[p, r])

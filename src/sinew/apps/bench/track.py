@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sinew.hardware.rig import Rig as HardwareRig
     from sinew.plan.plan import Held, Plan, Track
     from sinew.plan.rig import RigSpec
-    from sinew.tune.track.expected import ExpectedBackbone
+    from sinew.tune.track import ExpectedBackbone
 
 
 Bench = AbstractContextManager["tuple[HardwareRig, Clock]"]
@@ -129,7 +129,7 @@ def _run(
     from sinew.bench.preflight import refuse_unready
     from sinew.bench.run import Runner
     from sinew.bench.stops import Steering
-    from sinew.tune.track.expected import planned_tracker
+    from sinew.tune.track import planned_tracker
 
     held = tensions(plan, spec)
     bench_run.refuse_full_disk(out, plan, sum(group.duration_s for group in plan.groups()))
@@ -185,7 +185,7 @@ def track_plan(
     Raises SpecError where an option cannot be meant, or a limit of the rig would be broken.
     """
     from sinew.plan.plan import Track
-    from sinew.tune.track.expected import expect_backbones, planned_tracker
+    from sinew.tune.track import expect_backbones, planned_tracker
 
     console.check_choice("--hold", hold, _HELD)
     amplitudes = _numbers(amplitude, ",", "--amplitude-deg")

@@ -81,7 +81,7 @@ class LiveChannels:
 
     def __init__(self, rig: RigSpec) -> None:
         self._tendons = rig.tendons.count
-        self._force = rig.tendons.torque_constant.value / rig.tendons.pulley_radius.value
+        self._force = rig.tendons.tension(1.0)
         self._radius = rig.tendons.pulley_radius.value
         self.channels = (
             Channel("drive_command", "lever, command", "°"),

@@ -141,7 +141,7 @@ def _from_paper(
             for free in FREE
         },
         "numbers": [
-            {"quantity": one.name, "paper": one.value, "twin": float(number), "tolerance": one.tolerance}
+            {"quantity": one.name, "paper": one.value, "twin": float(number), "tolerance": one.within}
             for one, number in zip(TARGETS, fitted.observed, strict=True)
         ],
         "ranges": None if ranges is None else str(ranges),

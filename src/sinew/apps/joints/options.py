@@ -14,8 +14,8 @@ from sinew.measure.errors import SpecError
 if TYPE_CHECKING:
     from sinew.plan.rig import RigSpec
     from sinew.predict.joints.design import Design
+    from sinew.predict.joints.section import Section
     from sinew.predict.predicted import RigAsked
-    from sinew.predict.sections.section import Section
 
 BASE_RIG = "paper"
 """The rig that a joint is derived from where none is named."""
@@ -172,8 +172,8 @@ def _scaled(value: float | None, factor: float) -> float | None:
 
 
 def _section(joint: JointOptions) -> "Section | None":
-    from sinew.predict.sections import section as shapes
-    from sinew.predict.sections.outline import read_polygon
+    from sinew.predict.joints import section as shapes
+    from sinew.predict.joints.section import read_polygon
 
     sizes = {name for names in _SHAPES.values() for name in names}
     given = {name for name in sizes if getattr(joint, name) is not None}

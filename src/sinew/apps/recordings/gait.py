@@ -11,8 +11,7 @@ from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate, finite, fixed, number, pair
 
 if TYPE_CHECKING:
-    from sinew.tune.gait.bout import BoutGait
-    from sinew.tune.gait.target import GaitTarget
+    from sinew.tune.gait import BoutGait, GaitTarget
 
 _FASTEST_HZ = 20.0  # of a stride; nobody walks or runs at a fifth of it
 
@@ -114,8 +113,7 @@ def _of_files(
     from dataclasses import replace
 
     from sinew.measure.files.walk_file import WalkColumns, read_walk
-    from sinew.tune.gait.bout import body_motion
-    from sinew.tune.gait.target import estimate_gait, target_of_walks
+    from sinew.tune.gait import body_motion, estimate_gait, target_of_walks
 
     asked = WalkColumns(**columns)
     walks, notes = [], []
@@ -133,7 +131,7 @@ def _of_files(
 
 
 def _of_numbers(stride: str | None, yaw_deg: float | None) -> "GaitTarget":
-    from sinew.tune.gait.target import target_of_numbers
+    from sinew.tune.gait import target_of_numbers
 
     if stride is None or yaw_deg is None:
         raise SpecError("--stride-hz and --yaw-deg belong together, as --stride-hz 0.7:1.1 --yaw-deg 7")

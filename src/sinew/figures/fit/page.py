@@ -32,6 +32,7 @@ from sinew.identify.oscillator.record import derivative_order
 from sinew.identify.oscillator.start import dominant_omega
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import NORMAL_95
 
 # Each figure of an identification gets its words.
 
@@ -162,7 +163,6 @@ def _sentence(text: str) -> str:
 _PERIODS = 2.0
 _FEWEST_LAGS, _MOST_LAGS = 20, 400
 _DOTTED = 80  # lags up to which each gets a dot
-_BAND = 1.959963984540054  # standard deviations: 95 % of a normal distribution
 
 
 @in_style
@@ -229,7 +229,7 @@ def _draw_lags(axes: Axes, traces: Sequence[Trace], frequency_hz: float) -> None
     lags = max(2, min(wanted, _MOST_LAGS, shortest // 3))
     found, count = autocorrelation(traces, lags)
     at = 1e3 * step * np.arange(1, lags + 1)
-    band = _BAND / np.sqrt(count)
+    band = NORMAL_95 / np.sqrt(count)
     axes.axhspan(-band, band, color=GREY, alpha=0.3, linewidth=0, label="95 % of white noise")
     axes.vlines(at, 0, found, color=ACCENT, linewidth=min(1.2, 80 / lags))
     if lags <= _DOTTED:

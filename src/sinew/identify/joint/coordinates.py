@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
+from sinew.measure.estimate import NORMAL_95
 from sinew.mechanics.parameters import Parameters
 from sinew.plan.parameter import Parameter
 from sinew.plan.rig import RigSpec
 from sinew.twin.parameters import from_rig
 
 _STEP = 1e-5  # of a coordinate, for the slopes of `numbers_of`: their error is 1e-10 of them
-_NINETY_FIVE = 1.96
+_NINETY_FIVE = round(NORMAL_95, 2)  # the digits that every fit so far was weighed with
 _INSIDE = 1e-9  # share of the bounds by which the search stays inside them
 _ACTING = ("silicone.", "inertia.", "tendons.", "imu.residual_delay", "imu.low_pass")
 _NOT_ACTING = ("tendons.counts_per_turn", "tendons.current_lsb")
@@ -42,7 +43,7 @@ def numbers_of(rig: RigSpec) -> Numbers:
         from_rig(rig),
         np.asarray(tendons.first_contact_tension.value),  # type: ignore[arg-type]
         np.asarray(rig.imu.residual_delay.value),  # type: ignore[arg-type]
-        np.asarray(tendons.pulley_radius.value / tendons.torque_constant.value),  # type: ignore[arg-type]
+        np.asarray(tendons.current(1.0)),  # type: ignore[arg-type]
     )
 
 

@@ -16,7 +16,6 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import special
 
-from sinew.identify.joint.balance import Balance, balance
 from sinew.identify.joint.coordinates import Coordinates, make_coordinates
 from sinew.identify.joint.motion import steps_per_sample
 from sinew.identify.joint.problem import JointProblem, make_problem, whitening_of
@@ -28,6 +27,7 @@ from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.measure.schema import SegmentKind
 from sinew.plan.rig import RigSpec
+from sinew.solve.first import FreeSwing, free_swing
 from sinew.twin.cache import configure
 
 # The physical combinations of a joint fit get their values and intervals.
@@ -48,19 +48,20 @@ def derive(swings: Sequence[Swing], coordinates: Coordinates, x: Array, covarian
         amplitude, end = _amplitude(mine), f"[{pretension:g} mm]"
         found[f"amplitude_rad{end}"] = Estimate(amplitude, 0.0, amplitude, amplitude)
         at = partial(_at, coordinates, pretension, mine[0].mode, amplitude)
-        rows = zip(Balance._fields, _estimates(at, x, covariance), strict=True)
+        rows = zip(FreeSwing._fields, _estimates(at, x, covariance), strict=True)
         found |= {name + end: one for name, one in rows}
     return found
 
 
 def _of_the_joint(coordinates: Coordinates, x: Array) -> Array:
     rig = coordinates.rig_at(x)
-    stiffness = rig.silicone.torsional_rigidity.value / rig.silicone.length.value
-    return np.array([stiffness, rig.tendons.head_radius.value * rig.tendons.first_contact_tension.value])
+    moment = rig.tendons.head_radius.value * rig.tendons.first_contact_tension.value
+    return np.array([rig.silicone.stiffness(0.0), moment])
 
 
 def _at(coordinates: Coordinates, pretension_mm: float, mode: float, amplitude: float, x: Array) -> Array:
-    return np.array(balance(coordinates.numbers(x), pretension_mm, mode, amplitude), dtype=float)
+    numbers = coordinates.numbers(x)
+    return np.array(free_swing(numbers.p, numbers.contact, pretension_mm, mode, amplitude), dtype=float)
 
 
 def _estimates(quantities: Callable[[Array], Array], x: Array, covariance: Array) -> list[Estimate]:

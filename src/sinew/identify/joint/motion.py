@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 from sinew.identify.joint.coordinates import Numbers
 from sinew.identify.joint.swing import Swing
 from sinew.measure.arrays import Array
-from sinew.mechanics.joint import State, derivative, friction_torque, potential, state_at_rest
+from sinew.mechanics.joint import State, axial_omega, derivative, head_forces, state_at_rest
 from sinew.mechanics.parameters import Parameters
-from sinew.mechanics.silicone import viscoelastic_energy
 from sinew.mechanics.tendons import total_tension
+from sinew.plan.rig import LIMIT_RESERVE_N
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
-from sinew.twin.simulate import LIMIT_RESERVE_N
 
 CHANNELS = ("gyro", "current")
 """What is simulated: the gyroscope's rate before its average over samples [rad/s]; a tendon motor's current [A]."""
@@ -62,22 +61,9 @@ class _Lane(NamedTuple):
 def steps_per_sample(numbers: Numbers, sample_s: float) -> int:
     """Return how many steps of RK4 a sample needs: the head's fast axial motion and the guides have to stay stable."""
     p = numbers.p
-    tendons = len(p.guide_directions) * float(p.stiffness)
-    silicone = 3 * float(p.axial_rigidity) / float(p.length) * (1 + float(sum(p.prony_shares)))
-    omega = math.sqrt((tendons + silicone) / float(p.head_mass))
+    omega = axial_omega(len(p.guide_directions) * float(p.stiffness), p)
     bristles = float(p.guides.fastest(_FASTEST_TORSION))
     return max(_FEWEST_STEPS, math.ceil(max(omega, bristles) * sample_s / _LARGEST_PHASE))
-
-
-def _strain_energy(torsion: jax.Array, shortening: jax.Array, state: State, p: Parameters) -> jax.Array:
-    stored = viscoelastic_energy(torsion, shortening, state.memory, state.axial_memory, p)
-    return potential(torsion, shortening, p) + stored
-
-
-def _rate(state: State, lever_acceleration: jax.Array, p: Parameters) -> State:
-    slope = jax.grad(_strain_energy, argnums=(0, 1))(state.torsion, state.shortening, state, p)
-    torque = -slope[0] - p.viscous * state.torsion_rate - friction_torque(state, p)
-    return derivative(state, torque, slope[1], lever_acceleration, p)
 
 
 def _step(state: State, push: jax.Array, step_s: jax.Array, p: Parameters) -> State:
@@ -91,7 +77,7 @@ def _step(state: State, push: jax.Array, step_s: jax.Array, p: Parameters) -> St
     def stage(i: jax.Array, carry: tuple[State, State]) -> tuple[State, State]:
         before, after = carry
         at: State = jax.tree.map(lambda y, dy: y + share[i] * step_s * dy, state, before)
-        slope = _rate(at, push[which[i]], p)
+        slope = derivative(at, *head_forces(at, p), push[which[i]], p)
         return slope, jax.tree.map(lambda y, dy: y + weight[i] * step_s * dy, after, slope)
 
     still: State = jax.tree.map(jnp.zeros_like, state)

@@ -2,7 +2,7 @@
 
 In the normal form of `sinew.identify.oscillator.track`, driven by g Re(a exp(jΩt)), the motion is balanced by
 `sinew.solve`. Linear laws have one harmonic, which one step of Newton's method finds. Dry friction turns round over
-`SLIDING_SHARE` of the largest speed; a motion that rests for a part of its period creeps instead.
+`DryFriction.SLIDING_SHARE` of the largest speed; a motion that rests for a part of its period creeps instead.
 
 Time is counted so that the relaxation times of a loss factor are the twin's own, whatever the oscillator's frequency:
 what is compiled depends on the laws alone.
@@ -17,20 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array, Complexes
-from sinew.mechanics.laws import Law, LossFactor, Pendulum, Quadratic
+from sinew.mechanics.laws import DryFriction, Law, LossFactor, Pendulum, Quadratic
 from sinew.mechanics.silicone import relaxation_times
-from sinew.solve.balance import Lane
+from sinew.solve.balance import Coordinate, Equations, Lane, Size, orders
 from sinew.solve.curves import Problem, Resolution, first_curves
 from sinew.solve.examination import evaluate, phasors
 from sinew.solve.steady import at_frequency, steady
-from sinew.solve.waves import Coordinate, Equations, Size, orders
 from sinew.twin.cache import configure
 
 NUMBERS = ("stiffness", "damping", "loss_factor", "coulomb", "quadratic", "cubic", "gain")
 """The numbers that a steady oscillation depends on: stiffness to gain."""
-
-SLIDING_SHARE = 0.02
-"""Speed over which dry friction turns round, as a share of the largest; its fundamental is then right to 2e-4."""
 
 _TIMES = tuple(float(tau) for tau in relaxation_times())
 _FREE_STEPS, _FREE_TOLERANCE = 40, 1e-12
@@ -129,7 +125,7 @@ def _lane(numbers: Array, drive: Drive, laws: Laws, speed: Array) -> Lane:
         np.stack([push.real, push.imag], axis=1),
         drive.power * one,
         laws.natural * one,
-        SLIDING_SHARE * np.maximum(speed, 1e-12),
+        DryFriction.SLIDING_SHARE * np.maximum(speed, 1e-12),
         laws.amplitude * one,
     )
     return Lane(p, one[:, None], laws.natural * one)  # type: ignore[arg-type]

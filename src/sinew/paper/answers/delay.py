@@ -23,7 +23,7 @@ from sinew.analysis.signal.repeats import pool_repeats
 from sinew.analysis.signal.sensor import DelayBudget, delay_budget, torsion_delay
 from sinew.identify.joint.fit import JointFit
 from sinew.measure.arrays import Array
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.rig import RigSpec
 
@@ -229,7 +229,7 @@ def _delay_for_90(results: xr.Dataset) -> Array:
 
 def _judge(extra: Estimate, budget: DelayBudget, written: float) -> tuple[str, str]:
     told = in_words(extra, 1e3, "ms")
-    reach = math.hypot(0.5 * (extra.high - extra.low), 1.645 * budget.delay_std_s)
+    reach = math.hypot(0.5 * (extra.high - extra.low), NORMAL_90 * budget.delay_std_s)
     if not math.isfinite(reach):
         return CANNOT_TELL, "One response at one pretension leaves the delay without an interval; measure more."
     if written > 0 and reach > written:

@@ -31,7 +31,7 @@ from sinew.measure.recording import iterate_segments
 from sinew.mechanics.drive import gear_friction
 from sinew.mechanics.joint import State, mechanical_energy, rate, state_at_rest
 from sinew.mechanics.parameters import Parameters
-from sinew.mechanics.silicone import relaxation_times, twist_rigidity
+from sinew.mechanics.silicone import silicone_power
 from sinew.mechanics.tendons import total_tension
 from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 from sinew.plan.plan import Group
@@ -106,12 +106,8 @@ def _spent(p: Parameters, shortening: jax.Array, free_from: jax.Array, steps: ja
 
 def _slope(time_s: jax.Array, now: _Spending, p: Parameters) -> _Spending:
     state = now.state
-    stretch = 1 - state.shortening / p.length
-    torsional, axial = twist_rigidity(stretch, p) / p.length, 3 * p.axial_rigidity / p.length
     silicone = p.viscous * state.torsion_rate**2
-    for share, tau, q, u in zip(p.prony_shares, relaxation_times(), state.memory, state.axial_memory, strict=True):
-        branch = torsional * (state.torsion - q) ** 2 + axial * (state.shortening - u) ** 2
-        silicone = silicone + share * branch / tau
+    silicone += silicone_power(state.torsion, state.shortening, state.memory, state.axial_memory, p)
     sliding = p.guides.power(total_tension(state.torsion, state.shortening, p), state.torsion_rate, state.bristles)
     drag = p.speed_slope * state.lever_rate + gear_friction(state.lever_rate, p)
     return _Spending(rate(time_s, state, p), silicone, sliding, drag * state.lever_rate)

@@ -10,7 +10,7 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import complaint
 from sinew.predict.band import carried_over
 from sinew.predict.joints.material import Material
-from sinew.predict.sections.section import Section, circle_section
+from sinew.predict.joints.section import Section, circle_section
 
 _ROOM = 2.0
 
@@ -91,7 +91,7 @@ def design_document(rig: RigSpec, design: Design | None) -> dict[str, Any]:
         "shear_modulus_kpa": 1e-3 * shear_modulus_of(rig),
         "torsional_rigidity_n_m2": rigidity,
         "length_mm": 1e3 * length,
-        "stiffness_n_m_rad": rigidity / length,
+        "stiffness_n_m_rad": rig.silicone.stiffness(0.0),
     }
 
 

@@ -2,30 +2,29 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy import optimize
 
-from sinew.measure.arrays import Array
-from sinew.mechanics.joint import potential
+from sinew.measure.arrays import Array, namespace_of
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.parameters import Parameters
+from sinew.mechanics.silicone import compressive_load
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension
 from sinew.plan.rig import RigSpec
 from sinew.predict.joints.design import section_of, shear_modulus_of
-from sinew.predict.sections.section import Section
+from sinew.predict.joints.section import Section
 from sinew.solve.curves import Problem
+from sinew.solve.rest import sunk
 
 # A predicted joint's tensions and compression are found, at rest and where it twists most.
 
 
 _STEPS = 12
-
-
-GRAVITY = 9.80665
-"""Standard gravity [m/s²]."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class Torso:
     @property
     def weight(self) -> float:
         """Return its weight [N]."""
-        return self.mass * GRAVITY
+        return self.mass * STANDARD_GRAVITY
 
     def moment(self, tilt_deg: float) -> float:
         """Return the moment by which it wants to tip over where the head is tilted by so much [N m]."""
@@ -64,13 +63,13 @@ def loads_of(problem: Problem, torsion: Array) -> Loads:
     """
     p: Parameters = problem.lane.p
     rest = problem.rest[:, 1]
-    sunk = _sunk(torsion, rest, p)
+    there = np.asarray(_sunk(torsion, rest, p), dtype=float)
     length = np.asarray(p.length)
     return Loads(
         _tendon_tensions(np.zeros_like(rest), rest, p),
-        _tendon_tensions(torsion, sunk, p),
+        _tendon_tensions(torsion, there, p),
         1 - rest / length,
-        1 - sunk / length,
+        1 - there / length,
         torsion,
     )
 
@@ -99,8 +98,8 @@ def loads_under(loads: Loads, torso: Torso, shear_rigidity: float, guides: tuple
 
 def _stretch_under(stretch: float, more: float) -> float:
     """Return the stretch under an additional load, as a share of G A."""
-    load = stretch**-2 - stretch + more
-    return float(optimize.brentq(lambda x: x**-2 - x - load, 1e-3, 2.0))
+    load = compressive_load(1.0, stretch) + more
+    return float(optimize.brentq(lambda x: compressive_load(1.0, x) - load, 1e-3, 2.0))
 
 
 def _tendon_tensions(torsion: Array, shortening: Array, p: Parameters) -> Array:
@@ -108,24 +107,7 @@ def _tendon_tensions(torsion: Array, shortening: Array, p: Parameters) -> Array:
     return np.asarray(jnp.max(jnp.stack(each), axis=0))
 
 
-def _sunk(torsion: Array, start: Array, p: Parameters) -> Array:
-    """Return the shortening at which ∂V/∂x = 0 at a torsion, by Newton's method in each lane."""
-    return np.asarray(_relaxed(jnp.asarray(torsion), jnp.asarray(start), p), dtype=float)
-
-
-@jax.jit
-def _relaxed(torsion: jax.Array, start: jax.Array, p: Parameters) -> jax.Array:
-    def total(x: jax.Array) -> jax.Array:
-        return jnp.sum(potential(torsion, x, p))
-
-    def slope(x: jax.Array) -> jax.Array:
-        return jnp.asarray(jax.grad(total)(x))
-
-    def step(x: jax.Array, _: None) -> tuple[jax.Array, None]:
-        force, stiffness = jax.jvp(slope, (x,), (jnp.ones_like(x),))
-        return x - force / stiffness, None
-
-    return jax.lax.scan(step, start, None, length=_STEPS)[0]
+_sunk = jax.jit(jax.vmap(partial(sunk, steps=_STEPS)))
 
 
 # It is estimated how much the plates at its ends stiffen a silicone that is bonded to them.
@@ -147,16 +129,15 @@ def bonded_axial_factor(area: float, perimeter: float, length: float) -> float:
     return max(1 + 2 * shape**2, 1 / left if left > 0.5 else 0.0)
 
 
-def bonded_torsion_factor(torsion_constant: float, warping_constant: float, length: float) -> float:
+def bonded_torsion_factor(torsion_constant: Any, warping_constant: Any, length: Any) -> Any:
     """Return by how much ends that hold the warping raise the torsional stiffness G J/L: 1/(1 - tanh(h)/h).
 
     h = L/2 · sqrt(G J/(E I_w)) with E = 3 G. Vlasov's theory of restrained warping (Timoshenko and Gere, Theory of
     Elastic Stability, section 5.3); one for a section that does not warp. Arguments in m⁴, m⁶ and m.
     """
-    if warping_constant <= 1e-12 * torsion_constant * length**2:
-        return 1.0
-    h = 0.5 * length * np.sqrt(torsion_constant / (3 * warping_constant))
-    return float(1 / (1 - np.tanh(h) / h))
+    xp, least = namespace_of(warping_constant), 1e-12 * torsion_constant * length**2
+    h = 0.5 * length * xp.sqrt(torsion_constant / (3 * xp.maximum(warping_constant, least)))
+    return xp.where(warping_constant > least, 1 / (1 - xp.tanh(h) / h), 1.0)
 
 
 # The load is found at which tendons make a joint buckle, sideways or by twisting.
@@ -172,9 +153,9 @@ def bonded_torsion_factor(torsion_constant: float, warping_constant: float, leng
 # vanishes where λ³ = 1 - J/I_p; for slight compression that is Wagner's P = G J A/I_p.
 
 
-def euler_load(bending_rigidity: float, length: float, *, tilt_held: bool) -> float:
+def euler_load(bending_rigidity: Any, length: Any, *, tilt_held: bool) -> Any:
     """Return the critical load [N] of a joint without shear: E I [N m²], length [m]; tilt_held: by the tendons."""
-    return float((4 if tilt_held else 1) * np.pi**2 * bending_rigidity / length**2)
+    return (4 if tilt_held else 1) * np.pi**2 * bending_rigidity / length**2
 
 
 def mast_load(bending_rigidity: float, length: float, height: float) -> float:
@@ -190,22 +171,21 @@ def mast_load(bending_rigidity: float, length: float, height: float) -> float:
     return float((turn / length) ** 2 * bending_rigidity)
 
 
-def haringx_load(euler: float, shear_rigidity: float) -> float:
+def haringx_load(euler: Any, shear_rigidity: Any) -> Any:
     """Return the critical load [N] of a column that shears as well: ½ G A (sqrt(1 + 4 P_E/(G A)) - 1).
 
     Haringx, Philips Research Reports 3 and 4 (1948, 1949), as used for rubber springs. shear_rigidity: G A [N].
     """
-    return float(0.5 * shear_rigidity * (np.sqrt(1 + 4 * euler / shear_rigidity) - 1))
+    return 0.5 * shear_rigidity * (namespace_of(euler).sqrt(1 + 4 * euler / shear_rigidity) - 1)
 
 
-def twisting_stretch(torsion_constant: float, polar_moment: float) -> float:
-    """Return the stretch λ at which the torsional stiffness of the silicone vanishes; 0 for a circle."""
-    return float(np.cbrt(max(0.0, 1 - torsion_constant / polar_moment)))
+def twisting_stretch(torsion_constant: Any, polar_moment: Any, least: float = 0.0) -> Any:
+    """Return the stretch λ at which the torsional stiffness of the silicone vanishes; 0 for a circle.
 
-
-def compressive_load(shear_rigidity: float, stretch: float) -> float:
-    """Return the load [N] that compresses a neo-Hookean bar to a stretch λ: G A (1/λ² - λ)."""
-    return shear_rigidity * (stretch**-2 - stretch)
+    least: of 1 - J/I_p; above zero where a slope by it is wanted.
+    """
+    xp = namespace_of(torsion_constant)
+    return xp.cbrt(xp.maximum(least, 1 - torsion_constant / polar_moment))
 
 
 SLENDER = 1.0
@@ -246,6 +226,34 @@ class Check:
         }
 
 
+class _Case(NamedTuple):
+    """What is checked: a rig at pretensions [mm] under loads; tilt_held: whether the motors hold positions."""
+
+    rig: RigSpec
+    pretension_mm: list[float]
+    loads: Loads
+    tilt_held: bool
+
+    @property
+    def section(self) -> Section:
+        return section_of(self.rig)
+
+    @property
+    def modulus(self) -> float:
+        return shear_modulus_of(self.rig)
+
+    @property
+    def length(self) -> float:
+        return self.rig.silicone.length.value
+
+    def buckling(self, euler: float) -> float:
+        """Return the load [N] at which a joint buckles sideways that shears as well."""
+        return float(haringx_load(euler, self.modulus * self.section.area))
+
+    def euler(self, *, tilt_held: bool) -> float:
+        return float(euler_load(3 * self.modulus * self.section.least, self.length, tilt_held=tilt_held))
+
+
 def check_joint(
     rig: RigSpec, pretension_mm: list[float], loads: Loads, *, tilt_held: bool, torso: Torso | None = None
 ) -> list[Check]:
@@ -254,20 +262,11 @@ def check_joint(
     pretension_mm: of the lanes of `loads`. tilt_held: whether the motors hold positions, not currents.
     torso: whose weight presses on the joint as well; None leaves it out.
     """
-    section, modulus = section_of(rig), shear_modulus_of(rig)
+    case = _Case(rig, pretension_mm, loads, tilt_held)
     if torso is not None:
-        return _check_under(rig, section, modulus, pretension_mm, loads, torso, tilt_held=tilt_held)
-    return [
-        _slenderness(rig, section),
-        _axial_ends(rig, section),
-        _torsion_ends(rig, section),
-        _strain(rig, section, pretension_mm, loads),
-        _bending(rig, section, modulus, pretension_mm, loads, tilt_held=tilt_held),
-        _twisting(section, modulus, pretension_mm, loads),
-        _tension(rig, pretension_mm, loads),
-        _current(rig, loads),
-        _torsion(rig, pretension_mm, loads),
-    ]
+        return _check_under(case, torso)
+    each = (_slenderness, _axial_ends, _torsion_ends, _strain, _bending, _twisting, _tension, _current, _torsion)
+    return [one(case) for one in each]
 
 
 def check_drive(rig: RigSpec, amplitude_deg: float, highest_hz: float) -> list[Check]:
@@ -302,54 +301,35 @@ def doubt_broken_curves(checks: list[Check], broken_mm: list[float]) -> list[Che
     ]
 
 
-def _check_under(
-    rig: RigSpec,
-    section: Section,
-    modulus: float,
-    pretension_mm: list[float],
-    loads: Loads,
-    torso: Torso,
-    *,
-    tilt_held: bool,
-) -> list[Check]:
+def _check_under(case: _Case, torso: Torso) -> list[Check]:
     """Return the checks of a joint that carries a torso, each with its weight in it."""
+    rig = case.rig
     guides = rig.tendons.count, rig.tendons.head_radius.value
-    under = loads_under(loads, torso, modulus * section.area, guides, rig.limits.tilt_deg)
-    plain = {one.name: one for one in check_joint(rig, pretension_mm, under, tilt_held=tilt_held)}
-    plain["buckling_sideways"] = _bending_under(rig, section, modulus, pretension_mm, loads, torso, tilt_held=tilt_held)
+    under = loads_under(case.loads, torso, case.modulus * case.section.area, guides, rig.limits.tilt_deg)
+    plain = {one.name: one for one in check_joint(rig, case.pretension_mm, under, tilt_held=case.tilt_held)}
+    plain["buckling_sideways"] = _bending_under(case, torso)
     said = f"with {torso.mass:g} kg on it, "
     changed = ("local_strain", "buckling_by_twisting", "tension_n", "tendon_current_a")
     checks = [replace(one, sentence=said + one.sentence) if name in changed else one for name, one in plain.items()]
-    return [*checks, _tipping(rig, torso, loads)]
+    return [*checks, _tipping(rig, torso, case.loads)]
 
 
-def _bending_under(
-    rig: RigSpec,
-    section: Section,
-    modulus: float,
-    pretension_mm: list[float],
-    loads: Loads,
-    torso: Torso,
-    *,
-    tilt_held: bool,
-) -> Check:
+def _bending_under(case: _Case, torso: Torso) -> Check:
     """Return whether tendons and weight together leave the joint straight.
 
     A weight does not point at the base as the tendons do: where they keep the head from tilting, the head may still
     sway, P = π² E I/L²; where they do not, the weight stands on a clamped column as a rigid mast of its height does,
     k h tan(k L) = 1 with P = k² E I. Both loads together by Dunkerley's sum of shares, which is on the safe side.
     """
-    length, stiffness = rig.silicone.length.value, 3 * modulus * section.least
-    sliding = modulus * section.area
-    of_tendons = haringx_load(euler_load(stiffness, length, tilt_held=tilt_held), sliding)
-    euler = euler_load(stiffness, length, tilt_held=False) if tilt_held else mast_load(stiffness, length, torso.centre)
-    of_weight = haringx_load(euler, sliding)
-    worst = int(np.argmax(loads.tension))
-    pull = float(rig.tendons.count * loads.tension[worst])
+    of_tendons = case.buckling(case.euler(tilt_held=case.tilt_held))
+    mast = mast_load(3 * case.modulus * case.section.least, case.length, torso.centre)
+    of_weight = case.buckling(case.euler(tilt_held=False) if case.tilt_held else mast)
+    worst = int(np.argmax(case.loads.tension))
+    pull = float(case.rig.tendons.count * case.loads.tension[worst])
     value = pull / of_tendons + torso.weight / of_weight
     told = "the joint stays straight" if value < 1 else "it buckles sideways; lower the pretension, or carry less"
     sentence = (
-        f"at {pretension_mm[worst]:.3g} mm the tendons press with {pull:.0f} N of the {of_tendons:.0f} N, and "
+        f"at {case.pretension_mm[worst]:.3g} mm the tendons press with {pull:.0f} N of the {of_tendons:.0f} N, and "
         f"{torso.mass:g} kg with {torso.weight:.0f} N of the {of_weight:.0f} N, at which either alone buckles it; "
         f"their shares add up to {value:.2f}: {told}"
     )
@@ -370,24 +350,25 @@ def _tipping(rig: RigSpec, torso: Torso, loads: Loads) -> Check:
     return Check("tipping_over", value, 1.0, value < 1, sentence)
 
 
-def largest_strain(shear: float, stretch: float) -> float:
+def largest_strain(shear: Any, stretch: Any) -> Any:
     """Return the largest principal strain [1] of an incompressible bar's surface at a stretch λ under a shear strain
     (per length at rest): the largest singular value of the deformation gradient, less one."""
-    across = 1 / math.sqrt(stretch)
-    gradient = np.array([[across, 0.0, 0.0], [0.0, across, shear * across], [0.0, 0.0, stretch]])
-    return float(np.linalg.svd(gradient, compute_uv=False)[0] - 1)
+    xp, across = namespace_of(stretch), stretch**-0.5
+    turned = (shear * across) ** 2
+    return 0.5 * (xp.sqrt((across + stretch) ** 2 + turned) + xp.sqrt((across - stretch) ** 2 + turned)) - 1
 
 
-def _slenderness(rig: RigSpec, section: Section) -> Check:
-    value = rig.silicone.length.value / section.diameter
+def _slenderness(case: _Case) -> Check:
+    value = case.length / case.section.diameter
     holds = value >= SLENDER
     told = "long enough for a beam with corrections for its ends" if holds else "too short for beam theory"
     sentence = f"the silicone is {value:.2f} times as long as it is wide: {told}"
     return Check("slenderness", value, SLENDER, holds, sentence)
 
 
-def _axial_ends(rig: RigSpec, section: Section) -> Check:
-    value = bonded_axial_factor(section.area, section.perimeter, rig.silicone.length.value) - 1
+def _axial_ends(case: _Case) -> Check:
+    rig, section = case.rig, case.section
+    value = bonded_axial_factor(section.area, section.perimeter, case.length) - 1
     fitted = rig.section is None and rig.silicone.diameter.origin == "calibrated"
     holds = value <= CLOSE or fitted
     told = "which hardly matters" if holds else "its shortening under the tendons comes out too large by that share"
@@ -397,9 +378,9 @@ def _axial_ends(rig: RigSpec, section: Section) -> Check:
     return Check("bonded_ends_axial", None if fitted else value, CLOSE, holds, sentence)
 
 
-def _torsion_ends(rig: RigSpec, section: Section) -> Check:
-    length = rig.silicone.length.value
-    value = bonded_torsion_factor(section.torsion_constant, section.warping_constant, length) - 1
+def _torsion_ends(case: _Case) -> Check:
+    section = case.section
+    value = float(bonded_torsion_factor(section.torsion_constant, section.warping_constant, case.length)) - 1
     holds = value <= CLOSE
     if value == 0:
         return Check("bonded_ends_torsion", value, CLOSE, True, "the section does not warp, bonded ends change nothing")
@@ -408,78 +389,78 @@ def _torsion_ends(rig: RigSpec, section: Section) -> Check:
     return Check("bonded_ends_torsion", value, CLOSE, holds, sentence)
 
 
-def _strain(rig: RigSpec, section: Section, pretension_mm: list[float], loads: Loads) -> Check:
+def _strain(case: _Case) -> Check:
+    section, loads = case.section, case.loads
     arm = section.shear_arm or section.diameter / 2
-    twist = loads.torsion / rig.silicone.length.value
-    strains = [largest_strain(float(arm * t), float(s)) for t, s in zip(twist, loads.stretch, strict=True)]
+    twist = loads.torsion / case.length
+    strains = largest_strain(arm * twist, loads.stretch)
     worst = int(np.argmax(strains))
-    value, holds = strains[worst], strains[worst] <= STRAIN
+    value = float(strains[worst])
+    holds = value <= STRAIN
     shear, short = float(arm * twist[worst]), 1 - float(loads.stretch[worst])
     corner = "" if section.shear_arm else ", more at its re-entrant corners"
     told = "neo-Hookean within that" if holds else "silicone stiffens there, which the law does not know"
     sentence = (
-        f"at {pretension_mm[worst]:.3g} mm the surface is sheared by {shear:.2f} and shortened by {short:.0%}, a "
+        f"at {case.pretension_mm[worst]:.3g} mm the surface is sheared by {shear:.2f} and shortened by {short:.0%}, a "
         f"strain of {value:.0%}{corner}: {told}"
     )
     return Check("local_strain", value, STRAIN, holds, sentence)
 
 
-def _bending(
-    rig: RigSpec, section: Section, modulus: float, pretension_mm: list[float], loads: Loads, *, tilt_held: bool
-) -> Check:
-    euler = euler_load(3 * modulus * section.least, rig.silicone.length.value, tilt_held=tilt_held)
-    critical = haringx_load(euler, modulus * section.area)
-    worst = int(np.argmax(loads.tension))
-    load = float(rig.tendons.count * loads.tension[worst])
+def _bending(case: _Case) -> Check:
+    euler = case.euler(tilt_held=case.tilt_held)
+    critical = case.buckling(euler)
+    worst = int(np.argmax(case.loads.tension))
+    load = float(case.rig.tendons.count * case.loads.tension[worst])
     value = load / critical
     told = "the joint stays straight" if value < 1 else "it buckles sideways; lower the pretension"
-    how = "tendons that hold their length" if tilt_held else "tendons that hold their force"
+    how = "tendons that hold their length" if case.tilt_held else "tendons that hold their force"
     sentence = (
-        f"at {pretension_mm[worst]:.3g} mm the tendons press with {load:.0f} N, {value:.2f} of the buckling load of "
-        f"{critical:.0f} N with {how} (Euler's alone: {euler:.0f} N): {told}"
+        f"at {case.pretension_mm[worst]:.3g} mm the tendons press with {load:.0f} N, {value:.2f} of the buckling load "
+        f"of {critical:.0f} N with {how} (Euler's alone: {euler:.0f} N): {told}"
     )
     return Check("buckling_sideways", value, 1.0, value < 1, sentence)
 
 
-def _twisting(section: Section, modulus: float, pretension_mm: list[float], loads: Loads) -> Check:
-    critical = twisting_stretch(section.torsion_constant, section.polar_moment)
-    worst = int(np.argmin(loads.stretch))
-    stretch = float(loads.stretch[worst])
+def _twisting(case: _Case) -> Check:
+    critical = float(twisting_stretch(case.section.torsion_constant, case.section.polar_moment))
+    worst = int(np.argmin(case.loads.stretch))
+    stretch = float(case.loads.stretch[worst])
     if critical < 1e-3:
         sentence = "compression does not twist a round section"
         return Check("buckling_by_twisting", 0.0, 1.0, True, sentence)
     value = (1 - stretch) / (1 - critical)
-    load = compressive_load(modulus * section.area, critical)
+    load = compressive_load(case.modulus * case.section.area, critical)
     told = "it does not twist by itself" if value < 1 else "only the tendons keep it from twisting by itself"
     sentence = (
-        f"at {pretension_mm[worst]:.3g} mm the silicone is shortened by {1 - stretch:.0%}, {value:.2f} of the "
+        f"at {case.pretension_mm[worst]:.3g} mm the silicone is shortened by {1 - stretch:.0%}, {value:.2f} of the "
         f"{1 - critical:.0%} ({load:.0f} N) at which its stiffness in torsion is lost: {told}"
     )
     return Check("buckling_by_twisting", value, 1.0, value < 1, sentence)
 
 
-def _tension(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
-    worst, limit = int(np.argmax(loads.tension)), rig.limits.tension_n
+def _tension(case: _Case) -> Check:
+    loads = case.loads
+    worst, limit = int(np.argmax(loads.tension)), case.rig.limits.tension_n
     value, rest = float(loads.tension[worst]), float(loads.rest_tension[worst])
     told = "" if value <= limit else "; lower the pretension or the drive"
     sentence = (
-        f"at {pretension_mm[worst]:.3g} mm a tendon pulls {rest:.0f} N at rest and {value:.0f} N at "
+        f"at {case.pretension_mm[worst]:.3g} mm a tendon pulls {rest:.0f} N at rest and {value:.0f} N at "
         f"{math.degrees(float(loads.torsion[worst])):.0f}° of torsion, the rig allows {limit:g} N{told}"
     )
     return Check("tension_n", value, limit, value <= limit, sentence)
 
 
-def _current(rig: RigSpec, loads: Loads) -> Check:
-    worst, limit = int(np.argmax(loads.tension)), rig.limits.tendon_current_a
-    value = float(loads.tension[worst]) * rig.tendons.pulley_radius.value / rig.tendons.torque_constant.value
+def _current(case: _Case) -> Check:
+    limit, value = case.rig.limits.tendon_current_a, case.rig.tendons.current(float(np.max(case.loads.tension)))
     told = "" if value <= limit else "; take a smaller pulley or lower the pretension"
     sentence = f"its motor draws {value:.2f} A for that, the rig allows {limit:g} A{told}"
     return Check("tendon_current_a", value, limit, value <= limit, sentence)
 
 
-def _torsion(rig: RigSpec, pretension_mm: list[float], loads: Loads) -> Check:
-    worst, limit = int(np.argmax(loads.torsion)), rig.limits.torsion_deg
-    value = math.degrees(float(loads.torsion[worst]))
+def _torsion(case: _Case) -> Check:
+    worst, limit = int(np.argmax(case.loads.torsion)), case.rig.limits.torsion_deg
+    value = math.degrees(float(case.loads.torsion[worst]))
     told = "" if value <= limit else "; lower the drive's amplitude"
-    sentence = f"at {pretension_mm[worst]:.3g} mm the head twists by {value:.0f}°, the rig allows {limit:g}°{told}"
+    sentence = f"at {case.pretension_mm[worst]:.3g} mm the head twists by {value:.0f}°, the rig allows {limit:g}°{told}"
     return Check("torsion_deg", value, limit, value <= limit, sentence)

@@ -19,7 +19,7 @@ from skfem.models.poisson import laplace, mass, unit_load
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
-from sinew.predict.sections.outline import Moments, Outline, centred, corner_turns, inside, moments
+from sinew.predict.joints.section import Moments, Outline, centred, corner_turns, inside, moments
 
 # A cross-section is cut into triangles.
 

@@ -1,1 +1,0 @@
-"""Cross-sections, and the numbers of them that bending and torsion need."""

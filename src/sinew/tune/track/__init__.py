@@ -1,1 +1,0 @@
-"""A lock that keeps a joint in resonance while its pretension changes."""
