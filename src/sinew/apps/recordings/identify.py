@@ -304,7 +304,7 @@ def _find(asked: _Asked) -> "Identified":
 
 
 def _find_stepped(asked: _Asked) -> "Identified":
-    from sinew.identify.stepped.choice import identify_response
+    from sinew.identify.identified import identify as run
     from sinew.measure.read import is_recording
 
     columns, steps = asked.columns, asked.steps
@@ -316,17 +316,16 @@ def _find_stepped(asked: _Asked) -> "Identified":
     if asked.model == "tendon":
         raise SpecError("model tendon is fitted to samples of a rig's recording; leave --kind stepped out")
     chain = _chain(steps.chain)
-    remarks: tuple[str, ...] = ()
     if is_recording(asked.file):
         refuse_columns(columns.input, columns.output, steps.frequency, steps.phase)
         points = recording_points(asked.file, asked.excitation, asked.pretension_mm, asked.rig)
     else:
         refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, None)
-        points, remarks = table_points(
+        points = table_points(
             asked.file, steps.frequency, steps.phase, columns.input, columns.output, asked.excitation
         )
     with progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
-        return identify_response(points, asked.model, chain=chain, remarks=remarks, progress=progress)
+        return run(points, asked.model, chain=chain, progress=progress)
 
 
 def _chain(text: str | None) -> tuple[str, ...]:

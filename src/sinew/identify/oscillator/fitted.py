@@ -101,12 +101,18 @@ def _std(slope: Array, certainty: Covariance) -> float:
     return float(np.sqrt(max(variance, 0.0)))
 
 
-def unidentifiable_directions(layout: Layout, solution: Solution, certainty: Covariance) -> tuple[str, ...]:
-    """Return one sentence for each direction that the records do not determine."""
+def words_and_scales(layout: Layout, values: Array) -> tuple[list[str], Array]:
+    """Return what people call the numbers of a layout, and for each the change that matters, shape (m,)."""
     natural = np.array([LOCAL[entry.local].natural for entry in layout.entries])
     gain = [k for k, entry in enumerate(layout.entries) if entry.local == "gain"]
-    natural[gain] = 0.5 * np.maximum(np.abs(solution.values[gain]), 1e-6)
-    names = [LOCAL[entry.local].word + (f" of {entry.group}" if entry.group else "") for entry in layout.entries]
+    natural[gain] = 0.5 * np.maximum(np.abs(values[gain]), 1e-6)
+    words = [LOCAL[entry.local].word + (f" of {entry.group}" if entry.group else "") for entry in layout.entries]
+    return words, natural
+
+
+def unidentifiable_directions(layout: Layout, solution: Solution, certainty: Covariance) -> tuple[str, ...]:
+    """Return one sentence for each direction that the records do not determine."""
+    names, natural = words_and_scales(layout, solution.values)
     n, m = solution.jacobian.shape
     shared = n / (certainty.degrees_of_freedom + m)
     noise = float(np.sqrt(solution.sum_of_squares / max(n - m, 1) * max(shared, 1.0)))

@@ -123,24 +123,31 @@ def free_mechanics(model: Model, record: Record) -> tuple[str, ...]:
     return tuple(name for name in model.mechanics(record.excitation) if not (known and name == "gain"))
 
 
-def make_layout(model: Model, parts: Sequence[Part], varying: Sequence[str] = ()) -> Layout:
-    """Return the layout of a fit. varying: names of `LOCAL` that belong to a group each instead of to all."""
+def make_layout(
+    model: Model, parts: Sequence[Part], varying: Sequence[str] = (), steady: Sequence[str] | None = None
+) -> Layout:
+    """Return the layout of a fit. varying: names of `LOCAL` that belong to a group each instead of to all.
+
+    steady: of steady states, which have neither start nor rest position, the names of the numbers instead of `LOCAL`.
+    """
+    place = PLACE if steady is None else {name: k for k, name in enumerate(steady)}
     groups = list(dict.fromkeys(part.record.group for part in parts))
     entries = []
     for name in free_mechanics(model, parts[0].record):
         entries += [Entry(name, group=group) for group in groups] if name in varying else [Entry(name)]
-    entries += [
-        Entry(name, record=i if len(parts) > 1 else -1)
-        for i in range(len(parts))
-        for name in model.nuisance(parts[i].record.excitation)
-    ]
+    if steady is None:
+        entries += [
+            Entry(name, record=i if len(parts) > 1 else -1)
+            for i in range(len(parts))
+            for name in model.nuisance(parts[i].record.excitation)
+        ]
     index, column, ratio = [], [], []
     for i, part in enumerate(parts):
         mine = [
             k for k, entry in enumerate(entries) if entry.group in ("", part.record.group) and entry.record in (-1, i)
         ]
         index.append(np.array(mine, dtype=np.intp))
-        column.append(np.array([PLACE[entries[k].local] for k in mine], dtype=np.intp))
+        column.append(np.array([place[entries[k].local] for k in mine], dtype=np.intp))
         ratio.append(np.array([_ratio(entries[k].local, parts[0].scales, part.scales) for k in mine]))
     return Layout(model, tuple(parts), tuple(entries), tuple(index), tuple(column), tuple(ratio))
 

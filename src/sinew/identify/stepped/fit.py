@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from sinew.identify.choice.comparison import rank_trend, trend_sentences
+from sinew.identify.choice.comparison import SIGNIFICANT, Trends, rank_trend
 from sinew.identify.oscillator.certainty import Covariance, estimates, find_unidentifiable, long_run
-from sinew.identify.oscillator.fitted import mechanical_parameters, oscillation
+from sinew.identify.oscillator.fitted import mechanical_parameters, oscillation, words_and_scales
 from sinew.identify.oscillator.least_squares import Problem, Solution, solve
 from sinew.identify.oscillator.model import Model, get_model
 from sinew.identify.oscillator.record import Frame, Scales, frames_of
@@ -26,12 +26,12 @@ from sinew.identify.stepped.layout import (
     regress_response,
     scales_of_points,
 )
-from sinew.identify.stepped.oscillation import NUMBERS
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
-from sinew.mechanics.laws import Pendulum
+from sinew.mechanics.laws import LossFactor, Pendulum
+from sinew.twin.cache import configure
 
 # The scatter of single points borrows strength from that of all.
 
@@ -89,29 +89,23 @@ class ResponseTests:
 
     misfit: root mean square of the residuals in stated standard deviations, near 1 where model and scatter are right.
     chi_square_p: of the sum of squares by the stated scatter; NaN where that is itself known by too few repeats.
-    neighbours_p, neighbours: of the correlation of residuals at neighbouring frequencies.
-    amplitude_p, amplitude_trend: Spearman's rank correlation of the residuals' size with the amplitude of the motion;
-    frequency_p, frequency_trend: the same with frequency.
+    neighbours_p, neighbours: of the correlation of residuals at neighbouring frequencies. trends: with the motion's.
     """
 
     misfit: float
     chi_square_p: float
     neighbours_p: float
     neighbours: float
-    amplitude_p: float
-    amplitude_trend: float
-    frequency_p: float
-    frequency_trend: float
+    trends: Trends
 
     def sentences(self) -> tuple[str, ...]:
         """Return what speaks against the model, in words; none where nothing does."""
         found = []
-        if self.chi_square_p < _SIGNIFICANT:
+        if self.chi_square_p < SIGNIFICANT:
             found.append(f"the model misses the points by {self.misfit:.2g} times their stated scatter")
-        if self.neighbours_p < _SIGNIFICANT:
+        if self.neighbours_p < SIGNIFICANT:
             found.append(f"residuals of neighbouring frequencies go together (correlation {self.neighbours:.2f})")
-        amplitude, frequency = (self.amplitude_trend, self.amplitude_p), (self.frequency_trend, self.frequency_p)
-        return (*found, *trend_sentences(amplitude, frequency))
+        return (*found, *self.trends.sentences())
 
 
 def ask_points(
@@ -137,17 +131,13 @@ def ask_points(
         p = float(special.gammaincc(scale * n * mean**2 / variance, total * mean / variance))
     neighbours, pairs = _neighbours(whitened)
     size = np.sqrt(np.concatenate(squares))
-    by_amplitude = rank_trend(np.concatenate(list(motion)), size)
-    by_frequency = rank_trend(np.concatenate([one.frequency_hz for one in points]), size)
+    frequency = np.concatenate([one.frequency_hz for one in points])
     return ResponseTests(
         float(np.sqrt(total / freedom)),
         p,
         float(2 * special.ndtr(-abs(neighbours) * np.sqrt(pairs))) if pairs else np.nan,
         neighbours,
-        by_amplitude[1],
-        by_amplitude[0],
-        by_frequency[1],
-        by_frequency[0],
+        Trends(rank_trend(np.concatenate(list(motion)), size), rank_trend(frequency, size)),
     )
 
 
@@ -194,9 +184,6 @@ def sandwich(rows: Array, residual: Array, sizes: Sequence[int]) -> tuple[Array,
     return float(residual @ residual) / freedom * gram, gram @ summed @ gram * (n / freedom), lengths
 
 
-_SIGNIFICANT = 0.01
-
-
 @dataclass(frozen=True)
 class ResponseFit:
     """What the points of a stepped sine say about a model; names as of a `Fit` in time.
@@ -234,8 +221,10 @@ class ResponseFit:
 
 
 _TOLERANCE = 1e-10
-_TOLD = 0.01  # significance from which on the residuals are no mere scatter
-_CHAIN_NATURAL = {"phase": 0.3, "background_real": 0.3, "background_imag": 0.3}
+_START = {"damping": (1e-5, 10.0), "loss_factor": (1e-5, 0.9), "coulomb": (1e-6, 0.5), "quadratic": (0.1, 0.1)}
+"""Bounds of where the search begins, where a steady response asks for others than a record. At no quadratic term the
+sum of squares is flat: only its square is seen at the fundamental."""
+_CHAIN_NATURAL = 0.3
 _CHAIN_WORDS = {"phase": "phase", "background_real": "background (real)", "background_imag": "background (imaginary)"}
 
 
@@ -258,6 +247,7 @@ def fit_response(
     summed over neighbours (Newey and West), which holds for a model that is not quite right.
     Raises RecordingError for points that cannot be fitted, SpecError for a model that does not go with them.
     """
+    configure()
     given = (points,) if isinstance(points, ResponsePoints) else tuple(points)
     groups = tuple(squeeze_scatter(one) for one in given)
     model = get_model(model) if isinstance(model, str) else model
@@ -275,8 +265,11 @@ def _check(points: Sequence[ResponsePoints], model: Model, chain: Sequence[str])
         raise SpecError(f"model {model.name} needs an angle, the output is in {points[0].output_unit}")
     if unknown := [name for name in chain if name not in CHAIN]:
         raise SpecError(f"the chain adds {unknown[0]!r}, expected some of {', '.join(CHAIN)}")
-    if unknown := [number.word for number in model.law.numbers if number.name not in NUMBERS]:
-        raise SpecError(f"a steady response is not balanced with a {unknown[0]}; choose cubic, or fit a record in time")
+    if held := [one.lost for one in model.law.terms if one.history is not None and not isinstance(one, LossFactor)]:
+        raise SpecError(
+            f"{held[0]} has an inner state, which the harmonic balance of a steady response does not follow; "
+            "choose drag or coulomb, or fit a record in time"
+        )
     if model.rest != "offset":
         raise SpecError("a steady response says nothing of drift or creep; leave the rest position as it is")
 
@@ -313,13 +306,7 @@ def _starts(layout: ResponseLayout, values: Sequence[dict[str, float]]) -> list[
         for i in which:
             ratio = layout.layout.ratio[i][np.flatnonzero(layout.layout.index[i] == k)[0]]
             normal.append(values[i].get(entry.local, 0.0) / parts[i].scales.physical(entry.local) / ratio)
-        x[k] = float(np.clip(np.median(normal), -1e3, 1e3))
-        if entry.local in ("damping", "loss_factor"):
-            x[k] = float(np.clip(x[k], 1e-5, 0.9 if entry.local == "loss_factor" else 10.0))
-        if entry.local == "coulomb":
-            x[k] = float(np.clip(x[k], 1e-6, 0.5))
-        if entry.local == "quadratic":
-            x[k] = 0.1  # at zero the sum of squares is flat: only its square is seen at the fundamental
+        x[k] = float(np.clip(np.median(normal), *_START.get(entry.local, LOCAL[entry.local].start)))
     for k, name in enumerate(layout.chain, start=layout.mechanics):
         x[k] = values[0].get(name, 0.0)
     bent = np.array([entry.local in ("quadratic", "cubic") for entry in entries] + [False] * len(layout.chain))
@@ -368,8 +355,7 @@ def _tell(layout: ResponseLayout, solution: Solution) -> ResponseFit:
     frequency, damping = oscillation(mechanical, moved, of_moved)
     every = estimates(solution.values, certainty)[layout.mechanics :]
     nuisance = {
-        name: one if name == "phase" else _times(one, layout.size)
-        for name, one in zip(layout.chain, every, strict=True)
+        name: one if name == "phase" else one.times(layout.size) for name, one in zip(layout.chain, every, strict=True)
     }
     lost = int(sum((~f.found).sum() for f in found))
     message = solution.message + (f"; at {lost} points no steady oscillation was found" if lost else "")
@@ -395,15 +381,11 @@ def _tell(layout: ResponseLayout, solution: Solution) -> ResponseFit:
     )
 
 
-def _times(one: Estimate, factor: float) -> Estimate:
-    return Estimate(one.value * factor, one.std * factor, one.low * factor, one.high * factor)
-
-
 def _certainty(layout: ResponseLayout, solution: Solution, tests: ResponseTests) -> Covariance:
     n, m = solution.jacobian.shape
     sizes = [one.size for one in layout.points]
     matrix, robust, scale = sandwich(solution.jacobian, solution.residual, sizes)
-    if tests.chi_square_p < _TOLD or tests.neighbours_p < _TOLD:
+    if tests.chi_square_p < SIGNIFICANT or tests.neighbours_p < SIGNIFICANT:
         ratio = np.sqrt(np.maximum(np.diag(robust), 0.0) / np.maximum(np.diag(matrix), 1e-300))
         larger = np.maximum(ratio, 1.0)
         matrix = matrix * np.outer(larger, larger)
@@ -414,15 +396,11 @@ def _certainty(layout: ResponseLayout, solution: Solution, tests: ResponseTests)
 
 
 def _unidentifiable(layout: ResponseLayout, solution: Solution) -> tuple[str, ...]:
-    entries = layout.layout.entries
-    natural = [LOCAL[entry.local].natural for entry in entries] + [_CHAIN_NATURAL[name] for name in layout.chain]
-    for k, entry in enumerate(entries):
-        if entry.local == "gain":
-            natural[k] = 0.5 * max(abs(float(solution.values[k])), 1e-6)
-    names = [LOCAL[entry.local].word + (f" of {entry.group}" if entry.group else "") for entry in entries]
+    names, natural = words_and_scales(layout.layout, solution.values)
     names += [_CHAIN_WORDS[name] for name in layout.chain]
     n, m = solution.jacobian.shape
     if n <= m:
         raise RecordingError(f"found {n // 2} points for {m} numbers; measure more frequencies or fit a smaller model")
     noise = float(np.sqrt(solution.sum_of_squares / (n - m)))
-    return find_unidentifiable(names, np.array(natural), solution.jacobian, noise)
+    natural = np.append(natural, np.full(len(layout.chain), _CHAIN_NATURAL))
+    return find_unidentifiable(names, natural, solution.jacobian, noise)

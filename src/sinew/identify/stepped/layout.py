@@ -7,14 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.identify.oscillator.layout import Entry, Layout, Part, free_mechanics
+from sinew.identify.oscillator.layout import Layout, Part, make_layout
 from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.record import Frame, Scales, derivative_order, input_derivative, relaxation_of
 from sinew.identify.oscillator.track import Grid
-from sinew.identify.stepped.oscillation import NUMBERS, Drive, Laws, oscillate
+from sinew.identify.stepped.oscillation import Drive, Laws, number_names, oscillate
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.arrays import Array, Complexes
-from sinew.mechanics.laws import Cubic, LossFactor
+from sinew.mechanics.laws import Cubic, LossFactor, Term
 from sinew.mechanics.silicone import relaxation_times
 
 CHAIN = ("phase", "background_real", "background_imag")
@@ -95,7 +95,7 @@ class ResponseLayout:
         return Laws(model.law, natural, float(grid.amplitude))
 
     def numbers(self, x: Array, part: int) -> Array:
-        """Return the numbers of `NUMBERS` of one group, shape (7,)."""
+        """Return the numbers of the law and the gain of one group, shape (l,)."""
         return self.layout.local(x[: self.mechanics], part)
 
     def added(self, x: Array) -> tuple[complex, complex]:
@@ -110,11 +110,11 @@ class ResponseLayout:
         scales = self.layout.parts[part].scales
         normal = normal_form(points, scales, self.frame)
         numbers, (turn, background) = self.numbers(x, part), self.added(x)
-        begin = (points.response - background) / turn / normal.to_output - numbers[6] * normal.carried
+        begin = (points.response - background) / turn / normal.to_output - numbers[-1] * normal.carried
         steady = oscillate(numbers, normal.omega, normal.drive, self.laws(part), begin)
-        bare = (steady.fundamental + numbers[6] * normal.carried) * normal.to_output * turn
+        bare = (steady.fundamental + numbers[-1] * normal.carried) * normal.to_output * turn
         by_number = steady.slopes.copy()
-        by_number[:, 6] += normal.carried
+        by_number[:, -1] += normal.carried
         by_number = by_number * (normal.to_output * turn)[:, None]
         slopes = np.zeros((points.size, self.width), dtype=complex)
         layout = self.layout
@@ -133,28 +133,17 @@ def make_response_layout(
     chain: Sequence[str] = (),
 ) -> ResponseLayout:
     """Return the layout. varying: mechanical numbers (of `LOCAL`) that each group has for itself."""
-    groups = list(dict.fromkeys(one.group for one in points))
-    signals = [one.signals for one in points]
-    entries: list[Entry] = []
-    for name in free_mechanics(model, signals[0]):
-        entries += [Entry(name, group=group) for group in groups] if name in varying else [Entry(name)]
-    parts, index, column, ratio = [], [], [], []
-    for record, own in zip(signals, scales, strict=True):
-        mine = [k for k, entry in enumerate(entries) if entry.group in ("", record.group)]
-        index.append(np.array(mine, dtype=np.intp))
-        column.append(np.array([NUMBERS.index(entries[k].local) for k in mine], dtype=np.intp))
-        names = [entries[k].local for k in mine]
-        ratio.append(np.array([scales[0].physical(name) / own.physical(name) for name in names]))
-        fixed = np.zeros(len(NUMBERS))
-        if record.excitation == "base":
-            fixed[NUMBERS.index("gain")] = 1.0 / own.physical("gain")
-        none = np.empty(0)
+    names, none = number_names(model.law), np.empty(0)
+    parts = []
+    for one, own in zip(points, scales, strict=True):
+        fixed = np.zeros(len(names))
+        if one.excitation == "base":
+            fixed[-1] = 1.0 / own.physical("gain")
         grid = Grid(none, np.empty((0, 3)), none, none, relaxation_of(own.omega) * own.omega, np.asarray(own.amplitude))
-        order = derivative_order(record.output_unit)
+        order = derivative_order(one.output_unit)
         unit_size = own.amplitude * own.omega**order
-        nothing = np.empty(0, dtype=bool)
-        parts.append(Part(record, own, grid, np.empty(0, dtype=np.intp), nothing, order, unit_size, fixed))
-    layout = Layout(model, tuple(parts), tuple(entries), tuple(index), tuple(column), tuple(ratio))
+        parts.append(Part(one.signals, own, grid, none.astype(np.intp), none.astype(bool), order, unit_size, fixed))
+    layout = make_layout(model, parts, varying, names)
     size = max(float(np.abs(one.response).max()) for one in points)
     return ResponseLayout(layout, tuple(points), frame, tuple(chain), size)
 
@@ -166,6 +155,8 @@ def make_response_layout(
 # after the other tells K, D or the loss factor, c, κ₃, g, and a turn of the phase where one is sought.
 
 _ROUNDS = 6
+_PHASES = 256  # of a motion, at which a force is read whose fundamental has no closed form here
+_SEEN = 1e-9  # of the force
 
 
 def scales_of_points(points: ResponsePoints, values: dict[str, float], frame: Frame) -> Scales:
@@ -204,6 +195,10 @@ def regress_response(points: Sequence[ResponsePoints], model: Model, frame: Fram
         columns["coulomb"] = 4j / np.pi * y / np.abs(y)
     if model.law.has(Cubic):
         columns["cubic"] = 0.75 * np.abs(y) ** 2 * y
+    for term in model.law.terms:
+        name = term.numbers[0].name
+        if name not in (*columns, "loss_factor") and (wave := _fundamental(term, y, omega)) is not None:
+            columns[name] = wave
     target = omega**2 * y
     signals = points[0].signals
     if points[0].excitation == "base" and signals.input_motion_unit == signals.motion_unit:
@@ -219,6 +214,18 @@ def regress_response(points: Sequence[ResponsePoints], model: Model, frame: Fram
         turned_gain = complex(found["gain"], found.pop("gain_imag"))
         found |= {"gain": abs(turned_gain), "phase": float(np.angle(turned_gain))}
     return found
+
+
+def _fundamental(term: Term, y: Complexes, omega: Array) -> Complexes | None:
+    """Return the fundamental of a term's force over its first number, shape (n,), of motions Re y exp(jωt); None where
+    it has none, as an even force."""
+    phase = 2 * np.pi * (np.arange(_PHASES) + 0.5) / _PHASES
+    size = np.abs(y)[:, None]
+    signal, order = term.regressor(size * np.cos(phase), -omega[:, None] * size * np.sin(phase))
+    wave = 2 * np.mean(signal * np.exp(-1j * phase), axis=1)
+    if np.abs(wave).max() < _SEEN * np.abs(signal).max():
+        return None
+    return np.asarray(wave * (1j * omega) ** order * y / np.abs(y))
 
 
 def _weighted(columns: dict[str, Complexes], target: Complexes, std: Array, y: Complexes) -> dict[str, float]:
