@@ -219,7 +219,7 @@ def _sweep_part(results: xr.Dataset) -> dict[str, Any]:
     if "gain" not in results:
         return {}
     part: dict[str, Any] = {"response": response_table_json(results)}
-    part |= {"resonance": _interval_rows(results, _RESONANCE)} if "resonance_hz" in results else {}
+    part |= {"resonance": _interval_rows(results, RESONANCES)} if "resonance_hz" in results else {}
     return part | (_energy_part(results) if "energy_reduction" in results else {})
 
 
@@ -228,19 +228,6 @@ def _energy_part(results: xr.Dataset) -> dict[str, Any]:
     idle = float(results.attrs.get("idle_power_w", math.nan))
     rows = _interval_rows(results, ENERGY_QUANTITIES)
     return {"energy": {"idle_power_w": idle if math.isfinite(idle) else None, "pretensions": rows}}
-
-
-_RESONANCE = (
-    "paper_resonance_hz",
-    "paper_gain_peak",
-    "resonance_hz",
-    "gain_peak",
-    "gain_peak_measured_drive",
-    "resonance_measured_drive_hz",
-    "phase_90_hz",
-    "half_power_width_hz",
-    "drive_amplitude_at_resonance_rad",
-)
 
 
 def _interval_rows(results: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ import xarray as xr
 
 from sinew.analysis.signal.repeats import pool_repeats
 from sinew.analysis.sweep.slope import fit_trend
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.estimate import Estimate, finite
 
 
@@ -83,10 +83,9 @@ def _window(start: float, pretension: Array, damping: Array, rates: Array) -> De
     stds = stds[np.isfinite(stds)]
     noise = float(np.sqrt(np.mean(stds**2))) if stds.size else math.nan
     line = fit_trend(pretension, mean, noise, pooled.degrees_of_freedom)
-    factor = float(np.ptp(pretension)) / line.middle.value
-    change = Estimate(*(factor * x for x in (line.slope.value, line.slope.std, line.slope.low, line.slope.high)))
+    change = line.slope.times(float(np.ptp(pretension)) / line.middle.value)
     spread = float(np.ptp(mean) / mean.mean())
-    falling = int((np.diff(np.nanmean(rates, axis=1)) <= 0).sum())
+    falling = int((np.diff(mean_of_known(rates)) <= 0).sum())
     return DecayWindow(start, pretension, pooled.estimates, spread, change, falling)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, mean_and_spread
 from sinew.measure.estimate import NORMAL_90, Estimate
 
 
@@ -37,10 +37,7 @@ def combine_repeats(
     """
     valid = np.isfinite(values)
     count = valid.sum(axis=-1)
-    clean = np.where(valid, values, 0.0)
-    mean = np.where(count > 0, clean.sum(axis=-1) / np.maximum(count, 1), np.nan)
-    spread = np.where(valid, values - mean[..., None], 0.0)
-    scatter = np.sqrt((spread**2).sum(axis=-1) / np.maximum(count - 1, 1))
+    mean, scatter = mean_and_spread(values)
     first = np.argmax(valid, axis=-1)[..., None]
     alone = np.take_along_axis(np.broadcast_to(stds, values.shape), first, axis=-1)[..., 0]
     freedom = np.take_along_axis(np.broadcast_to(np.asarray(degrees_of_freedom, float), values.shape), first, axis=-1)

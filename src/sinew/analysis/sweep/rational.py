@@ -102,7 +102,7 @@ def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_s
     return None
 
 
-def _solve(design: Array, target: Array) -> Array:
+def solve_scaled(design: Array, target: Array) -> Array:
     """Return the least-squares solution, columns scaled to one length first."""
     scale = np.linalg.norm(design, axis=0)
     scale[scale == 0] = 1.0
@@ -119,7 +119,7 @@ def _start(points: _Points, active: NDArray[np.bool_]) -> Array:
     target = response * (2.0 * v + points.w * v**2)
     parameters, scale = np.zeros(8), np.abs(response)
     for _ in range(4):
-        parameters[active] = _solve(points.weighted(scale[:, None] * design), points.weighted(scale * target))
+        parameters[active] = solve_scaled(points.weighted(scale[:, None] * design), points.weighted(scale * target))
         scale = 1.0 / np.maximum(np.abs(_denominator(parameters, v, points.w)), 1e-9)
     return parameters
 
@@ -145,7 +145,7 @@ def _refine(parameters: Array, points: _Points, active: NDArray[np.bool_]) -> Ar
         jacobian = _jacobian(parameters, points, active)
         size = np.sqrt(damping) * np.linalg.norm(jacobian, axis=0)
         step = np.zeros(8)
-        step[active] = _solve(np.concatenate([jacobian, np.diag(size)]), np.append(residual, 0.0 * size))
+        step[active] = solve_scaled(np.concatenate([jacobian, np.diag(size)]), np.append(residual, 0.0 * size))
         trial = _residual(parameters + step, points)
         gained = float(residual @ residual - trial @ trial)
         if not gained > 0:

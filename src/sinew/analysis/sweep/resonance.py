@@ -107,7 +107,7 @@ _TOP_GAIN = 0.8
 _TOP_POINTS = (5, 6)  # at least, of the polynomial and of the narrow rational curve
 Reading = tuple[float, float, float]
 _NAN: Reading = (math.nan, math.nan, math.nan)
-_QUANTITIES = (
+RESONANCES = (
     "paper_resonance_hz",
     "paper_gain_peak",
     "resonance_hz",
@@ -270,8 +270,8 @@ class Readings:
 def read_resonances(response: Response) -> Readings:
     """Return the resonance of every pretension and repeat, each fitted by itself."""
     shape = (response.pretension_mm.size, response.transfer.shape[2])
-    value, std, freedom = ({name: np.full(shape, np.nan) for name in _QUANTITIES} for _ in range(3))
-    shared = {name: np.full(shape, np.nan) for name in _QUANTITIES}
+    value, std, freedom = ({name: np.full(shape, np.nan) for name in RESONANCES} for _ in range(3))
+    shared = {name: np.full(shape, np.nan) for name in RESONANCES}
     notes = []
     for p, r in np.ndindex(*shape):
         peaks = _peaks(response, p, r)
@@ -304,7 +304,7 @@ def estimate_resonance(response: Response, readings: Readings | None = None) -> 
     """
     found = readings or read_resonances(response)
     dataset = xr.Dataset(attrs={"resonance_notes": "\n".join(found.notes)})
-    for name in _QUANTITIES:
+    for name in RESONANCES:
         value = found.value[name]
         alone = np.isfinite(value).sum(axis=1) == 1  # a single repeat's deviation holds its misfit already
         common = np.where(alone & (name != "phase_90_hz"), 0.0, mean_of_known(found.shared[name], 0.0))

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from sinew.measure.arrays import Array
@@ -23,6 +23,17 @@ class Problem:
 
     residual: Callable[[Array], Array]
     jacobian: Callable[[Array], Array]
+
+
+def restricted(problem: Problem, x: Array, free: NDArray[np.bool_] | NDArray[np.intp]) -> Problem:
+    """Return the problem of the free ones among the parameters, a mask or indices, the others being as in x."""
+
+    def whole(values: Array) -> Array:
+        full = x.copy()
+        full[free] = values
+        return full
+
+    return Problem(lambda v: problem.residual(whole(v)), lambda v: problem.jacobian(whole(v))[:, free])
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from scipy import special
 from sinew.identify.oscillator.certainty import covariance
 from sinew.identify.oscillator.fitted import DAMPING, FREQUENCY, Fit, number_names
 from sinew.identify.oscillator.layout import free_mechanics
-from sinew.identify.oscillator.least_squares import Problem, Solution, solve
+from sinew.identify.oscillator.least_squares import Problem, Solution, restricted, solve
 from sinew.identify.oscillator.model import parameter_name
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
@@ -28,8 +28,6 @@ from sinew.mechanics.laws import LossFactor
 # chain rule turns the Jacobian.
 
 Curve = Callable[[float], float]
-
-_FULL_WORDS = {"inertia": "gain", "mass": "gain"}
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ def _mechanical(fit: Fit, name: str) -> Quantity:
         if name == plain + (entry.label() if entry.group else ""):
             return Quantity(k, _times(scales.physical(entry.local)))
     gain = next(k for k, entry in free if entry.local == "gain")
-    if name.split("_")[0] in _FULL_WORDS:
+    if name.startswith(("inertia_", "mass_")):
         inverse = 1.0 / scales.physical("gain")
         return Quantity(gain, lambda y: inverse / y)
     for k, entry in free:
@@ -270,7 +268,8 @@ class _Followed:
 
     def least(self, trial: float) -> float:
         """Return the smallest sum of squares with the parameter at its trial value."""
-        held = _without(self._problem, self._index, trial)
+        free = np.arange(self._others.size + 1) != self._index
+        held = restricted(self._problem, np.insert(self._others, self._index, trial), free)
         starts = [self._others, self._others + self._lean * (trial - self._value)]
         off = [np.clip(np.nan_to_num(held.residual(start), nan=_FAR), -_FAR, _FAR) for start in starts]
         nearer = starts[int(np.argmin([float(r @ r) for r in off]))]
@@ -304,13 +303,3 @@ def _crossing(rise: Callable[[float], float], value: float, step: float, wanted:
         else:
             inner, inner_rise = middle, middle_rise
     return outer
-
-
-def _without(problem: Problem, index: int, value: float) -> Problem:
-    def whole(others: Array) -> Array:
-        return np.insert(others, index, value)
-
-    return Problem(
-        lambda others: problem.residual(whole(others)),
-        lambda others: np.delete(problem.jacobian(whole(others)), index, axis=1),
-    )

@@ -179,7 +179,7 @@ _HORIZON, _GROWTH = 8.0, 2.5  # periods that are fitted first then, and how thei
 
 def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[Scales, dict[str, float]]]:
     """Return the scales of every record and where its search begins, in SI units; the records share their mechanics."""
-    rings = [_ringing(record) for record in records]
+    rings = [ringing(one, dominant_omega(one)) if one.excitation == "none" else None for one in records]
     creeps = [
         _creep(record, ring["stiffness"] ** 0.5 if ring else dominant_omega(record)) if model.rest == "creep" else None
         for record, ring in zip(records, rings, strict=True)
@@ -214,10 +214,6 @@ def _astray(records: Sequence[Record], values: dict[str, float], ring: dict[str,
     damping = values.get("damping", 0.0) + values.get("loss_factor", 0.0) * np.sqrt(values["stiffness"])
     of_regression = sum(ringing_misfit(record, values["stiffness"], damping) for record in records)
     return of_regression > sum(ringing_misfit(record, ring["stiffness"], ring["damping"]) for record in records)
-
-
-def _ringing(record: Record) -> dict[str, float] | None:
-    return ringing(record, dominant_omega(record)) if record.excitation == "none" else None
 
 
 def _with_ringing(values: dict[str, float], own: dict[str, float], shared: dict[str, float]) -> dict[str, float]:
