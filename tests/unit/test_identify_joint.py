@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sinew.identify.joint.balance import balance
 from sinew.identify.joint.coordinates import numbers_of
-from sinew.identify.joint.fit import JointFit, fit_joint
+from sinew.identify.joint.fit import JointFit, balance, fit_joint
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.parameters import POSITION
 from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep

@@ -102,7 +102,7 @@ class Doubt:
 def find_doubts(results: xr.Dataset, signals: Signals) -> list[Doubt]:
     """Return what speaks against the results of a recording, the farthest first.
 
-    results: of the recording, see `sinew.analysis.analysis.analyse_recording`. signals: of it; without a rig only what
+    results: of the recording, see `sinew.analysis.analysed.analyse_recording`. signals: of it; without a rig only what
     needs none is looked at. What a recording lacks (tendon angles, a duty, an expectation) is not doubted.
     """
     rig, found = signals.rig, list(_frozen_channels(signals))

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.signal.sensor import delay_budget, torsion_delay
-from sinew.analysis.signal.signals import drive_channel, response_channel
+from sinew.analysis.signal.signals import delay_budget, drive_channel, response_channel, torsion_delay
 from sinew.analysis.signal.torsion import integrate_rate, steady_motion
 from sinew.analysis.sweep.portrait import Ellipse, fit_ellipse
 from sinew.measure.arrays import Array

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from sinew.analysis.analysed import recording_rig
-from sinew.analysis.signal.sensor import torsion_delay
-from sinew.analysis.signal.signals import read_signals
+from sinew.analysis.signal.signals import read_signals, torsion_delay
 from sinew.identify.choice.comparison import Comparison, compare, compare_laws, compare_segments, impossible_numbers
 from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
 from sinew.identify.choice.held_out import HeldOut, Split, split_record

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.signal.repeats import pool_repeats
-from sinew.analysis.sweep.slope import fit_trend
+from sinew.analysis.signal.repeats import fit_trend, pool_repeats
 from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.estimate import Estimate, finite
 
@@ -58,7 +57,7 @@ class DecayWindow:
 def decay_windows(results: xr.Dataset) -> list[DecayWindow]:
     """Return D over pretension for every window of the results, the earliest first.
 
-    results: of `sinew.analysis.analysis.analyse_recording`. Empty where they hold no planned ring-downs at two
+    results: of `sinew.analysis.analysed.analyse_recording`. Empty where they hold no planned ring-downs at two
     pretensions or more: only of those it is known when the drive was told to stop.
     """
     if "window_lehr_damping" not in results:

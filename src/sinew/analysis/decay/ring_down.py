@@ -10,8 +10,17 @@ from numpy.typing import ArrayLike
 from scipy import integrate, special
 
 from sinew.analysis.decay.decay_fit import DecayFit, fit_decay, lehr_damping, pole_estimates
-from sinew.analysis.decay.envelope import Envelope, fit_envelope, large_peaks
-from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, find_peaks, free_decay
+from sinew.analysis.decay.free_decay import (
+    Envelope,
+    Peaks,
+    block_means,
+    checked_record,
+    evenly,
+    find_peaks,
+    fit_envelope,
+    free_decay,
+    large_peaks,
+)
 from sinew.analysis.signal.signals import Signals, read_signals
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 
 from sinew.analysis.signal.harmonics import HARMONICS, Harmonics, fit_harmonics, waveform
-from sinew.analysis.signal.sensor import drive_chain, torsion_chain
-from sinew.analysis.signal.signals import Signals, read_signals
+from sinew.analysis.signal.signals import Signals, drive_chain, read_signals, torsion_chain
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.plan.rig import RigSpec

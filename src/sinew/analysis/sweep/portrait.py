@@ -6,8 +6,7 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.signal.harmonics import fit_harmonics
-from sinew.analysis.signal.sensor import torsion_chain
-from sinew.analysis.signal.signals import Signals, read_signals
+from sinew.analysis.signal.signals import Signals, read_signals, torsion_chain
 from sinew.analysis.signal.torsion import motion_of
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from sinew.analysis.signal.harmonics import Harmonics, fit_harmonics, relative_noise, waveform
 from sinew.analysis.signal.power import power_columns, read_power
-from sinew.analysis.signal.sensor import drive_chain, hidden_quantisation, torsion_chain
-from sinew.analysis.signal.signals import Signals, read_signals
+from sinew.analysis.signal.signals import Signals, drive_chain, hidden_quantisation, read_signals, torsion_chain
 from sinew.analysis.signal.torsion import steady_torsion
 from sinew.analysis.sweep.portrait import lissajous_phase
 from sinew.measure.arrays import Array, Complexes

@@ -321,9 +321,7 @@ def _find_stepped(asked: _Asked) -> "Identified":
         points = recording_points(asked.file, asked.excitation, asked.pretension_mm, asked.rig)
     else:
         refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, None)
-        points = table_points(
-            asked.file, steps.frequency, steps.phase, columns.input, columns.output, asked.excitation
-        )
+        points = table_points(asked.file, steps.frequency, steps.phase, columns.input, columns.output, asked.excitation)
     with progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
         return run(points, asked.model, chain=chain, progress=progress)
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, RED, few, in_style, new_figure, note_panel
 from sinew.identify.choice.held_out import HeldOut, Split
-from sinew.identify.decay.backbone import Backbone
 from sinew.identify.joint.fit import JointFit
+from sinew.identify.oscillator.backbone import Backbone
 from sinew.identify.oscillator.fitted import Fit, Swing
 from sinew.identify.oscillator.record import Record
 from sinew.identify.oscillator.start import dominant_omega

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
-from sinew.identify.oscillator.layout import make_layout, make_part
 from sinew.identify.oscillator.least_squares import restricted, solve
-from sinew.identify.oscillator.model import Model
+from sinew.identify.oscillator.model import Model, make_layout, make_part
 from sinew.identify.oscillator.record import FEWEST, Record
 from sinew.identify.oscillator.start import dominant_omega
 from sinew.identify.oscillator.track import PLACE

@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sinew.identify.oscillator.certainty import Covariance, correlation, estimates, find_unidentifiable
-from sinew.identify.oscillator.layout import Layout, free_mechanics
-from sinew.identify.oscillator.least_squares import Solution
-from sinew.identify.oscillator.model import Model, parameter_name
+from sinew.identify.oscillator.least_squares import Covariance, Solution, correlation, estimates, find_unidentifiable
+from sinew.identify.oscillator.model import Layout, Model, free_mechanics, parameter_name
 from sinew.identify.oscillator.record import Frame, Record, derivative_order
 from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.arrays import Array
@@ -131,7 +129,7 @@ class Fit:
     predicted: the fitted output of each record, in its unit, all samples. kept: which of them were fitted.
     rmse: over the samples that were fitted, unit.
     converged, message: how the search ended. unidentifiable: sentences.
-    covariance, solution, layout: in normal form, for profiles and predictions; see `sinew.identify.oscillator.layout`.
+    covariance, solution, layout: in normal form, for profiles and predictions; see `sinew.identify.oscillator.model`.
     """
 
     model: Model

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy import fft, special, stats
 
 from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
-from sinew.identify.oscillator.layout import Layout, Part
+from sinew.identify.oscillator.model import Layout, Part
 from sinew.identify.oscillator.track import LOCAL, Grid, traced_slopes, traced_track
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
@@ -38,7 +38,7 @@ from sinew.twin.cache import configure
 # The logarithm of a fit's posterior density is computed, with its gradient, for JAX.
 #
 # With S(x) the sum of squared residuals, x̂ the fit, s² = S(x̂)/(n - m), V the fit's covariance (robust to correlated
-# residuals and to misfit, see `sinew.identify.oscillator.certainty`), ν its degrees of freedom and H = JᵀJ/s² the
+# residuals and to misfit, see `sinew.identify.oscillator.least_squares`), ν its degrees of freedom and H = JᵀJ/s² the
 # information that independent residuals would carry, the likelihood is, its scale integrated out,
 #
 #     ln L(x) = -(ν + m)/2 · ln(1 + q(x) (S(x) - S(x̂))/(s² ν)),    q(x) = dᵀV⁻¹d / dᵀHd,    d = x - x̂.

@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from sinew.identify.oscillator.certainty import covariance
 from sinew.identify.oscillator.fitted import DAMPING, FREQUENCY, Fit, number_names
-from sinew.identify.oscillator.layout import free_mechanics
-from sinew.identify.oscillator.least_squares import Problem, Solution, restricted, solve
-from sinew.identify.oscillator.model import parameter_name
+from sinew.identify.oscillator.least_squares import Problem, Solution, covariance, restricted, solve
+from sinew.identify.oscillator.model import free_mechanics, parameter_name
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
-from sinew.identify.oscillator.certainty import Covariance
+from sinew.identify.oscillator.least_squares import Covariance
 from sinew.identify.oscillator.record import Scales, derivative_order
 from sinew.identify.stepped.fit import ResponseFit, sandwich
 from sinew.identify.stepped.layout import drive_of, motion_and_push

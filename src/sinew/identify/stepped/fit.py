@@ -12,9 +12,16 @@ import numpy as np
 from scipy import special
 
 from sinew.identify.choice.comparison import SIGNIFICANT, Trends, rank_trend
-from sinew.identify.oscillator.certainty import Covariance, estimates, find_unidentifiable, long_run
 from sinew.identify.oscillator.fitted import mechanical_parameters, oscillation, words_and_scales
-from sinew.identify.oscillator.least_squares import Problem, Solution, solve
+from sinew.identify.oscillator.least_squares import (
+    Covariance,
+    Problem,
+    Solution,
+    estimates,
+    find_unidentifiable,
+    long_run,
+    solve,
+)
 from sinew.identify.oscillator.model import Model, get_model
 from sinew.identify.oscillator.record import Frame, Scales, frames_of
 from sinew.identify.oscillator.track import LOCAL

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.identify.oscillator.layout import Layout, Part, make_layout
-from sinew.identify.oscillator.model import Model
+from sinew.identify.oscillator.model import Layout, Model, Part, make_layout
 from sinew.identify.oscillator.record import Frame, Scales, derivative_order, input_derivative, relaxation_of
 from sinew.identify.oscillator.track import Grid
 from sinew.identify.stepped.oscillation import Drive, Laws, number_names, oscillate
@@ -67,7 +66,7 @@ class Predicted:
 class ResponseLayout:
     """Which number of the search goes where.
 
-    layout: entries, index, column and ratio as of a fit in time (`sinew.identify.oscillator.layout`), for the
+    layout: entries, index, column and ratio as of a fit in time (`sinew.identify.oscillator.model`), for the
     mechanical numbers; those of the chain (`chain`, of `CHAIN`) follow them in x. size: of the largest response, in its
     unit.
     """

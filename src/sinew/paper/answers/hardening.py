@@ -14,8 +14,7 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.signal.repeats import Pooled, pool_repeats
-from sinew.analysis.signal.sensor import torsion_chain, torsion_delay
-from sinew.analysis.signal.signals import Channel, Signals, read_signals
+from sinew.analysis.signal.signals import Channel, Signals, read_signals, torsion_chain, torsion_delay
 from sinew.analysis.sweep.portrait import portrait_of
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit

@@ -10,7 +10,7 @@ from math import radians
 
 import numpy as np
 
-from sinew.analysis.signal.sensor import DelayBudget, torsion_chain
+from sinew.analysis.signal.signals import DelayBudget, torsion_chain
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.plan.plan import Group, Held, Plan, TendonMode, Track
