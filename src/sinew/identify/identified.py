@@ -150,7 +150,7 @@ def identify(
             raise SpecError(f"{given[0]} does not go with model tendon, which is fitted to all of a recording")
         if excitation not in (None, "lever"):
             raise SpecError(f"the excitation is {excitation}, but a rig is driven by its lever; leave it out")
-        return find_joint(record, joint_rig(record, rig), progress)
+        return identified_joint(fit_joint([record], joint_rig(record, rig), progress=progress))
     if isinstance(record, xr.Dataset):
         records = recording_records(record, excitation, pretension_mm, repeats=bootstrap is not None)
     else:
@@ -328,23 +328,27 @@ def _impossible(best: Fit) -> list[str]:
     ]
 
 
-def find_joint(recording: xr.Dataset, rig: RigSpec, progress: Progress | None = None) -> Identified:
-    """Return what the recording of a rig tells of its tendon joint."""
-    configure()
-    joint = fit_joint([recording], rig, progress=progress)
-    whole = joint.document()
-    document = {key: one for key, one in whole.items() if key not in _OWN_KEYS}
-    named = dict(zip(joint_names(joint), (one.to_json() for one in joint.parameters.values()), strict=True))
-    document["parameters"] = named | {name: one.to_json() for name, one in joint.derived.items()}
+def identified_joint(joint: JointFit) -> Identified:
+    """Return what a fit tells of the tendon joint, frequency and damping at its smallest pretension."""
     levels = ", ".join(f"{one:g}" for one in joint.pretension_mm)
     at = f"natural frequency and damping ratio are those at {joint.pretension_mm[0]:g} mm"
-    told = [f"the tendon joint was fitted to {len(joint.segments)} segments at {levels} mm; {at}", joint.message]
-    document["message"] = "; ".join(told)
-    return Identified(document, tuple(told), joint=joint)
-
-
-_OWN_KEYS = ("units", "derived", "by_pretension")
-"""Of a joint fit's document what other models have not; here it stands under `parameters`."""
+    told = (f"the tendon joint was fitted to {len(joint.segments)} segments at {levels} mm; {at}", joint.message)
+    named = dict(zip(joint_names(joint), joint.parameters.values(), strict=True))
+    document = {
+        "model": "tendon",
+        "parameters": _json(named | joint.derived),
+        **{
+            name: joint.at_pretension(name, joint.pretension_mm[0]).to_json()
+            for name in ("natural_frequency_hz", "damping_ratio")
+        },
+        "rmse": {"train": finite(joint.rmse["gyro_rad_s"]), "test": None},
+        "unit": "rad/s",
+        "converged": joint.converged,
+        "message": "; ".join(told),
+        "unidentifiable": list(joint.unidentifiable),
+        "compared": [],
+    }
+    return Identified(document, told, joint=joint)
 
 
 def joint_names(joint: JointFit) -> tuple[str, ...]:

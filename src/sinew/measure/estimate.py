@@ -15,6 +15,8 @@ from typing import Any
 
 NORMAL_90 = 1.6448536269514722
 """Half width of a normal 90 % interval by its standard deviation."""
+NORMAL_95 = 1.959963984540054
+"""The same of a 95 % interval."""
 DIGITS = 4
 """Significant digits of a number whose uncertainty is not known."""
 MOST_DIGITS = 5

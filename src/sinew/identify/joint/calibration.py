@@ -13,7 +13,7 @@ from sinew.identify.joint.coordinates import make_coordinates
 from sinew.identify.joint.fit import FREE, JointFit, fit_joint
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import NORMAL_90, UNKNOWN, Estimate, interval, number
+from sinew.measure.estimate import NORMAL_90, NORMAL_95, UNKNOWN, Estimate, interval, number
 from sinew.measure.files.netcdf import content_hash, load_recording
 from sinew.measure.told import Table, Told
 from sinew.plan.parameter import Parameter
@@ -182,7 +182,7 @@ _GEOMETRY = (
 _WIDEST_SHARE = 0.5
 """Of the 90 % interval that a rig's bounds leave a parameter in the joint fit, taken there as a normal prior's 95 %."""
 
-_PRIOR90_SHARE = NORMAL_90 / 1.959963984540054
+_PRIOR90_SHARE = NORMAL_90 / NORMAL_95
 
 
 @dataclass(frozen=True, repr=False)

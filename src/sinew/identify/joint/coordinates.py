@@ -16,7 +16,7 @@ from sinew.plan.rig import RigSpec
 from sinew.twin.parameters import from_rig
 
 _STEP = 1e-5  # of a coordinate, for the slopes of `numbers_of`: their error is 1e-10 of them
-_NINETY_FIVE = 1.96
+_NINETY_FIVE = 1.96  # as the calibrated rigs that are shipped were found with; NORMAL_95 would move them
 _INSIDE = 1e-9  # share of the bounds by which the search stays inside them
 _ACTING = ("silicone.", "inertia.", "tendons.", "imu.residual_delay", "imu.low_pass")
 _NOT_ACTING = ("tendons.counts_per_turn", "tendons.current_lsb")

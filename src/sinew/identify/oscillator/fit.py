@@ -171,8 +171,6 @@ def _certainty(solution: Solution, pieces: Sequence[slice]) -> Covariance:
 
 # A search begins by regression, by a smaller model's fit, or beside a minimum of friction, and is followed to its end.
 
-# The search for a damping law begins: at a smaller model's fit, or beside a minimum of friction.
-
 _LARGE = 0.1  # of the largest output: motion that dry friction does not bring to rest
 _AMPLITUDES = (0.2, 0.45)  # of the largest: where friction takes over a share of the work
 _SHARES = (0.05, 0.2, 0.4, 0.6, 0.8, 0.95)
