@@ -13,14 +13,14 @@ from scipy import special
 
 from sinew.analysis.broadband.broadband import analyse_broadband, broadband_json, checked_count
 from sinew.analysis.decay.modes import fit_modes, modes_json
-from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json, ring_downs_of
+from sinew.analysis.decay.ring_down import analyse_ring_down, analyse_ring_downs, ring_down_json
 from sinew.analysis.doubts import doubts_of, find_doubts
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.signals import Signals, drive_channel, read_signals, response_channel
 from sinew.analysis.sweep.energy import estimate_energy
 from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, RESONANCES, estimate_resonance, read_resonances
-from sinew.analysis.sweep.response import response_dataset, response_of
+from sinew.analysis.sweep.response import estimate_response, response_dataset
 from sinew.measure.arrays import mean_of_known
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError, SpecError
@@ -143,7 +143,7 @@ def analyse(
     return Analysed(document, recording, results, tuple(notes))
 
 
-# Analysis of a whole recording: sweep, resonance, energy and ring-down in one dataset, with what speaks against it.
+# A whole recording: sweep, resonance, energy and ring-down in one dataset, with what speaks against it.
 
 
 def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.Dataset:
@@ -166,7 +166,7 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     parts: list[xr.Dataset] = []
     notes = ""
     if "steady" in kinds:
-        response = response_of(signals)
+        response = estimate_response(signals)
         sweep = response_dataset(response)
         if response.frequency_hz.size >= FEWEST_FREQUENCIES:
             readings = read_resonances(response)
@@ -184,9 +184,8 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
             )
         parts.append(sweep)
     if "ring-down" in kinds:
-        inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
         try:
-            parts.append(ring_downs_of(signals, inertia))
+            parts.append(analyse_ring_downs(signals, _inertia(rig)))
         except RecordingError as error:
             if not parts:
                 raise
@@ -294,6 +293,11 @@ def analyse_with(recording: xr.Dataset, rig: RigSpec | None) -> xr.Dataset:
     return results if rig == recording_rig(recording, None) else results.assign_attrs(rig=dump_rig(rig) if rig else "")
 
 
+def _inertia(rig: RigSpec | None) -> float | None:
+    """Return the inertia of head and lever [kg m²]."""
+    return None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
+
+
 def _grouped(recording: xr.Dataset, settle_s: float | None) -> xr.Dataset:
     if drive_channel(recording) is None:
         raise RecordingError("a sweep needs the drive beside the response; name the column of its drive")
@@ -315,14 +319,13 @@ def _foreign_ring_down(
     signals = read_signals(recording)
     longest = max((where for _, where in signals.segments), key=lambda where: where.stop - where.start)
     time, response, drive = signals.time_s[longest], signals.response, signals.drive
-    inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
     result = analyse_ring_down(
         time,
         response.values[longest],
         drive=None if drive is None else drive.values[longest],
         is_rate=response.is_rate,
         unit=response.unit,
-        inertia_kg_m2=inertia,
+        inertia_kg_m2=_inertia(rig),
     )
     document = dict(ring_down_json(result))
     notes: tuple[str, ...] = ()

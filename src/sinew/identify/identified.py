@@ -15,7 +15,7 @@ from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
 from sinew.identify.choice.held_out import HeldOut, Split, split_record
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.identify.oscillator.bootstrap import bootstrap_repeats
-from sinew.identify.oscillator.fitted import Fit
+from sinew.identify.oscillator.fitted import Fit, Fitted
 from sinew.identify.oscillator.model import Model, get_model
 from sinew.identify.oscillator.profile import interval90
 from sinew.identify.oscillator.record import Excitation, Record, make_record
@@ -363,7 +363,7 @@ def _with_unit(name: str, unit: str) -> str:
     return name if unit == "1" else f"{name}_{token}"
 
 
-def _fit_part(best: Fit | ResponseFit, rmse_test: float | None, told: Sequence[str]) -> dict[str, Any]:
+def _fit_part(best: Fitted, rmse_test: float | None, told: Sequence[str]) -> dict[str, Any]:
     return {
         "model": best.model.name,
         "parameters": _json(best.parameters | (best.nuisance if isinstance(best, ResponseFit) else {})),

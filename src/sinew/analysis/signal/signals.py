@@ -152,12 +152,14 @@ class Signals:
         return ((segment, where) for segment, where in self.segments if segment.kind == kind)
 
 
-def read_signals(recording: xr.Dataset, rig: RigSpec | None = None) -> Signals:
-    """Return the signals of a recording.
+def read_signals(recording: xr.Dataset | Signals, rig: RigSpec | None = None) -> Signals:
+    """Return the signals of a recording; those that were read already are passed through.
 
     rig: whose sensors' delays count; None for perfect sensors.
     Raises RecordingError where nothing tells the torsion, TimeError where no segment holds two samples.
     """
+    if isinstance(recording, Signals):
+        return recording
     as_dataset(recording, "recording")
     return Signals(
         recording["time_s"].values,

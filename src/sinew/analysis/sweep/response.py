@@ -73,7 +73,7 @@ class _Batch:
     signal: Array
 
 
-def estimate_response(recording: xr.Dataset, rig: RigSpec | None = None) -> Response:
+def estimate_response(recording: xr.Dataset | Signals, rig: RigSpec | None = None) -> Response:
     """Return the frequency response of all steady segments.
 
     recording: its steady segments carry a frequency; see `sinew.analysis.signal.groups.split_by_drive` for those that
@@ -83,11 +83,7 @@ def estimate_response(recording: xr.Dataset, rig: RigSpec | None = None) -> Resp
     pretension, frequency and repeat the later counts.
     Raises RecordingError where no steady segment can be analysed.
     """
-    return response_of(read_signals(recording, rig))
-
-
-def response_of(signals: Signals) -> Response:
-    """Return `estimate_response` of signals that were read already."""
+    signals = read_signals(recording, rig)
     steady = [row for row in signals.of_kind("steady") if np.isfinite(row[0].frequency_hz)]
     if not steady:
         raise RecordingError("recording has no steady segment with a drive frequency; a sweep needs at least one")

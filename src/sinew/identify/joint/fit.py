@@ -6,7 +6,7 @@ far off; then everything, with the noise that the residuals of the leg before sh
 """
 
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -378,7 +378,7 @@ def _search(
     x = np.concatenate([x[: first.shared], np.zeros(2 * len(problem.pairs))])
     for leg, tolerance in enumerate((_ROUGH, _ROUGH, _FINE), start=2):
         if leg > 2:
-            problem = problem.sized(whitening_of(problem.residuals(x), _QUIET))
+            problem = replace(problem, whitenings=whitening_of(problem.residuals(x), _QUIET))
         solution = _solved(problem, x, tolerance)
         x = solution.values
         _report(progress, leg)

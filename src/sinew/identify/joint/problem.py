@@ -5,7 +5,7 @@ deviations, in units of the rig's stated repeatability. Their rows, and those of
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,10 +110,6 @@ class JointProblem:
         """Return the bounds of the coordinates."""
         far = np.full(2 * len(self.pairs), 20.0)
         return np.concatenate([self.coordinates.low, -far]), np.concatenate([self.coordinates.high, far])
-
-    def sized(self, whitenings: Sequence[Whitening]) -> "JointProblem":
-        """Return the problem with other whitenings."""
-        return replace(self, whitenings=tuple(whitenings))
 
     def settings(self) -> list[tuple[tuple[float, str, float], slice]]:
         """Return of every swing its setting (pretension, kind, frequency), and its rows in residual and Jacobian."""

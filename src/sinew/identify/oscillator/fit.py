@@ -131,28 +131,27 @@ def _begin(
 def _tell(layout: Layout, solution: Solution, masks: Masks, frame: Frame, records: Sequence[Record]) -> Fit:
     pieces = [slice(a, b) for a, b in pairwise(np.cumsum([0, *(int(m.sum()) for m in masks)]))]
     certainty = _certainty(solution, pieces)
-    parameters = mechanical_parameters(layout, solution, certainty)
     frequency, damping = oscillation(layout, solution, certainty)
     predicted = tuple(y * p.unit_size for y, p in zip(layout.outputs(solution.values), layout.parts, strict=True))
     off = np.concatenate([(r.output - y)[m] for r, y, m in zip(records, predicted, masks, strict=True)])
     return Fit(
-        layout.model,
-        frame,
-        tuple(records),
-        parameters,
-        nuisance_parameters(layout, solution, certainty),
-        frequency,
-        damping,
-        predicted,
-        tuple(masks),
-        float(np.sqrt(np.mean(off**2))),
-        records[0].output_unit,
-        solution.converged,
-        solution.message,
-        unidentifiable_directions(layout, solution, certainty),
-        certainty,
-        solution,
-        layout,
+        model=layout.model,
+        frame=frame,
+        records=tuple(records),
+        parameters=mechanical_parameters(layout, solution, certainty),
+        nuisance=nuisance_parameters(layout, solution, certainty),
+        natural_frequency_hz=frequency,
+        damping_ratio=damping,
+        predicted=predicted,
+        kept=tuple(masks),
+        rmse=float(np.sqrt(np.mean(off**2))),
+        unit=records[0].output_unit,
+        converged=solution.converged,
+        message=solution.message,
+        unidentifiable=unidentifiable_directions(layout, solution, certainty),
+        covariance=certainty,
+        solution=solution,
+        layout=layout,
     )
 
 

@@ -117,30 +117,25 @@ def unidentifiable_directions(layout: Layout, solution: Solution, certainty: Cov
     return find_unidentifiable(names, natural, solution.jacobian, noise)
 
 
-@dataclass(frozen=True)
-class Fit:
-    """What the records say about a model.
+@dataclass(frozen=True, kw_only=True)
+class Fitted:
+    """What was measured says about a model, in time or in steady states.
 
     parameters: mechanical numbers by name with unit, over the inertia where that is not known; where the input is a
         torque on an angle or a force on a length, the inertia or mass and its multiples too.
-    nuisance: start and rest position of each record, in its units.
+    nuisance: what else was fitted, in its units. rmse: of what was fitted, unit.
     natural_frequency_hz: sqrt(k/I)/2π, of the linear part. damping_ratio: d/(2 sqrt(k I)), or half the loss factor;
-        the viscous part where there is dry friction.
-    predicted: the fitted output of each record, in its unit, all samples. kept: which of them were fitted.
-    rmse: over the samples that were fitted, unit.
+        the viscous part where there is dry friction. Both of the first group.
     converged, message: how the search ended. unidentifiable: sentences.
-    covariance, solution, layout: in normal form, for profiles and predictions; see `sinew.identify.oscillator.model`.
+    covariance, solution: in normal form.
     """
 
     model: Model
     frame: Frame
-    records: tuple[Record, ...]
     parameters: dict[str, Estimate]
     nuisance: dict[str, Estimate]
     natural_frequency_hz: Estimate
     damping_ratio: Estimate
-    predicted: tuple[Array, ...]
-    kept: tuple[NDArray[np.bool_], ...]
     rmse: float
     unit: str
     converged: bool
@@ -148,6 +143,19 @@ class Fit:
     unidentifiable: tuple[str, ...]
     covariance: Covariance
     solution: Solution
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit(Fitted):
+    """What records say about a model.
+
+    nuisance: start and rest position of each record. predicted: the fitted output of each, in its unit, all samples.
+    kept: which of them were fitted. layout: for profiles and predictions; see `sinew.identify.oscillator.model`.
+    """
+
+    records: tuple[Record, ...]
+    predicted: tuple[Array, ...]
+    kept: tuple[NDArray[np.bool_], ...]
     layout: Layout
 
     @property

@@ -240,18 +240,15 @@ def _covariance(rows: Array, residual: Array, sizes: Sequence[int]) -> Covarianc
 class LevelDependence:
     """Resonance against the level of the drive.
 
-    resonances: of each level, by its own points alone (`curves`), in order of level. joint: curves through all levels.
+    resonances: of each level, by its own points alone (`curves`), in order of level.
     bend_hz: of a straight line of the resonance frequency over the squared amplitude, its fall or rise from rest to the
-    largest amplitude; negative where the joint softens. excess: scatter of the resonances about that line in their
-    standard deviations; what is beyond 1 is in the interval of bend_hz.
+    largest amplitude; negative where the joint softens. A scatter about it beyond chance is in its interval.
     shift_hz: resonance at the highest level less that at the lowest. verdict: one sentence.
     """
 
     resonances: tuple[Resonance, ...]
     curves: tuple[ResponseCurves, ...]
-    joint: ResponseCurves
     bend_hz: Estimate
-    excess: float
     shift_hz: Estimate
     verdict: str
 
@@ -271,19 +268,18 @@ def resonance_by_level(
     curves = tuple(fit_response_curves(one, terms=terms, turned=turned) for one in levels)
     drives = [float(np.median(one.input_amplitude)) for one in levels]
     found = tuple(one.resonance(drive) for one, drive in zip(curves, drives, strict=True))
-    joint = fit_response_curves(levels, terms=terms, turned=turned)
-    bend, excess = _bend(found)
+    bend = _bend(found)
     shift = _difference(found[-1].frequency_hz, found[0].frequency_hz)
-    return LevelDependence(found, curves, joint, bend, excess, shift, _verdict(bend, shift))
+    return LevelDependence(found, curves, bend, shift, _verdict(bend, shift))
 
 
-def _bend(found: Sequence[Resonance]) -> tuple[Estimate, float]:
-    """Return the slope of frequency over squared amplitude times the largest square, and the excess of the scatter."""
+def _bend(found: Sequence[Resonance]) -> Estimate:
+    """Return the slope of frequency over squared amplitude times the largest square."""
     frequency = np.array([one.frequency_hz.value for one in found])
     std = np.array([one.frequency_hz.std for one in found])
     square = np.array([one.amplitude.value for one in found]) ** 2
     if not (np.isfinite(frequency) & np.isfinite(std) & (std > 0)).all():
-        return _UNKNOWN, np.nan
+        return _UNKNOWN
     design = np.stack([np.ones_like(square), square / square.max()], axis=1) / std[:, None]
     inverse = np.linalg.pinv(design)
     line = inverse @ (frequency / std)
@@ -292,8 +288,8 @@ def _bend(found: Sequence[Resonance]) -> tuple[Estimate, float]:
     excess = float(np.sqrt(residual @ residual / spare)) if spare else 1.0
     spread = float(np.linalg.norm(inverse[1])) * max(excess, 1.0)
     if excess > 1.0:
-        return Estimate.student(float(line[1]), spread, spare), excess
-    return Estimate.normal(float(line[1]), spread), excess
+        return Estimate.student(float(line[1]), spread, spare)
+    return Estimate.normal(float(line[1]), spread)
 
 
 def _difference(one: Estimate, other: Estimate) -> Estimate:

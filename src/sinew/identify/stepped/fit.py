@@ -12,7 +12,7 @@ import numpy as np
 from scipy import special
 
 from sinew.identify.choice.comparison import SIGNIFICANT, Trends, rank_trend
-from sinew.identify.oscillator.fitted import mechanical_parameters, oscillation, words_and_scales
+from sinew.identify.oscillator.fitted import Fitted, mechanical_parameters, oscillation, words_and_scales
 from sinew.identify.oscillator.least_squares import (
     Covariance,
     Problem,
@@ -36,7 +36,6 @@ from sinew.identify.stepped.layout import (
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import Estimate
 from sinew.mechanics.laws import LossFactor, Pendulum
 from sinew.twin.cache import configure
 
@@ -191,34 +190,18 @@ def sandwich(rows: Array, residual: Array, sizes: Sequence[int]) -> tuple[Array,
     return float(residual @ residual) / freedom * gram, gram @ summed @ gram * (n / freedom), lengths
 
 
-@dataclass(frozen=True)
-class ResponseFit:
-    """What the points of a stepped sine say about a model; names as of a `Fit` in time.
+@dataclass(frozen=True, kw_only=True)
+class ResponseFit(Fitted):
+    """What the points of a stepped sine say about a model.
 
-    parameters: mechanical numbers by name with unit. nuisance: turn and background of the measuring chain.
-    natural_frequency_hz: sqrt(k/I)/2π; damping_ratio: d/(2 sqrt(k I)) or half the loss factor; of the first group.
-    predicted: the fitted response of each group, shape (n,). rmse: of measured less predicted response, over real and
-    imaginary parts, output unit per input unit (`unit`).
-    converged, message: how the search ended. unidentifiable: sentences. tests: of the residuals.
-    covariance, solution, layout: in normal form.
+    nuisance: turn and background of the measuring chain. predicted: the fitted response of each group, shape (n,).
+    rmse: of measured less predicted response, over real and imaginary parts, output unit per input unit (`unit`).
+    tests: of the residuals.
     """
 
-    model: Model
-    frame: Frame
     points: tuple[ResponsePoints, ...]
-    parameters: dict[str, Estimate]
-    nuisance: dict[str, Estimate]
-    natural_frequency_hz: Estimate
-    damping_ratio: Estimate
     predicted: tuple[Complexes, ...]
-    rmse: float
-    unit: str
-    converged: bool
-    message: str
-    unidentifiable: tuple[str, ...]
     tests: ResponseTests
-    covariance: Covariance
-    solution: Solution
     layout: ResponseLayout
 
     def bic(self) -> float:
@@ -368,23 +351,23 @@ def _tell(layout: ResponseLayout, solution: Solution) -> ResponseFit:
     message = solution.message + (f"; at {lost} points no steady oscillation was found" if lost else "")
     units = (points[0].output_unit, points[0].input_unit)
     return ResponseFit(
-        mechanical.model,
-        layout.frame,
-        points,
-        mechanical_parameters(mechanical, moved, of_moved),
-        {name.replace("phase", "phase_rad"): one for name, one in nuisance.items()},
-        frequency,
-        damping,
-        tuple(f.response for f in found),
-        float(np.sqrt(0.5 * np.mean(np.abs(np.concatenate(off)) ** 2))),
-        units[0] if units[1] == "1" else "1" if units[0] == units[1] else f"{units[0]}/{units[1]}",
-        solution.converged and not lost,
-        message,
-        _unidentifiable(layout, solution),
-        tests,
-        certainty,
-        solution,
-        layout,
+        model=mechanical.model,
+        frame=layout.frame,
+        points=points,
+        parameters=mechanical_parameters(mechanical, moved, of_moved),
+        nuisance={name.replace("phase", "phase_rad"): one for name, one in nuisance.items()},
+        natural_frequency_hz=frequency,
+        damping_ratio=damping,
+        predicted=tuple(f.response for f in found),
+        rmse=float(np.sqrt(0.5 * np.mean(np.abs(np.concatenate(off)) ** 2))),
+        unit=units[0] if units[1] == "1" else "1" if units[0] == units[1] else f"{units[0]}/{units[1]}",
+        converged=solution.converged and not lost,
+        message=message,
+        unidentifiable=_unidentifiable(layout, solution),
+        tests=tests,
+        covariance=certainty,
+        solution=solution,
+        layout=layout,
     )
 
 
