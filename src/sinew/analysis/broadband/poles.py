@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import linalg, optimize
 
 from sinew.analysis.broadband.spectra import FrequencyResponse
-from sinew.analysis.sweep.rational import solve_scaled
+from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
@@ -233,9 +233,7 @@ def _covariance(
 ) -> tuple[Array, float, float]:
     """Return (covariance, degrees of freedom, misfit), the sandwich where neighbouring errors are correlated."""
     jacobian, residual = _jacobian(parameters, points, modes), _residual(parameters, points, modes)
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0] = 1.0
-    scaled, count = jacobian / scale, points.s.size
+    (scaled, scale), count = unit_columns(jacobian), points.s.size
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
     lags = np.ones(1) if bin_correlation is None else np.asarray(bin_correlation)[:count]
     middle = scaled.T @ scaled

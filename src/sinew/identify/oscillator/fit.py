@@ -310,14 +310,12 @@ def beside_friction(layout: Layout, problem: Problem, found: Solution) -> Soluti
 
 def _along(found: Solution, k: int, variance: float) -> Array | None:
     """Return the step aside of number k with which the others lean along, shape (m,); None where nothing tells it."""
-    own, rest = found.jacobian[:, k], np.delete(found.jacobian, k, axis=1)
-    size = np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
-    lean = -np.linalg.lstsq(rest / size, own, rcond=1e-8)[0] / size
-    left = float(np.linalg.norm(own + rest @ lean))
+    lean = found.lean(k)
+    left = float(np.linalg.norm(found.jacobian @ lean))
     if not left > 0 or not np.isfinite(lean).all():
         return None
     step = max(_ASIDE * float(np.sqrt(variance)) / left, _LEAST_ASIDE * abs(float(found.values[k])))
-    return np.asarray(step * np.insert(lean, k, 1.0))
+    return np.asarray(step * lean)
 
 
 _TOLERANCE = 1e-8
@@ -484,12 +482,7 @@ def _law_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None
     for k, entry in enumerate(layout.entries):
         if LOCAL[entry.local].tried:
             return [np.where(np.arange(first.size) == k, value, first) for value in LOCAL[entry.local].tried]
-    return [first] if taught is None else [min(first, taught, key=lambda x: _squares(problem.residual(x)))]
-
-
-def _squares(residual: Array) -> float:
-    with np.errstate(over="ignore"):
-        return float(residual @ residual) if np.isfinite(residual).all() else np.inf
+    return [first] if taught is None else [min(first, taught, key=lambda x: _sum_of_squares(problem.residual(x)))]
 
 
 def _grow(layout: Layout, x: Array, masks: Masks, problem: Problem) -> Solution:

@@ -68,6 +68,12 @@ class Solution:
         """Return n - m."""
         return self.residual.size - self.values.size
 
+    def lean(self, k: int) -> Array:
+        """Return how the numbers move along with number k, which moves by one, shape (m,)."""
+        rest = np.delete(self.jacobian, k, axis=1)
+        size = np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
+        return np.insert(-np.linalg.lstsq(rest / size, self.jacobian[:, k], rcond=1e-8)[0] / size, k, 1.0)
+
 
 def solve(
     problem: Problem,

@@ -257,24 +257,23 @@ class _Followed:
     """The other parameters, followed from trial to trial. best: the smallest sum of squares met, and where."""
 
     def __init__(self, problem: Problem, solution: Solution, index: int) -> None:
-        self._problem, self._index = problem, index
-        self._value, self._others = float(solution.values[index]), np.delete(solution.values, index)
-        own, rest = solution.jacobian[:, index], np.delete(solution.jacobian, index, axis=1)
-        size = np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
+        self._problem, self._x, self._lean = problem, solution.values, solution.lean(index)
+        self._index, self._free = index, np.arange(self._x.size) != index
         self.best = solution.sum_of_squares, solution.values
-        self._lean = -np.linalg.lstsq(rest / size, own, rcond=1e-8)[0] / size
 
     def least(self, trial: float) -> float:
         """Return the smallest sum of squares with the parameter at its trial value."""
-        free = np.arange(self._others.size + 1) != self._index
-        held = restricted(self._problem, np.insert(self._others, self._index, trial), free)
-        starts = [self._others, self._others + self._lean * (trial - self._value)]
+        x = self._x.copy()
+        x[self._index] = trial
+        held = restricted(self._problem, x, self._free)
+        starts = [one[self._free] for one in (x, x + self._lean * (trial - self._x[self._index]))]
         off = [np.clip(np.nan_to_num(held.residual(start), nan=_FAR), -_FAR, _FAR) for start in starts]
         nearer = starts[int(np.argmin([float(r @ r) for r in off]))]
         found = solve(held, nearer, tolerance=1e-9, max_evaluations=100)
-        self._value, self._others = trial, found.values
+        x[self._free] = found.values
+        self._x = x
         if found.sum_of_squares < self.best[0]:
-            self.best = found.sum_of_squares, np.insert(found.values, self._index, trial)
+            self.best = found.sum_of_squares, x
         return found.sum_of_squares
 
 

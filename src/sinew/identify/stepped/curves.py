@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
+from sinew.analysis.signal.coloured_noise import solve_scaled
 from sinew.identify.oscillator.least_squares import Covariance
 from sinew.identify.oscillator.record import Scales, derivative_order
 from sinew.identify.stepped.fit import ResponseFit, sandwich
@@ -192,9 +193,7 @@ def _fit(groups: tuple[ResponsePoints, ...], p: int, q: int, turned: bool) -> tu
     weight = 1.0 / (np.abs(push) + 1e-300)
     for _ in range(_ROUNDS):
         rows = _real(table * weight[:, None])
-        lengths = np.linalg.norm(rows, axis=0)
-        lengths[lengths == 0] = 1.0
-        x = np.linalg.lstsq(rows / lengths, _real((target * weight)[:, None])[:, 0], rcond=1e-13)[0] / lengths
+        x = solve_scaled(rows, _real((target * weight)[:, None])[:, 0])
         dynamic = np.abs((table[:, : p + q] @ x[: p + q] - target) / y)
         off = np.abs(table @ x - target) / (dynamic * size)
         misfit = float(np.sqrt(np.mean(off**2)))

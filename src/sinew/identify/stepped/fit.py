@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from sinew.analysis.signal.coloured_noise import unit_columns
 from sinew.identify.choice.comparison import SIGNIFICANT, Trends, rank_trend
 from sinew.identify.oscillator.fitted import Fitted, mechanical_parameters, oscillation, words_and_scales
 from sinew.identify.oscillator.least_squares import (
@@ -181,9 +182,7 @@ def sandwich(rows: Array, residual: Array, sizes: Sequence[int]) -> tuple[Array,
     scores of points, which go together over a sixth of their group.
     """
     n, m = rows.shape
-    lengths = np.linalg.norm(rows, axis=0)
-    lengths[lengths == 0] = 1.0
-    scaled, freedom = rows / lengths, max(n - m, 1)
+    (scaled, lengths), freedom = unit_columns(rows), max(n - m, 1)
     gram = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
     scores = (scaled * residual[:, None]).reshape(-1, 2, m).sum(axis=1)
     summed = sum(long_run(own, own.shape[0] // 6) for own in np.split(scores, np.cumsum(sizes)[:-1]))

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.analysis.signal.coloured_noise import solve_scaled
 from sinew.identify.oscillator.model import Layout, Model, Part, make_layout
 from sinew.identify.oscillator.record import Frame, Scales, derivative_order, input_derivative, relaxation_of
 from sinew.identify.oscillator.track import Grid
@@ -237,9 +238,7 @@ def _weighted(columns: dict[str, Complexes], target: Complexes, std: Array, y: C
     for _ in range(_ROUNDS):
         rows, goal = table * weight[:, None], target * weight
         real, wanted = np.concatenate([rows.real, rows.imag]), np.concatenate([goal.real, goal.imag])
-        scale = np.linalg.norm(real, axis=0)
-        scale[scale == 0] = 1.0
-        x = np.linalg.lstsq(real / scale, wanted, rcond=1e-12)[0] / scale
+        x = solve_scaled(real, wanted, 1e-12)
         dynamic = np.abs((table[:, mechanical] @ x[mechanical] - target) / y)
         weight = 1.0 / (std * np.maximum(dynamic, 1e-3 * float(dynamic.max())))
     return dict(zip(names, map(float, x), strict=True))
