@@ -361,15 +361,12 @@ def _sweep_part(results: xr.Dataset) -> dict[str, Any]:
     if "gain" not in results:
         return {}
     part: dict[str, Any] = {"response": response_table_json(results)}
-    part |= {"resonance": _interval_rows(results, RESONANCES)} if "resonance_hz" in results else {}
-    return part | (_energy_part(results) if "energy_reduction" in results else {})
-
-
-def _energy_part(results: xr.Dataset) -> dict[str, Any]:
-    """Return what a swing costs, by pretension, and what the servos draw with their torque off (by data sheet)."""
-    idle = float(results.attrs.get("idle_power_w", math.nan))
-    rows = _interval_rows(results, ENERGY_QUANTITIES)
-    return {"energy": {"idle_power_w": idle if math.isfinite(idle) else None, "pretensions": rows}}
+    if "resonance_hz" in results:
+        part["resonance"] = _interval_rows(results, RESONANCES)
+    if "energy_reduction" in results:  # what a swing costs, and what the servos draw with their torque off
+        idle = finite(float(results.attrs.get("idle_power_w", math.nan)))
+        part["energy"] = {"idle_power_w": idle, "pretensions": _interval_rows(results, ENERGY_QUANTITIES)}
+    return part
 
 
 def _interval_rows(results: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:
@@ -456,17 +453,14 @@ def _response_table(rows: list[dict[str, Any]], results: xr.Dataset) -> Table:
 
 
 def _resonance_table(rows: list[dict[str, Any]]) -> Table:
-    cells = []
-    for row in rows:
-        cells.append(
-            (
-                number(row["pretension_mm"]),
-                shown_interval(row["resonance_hz"]),
-                shown(row["gain_peak"]),
-                shown(row["phase_90_hz"]),
-                shown(row["half_power_width_hz"]),
-            )
+    cells = [
+        (
+            number(row["pretension_mm"]),
+            shown_interval(row["resonance_hz"]),
+            *(shown(row[name]) for name in ("gain_peak", "phase_90_hz", "half_power_width_hz")),
         )
+        for row in rows
+    ]
     names = ("pretension/mm", "resonance/Hz (90 %)", "peak gain", "lag of 90°/Hz", "half-power/Hz")
     return Table(names, cells, "resonance: frequency of the largest fundamental, lag of 90°, half-power width")
 

@@ -209,10 +209,6 @@ def find_mechanics(
     split = split_record(records[0], train, test)
     taught = [int(k) for k in split.kept.nonzero()[0][[0, -1]]]
     refuse_hopeless(split.record.cut(taught[0], taught[1] + 1))
-    return _of_record(split, wanted, remarks, progress)
-
-
-def _of_record(split: Split, wanted: Model | None, remarks: Sequence[str], progress: Progress | None) -> Identified:
     compared = compare_laws(split, progress) if wanted is None else compare(split, [wanted])
     return replace(_of_comparison(compared, remarks), split=split, held_out=compared.rows[0].held_out)
 

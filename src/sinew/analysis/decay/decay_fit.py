@@ -247,9 +247,8 @@ def fit_decay_and_rest(time_s: Array, values: Array, guess: tuple[float, float])
     return relaxed if effective * np.log(before / after) > 2.0 * np.log(effective) + _ASKED else plain
 
 
-# Maximum-likelihood fit of a ring-down: oscillation, drifting rest position and coloured noise.
-
-# A model is fitted by maximum likelihood under noise whose neighbouring samples are alike.
+# A model is fitted by maximum likelihood under noise whose neighbouring samples are alike: oscillation, drifting rest
+# position and coloured noise.
 
 Model = Callable[[Array], Array]
 

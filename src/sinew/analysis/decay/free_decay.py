@@ -499,11 +499,6 @@ class Envelope:
         """Return k = ⟨ω⟩² I (paper Eq. 10) [N m/rad]; (1 - D²) of the stiffness below; NaN without inertia."""
         return self.omega_rad_s**2 * self._inertia()
 
-    @property
-    def stiffness_undamped_n_m_rad(self) -> float:
-        """Return k = (⟨ω⟩² + λ²) I [N m/rad], the stiffness of the damped oscillator; NaN without inertia."""
-        return (self.omega_rad_s**2 + self.decay_rate_per_s**2) * self._inertia()
-
     def _inertia(self) -> float:
         return float("nan") if self.inertia_kg_m2 is None else self.inertia_kg_m2
 

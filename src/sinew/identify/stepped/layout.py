@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,30 +19,6 @@ from sinew.mechanics.silicone import relaxation_times
 CHAIN = ("phase", "background_real", "background_imag")
 """What the measuring chain may add: a turn of the response [rad], and a response that does not depend on frequency, as
 a share of the largest."""
-
-
-class Normal(NamedTuple):
-    """Points in normal form: omega in ω_r; drive; carried: z of it at the points' input amplitudes; to_output: what r₁
-    is multiplied by to be the response; shape (n,) each."""
-
-    omega: Array
-    drive: Drive
-    carried: Complexes
-    to_output: Complexes
-
-
-def normal_form(points: ResponsePoints, scales: Scales, frame: Frame) -> Normal:
-    """Return the drive of the points in normal form, the conventions those of `sinew.identify.oscillator.record`."""
-    turn = 2j * np.pi * points.frequency_hz
-    amplitude = points.input_amplitude
-    drive = drive_of(points, scales, amplitude)
-    order = derivative_order(points.output_unit)
-    to_output = (turn / scales.omega) ** order * scales.amplitude * scales.omega**order / amplitude
-    carried = np.zeros(points.size, dtype=complex)
-    if frame == "absolute":  # the base's own motion, in the normal form of the relative motion
-        carried = turn ** (-derivative_order(points.input_unit)) * amplitude * scales.omega**2 / scales.forcing
-    omega = 2 * np.pi * points.frequency_hz / scales.omega
-    return Normal(omega, drive, carried, np.asarray(to_output, dtype=complex))
 
 
 def drive_of(points: ResponsePoints, scales: Scales, amplitude: float | Array) -> Drive:
@@ -106,18 +81,22 @@ class ResponseLayout:
 
     def predict(self, x: Array, part: int) -> Predicted:
         """Return the response of one group; of several oscillations at a frequency the one nearest to the measured."""
-        points = self.points[part]
-        scales = self.layout.parts[part].scales
-        normal = normal_form(points, scales, self.frame)
+        points, layout = self.points[part], self.layout
+        scales, order = layout.parts[part].scales, layout.parts[part].order
         numbers, (turn, background) = self.numbers(x, part), self.added(x)
-        begin = (points.response - background) / turn / normal.to_output - numbers[-1] * normal.carried
-        steady = oscillate(numbers, normal.omega, normal.drive, self.laws(part), begin)
-        bare = (steady.fundamental + numbers[-1] * normal.carried) * normal.to_output * turn
+        amplitude, fast = points.input_amplitude, 2j * np.pi * points.frequency_hz
+        to_output = (fast / scales.omega) ** order * scales.amplitude * scales.omega**order / amplitude * turn
+        carried = np.zeros(points.size, dtype=complex)
+        if self.frame == "absolute":  # the base's own motion, in the normal form of the relative motion
+            carried = fast ** (-derivative_order(points.input_unit)) * amplitude * scales.omega**2 / scales.forcing
+        begin = (points.response - background) / to_output - numbers[-1] * carried
+        omega = 2 * np.pi * points.frequency_hz / scales.omega
+        steady = oscillate(numbers, omega, drive_of(points, scales, amplitude), self.laws(part), begin)
+        bare = (steady.fundamental + numbers[-1] * carried) * to_output
         by_number = steady.slopes.copy()
-        by_number[:, -1] += normal.carried
-        by_number = by_number * (normal.to_output * turn)[:, None]
+        by_number[:, -1] += carried
+        by_number = by_number * to_output[:, None]
         slopes = np.zeros((points.size, self.width), dtype=complex)
-        layout = self.layout
         slopes[:, layout.index[part]] = by_number[:, layout.column[part]] * layout.ratio[part]
         for k, name in enumerate(self.chain, start=self.mechanics):
             slopes[:, k] = {"phase": 1j * bare, "background_real": self.size, "background_imag": 1j * self.size}[name]
