@@ -161,6 +161,8 @@ def identify(
                 raise SpecError(f"{other[0]} is for samples over time, these are steady states; leave it out")
             return _of_points(points, model, chain, progress)
         records = [one for one in several if isinstance(one, Record)]
+        if not records:
+            raise SpecError("found no record, expected those of sn.make_record or sn.points_of_table, or a recording")
     if chain:
         raise SpecError("chain is for steady states, these are samples over time; leave it out")
     remarks = (*unit_remarks(records[0]), *records[0].notes)

@@ -1,6 +1,6 @@
 """The free parameters of a rig as the coordinates of a search, and back."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -77,7 +77,8 @@ class Coordinates:
 
     def rig_at(self, x: Array) -> RigSpec:
         """Return the rig at x, what is tied moved along, without a look at the bounds."""
-        return _changed(self.rig, self._all_values(x))
+        there, values = dict(self.rig.parameters()), self._all_values(x)
+        return replaced(self.rig, {name: there[name].model_copy(update={"value": v}) for name, v in values.items()})
 
     def fitted_rig(self, x: Array) -> RigSpec:
         """Return the rig at x, validated; what the fit moved is called calibrated."""
@@ -155,10 +156,13 @@ def _slope(up: Array, down: Array) -> Array:
     return np.zeros_like(up) if np.array_equal(up, down) else np.asarray((up - down) / (2 * _STEP))  # inf - inf
 
 
-def _changed(rig: RigSpec, values: dict[str, float]) -> RigSpec:
+def replaced(rig: RigSpec, changed: Mapping[str, Parameter]) -> RigSpec:
+    """Return the rig with whole parameters replaced, by dotted name, without a look at the bounds.
+
+    `RigSpec.with_values` would drop the intervals of the others.
+    """
     parts: dict[str, dict[str, Parameter]] = {}
-    for dotted, value in values.items():
+    for dotted, one in changed.items():
         part, name = dotted.split(".")
-        parts.setdefault(part, {})[name] = getattr(getattr(rig, part), name).model_copy(update={"value": value})
-    moved = {part: getattr(rig, part).model_copy(update=rows) for part, rows in parts.items()}
-    return rig.model_copy(update=moved)
+        parts.setdefault(part, {})[name] = one
+    return rig.model_copy(update={part: getattr(rig, part).model_copy(update=rows) for part, rows in parts.items()})
