@@ -7,7 +7,7 @@ far off; then everything, with the noise that the residuals of the leg before sh
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -91,6 +91,7 @@ def _cubic(rest: jax.Array, p: Parameters) -> jax.Array:
     return jnp.asarray((fourth - 3 * across**2 / axial) / 6)
 
 
+@jax.jit
 def _balance(numbers: Numbers, pretension: jax.Array, mode: jax.Array, amplitude: jax.Array) -> Balance:
     p, rest = set_pretension(numbers.p, pretension, numbers.contact, mode, jnp.asarray(LIMIT_RESERVE_N))
     zero = jnp.zeros(())
@@ -107,21 +108,18 @@ def _balance(numbers: Numbers, pretension: jax.Array, mode: jax.Array, amplitude
     torsional = twist_rigidity(1 - rest / p.length, p) / p.length
     lost_guides = -2 * jnp.pi * amplitude * jnp.mean(friction * jnp.sin(angle))
     inertia = p.head + p.lever
-    times = relaxation_times()
+    shares, times = jnp.stack(p.prony_shares), relaxation_times()
 
-    def prony(omega: jax.Array) -> tuple[jax.Array, jax.Array]:
-        storage, loss = zero, zero
-        for share, tau in zip(p.prony_shares, times, strict=True):
-            wt = omega * tau
-            storage, loss = storage + share * wt**2 / (1 + wt**2), loss + share * wt / (1 + wt**2)
-        return torsional * storage, torsional * loss
+    def prony(omega: jax.Array) -> jax.Array:
+        jwt = 1j * omega * times
+        return jnp.asarray(torsional * jnp.sum(shares * jwt / (1 + jwt)))
 
     def closer(_: int, omega: jax.Array) -> jax.Array:
-        return jnp.sqrt((held + prony(omega)[0]) / inertia)
+        return jnp.sqrt((held + prony(omega).real) / inertia)
 
     omega = jax.lax.fori_loop(0, _ROUNDS, closer, jnp.sqrt(held / inertia))
-    stiffness = held + prony(omega)[0]
-    lost_silicone = jnp.pi * prony(omega)[1] * amplitude**2
+    stiffness = held + prony(omega).real
+    lost_silicone = jnp.pi * prony(omega).imag * amplitude**2
     lost_viscous = jnp.pi * p.viscous * omega * amplitude**2
     lost = lost_silicone + lost_guides + lost_viscous
     whole = jnp.maximum(lost, 1e-300)
@@ -137,14 +135,9 @@ def _balance(numbers: Numbers, pretension: jax.Array, mode: jax.Array, amplitude
     )
 
 
-@cache
-def _compiled() -> Any:
-    return jax.jit(_balance)
-
-
 def balance(numbers: Numbers, pretension_mm: float, mode: float, amplitude_rad: float) -> Balance:
     """Return what the joint is like at a pretension [mm], motor mode and torsion amplitude [rad]."""
-    found: Balance = _compiled()(numbers, np.float64(pretension_mm * 1e-3), np.float64(mode), np.float64(amplitude_rad))
+    found: Balance = _balance(numbers, np.float64(pretension_mm * 1e-3), np.float64(mode), np.float64(amplitude_rad))
     return found
 
 

@@ -486,14 +486,11 @@ def _law_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None
 
 
 def _grow(layout: Layout, x: Array, masks: Masks, problem: Problem) -> Solution:
-    periods = [p.record.time_s[-1] - p.record.time_s[0] for p in layout.parts]
-    longest = max(float(t) * p.scales.omega / (2 * np.pi) for t, p in zip(periods, layout.parts, strict=True))
+    periods = [(p.record.time_s - p.record.time_s[0]) * p.scales.omega / (2 * np.pi) for p in layout.parts]
+    longest = max(float(own[-1]) for own in periods)
     horizon = _HORIZON
     while horizon < longest:
-        seen = [
-            m & ((p.record.time_s - p.record.time_s[0]) * p.scales.omega / (2 * np.pi) <= horizon)
-            for p, m in zip(layout.parts, masks, strict=True)
-        ]
+        seen = [m & (own <= horizon) for own, m in zip(periods, masks, strict=True)]
         if sum(int(mask.sum()) for mask in seen) > 2 * x.size:
             x = solve(layout.problem(seen), x, tolerance=1e-4, max_evaluations=12).values
         horizon *= _GROWTH
