@@ -101,9 +101,9 @@ class ResponseCurves:
         if not np.isfinite(found).all():
             reason = f"at a drive of {input_amplitude:g} the lag is 90° at no amplitude near the measured ones"
             return Resonance(input_amplitude, reason=reason)
-        hertz, amplitude = found.T
-        rows = (hertz, amplitude / input_amplitude, amplitude, hertz)
-        return Resonance(input_amplitude, *(_spread_of(row, self.covariance.degrees_of_freedom) for row in rows))
+        rows = (found[:, 0], found[:, 1] / input_amplitude, found[:, 1])
+        hertz, gain, amplitude = (_spread_of(row, self.covariance.degrees_of_freedom) for row in rows)
+        return Resonance(input_amplitude, hertz, gain, amplitude, hertz)
 
     def _meet(self, x: Array, like: ResponsePoints, input_amplitude: float) -> tuple[float, float]:
         """Return frequency [Hz] and amplitude at which d(a) ω a is the push."""
@@ -376,9 +376,14 @@ def peak_of_response(fit: ResponseFit, input_amplitude: float | None = None, *, 
         return Resonance(amplitude, reason="the balance was not found around the top of the response")
     frequency, largest = _tops(lags[:-1] - lag, hertz * omega[:, :-1], gain[:, :-1])
     freedom = fit.covariance.degrees_of_freedom
-    rows = (_spread_of(row, freedom) for row in (frequency, largest, largest * amplitude))
     crossed = found[:, -1].all() and fit.frame == "relative"
-    return Resonance(amplitude, *rows, _spread_of(hertz * omega[:, -1], freedom) if crossed else _UNKNOWN)
+    return Resonance(
+        amplitude,
+        _spread_of(frequency, freedom),
+        _spread_of(largest, freedom),
+        _spread_of(largest * amplitude, freedom),
+        _spread_of(hertz * omega[:, -1], freedom) if crossed else _UNKNOWN,
+    )
 
 
 def response_curve(fit: ResponseFit, part: int = 0) -> tuple[Array, NDArray[np.complex128]]:
