@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sinew.identify.joint.coordinates import Coordinates, Numbers, make_coordinates
-from sinew.identify.joint.motion import steps_per_sample
-from sinew.identify.joint.problem import JointProblem, make_problem, whitening_of
+from sinew.identify.joint.motion import JointProblem, make_problem, steps_per_sample, whitening_of
 from sinew.identify.joint.swing import Swing, is_enough, swings_of
 from sinew.identify.oscillator.least_squares import Covariance, Solution, correlation, find_unidentifiable, solve
 from sinew.measure.arrays import Array

@@ -19,8 +19,7 @@ from scipy import optimize
 from sinew.analysis.signal.coloured_noise import solve_scaled
 from sinew.identify.oscillator.least_squares import Covariance
 from sinew.identify.oscillator.record import Scales, derivative_order
-from sinew.identify.stepped.fit import ResponseFit, sandwich
-from sinew.identify.stepped.layout import drive_of, motion_and_push
+from sinew.identify.stepped.fit import ResponseFit, drive_of, motion_and_push, sandwich
 from sinew.identify.stepped.oscillation import free_frequency, fundamentals, lag_of, lagging, swept, top_of_sweep
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.arrays import Array
