@@ -140,7 +140,7 @@ def identify(
     """
     if isinstance(record, (str, Path)):
         record = load_recording(record)
-    asked = {"train": train, "test": test, "pretension_mm": pretension_mm, "bootstrap": bootstrap}
+    asked: dict[str, object] = {"train": train, "test": test, "pretension_mm": pretension_mm, "bootstrap": bootstrap}
     asked |= {"profile": profile or None, "posterior": posterior or None, "chain": chain or None}
     given = [name for name, value in asked.items() if value is not None]
     if model == "tendon":
