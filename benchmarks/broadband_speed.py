@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from sinew.analysis.broadband.spectra import estimate_frequency_response
+from sinew.analysis.broadband.spectra import Segmentation, average_pieces, response_of_spectra
 
 SAMPLES, SAMPLE_HZ, LENGTH = 4_200_000, 1000, 4096
 Work = Callable[[NDArray[np.float64], NDArray[np.float64]], Any]
@@ -24,7 +24,7 @@ def _records() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _sinew(x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
-    estimate_frequency_response(x, y, SAMPLE_HZ, segment_s=LENGTH / SAMPLE_HZ)
+    response_of_spectra(average_pieces([(x, y)], SAMPLE_HZ, Segmentation(LENGTH, LENGTH // 2)))
 
 
 def _scipy(x: NDArray[np.float64], y: NDArray[np.float64]) -> None:

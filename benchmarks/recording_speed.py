@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import lstsq
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.measure.files.netcdf import save_recording
 from sinew.plan.toml import load_plan, load_rig
 from sinew.twin.cache import configure

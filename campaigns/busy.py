@@ -29,7 +29,7 @@ import numpy as np
 import xarray as xr
 
 from campaigns.options import campaign_parser
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.measure.files.netcdf import load_recording
 from sinew.measure.recording import segment_slices
 from sinew.plan.toml import load_rig, parse_plan

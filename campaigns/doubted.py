@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.doubts import Doubt, find_doubts, foretold
 from sinew.analysis.signal.signals import read_signals
 from sinew.measure.recording import iterate_segments

@@ -22,7 +22,7 @@ from campaigns.balance import Balance, balance_lanes
 from sinew.analysis.signal.signals import read_signals
 from sinew.analysis.sweep.energy import energy_of_repeat, estimate_energy, fit_line_trend, fit_swing_trend
 from sinew.analysis.sweep.resonance import read_resonances
-from sinew.analysis.sweep.response import response_of
+from sinew.analysis.sweep.response import estimate_response
 from sinew.measure.arrays import Array
 from sinew.measure.schema import companions
 from sinew.plan.plan import Group, Plan
@@ -168,7 +168,7 @@ def _measure(plan: Plan, rig: RigSpec, lanes: Lanes, seed: int, effects: Effects
     noise = np.random.default_rng(np.random.SeedSequence(seed).spawn(2)[1])
     recording = record_tracks(tracks, lanes, plan, rig, effects=effects, rng=noise)
     signals = read_signals(recording, rig)
-    response = response_of(signals)
+    response = estimate_response(signals)
     resonance = read_resonances(response).value["resonance_hz"]
     energy = estimate_energy(signals, response, resonance)
     assert energy is not None

@@ -19,7 +19,7 @@ from campaigns.energy import paper_sweep
 from campaigns.motion_energy import MotionEnergy, energy_between, energy_per_cycle
 from campaigns.tracked import track_plan, tracked
 from campaigns.tracking import expected_at
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.signal.power import read_power
 from sinew.analysis.signal.signals import read_signals
 from sinew.analysis.tracked import tracked_turns

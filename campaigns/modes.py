@@ -18,7 +18,7 @@ from typing import get_args
 
 import numpy as np
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner

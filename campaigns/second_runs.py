@@ -27,7 +27,7 @@ import numpy as np
 import xarray as xr
 
 from campaigns.options import campaign_parser
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.doubts import doubts_of
 from sinew.bench.doctor import apply_fixes, call_roll, examine_motors, list_fixes
 from sinew.bench.errors import StartError

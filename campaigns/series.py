@@ -21,7 +21,7 @@ from typing import Any
 
 import xarray as xr
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.doubts import doubts_of
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal_reader import JournalReader

@@ -11,6 +11,8 @@ from sinew.identify.oscillator.model import MODELS as MODELS
 from sinew.identify.oscillator.model import Model as Model
 from sinew.identify.oscillator.record import Record as Record
 from sinew.identify.oscillator.record import make_record as make_record
+from sinew.identify.stepped.points import ResponsePoints as ResponsePoints
+from sinew.identify.stepped.points import points_of_table as points_of_table
 from sinew.measure.errors import FileError as FileError
 from sinew.measure.errors import RecordingError as RecordingError
 from sinew.measure.errors import SchemaError as SchemaError

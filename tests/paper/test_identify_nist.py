@@ -13,8 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from sinew.identify.oscillator.certainty import covariance
-from sinew.identify.oscillator.least_squares import Problem, Solution, solve
+from sinew.identify.oscillator.least_squares import Problem, Solution, covariance, solve
 from sinew.twin.cache import configure
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "nist_strd"

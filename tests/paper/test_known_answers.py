@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.decay.ring_down import analyse_ring_down
 from sinew.measure.recording import iterate_segments
 from sinew.plan.plan import Plan, Pretension, RingDown, Sweep

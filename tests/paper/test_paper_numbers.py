@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.paper.summary import effect_shares
 from sinew.paper.table import paper_table
 from sinew.plan.toml import load_plan, load_rig, read_ranges

@@ -13,7 +13,7 @@ import pytest
 from tests.paper.test_real_ring_downs import DATA, beam, beam_record
 
 from sinew.analysis.decay.modes import ModalDecay, fit_modes
-from sinew.identify.decay.backbone import Backbone, fit_backbone
+from sinew.identify.oscillator.backbone import Backbone, fit_backbone
 
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="real recordings are not beside this repository")
 

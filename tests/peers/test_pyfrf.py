@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import signal
-
-from sinew.analysis.broadband.spectra import estimate_frequency_response
+from tests.unit.broadband_signals import response_of
 
 pyFRF: Any = pytest.importorskip("pyFRF", reason="pyFRF is not installed")  # noqa: N816
 
@@ -22,7 +21,7 @@ def records(size: int):
 
 
 def ours(x, y):
-    return estimate_frequency_response(x, y, SAMPLE_HZ, segment_s=LENGTH / SAMPLE_HZ)
+    return response_of(x, y, SAMPLE_HZ, segment_s=LENGTH / SAMPLE_HZ)
 
 
 def theirs(x, y):

@@ -12,7 +12,7 @@ import pytest
 from tests.patience import comes
 from tests.unit.bench_journal import PLAN, RIG
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal_reader import JournalReader
 from sinew.measure.errors import RecordingError

@@ -6,9 +6,20 @@ import numpy as np
 import pandas as pd
 from scipy import signal
 
+from sinew.analysis.broadband.spectra import FrequencyResponse, Segmentation, average_pieces, response_of_spectra
+
 SAMPLE_HZ = 100.0
 Mode = tuple[float, float, float]
 """Natural frequency [Hz], damping ratio, static gain."""
+
+
+def response_of(
+    given: np.ndarray, measured: np.ndarray, sample_hz: float, segment_s: float | None = None, **cut: Any
+) -> FrequencyResponse:
+    """Return the response of a record; segments: a sixteenth of it, and half of each again, if nothing else is said."""
+    length = given.shape[0] // 16 if segment_s is None else round(segment_s * sample_hz)
+    hop = max(1, round(length * (1 - cut.pop("overlap", 0.5))))
+    return response_of_spectra(average_pieces([(given, measured)], sample_hz, Segmentation(length, hop, **cut)))
 
 
 def transfer(modes: list[Mode], frequency_hz: np.ndarray) -> np.ndarray:

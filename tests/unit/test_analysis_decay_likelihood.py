@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import check_grad
 from tests.unit.ring_down_signals import Decay, coloured, times
 
-from sinew.analysis.decay.decay_likelihood import FreeOscillation, fit_likelihood, polynomials
+from sinew.analysis.decay.decay_fit import FreeOscillation, fit_likelihood, polynomials
 from sinew.analysis.decay.modes import fit_modes
 
 NOISE_DEG = 0.3

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from campaigns.doubted import changed, doubts, expected_of, frozen, scaled_gyro, swapped_axes, the_plan
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.doubts import Doubt, find_doubts, group_doubts, possible_damping
 from sinew.analysis.signal.signals import read_signals
 from sinew.measure.recording import iterate_segments

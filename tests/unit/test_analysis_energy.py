@@ -18,7 +18,7 @@ from tests.unit.ideal_motor import (
     truth,
 )
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.signal.power import idle_power
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import load_dataset, save_dataset

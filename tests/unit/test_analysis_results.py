@@ -10,7 +10,7 @@ import xarray as xr
 from tests.unit.analysis_sweep import QUIET, Joint, Sensing, rig_with, sweep
 from tests.unit.figures_sample import foreign_ring_down
 
-from sinew.analysis.analysis import analyse_recording, join_parts, response_table_json
+from sinew.analysis.analysed import analyse_recording, join_parts, response_table_json
 from sinew.analysis.sweep.saturation import gain_map
 from sinew.measure.errors import RecordingError, SchemaError
 from sinew.measure.files.netcdf import content_hash, load_dataset, load_results, save_dataset
@@ -124,7 +124,7 @@ def test_results_without_sweep_have_no_map(results) -> None:
 @pytest.mark.slow
 def test_analysis_imports_neither_jax_nor_the_twin() -> None:
     code = (
-        "import sys, sinew.analysis.analysis; print({'jax', 'sinew.twin', 'matplotlib'} & set(sys.modules) or 'none')"
+        "import sys, sinew.analysis.analysed; print({'jax', 'sinew.twin', 'matplotlib'} & set(sys.modules) or 'none')"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "none"

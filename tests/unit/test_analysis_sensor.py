@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 from tests.unit.analysis_sweep import SAMPLE_HZ, Joint, Sensing, gyro_chain, rig_with, sweep
 
-from sinew.analysis.signal.sensor import (
+from sinew.analysis.signal.signals import (
     DelayBudget,
     delay_budget,
     drive_chain,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sinew.analysis.signal.sensor import DelayBudget, drive_chain, torsion_chain
+from sinew.analysis.signal.signals import DelayBudget, drive_chain, torsion_chain
 from sinew.analysis.tracked import tracked_point, tracked_turns
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import provenance

@@ -22,7 +22,7 @@ from tests.unit.bench_journal import (
     written,
 )
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.signal.harmonics import fit_harmonics
 from sinew.bench.record.conversion import convert, group_is_whole, imu_series, readings_at, recording_from_journal
 from sinew.bench.record.journal import Journal

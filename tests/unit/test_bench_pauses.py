@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from tests.unit.bench_virtual import VirtualBench, virtual_bench
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.journal_reader import JournalReader

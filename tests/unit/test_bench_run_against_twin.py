@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from tests.unit.bench_virtual import virtual_bench
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.signal.harmonics import fit_harmonics
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.run import RunReport

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from tests.unit.figures_panels import drawn
 from tests.unit.ideal_motor import RIG, recorded
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.figures.page import measured_tables
 from sinew.figures.response import draw_energy
 from sinew.measure.schema import ENERGY_QUANTITIES

@@ -26,7 +26,7 @@ from sinew.figures.fit.data import (
 )
 from sinew.figures.fit.page import FIT_CAPTIONS, autocorrelation, draw_residuals, write_fit_page
 from sinew.identify.choice.held_out import HeldOut, Split, fit_and_predict, split_record
-from sinew.identify.decay.backbone import fit_backbone
+from sinew.identify.oscillator.backbone import fit_backbone
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit, swing_of
 from sinew.identify.oscillator.record import Record, make_record

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tests.unit.identify_campaigns import DECAYS, RIG
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.identify.joint.fit import JointFit
-from sinew.identify.oscillator.certainty import Covariance
+from sinew.identify.oscillator.least_squares import Covariance
 from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import CANNOT_TELL, Answer
 from sinew.paper.answers.losses import answer_losses, energy_shares

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from sinew.analysis.signal.repeats import pool_repeats
-from sinew.analysis.sweep.slope import detectable, fit_trend, ratio_interval
+from sinew.analysis.signal.repeats import detectable, fit_trend, pool_repeats, ratio_interval
 from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import in_words
 

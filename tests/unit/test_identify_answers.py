@@ -3,7 +3,7 @@
 import pytest
 from tests.unit.identify_campaigns import DECAYS, RIG
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.paper.answers.answer import CANNOT_TELL
 from sinew.paper.answers.constancy import answer_constancy
 from sinew.paper.answers.delay import answer_delay

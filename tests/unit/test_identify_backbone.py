@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 from tests.unit.ring_down_signals import Decay, times
 
-from sinew.identify.decay.backbone import Backbone, fit_backbone
+from sinew.identify.oscillator.backbone import Backbone, fit_backbone
 from sinew.measure.errors import RecordingError
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

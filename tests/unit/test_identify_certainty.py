@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from sinew.identify.oscillator.certainty import correlation, covariance, estimates, find_unidentifiable
-from sinew.identify.oscillator.least_squares import Problem, solve
+from sinew.identify.oscillator.least_squares import (
+    Problem,
+    correlation,
+    covariance,
+    estimates,
+    find_unidentifiable,
+    solve,
+)
 from sinew.identify.oscillator.profile import profile_interval
 from sinew.measure.errors import RecordingError
 

@@ -98,8 +98,8 @@ def test_a_model_that_needs_negative_friction_is_out_of_the_race() -> None:
 
 @pytest.mark.slow
 def test_a_negative_damping_number_is_impossible_only_beyond_its_interval() -> None:
-    assert impossible_numbers(fit(drag_decay(1), "coulomb")) == ["coulomb_rad_per_s2"]
-    assert impossible_numbers(fit(viscous_decay(0.17, 3), "coulomb")) == []
+    assert impossible_numbers(fit(drag_decay(1), "coulomb").parameters) == ["coulomb_rad_per_s2"]
+    assert impossible_numbers(fit(viscous_decay(0.17, 3), "coulomb").parameters) == []
 
 
 def test_residuals_are_asked_over_the_samples_that_taught() -> None:

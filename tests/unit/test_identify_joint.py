@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from sinew.identify.identified import identified_joint
 from sinew.identify.joint.coordinates import numbers_of
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.measure.errors import RecordingError, SpecError
@@ -111,7 +112,7 @@ def test_one_pretension_without_currents_leaves_the_diameter_open_and_says_so() 
 
 
 def test_the_document_has_the_keys_of_every_identification() -> None:
-    document = quiet_fit().document()
+    document = identified_joint(quiet_fit()).document
     assert {"model", "parameters", "natural_frequency_hz", "damping_ratio", "rmse", "unit", "converged"} <= set(
         document
     )

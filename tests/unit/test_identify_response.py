@@ -296,24 +296,24 @@ def table(phase_sign: int = -1, repeats: int = 1, share: float = 0.0) -> dict[st
     return {"frequency_hz": frequency, "amplitude": np.abs(response), "phase_rad": phase, "drive": torque}
 
 
-def points_in(**rows: np.ndarray) -> tuple[tuple[ResponsePoints, ...], tuple[str, ...]]:
+def points_in(**rows: np.ndarray) -> tuple[ResponsePoints, ...]:
     return points_of_table(**rows, excitation="torque", output_unit="rad", input_unit="N*m")
 
 
 def test_rows_of_a_table_are_grouped_by_the_level_of_the_drive() -> None:
-    groups, _ = points_in(**table())
+    groups = points_in(**table())
     assert [(one.group, one.size) for one in groups] == [("0.05 N*m", 14), ("0.2 N*m", 14)]
 
 
 @pytest.mark.parametrize("phase_sign", [-1, 1])
 def test_a_phase_that_counts_either_way_is_the_same_lag(phase_sign: int) -> None:
-    groups, remarks = points_in(**table(phase_sign))
+    groups = points_in(**table(phase_sign))
     assert groups[0].response == pytest.approx(mechanical_response(FREQUENCIES_HZ) / INERTIA, rel=1e-12)
-    assert any("lag" in one for one in remarks) == (phase_sign == 1)
+    assert any("lag" in one for one in groups[0].notes) == (phase_sign == 1)
 
 
 def test_repeated_rows_tell_the_scatter_of_all() -> None:
-    groups, _ = points_in(**table(repeats=20, share=0.02))
+    groups = points_in(**table(repeats=20, share=0.02))
     largest = np.argmax(np.abs(groups[1].response))
     share = np.sqrt(groups[1].covariance[largest, 0, 0]) / np.abs(groups[1].response[largest])
     assert share == pytest.approx(0.02, rel=0.08)  # of 1064 degrees of freedom, at a largest drawn high

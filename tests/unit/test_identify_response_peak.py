@@ -86,8 +86,9 @@ def hardening() -> ResponseFit:
 
 def through_the_folds() -> tuple[np.ndarray, np.ndarray]:
     """Return frequency [Hz] and largest angle [rad] at 0.45 N m against the lag from 0.3 to 2.9 rad."""
-    numbers = np.array([1.0, 0.1, 0.0, 0.0, 0.0, CUBIC / INERTIA / OMEGA**2, 1.0])
     laws = Laws(Linear() + Viscous() + Cubic())
+    values = {"stiffness": 1.0, "damping": 0.1, "cubic": CUBIC / INERTIA / OMEGA**2, "gain": 1.0}
+    numbers = np.array([values.get(name, 0.0) for name in laws.names])
     drive = Drive(0.45 / INERTIA / OMEGA**2, 0)
     top, _ = top_of_sweep(numbers, laws, drive, 0.5, 2.0)
     lag = np.linspace(0.3, 2.9, 1301)

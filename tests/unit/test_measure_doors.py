@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.decay.ring_down import analyse_ring_down, analyse_ring_downs
 from sinew.analysis.sweep.response import estimate_response
 from sinew.identify.oscillator.record import make_record

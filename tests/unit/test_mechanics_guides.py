@@ -6,15 +6,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from sinew.tune.swing_stiffness import as_one_tendon, held_at, swing_loss, swing_stiffness
 
-from sinew.identify.joint.balance import balance
 from sinew.identify.joint.coordinates import make_coordinates, numbers_of
+from sinew.identify.joint.fit import balance
 from sinew.mechanics.guides import GUIDE_LAWS, Dahl, GuideFriction, MaxwellSlip
 from sinew.mechanics.parameters import POSITION
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
-from sinew.tune.swing_stiffness import as_one_tendon, held_at, swing_loss, swing_stiffness
 from sinew.twin.cache import configure
 from sinew.twin.parameters import from_rig
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sinew.identify.stepped.oscillation import Drive, Laws, oscillate
-from sinew.mechanics.laws import Cubic, DryFriction, Linear, LossFactor, Pendulum, Quadratic, Viscous
+from sinew.mechanics.laws import Cubic, Drag, DryFriction, Linear, LossFactor, Pendulum, Quadratic, Viscous
 from sinew.mechanics.silicone import complex_stiffness, prony_shares
 
 OMEGA = np.linspace(0.5, 1.6, 23)  # more than a block, and no whole number of blocks
@@ -15,14 +15,16 @@ LAWS = [
     Laws(Linear() + LossFactor(), natural=19.0),
     pytest.param(Laws(Linear() + Viscous() + DryFriction()), marks=SLOW),
     pytest.param(Laws(Pendulum() + Viscous(), amplitude=0.8), marks=SLOW),
+    pytest.param(Laws(Linear() + Viscous() + Drag()), marks=SLOW),
 ]
+VALUES = {"stiffness": 1.1, "damping": 0.2, "loss_factor": 0.3, "coulomb": 0.05, "drag": 0.3, "quadratic": 0.4}
+VALUES |= {"cubic": 0.4, "gain": 1.3}
 
 
 def numbers_of(laws: Laws) -> np.ndarray:
     """Return numbers of a law, stiffness to gain, those zero that it has not."""
-    loss, dry = laws.law.has(LossFactor), laws.law.sticks
-    quadratic, cubic = (0.4 * laws.law.has(term) for term in (Quadratic, Cubic))
-    return np.array([1.1, 0.0 if loss else 0.2, 0.3 * loss, 0.05 * dry, quadratic, cubic, 1.3])
+    own = {"gain", *(number.name for number in laws.law.numbers)}
+    return np.array([VALUES[name] * (name in own) for name in laws.names])
 
 
 LINEAR = Laws(Linear() + Viscous())
@@ -30,7 +32,7 @@ NUMBERS = numbers_of(LINEAR)
 
 
 def linear(numbers: np.ndarray) -> np.ndarray:
-    return numbers[6] * 0.2 / (numbers[0] - OMEGA**2 + 1j * OMEGA * numbers[1])
+    return numbers[-1] * 0.2 / (numbers[0] - OMEGA**2 + 1j * OMEGA * numbers[1])
 
 
 def test_a_linear_response_is_its_closed_form_at_every_frequency() -> None:
@@ -46,7 +48,8 @@ def test_a_moved_base_drives_with_its_acceleration() -> None:
 def test_a_loss_factor_is_the_series_of_its_relaxation_times() -> None:
     stiffness = complex_stiffness(prony_shares(0.3), 19.0 / (2 * np.pi))
     laws = Laws(Linear() + LossFactor(), natural=19.0)
-    found = oscillate(np.array([1.0, 0, 0.3, 0, 0, 0, 1.0]), np.ones(1), Drive(1.0, 0), laws, np.array([-3j]))
+    numbers = np.array([{"stiffness": 1.0, "loss_factor": 0.3, "gain": 1.0}.get(name, 0.0) for name in laws.names])
+    found = oscillate(numbers, np.ones(1), Drive(1.0, 0), laws, np.array([-3j]))
     assert 1 / found.fundamental[0] == pytest.approx(1j * stiffness.imag / stiffness.real, abs=1e-6)
 
 
@@ -57,6 +60,6 @@ def test_derivatives_by_the_numbers_are_those_of_solving_anew(laws: Laws) -> Non
     assert found.found.all()
     step = 1e-5
     for k in np.flatnonzero(numbers):
-        moved = [oscillate(numbers + s * step * np.eye(7)[k], OMEGA, drive, laws, start) for s in (1, -1)]
+        moved = [oscillate(numbers + s * step * np.eye(numbers.size)[k], OMEGA, drive, laws, start) for s in (1, -1)]
         change = (moved[0].fundamental - moved[1].fundamental) / (2 * step)
         assert np.abs(change - found.slopes[:, k]).max() < 1e-6 * max(np.abs(found.slopes[:, k]).max(), 1.0)

@@ -1,5 +1,6 @@
 """What an analysis answers: results, the document of `sinew analyse`, and its tables."""
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,18 +11,22 @@ import numpy as np
 import xarray as xr
 from scipy import special
 
-from sinew.analysis.analysis import analyse_recording, response_table_json
 from sinew.analysis.broadband.broadband import analyse_broadband, broadband_json, checked_count
 from sinew.analysis.decay.modes import fit_modes, modes_json
-from sinew.analysis.decay.ring_down import analyse_ring_down, ring_down_json
-from sinew.analysis.doubts import doubts_of
+from sinew.analysis.decay.ring_down import analyse_ring_down, analyse_ring_downs, ring_down_json
+from sinew.analysis.doubts import doubts_of, find_doubts
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
-from sinew.analysis.signal.signals import drive_channel, read_signals, response_channel
+from sinew.analysis.signal.signals import Signals, drive_channel, read_signals, response_channel
+from sinew.analysis.sweep.energy import estimate_energy
+from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, RESONANCES, estimate_resonance, read_resonances
+from sinew.analysis.sweep.response import estimate_response, response_dataset
+from sinew.measure.arrays import mean_of_known
+from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import NORMAL_90, Estimate, number, pair, shown, shown_interval, span
-from sinew.measure.files.netcdf import load_recording
-from sinew.measure.schema import ENERGY_QUANTITIES, companions
+from sinew.measure.estimate import NORMAL_90, Estimate, finite, number, pair, shown, shown_interval, span
+from sinew.measure.files.netcdf import content_hash, load_recording, provenance
+from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, companions, validate_results
 from sinew.measure.told import Table, Told
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
@@ -138,6 +143,139 @@ def analyse(
     return Analysed(document, recording, results, tuple(notes))
 
 
+# A whole recording: sweep, resonance, energy and ring-down in one dataset, with what speaks against it.
+
+
+def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.Dataset:
+    """Return the results of a recording, valid by the result schema, with provenance in the attributes.
+
+    rig: whose sensor chain and inertia are used; None for a foreign recording (perfect sensors, no k and d).
+    The sweep part is there if the recording has steady segments (those without a frequency are first split by their
+    drive), the resonance part if these hold six frequencies or more, the ring-down part if there are ring-downs.
+    Attributes: `recording_hash`, `response_unit`, `drive_unit`, `effects_off` (of the twin, names with spaces between,
+    empty for none), `resonance_notes`, `ring_down_notes`, `idle_power_w` (beside the energy part; by data sheet),
+    `doubts` (JSON, see `sinew.analysis.doubts`) and those of `provenance`.
+    Raises RecordingError where the recording holds neither a steady segment nor a ring-down, or cannot be analysed.
+    """
+    as_dataset(recording, "recording")
+    kinds = set(map(str, recording["kind"].values))
+    if not kinds & {"steady", "ring-down"}:
+        found = ", ".join(sorted(kinds))
+        raise RecordingError(f"nothing to analyse: found only {found} segments, expected steady ones or ring-downs")
+    signals = read_signals(split_by_drive(recording), rig)
+    parts: list[xr.Dataset] = []
+    notes = ""
+    if "steady" in kinds:
+        response = estimate_response(signals)
+        sweep = response_dataset(response)
+        if response.frequency_hz.size >= FEWEST_FREQUENCIES:
+            readings = read_resonances(response)
+            resonance = estimate_resonance(response, readings)
+            notes = str(resonance.attrs["resonance_notes"])
+            sweep = sweep.assign(resonance.data_vars)
+            energy = estimate_energy(signals, response, readings.value["resonance_hz"])
+            if energy is not None:
+                sweep = sweep.assign(energy.data_vars).assign_attrs(energy.attrs)
+        else:
+            count = response.frequency_hz.size
+            notes = (
+                f"too few frequencies for a resonance: found {count}, expected at least {FEWEST_FREQUENCIES}; "
+                "measure more"
+            )
+        parts.append(sweep)
+    if "ring-down" in kinds:
+        try:
+            parts.append(analyse_ring_downs(signals, _inertia(rig)))
+        except RecordingError as error:
+            if not parts:
+                raise
+            parts[0].attrs["ring_down_notes"] = f"no ring-down could be analysed: {error}"
+    results = join_parts(parts)
+    told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_TOLD)}
+    results.attrs = {**_attributes(recording, signals), **told, "resonance_notes": notes}
+    doubts = [doubt.to_json() for doubt in find_doubts(results, signals)]
+    results.attrs["doubts"] = json.dumps(doubts, ensure_ascii=False)
+    return validate_results(results)
+
+
+_TOLD = ("_notes", "idle_power_w")
+
+
+def _attributes(recording: xr.Dataset, signals: Signals) -> dict[str, Any]:
+    """Return the provenance of results: what the recording says of itself, its hash, and this program's versions."""
+    kept = recording.attrs
+    seed = int(kept.get("seed", -1))
+    return provenance(
+        str(kept.get("source", "import")),
+        rig=str(kept.get("rig", "")),
+        plan=str(kept.get("plan", "")),
+        seed=None if seed < 0 else seed,
+        schema=RESULTS_SCHEMA,
+        recording_hash=str(kept.get("content_hash") or content_hash(recording)),
+        effects_off=str(kept.get("effects_off", "")),
+        recording_versions=str(kept.get("versions", "")),
+        response_unit="rad" if signals.response.is_rate else signals.response.unit,
+        drive_unit="" if signals.drive is None else signals.drive.unit,
+    )
+
+
+def join_parts(parts: list[xr.Dataset]) -> xr.Dataset:
+    """Return the parts on one pretension axis and one repeat axis, NaN where a part has nothing there.
+
+    A number stays at its pretension and at its repeat, by their coordinates.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    return xr.merge(parts, join="outer", compat="no_conflicts", combine_attrs="override")
+
+
+def response_table_json(results: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the response table, one row per pretension and frequency that was measured, ready for JSON.
+
+    Numbers without an interval are means over repeats; gain_measured_drive and phase_lag_deg are
+    `{"value", "std", "interval90"}` of that mean, the latter with the delay budget's uncertainty. `settled` is true
+    where every repeat had settled. What was not measured is null. Raises RecordingError where there is no sweep.
+    """
+    if "gain" not in results:
+        raise RecordingError("these results hold no sweep; analyse a recording with steady segments")
+    columns = {str(name): results[name].values for name in results.data_vars}
+    delay = mean_of_known(columns["phase_delay_std_rad"])
+    gain = combine_repeats(columns["gain_measured_drive"], columns["gain_measured_drive_std"])
+    lag = combine_repeats(columns["phase_lag_rad"], columns["phase_std_rad"], np.inf, np.nan_to_num(delay))
+    plain, settled = {name: mean_of_known(columns[name]) for name in _PLAIN}, mean_of_known(columns["settled"])
+    rows = []
+    for p, f in np.ndindex(*delay.shape):
+        repeats = int(np.isfinite(columns["distortion"][p, f]).sum())
+        if not repeats:
+            continue
+        row: dict[str, Any] = {
+            "pretension_mm": float(results["pretension_mm"].values[p]),
+            "frequency_hz": float(results["frequency_hz"].values[f]),
+            "repeats": repeats,
+        }
+        row |= {name: finite(float(mean[p, f])) for name, mean in plain.items()}
+        for name, part, scale in (("gain_measured_drive", gain, 1.0), ("phase_lag_deg", lag, 180.0 / np.pi)):
+            numbers = (part.value[p, f], part.std_of_value[p, f], part.low[p, f], part.high[p, f])
+            row[name] = Estimate(*(float(number) * scale for number in numbers)).to_json()
+        row["settled"] = bool(settled[p, f] == 1.0)
+        rows.append(row)
+    return rows
+
+
+_PLAIN = (
+    "gain",
+    "gain_harmonic",
+    "amplitude_rad",
+    "amplitude_peaks_rad",
+    "drive_amplitude_rad",
+    "distortion",
+    "drive_distortion",
+    "drift_per_period",
+    "saturated_share",
+    "drive_current_rms_a",
+)
+
+
 def recording_rig(recording: xr.Dataset, rig: RigSpec | str | Path | None) -> RigSpec | None:
     """Return the rig that was named, else the one in the recording, else None. Raises SpecError if it is bad."""
     if rig is not None:
@@ -153,6 +291,11 @@ def analyse_with(recording: xr.Dataset, rig: RigSpec | None) -> xr.Dataset:
     """
     results = analyse_recording(recording, rig)
     return results if rig == recording_rig(recording, None) else results.assign_attrs(rig=dump_rig(rig) if rig else "")
+
+
+def _inertia(rig: RigSpec | None) -> float | None:
+    """Return the inertia of head and lever [kg m²]."""
+    return None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
 
 
 def _grouped(recording: xr.Dataset, settle_s: float | None) -> xr.Dataset:
@@ -176,14 +319,13 @@ def _foreign_ring_down(
     signals = read_signals(recording)
     longest = max((where for _, where in signals.segments), key=lambda where: where.stop - where.start)
     time, response, drive = signals.time_s[longest], signals.response, signals.drive
-    inertia = None if rig is None else rig.inertia.head.value + rig.inertia.lever.value
     result = analyse_ring_down(
         time,
         response.values[longest],
         drive=None if drive is None else drive.values[longest],
         is_rate=response.is_rate,
         unit=response.unit,
-        inertia_kg_m2=inertia,
+        inertia_kg_m2=_inertia(rig),
     )
     document = dict(ring_down_json(result))
     notes: tuple[str, ...] = ()
@@ -219,28 +361,12 @@ def _sweep_part(results: xr.Dataset) -> dict[str, Any]:
     if "gain" not in results:
         return {}
     part: dict[str, Any] = {"response": response_table_json(results)}
-    part |= {"resonance": _interval_rows(results, _RESONANCE)} if "resonance_hz" in results else {}
-    return part | (_energy_part(results) if "energy_reduction" in results else {})
-
-
-def _energy_part(results: xr.Dataset) -> dict[str, Any]:
-    """Return what a swing costs, by pretension, and what the servos draw with their torque off (by data sheet)."""
-    idle = float(results.attrs.get("idle_power_w", math.nan))
-    rows = _interval_rows(results, ENERGY_QUANTITIES)
-    return {"energy": {"idle_power_w": idle if math.isfinite(idle) else None, "pretensions": rows}}
-
-
-_RESONANCE = (
-    "paper_resonance_hz",
-    "paper_gain_peak",
-    "resonance_hz",
-    "gain_peak",
-    "gain_peak_measured_drive",
-    "resonance_measured_drive_hz",
-    "phase_90_hz",
-    "half_power_width_hz",
-    "drive_amplitude_at_resonance_rad",
-)
+    if "resonance_hz" in results:
+        part["resonance"] = _interval_rows(results, RESONANCES)
+    if "energy_reduction" in results:  # what a swing costs, and what the servos draw with their torque off
+        idle = finite(float(results.attrs.get("idle_power_w", math.nan)))
+        part["energy"] = {"idle_power_w": idle, "pretensions": _interval_rows(results, ENERGY_QUANTITIES)}
+    return part
 
 
 def _interval_rows(results: xr.Dataset, names: Sequence[str]) -> list[dict[str, Any]]:
@@ -327,17 +453,14 @@ def _response_table(rows: list[dict[str, Any]], results: xr.Dataset) -> Table:
 
 
 def _resonance_table(rows: list[dict[str, Any]]) -> Table:
-    cells = []
-    for row in rows:
-        cells.append(
-            (
-                number(row["pretension_mm"]),
-                shown_interval(row["resonance_hz"]),
-                shown(row["gain_peak"]),
-                shown(row["phase_90_hz"]),
-                shown(row["half_power_width_hz"]),
-            )
+    cells = [
+        (
+            number(row["pretension_mm"]),
+            shown_interval(row["resonance_hz"]),
+            *(shown(row[name]) for name in ("gain_peak", "phase_90_hz", "half_power_width_hz")),
         )
+        for row in rows
+    ]
     names = ("pretension/mm", "resonance/Hz (90 %)", "peak gain", "lag of 90°/Hz", "half-power/Hz")
     return Table(names, cells, "resonance: frequency of the largest fundamental, lag of 90°, half-power width")
 

@@ -102,7 +102,7 @@ class Doubt:
 def find_doubts(results: xr.Dataset, signals: Signals) -> list[Doubt]:
     """Return what speaks against the results of a recording, the farthest first.
 
-    results: of the recording, see `sinew.analysis.analysis.analyse_recording`. signals: of it; without a rig only what
+    results: of the recording, see `sinew.analysis.analysed.analyse_recording`. signals: of it; without a rig only what
     needs none is looked at. What a recording lacks (tendon angles, a duty, an expectation) is not doubted.
     """
     rig, found = signals.rig, list(_frozen_channels(signals))
@@ -193,14 +193,20 @@ class _Sweep:
         pretension, frequency = results["pretension_mm"].values, results["frequency_hz"].values
         command, supply = np.full(shape, np.nan), np.full(shape, np.nan)
         volts = signals.recorded.get("supply_v")
+        sweep = _Sweep(pretension, frequency, columns, command, supply)
+        for at, segment, where in sweep.steady(signals):
+            command[at] = math.radians(segment.amplitude_deg)
+            if volts is not None:
+                supply[at] = float(volts[where].mean())
+        return sweep
+
+    def steady(self, signals: Signals) -> Iterator[tuple[tuple[int, int, int], Segment, slice]]:
+        """Yield the steady segments that stand in the sweep, each with its place."""
         for segment, where in signals.of_kind("steady"):
-            p = np.flatnonzero(pretension == segment.pretension_mm)
-            f = np.flatnonzero(frequency == segment.frequency_hz)
-            if p.size and f.size and segment.repeat < shape[2]:
-                command[p[0], f[0], segment.repeat] = math.radians(segment.amplitude_deg)
-                if volts is not None:
-                    supply[p[0], f[0], segment.repeat] = float(volts[where].mean())
-        return _Sweep(pretension, frequency, columns, command, supply)
+            p = np.flatnonzero(self.pretension_mm == segment.pretension_mm)
+            f = np.flatnonzero(self.frequency_hz == segment.frequency_hz)
+            if p.size and f.size and segment.repeat < self.command.shape[2]:
+                yield (int(p[0]), int(f[0]), segment.repeat), segment, where
 
     def place(self, index: tuple[int, ...]) -> Place:
         return Place(float(self.pretension_mm[index[0]]), float(self.frequency_hz[index[1]]), int(index[2]))
@@ -353,12 +359,9 @@ def _silent_doubts(sweep: _Sweep, signals: Signals) -> Iterator[Doubt]:
     if gyro is None:
         return
     ratio = np.zeros(size.shape)
-    for segment, where in signals.of_kind("steady"):
-        p = np.flatnonzero(sweep.pretension_mm == segment.pretension_mm)
-        f = np.flatnonzero(sweep.frequency_hz == segment.frequency_hz)
-        if p.size and f.size and segment.repeat < size.shape[2]:
-            along, y, z = gyro[where].std(axis=0)
-            ratio[p[0], f[0], segment.repeat] = max(y, z) / along if along > 0 else math.inf if max(y, z) > 0 else 0.0
+    for place, _, where in sweep.steady(signals):
+        along, y, z = gyro[where].std(axis=0)
+        ratio[place] = max(y, z) / along if along > 0 else math.inf if max(y, z) > 0 else 0.0
     yield from sweep.gather(
         "axis",
         np.where(moving & (ratio > 1.0), DOUBTED_FROM * np.maximum(ratio, 1.0), 0.0),
@@ -417,15 +420,14 @@ def _resonance_doubts(results: xr.Dataset, expected: Mapping[str, Array]) -> Ite
     """Yield where resonance or decay lie at another frequency than the twin's."""
     ends = {"resonance_measured_drive_hz": "resonance_measured_drive_std_hz", "decay_frequency_hz": ""}
     for name, spread in ends.items():
-        if name not in results or name not in expected or "pretension_mm" not in expected:
+        if name not in results:
             continue
         values = np.asarray(results[name].values, dtype=float)
         own = np.zeros(values.shape[:1]) if not spread else np.nan_to_num(results[spread].values)
         value = values if values.ndim == 1 else mean_of_known(values)
         rows: list[tuple[float, Place, str]] = []
         for p, mm in enumerate(results["pretension_mm"].values):
-            row = np.flatnonzero(np.abs(expected["pretension_mm"] - mm) < 1e-6)
-            hoped = float(expected[name][row[0]]) if row.size else math.nan
+            hoped = _hoped(expected, name, float(mm))
             if not (math.isfinite(hoped) and math.isfinite(value[p])):
                 continue
             distance = _logs(float(value[p]), hoped, math.hypot(_RESONANCE_STD, own[p] / value[p]))
@@ -464,15 +466,21 @@ def _damping_doubts(results: xr.Dataset, rig: RigSpec, expected: Mapping[str, Ar
                 f"{number(high, 2)}: look at the drive (does it hold the lever?), at the guides, and at the rig file",
             )
         )
-        if expected is not None and "damping_ratio" in expected and "pretension_mm" in expected:
-            row = np.flatnonzero(np.abs(expected["pretension_mm"] - mm) < 1e-6)
-            hoped = float(expected["damping_ratio"][row[0]]) if row.size else math.nan
-            if math.isfinite(hoped) and value > 0:
-                relative = math.hypot(_DAMPING_STD, _ratio(float(own[p, r]), value))
-                text = f"D is {number(value, 3)} at {place}, the rig's prediction is {number(hoped, 3)}"
-                far.append((_logs(value, hoped, relative), place, text))
+        hoped = _hoped(expected, "damping_ratio", mm)
+        if math.isfinite(hoped) and value > 0:
+            relative = math.hypot(_DAMPING_STD, _ratio(float(own[p, r]), value))
+            text = f"D is {number(value, 3)} at {place}, the rig's prediction is {number(hoped, 3)}"
+            far.append((_logs(value, hoped, relative), place, text))
     yield from _worst("damping", outside)
     yield from _worst("damping", far)
+
+
+def _hoped(expected: Mapping[str, Array] | None, name: str, pretension_mm: float) -> float:
+    """Return a foretold number at a pretension, NaN where it was not foretold."""
+    if expected is None or name not in expected or "pretension_mm" not in expected:
+        return math.nan
+    row = np.flatnonzero(np.abs(expected["pretension_mm"] - pretension_mm) < 1e-6)
+    return float(expected[name][row[0]]) if row.size else math.nan
 
 
 def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:

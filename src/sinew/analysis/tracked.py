@@ -7,8 +7,7 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.signal.sensor import DelayBudget, drive_chain, torsion_chain
-from sinew.analysis.signal.signals import Signals, read_signals
+from sinew.analysis.signal.signals import DelayBudget, Signals, drive_chain, read_signals, torsion_chain
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate

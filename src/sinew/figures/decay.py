@@ -9,8 +9,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from sinew.analysis.decay.envelope import large_peaks
-from sinew.analysis.decay.free_decay import find_peaks
+from sinew.analysis.decay.free_decay import find_peaks, large_peaks
 from sinew.figures.motion import Group, Motion, at_pretension, groups_of, nearest, released_motion
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, RED, few, in_style, new_figure, note_panel
 from sinew.measure.arrays import Array, mean_and_spread

@@ -18,8 +18,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
-from sinew.analysis.analysed import Analysed
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import Analysed, analyse_recording
 from sinew.figures.decay import draw_envelope
 from sinew.figures.predicted import curves_of, draw_gains, draw_phases
 from sinew.figures.response import draw_coherence, draw_gain, draw_lag, draw_lag_lines, draw_lines

@@ -9,19 +9,21 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from sinew.analysis.analysed import recording_rig
-from sinew.analysis.signal.sensor import torsion_delay
-from sinew.analysis.signal.signals import read_signals
+from sinew.analysis.signal.signals import read_signals, torsion_delay
 from sinew.identify.choice.comparison import Comparison, compare, compare_laws, compare_segments, impossible_numbers
 from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
 from sinew.identify.choice.held_out import HeldOut, Split, split_record
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.identify.oscillator.bootstrap import bootstrap_repeats
-from sinew.identify.oscillator.fitted import Fit
+from sinew.identify.oscillator.fitted import Fit, Fitted
 from sinew.identify.oscillator.model import Model, get_model
 from sinew.identify.oscillator.profile import interval90
 from sinew.identify.oscillator.record import Excitation, Record, make_record
-from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import Estimate, number, shown, span
+from sinew.identify.stepped.curves import peak_of_response, resonance_by_level
+from sinew.identify.stepped.fit import ResponseFit, fit_response
+from sinew.identify.stepped.points import ResponsePoints
+from sinew.measure.errors import RecordingError, SinewError, SpecError
+from sinew.measure.estimate import Estimate, finite, number, shown, span
 from sinew.measure.files.netcdf import load_recording
 from sinew.measure.recording import Segment
 from sinew.measure.told import Table, Told
@@ -31,13 +33,13 @@ from sinew.twin.cache import configure
 
 if TYPE_CHECKING:
     from sinew.identify.oscillator.posterior import Posterior
-    from sinew.identify.stepped.fit import ResponseFit
 
 Range = tuple[int, int]
 Progress = Callable[[float, float], None]
 
-# A rig's tendons are the same to both sides: a quadratic term is asked for by name.
-_SEGMENT_LAWS = ("linear", "loss-factor", "coulomb", "cubic", "loss-factor-cubic", "coulomb-cubic")
+_LAWS = ("linear", "loss-factor", "coulomb", "cubic", "loss-factor-cubic", "coulomb-cubic")
+"""What competes for segments and steady states. A quadratic term is asked for by name: a rig's tendons are the same to
+both sides, and a fundamental hardly shows it."""
 
 _TITLES = {
     "profile": "by profile likelihood",
@@ -62,7 +64,7 @@ class Identified(Told):
     held_out: HeldOut | None = None
     joint: JointFit | None = None
     posterior: "Posterior | None" = None
-    response: "ResponseFit | None" = None
+    response: ResponseFit | None = None
 
     def told(self) -> list[Table | str]:
         """Return the numbers, the models that were compared, and the sentences, the verdict first."""
@@ -94,7 +96,7 @@ def _quantities(title: str, quantities: Mapping[str, Mapping[str, Any]]) -> Tabl
 
 
 def identify(
-    record: Record | Sequence[Record] | xr.Dataset | str | Path,
+    record: Record | ResponsePoints | Sequence[Record] | Sequence[ResponsePoints] | xr.Dataset | str | Path,
     model: str = "auto",
     *,
     excitation: Excitation | None = None,
@@ -105,17 +107,20 @@ def identify(
     profile: bool = False,
     bootstrap: int | None = None,
     posterior: bool = False,
+    chain: Sequence[str] = (),
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Identified:
     """Return stiffness, damping law and nonlinearity behind an oscillation, with intervals, and which model it is.
 
-    record: from `sn.make_record`, several of the same mechanics, or a recording (or the path of one, NetCDF).
+    record: from `sn.make_record`, several of the same mechanics, or a recording (or the path of one, NetCDF); or the
+    steady states of a stepped sine from `sn.points_of_table`, a group for each level of the drive.
     model: a name of `sn.MODELS`; "auto" chooses, or says what cannot be told; "tendon" is the whole joint of a rig's
     recording. excitation: what the drive of a foreign recording is. pretension_mm: which of a rig's recording [mm];
     else its smallest. rig: where model tendon begins; else the recording's own.
     train, test: samples of one record to fit and to predict, indices from 0, half open; else every fourth block is held
     out once. profile, bootstrap (number of draws), posterior (NUTS, minutes): intervals in another way, added.
+    chain: what else the measuring chain of steady states may add: phase, background_real, background_imag.
     seed: of draws. progress: called with (done, total).
     Raises RecordingError where the record tells nothing, SpecError where it does not go with what is asked.
 
@@ -127,24 +132,39 @@ def identify(
     >>> found = sn.identify(sn.make_record(t, swing, output_unit="rad"), "linear")
     >>> round(found.fit.natural_frequency_hz.value, 1)
     3.0
+    >>> hertz = np.linspace(2, 4, 9)
+    >>> sine = 0.1 / (9 - hertz**2 + 0.3j * hertz)
+    >>> steps = sn.points_of_table(hertz, abs(sine), np.angle(sine), 0.1 * np.ones(9), excitation="force")
+    >>> round(sn.identify(steps, "linear").response.natural_frequency_hz.value, 2)
+    3.0
     """
     if isinstance(record, (str, Path)):
         record = load_recording(record)
+    asked: dict[str, object] = {"train": train, "test": test, "pretension_mm": pretension_mm, "bootstrap": bootstrap}
+    asked |= {"profile": profile or None, "posterior": posterior or None, "chain": chain or None}
+    given = [name for name, value in asked.items() if value is not None]
     if model == "tendon":
         if not isinstance(record, xr.Dataset):
             raise SpecError("model tendon needs the recording of a rig; choose cubic or auto")
-        given = {"train": train, "test": test, "pretension_mm": pretension_mm, "bootstrap": bootstrap}
-        given |= {"profile": profile or None, "posterior": posterior or None}
-        for name, value in given.items():
-            if value is not None:
-                raise SpecError(f"{name} does not go with model tendon, which is fitted to all of a recording")
+        if given:
+            raise SpecError(f"{given[0]} does not go with model tendon, which is fitted to all of a recording")
         if excitation not in (None, "lever"):
             raise SpecError(f"the excitation is {excitation}, but a rig is driven by its lever; leave it out")
-        return find_joint(record, joint_rig(record, rig), progress)
+        return identified_joint(fit_joint([record], joint_rig(record, rig), progress=progress))
     if isinstance(record, xr.Dataset):
         records = recording_records(record, excitation, pretension_mm, repeats=bootstrap is not None)
     else:
-        records = [record] if isinstance(record, Record) else list(record)
+        several: list[Record | ResponsePoints]
+        several = [record] if isinstance(record, (Record, ResponsePoints)) else list(record)
+        if points := [one for one in several if isinstance(one, ResponsePoints)]:
+            if other := [name for name in given if name != "chain"]:
+                raise SpecError(f"{other[0]} is for samples over time, these are steady states; leave it out")
+            return _of_points(points, model, chain, progress)
+        records = [one for one in several if isinstance(one, Record)]
+        if not records:
+            raise SpecError("found no record, expected those of sn.make_record or sn.points_of_table, or a recording")
+    if chain:
+        raise SpecError("chain is for steady states, these are samples over time; leave it out")
     remarks = (*unit_remarks(records[0]), *records[0].notes)
     found = find_mechanics(records, model, train, test, remarks=remarks, progress=progress)
     if profile:
@@ -191,10 +211,6 @@ def find_mechanics(
     split = split_record(records[0], train, test)
     taught = [int(k) for k in split.kept.nonzero()[0][[0, -1]]]
     refuse_hopeless(split.record.cut(taught[0], taught[1] + 1))
-    return _of_record(split, wanted, remarks, progress)
-
-
-def _of_record(split: Split, wanted: Model | None, remarks: Sequence[str], progress: Progress | None) -> Identified:
     compared = compare_laws(split, progress) if wanted is None else compare(split, [wanted])
     return replace(_of_comparison(compared, remarks), split=split, held_out=compared.rows[0].held_out)
 
@@ -203,7 +219,7 @@ def _of_segments(
     records: Sequence[Record], wanted: Model | None, remarks: Sequence[str], progress: Progress | None
 ) -> Identified:
     """Return what several segments of a rig with the same mechanics tell; every third is held out in turn."""
-    models = _SEGMENT_LAWS if wanted is None else (wanted,)
+    models = _LAWS if wanted is None else (wanted,)
     compared = compare_segments(records, models, varying=(), progress=progress)
     levels = dict.fromkeys(record.group.split(",")[0] for record in records)
     told = f"{len(records)} segments at {' and '.join(levels)} were fitted together, each third of them held out once"
@@ -220,15 +236,89 @@ def _of_comparison(compared: Comparison, remarks: Sequence[str]) -> Identified:
         *suspicions(best, compared=len(compared.rows) > 1),
     ]
     rows = [
-        {"model": one.model.name, "rmse_test": _number(one.rmse_test), "bic": _number(one.bic)} for one in compared.rows
+        {"model": one.model.name, "rmse_test": finite(one.rmse_test), "bic": finite(one.bic)} for one in compared.rows
     ]
     return Identified(_fit_part(best, row.rmse_test, told) | {"compared": rows}, tuple(told), fit=best)
+
+
+# What a stepped sine tells: models compared, the mechanics, where it resonates, how that moves with the drive.
+
+_GAIN, _CLOSE = 2.0, 6.0  # of the criterion: what a term more has to gain; odds of 20 to 1
+
+
+def _of_points(
+    groups: Sequence[ResponsePoints], model: str, chain: Sequence[str], progress: Progress | None
+) -> Identified:
+    """Return the mechanics behind one stepped sine, or several levels of it with the same mechanics."""
+    names = _LAWS if model == "auto" else (model,)
+    fits: list[ResponseFit] = []
+    refused: SinewError | None = None
+    for done, name in enumerate(names):
+        if progress is not None:
+            progress(done, len(names))
+        try:
+            fits.append(fit_response(groups, name, chain=chain))
+        except (RecordingError, SpecError) as error:
+            refused = refused or error
+    if not fits:
+        assert refused is not None
+        raise refused
+    best, verdict = _chosen(fits, compared=model == "auto")
+    peaks = [peak_of_response(best, part=part) for part in range(len(groups))]
+    levels, moved = _levels(groups, "phase" in chain)
+    told = [verdict, *moved, *groups[0].notes, best.message, *best.tests.sentences()]
+    told += [f"at a drive of {one.input_amplitude:.3g}: {one.reason}" for one in peaks if one.reason]
+    ranked = sorted(fits, key=lambda fit: (fit is not best, fit.bic()))
+    keys = ("frequency_hz", "gain", "phase_90_hz")
+    document = _fit_part(best, None, told) | {
+        "compared": [{"model": one.model.name, "rmse_test": None, "bic": one.bic()} for one in ranked],
+        "peaks": [
+            {"input_amplitude": one.input_amplitude} | {key: getattr(one, key).to_json() for key in keys}
+            for one in peaks
+        ],
+        "levels": levels,
+    }
+    return Identified(document, tuple(told), response=best)
+
+
+def _chosen(fits: Sequence[ResponseFit], *, compared: bool) -> tuple[ResponseFit, str]:
+    """Return the model that the points support, by BIC, the plainer where a term gains little, and the verdict."""
+    points = fits[0].points
+    levels = f" at {len(points)} levels" if len(points) > 1 else ""
+    count = f"{sum(one.size for one in points)} steady states{levels}"
+    if not compared:
+        return fits[0], f"model {fits[0].model.name} was fitted to {count}"
+    sound = [fit for fit in fits if fit.converged and not impossible_numbers(fit.parameters)] or list(fits)
+    best = min(sound, key=lambda fit: fit.bic())
+    within = [fit for fit in sound if _terms(fit) <= _terms(best) and fit.bic() < best.bic() + _GAIN]
+    best = min(within, key=lambda fit: (len(_terms(fit)), fit.bic()))
+    close = [fit for fit in sound if not _terms(best) <= _terms(fit) and fit.bic() < best.bic() + _CLOSE]
+    if not close:
+        return best, f"{count} support model {best.model.name}"
+    others = " and ".join(fit.model.name for fit in close)
+    return best, f"cannot tell {best.model.name} from {others}: their BIC is within {_CLOSE:g}"
+
+
+def _terms(fit: ResponseFit) -> frozenset[str]:
+    return frozenset(fit.model.mechanics(fit.points[0].excitation))
+
+
+def _levels(groups: Sequence[ResponsePoints], turned: bool) -> tuple[dict[str, object] | None, list[str]]:
+    """Return how the resonance moves with the level, without a law for it, and a sentence; None for one level."""
+    if len(groups) < 2:
+        return None, []
+    try:
+        found = resonance_by_level(groups, turned=turned)
+    except RecordingError as error:
+        return None, [f"the levels one by one tell no resonance: {error}"]
+    estimates = {"shift_hz": found.shift_hz.to_json(), "bend_hz": found.bend_hz.to_json()}
+    return {"verdict": found.verdict, **estimates}, [f"without a law: {found.verdict}"]
 
 
 def _impossible(best: Fit) -> list[str]:
     """Return a sentence where a friction or a loss factor is negative for certain."""
     words = {n.name: n.word for term in TERMS if term.lost and not term.plain for n in term.numbers}
-    negative = impossible_numbers(best)
+    negative = impossible_numbers(best.parameters)
     return [
         f"the {word} came out negative, which nothing has: the damping depends on amplitude or frequency in another way"
         for start, word in words.items()
@@ -236,23 +326,27 @@ def _impossible(best: Fit) -> list[str]:
     ]
 
 
-def find_joint(recording: xr.Dataset, rig: RigSpec, progress: Progress | None = None) -> Identified:
-    """Return what the recording of a rig tells of its tendon joint."""
-    configure()
-    joint = fit_joint([recording], rig, progress=progress)
-    whole = joint.document()
-    document = {key: one for key, one in whole.items() if key not in _OWN_KEYS}
-    named = dict(zip(joint_names(joint), (one.to_json() for one in joint.parameters.values()), strict=True))
-    document["parameters"] = named | {name: one.to_json() for name, one in joint.derived.items()}
+def identified_joint(joint: JointFit) -> Identified:
+    """Return what a fit tells of the tendon joint, frequency and damping at its smallest pretension."""
     levels = ", ".join(f"{one:g}" for one in joint.pretension_mm)
     at = f"natural frequency and damping ratio are those at {joint.pretension_mm[0]:g} mm"
-    told = [f"the tendon joint was fitted to {len(joint.segments)} segments at {levels} mm; {at}", joint.message]
-    document["message"] = "; ".join(told)
-    return Identified(document, tuple(told), joint=joint)
-
-
-_OWN_KEYS = ("units", "derived", "by_pretension")
-"""Of a joint fit's document what other models have not; here it stands under `parameters`."""
+    told = (f"the tendon joint was fitted to {len(joint.segments)} segments at {levels} mm; {at}", joint.message)
+    named = dict(zip(joint_names(joint), joint.parameters.values(), strict=True))
+    document = {
+        "model": "tendon",
+        "parameters": _json(named | joint.derived),
+        **{
+            name: joint.at_pretension(name, joint.pretension_mm[0]).to_json()
+            for name in ("natural_frequency_hz", "damping_ratio")
+        },
+        "rmse": {"train": finite(joint.rmse["gyro_rad_s"]), "test": None},
+        "unit": "rad/s",
+        "converged": joint.converged,
+        "message": "; ".join(told),
+        "unidentifiable": list(joint.unidentifiable),
+        "compared": [],
+    }
+    return Identified(document, told, joint=joint)
 
 
 def joint_names(joint: JointFit) -> tuple[str, ...]:
@@ -267,22 +361,18 @@ def _with_unit(name: str, unit: str) -> str:
     return name if unit == "1" else f"{name}_{token}"
 
 
-def _fit_part(best: Fit, rmse_test: float | None, told: Sequence[str]) -> dict[str, Any]:
+def _fit_part(best: Fitted, rmse_test: float | None, told: Sequence[str]) -> dict[str, Any]:
     return {
         "model": best.model.name,
-        "parameters": {name: one.to_json() for name, one in best.parameters.items()},
+        "parameters": _json(best.parameters | (best.nuisance if isinstance(best, ResponseFit) else {})),
         "natural_frequency_hz": best.natural_frequency_hz.to_json(),
         "damping_ratio": best.damping_ratio.to_json(),
-        "rmse": {"train": _number(best.rmse), "test": None if rmse_test is None else _number(rmse_test)},
+        "rmse": {"train": finite(best.rmse), "test": None if rmse_test is None else finite(rmse_test)},
         "unit": best.unit,
         "converged": best.converged,
         "message": "; ".join(told),
         "unidentifiable": list(best.unidentifiable),
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 # What is asked for beside the fit is added: profiles, a bootstrap over repeats, a posterior.

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
-from sinew.analysis.decay.envelope import fit_envelope
+from sinew.analysis.decay.free_decay import fit_envelope
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
 from sinew.analysis.sweep.resonance import MEANINGS, resonance_table
 from sinew.figures.motion import rig_of

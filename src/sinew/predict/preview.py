@@ -33,7 +33,7 @@ def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
     The latter is the text of a recording's attribute `expected` (`sinew.analysis.doubts`), empty where the plan is
     refused, is longer than `LONGEST_PREVIEW_S`, tracks, or cannot be analysed.
     """
-    from sinew.analysis.analysis import analyse_recording  # no other preview needs it
+    from sinew.analysis.analysed import analyse_recording  # no other preview needs it
     from sinew.analysis.doubts import foretold
 
     preview = preview_plan(plan, rig)

@@ -15,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sinew import __version__
-from sinew.analysis.analysis import analyse_recording
+from sinew.analysis.analysed import analyse_recording
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError, how_to_install
 from sinew.measure.estimate import Estimate, number

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from scipy.optimize import brentq
 
-from sinew.analysis.signal.sensor import DelayBudget, torsion_chain
+from sinew.analysis.signal.signals import DelayBudget, torsion_chain
 from sinew.measure import events
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
@@ -431,7 +431,7 @@ class TrackerSetting:
     mode: as expected; the gains follow from it. start_hz: first drive frequency. low_hz, high_hz: its bounds.
     wanted, held: amplitude that is held [rad], and of what. most: largest command [rad].
     chain: complex factor by which the sensor multiplies the torsion at a frequency [Hz]; see
-    `sinew.analysis.signal.sensor.torsion_chain`. hz_per_mm: expected slope of the resonance over pretension, fed
+    `sinew.analysis.signal.signals.torsion_chain`. hz_per_mm: expected slope of the resonance over pretension, fed
     forward while the pretension moves; 0: none.
     """
 

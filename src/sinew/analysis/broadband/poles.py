@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import linalg, optimize
 
 from sinew.analysis.broadband.spectra import FrequencyResponse
-from sinew.analysis.sweep.rational import RationalCurve, parameter_spread
+from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
@@ -187,25 +187,6 @@ def fit_poles_of(response: FrequencyResponse, low_hz: float, high_hz: float, *, 
     )
 
 
-def read_pole(curve: RationalCurve) -> ResponseMode:
-    """Return the mode of a rational curve, whose denominator a - (u² - 1)/w + jbu is zero at the pole s = ju.
-
-    ω_n = centre sqrt(1 + aw) and ζ = bw/(2 sqrt(1 + aw)); deviations by the spread of the parameters, as for a peak.
-    """
-    w = curve.half_width_hz / curve.centre_hz
-    spread = parameter_spread(curve)
-    root = np.sqrt(np.maximum(1.0 + w * spread[:, 0], 1e-12))
-    natural = _spread_estimate(curve, curve.centre_hz * root)
-    return ResponseMode(natural, _spread_estimate(curve, 0.5 * w * spread[:, 1] / root))
-
-
-def _spread_estimate(curve: RationalCurve, values: Array) -> Estimate:
-    shares = (0.25 * (values[1:17] - values[17:]) ** 2).reshape(2, 8).sum(axis=1)
-    variance = float(shares.sum())
-    spent = float((shares**2 / np.asarray(curve.degrees_of_freedom)).sum())
-    return Estimate.student(float(values[0]), math.sqrt(variance), variance**2 / spent if spent > 0 else 1e6)
-
-
 def _relocated(points: _Points, modes: int) -> Array:
     """Return the parameters that vector fitting ends at, poles moved to the zeros of its scaling function."""
     u = points.s.imag
@@ -217,19 +198,13 @@ def _relocated(points: _Points, modes: int) -> Array:
         paired = np.stack([near + far, 1j * (near - far)], axis=2).reshape(u.size, -1)
         own = points.real_columns(np.concatenate([near, far, ones], axis=1))
         design = np.concatenate([own, points.weighted(-points.response[:, None] * paired)], axis=1)
-        scaling = _solve(design, points.target)[-2 * modes :]
+        scaling = solve_scaled(design, points.target)[-2 * modes :]
         moved = linalg.block_diag(*[np.array([[p.real, p.imag], [-p.imag, p.real]]) for p in pole])
         zeros = np.linalg.eigvals(moved - np.outer(np.tile([2.0, 0.0], modes), scaling))
         upper = zeros[np.argsort(-zeros.imag)][:modes]
         pole = -np.abs(upper.real) + 1j * np.maximum(np.abs(upper.imag), 1e-6)
     shape = np.stack([np.abs(pole), -pole.real / np.abs(pole)], axis=1).ravel()
-    return np.concatenate([shape, _solve(points.real_columns(points.basis(shape)), points.target)])
-
-
-def _solve(design: Array, target: Array) -> Array:
-    scale = np.linalg.norm(design, axis=0)
-    scale[scale == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(design / scale, target, rcond=1e-13)[0] / scale)
+    return np.concatenate([shape, solve_scaled(points.real_columns(points.basis(shape)), points.target)])
 
 
 def _residual(parameters: Array, points: _Points, modes: int) -> Array:
@@ -258,9 +233,7 @@ def _covariance(
 ) -> tuple[Array, float, float]:
     """Return (covariance, degrees of freedom, misfit), the sandwich where neighbouring errors are correlated."""
     jacobian, residual = _jacobian(parameters, points, modes), _residual(parameters, points, modes)
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0] = 1.0
-    scaled, count = jacobian / scale, points.s.size
+    (scaled, scale), count = unit_columns(jacobian), points.s.size
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
     lags = np.ones(1) if bin_correlation is None else np.asarray(bin_correlation)[:count]
     middle = scaled.T @ scaled

@@ -156,21 +156,13 @@ class _Sum:
         return Spectra(np.asarray(frequency), density[0], density[1], cross, self.segments, self.cut)
 
 
-def average_spectra(input_values: ArrayLike, output_values: ArrayLike, sample_hz: float, cut: Segmentation) -> Spectra:
-    """Return the averaged spectra of two records in memory (or mapped into it), each of shape (n,).
-
-    Either may be float32; transforms and sums are in double precision. A few segments are held at a time, so memory
-    beyond the records stays below some megabytes at 4096 samples a segment.
-    Raises RecordingError where shapes differ, a value is not finite or fewer than two segments fit.
-    """
-    return average_pieces([(input_values, output_values)], sample_hz, cut)
-
-
 def average_pieces(pieces: Iterable[tuple[ArrayLike, ArrayLike]], sample_hz: float, cut: Segmentation) -> Spectra:
-    """Return the averaged spectra of a record with gaps; no segment reaches across one.
+    """Return the averaged spectra of a record in memory (or mapped into it) with gaps; no segment reaches across one.
 
-    pieces: (input, output) between gaps, equal shapes (n,); what is shorter than a segment does not count.
-    Raises as `average_spectra`.
+    pieces: (input, output) between gaps, equal shapes (n,); what is shorter than a segment does not count. Any may be
+    float32; transforms and sums are in double precision. A few segments are held at a time, so memory beyond the
+    records stays below some megabytes at 4096 samples a segment.
+    Raises RecordingError where shapes differ, a value is not finite or fewer than two segments fit.
     """
     running = _Sum(cut)
     for piece in pieces:
@@ -193,7 +185,6 @@ def _columns(values: ArrayLike) -> NDArray[np.floating]:
 
 # A broadband record becomes a frequency response with its random errors.
 
-_SEGMENTS = 16  # without overlap, where the caller names no length
 _STILL = 1e-24  # of the largest power: an input bin below it has no excitation
 
 
@@ -264,28 +255,3 @@ def response_of_spectra(spectra: Spectra) -> FrequencyResponse:
         spectra.cut.lag_window(2.0 * float(spectra.frequency_hz[1]) * (spectra.cut.length / 2)),
         spectra,
     )
-
-
-def estimate_frequency_response(
-    input_values: ArrayLike,
-    output_values: ArrayLike,
-    sample_hz: float,
-    *,
-    segment_s: float | None = None,
-    overlap: float = 0.5,
-    window: str = "hann",
-) -> FrequencyResponse:
-    """Return the frequency response between two records of shape (n,), evenly sampled at sample_hz.
-
-    segment_s: length of a segment [s], the resolution is its inverse; a sixteenth of the record where None.
-    overlap: share of a segment that the next one repeats, 0 <= overlap < 1. window: as in `scipy.signal.get_window`.
-    Raises RecordingError as `average_spectra` does, ValueError for an overlap or a segment that cannot be.
-    """
-    if not 0 <= overlap < 1:
-        raise ValueError(f"overlap is {overlap:g}; expected 0 <= overlap < 1")
-    size = np.shape(input_values)[0] if np.ndim(input_values) else 0
-    length = size // _SEGMENTS if segment_s is None else round(segment_s * sample_hz)
-    if length < 8:
-        raise RecordingError(f"{size} samples and segments of {length} are too short; expected segments of at least 8")
-    cut = Segmentation(length, max(1, round(length * (1.0 - overlap))), window)
-    return response_of_spectra(average_spectra(input_values, output_values, sample_hz, cut))

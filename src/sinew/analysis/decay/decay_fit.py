@@ -1,13 +1,15 @@
-"""Least-squares fit of a free decay in the time domain, rest position and all."""
+"""Fits of a free decay in the time domain, rest position and all: by least squares, and by maximum likelihood."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy import optimize
+from scipy import linalg, optimize, signal
 
-from sinew.analysis.signal.coloured_noise import orthonormal, sandwich
-from sinew.measure.arrays import Array
+from sinew.analysis.signal.coloured_noise import autoregression, orthonormal, sandwich, unit_columns
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 
@@ -243,3 +245,282 @@ def fit_decay_and_rest(time_s: Array, values: Array, guess: tuple[float, float])
     if after <= 0 or not np.log(0.05) < relaxed.parameters[7] < np.log(3.0):
         return plain
     return relaxed if effective * np.log(before / after) > 2.0 * np.log(effective) + _ASKED else plain
+
+
+# A model is fitted by maximum likelihood under noise whose neighbouring samples are alike: oscillation, drifting rest
+# position and coloured noise.
+
+Model = Callable[[Array], Array]
+
+_ROUNDS = 6
+_SETTLED = 1e-3  # change of the noise's coefficients that ends the rounds
+_PERFECT = 1e-12  # of the data: a residual this small is round-off, not noise
+
+
+@dataclass(frozen=True)
+class LikelihoodFit:
+    """Parameters and noise that make the data most likely, for Gaussian autoregressive noise.
+
+    parameters: shape (m,); covariance: shape (m, m), the inverse Fisher information, its scale from the residual.
+    degrees_of_freedom: of that scale, for Student's t: effective samples less parameters.
+    residual: data less model, shape (n,).
+    noise: coefficients a of residual_n = Σ a_k residual_{n-k} + e_n, shape (order,); noise_std: of the residual, unit
+        of the data.
+    log_likelihood: at the parameters. converged: whether search and noise settled.
+    """
+
+    parameters: Array
+    covariance: Array
+    degrees_of_freedom: float
+    residual: Array
+    noise: Array
+    noise_std: float
+    log_likelihood: float
+    converged: bool
+
+    @property
+    def bic(self) -> float:
+        """Return Bayes' information criterion, -2 ln L + k ln n, of model and noise; smaller is better."""
+        count = self.parameters.size + self.noise.size + 1
+        return -2.0 * self.log_likelihood + count * math.log(self.residual.size)
+
+    @property
+    def aic(self) -> float:
+        """Return Akaike's criterion with Hurvich and Tsai's correction for few samples; smaller is better."""
+        n, count = self.residual.size, self.parameters.size + self.noise.size + 1
+        return -2.0 * self.log_likelihood + 2.0 * count * n / max(n - count - 1.0, 1.0)
+
+
+def fit_likelihood(values: Model, jacobian: Model, start: Array, data: Array) -> LikelihoodFit:
+    """Return the maximum-likelihood fit of values(p) to data of shape (n,), evenly sampled, from a start of shape (m,).
+
+    values, jacobian: take p, return shape (n,) and (n, m).
+
+    Least squares first; its residual tells the noise (Yule-Walker with the fit's share given back, order by Akaike,
+    `sinew.analysis.signal.coloured_noise`). Data and model are then whitened by that noise, the first samples by the
+    Cholesky factor of their covariance, so that the likelihood is exact; fit and noise take turns until they agree.
+    Noise is called coloured only where Bayes' criterion says so: coefficients of white noise found by chance would,
+    where the spectrum happens to dip at the oscillation, promise too much.
+    Raises RecordingError where there are fewer samples than twice the parameters.
+    """
+    if data.size < 2 * start.size:
+        raise RecordingError(
+            f"{data.size} samples are too few for {start.size} parameters; a fit needs at least {2 * start.size}"
+        )
+    fit = _settle(values, jacobian, start, data, coloured=True)
+    if fit.noise.size:
+        white = _settle(values, jacobian, fit.parameters, data, coloured=False)
+        fit = white if white.bic <= fit.bic else fit
+    return fit
+
+
+def _settle(values: Model, jacobian: Model, start: Array, data: Array, coloured: bool) -> LikelihoodFit:
+    noise, p, settled = np.zeros(0), np.asarray(start, dtype=float), False
+    for _ in range(_ROUNDS):
+        found = _whitened_fit(values, jacobian, p, data, noise)
+        p = np.asarray(found.x, dtype=float)
+        residual, slopes = data - values(p), jacobian(p)
+        telling = coloured and float(residual.std()) > _PERFECT * float(np.ptp(data))
+        after = autoregression(residual, slopes)[0] if telling else np.zeros(0)
+        moved = np.zeros(max(after.size, noise.size))
+        moved[: after.size] += after
+        moved[: noise.size] -= noise
+        settled = bool(np.abs(moved).max(initial=0.0) < _SETTLED)
+        if settled:
+            break
+        noise = after
+    innovation, whitened = _whiten(residual[:, None], noise)[:, 0], _whiten(slopes, noise)
+    return _described_noise(p, residual, innovation, whitened, noise, settled and bool(found.success))
+
+
+def _whitened_fit(values: Model, jacobian: Model, start: Array, data: Array, noise: Array) -> optimize.OptimizeResult:
+    def deviation(p: Array) -> Array:
+        off = _whiten((values(p) - data)[:, None], noise)[:, 0]
+        return np.nan_to_num(off, nan=1e150, posinf=1e150, neginf=-1e150)
+
+    def slope(p: Array) -> Array:
+        return np.nan_to_num(_whiten(jacobian(p), noise), nan=0.0, posinf=0.0, neginf=0.0)
+
+    return optimize.least_squares(
+        deviation, start, jac=slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-9, max_nfev=80
+    )
+
+
+def _whiten(columns: Array, noise: Array) -> Array:
+    """Return columns (n, m) filtered so that the noise in them is white and of the innovation's size."""
+    order = noise.size
+    if order == 0:
+        return columns
+    out = signal.lfilter(np.concatenate([[1.0], -noise]), [1.0], columns, axis=0)
+    root = linalg.cholesky(linalg.toeplitz(_autocovariance(noise)), lower=True)
+    out[:order] = linalg.solve_triangular(root, columns[:order], lower=True)
+    return np.asarray(out, dtype=float)
+
+
+def _autocovariance(noise: Array) -> Array:
+    """Return the autocovariance of the process at lags 0 to order - 1 for innovations of variance one."""
+    order = noise.size
+    system, target = np.eye(order + 1), np.zeros(order + 1)
+    target[0] = 1.0
+    for lag in range(order + 1):
+        for k in range(1, order + 1):
+            system[lag, abs(lag - k)] -= noise[k - 1]
+    return np.asarray(np.linalg.solve(system, target)[:order], dtype=float)
+
+
+def _described_noise(
+    p: Array, residual: Array, innovation: Array, whitened: Array, noise: Array, converged: bool
+) -> LikelihoodFit:
+    n, m = whitened.shape
+    scaled, scale = unit_columns(whitened)
+    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True) / np.outer(scale, scale)
+    power = float(innovation @ innovation)
+    lags = _autocovariance(noise) if noise.size else np.ones(1)
+    variance = power / max(n - m - noise.size, 1)
+    determinant = float(np.linalg.slogdet(linalg.toeplitz(lags))[1]) if noise.size else 0.0
+    spread = power / n if power > 0 else np.finfo(float).tiny
+    likelihood = -0.5 * n * (math.log(2.0 * math.pi * spread) + 1.0) - 0.5 * determinant
+    freedom = max(n / _colour(noise) - m, 1.0)
+    return LikelihoodFit(
+        p,
+        np.asarray(variance * inverse, dtype=float),
+        freedom,
+        residual,
+        noise,
+        math.sqrt(variance * float(lags[0])),
+        likelihood,
+        converged,
+    )
+
+
+def _colour(noise: Array) -> float:
+    """Return how many samples count as one for the noise's own size, Σ γ²/γ₀² over all lags."""
+    if noise.size == 0:
+        return 1.0
+    spectrum = 1.0 / np.abs(np.fft.fft(np.concatenate([[1.0], -noise]), 4096)) ** 2
+    return float(np.mean(spectrum**2) / np.mean(spectrum) ** 2)
+
+
+_LARGEST = 50.0  # of the exponent: an amplitude of e^50 is no fit
+
+
+@dataclass(frozen=True)
+class FreeOscillation:
+    """x(s) = Σ_m Re[exp(S_m) (1 + h₂ exp(S_m) + h₃ exp(2S_m))] + o |exp(2S)| + rest(s), at the samples of one record.
+
+    S_m(s) = Σ_k c_mk B_mk(s) with complex c: real part the logarithm of the amplitude, imaginary part the phase. With
+    B = (1, s) that is one damped oscillation, c_1 = -λ + jω; with more functions of s both change with time.
+    s: time in units of the window, from 0 to 1, shape (n,).
+    bases: B of each mode, shape (n, K_m).
+    rest: columns of the rest position, shape (n, R); relaxing: beside them exp(-s exp(-p)) with its size, p the
+        logarithm of the time constant in windows.
+    harmonics: with h₂, h₃ and o of the one mode, as a swing of quadratic and cubic stiffness has them.
+
+    Parameters, in this order: Re c_mk, Im c_mk in turn, (Re h₂, Im h₂, Re h₃, Im h₃, o), rest, (size, p).
+    """
+
+    s: Array
+    bases: tuple[Array, ...]
+    rest: Array
+    relaxing: bool = False
+    harmonics: bool = False
+    width: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        count = sum(2 * basis.shape[1] for basis in self.bases)
+        object.__setattr__(self, "width", count + 5 * self.harmonics + self.rest.shape[1] + 2 * self.relaxing)
+
+    def mode(self, m: int) -> slice:
+        """Return where the coefficients of a mode lie in the parameters."""
+        first = sum(2 * int(basis.shape[1]) for basis in self.bases[:m])
+        return slice(first, first + 2 * int(self.bases[m].shape[1]))
+
+    @property
+    def rest_start(self) -> int:
+        """Return where the parameters of the rest position begin."""
+        return int(self.mode(len(self.bases) - 1).stop) + 5 * self.harmonics
+
+    def exponent(self, p: Array, m: int = 0) -> Complexes:
+        """Return S_m at the samples, shape (n,)."""
+        c = p[self.mode(m)]
+        exponent = self.bases[m] @ (c[0::2] + 1j * c[1::2])
+        return np.asarray(np.minimum(exponent.real, _LARGEST) + 1j * exponent.imag)
+
+    def rest_position(self, p: Array) -> Array:
+        """Return the rest position at the samples, shape (n,)."""
+        first, count = self.rest_start, self.rest.shape[1]
+        level = self.rest @ p[first : first + count]
+        if self.relaxing:
+            level = level + p[-2] * np.exp(-self.s * self._relaxation_rate(p))
+        return np.asarray(level, dtype=float)
+
+    def values(self, p: Array) -> Array:
+        """Return x at the samples, shape (n,)."""
+        x = self.rest_position(p)
+        for m in range(len(self.bases)):
+            wave = np.exp(self.exponent(p, m))
+            if self.harmonics:
+                h2, h3, offset = self._harmonics(p)
+                x = x + offset * np.abs(wave) ** 2
+                wave = wave * (1.0 + wave * (h2 + h3 * wave))
+            x = x + wave.real
+        return np.asarray(x, dtype=float)
+
+    def jacobian(self, p: Array) -> Array:
+        """Return the derivatives of x by the parameters, shape (n, width)."""
+        out = np.empty((self.s.size, self.width))
+        for m, basis in enumerate(self.bases):
+            wave = np.exp(self.exponent(p, m))
+            by_real = by_imaginary = wave
+            if self.harmonics:
+                h2, h3, offset = self._harmonics(p)
+                by_imaginary = wave * (1.0 + wave * (2.0 * h2 + 3.0 * h3 * wave))
+                by_real = by_imaginary + 2.0 * offset * np.abs(wave) ** 2
+                first = self.mode(m).stop
+                square, cube = wave**2, wave**3
+                columns = [square.real, -square.imag, cube.real, -cube.imag, np.abs(square)]
+                out[:, first : first + 5] = np.stack(columns, axis=1)
+            where = self.mode(m)
+            out[:, where][:, 0::2] = by_real.real[:, None] * basis
+            out[:, where][:, 1::2] = -by_imaginary.imag[:, None] * basis
+        first, count = self.rest_start, self.rest.shape[1]
+        out[:, first : first + count] = self.rest
+        if self.relaxing:
+            rate = self._relaxation_rate(p)
+            fading = np.exp(-self.s * rate)
+            out[:, -2], out[:, -1] = fading, p[-2] * fading * self.s * rate
+        return out
+
+    @staticmethod
+    def _relaxation_rate(p: Array) -> float:
+        return float(np.exp(np.clip(-p[-1], -_LARGEST, _LARGEST)))
+
+    def _harmonics(self, p: Array) -> tuple[complex, complex, float]:
+        h = p[self.mode(len(self.bases) - 1).stop :]
+        return complex(h[0], h[1]), complex(h[2], h[3]), float(h[4])
+
+
+def polynomials(s: Array, count: int) -> Array:
+    """Return 1, s, s², ..., shape (n, count)."""
+    return np.asarray(np.vander(s, count, increasing=True), dtype=float)
+
+
+_TURN = 2.0 * math.pi
+
+
+def fit_oscillation(model: FreeOscillation, starts: list[Array], values: Array) -> LikelihoodFit:
+    """Return the likeliest fit of a model to its samples, shape (n,), over the starts.
+
+    starts: shape (model.width,) each, of which the rest position and the size of a relaxation are found here, by
+    linear least squares.
+    """
+    fits = [fit_likelihood(model.values, model.jacobian, _with_rest(model, start, values), values) for start in starts]
+    return min(fits, key=lambda fit: fit.bic)
+
+
+def _with_rest(model: FreeOscillation, start: Array, values: Array) -> Array:
+    p = np.array(start, dtype=float)
+    linear = np.arange(model.rest_start, model.rest_start + model.rest.shape[1] + model.relaxing)
+    p[linear] = 0.0
+    p[linear] = np.linalg.lstsq(model.jacobian(p)[:, linear], values - model.values(p), rcond=None)[0]
+    return p

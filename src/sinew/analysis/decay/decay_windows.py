@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sinew.analysis.signal.repeats import pool_repeats
-from sinew.analysis.sweep.slope import fit_trend
-from sinew.measure.arrays import Array
+from sinew.analysis.signal.repeats import fit_trend, pool_repeats
+from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.estimate import Estimate, finite
 
 
@@ -58,7 +57,7 @@ class DecayWindow:
 def decay_windows(results: xr.Dataset) -> list[DecayWindow]:
     """Return D over pretension for every window of the results, the earliest first.
 
-    results: of `sinew.analysis.analysis.analyse_recording`. Empty where they hold no planned ring-downs at two
+    results: of `sinew.analysis.analysed.analyse_recording`. Empty where they hold no planned ring-downs at two
     pretensions or more: only of those it is known when the drive was told to stop.
     """
     if "window_lehr_damping" not in results:
@@ -83,10 +82,9 @@ def _window(start: float, pretension: Array, damping: Array, rates: Array) -> De
     stds = stds[np.isfinite(stds)]
     noise = float(np.sqrt(np.mean(stds**2))) if stds.size else math.nan
     line = fit_trend(pretension, mean, noise, pooled.degrees_of_freedom)
-    factor = float(np.ptp(pretension)) / line.middle.value
-    change = Estimate(*(factor * x for x in (line.slope.value, line.slope.std, line.slope.low, line.slope.high)))
+    change = line.slope.times(float(np.ptp(pretension)) / line.middle.value)
     spread = float(np.ptp(mean) / mean.mean())
-    falling = int((np.diff(np.nanmean(rates, axis=1)) <= 0).sum())
+    falling = int((np.diff(mean_of_known(rates)) <= 0).sum())
     return DecayWindow(start, pretension, pooled.estimates, spread, change, falling)
 
 

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sinew.analysis.decay.decay_fit import pole_estimates
-from sinew.analysis.decay.decay_likelihood import (
+from sinew.analysis.decay.decay_fit import (
     FreeOscillation,
     LikelihoodFit,
     fit_oscillation,
+    pole_estimates,
     polynomials,
 )
 from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, find_peaks, free_decay
+from sinew.analysis.signal.coloured_noise import solve_scaled
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
@@ -141,9 +142,7 @@ def _coefficients(poles: Poles, window: float) -> Array:
 def _left_over(model: FreeOscillation, start: Array, x: Array) -> float:
     """Return the sum of squares that a start leaves after its linear parameters are fitted."""
     columns = model.jacobian(start)[:, [k for k in range(start.size) if k % 4 < 2 or k >= model.rest_start]]
-    scale = np.linalg.norm(columns, axis=0)
-    columns = columns / np.where(scale > 0, scale, 1.0)
-    left = x - columns @ np.linalg.lstsq(columns, x, rcond=1e-10)[0]
+    left = x - columns @ solve_scaled(columns, x, 1e-10)
     return float(left @ left)
 
 

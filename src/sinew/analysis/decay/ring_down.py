@@ -10,8 +10,17 @@ from numpy.typing import ArrayLike
 from scipy import integrate, special
 
 from sinew.analysis.decay.decay_fit import DecayFit, fit_decay, lehr_damping, pole_estimates
-from sinew.analysis.decay.envelope import Envelope, fit_envelope, large_peaks
-from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, find_peaks, free_decay
+from sinew.analysis.decay.free_decay import (
+    Envelope,
+    Peaks,
+    block_means,
+    checked_record,
+    evenly,
+    find_peaks,
+    fit_envelope,
+    free_decay,
+    large_peaks,
+)
 from sinew.analysis.signal.signals import Signals, read_signals
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -425,7 +434,7 @@ def ring_down_json(result: RingDown) -> dict[str, Any]:
     }
 
 
-def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None) -> xr.Dataset:
+def analyse_ring_downs(recording: xr.Dataset | Signals, inertia_kg_m2: float | None = None) -> xr.Dataset:
     """Return the ring-down part of the results: the variables of the result schema over (pretension, repeat).
 
     inertia_kg_m2: I of head and lever, for the paper's d and k; NaN without it.
@@ -437,11 +446,7 @@ def analyse_ring_downs(recording: xr.Dataset, inertia_kg_m2: float | None = None
     `ring_down_notes` says why.
     Raises RecordingError where there is no ring-down, or none can be analysed.
     """
-    return ring_downs_of(read_signals(recording), inertia_kg_m2)
-
-
-def ring_downs_of(signals: Signals, inertia_kg_m2: float | None) -> xr.Dataset:
-    """Return `analyse_ring_downs` of signals that were read already."""
+    signals = read_signals(recording)
     found: list[tuple[Segment, RingDown, float]] = []
     windows: list[tuple[Segment, list[Envelope | None]]] = []
     notes: list[str] = []

@@ -1,4 +1,4 @@
-"""Coloured noise in the residuals of a fit, and what it does to the fit's covariance.
+"""Least squares with columns of one length, and what coloured noise in the residuals does to a fit's covariance.
 
 Sensors average and filter, so neighbouring samples share noise, and a covariance that takes them for independent is
 too small by the share of noise below the oscillation's frequency. The residuals are described by an autoregression
@@ -12,6 +12,19 @@ import numpy as np
 from sinew.measure.arrays import Array
 
 _MAX_ORDER = 8
+
+
+def unit_columns(design: Array) -> tuple[Array, Array]:
+    """Return the columns (n, m) scaled to one length, and their lengths (m,), one for a column of zeros."""
+    lengths = np.linalg.norm(design, axis=0)
+    lengths[lengths == 0] = 1.0
+    return design / lengths, lengths
+
+
+def solve_scaled(design: Array, target: Array, smallest: float = 1e-13) -> Array:
+    """Return the least-squares solution by columns of one length; smallest: singular value, of the largest."""
+    scaled, lengths = unit_columns(design)
+    return np.asarray(np.linalg.lstsq(scaled, target, rcond=smallest)[0] / lengths)
 
 
 def noise_spectrum(residual: Array, jacobian: Array) -> Array:
@@ -93,9 +106,7 @@ def sandwich(jacobian: Array, residual: Array) -> tuple[Array, float]:
     The degrees of freedom are those of the variance estimate, n γ₀² / Σ γ² less m, at least one; γ at all lags.
     """
     n, m = jacobian.shape
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0] = 1.0
-    scaled = jacobian / scale
+    scaled, scale = unit_columns(jacobian)
     spectrum = noise_spectrum(residual, scaled)
     size = 2 * (spectrum.size - 1)
     weight = np.full(spectrum.size, 2.0 / size)  # both halves of the circle

@@ -9,7 +9,7 @@ from sinew.analysis.signal.harmonics import fit_harmonics, refine_frequency
 from sinew.analysis.signal.signals import drive_channel
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.recording import Segment, build_recording, segment_slices
+from sinew.measure.recording import Segment, build_recording, iterate_segments
 from sinew.measure.schema import SAMPLE_VARIABLES
 
 FEWEST_PERIODS = 6
@@ -54,11 +54,7 @@ def split_by_drive(recording: xr.Dataset, settle_s: float | None = None) -> xr.D
     stamps = recording["time_s"].values
     segments: list[Segment] = []
     sizes: list[int] = []
-    columns = [recording[name].values for name in ("kind", "pretension_mm", "frequency_hz", "amplitude_deg", "repeat")]
-    for index, where in enumerate(segment_slices(recording)):
-        known = Segment(
-            *(column[index].item() if hasattr(column[index], "item") else column[index] for column in columns)
-        )
+    for index, known, where in iterate_segments(recording):
         if not unknown[index]:
             segments.append(known)
             sizes.append(where.stop - where.start)

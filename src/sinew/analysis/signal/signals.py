@@ -1,20 +1,123 @@
-"""Signals of a recording: channels, delays, segments and motors, read once at the door and passed on."""
+"""Signals of a recording: channels, the sensors' delays, segments and motors, read once at the door and passed on."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from sinew.analysis.signal.sensor import DelayBudget, delay_budget
 from sinew.measure.arrays import Array
 from sinew.measure.doors import as_dataset
-from sinew.measure.errors import RecordingError
+from sinew.measure.errors import RecordingError, TimeError
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.schema import SAMPLE_VARIABLES, SegmentKind
 from sinew.plan.rig import RigSpec
+
+# The delay budget: what the sensors' chain does to torsion and drive before they are recorded.
+
+_REPEATS = 1e-3
+
+
+@dataclass(frozen=True)
+class DelayBudget:
+    """The written delay budget of a rig; the default is a perfect sensor.
+
+    sample_hz: rate of the samples [Hz].
+    low_pass_hz: corner of the gyroscope's second-order Butterworth low-pass [Hz]; inf where there is none.
+    residual_delay_s: pure delay beyond that filter's [s].
+    average_samples: a reading is the mean of the newest so many samples at sample_hz.
+    drive_delay_s: pure delay of the recorded drive angle against the stamp [s].
+    delay_std_s: standard uncertainty of the delay between torsion and drive [s].
+    drive_lsb_rad: step of the drive's encoder [rad].
+    """
+
+    sample_hz: float
+    low_pass_hz: float = math.inf
+    residual_delay_s: float = 0.0
+    average_samples: int = 1
+    drive_delay_s: float = 0.0
+    delay_std_s: float = 0.0
+    drive_lsb_rad: float = 0.0
+
+
+def sample_rate(recording: xr.Dataset) -> float:
+    """Return the sample rate of a recording [Hz]: one over the median step inside its segments.
+
+    Raises TimeError where no segment has two samples.
+    """
+    steps = np.diff(recording["time_s"].values)
+    inside = np.ones(steps.size, dtype=bool)
+    inside[np.cumsum(recording["row_size"].values)[:-1] - 1] = False
+    if not inside.any():
+        raise TimeError("no segment holds two samples, so there is no sample rate; record longer segments")
+    return float(1.0 / np.median(steps[inside]))
+
+
+def delay_budget(recording: xr.Dataset, rig: RigSpec | None) -> DelayBudget:
+    """Return the delay budget that a recording went through.
+
+    rig: whose IMU and bus recorded it; None, or a recording without gyroscope, gives a perfect sensor.
+    """
+    rate = sample_rate(recording)
+    if rig is None or "gyro_rad_s" not in recording:
+        return DelayBudget(rate)
+    return DelayBudget(
+        rate,
+        rig.imu.low_pass.value,
+        rig.imu.residual_delay.value,
+        rig.imu.average_samples,
+        rig.bus.drive_delay.value,
+        rig.imu.delay_std.value,
+        2.0 * math.pi / rig.drive.counts_per_turn.value,
+    )
+
+
+def torsion_chain(budget: DelayBudget, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+    """Return the complex factor by which the chain multiplies a torsion exp(jωt), any shape.
+
+    Butterworth low-pass ωc²/(s² + √2 ωc s + ωc²), residual delay exp(-jωτ), and the causal moving average
+    (1/m) Σ exp(-jωi/fs) over i = 0..m-1. Divide a measured harmonic by it to get the true one.
+    """
+    frequency = np.asarray(frequency_hz, dtype=float)
+    ratio = frequency / budget.low_pass_hz
+    low_pass = 1.0 / (1.0 - ratio**2 + 1j * math.sqrt(2.0) * ratio)
+    step = np.exp(-2j * np.pi * frequency / budget.sample_hz)
+    average = np.stack([step**i for i in range(budget.average_samples)]).mean(axis=0)
+    return np.asarray(low_pass * average * np.exp(-2j * np.pi * frequency * budget.residual_delay_s), dtype=complex)
+
+
+def drive_chain(budget: DelayBudget, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
+    """Return the complex factor between the true drive angle and the recorded one, exp(-jωτ), any shape."""
+    omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
+    chain: NDArray[np.complex128] = np.exp(-1j * omega * budget.drive_delay_s)
+    return chain
+
+
+def torsion_delay(budget: DelayBudget, frequency_hz: float) -> float:
+    """Return the phase delay of the recorded torsion at one frequency [s], positive; 10-11 ms for an MPU9250."""
+    if frequency_hz <= 0:
+        raise ValueError(f"a phase delay needs a positive frequency, found {frequency_hz:g} Hz")
+    grid = np.linspace(0.0, frequency_hz, 65)
+    phase = np.unwrap(np.angle(torsion_chain(budget, grid)))
+    return float(-phase[-1] / (2.0 * np.pi * frequency_hz))
+
+
+def hidden_quantisation(budget: DelayBudget, frequency_hz: NDArray[np.float64], samples: int) -> NDArray[np.float64]:
+    """Return the standard deviation that the encoder's step gives the drive's fundamental unseen [rad], shape (s,).
+
+    frequency_hz: shape (s,), of records of so many samples. Where the sample rate is a ratio of small whole numbers to
+    the frequency, a record holds only m < n distinct phases: its rounding errors repeat, hence are harmonics of the
+    drive, and the residual knows nothing of them. They are lsb/√12 times √(2/m), m halved where it is even since
+    rounding treats both half waves alike. Zero where no phase comes twice, for then the residual holds them.
+    """
+    turns = frequency_hz[:, None] / budget.sample_hz * np.arange(1, samples)
+    same = np.abs(turns - np.rint(turns)) * samples / np.arange(1, samples) < _REPEATS
+    distinct = np.argmax(same, axis=1) + 1
+    distinct = np.where(distinct % 2 == 0, distinct // 2, distinct)
+    return np.where(same.any(axis=1), budget.drive_lsb_rad * np.sqrt(2.0 / (12.0 * distinct)), 0.0)
 
 
 @dataclass(frozen=True)
@@ -49,12 +152,14 @@ class Signals:
         return ((segment, where) for segment, where in self.segments if segment.kind == kind)
 
 
-def read_signals(recording: xr.Dataset, rig: RigSpec | None = None) -> Signals:
-    """Return the signals of a recording.
+def read_signals(recording: xr.Dataset | Signals, rig: RigSpec | None = None) -> Signals:
+    """Return the signals of a recording; those that were read already are passed through.
 
     rig: whose sensors' delays count; None for perfect sensors.
     Raises RecordingError where nothing tells the torsion, TimeError where no segment holds two samples.
     """
+    if isinstance(recording, Signals):
+        return recording
     as_dataset(recording, "recording")
     return Signals(
         recording["time_s"].values,

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 
 from sinew.analysis.signal.harmonics import HARMONICS, Harmonics, fit_harmonics, waveform
-from sinew.analysis.signal.sensor import drive_chain, torsion_chain
-from sinew.analysis.signal.signals import Signals, read_signals
+from sinew.analysis.signal.signals import Signals, drive_chain, read_signals, torsion_chain
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.plan.rig import RigSpec
@@ -43,7 +42,7 @@ def steady_torsion(time_s: Array, signal: Array, fitted: Harmonics, is_rate: boo
     return np.asarray(angle - (angle - harmonic).mean(axis=1, keepdims=True))
 
 
-def steady_motion(recording: xr.Dataset, segment: int, rig: RigSpec | None = None) -> xr.Dataset:
+def steady_motion(recording: xr.Dataset | Signals, segment: int, rig: RigSpec | None = None) -> xr.Dataset:
     """Return drive, torsion and its rate over the whole periods of one steady segment, on one true time.
 
     The torsion's delay and attenuation at the drive frequency are undone, and so is the drive's delay: torsion and
@@ -53,11 +52,7 @@ def steady_motion(recording: xr.Dataset, segment: int, rig: RigSpec | None = Non
     rad and rad/s for a gyroscope. Attributes: frequency_hz, periods, pretension_mm, segment.
     Raises RecordingError where the segment is not steady, has no frequency or holds no whole period.
     """
-    return motion_of(read_signals(recording, rig), segment)
-
-
-def motion_of(signals: Signals, segment: int) -> xr.Dataset:
-    """Return `steady_motion` of signals that were read already."""
+    signals = read_signals(recording, rig)
     asked, where = signals.segments[segment]
     frequency = asked.frequency_hz
     if asked.kind != "steady" or not np.isfinite(frequency):

@@ -6,9 +6,8 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.signal.harmonics import fit_harmonics
-from sinew.analysis.signal.sensor import torsion_chain
-from sinew.analysis.signal.signals import Signals, read_signals
-from sinew.analysis.signal.torsion import motion_of
+from sinew.analysis.signal.signals import Signals, read_signals, torsion_chain
+from sinew.analysis.signal.torsion import steady_motion
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
@@ -31,18 +30,14 @@ class Portrait:
     half_area_asymmetry: Estimate
 
 
-def phase_portrait(recording: xr.Dataset, segment: int, rig: RigSpec | None = None) -> Portrait:
+def phase_portrait(recording: xr.Dataset | Signals, segment: int, rig: RigSpec | None = None) -> Portrait:
     """Return the phase portrait of one steady segment (paper, section 5.2.3).
 
     segment: its number in the recording. rig: whose sensor chain is undone, at each harmonic for the shares.
     Raises RecordingError where the segment is not steady, has no frequency or holds no whole period.
     """
-    return portrait_of(read_signals(recording, rig), segment)
-
-
-def portrait_of(signals: Signals, segment: int) -> Portrait:
-    """Return `phase_portrait` of signals that were read already."""
-    motion, response, (_, where) = motion_of(signals, segment), signals.response, signals.segments[segment]
+    signals = read_signals(recording, rig)
+    motion, response, (_, where) = steady_motion(signals, segment), signals.response, signals.segments[segment]
     frequency = np.array([motion.attrs["frequency_hz"]])
     fitted = fit_harmonics(signals.time_s[where][None], response.values[where][None, None], frequency)
     order = np.arange(1, fitted.coefficient.shape[2] + 1) * frequency

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
 from sinew.analysis.sweep.response import wrapped_lag
 from sinew.measure.arrays import Array, Complexes
 
@@ -102,13 +103,6 @@ def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_s
     return None
 
 
-def _solve(design: Array, target: Array) -> Array:
-    """Return the least-squares solution, columns scaled to one length first."""
-    scale = np.linalg.norm(design, axis=0)
-    scale[scale == 0] = 1.0
-    return np.asarray(np.linalg.lstsq(design / scale, target, rcond=1e-13)[0] / scale)
-
-
 def _start(points: _Points, active: NDArray[np.bool_]) -> Array:
     """Return the parameters of the linearised problem H·D - N = 0, reweighted by 1/|D| four times."""
     v, response = points.v, points.response
@@ -119,7 +113,7 @@ def _start(points: _Points, active: NDArray[np.bool_]) -> Array:
     target = response * (2.0 * v + points.w * v**2)
     parameters, scale = np.zeros(8), np.abs(response)
     for _ in range(4):
-        parameters[active] = _solve(points.weighted(scale[:, None] * design), points.weighted(scale * target))
+        parameters[active] = solve_scaled(points.weighted(scale[:, None] * design), points.weighted(scale * target))
         scale = 1.0 / np.maximum(np.abs(_denominator(parameters, v, points.w)), 1e-9)
     return parameters
 
@@ -145,7 +139,7 @@ def _refine(parameters: Array, points: _Points, active: NDArray[np.bool_]) -> Ar
         jacobian = _jacobian(parameters, points, active)
         size = np.sqrt(damping) * np.linalg.norm(jacobian, axis=0)
         step = np.zeros(8)
-        step[active] = _solve(np.concatenate([jacobian, np.diag(size)]), np.append(residual, 0.0 * size))
+        step[active] = solve_scaled(np.concatenate([jacobian, np.diag(size)]), np.append(residual, 0.0 * size))
         trial = _residual(parameters + step, points)
         gained = float(residual @ residual - trial @ trial)
         if not gained > 0:
@@ -168,9 +162,8 @@ def _covariance_roots(
     Sizes and angles are scaled each by their own residual, for jitter of the stamps is in the angles alone.
     """
     jacobian, residual = _jacobian(parameters, points, active), _residual(parameters, points)
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale[scale == 0] = 1.0
-    left, singular, right = np.linalg.svd(jacobian / scale, full_matrices=False)
+    scaled, scale = unit_columns(jacobian)
+    left, singular, right = np.linalg.svd(scaled, full_matrices=False)
     spread = right.T / np.maximum(singular, 1e-10 * singular[0]) / scale[:, None]
     root, freedom = np.zeros((8, 16)), []
     for block, half in enumerate(np.split(np.arange(residual.size), 2)):

@@ -107,7 +107,7 @@ _TOP_GAIN = 0.8
 _TOP_POINTS = (5, 6)  # at least, of the polynomial and of the narrow rational curve
 Reading = tuple[float, float, float]
 _NAN: Reading = (math.nan, math.nan, math.nan)
-_QUANTITIES = (
+RESONANCES = (
     "paper_resonance_hz",
     "paper_gain_peak",
     "resonance_hz",
@@ -270,19 +270,14 @@ class Readings:
 def read_resonances(response: Response) -> Readings:
     """Return the resonance of every pretension and repeat, each fitted by itself."""
     shape = (response.pretension_mm.size, response.transfer.shape[2])
-    value, std, freedom = ({name: np.full(shape, np.nan) for name in _QUANTITIES} for _ in range(3))
-    shared = {name: np.full(shape, np.nan) for name in _QUANTITIES}
+    value, std, freedom = ({name: np.full(shape, np.nan) for name in RESONANCES} for _ in range(3))
+    shared = {name: np.full(shape, np.nan) for name in RESONANCES}
     notes = []
     for p, r in np.ndindex(*shape):
-        peaks = _peaks(response, p, r)
-        paper = _paper_peak(response, p, r)
-        for name, reading in (("paper_resonance_hz", paper.frequency_hz), ("paper_gain_peak", paper.gain)):
+        paper, *peaks = _peaks(response, p, r)
+        for name, reading in _readings(response, p, r, paper, *peaks).items():
             value[name][p, r], std[name][p, r], freedom[name][p, r] = reading
-        shared["paper_resonance_hz"][p, r] = paper.frequency_misfit_hz
-        shared["paper_gain_peak"][p, r] = paper.gain_misfit
-        for name, reading in _readings(response, p, r, *peaks).items():
-            value[name][p, r], std[name][p, r], freedom[name][p, r] = reading
-        for name, share in _shared(response, p, r, *peaks).items():
+        for name, share in _shared(response, p, r, paper, *peaks).items():
             shared[name][p, r] = share
         used = peaks[1:] if math.isfinite(peaks[0].frequency_hz[0]) else peaks  # no one asks for a nominal width
         said = " and ".join(dict.fromkeys(peak.reason for peak in used if peak.reason))
@@ -304,7 +299,7 @@ def estimate_resonance(response: Response, readings: Readings | None = None) -> 
     """
     found = readings or read_resonances(response)
     dataset = xr.Dataset(attrs={"resonance_notes": "\n".join(found.notes)})
-    for name in _QUANTITIES:
+    for name in RESONANCES:
         value = found.value[name]
         alone = np.isfinite(value).sum(axis=1) == 1  # a single repeat's deviation holds its misfit already
         common = np.where(alone & (name != "phase_90_hz"), 0.0, mean_of_known(found.shared[name], 0.0))
@@ -312,24 +307,19 @@ def estimate_resonance(response: Response, readings: Readings | None = None) -> 
     return dataset
 
 
-def _peaks(response: Response, p: int, r: int) -> tuple[Peak, Peak, Peak]:
-    """Return the peak by nominal drive, the peak by measured drive, and the one that holds the 90° crossing."""
+def _peaks(response: Response, p: int, r: int) -> tuple[Peak, Peak, Peak, Peak]:
+    """Return the peak of the mean of peaks over the nominal drive (Eq. 6), at the fundamental's angles, the peaks by
+    nominal and by measured drive, and the one that holds the 90° crossing."""
     f, columns = response.frequency_hz, response.columns
     stds = (response.nominal_gain_std[p, :, r], response.nominal_phase_std[p, :, r])
     nominal = find_peak(f, response.nominal_transfer[p, :, r], *stds)
+    paper = find_peak(f, response.nominal_transfer[p, :, r] * _peaks_over_fundamental(response, p, r), *stds)
     transfer = response.transfer[p, :, r]
     relative = columns["gain_measured_drive_std"][p, :, r] / columns["gain_measured_drive"][p, :, r]
     stds = (relative, columns["phase_std_rad"][p, :, r])
     measured = find_peak(f, transfer, *stds)
     crossing = measured if math.isfinite(measured.crossing_hz[0]) else find_crossing(f, transfer, *stds)
-    return nominal, measured, crossing
-
-
-def _paper_peak(response: Response, p: int, r: int) -> Peak:
-    """Return the peak of the mean of peaks over the nominal drive (Eq. 6), at the fundamental's angles."""
-    ratio = _peaks_over_fundamental(response, p, r)
-    stds = (response.nominal_gain_std[p, :, r], response.nominal_phase_std[p, :, r])
-    return find_peak(response.frequency_hz, response.nominal_transfer[p, :, r] * ratio, *stds)
+    return paper, nominal, measured, crossing
 
 
 def _peaks_over_fundamental(response: Response, p: int, r: int) -> Array:
@@ -338,13 +328,17 @@ def _peaks_over_fundamental(response: Response, p: int, r: int) -> Array:
     return np.divide(peaks, harmonic, out=np.full_like(harmonic, np.nan), where=harmonic > 0)
 
 
-def _readings(response: Response, p: int, r: int, nominal: Peak, measured: Peak, crossing: Peak) -> dict[str, Reading]:
+def _readings(
+    response: Response, p: int, r: int, paper: Peak, nominal: Peak, measured: Peak, crossing: Peak
+) -> dict[str, Reading]:
     """Return the readings of one pretension and repeat by name."""
     at = nominal.frequency_hz[0]
     ratio, ratio_std = _local(response.frequency_hz, _peaks_over_fundamental(response, p, r), at)
     peak_std = math.hypot(nominal.gain[1] * ratio, nominal.gain[0] * ratio_std)
     drive = _drive_at(response, p, r, nominal)
     return {
+        "paper_resonance_hz": paper.frequency_hz,
+        "paper_gain_peak": paper.gain,
         "resonance_hz": nominal.frequency_hz,
         "gain_peak": (nominal.gain[0] * ratio, peak_std, nominal.gain[2]),
         "resonance_measured_drive_hz": measured.frequency_hz,
@@ -355,9 +349,13 @@ def _readings(response: Response, p: int, r: int, nominal: Peak, measured: Peak,
     }
 
 
-def _shared(response: Response, p: int, r: int, nominal: Peak, measured: Peak, crossing: Peak) -> dict[str, float]:
+def _shared(
+    response: Response, p: int, r: int, paper: Peak, nominal: Peak, measured: Peak, crossing: Peak
+) -> dict[str, float]:
     """Return the standard uncertainties that the repeats share, by name of the reading."""
     return {
+        "paper_resonance_hz": paper.frequency_misfit_hz,
+        "paper_gain_peak": paper.gain_misfit,
         "resonance_hz": nominal.frequency_misfit_hz,
         "gain_peak": nominal.gain_misfit,
         "resonance_measured_drive_hz": measured.frequency_misfit_hz,

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from sinew.analysis.signal.harmonics import Harmonics, fit_harmonics, relative_noise, waveform
 from sinew.analysis.signal.power import power_columns, read_power
-from sinew.analysis.signal.sensor import drive_chain, hidden_quantisation, torsion_chain
-from sinew.analysis.signal.signals import Signals, read_signals
+from sinew.analysis.signal.signals import Signals, drive_chain, hidden_quantisation, read_signals, torsion_chain
 from sinew.analysis.signal.torsion import steady_torsion
 from sinew.analysis.sweep.portrait import lissajous_phase
 from sinew.measure.arrays import Array, Complexes
@@ -74,7 +73,7 @@ class _Batch:
     signal: Array
 
 
-def estimate_response(recording: xr.Dataset, rig: RigSpec | None = None) -> Response:
+def estimate_response(recording: xr.Dataset | Signals, rig: RigSpec | None = None) -> Response:
     """Return the frequency response of all steady segments.
 
     recording: its steady segments carry a frequency; see `sinew.analysis.signal.groups.split_by_drive` for those that
@@ -84,11 +83,7 @@ def estimate_response(recording: xr.Dataset, rig: RigSpec | None = None) -> Resp
     pretension, frequency and repeat the later counts.
     Raises RecordingError where no steady segment can be analysed.
     """
-    return response_of(read_signals(recording, rig))
-
-
-def response_of(signals: Signals) -> Response:
-    """Return `estimate_response` of signals that were read already."""
+    signals = read_signals(recording, rig)
     steady = [row for row in signals.of_kind("steady") if np.isfinite(row[0].frequency_hz)]
     if not steady:
         raise RecordingError("recording has no steady segment with a drive frequency; a sweep needs at least one")

@@ -177,7 +177,7 @@ def source_of(rig: "HardwareRig") -> str:
 def recording_doubts(recording: Path | None, spec: "RigSpec") -> list[dict[str, Any]]:
     """Return what speaks against a run's recording, as JSON holds it; nothing where there is none, or nothing in it can
     be analysed."""
-    from sinew.analysis.analysis import analyse_recording
+    from sinew.analysis.analysed import analyse_recording
     from sinew.analysis.doubts import doubts_of
     from sinew.measure.errors import SinewError
     from sinew.measure.files.netcdf import load_recording

@@ -220,7 +220,7 @@ def _find(asked: _Asked) -> "Identified":
 
 
 def _find_stepped(asked: _Asked) -> "Identified":
-    from sinew.identify.stepped.choice import identify_response
+    from sinew.identify.identified import identify as run
     from sinew.measure.read import is_recording
 
     given = {"--time": asked.time, "--rate": asked.rate_hz, "--train": asked.train, "--test": asked.test}
@@ -231,17 +231,16 @@ def _find_stepped(asked: _Asked) -> "Identified":
     if asked.model == "tendon":
         raise SpecError("model tendon is fitted to samples of a rig's recording; leave --kind stepped out")
     chain = _chain(asked.chain)
-    remarks: tuple[str, ...] = ()
     if is_recording(asked.file):
         identify_input.refuse_columns(asked.input, asked.output, asked.frequency, asked.phase)
         points = identify_input.recording_points(asked.file, asked.excitation, asked.pretension_mm, asked.rig)
     else:
         identify_input.refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, None)
-        points, remarks = identify_input.table_points(
+        points = identify_input.table_points(
             asked.file, asked.frequency, asked.phase, asked.input, asked.output, asked.excitation
         )
     with console.progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
-        return identify_response(points, asked.model, chain=chain, remarks=remarks, progress=progress)
+        return run(points, asked.model, chain=chain, progress=progress)
 
 
 def _chain(text: str | None) -> tuple[str, ...]:

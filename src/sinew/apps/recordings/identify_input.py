@@ -114,8 +114,8 @@ def _column(table: "Table", spec: str) -> "tuple[Array, str]":
 
 def table_points(
     file: Path, frequency: str | None, phase: str | None, given: str | None, output: str | None, excitation: str | None
-) -> tuple[tuple["ResponsePoints", ...], tuple[str, ...]]:
-    """Return the points in a table of steady states, and remarks on them. Columns "COL[:unit]"."""
+) -> tuple["ResponsePoints", ...]:
+    """Return the points in a table of steady states. Columns "COL[:unit]"."""
     from sinew.identify.stepped.points import points_of_table
     from sinew.measure.files.csv import find_columns, numbers, read_table
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from sinew.figures.fit.data import parameter_label, value_and_std
 from sinew.figures.style import ACCENT, GREY, INK, in_style, new_figure
 from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
-from sinew.identify.oscillator.layout import free_mechanics
+from sinew.identify.oscillator.model import free_mechanics
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import NORMAL_90
 from sinew.mechanics.laws import NUMBERS

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, few, in_style, new_figure, note_panel
 from sinew.identify.choice.held_out import HeldOut, Split
-from sinew.identify.decay.backbone import Backbone
 from sinew.identify.joint.fit import JointFit
+from sinew.identify.oscillator.backbone import Backbone
 from sinew.identify.oscillator.fitted import Fit, Swing
 from sinew.identify.oscillator.record import Record, derivative_order
 from sinew.identify.oscillator.start import dominant_omega
@@ -142,9 +142,8 @@ def traces_of_joint(joint: JointFit) -> list[Trace]:
     """Return the segments of a fit of the tendon joint, without the samples at their ends that were not fitted."""
     found = []
     for one in joint.segments:
-        kept = one.kept
-        drive = f", {one.frequency_hz:.3g} Hz" if np.isfinite(one.frequency_hz) else ""
-        title = f"{one.pretension_mm:g} mm{drive}"
+        kept, hertz = one.kept, one.swing.frequency_hz
+        title = f"{one.swing.pretension_mm:g} mm" + (f", {hertz:.3g} Hz" if np.isfinite(hertz) else "")
         held = np.zeros(int(kept.sum()), dtype=bool)
         found.append(Trace(one.time_s[kept], one.measured[kept], one.predicted[kept], held, "rad/s", title))
     return found

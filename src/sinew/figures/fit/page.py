@@ -24,9 +24,9 @@ from sinew.figures.fit.data import (
 )
 from sinew.figures.page import Caption, Table, number, pictures, write_page
 from sinew.figures.style import ACCENT, GREY, INK, RED, in_style, new_figure, note_panel
-from sinew.identify.decay.backbone import Backbone, fit_backbone
 from sinew.identify.identified import Identified, joint_names
 from sinew.identify.joint.fit import JointFit
+from sinew.identify.oscillator.backbone import Backbone, fit_backbone
 from sinew.identify.oscillator.fitted import Fit, swing_of
 from sinew.identify.oscillator.record import derivative_order
 from sinew.identify.oscillator.start import dominant_omega

@@ -8,7 +8,7 @@ viscous damping is bounded. The winner's residuals are tested, and the verdict s
 winner misses more than a tenth of the motion, and not by noise, no law is told.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from sinew.identify.oscillator.record import Record
 from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.estimate import Estimate
 from sinew.mechanics.laws import HISTORIES, NUMBERS, TERMS
 
 _CLEAR, _HINT = 6.0, 2.0  # differences of BIC: told for certain; too small to add a term
@@ -238,7 +239,7 @@ def criterion(found: Fit, independent: float) -> float:
 def choose(rows: Sequence[Row]) -> Choice:
     """Return the winner of a race. rows: of the same data; their BIC is set here."""
     rows = _with_criterion(rows)
-    possible = [row for row in rows if not impossible_numbers(row.held_out.fit)] or rows
+    possible = [row for row in rows if not impossible_numbers(row.held_out.fit.parameters)] or rows
     staying = _staying(possible)
     lowest = min(row.bic for row in staying)
     best = min((row for row in staying if row.bic < lowest + _HINT), key=lambda row: (_size(row.model), row.bic))
@@ -255,10 +256,13 @@ def choose(rows: Sequence[Row]) -> Choice:
     return Choice(best, tuple(rivals), shown, everyone if beaten else None)
 
 
-def impossible_numbers(found: Fit) -> list[str]:
-    """Return the damping numbers of a fit that are negative for certain, beyond their 90 % interval."""
+def impossible_numbers(parameters: Mapping[str, Estimate]) -> list[str]:
+    """Return the damping numbers of a fit that are negative for certain, beyond their 90 % interval.
+
+    parameters: of a fit to records or to steady states.
+    """
     damping = tuple(number.name for term in TERMS if term.lost for number in term.numbers if number.positive)
-    return [name for name, one in found.parameters.items() if name.startswith(damping) and one.high < 0]
+    return [name for name, one in parameters.items() if name.startswith(damping) and one.high < 0]
 
 
 def _with_criterion(rows: Sequence[Row]) -> list[Row]:
@@ -315,7 +319,7 @@ def _impossible(choice: Choice) -> str:
     if choice.impossible is None:
         return ""
     found = choice.impossible.held_out.fit
-    name = impossible_numbers(found)[0]
+    name = impossible_numbers(found.parameters)[0]
     return (
         f"; {choice.impossible.model.name} leaves less but is out of the race: its {name} = "
         f"{found.parameters[name].value:.3g} is negative beyond its interval, which nothing has"
@@ -463,8 +467,24 @@ def _segment_row(records: Sequence[Record], model: Model, varying: Sequence[str]
 # What residuals say against a model.
 
 _LAGS = 20
-_SIGNIFICANT = 0.01
+SIGNIFICANT = 0.01
 _FEWEST_BLOCKS = 8
+
+
+@dataclass(frozen=True)
+class Trends:
+    """How the residuals' size goes with amplitude and with frequency, each Spearman's rank correlation and its p, NaN
+    of fewer than 8 sizes."""
+
+    amplitude: tuple[float, float]
+    frequency: tuple[float, float]
+
+    def sentences(self) -> tuple[str, ...]:
+        """Return the trends in words; nothing where they may be chance."""
+        both = ((self.amplitude, "amplitude"), (self.frequency, "frequency"))
+        return tuple(
+            f"residuals {'grow' if trend > 0 else 'shrink'} with {of}" for (trend, p), of in both if p < SIGNIFICANT
+        )
 
 
 @dataclass(frozen=True)
@@ -472,36 +492,28 @@ class ResidualTests:
     """What the residuals of one record, or of several, look like.
 
     white_p: of Ljung and Box over 20 lags, summed over the records; neighbours: correlation of neighbouring residuals.
-    amplitude_p, frequency_p: of Spearman's rank correlation between the residuals' size and the output's amplitude or
-        frequency, over blocks of a period (of 8 records or more: over the records); NaN where there are fewer than 8
-        blocks. amplitude_trend, frequency_trend: those correlations.
+    trends: of them with the output's, over blocks of a period (of 8 records or more: over the records).
     share: rms of the residuals over the standard deviation of the output.
     """
 
     white_p: float
     neighbours: float
-    amplitude_p: float
-    amplitude_trend: float
-    frequency_p: float
-    frequency_trend: float
+    trends: Trends
     share: float
 
     def sentences(self) -> tuple[str, ...]:
         """Return what speaks against the model, in words; none where nothing does."""
-        found = []
-        if self.white_p < _SIGNIFICANT:
-            found.append(f"residuals are not white (neighbours correlate by {self.neighbours:.2f})")
-        amplitude, frequency = (self.amplitude_trend, self.amplitude_p), (self.frequency_trend, self.frequency_p)
-        return (*found, *trend_sentences(amplitude, frequency))
+        coloured = f"residuals are not white (neighbours correlate by {self.neighbours:.2f})"
+        return (*([coloured] if self.white_p < SIGNIFICANT else []), *self.trends.sentences())
 
     def telling(self) -> str:
         """Return how all the tests came out, in words."""
         found = list(self.sentences())
-        if self.white_p >= _SIGNIFICANT:
+        if self.white_p >= SIGNIFICANT:
             found.insert(0, "residuals are white")
-        if np.isnan(self.amplitude_p):
+        if np.isnan(self.trends.amplitude[1]):
             found.append("there are too few periods to ask them for trends")
-        elif min(self.amplitude_p, self.frequency_p) >= _SIGNIFICANT:
+        elif not self.trends.sentences():
             found.append("they show no trend with amplitude or frequency")
         return ", ".join(found)
 
@@ -530,16 +542,12 @@ def ask_residuals(
     near = sum(float(r[1:] @ r[:-1]) for r in centred) / max(power, 1e-300)
     whole = len(owners) >= _FEWEST_BLOCKS
     blocks = np.concatenate([_halved(o, r, omega, whole) for o, r in zip(owners, centred, strict=True)])
-    trends = [rank_trend(blocks[:, k], blocks[:, 0]) for k in (1, 2)]
     size = sum(r.size for r in centred)
     moved = sum(float(np.sum((o.output - o.output.mean()) ** 2)) for o in owners)
     return ResidualTests(
         float(special.chdtrc(sum(lags for _, lags in boxes), sum(box for box, _ in boxes))),
         near,
-        trends[0][1],
-        trends[0][0],
-        trends[1][1],
-        trends[1][0],
+        Trends(*(rank_trend(blocks[:, k], blocks[:, 0]) for k in (1, 2))),
         float(np.sqrt(power / size) / max(np.sqrt(moved / size), 1e-300)),
     )
 
@@ -573,15 +581,3 @@ def rank_trend(against: Array, size: Array) -> tuple[float, float]:
         return 0.0, 1.0
     found = stats.spearmanr(against, size)
     return float(found.statistic), float(found.pvalue)
-
-
-def trend_sentences(amplitude: tuple[float, float], frequency: tuple[float, float]) -> tuple[str, ...]:
-    """Return in words how residuals go with amplitude and with frequency; nothing where that may be chance.
-
-    amplitude, frequency: rank correlation and its p, of `rank_trend`.
-    """
-    told = []
-    for (trend, p), of in ((amplitude, "amplitude"), (frequency, "frequency")):
-        if p < _SIGNIFICANT:
-            told.append(f"residuals {'grow' if trend > 0 else 'shrink'} with {of}")
-    return tuple(told)

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
-from sinew.identify.oscillator.layout import Layout, make_layout, make_part
-from sinew.identify.oscillator.least_squares import Problem, solve
-from sinew.identify.oscillator.model import Model
+from sinew.identify.oscillator.least_squares import restricted, solve
+from sinew.identify.oscillator.model import Model, make_layout, make_part
 from sinew.identify.oscillator.record import FEWEST, Record
 from sinew.identify.oscillator.start import dominant_omega
 from sinew.identify.oscillator.track import PLACE
@@ -129,16 +128,5 @@ def predict(fitted: Fit, record: Record) -> Array:
     free = np.array([k for k, entry in enumerate(layout.entries) if entry.local in ("start", "start_rate")])
     x[free] = 0.0
     seen = np.arange(record.size) < max(FEWEST, int(_SEEN_PERIODS * 2 * np.pi / scales.omega / record.step_s))
-    x[free] = solve(_only(layout, x, free, seen), x[free], tolerance=1e-8, max_evaluations=60).values
+    x[free] = solve(restricted(layout.problem([seen]), x, free), x[free], tolerance=1e-8, max_evaluations=60).values
     return np.asarray(layout.outputs(x)[0] * part.unit_size)
-
-
-def _only(layout: Layout, x: Array, free: NDArray[np.intp], seen: Mask) -> Problem:
-    whole = layout.problem([seen])
-
-    def at(values: Array) -> Array:
-        full = x.copy()
-        full[free] = values
-        return full
-
-    return Problem(lambda v: whole.residual(at(v)), lambda v: whole.jacobian(at(v))[:, free])

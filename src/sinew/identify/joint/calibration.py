@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sinew.identify.joint.coordinates import make_coordinates
+from sinew.identify.joint.coordinates import make_coordinates, replaced
 from sinew.identify.joint.fit import FREE, JointFit, fit_joint
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
@@ -115,7 +115,7 @@ def calibrated_rig(
         elif not math.isclose(after[dotted].value, old.value, rel_tol=1e-9):
             changed[dotted] = _changed(dotted, old, after[dotted].value, None, f"moves with others that were {note}")
     followed = tuple(dotted for dotted in changed if dotted not in found)
-    return _replaced(rig, changed).model_copy(update={"name": name}), followed
+    return replaced(rig, changed).model_copy(update={"name": name}), followed
 
 
 def with_intervals(rig: RigSpec, intervals: Mapping[str, tuple[float, float]]) -> RigSpec:
@@ -125,7 +125,7 @@ def with_intervals(rig: RigSpec, intervals: Mapping[str, tuple[float, float]]) -
     """
     table = dict(rig.parameters())
     rows = {dotted: (float(f"{low:.4g}"), float(f"{high:.4g}")) for dotted, (low, high) in intervals.items()}
-    return _replaced(
+    return replaced(
         rig,
         {
             dotted: table[dotted].model_copy(update={"interval90": ends})
@@ -156,15 +156,6 @@ def _changed(dotted: str, old: Parameter, value: float, ends: tuple[float, float
 
 def _rounded(number: float) -> float:
     return float(f"{number:.6g}")
-
-
-def _replaced(rig: RigSpec, changed: Mapping[str, Parameter]) -> RigSpec:
-    """Return the rig with whole parameters replaced; `RigSpec.with_values` would drop the intervals of the others."""
-    parts: dict[str, object] = {}
-    for section in {dotted.split(".")[0] for dotted in changed}:
-        mine = {dotted.split(".")[1]: one for dotted, one in changed.items() if dotted.startswith(f"{section}.")}
-        parts[section] = getattr(rig, section).model_copy(update=mine)
-    return rig.model_copy(update=parts)
 
 
 _GEOMETRY = (

@@ -1,6 +1,6 @@
 """The free parameters of a rig as the coordinates of a search, and back."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ from sinew.plan.rig import RigSpec
 from sinew.twin.parameters import from_rig
 
 _STEP = 1e-5  # of a coordinate, for the slopes of `numbers_of`: their error is 1e-10 of them
-_NINETY_FIVE = round(NORMAL_95, 2)  # the digits that every fit so far was weighed with
+_NINETY_FIVE = round(NORMAL_95, 2)  # the digits that the shipped rigs were calibrated with
 _INSIDE = 1e-9  # share of the bounds by which the search stays inside them
 _ACTING = ("silicone.", "inertia.", "tendons.", "imu.residual_delay", "imu.low_pass")
 _NOT_ACTING = ("tendons.counts_per_turn", "tendons.current_lsb")
@@ -78,7 +78,8 @@ class Coordinates:
 
     def rig_at(self, x: Array) -> RigSpec:
         """Return the rig at x, what is tied moved along, without a look at the bounds."""
-        return _changed(self.rig, self._all_values(x))
+        there, values = dict(self.rig.parameters()), self._all_values(x)
+        return replaced(self.rig, {name: there[name].model_copy(update={"value": v}) for name, v in values.items()})
 
     def fitted_rig(self, x: Array) -> RigSpec:
         """Return the rig at x, validated; what the fit moved is called calibrated."""
@@ -156,10 +157,13 @@ def _slope(up: Array, down: Array) -> Array:
     return np.zeros_like(up) if np.array_equal(up, down) else np.asarray((up - down) / (2 * _STEP))  # inf - inf
 
 
-def _changed(rig: RigSpec, values: dict[str, float]) -> RigSpec:
+def replaced(rig: RigSpec, changed: Mapping[str, Parameter]) -> RigSpec:
+    """Return the rig with whole parameters replaced, by dotted name, without a look at the bounds.
+
+    `RigSpec.with_values` would drop the intervals of the others.
+    """
     parts: dict[str, dict[str, Parameter]] = {}
-    for dotted, value in values.items():
+    for dotted, one in changed.items():
         part, name = dotted.split(".")
-        parts.setdefault(part, {})[name] = getattr(getattr(rig, part), name).model_copy(update={"value": value})
-    moved = {part: getattr(rig, part).model_copy(update=rows) for part, rows in parts.items()}
-    return rig.model_copy(update=moved)
+        parts.setdefault(part, {})[name] = one
+    return rig.model_copy(update={part: getattr(rig, part).model_copy(update=rows) for part, rows in parts.items()})

@@ -1,15 +1,13 @@
 """The tendon joint's fit to recordings: one set of parameters over all pretensions and repeats.
 
-The model is the twin's equation of motion under the measured lever; see `joint_motion`. The search has three legs: the
-steady segments of one repeat with a fifth of the signal taken for noise, which forgives a start that is far off; then
-everything, with the noise that the residuals of the leg before show, twice.
+The model is the twin's equation of motion under the measured lever (`sinew.identify.joint.motion`). The search has
+three legs: the steady segments of one repeat with a fifth of the signal taken for noise, which forgives a start that is
+far off; then everything, with the noise that the residuals of the leg before show, twice.
 """
 
-import math
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,15 +15,12 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sinew.identify.joint.coordinates import Coordinates, make_coordinates
-from sinew.identify.joint.motion import steps_per_sample
-from sinew.identify.joint.problem import JointProblem, make_problem, whitening_of
+from sinew.identify.joint.motion import JointProblem, make_problem, steps_per_sample, whitening_of
 from sinew.identify.joint.swing import Swing, is_enough, swings_of
-from sinew.identify.oscillator.certainty import Covariance, correlation, find_unidentifiable
-from sinew.identify.oscillator.least_squares import Solution, solve
+from sinew.identify.oscillator.least_squares import Covariance, Solution, correlation, find_unidentifiable, solve
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate
-from sinew.measure.schema import SegmentKind
 from sinew.plan.rig import RigSpec
 from sinew.solve.first import FreeSwing, free_swing
 from sinew.twin.cache import configure
@@ -140,22 +135,16 @@ class Deviation:
 class JointSegment:
     """One fitted segment: the gyroscope's rate about the joint's axis, as it was and as the fit has it.
 
-    recording, segment: indices. time_s: from the segment's first sample, shape (n,). measured, predicted: [rad/s],
+    swing: whose part it is. time_s: from the segment's first sample, shape (n,). measured, predicted: [rad/s],
     shape (n,). kept: which samples were fitted, shape (n,); the last of a segment lack the lever motion after them.
-    current_a, predicted_current_a: mean current of the tendon motors over the segment.
+    predicted_current_a: mean current of the tendon motors over the segment.
     """
 
-    recording: int
-    segment: int
-    kind: SegmentKind
-    pretension_mm: float
-    frequency_hz: float
-    repeat: int
+    swing: Swing
     time_s: Array
     measured: Array
     predicted: Array
     kept: NDArray[np.bool_]
-    current_a: float
     predicted_current_a: float
 
     @property
@@ -207,39 +196,6 @@ class JointFit:
     def at_pretension(self, name: str, pretension_mm: float) -> Estimate:
         """Return one derived quantity at a pretension that was fitted; KeyError where there is none."""
         return self.derived[f"{name}[{pretension_mm:g} mm]"]
-
-    def by_pretension(self) -> list[dict[str, Any]]:
-        """Return the derived quantities of every pretension, as JSON has them."""
-        rows = []
-        for pretension in self.pretension_mm:
-            end = f"[{pretension:g} mm]"
-            mine = {key.removesuffix(end): one.to_json() for key, one in self.derived.items() if key.endswith(end)}
-            rows.append({"pretension_mm": pretension, **mine})
-        return rows
-
-    def document(self) -> dict[str, Any]:
-        """Return the JSON document of `sinew identify`; frequency and damping are those at the smallest pretension."""
-        units = {name: parameter.unit for name, parameter in self.rig.parameters()}
-        shared = {key: one.to_json() for key, one in self.derived.items() if not key.endswith(" mm]")}
-        return {
-            "model": "tendon",
-            "parameters": {name: one.to_json() for name, one in self.parameters.items()},
-            "units": {name: units[name] for name in self.parameters},
-            "derived": shared,
-            "natural_frequency_hz": self.at_pretension("natural_frequency_hz", self.pretension_mm[0]).to_json(),
-            "damping_ratio": self.at_pretension("damping_ratio", self.pretension_mm[0]).to_json(),
-            "by_pretension": self.by_pretension(),
-            "rmse": {"train": _number(self.rmse["gyro_rad_s"]), "test": None},
-            "unit": "rad/s",
-            "converged": self.converged,
-            "message": self.message,
-            "unidentifiable": list(self.unidentifiable),
-            "compared": [],
-        }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 Progress = Callable[[float, float], None]
@@ -300,7 +256,7 @@ def _search(
     x = np.concatenate([x[: first.shared], np.zeros(2 * len(problem.pairs))])
     for leg, tolerance in enumerate((_ROUGH, _ROUGH, _FINE), start=2):
         if leg > 2:
-            problem = problem.sized(whitening_of(problem.residuals(x), _QUIET))
+            problem = replace(problem, whitenings=whitening_of(problem.residuals(x), _QUIET))
         solution = _solved(problem, x, tolerance)
         x = solution.values
         _report(progress, leg)
@@ -384,22 +340,9 @@ def _segments(problem: JointProblem, x: Array) -> tuple[JointSegment, ...]:
         kept = np.zeros(swing.size, dtype=bool)
         kept[sieve.kept[0] : sieve.kept[-1] + 1] = True
         bias = float(np.mean((swing.gyro - rate)[kept]))
-        found.append(
-            JointSegment(
-                recording=swing.recording,
-                segment=swing.segment,
-                kind=swing.kind,
-                pretension_mm=swing.pretension_mm,
-                frequency_hz=swing.frequency_hz,
-                repeat=swing.repeat,
-                time_s=np.arange(swing.size - begin, dtype=float) * np.float64(swing.sample_s),
-                measured=swing.gyro[begin:],
-                predicted=rate[begin:] + bias,
-                kept=(kept & swing.present)[begin:],
-                current_a=swing.current_a,
-                predicted_current_a=current,
-            )
-        )
+        time_s = np.arange(swing.size - begin, dtype=float) * swing.sample_s
+        there = (kept & swing.present)[begin:]
+        found.append(JointSegment(swing, time_s, swing.gyro[begin:], rate[begin:] + bias, there, current))
     return tuple(found)
 
 
@@ -410,7 +353,7 @@ def _repeats(problem: JointProblem) -> int:
 
 def _rmse(segments: Sequence[JointSegment]) -> dict[str, float]:
     rates = np.concatenate([segment.residual[segment.kept] for segment in segments])
-    currents = np.array([segment.current_a - segment.predicted_current_a for segment in segments])
+    currents = np.array([segment.swing.current_a - segment.predicted_current_a for segment in segments])
     currents = currents[np.isfinite(currents)]
     of_current = float(np.sqrt(np.mean(currents**2))) if currents.size else float("nan")
     return {"gyro_rad_s": float(np.sqrt(np.mean(rates**2))), "tendon_current_a": of_current}

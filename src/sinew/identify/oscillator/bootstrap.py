@@ -19,7 +19,7 @@ import numpy as np
 
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import DAMPING, FREQUENCY, Fit, number_names, physical_numbers
-from sinew.identify.oscillator.least_squares import Problem, Solution, solve
+from sinew.identify.oscillator.least_squares import Problem, Solution, restricted, solve
 from sinew.identify.oscillator.model import Model
 from sinew.identify.oscillator.record import Record
 from sinew.measure.arrays import Array
@@ -131,19 +131,12 @@ def _refit(whole: Fit, weight: Array) -> Solution:
         column=tuple(layout.column[i] for i in present),
         ratio=tuple(layout.ratio[i] for i in present),
     )
-    problem = drawn_layout.problem([whole.kept[i] for i in present])
-
-    def at(values: Array) -> Array:
-        x = whole.solution.values.copy()
-        x[free] = values
-        return x
-
-    drawn = Problem(
-        lambda values: scale * problem.residual(at(values)),
-        lambda values: scale[:, None] * problem.jacobian(at(values))[:, free],
-    )
-    found = solve(drawn, whole.solution.values[free], tolerance=1e-8, max_evaluations=60)
-    return Solution(at(found.values), found.residual, found.jacobian, found.converged, found.message, found.evaluations)
+    x = whole.solution.values.copy()
+    problem = restricted(drawn_layout.problem([whole.kept[i] for i in present]), x, free)
+    drawn = Problem(lambda v: scale * problem.residual(v), lambda v: scale[:, None] * problem.jacobian(v))
+    found = solve(drawn, x[free], tolerance=1e-8, max_evaluations=60)
+    x[free] = found.values
+    return replace(found, values=x)
 
 
 def _estimates(whole: Fit, numbers: Array, share: Array, repeats: dict[str, int]) -> dict[str, Estimate]:

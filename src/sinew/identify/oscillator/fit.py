@@ -6,12 +6,13 @@ it is assumed small.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.identify.oscillator.certainty import Covariance, covariance
 from sinew.identify.oscillator.fitted import (
     Fit,
     mechanical_parameters,
@@ -19,13 +20,22 @@ from sinew.identify.oscillator.fitted import (
     oscillation,
     unidentifiable_directions,
 )
-from sinew.identify.oscillator.layout import Layout, make_layout, make_part
-from sinew.identify.oscillator.least_squares import Solution
-from sinew.identify.oscillator.model import Model, get_model
-from sinew.identify.oscillator.record import FEWEST, Frame, Record, Scales, frames_of
-from sinew.identify.oscillator.search import begin, carried_over, first_values, search
+from sinew.identify.oscillator.least_squares import Covariance, Problem, Solution, covariance, solve
+from sinew.identify.oscillator.model import VISCOUS, Entry, Layout, Model, Part, get_model, make_layout, make_part
+from sinew.identify.oscillator.record import (
+    FEWEST,
+    Frame,
+    Record,
+    Scales,
+    derivative_order,
+    frames_of,
+    input_derivative,
+)
+from sinew.identify.oscillator.start import dominant_omega, regress_together, ringing, ringing_misfit
+from sinew.identify.oscillator.track import LOCAL
+from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.mechanics.laws import Pendulum
+from sinew.mechanics.laws import HISTORIES, LossFactor, Pendulum
 from sinew.twin.cache import configure
 
 Masks = Sequence[NDArray[np.bool_]]
@@ -121,28 +131,27 @@ def _begin(
 def _tell(layout: Layout, solution: Solution, masks: Masks, frame: Frame, records: Sequence[Record]) -> Fit:
     pieces = [slice(a, b) for a, b in pairwise(np.cumsum([0, *(int(m.sum()) for m in masks)]))]
     certainty = _certainty(solution, pieces)
-    parameters = mechanical_parameters(layout, solution, certainty)
     frequency, damping = oscillation(layout, solution, certainty)
     predicted = tuple(y * p.unit_size for y, p in zip(layout.outputs(solution.values), layout.parts, strict=True))
     off = np.concatenate([(r.output - y)[m] for r, y, m in zip(records, predicted, masks, strict=True)])
     return Fit(
-        layout.model,
-        frame,
-        tuple(records),
-        parameters,
-        nuisance_parameters(layout, solution, certainty),
-        frequency,
-        damping,
-        predicted,
-        tuple(masks),
-        float(np.sqrt(np.mean(off**2))),
-        records[0].output_unit,
-        solution.converged,
-        solution.message,
-        unidentifiable_directions(layout, solution, certainty),
-        certainty,
-        solution,
-        layout,
+        model=layout.model,
+        frame=frame,
+        records=tuple(records),
+        parameters=mechanical_parameters(layout, solution, certainty),
+        nuisance=nuisance_parameters(layout, solution, certainty),
+        natural_frequency_hz=frequency,
+        damping_ratio=damping,
+        predicted=predicted,
+        kept=tuple(masks),
+        rmse=float(np.sqrt(np.mean(off**2))),
+        unit=records[0].output_unit,
+        converged=solution.converged,
+        message=solution.message,
+        unidentifiable=unidentifiable_directions(layout, solution, certainty),
+        covariance=certainty,
+        solution=solution,
+        layout=layout,
     )
 
 
@@ -157,3 +166,332 @@ def _certainty(solution: Solution, pieces: Sequence[slice]) -> Covariance:
     with np.errstate(divide="ignore", invalid="ignore"):
         larger = np.nan_to_num(np.maximum(scores.std / found.std, 1.0), nan=1.0, posinf=1.0)
     return Covariance(found.matrix * np.outer(larger, larger), found.degrees_of_freedom)
+
+
+# A search begins by regression, by a smaller model's fit, or beside a minimum of friction, and is followed to its end.
+
+_LARGE = 0.1  # of the largest output: motion that dry friction does not bring to rest
+_AMPLITUDES = (0.2, 0.45)  # of the largest: where friction takes over a share of the work
+_SHARES = (0.05, 0.2, 0.4, 0.6, 0.8, 0.95)
+_TRIED = 2  # of the splits between friction and viscous damping are followed
+_ASIDE, _LEAST_ASIDE = 2.0, 0.03  # standard deviations; of the friction
+_ROUNDS = 3
+_LEAST_GAIN = 1e-3  # of the residuals' variance
+_LOSS_FACTORS = (1e-3, 0.8)
+_RESTING = ("start", "start_rate", "offset", "drift", "creep_time")
+
+
+def carried_over(layout: Layout, first: Array, smaller: Fit) -> Array:
+    """Return where a search begins if it knows what a smaller model's fit to the same records found, shape (m,).
+
+    layout: of the larger model, in the scales of the smaller one's. first: where it would begin else. A viscous fit
+    gives a loss factor its damping, and dry friction nothing.
+    """
+    found = {_key(entry): value for entry, value in zip(smaller.layout.entries, smaller.solution.values, strict=True)}
+    x = first.copy()
+    same_rest = smaller.model.rest == layout.model.rest
+    for k, entry in enumerate(layout.entries):
+        if entry.local in _RESTING and not same_rest:
+            continue
+        if _key(entry) in found:
+            x[k] = found[_key(entry)]
+        elif entry.local == "loss_factor":
+            damping = found.get(("damping", entry.group, entry.record), found.get(("damping", "", -1), 0.0))
+            x[k] = _loss_factor(damping, found, entry)
+        elif LOCAL[entry.local].absent:
+            x[k] = 0.0
+    return x
+
+
+def _key(entry: Entry) -> tuple[str, str, int]:
+    return entry.local, entry.group, entry.record
+
+
+def _loss_factor(damping: float, found: dict[tuple[str, str, int], float], entry: Entry) -> float:
+    stiffness = found.get(("stiffness", entry.group, entry.record), found.get(("stiffness", "", -1), 1.0))
+    return float(np.clip(damping / np.sqrt(max(stiffness, 1e-3)), *_LOSS_FACTORS))
+
+
+def remembering_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None) -> list[Array]:
+    """Return the starts of a search for a loss factor: of a decay the viscous fit, let go after a drive or a rest.
+
+    taught: what `carried_over` said of a smaller model; where it is None the viscous fit is made.
+    """
+    memory = np.array([entry.local == "memory" for entry in layout.entries])
+    if not memory.any():
+        return [first] if taught is None else [taught, first]
+    x = _from_viscous(layout, first, masks) if taught is None else taught
+    return [x, np.where(memory, 1.0, x), first]
+
+
+def _from_viscous(layout: Layout, first: Array, masks: Masks) -> Array:
+    at = {_key(entry): k for k, entry in enumerate(layout.entries)}
+    viscous = make_layout(layout.model.damped(VISCOUS), layout.parts)
+    same = [(entry.local.replace("damping", "loss_factor"), entry.group, entry.record) for entry in viscous.entries]
+    if not all(key in at for key in same):
+        return first
+    whose = [at[key] for key in same]
+    bent = np.array([entry.local in layout.model.law.bends for entry in viscous.entries])
+    starts = [first[whose], np.where(bent, 0.0, first[whose])] if bent.any() else [first[whose]]
+    values = solve(viscous.problem(masks), *starts, tolerance=1e-6, max_evaluations=60).values
+    found = {_key(entry): value for entry, value in zip(viscous.entries, values, strict=True)}
+    x = first.copy()
+    x[whose] = values
+    for k, entry in enumerate(layout.entries):
+        if entry.local == "loss_factor":
+            x[k] = _loss_factor(float(x[k]), found, entry)
+    return x
+
+
+def dry_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None) -> list[Array]:
+    """Return the start of a search with dry friction, whose sum of squares jumps where the motion comes to rest.
+
+    It is smooth as long as the motion is large, so that part is fitted first: the damping without friction is divided
+    between both in many ways, of equal work at one amplitude (4 c r = π d ω r²), and the best are followed.
+    """
+    coulomb, damping, stiffness = (_all_of(layout, name) for name in ("coulomb", "damping", "stiffness"))
+    moving = [m & _large(part) for part, m in zip(layout.parts, masks, strict=True)]
+    if sum(int(m.sum()) for m in moving) <= 2 * first.size:
+        moving = list(masks)
+    base = taught
+    if base is None:
+        base = first.copy()
+        base[coulomb] = 0.0
+        viscous = replace(layout, model=layout.model.damped(VISCOUS))
+        base = solve(viscous.problem(moving), base, tolerance=1e-6, max_evaluations=60).values
+    turning = 0.25 * np.pi * np.sqrt(max(float(np.median(base[stiffness])), 1e-3))
+    starts = [base] if np.any(base[coulomb] != 0.0) else []
+    for amplitude in _AMPLITUDES:
+        whole = float(np.median(np.abs(base[damping]))) + float(np.median(base[coulomb])) / (turning * amplitude)
+        for share in _SHARES:
+            starts.append(base.copy())
+            starts[-1][coulomb] = turning * amplitude * share * whole
+            starts[-1][damping] = (1.0 - share) * whole
+    problem = layout.problem(moving)
+    left = [_sum_of_squares(problem.residual(start)) for start in starts]
+    best = [starts[k] for k in np.argsort(left)[:_TRIED]]
+    return [solve(problem, *best, tolerance=1e-4, max_evaluations=15).values]
+
+
+def _all_of(layout: Layout, local: str) -> NDArray[np.intp]:
+    return np.flatnonzero([entry.local == local for entry in layout.entries])
+
+
+def _sum_of_squares(residual: Array) -> float:
+    with np.errstate(over="ignore"):
+        return float(residual @ residual) if np.isfinite(residual).all() else np.inf
+
+
+def _large(part: Part) -> NDArray[np.bool_]:
+    """Return the samples up to the last at which the output is a tenth of its largest."""
+    output = part.record.output - np.median(part.record.output)
+    last = int(np.flatnonzero(np.abs(output) > _LARGE * np.abs(output).max())[-1])
+    return np.arange(output.size) <= last
+
+
+def beside_friction(layout: Layout, problem: Problem, found: Solution) -> Solution:
+    """Return the best solution with dry friction, sought on both sides of the one that was found, too.
+
+    Samples that pass from sliding to rest leave small steps in the sum of squares, and a search from one side ends at
+    the first of them: of 40 noisy decays in four a better minimum lay up to three standard deviations further.
+    """
+    for k in map(int, _all_of(layout, "coulomb")):
+        for _ in range(_ROUNDS):
+            variance = found.sum_of_squares / max(found.degrees_of_freedom, 1)
+            aside = _along(found, k, variance)
+            if aside is None:
+                break
+            other = solve(problem, found.values - aside, found.values + aside, tolerance=1e-6, max_evaluations=20)
+            if other.sum_of_squares >= found.sum_of_squares - _LEAST_GAIN * variance:
+                break
+            found = other
+    return found
+
+
+def _along(found: Solution, k: int, variance: float) -> Array | None:
+    """Return the step aside of number k with which the others lean along, shape (m,); None where nothing tells it."""
+    lean = found.lean(k)
+    left = float(np.linalg.norm(found.jacobian @ lean))
+    if not left > 0 or not np.isfinite(lean).all():
+        return None
+    step = max(_ASIDE * float(np.sqrt(variance)) / left, _LEAST_ASIDE * abs(float(found.values[k])))
+    return np.asarray(step * lean)
+
+
+_TOLERANCE = 1e-8
+_POOR, _LOST = 0.35, 0.6  # rmse over the output's: suspicious, and the oscillation's count is lost
+_ASTRAY = 1.4  # between two frequencies that should be the same
+_HORIZON, _GROWTH = 8.0, 2.5  # periods that are fitted first then, and how their number grows
+
+
+def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[Scales, dict[str, float]]]:
+    """Return the scales of every record and where its search begins, in SI units; the records share their mechanics."""
+    rings = [ringing(one, dominant_omega(one)) if one.excitation == "none" else None for one in records]
+    creeps = [
+        _creep(record, ring["stiffness"] ** 0.5 if ring else dominant_omega(record)) if model.rest == "creep" else None
+        for record, ring in zip(records, rings, strict=True)
+    ]
+    records = [
+        record if creep is None else replace(record, output=record.output - creep.position)
+        for record, creep in zip(records, creeps, strict=True)
+    ]
+    omega = float(np.median([dominant_omega(record) for record in records]))
+    values = regress_together(records, model, omega, frame)
+    natural = np.sqrt(values[0]["stiffness"]) if values[0]["stiffness"] > 0 else omega
+    if records[0].excitation != "none" and 0.2 * omega < natural < 5.0 * omega:
+        values = regress_together(records, model, float(natural), frame)
+    if values[0]["stiffness"] <= 0:
+        values = [one | {"stiffness": omega**2} for one in values]
+    ring = next((ring for ring in rings if ring), None)
+    if ring is not None and _astray(records, values[0], ring):
+        # The creep of a rest position, or noise after a short motion, has led the regression astray.
+        values = [_with_ringing(one, own or ring, ring) for one, own in zip(values, rings, strict=True)]
+        omega = float(np.sqrt(ring["stiffness"]))
+    omega = float(np.clip(np.sqrt(values[0]["stiffness"]), 0.2 * omega, 5.0 * omega))
+    return [
+        (_scales(record, omega, one["offset"]), one if creep is None else one | creep.start(one["offset"]))
+        for record, one, creep in zip(records, values, creeps, strict=True)
+    ]
+
+
+def _astray(records: Sequence[Record], values: dict[str, float], ring: dict[str, float]) -> bool:
+    """Return whether the ringing has another frequency than a regression, and explains the records better."""
+    if 1 / _ASTRAY < np.sqrt(values["stiffness"] / ring["stiffness"]) < _ASTRAY:
+        return False
+    damping = values.get("damping", 0.0) + values.get("loss_factor", 0.0) * np.sqrt(values["stiffness"])
+    of_regression = sum(ringing_misfit(record, values["stiffness"], damping) for record in records)
+    return of_regression > sum(ringing_misfit(record, ring["stiffness"], ring["damping"]) for record in records)
+
+
+def _with_ringing(values: dict[str, float], own: dict[str, float], shared: dict[str, float]) -> dict[str, float]:
+    """Return a start with the mechanics of one oscillation, and the start of its own, about the same rest position."""
+    mechanics = {name: shared[name] for name in ("stiffness", "damping", "loss_factor") if name in values}
+    none = {name: 0.0 for name in values if name in LOCAL and LOCAL[name].absent}
+    rest = own["offset"] if abs(values["offset"]) > abs(own["start"]) else values["offset"]
+    return values | mechanics | none | {"start": own["start"], "start_rate": own["start_rate"], "offset": rest}
+
+
+class _Creep(NamedTuple):
+    """A rest position that creeps, as the motion's mean over a period tells it: offset + drift (1 - exp(-t/τ)).
+
+    position: shape (n,). creep_time: ln(τ over the record's length).
+    """
+
+    position: Array
+    offset: float
+    drift: float
+    creep_time: float
+
+    def start(self, offset: float) -> dict[str, float]:
+        """Return what it adds to a start whose offset is that of the motion without the creep."""
+        return {"offset": self.offset + offset, "drift": self.drift, "creep_time": self.creep_time}
+
+
+def _creep(record: Record, omega: float) -> _Creep:
+    size = int(np.clip(round(2 * np.pi / omega / record.step_s), 2, record.size // 3))
+    share = (record.time_s - record.time_s[0]) / (record.time_s[-1] - record.time_s[0])
+    slow = np.convolve(record.output, np.ones(size) / size, "valid")
+    middle = np.convolve(share, np.ones(size) / size, "valid")
+    best = _Creep(np.zeros(record.size), 0.0, 0.0, -1.0), np.inf
+    for creep_time in np.linspace(-4.0, 1.0, 11):
+        shape = 1 - np.exp(-np.outer(middle, np.exp(-creep_time)))[:, 0]
+        table = np.stack([np.ones(shape.size), shape], axis=1)
+        (offset, drift), *_ = np.linalg.lstsq(table, slow, rcond=None)
+        left = float(np.sum((slow - table @ (offset, drift)) ** 2))
+        if left < best[1]:
+            position = offset + drift * (1 - np.exp(-share * np.exp(-creep_time)))
+            best = _Creep(position, float(offset), float(drift), float(creep_time)), left
+    return best[0]
+
+
+def _scales(record: Record, omega: float, offset: float) -> Scales:
+    order = derivative_order(record.output_unit)
+    swing = record.output - (offset if order == 0 else record.output.mean())
+    forcing = 1.0
+    if record.input is not None:
+        driving = record.input - record.input.mean()
+        forcing = float(np.sqrt(2.0) * driving.std()) * omega ** input_derivative(record) or 1.0
+    return Scales(omega, float(np.abs(swing).max()) / omega**order, forcing)
+
+
+def first_values(layout: Layout, starts: Sequence[dict[str, float]]) -> Array:
+    """Return where a search begins, in normal form; starts: what `begin` said of each part."""
+    x = np.zeros(len(layout.entries))
+    for k, entry in enumerate(layout.entries):
+        which = [
+            i
+            for i, part in enumerate(layout.parts)
+            if entry.record in (-1, i) and entry.group in ("", part.record.group)
+        ]
+        if entry.local in ("drift", "creep_time", *HISTORIES):
+            own = max(entry.record, 0)
+            size = layout.parts[own].unit_size if entry.local == "drift" else 1.0
+            x[k] = starts[own].get(entry.local, -1.0 if entry.local == "creep_time" else 0.0) / size
+            continue
+        normal = []
+        for i in which:
+            part = layout.parts[i]
+            size = part.unit_size if entry.local == "offset" else part.scales.physical(entry.local)
+            normal.append(starts[i].get(entry.local, 0.0) / size)
+        shared = [n / r for n, r in zip(normal, _ratios(layout, k, which), strict=True)]
+        x[k] = float(np.clip(np.median(shared), *LOCAL[entry.local].start))
+    return x
+
+
+def _ratios(layout: Layout, entry: int, which: Sequence[int]) -> list[float]:
+    return [float(layout.ratio[i][np.flatnonzero(layout.index[i] == entry)[0]]) for i in which]
+
+
+def search(layout: Layout, first: Array, masks: Masks, taught: Array | None = None, *, known: bool = False) -> Solution:
+    """Return the best solution; where the direct search is lost, the record is taken in bit by bit.
+
+    first: where to begin by regression. taught: where to begin by a smaller model's fit, if there is one; then it is
+    one of many fits, and friction is not sought beside its minimum. known: whether `first` is a solution already.
+    """
+    problem = layout.problem(masks)
+    wanted = np.concatenate([p.record.output[m] / p.unit_size for p, m in zip(layout.parts, masks, strict=True)])
+    size = float(np.std(wanted) * np.sqrt(wanted.size))
+    starts = [first] if known else _law_starts(layout, first, masks, taught, problem)
+    if len(starts) > 1:
+        starts = [solve(problem, *starts, tolerance=1e-3, max_evaluations=12).values]
+    direct = solve(problem, *starts, tolerance=_TOLERANCE, max_evaluations=60)
+    if layout.model.law.sticks and taught is None:
+        direct = beside_friction(layout, problem, direct)
+    if np.sqrt(direct.sum_of_squares) <= _POOR * size:
+        return direct
+    grown = [direct]
+    if taught is not None and layout.model.law.losses == VISCOUS:
+        grown.append(solve(problem, first, taught, tolerance=_TOLERANCE, max_evaluations=60))
+    for factor in (1.0, 0.85, 1.18):
+        x = first.copy()
+        for k, entry in enumerate(layout.entries):
+            if entry.local == "stiffness":
+                x[k] *= factor**2
+        grown.append(_grow(layout, x, masks, problem))
+        if min(np.sqrt(one.sum_of_squares) for one in grown) <= _LOST * size:
+            break
+    return min(grown, key=lambda solution: solution.sum_of_squares)
+
+
+def _law_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None, problem: Problem) -> list[Array]:
+    """Return the starts that a damping law has; of several the best is followed to the end."""
+    if layout.model.law.sticks:
+        return dry_starts(layout, first, masks, taught)
+    if layout.model.law.has(LossFactor):
+        return remembering_starts(layout, first, masks, taught)
+    for k, entry in enumerate(layout.entries):
+        if LOCAL[entry.local].tried:
+            return [np.where(np.arange(first.size) == k, value, first) for value in LOCAL[entry.local].tried]
+    return [first] if taught is None else [min(first, taught, key=lambda x: _sum_of_squares(problem.residual(x)))]
+
+
+def _grow(layout: Layout, x: Array, masks: Masks, problem: Problem) -> Solution:
+    periods = [(p.record.time_s - p.record.time_s[0]) * p.scales.omega / (2 * np.pi) for p in layout.parts]
+    longest = max(float(own[-1]) for own in periods)
+    horizon = _HORIZON
+    while horizon < longest:
+        seen = [m & (own <= horizon) for own, m in zip(periods, masks, strict=True)]
+        if sum(int(mask.sum()) for mask in seen) > 2 * x.size:
+            x = solve(layout.problem(seen), x, tolerance=1e-4, max_evaluations=12).values
+        horizon *= _GROWTH
+    return solve(problem, x, tolerance=_TOLERANCE, max_evaluations=60)

@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sinew.identify.oscillator.certainty import Covariance, correlation, estimates, find_unidentifiable
-from sinew.identify.oscillator.layout import Layout, free_mechanics
-from sinew.identify.oscillator.least_squares import Solution
-from sinew.identify.oscillator.model import Model, parameter_name
+from sinew.identify.oscillator.least_squares import Covariance, Solution, correlation, estimates, find_unidentifiable
+from sinew.identify.oscillator.model import Layout, Model, free_mechanics, parameter_name
 from sinew.identify.oscillator.record import Frame, Record, derivative_order
 from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.arrays import Array
@@ -101,42 +99,43 @@ def _std(slope: Array, certainty: Covariance) -> float:
     return float(np.sqrt(max(variance, 0.0)))
 
 
-def unidentifiable_directions(layout: Layout, solution: Solution, certainty: Covariance) -> tuple[str, ...]:
-    """Return one sentence for each direction that the records do not determine."""
+def words_and_scales(layout: Layout, values: Array) -> tuple[list[str], Array]:
+    """Return what people call the numbers of a layout, and for each the change that matters, shape (m,)."""
     natural = np.array([LOCAL[entry.local].natural for entry in layout.entries])
     gain = [k for k, entry in enumerate(layout.entries) if entry.local == "gain"]
-    natural[gain] = 0.5 * np.maximum(np.abs(solution.values[gain]), 1e-6)
-    names = [LOCAL[entry.local].word + (f" of {entry.group}" if entry.group else "") for entry in layout.entries]
+    natural[gain] = 0.5 * np.maximum(np.abs(values[gain]), 1e-6)
+    words = [LOCAL[entry.local].word + (f" of {entry.group}" if entry.group else "") for entry in layout.entries]
+    return words, natural
+
+
+def unidentifiable_directions(layout: Layout, solution: Solution, certainty: Covariance) -> tuple[str, ...]:
+    """Return one sentence for each direction that the records do not determine."""
+    names, natural = words_and_scales(layout, solution.values)
     n, m = solution.jacobian.shape
     shared = n / (certainty.degrees_of_freedom + m)
     noise = float(np.sqrt(solution.sum_of_squares / max(n - m, 1) * max(shared, 1.0)))
     return find_unidentifiable(names, natural, solution.jacobian, noise)
 
 
-@dataclass(frozen=True)
-class Fit:
-    """What the records say about a model.
+@dataclass(frozen=True, kw_only=True)
+class Fitted:
+    """What was measured says about a model, in time or in steady states.
 
     parameters: mechanical numbers by name with unit, over the inertia where that is not known; where the input is a
         torque on an angle or a force on a length, the inertia or mass and its multiples too.
-    nuisance: start and rest position of each record, in its units.
+    nuisance: what else was fitted, in its units. rmse: of what was fitted, unit.
     natural_frequency_hz: sqrt(k/I)/2π, of the linear part. damping_ratio: d/(2 sqrt(k I)), or half the loss factor;
-        the viscous part where there is dry friction.
-    predicted: the fitted output of each record, in its unit, all samples. kept: which of them were fitted.
-    rmse: over the samples that were fitted, unit.
+        the viscous part where there is dry friction. Both of the first group.
     converged, message: how the search ended. unidentifiable: sentences.
-    covariance, solution, layout: in normal form, for profiles and predictions; see `sinew.identify.oscillator.layout`.
+    covariance, solution: in normal form.
     """
 
     model: Model
     frame: Frame
-    records: tuple[Record, ...]
     parameters: dict[str, Estimate]
     nuisance: dict[str, Estimate]
     natural_frequency_hz: Estimate
     damping_ratio: Estimate
-    predicted: tuple[Array, ...]
-    kept: tuple[NDArray[np.bool_], ...]
     rmse: float
     unit: str
     converged: bool
@@ -144,6 +143,19 @@ class Fit:
     unidentifiable: tuple[str, ...]
     covariance: Covariance
     solution: Solution
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit(Fitted):
+    """What records say about a model.
+
+    nuisance: start and rest position of each record. predicted: the fitted output of each, in its unit, all samples.
+    kept: which of them were fitted. layout: for profiles and predictions; see `sinew.identify.oscillator.model`.
+    """
+
+    records: tuple[Record, ...]
+    predicted: tuple[Array, ...]
+    kept: tuple[NDArray[np.bool_], ...]
     layout: Layout
 
     @property

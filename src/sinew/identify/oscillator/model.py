@@ -1,13 +1,20 @@
-"""A model and its parts: a law of its motion, what its rest does, and how its numbers are called."""
+"""A model: a law of its motion, what its rest does, how its numbers are called, and their layout in a search."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from sinew.identify.oscillator.record import Excitation
-from sinew.identify.oscillator.track import LOCAL
+import numpy as np
+from numpy.typing import NDArray
+
+from sinew.identify.oscillator.least_squares import Problem
+from sinew.identify.oscillator.record import Excitation, Frame, Record, Scales, derivative_order, grid_of
+from sinew.identify.oscillator.track import LOCAL, PLACE, Grid, track, track_slopes
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.laws import (
+    HISTORIES,
     BoucWen,
     Cubic,
     Drag,
@@ -108,3 +115,149 @@ def parameter_name(local: str, excitation: Excitation, motion_unit: str, input_u
 
 def _token(unit: str) -> str:
     return "" if unit == "1" else re.sub(r"[^a-z0-9]+", "_", unit.lower()).strip("_")
+
+
+# The numbers that a search moves are laid out over one or several records.
+#
+# Mechanical numbers are shared by all records, or belong to a group of them (a pretension); each record has its own
+# start and rest position. A search sees one vector in normal form, near one; every record sees the numbers of `LOCAL`.
+
+_LINEAR_CREEP = 6.0  # of `creep_time`: the drift is a straight line
+
+
+@dataclass(frozen=True)
+class Part:
+    """One record, ready to be simulated.
+
+    kept: which of its samples the search sees, shape (n,). unit_size: A ω_r^order, the normal form of the output.
+    """
+
+    record: Record
+    scales: Scales
+    grid: Grid
+    samples: NDArray[np.intp]
+    kept: NDArray[np.bool_]
+    order: int
+    unit_size: float
+    fixed: Array
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One number of the search: its name in `LOCAL`, and the group or record it belongs to (-1, "": all of them)."""
+
+    local: str
+    group: str = ""
+    record: int = -1
+
+    def label(self) -> str:
+        """Return what tells it from its namesakes."""
+        return f"[{self.group}]" if self.group else f"[{self.record}]" if self.record >= 0 else ""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which number goes where.
+
+    entries: of the vector x, m of them. index, column, ratio: for each part, which of x it takes, which of `LOCAL`
+    they are, and the factor between the two normal forms.
+    """
+
+    model: Model
+    parts: tuple[Part, ...]
+    entries: tuple[Entry, ...]
+    index: tuple[NDArray[np.intp], ...]
+    column: tuple[NDArray[np.intp], ...]
+    ratio: tuple[Array, ...]
+
+    def local(self, x: Array, part: int) -> Array:
+        """Return the numbers of `LOCAL` of one part, shape (local,)."""
+        p = self.parts[part].fixed.copy()
+        p[self.column[part]] = x[self.index[part]] * self.ratio[part]
+        return p
+
+    def outputs(self, x: Array) -> list[Array]:
+        """Return what every part would measure at its samples, in normal form."""
+        return [self._track(x, i) for i in range(len(self.parts))]
+
+    def _track(self, x: Array, i: int) -> Array:
+        part = self.parts[i]
+        found = track(self.local(x, i), part.grid, self.model.law, part.order)
+        return np.asarray(found[part.samples])
+
+    def problem(self, seen: Sequence[NDArray[np.bool_]]) -> Problem:
+        """Return the least-squares problem over the samples that are seen, one mask for each part."""
+
+        def residual(x: Array) -> Array:
+            return np.concatenate(
+                [
+                    (self._track(x, i) - part.record.output / part.unit_size)[mask]
+                    for i, (part, mask) in enumerate(zip(self.parts, seen, strict=True))
+                ]
+            )
+
+        def jacobian(x: Array) -> Array:
+            return np.concatenate([self._slopes(x, i)[mask] for i, mask in enumerate(seen)])
+
+        return Problem(residual, jacobian)
+
+    def _slopes(self, x: Array, i: int) -> Array:
+        part = self.parts[i]
+        p = self.local(x, i)
+        slopes = track_slopes(p, self.column[i], part.grid, self.model.law, part.order)
+        found = np.zeros((part.record.size, x.size))
+        found[:, self.index[i]] = slopes[part.samples] * self.ratio[i]
+        return found
+
+
+def make_part(record: Record, model: Model, scales: Scales, frame: Frame, kept: NDArray[np.bool_]) -> Part:
+    """Return a record ready to be simulated with a model."""
+    grid, samples = grid_of(record, scales, frame, model.law)
+    order = derivative_order(record.output_unit)
+    fixed = np.zeros(len(LOCAL))
+    fixed[PLACE["creep_time"]] = _LINEAR_CREEP
+    if record.excitation == "base":
+        fixed[PLACE["gain"]] = 1.0 / scales.physical("gain")
+    size = scales.amplitude * scales.omega**order
+    return Part(record, scales, grid, samples, kept, order, size, fixed)
+
+
+def free_mechanics(model: Model, record: Record) -> tuple[str, ...]:
+    """Return the mechanical numbers that are sought; the gain of a base in the output's own unit is one."""
+    known = record.excitation == "base" and record.input_motion_unit == record.motion_unit
+    return tuple(name for name in model.mechanics(record.excitation) if not (known and name == "gain"))
+
+
+def make_layout(
+    model: Model, parts: Sequence[Part], varying: Sequence[str] = (), steady: Sequence[str] | None = None
+) -> Layout:
+    """Return the layout of a fit. varying: names of `LOCAL` that belong to a group each instead of to all.
+
+    steady: of steady states, which have neither start nor rest position, the names of the numbers instead of `LOCAL`.
+    """
+    place = PLACE if steady is None else {name: k for k, name in enumerate(steady)}
+    groups = list(dict.fromkeys(part.record.group for part in parts))
+    entries = []
+    for name in free_mechanics(model, parts[0].record):
+        entries += [Entry(name, group=group) for group in groups] if name in varying else [Entry(name)]
+    if steady is None:
+        entries += [
+            Entry(name, record=i if len(parts) > 1 else -1)
+            for i in range(len(parts))
+            for name in model.nuisance(parts[i].record.excitation)
+        ]
+    index, column, ratio = [], [], []
+    for i, part in enumerate(parts):
+        mine = [
+            k for k, entry in enumerate(entries) if entry.group in ("", part.record.group) and entry.record in (-1, i)
+        ]
+        index.append(np.array(mine, dtype=np.intp))
+        column.append(np.array([place[entries[k].local] for k in mine], dtype=np.intp))
+        ratio.append(np.array([_ratio(entries[k].local, parts[0].scales, part.scales) for k in mine]))
+    return Layout(model, tuple(parts), tuple(entries), tuple(index), tuple(column), tuple(ratio))
+
+
+def _ratio(local: str, first: Scales, own: Scales) -> float:
+    if local in ("start", "start_rate", "offset", "drift", "creep_time", *HISTORIES):
+        return 1.0
+    return first.physical(local) / own.physical(local)

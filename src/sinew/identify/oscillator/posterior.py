@@ -23,10 +23,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, special, stats
+from scipy import special, stats
 
 from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
-from sinew.identify.oscillator.layout import Layout, Part
+from sinew.identify.oscillator.model import Layout, Part
 from sinew.identify.oscillator.track import LOCAL, Grid, traced_slopes, traced_track
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError, how_to_install
@@ -37,7 +37,7 @@ from sinew.twin.cache import configure
 # The logarithm of a fit's posterior density is computed, with its gradient, for JAX.
 #
 # With S(x) the sum of squared residuals, x̂ the fit, s² = S(x̂)/(n - m), V the fit's covariance (robust to correlated
-# residuals and to misfit, see `sinew.identify.oscillator.certainty`), ν its degrees of freedom and H = JᵀJ/s² the
+# residuals and to misfit, see `sinew.identify.oscillator.least_squares`), ν its degrees of freedom and H = JᵀJ/s² the
 # information that independent residuals would carry, the likelihood is, its scale integrated out,
 #
 #     ln L(x) = -(ν + m)/2 · ln(1 + q(x) (S(x) - S(x̂))/(s² ν)),    q(x) = dᵀV⁻¹d / dᵀHd,    d = x - x̂.
@@ -226,52 +226,28 @@ def split_r_hat(draws: Array) -> float:
 
     draws: shape (chain, draw). Infinite where chains stand still at different places, NaN where draws are not finite.
     """
+    from numpyro.diagnostics import split_gelman_rubin
+
     if not np.isfinite(draws).all():
         return float("nan")
-    halves = _halves(draws)
-    return max(_r_hat(_scores(halves)), _r_hat(_scores(np.abs(halves - np.median(halves)))))
+    return max(float(split_gelman_rubin(_scores(one))) for one in (draws, np.abs(draws - np.median(draws))))
 
 
 def effective_number(draws: Array) -> float:
     """Return the bulk effective number of draws; draws: shape (chain, draw). NaN where draws are not finite."""
+    from numpyro.diagnostics import effective_sample_size
+
     if not np.isfinite(draws).all():
         return float("nan")
-    scores = _scores(_halves(draws))
-    chains, n = scores.shape
-    within, pooled = _variances(scores)
-    if not pooled > 0:
-        return float("nan")
-    centred = scores - scores.mean(axis=1, keepdims=True)
-    waves = fft.rfft(centred, 2 * fft.next_fast_len(n), axis=1)
-    lagged = fft.irfft(np.abs(waves) ** 2, axis=1)[:, :n].mean(axis=0) / n
-    rho = 1.0 - (within - lagged * n / (n - 1)) / pooled
-    rho[0] = 1.0
-    pairs = rho[: 2 * (n // 2)].reshape(-1, 2).sum(axis=1)  # Geyer: sums of neighbours are positive and fall
-    negative = np.flatnonzero(pairs < 0)
-    pairs = np.minimum.accumulate(pairs[: negative[0] if negative.size else pairs.size])
-    time = max(-1.0 + 2.0 * float(pairs.sum()), 1.0 / np.log10(chains * n))
-    return float(chains * n / time)
-
-
-def _halves(draws: Array) -> Array:
     half = draws.shape[1] // 2
-    return np.concatenate([draws[:, :half], draws[:, -half:]])
+    with np.errstate(divide="ignore", invalid="ignore"):  # chains that stand still
+        return float(effective_sample_size(_scores(np.concatenate([draws[:, :half], draws[:, -half:]]))))
 
 
 def _scores(draws: Array) -> Array:
+    """Return the normal scores of the ranks (Vehtari and others 2021)."""
     ranks = stats.rankdata(draws).reshape(draws.shape)
     return np.asarray(special.ndtri((ranks - 0.375) / (draws.size + 0.25)), dtype=float)
-
-
-def _variances(scores: Array) -> tuple[float, float]:
-    n = scores.shape[1]
-    within = float(np.mean(np.var(scores, axis=1, ddof=1)))
-    return within, within * (n - 1) / n + float(np.var(scores.mean(axis=1), ddof=1))
-
-
-def _r_hat(scores: Array) -> float:
-    within, pooled = _variances(scores)
-    return float(np.sqrt(pooled / within)) if within > 0 else float("inf")
 
 
 _BLOCK = 50  # transitions between two words of progress; one length, for it is compiled in

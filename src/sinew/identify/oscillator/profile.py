@@ -11,11 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from sinew.identify.oscillator.certainty import covariance
 from sinew.identify.oscillator.fitted import DAMPING, FREQUENCY, Fit, number_names
-from sinew.identify.oscillator.layout import free_mechanics
-from sinew.identify.oscillator.least_squares import Problem, Solution, solve
-from sinew.identify.oscillator.model import parameter_name
+from sinew.identify.oscillator.least_squares import Problem, Solution, covariance, restricted, solve
+from sinew.identify.oscillator.model import free_mechanics, parameter_name
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate
@@ -28,8 +26,6 @@ from sinew.mechanics.laws import LossFactor
 # chain rule turns the Jacobian.
 
 Curve = Callable[[float], float]
-
-_FULL_WORDS = {"inertia": "gain", "mass": "gain"}
 
 
 @dataclass(frozen=True)
@@ -121,7 +117,7 @@ def _mechanical(fit: Fit, name: str) -> Quantity:
         if name == plain + (entry.label() if entry.group else ""):
             return Quantity(k, _times(scales.physical(entry.local)))
     gain = next(k for k, entry in free if entry.local == "gain")
-    if name.split("_")[0] in _FULL_WORDS:
+    if name.startswith(("inertia_", "mass_")):
         inverse = 1.0 / scales.physical("gain")
         return Quantity(gain, lambda y: inverse / y)
     for k, entry in free:
@@ -261,23 +257,23 @@ class _Followed:
     """The other parameters, followed from trial to trial. best: the smallest sum of squares met, and where."""
 
     def __init__(self, problem: Problem, solution: Solution, index: int) -> None:
-        self._problem, self._index = problem, index
-        self._value, self._others = float(solution.values[index]), np.delete(solution.values, index)
-        own, rest = solution.jacobian[:, index], np.delete(solution.jacobian, index, axis=1)
-        size = np.maximum(np.linalg.norm(rest, axis=0), 1e-300)
+        self._problem, self._x, self._lean = problem, solution.values, solution.lean(index)
+        self._index, self._free = index, np.arange(self._x.size) != index
         self.best = solution.sum_of_squares, solution.values
-        self._lean = -np.linalg.lstsq(rest / size, own, rcond=1e-8)[0] / size
 
     def least(self, trial: float) -> float:
         """Return the smallest sum of squares with the parameter at its trial value."""
-        held = _without(self._problem, self._index, trial)
-        starts = [self._others, self._others + self._lean * (trial - self._value)]
+        x = self._x.copy()
+        x[self._index] = trial
+        held = restricted(self._problem, x, self._free)
+        starts = [one[self._free] for one in (x, x + self._lean * (trial - self._x[self._index]))]
         off = [np.clip(np.nan_to_num(held.residual(start), nan=_FAR), -_FAR, _FAR) for start in starts]
         nearer = starts[int(np.argmin([float(r @ r) for r in off]))]
         found = solve(held, nearer, tolerance=1e-9, max_evaluations=100)
-        self._value, self._others = trial, found.values
+        x[self._free] = found.values
+        self._x = x
         if found.sum_of_squares < self.best[0]:
-            self.best = found.sum_of_squares, np.insert(found.values, self._index, trial)
+            self.best = found.sum_of_squares, x
         return found.sum_of_squares
 
 
@@ -304,13 +300,3 @@ def _crossing(rise: Callable[[float], float], value: float, step: float, wanted:
         else:
             inner, inner_rise = middle, middle_rise
     return outer
-
-
-def _without(problem: Problem, index: int, value: float) -> Problem:
-    def whole(others: Array) -> Array:
-        return np.insert(others, index, value)
-
-    return Problem(
-        lambda others: problem.residual(whole(others)),
-        lambda others: np.delete(problem.jacobian(whole(others)), index, axis=1),
-    )

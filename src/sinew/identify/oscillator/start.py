@@ -116,17 +116,11 @@ def _wave(even: Array, pole: complex) -> Array:
     return np.stack([np.ones(even.size), wave.real, -wave.imag], axis=1)
 
 
-def regress(record: Record, model: Model, omega: float, frame: Frame) -> dict[str, float]:
-    """Return coefficients of the model in SI units, by name of `LOCAL`; `offset` in the unit of the output.
-
-    omega: a frequency of the motion, which sets the length of the windows [rad/s].
-    """
-    return regress_together([record], model, omega, frame)[0]
-
-
 def regress_together(records: Sequence[Record], model: Model, omega: float, frame: Frame) -> list[dict[str, float]]:
-    """Return what `regress` does for every record, with the same mechanics for all; only a constant is each one's own.
+    """Return coefficients of the model in SI units, by name of `LOCAL`, of every record; `offset` in its output's unit.
 
+    All records have the same mechanics, and only a constant is each one's own.
+    omega: a frequency of the motion, which sets the length of the windows [rad/s].
     A record of a single frequency tells neither stiffness from inertia nor the gain; several of them do.
     """
     equations = [_equation(record, model, omega, frame) for record in records]

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
-from sinew.identify.oscillator.certainty import Covariance
+from sinew.analysis.signal.coloured_noise import solve_scaled
+from sinew.identify.oscillator.least_squares import Covariance
 from sinew.identify.oscillator.record import Scales, derivative_order
-from sinew.identify.stepped.fit import ResponseFit, sandwich
-from sinew.identify.stepped.layout import drive_of, motion_and_push
+from sinew.identify.stepped.fit import ResponseFit, drive_of, motion_and_push, sandwich
 from sinew.identify.stepped.oscillation import free_frequency, fundamentals, lag_of, lagging, swept, top_of_sweep
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.arrays import Array
@@ -32,16 +32,19 @@ _UNKNOWN = Estimate(np.nan, np.nan, np.nan, np.nan)
 
 
 @dataclass(frozen=True)
-class PhaseResonance:
-    """Where a drive of one amplitude is lagged by 90°: frequency, amplitude of the motion, gain over the drive.
+class Resonance:
+    """Where a response to a drive of one amplitude resonates: its peak, or where the motion lags by 90°.
 
-    input_amplitude: in the unit of the input. reason: one sentence where there is none in reach of the points.
+    input_amplitude: in the unit of the input. frequency_hz: of the resonance; amplitude: of the output there; gain:
+    that over the drive, of the joint itself, without turn and background of the measuring chain. phase_90_hz: where the
+    motion lags by 90°. reason: one sentence where there is no resonance in reach of the points, else empty.
     """
 
     input_amplitude: float
-    frequency_hz: Estimate
-    amplitude: Estimate
-    gain: Estimate
+    frequency_hz: Estimate = _UNKNOWN
+    gain: Estimate = _UNKNOWN
+    amplitude: Estimate = _UNKNOWN
+    phase_90_hz: Estimate = _UNKNOWN
     reason: str = ""
 
 
@@ -88,23 +91,18 @@ class ResponseCurves:
             found.append(self._estimate(damped / (2 * np.sqrt(stiff)), slope))
         return found
 
-    def resonance(self, input_amplitude: float) -> PhaseResonance:
+    def resonance(self, input_amplitude: float) -> Resonance:
         """Return where a drive of this amplitude is lagged by 90°, standard deviations to first order."""
         like = self.points[0]
         x = np.concatenate([self.stiffness, self.damping, [self.gain.real, self.gain.imag]])
-        size, turned = np.linalg.eigh(0.5 * (self.covariance.matrix + self.covariance.matrix.T))
-        root = (turned * np.sqrt(np.maximum(size, 0.0))).T
-        lanes = [self._meet(lane, like, input_amplitude) for lane in np.concatenate([x[None], x + root, x - root])]
-        found = np.array(lanes)
+        lanes = _around(x, self.covariance.matrix)
+        found = np.array([self._meet(lane, like, input_amplitude) for lane in lanes])
         if not np.isfinite(found).all():
             reason = f"at a drive of {input_amplitude:g} the lag is 90° at no amplitude near the measured ones"
-            return PhaseResonance(input_amplitude, _UNKNOWN, _UNKNOWN, _UNKNOWN, reason)
-        m = x.size
-        std = np.sqrt(np.sum((0.5 * (found[1 : m + 1] - found[m + 1 :])) ** 2, axis=0))
-        freedom = self.covariance.degrees_of_freedom
-        frequency, amplitude = (Estimate.student(float(found[0, k]), float(std[k]), freedom) for k in range(2))
-        gain = Estimate.student(float(found[0, 1]) / input_amplitude, float(std[1]) / input_amplitude, freedom)
-        return PhaseResonance(input_amplitude, frequency, amplitude, gain)
+            return Resonance(input_amplitude, reason=reason)
+        rows = (found[:, 0], found[:, 1] / input_amplitude, found[:, 1])
+        hertz, gain, amplitude = (_spread_of(row, self.covariance.degrees_of_freedom) for row in rows)
+        return Resonance(input_amplitude, hertz, gain, amplitude, hertz)
 
     def _meet(self, x: Array, like: ResponsePoints, input_amplitude: float) -> tuple[float, float]:
         """Return frequency [Hz] and amplitude at which d(a) ω a is the push."""
@@ -132,6 +130,21 @@ class ResponseCurves:
     def _estimate(self, value: float, slope: Array) -> Estimate:
         std = float(np.sqrt(max(float(slope @ self.covariance.matrix @ slope), 0.0)))
         return Estimate.student(value, std, self.covariance.degrees_of_freedom)
+
+
+def _around(x: Array, covariance: Array) -> Array:
+    """Return x and one standard deviation to both sides of it along the columns of the covariance, (2m + 1, m)."""
+    size, turned = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    root = (turned * np.sqrt(np.maximum(size, 0.0))).T
+    return np.concatenate([x[None], x + root, x - root])
+
+
+def _spread_of(values: Array, freedom: float) -> Estimate:
+    """Return the estimate of what was read at each row of `_around`, shape (2m + 1,), to first order."""
+    count = (values.size - 1) // 2
+    share = 0.5 * (values[1 : count + 1] - values[count + 1 :])
+    std = float(np.sqrt(share @ share)) if np.isfinite(values).all() else np.nan
+    return Estimate.student(float(values[0]), std, freedom)
 
 
 def fit_response_curves(
@@ -179,9 +192,7 @@ def _fit(groups: tuple[ResponsePoints, ...], p: int, q: int, turned: bool) -> tu
     weight = 1.0 / (np.abs(push) + 1e-300)
     for _ in range(_ROUNDS):
         rows = _real(table * weight[:, None])
-        lengths = np.linalg.norm(rows, axis=0)
-        lengths[lengths == 0] = 1.0
-        x = np.linalg.lstsq(rows / lengths, _real((target * weight)[:, None])[:, 0], rcond=1e-13)[0] / lengths
+        x = solve_scaled(rows, _real((target * weight)[:, None])[:, 0])
         dynamic = np.abs((table[:, : p + q] @ x[: p + q] - target) / y)
         off = np.abs(table @ x - target) / (dynamic * size)
         misfit = float(np.sqrt(np.mean(off**2)))
@@ -227,18 +238,15 @@ def _covariance(rows: Array, residual: Array, sizes: Sequence[int]) -> Covarianc
 class LevelDependence:
     """Resonance against the level of the drive.
 
-    resonances: of each level, by its own points alone (`curves`), in order of level. joint: curves through all levels.
+    resonances: of each level, by its own points alone (`curves`), in order of level.
     bend_hz: of a straight line of the resonance frequency over the squared amplitude, its fall or rise from rest to the
-    largest amplitude; negative where the joint softens. excess: scatter of the resonances about that line in their
-    standard deviations; what is beyond 1 is in the interval of bend_hz.
+    largest amplitude; negative where the joint softens. A scatter about it beyond chance is in its interval.
     shift_hz: resonance at the highest level less that at the lowest. verdict: one sentence.
     """
 
-    resonances: tuple[PhaseResonance, ...]
+    resonances: tuple[Resonance, ...]
     curves: tuple[ResponseCurves, ...]
-    joint: ResponseCurves
     bend_hz: Estimate
-    excess: float
     shift_hz: Estimate
     verdict: str
 
@@ -258,19 +266,18 @@ def resonance_by_level(
     curves = tuple(fit_response_curves(one, terms=terms, turned=turned) for one in levels)
     drives = [float(np.median(one.input_amplitude)) for one in levels]
     found = tuple(one.resonance(drive) for one, drive in zip(curves, drives, strict=True))
-    joint = fit_response_curves(levels, terms=terms, turned=turned)
-    bend, excess = _bend(found)
+    bend = _bend(found)
     shift = _difference(found[-1].frequency_hz, found[0].frequency_hz)
-    return LevelDependence(found, curves, joint, bend, excess, shift, _verdict(bend, shift))
+    return LevelDependence(found, curves, bend, shift, _verdict(bend, shift))
 
 
-def _bend(found: Sequence[PhaseResonance]) -> tuple[Estimate, float]:
-    """Return the slope of frequency over squared amplitude times the largest square, and the excess of the scatter."""
+def _bend(found: Sequence[Resonance]) -> Estimate:
+    """Return the slope of frequency over squared amplitude times the largest square."""
     frequency = np.array([one.frequency_hz.value for one in found])
     std = np.array([one.frequency_hz.std for one in found])
     square = np.array([one.amplitude.value for one in found]) ** 2
     if not (np.isfinite(frequency) & np.isfinite(std) & (std > 0)).all():
-        return Estimate(np.nan, np.nan, np.nan, np.nan), np.nan
+        return _UNKNOWN
     design = np.stack([np.ones_like(square), square / square.max()], axis=1) / std[:, None]
     inverse = np.linalg.pinv(design)
     line = inverse @ (frequency / std)
@@ -279,8 +286,8 @@ def _bend(found: Sequence[PhaseResonance]) -> tuple[Estimate, float]:
     excess = float(np.sqrt(residual @ residual / spare)) if spare else 1.0
     spread = float(np.linalg.norm(inverse[1])) * max(excess, 1.0)
     if excess > 1.0:
-        return Estimate.student(float(line[1]), spread, spare), excess
-    return Estimate.normal(float(line[1]), spread), excess
+        return Estimate.student(float(line[1]), spread, spare)
+    return Estimate.normal(float(line[1]), spread)
 
 
 def _difference(one: Estimate, other: Estimate) -> Estimate:
@@ -310,23 +317,6 @@ _BEYOND = 0.05  # of the swept range: how far outside it a peak is sought
 
 
 @dataclass(frozen=True)
-class ResponsePeak:
-    """Where the fitted response is largest, at one drive amplitude.
-
-    input_amplitude: in the unit of the input. frequency_hz, gain: of the largest |output/input| of the joint itself,
-    without turn and background of the measuring chain, gain in output unit per input unit. amplitude: of the output
-    there. phase_90_hz: where the motion lags by 90°. reason: one sentence where there is no peak, else empty.
-    """
-
-    input_amplitude: float
-    frequency_hz: Estimate
-    gain: Estimate
-    amplitude: Estimate
-    phase_90_hz: Estimate
-    reason: str = ""
-
-
-@dataclass(frozen=True)
 class ResponseBackbone:
     """Frequency of the free, lossless swing against amplitude, shape (a,) each: the curve on which 90° lags lie.
 
@@ -342,37 +332,17 @@ class ResponseBackbone:
     measured_to: float
 
 
-@dataclass(frozen=True)
-class _Spread:
-    """Numbers of one group at the fit and one standard deviation to both sides along the columns of the covariance."""
-
-    numbers: Array
-    freedom: float
-
-    def estimate(self, values: Array) -> Estimate:
-        """Return the estimate of what was read in each lane, shape (2k + 1,), to first order."""
-        count = (values.size - 1) // 2
-        share = 0.5 * (values[1 : count + 1] - values[count + 1 :])
-        if not np.isfinite(values).all():
-            return Estimate(float(values[0]), np.nan, np.nan, np.nan)
-        return Estimate.student(float(values[0]), float(np.sqrt(share @ share)), self.freedom)
-
-
-def _spread(fit: ResponseFit, part: int) -> _Spread:
+def _numbers_around(fit: ResponseFit, part: int) -> Array:
+    """Return numbers of one group at the fit and around it, as `_around` has them, shape (2m + 1, l)."""
     count = fit.layout.mechanics
     matrix = fit.covariance.matrix[:count, :count]
     if not np.isfinite(matrix).all():
         raise SpecError("a number of this fit is not determined at all; its peak has no interval, fit a smaller model")
-    size, turned = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    root = (turned * np.sqrt(np.maximum(size, 0.0))).T
-    x = fit.solution.values[:count]
-    lanes = np.concatenate([x[None], x + root, x - root])
-    rest = fit.solution.values[count:]
-    numbers = np.stack([fit.layout.numbers(np.concatenate([lane, rest]), part) for lane in lanes])
-    return _Spread(numbers, fit.covariance.degrees_of_freedom)
+    lanes, rest = _around(fit.solution.values[:count], matrix), fit.solution.values[count:]
+    return np.stack([fit.layout.numbers(np.concatenate([lane, rest]), part) for lane in lanes])
 
 
-def peak_of_response(fit: ResponseFit, input_amplitude: float | None = None, *, part: int = 0) -> ResponsePeak:
+def peak_of_response(fit: ResponseFit, input_amplitude: float | None = None, *, part: int = 0) -> Resonance:
     """Return resonance frequency and gain of a fitted response to a drive of one amplitude at all frequencies.
 
     input_amplitude: in the unit of the input; None for the median of the group's points; a linear joint does not feel
@@ -382,30 +352,36 @@ def peak_of_response(fit: ResponseFit, input_amplitude: float | None = None, *, 
     """
     points, scales = fit.points[part], fit.layout.layout.parts[part].scales
     amplitude = float(np.median(points.input_amplitude)) if input_amplitude is None else float(input_amplitude)
-    spread, laws = _spread(fit, part), fit.layout.laws(part)
+    around, laws = _numbers_around(fit, part), fit.layout.laws(part)
     drive = drive_of(points, scales, amplitude)
     hertz = scales.omega / (2 * np.pi)
     margin = _BEYOND * float(np.ptp(points.frequency_hz))
     low = max(float(points.frequency_hz[0]) - margin, 0.02 * hertz)
     high = float(points.frequency_hz[-1]) + margin
-    top, inside = top_of_sweep(spread.numbers[0], laws, drive, low / hertz, high / hertz)
+    top, inside = top_of_sweep(around[0], laws, drive, low / hertz, high / hertz)
     if not inside:
-        return _none(amplitude, "the response is largest at the edge of the sweep; extend the sweep beyond it")
+        reason = "the response is largest at the edge of the sweep; extend the sweep beyond it"
+        return Resonance(amplitude, reason=reason)
     lag = lag_of(top, laws, drive)
     lags = np.r_[lag + np.linspace(-_REACH, _REACH, _LAGS), 0.5 * np.pi]
-    lanes = spread.numbers.shape[0]
-    numbers = np.repeat(spread.numbers, lags.size, axis=0)
+    lanes = around.shape[0]
+    numbers = np.repeat(around, lags.size, axis=0)
     omega, motion, found = lagging(numbers, np.tile(lags, lanes), laws, drive, top)
     first = motion[:, laws.orders == 1][:, 0]
     gain = np.abs(_output(fit, scales, numbers, omega, first, amplitude)) / amplitude
     shape = (lanes, lags.size)
     omega, gain, found = omega.reshape(shape), gain.reshape(shape), found.reshape(shape)
     if not found[:, :-1].all():
-        return _none(amplitude, "the balance was not found around the top of the response")
+        return Resonance(amplitude, reason="the balance was not found around the top of the response")
     frequency, largest = _tops(lags[:-1] - lag, hertz * omega[:, :-1], gain[:, :-1])
-    crossing = spread.estimate(hertz * omega[:, -1]) if found[:, -1].all() and fit.frame == "relative" else _UNKNOWN
-    return ResponsePeak(
-        amplitude, spread.estimate(frequency), spread.estimate(largest), spread.estimate(largest * amplitude), crossing
+    freedom = fit.covariance.degrees_of_freedom
+    crossed = found[:, -1].all() and fit.frame == "relative"
+    return Resonance(
+        amplitude,
+        _spread_of(frequency, freedom),
+        _spread_of(largest, freedom),
+        _spread_of(largest * amplitude, freedom),
+        _spread_of(hertz * omega[:, -1], freedom) if crossed else _UNKNOWN,
     )
 
 
@@ -425,10 +401,6 @@ def response_curve(fit: ResponseFit, part: int = 0) -> tuple[Array, NDArray[np.c
     return hertz * found[:, -1], np.asarray(moving / amplitude * turn + background)
 
 
-def _none(amplitude: float, reason: str) -> ResponsePeak:
-    return ResponsePeak(amplitude, _UNKNOWN, _UNKNOWN, _UNKNOWN, _UNKNOWN, reason)
-
-
 def _output(
     fit: ResponseFit,
     scales: Scales,
@@ -443,7 +415,7 @@ def _output(
     turn = 1j * omega * scales.omega
     if fit.frame == "absolute":
         carried = turn ** (-derivative_order(points.input_unit)) * amplitude
-        moving = moving + numbers[:, 6] * scales.physical("gain") * carried
+        moving = moving + numbers[:, -1] * scales.physical("gain") * carried
     return np.asarray(moving * turn ** derivative_order(points.output_unit))
 
 
@@ -479,12 +451,12 @@ def backbone_of_response(fit: ResponseFit, amplitude: ArrayLike | None = None, *
     sizes = (
         np.linspace(0.0, largest, 22)[1:] if amplitude is None else np.atleast_1d(np.asarray(amplitude, dtype=float))
     )
-    spread, laws = _spread(fit, part), fit.layout.laws(part)
-    lanes = spread.numbers.shape[0]
-    numbers = np.repeat(spread.numbers, sizes.size, axis=0)
+    around, laws = _numbers_around(fit, part), fit.layout.laws(part)
+    lanes = around.shape[0]
+    numbers = np.repeat(around, sizes.size, axis=0)
     hertz = scales.omega / (2 * np.pi)
     found = hertz * free_frequency(numbers, np.tile(sizes, lanes) / scales.amplitude, laws)
-    curves = [spread.estimate(column) for column in found.reshape(lanes, sizes.size).T]
+    curves = [_spread_of(column, fit.covariance.degrees_of_freedom) for column in found.reshape(lanes, sizes.size).T]
     value, std, low, high = (
         np.array([getattr(one, name) for one in curves]) for name in ("value", "std", "low", "high")
     )

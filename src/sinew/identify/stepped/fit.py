@@ -9,29 +9,240 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
-from sinew.identify.choice.comparison import rank_trend, trend_sentences
-from sinew.identify.oscillator.certainty import Covariance, estimates, find_unidentifiable, long_run
-from sinew.identify.oscillator.fitted import mechanical_parameters, oscillation
-from sinew.identify.oscillator.least_squares import Problem, Solution, solve
-from sinew.identify.oscillator.model import Model, get_model
-from sinew.identify.oscillator.record import Frame, Scales, frames_of
-from sinew.identify.oscillator.track import LOCAL
-from sinew.identify.stepped.layout import (
-    CHAIN,
-    Predicted,
-    ResponseLayout,
-    make_response_layout,
-    regress_response,
-    scales_of_points,
+from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
+from sinew.identify.choice.comparison import SIGNIFICANT, Trends, rank_trend
+from sinew.identify.oscillator.fitted import Fitted, mechanical_parameters, oscillation, words_and_scales
+from sinew.identify.oscillator.least_squares import (
+    Covariance,
+    Problem,
+    Solution,
+    estimates,
+    find_unidentifiable,
+    long_run,
+    solve,
 )
-from sinew.identify.stepped.oscillation import NUMBERS
+from sinew.identify.oscillator.model import Layout, Model, Part, get_model, make_layout
+from sinew.identify.oscillator.record import Frame, Scales, derivative_order, frames_of, input_derivative, relaxation_of
+from sinew.identify.oscillator.track import LOCAL, Grid
+from sinew.identify.stepped.oscillation import Drive, Laws, number_names, oscillate
 from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import Estimate
-from sinew.mechanics.laws import Pendulum
+from sinew.mechanics.laws import Cubic, LossFactor, Pendulum, Term
+from sinew.mechanics.silicone import relaxation_times
+from sinew.twin.cache import configure
+
+# The points of one or several stepped sines, laid out for a search in normal form.
+
+CHAIN = ("phase", "background_real", "background_imag")
+"""What the measuring chain may add: a turn of the response [rad], and a response that does not depend on frequency, as
+a share of the largest."""
+
+
+def drive_of(points: ResponsePoints, scales: Scales, amplitude: float | Array) -> Drive:
+    """Return what an input of given amplitudes, in its unit, drives in normal form."""
+    power = input_derivative(points.signals)
+    sign = -1.0 if points.excitation in ("base", "lever") else 1.0
+    return Drive(sign * amplitude * scales.omega**power / scales.forcing, power)
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """The response of one group of points, shape (n,), its slopes by the vector x, shape (n, m), and at which points
+    the balance was reached, shape (n,)."""
+
+    response: Complexes
+    slopes: Complexes
+    found: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class ResponseLayout:
+    """Which number of the search goes where.
+
+    layout: entries, index, column and ratio as of a fit in time (`sinew.identify.oscillator.model`), for the
+    mechanical numbers; those of the chain (`chain`, of `CHAIN`) follow them in x. size: of the largest response, in its
+    unit.
+    """
+
+    layout: Layout
+    points: tuple[ResponsePoints, ...]
+    frame: Frame
+    chain: tuple[str, ...]
+    size: float
+
+    @property
+    def mechanics(self) -> int:
+        """Return how many of the numbers are mechanical."""
+        return len(self.layout.entries)
+
+    @property
+    def width(self) -> int:
+        """Return how many numbers are sought."""
+        return self.mechanics + len(self.chain)
+
+    def laws(self, part: int) -> Laws:
+        """Return the laws of one group."""
+        model, grid = self.layout.model, self.layout.parts[part].grid
+        natural = float(grid.relaxation[0] / relaxation_times()[0])
+        return Laws(model.law, natural, float(grid.amplitude))
+
+    def numbers(self, x: Array, part: int) -> Array:
+        """Return the numbers of the law and the gain of one group, shape (l,)."""
+        return self.layout.local(x[: self.mechanics], part)
+
+    def added(self, x: Array) -> tuple[complex, complex]:
+        """Return the turn and the background of the measuring chain."""
+        held = dict(zip(self.chain, x[self.mechanics :], strict=True))
+        turn = complex(np.exp(1j * held.get("phase", 0.0)))
+        return turn, self.size * complex(held.get("background_real", 0.0), held.get("background_imag", 0.0))
+
+    def predict(self, x: Array, part: int) -> Predicted:
+        """Return the response of one group; of several oscillations at a frequency the one nearest to the measured."""
+        points, layout = self.points[part], self.layout
+        scales, order = layout.parts[part].scales, layout.parts[part].order
+        numbers, (turn, background) = self.numbers(x, part), self.added(x)
+        amplitude, fast = points.input_amplitude, 2j * np.pi * points.frequency_hz
+        to_output = (fast / scales.omega) ** order * scales.amplitude * scales.omega**order / amplitude * turn
+        carried = np.zeros(points.size, dtype=complex)
+        if self.frame == "absolute":  # the base's own motion, in the normal form of the relative motion
+            carried = fast ** (-derivative_order(points.input_unit)) * amplitude * scales.omega**2 / scales.forcing
+        begin = (points.response - background) / to_output - numbers[-1] * carried
+        omega = 2 * np.pi * points.frequency_hz / scales.omega
+        steady = oscillate(numbers, omega, drive_of(points, scales, amplitude), self.laws(part), begin)
+        bare = (steady.fundamental + numbers[-1] * carried) * to_output
+        by_number = steady.slopes.copy()
+        by_number[:, -1] += carried
+        by_number = by_number * to_output[:, None]
+        slopes = np.zeros((points.size, self.width), dtype=complex)
+        slopes[:, layout.index[part]] = by_number[:, layout.column[part]] * layout.ratio[part]
+        for k, name in enumerate(self.chain, start=self.mechanics):
+            slopes[:, k] = {"phase": 1j * bare, "background_real": self.size, "background_imag": 1j * self.size}[name]
+        return Predicted(np.asarray(bare + background), slopes, steady.found)
+
+
+def make_response_layout(
+    model: Model,
+    points: Sequence[ResponsePoints],
+    scales: Sequence[Scales],
+    frame: Frame,
+    varying: Sequence[str] = (),
+    chain: Sequence[str] = (),
+) -> ResponseLayout:
+    """Return the layout. varying: mechanical numbers (of `LOCAL`) that each group has for itself."""
+    names, none = number_names(model.law), np.empty(0)
+    parts = []
+    for one, own in zip(points, scales, strict=True):
+        fixed = np.zeros(len(names))
+        if one.excitation == "base":
+            fixed[-1] = 1.0 / own.physical("gain")
+        grid = Grid(none, np.empty((0, 3)), none, none, relaxation_of(own.omega) * own.omega, np.asarray(own.amplitude))
+        order = derivative_order(one.output_unit)
+        unit_size = own.amplitude * own.omega**order
+        parts.append(Part(one.signals, own, grid, none.astype(np.intp), none.astype(bool), order, unit_size, fixed))
+    layout = make_layout(model, parts, varying, names)
+    size = max(float(np.abs(one.response).max()) for one in points)
+    return ResponseLayout(layout, tuple(points), frame, tuple(chain), size)
+
+
+# The search through a stepped sine begins: the balance of the fundamental is linear in its numbers.
+#
+# Of the motion y that was measured, [K - ω² + jωD + jc 4/(π|y|) + ¾κ₃|y|²] y = g a at every frequency. Weighted with
+# the scatter of the points through that dynamic stiffness (Sanathanan and Koerner's iteration), one linear regression
+# after the other tells K, D or the loss factor, c, κ₃, g, and a turn of the phase where one is sought.
+
+_ROUNDS = 6
+_PHASES = 256  # of a motion, at which a force is read whose fundamental has no closed form here
+_SEEN = 1e-9  # of the force
+
+
+def scales_of_points(points: ResponsePoints, values: dict[str, float], frame: Frame) -> Scales:
+    """Return what makes the numbers of one group near one. values: of `regress_response`."""
+    motion, push = motion_and_push(points, frame)
+    return Scales(float(np.sqrt(values["stiffness"])), float(np.abs(motion).max()), float(np.abs(push).max()))
+
+
+def motion_and_push(points: ResponsePoints, frame: Frame) -> tuple[Complexes, Complexes]:
+    """Return motion relative to the base and drive a of the points, in SI units."""
+    turn = 2j * np.pi * points.frequency_hz
+    motion = points.response * points.input_amplitude / turn ** derivative_order(points.output_unit)
+    if frame == "absolute":
+        motion = motion - points.input_amplitude / turn ** derivative_order(points.input_unit)
+    sign = -1.0 if points.excitation in ("base", "lever") else 1.0
+    push = sign * turn ** input_derivative(points.signals) * points.input_amplitude
+    return np.asarray(motion, dtype=complex), np.asarray(push, dtype=complex)
+
+
+def regress_response(points: Sequence[ResponsePoints], model: Model, frame: Frame, turned: bool) -> dict[str, float]:
+    """Return coefficients of the model in SI units, by name of `LOCAL`, and `phase` [rad]; all points share them.
+
+    turned: whether the measuring chain may turn the phase. A moving base of the output's own unit has a gain of one.
+    """
+    pairs = [motion_and_push(one, frame) for one in points]
+    y, a = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+    omega = 2 * np.pi * np.concatenate([one.frequency_hz for one in points])
+    size = [one.input_amplitude / (2 * np.pi * one.frequency_hz) ** derivative_order(one.output_unit) for one in points]
+    std = np.concatenate(
+        [np.sqrt(0.5 * np.trace(one.covariance, axis1=1, axis2=2)) * s for one, s in zip(points, size, strict=True)]
+    )
+    columns: dict[str, Complexes] = {"stiffness": y, "damping": 1j * omega * y}
+    if model.law.has(LossFactor):
+        columns["damping"] = 1j * y
+    if model.law.sticks:
+        columns["coulomb"] = 4j / np.pi * y / np.abs(y)
+    if model.law.has(Cubic):
+        columns["cubic"] = 0.75 * np.abs(y) ** 2 * y
+    for term in model.law.terms:
+        name = term.numbers[0].name
+        if name not in (*columns, "loss_factor") and (wave := _fundamental(term, y, omega)) is not None:
+            columns[name] = wave
+    target = omega**2 * y
+    signals = points[0].signals
+    if points[0].excitation == "base" and signals.input_motion_unit == signals.motion_unit:
+        target = target + a
+    else:
+        columns |= {"gain": -a} | ({"gain_imag": -1j * a} if turned else {})
+    found = _weighted(columns, target, std, y)
+    if not found["stiffness"] > 0:
+        found["stiffness"] = float(omega[np.argmax(np.abs(y))] ** 2)
+    if model.law.has(LossFactor):
+        found["loss_factor"] = found.pop("damping") / found["stiffness"]
+    if "gain_imag" in found:
+        turned_gain = complex(found["gain"], found.pop("gain_imag"))
+        found |= {"gain": abs(turned_gain), "phase": float(np.angle(turned_gain))}
+    return found
+
+
+def _fundamental(term: Term, y: Complexes, omega: Array) -> Complexes | None:
+    """Return the fundamental of a term's force over its first number, shape (n,), of motions Re y exp(jωt); None where
+    it has none, as an even force."""
+    phase = 2 * np.pi * (np.arange(_PHASES) + 0.5) / _PHASES
+    size = np.abs(y)[:, None]
+    signal, order = term.regressor(size * np.cos(phase), -omega[:, None] * size * np.sin(phase))
+    wave = 2 * np.mean(signal * np.exp(-1j * phase), axis=1)
+    if np.abs(wave).max() < _SEEN * np.abs(signal).max():
+        return None
+    return np.asarray(wave * (1j * omega) ** order * y / np.abs(y))
+
+
+def _weighted(columns: dict[str, Complexes], target: Complexes, std: Array, y: Complexes) -> dict[str, float]:
+    """Return the coefficients whose equation error, seen as an error of the motion, is least."""
+    names = list(columns)
+    table = np.stack(list(columns.values()), axis=1)
+    mechanical = np.array([not name.startswith("gain") for name in names])
+    weight = 1.0 / (np.abs(target) + 1e-300)
+    x = np.zeros(len(names))
+    for _ in range(_ROUNDS):
+        rows, goal = table * weight[:, None], target * weight
+        real, wanted = np.concatenate([rows.real, rows.imag]), np.concatenate([goal.real, goal.imag])
+        x = solve_scaled(real, wanted, 1e-12)
+        dynamic = np.abs((table[:, mechanical] @ x[mechanical] - target) / y)
+        weight = 1.0 / (std * np.maximum(dynamic, 1e-3 * float(dynamic.max())))
+    return dict(zip(names, map(float, x), strict=True))
+
 
 # The scatter of single points borrows strength from that of all.
 
@@ -89,29 +300,23 @@ class ResponseTests:
 
     misfit: root mean square of the residuals in stated standard deviations, near 1 where model and scatter are right.
     chi_square_p: of the sum of squares by the stated scatter; NaN where that is itself known by too few repeats.
-    neighbours_p, neighbours: of the correlation of residuals at neighbouring frequencies.
-    amplitude_p, amplitude_trend: Spearman's rank correlation of the residuals' size with the amplitude of the motion;
-    frequency_p, frequency_trend: the same with frequency.
+    neighbours_p, neighbours: of the correlation of residuals at neighbouring frequencies. trends: with the motion's.
     """
 
     misfit: float
     chi_square_p: float
     neighbours_p: float
     neighbours: float
-    amplitude_p: float
-    amplitude_trend: float
-    frequency_p: float
-    frequency_trend: float
+    trends: Trends
 
     def sentences(self) -> tuple[str, ...]:
         """Return what speaks against the model, in words; none where nothing does."""
         found = []
-        if self.chi_square_p < _SIGNIFICANT:
+        if self.chi_square_p < SIGNIFICANT:
             found.append(f"the model misses the points by {self.misfit:.2g} times their stated scatter")
-        if self.neighbours_p < _SIGNIFICANT:
+        if self.neighbours_p < SIGNIFICANT:
             found.append(f"residuals of neighbouring frequencies go together (correlation {self.neighbours:.2f})")
-        amplitude, frequency = (self.amplitude_trend, self.amplitude_p), (self.frequency_trend, self.frequency_p)
-        return (*found, *trend_sentences(amplitude, frequency))
+        return (*found, *self.trends.sentences())
 
 
 def ask_points(
@@ -137,17 +342,13 @@ def ask_points(
         p = float(special.gammaincc(scale * n * mean**2 / variance, total * mean / variance))
     neighbours, pairs = _neighbours(whitened)
     size = np.sqrt(np.concatenate(squares))
-    by_amplitude = rank_trend(np.concatenate(list(motion)), size)
-    by_frequency = rank_trend(np.concatenate([one.frequency_hz for one in points]), size)
+    frequency = np.concatenate([one.frequency_hz for one in points])
     return ResponseTests(
         float(np.sqrt(total / freedom)),
         p,
         float(2 * special.ndtr(-abs(neighbours) * np.sqrt(pairs))) if pairs else np.nan,
         neighbours,
-        by_amplitude[1],
-        by_amplitude[0],
-        by_frequency[1],
-        by_frequency[0],
+        Trends(rank_trend(np.concatenate(list(motion)), size), rank_trend(frequency, size)),
     )
 
 
@@ -185,46 +386,25 @@ def sandwich(rows: Array, residual: Array, sizes: Sequence[int]) -> tuple[Array,
     scores of points, which go together over a sixth of their group.
     """
     n, m = rows.shape
-    lengths = np.linalg.norm(rows, axis=0)
-    lengths[lengths == 0] = 1.0
-    scaled, freedom = rows / lengths, max(n - m, 1)
+    (scaled, lengths), freedom = unit_columns(rows), max(n - m, 1)
     gram = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
     scores = (scaled * residual[:, None]).reshape(-1, 2, m).sum(axis=1)
     summed = sum(long_run(own, own.shape[0] // 6) for own in np.split(scores, np.cumsum(sizes)[:-1]))
     return float(residual @ residual) / freedom * gram, gram @ summed @ gram * (n / freedom), lengths
 
 
-_SIGNIFICANT = 0.01
+@dataclass(frozen=True, kw_only=True)
+class ResponseFit(Fitted):
+    """What the points of a stepped sine say about a model.
 
-
-@dataclass(frozen=True)
-class ResponseFit:
-    """What the points of a stepped sine say about a model; names as of a `Fit` in time.
-
-    parameters: mechanical numbers by name with unit. nuisance: turn and background of the measuring chain.
-    natural_frequency_hz: sqrt(k/I)/2π; damping_ratio: d/(2 sqrt(k I)) or half the loss factor; of the first group.
-    predicted: the fitted response of each group, shape (n,). rmse: of measured less predicted response, over real and
-    imaginary parts, output unit per input unit (`unit`).
-    converged, message: how the search ended. unidentifiable: sentences. tests: of the residuals.
-    covariance, solution, layout: in normal form.
+    nuisance: turn and background of the measuring chain. predicted: the fitted response of each group, shape (n,).
+    rmse: of measured less predicted response, over real and imaginary parts, output unit per input unit (`unit`).
+    tests: of the residuals.
     """
 
-    model: Model
-    frame: Frame
     points: tuple[ResponsePoints, ...]
-    parameters: dict[str, Estimate]
-    nuisance: dict[str, Estimate]
-    natural_frequency_hz: Estimate
-    damping_ratio: Estimate
     predicted: tuple[Complexes, ...]
-    rmse: float
-    unit: str
-    converged: bool
-    message: str
-    unidentifiable: tuple[str, ...]
     tests: ResponseTests
-    covariance: Covariance
-    solution: Solution
     layout: ResponseLayout
 
     def bic(self) -> float:
@@ -234,8 +414,10 @@ class ResponseFit:
 
 
 _TOLERANCE = 1e-10
-_TOLD = 0.01  # significance from which on the residuals are no mere scatter
-_CHAIN_NATURAL = {"phase": 0.3, "background_real": 0.3, "background_imag": 0.3}
+_START = {"damping": (1e-5, 10.0), "loss_factor": (1e-5, 0.9), "coulomb": (1e-6, 0.5), "quadratic": (0.1, 0.1)}
+"""Bounds of where the search begins, where a steady response asks for others than a record. At no quadratic term the
+sum of squares is flat: only its square is seen at the fundamental."""
+_CHAIN_NATURAL = 0.3
 _CHAIN_WORDS = {"phase": "phase", "background_real": "background (real)", "background_imag": "background (imaginary)"}
 
 
@@ -258,6 +440,7 @@ def fit_response(
     summed over neighbours (Newey and West), which holds for a model that is not quite right.
     Raises RecordingError for points that cannot be fitted, SpecError for a model that does not go with them.
     """
+    configure()
     given = (points,) if isinstance(points, ResponsePoints) else tuple(points)
     groups = tuple(squeeze_scatter(one) for one in given)
     model = get_model(model) if isinstance(model, str) else model
@@ -275,8 +458,11 @@ def _check(points: Sequence[ResponsePoints], model: Model, chain: Sequence[str])
         raise SpecError(f"model {model.name} needs an angle, the output is in {points[0].output_unit}")
     if unknown := [name for name in chain if name not in CHAIN]:
         raise SpecError(f"the chain adds {unknown[0]!r}, expected some of {', '.join(CHAIN)}")
-    if unknown := [number.word for number in model.law.numbers if number.name not in NUMBERS]:
-        raise SpecError(f"a steady response is not balanced with a {unknown[0]}; choose cubic, or fit a record in time")
+    if held := [one.lost for one in model.law.terms if one.history is not None and not isinstance(one, LossFactor)]:
+        raise SpecError(
+            f"{held[0]} has an inner state, which the harmonic balance of a steady response does not follow; "
+            "choose drag or coulomb, or fit a record in time"
+        )
     if model.rest != "offset":
         raise SpecError("a steady response says nothing of drift or creep; leave the rest position as it is")
 
@@ -313,13 +499,7 @@ def _starts(layout: ResponseLayout, values: Sequence[dict[str, float]]) -> list[
         for i in which:
             ratio = layout.layout.ratio[i][np.flatnonzero(layout.layout.index[i] == k)[0]]
             normal.append(values[i].get(entry.local, 0.0) / parts[i].scales.physical(entry.local) / ratio)
-        x[k] = float(np.clip(np.median(normal), -1e3, 1e3))
-        if entry.local in ("damping", "loss_factor"):
-            x[k] = float(np.clip(x[k], 1e-5, 0.9 if entry.local == "loss_factor" else 10.0))
-        if entry.local == "coulomb":
-            x[k] = float(np.clip(x[k], 1e-6, 0.5))
-        if entry.local == "quadratic":
-            x[k] = 0.1  # at zero the sum of squares is flat: only its square is seen at the fundamental
+        x[k] = float(np.clip(np.median(normal), *_START.get(entry.local, LOCAL[entry.local].start)))
     for k, name in enumerate(layout.chain, start=layout.mechanics):
         x[k] = values[0].get(name, 0.0)
     bent = np.array([entry.local in ("quadratic", "cubic") for entry in entries] + [False] * len(layout.chain))
@@ -368,42 +548,37 @@ def _tell(layout: ResponseLayout, solution: Solution) -> ResponseFit:
     frequency, damping = oscillation(mechanical, moved, of_moved)
     every = estimates(solution.values, certainty)[layout.mechanics :]
     nuisance = {
-        name: one if name == "phase" else _times(one, layout.size)
-        for name, one in zip(layout.chain, every, strict=True)
+        name: one if name == "phase" else one.times(layout.size) for name, one in zip(layout.chain, every, strict=True)
     }
     lost = int(sum((~f.found).sum() for f in found))
     message = solution.message + (f"; at {lost} points no steady oscillation was found" if lost else "")
     units = (points[0].output_unit, points[0].input_unit)
     return ResponseFit(
-        mechanical.model,
-        layout.frame,
-        points,
-        mechanical_parameters(mechanical, moved, of_moved),
-        {name.replace("phase", "phase_rad"): one for name, one in nuisance.items()},
-        frequency,
-        damping,
-        tuple(f.response for f in found),
-        float(np.sqrt(0.5 * np.mean(np.abs(np.concatenate(off)) ** 2))),
-        units[0] if units[1] == "1" else "1" if units[0] == units[1] else f"{units[0]}/{units[1]}",
-        solution.converged and not lost,
-        message,
-        _unidentifiable(layout, solution),
-        tests,
-        certainty,
-        solution,
-        layout,
+        model=mechanical.model,
+        frame=layout.frame,
+        points=points,
+        parameters=mechanical_parameters(mechanical, moved, of_moved),
+        nuisance={name.replace("phase", "phase_rad"): one for name, one in nuisance.items()},
+        natural_frequency_hz=frequency,
+        damping_ratio=damping,
+        predicted=tuple(f.response for f in found),
+        rmse=float(np.sqrt(0.5 * np.mean(np.abs(np.concatenate(off)) ** 2))),
+        unit=units[0] if units[1] == "1" else "1" if units[0] == units[1] else f"{units[0]}/{units[1]}",
+        converged=solution.converged and not lost,
+        message=message,
+        unidentifiable=_unidentifiable(layout, solution),
+        tests=tests,
+        covariance=certainty,
+        solution=solution,
+        layout=layout,
     )
-
-
-def _times(one: Estimate, factor: float) -> Estimate:
-    return Estimate(one.value * factor, one.std * factor, one.low * factor, one.high * factor)
 
 
 def _certainty(layout: ResponseLayout, solution: Solution, tests: ResponseTests) -> Covariance:
     n, m = solution.jacobian.shape
     sizes = [one.size for one in layout.points]
     matrix, robust, scale = sandwich(solution.jacobian, solution.residual, sizes)
-    if tests.chi_square_p < _TOLD or tests.neighbours_p < _TOLD:
+    if tests.chi_square_p < SIGNIFICANT or tests.neighbours_p < SIGNIFICANT:
         ratio = np.sqrt(np.maximum(np.diag(robust), 0.0) / np.maximum(np.diag(matrix), 1e-300))
         larger = np.maximum(ratio, 1.0)
         matrix = matrix * np.outer(larger, larger)
@@ -414,15 +589,11 @@ def _certainty(layout: ResponseLayout, solution: Solution, tests: ResponseTests)
 
 
 def _unidentifiable(layout: ResponseLayout, solution: Solution) -> tuple[str, ...]:
-    entries = layout.layout.entries
-    natural = [LOCAL[entry.local].natural for entry in entries] + [_CHAIN_NATURAL[name] for name in layout.chain]
-    for k, entry in enumerate(entries):
-        if entry.local == "gain":
-            natural[k] = 0.5 * max(abs(float(solution.values[k])), 1e-6)
-    names = [LOCAL[entry.local].word + (f" of {entry.group}" if entry.group else "") for entry in entries]
+    names, natural = words_and_scales(layout.layout, solution.values)
     names += [_CHAIN_WORDS[name] for name in layout.chain]
     n, m = solution.jacobian.shape
     if n <= m:
         raise RecordingError(f"found {n // 2} points for {m} numbers; measure more frequencies or fit a smaller model")
     noise = float(np.sqrt(solution.sum_of_squares / (n - m)))
-    return find_unidentifiable(names, np.array(natural), solution.jacobian, noise)
+    natural = np.append(natural, np.full(len(layout.chain), _CHAIN_NATURAL))
+    return find_unidentifiable(names, natural, solution.jacobian, noise)

@@ -25,9 +25,6 @@ from sinew.solve.examination import evaluate, phasors
 from sinew.solve.steady import at_frequency, steady
 from sinew.twin.cache import configure
 
-NUMBERS = ("stiffness", "damping", "loss_factor", "coulomb", "quadratic", "cubic", "gain")
-"""The numbers that a steady oscillation depends on: stiffness to gain."""
-
 _TIMES = tuple(float(tau) for tau in relaxation_times())
 _FREE_STEPS, _FREE_TOLERANCE = 40, 1e-12
 _STORAGE_ROUNDS = 4
@@ -42,9 +39,14 @@ class Laws(NamedTuple):
     amplitude: float = 1.0
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the numbers that its steady oscillation depends on, l of them; the last is the gain."""
+        return number_names(self.law)
+
+    @property
     def linear(self) -> bool:
-        """Return whether the steady oscillation has one harmonic."""
-        return not (self.law.sticks or self.law.has(Pendulum) or self.law.bends)
+        """Return whether the steady oscillation has one harmonic: no number of such a force counts in amplitudes."""
+        return not self.law.has(Pendulum) and all(number.scale[1] == 0 for number in self.law.numbers)
 
     @property
     def equations(self) -> Equations:
@@ -71,6 +73,11 @@ class Laws(NamedTuple):
         return int(np.flatnonzero(h == 1)[0]), h.size + int(np.flatnonzero(h[h > 0] == 1)[0])
 
 
+def number_names(law: Law) -> tuple[str, ...]:
+    """Return the names of the numbers that a law's steady oscillation depends on; the last is the gain."""
+    return (*(number.name for number in law.compiled.numbers), "gain")
+
+
 class Drive(NamedTuple):
     """A drive in normal form: a = size·(jΩ)^power, as of a force (0) or a moved base or lever (2). size: one number, or
     one for each lane."""
@@ -80,8 +87,8 @@ class Drive(NamedTuple):
 
 
 class Oscillations(NamedTuple):
-    """Steady oscillations of n lanes. fundamental: r₁, shape (n,). slopes: its derivatives by `NUMBERS`, shape (n, 7).
-    found: whether the balance was reached, shape (n,)."""
+    """Steady oscillations of n lanes. fundamental: r₁, shape (n,). slopes: its derivatives by the numbers, shape
+    (n, l). found: whether the balance was reached, shape (n,)."""
 
     fundamental: Complexes
     slopes: Complexes
@@ -89,7 +96,7 @@ class Oscillations(NamedTuple):
 
 
 class _Numbers(NamedTuple):
-    """numbers: of `NUMBERS`. push: real and imaginary part of a / Ω^power. speed: over which dry friction turns."""
+    """numbers: those of the law. push: real and imaginary part of a / Ω^power. speed: over which dry friction turns."""
 
     numbers: Any
     push: Any
@@ -106,18 +113,18 @@ def _equations(law: Law, lopsided: bool) -> Equations:
     def rates(u: jax.Array, phase: jax.Array, omega: jax.Array, p: _Numbers) -> jax.Array:
         speed = u[1] / p.natural
         given = {"relaxation": p.natural * jnp.asarray(_TIMES), "amplitude": p.amplitude, "speed": p.speed}
-        values = law.prepared(dict(zip(NUMBERS, p.numbers, strict=True)) | given)
+        values = law.prepared(dict(zip(number_names(law), p.numbers, strict=True)) | given)
         own = tuple(u[2:] if isinstance(term, LossFactor) else () for term in law.terms)
         force = law.force(values, u[0], speed, own)
         wave = p.push[0] * jnp.cos(phase) - p.push[1] * jnp.sin(phase)
-        push = p.numbers[6] * wave * (omega / p.natural) ** p.power
+        push = p.numbers[-1] * wave * (omega / p.natural) ** p.power
         return jnp.stack([p.natural**2 * (push - force)])
 
     return Equations((Coordinate("motion", "all" if lopsided else "odd", 2, times),), rates)
 
 
 def _lane(numbers: Array, drive: Drive, laws: Laws, speed: Array) -> Lane:
-    """Return n lanes. numbers: shape (n, 7), speed: the largest of each motion, shape (n,)."""
+    """Return n lanes. numbers: shape (n, l), speed: the largest of each motion, shape (n,)."""
     one = np.ones(len(numbers))
     push = drive.size * one * 1j**drive.power
     p = _Numbers(
@@ -140,21 +147,21 @@ def _written(waves: Complexes, omega: Array, laws: Laws) -> Array:
 def oscillate(numbers: Array, omega: Array, drive: Drive, laws: Laws, start: Complexes) -> Oscillations:
     """Return the steady oscillations nearest to a start.
 
-    numbers: of `NUMBERS`, shape (7,). omega: drive frequency in ω_r, shape (n,). start: r₁ as measured, shape (n,):
-    where several oscillations are possible it says which is meant.
+    numbers: those of `Laws.names`, shape (l,). omega: drive frequency in ω_r, shape (n,). start: r₁ as measured, shape
+    (n,): where several oscillations are possible it says which is meant.
     """
     configure()
-    lane = _lane(np.broadcast_to(numbers, (omega.size, len(NUMBERS))), drive, laws, omega * np.abs(start))
+    lane = _lane(np.broadcast_to(numbers, (omega.size, numbers.size)), drive, laws, omega * np.abs(start))
     h = laws.orders
     found = at_frequency(_written(start[:, None] * (h == 1), omega, laws), lane, laws.equations, laws.size)
     cosine, sine = laws.first
-    slopes = found.slopes[:, cosine, : len(NUMBERS)] - 1j * found.slopes[:, sine, : len(NUMBERS)]
+    slopes = found.slopes[:, cosine, : numbers.size] - 1j * found.slopes[:, sine, : numbers.size]
     return Oscillations(fundamentals(found.x, laws), slopes, found.found)
 
 
 def swept(numbers: Array, laws: Laws, drive: Drive, low: float, high: float) -> Array:
     """Return the unknowns x (n, m + 1), the last of them Ω in ω_r, along the curve between two frequencies, through its
-    folds; numbers: shape (7,)."""
+    folds; numbers: shape (l,)."""
     configure()
     lane = _lane(numbers[None], drive, laws, np.ones(1))
 
@@ -192,7 +199,7 @@ def lagging(
 ) -> tuple[Array, Complexes, NDArray[np.bool_]]:
     """Return (frequency in ω_r, harmonics, whether they were found) of the oscillations that lag by given angles.
 
-    numbers: shape (n, 7). lag: of the fundamental behind j^power, shape (n,) [rad]. near: unknowns of a neighbour,
+    numbers: shape (n, l). lag: of the fundamental behind j^power, shape (n,) [rad]. near: unknowns of a neighbour,
     (m + 1,). Against frequency a hardening joint's response folds back; against the lag it does not.
     """
     equations, size = laws.equations, laws.size
@@ -214,15 +221,15 @@ def lagging(
 def free_frequency(numbers: Array, amplitude: Array, laws: Laws) -> Array:
     """Return the frequency, in ω_r, at which the joint swings freely without losses at given amplitudes, shape (n,).
 
-    numbers: shape (n, 7). amplitude: |r₁|, in A, shape (n,). NaN where there is no such oscillation. The stiffness of a
+    numbers: shape (n, l). amplitude: |r₁|, in A, shape (n,). NaN where there is no such oscillation. The stiffness of a
     loss factor is its storage part at the frequency that is found.
     """
     configure()
     lossless = laws._replace(law=laws.law.springs, natural=1.0)
-    bare = numbers.copy()
-    bare[:, [1, 2, 3, 6]] = 0.0
+    kept = {number.name for number in lossless.law.numbers}
+    bare = np.stack([numbers[:, laws.names.index(name)] * (name in kept) for name in lossless.names], axis=1)
     omega = np.sqrt(np.maximum(bare[:, 0], 1e-12))
-    given = {name: jnp.asarray(column) for name, column in zip(NUMBERS, numbers.T, strict=True)}
+    given = {name: jnp.asarray(column) for name, column in zip(laws.names, numbers.T, strict=True)}
     given["relaxation"] = jnp.tile(laws.natural * np.array(_TIMES), (len(numbers), 1))
     for _ in range(_STORAGE_ROUNDS if laws.law.has(LossFactor) else 1):
         if laws.law.has(LossFactor):

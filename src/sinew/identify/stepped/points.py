@@ -1,5 +1,6 @@
 """Points of a stepped sine: frequency, complex response, scatter, size of the input; from a table or a recording."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import get_args
 
@@ -83,6 +84,7 @@ def make_points(
     input_unit: str = "1",
     group: str = "",
     scatter_freedom: float = np.inf,
+    notes: Sequence[str] = (),
 ) -> ResponsePoints:
     """Return points of a table, put in order of frequency; those that are not finite are left out.
 
@@ -121,6 +123,7 @@ def make_points(
         input_unit,
         group,
         scatter_freedom,
+        tuple(notes),
     )
 
 
@@ -133,14 +136,23 @@ def points_of_table(
     excitation: Excitation,
     output_unit: str = "1",
     input_unit: str = "1",
-) -> tuple[tuple[ResponsePoints, ...], tuple[str, ...]]:
-    """Return the points of a table of steady states, one group for each level of the drive, and remarks on them.
+) -> tuple[ResponsePoints, ...]:
+    """Return the points of a table of steady states, one group for each level of the drive, with notes on them.
 
     frequency_hz, amplitude (of the output's fundamental), phase_rad (against the input's), drive (amplitude of the
     input's): shape (n,), in any order, rows may be repeated. A phase may count ahead or behind: a joint never runs
-    ahead of what drives it, which tells. The scatter, the same share of each size, is that of repeated rows; without
-    them it is taken for 5 %, of which intervals do not depend, as they follow from what the fit leaves.
+    ahead of what drives it, which tells. excitation: what the input is: force, torque, base or lever. output_unit,
+    input_unit: SI and radians. The scatter, the same share of each size, is that of repeated rows; without them it is
+    taken for 5 %, of which intervals do not depend, as they follow from what the fit leaves.
     Raises RecordingError for fewer than four rows, a drive that is not positive, or as `make_points` does.
+
+    >>> import numpy as np
+    >>> import sinew as sn
+    >>> hertz = np.linspace(2, 4, 9)
+    >>> sine = 0.1 / (9 - hertz**2 + 0.3j * hertz)
+    >>> (points,) = sn.points_of_table(hertz, abs(sine), np.angle(sine), 0.1 * np.ones(9), excitation="force")
+    >>> points.size
+    9
     """
     f, a, phase, d = (np.asarray(one, dtype=float) for one in (frequency_hz, amplitude, phase_rad, drive))
     known = np.isfinite(f) & np.isfinite(a) & np.isfinite(phase) & np.isfinite(d)
@@ -152,10 +164,10 @@ def points_of_table(
             "found a frequency or an amplitude of the drive that is not above zero; each row is one steady state"
         )
     response = a * np.exp(1j * phase) / d
-    remarks = []
+    notes = []
     if _runs_ahead(f, response, excitation, output_unit, input_unit):
         response = response.conj()
-        remarks.append("the phase was taken as a lag: nothing runs ahead of what drives it")
+        notes.append("the phase was taken as a lag: nothing runs ahead of what drives it")
     order = np.argsort(d)
     level = np.zeros(f.size, dtype=int)
     level[order] = np.cumsum(np.diff(np.log(d[order]), prepend=np.log(d[order[0]])) > _SAME_LEVEL)
@@ -164,26 +176,25 @@ def points_of_table(
     share, freedom = _repeated_scatter(f, level, response, floor)
     if share is None:
         share = _ASSUMED
-        remarks.append(
+        notes.append(
             "no row was repeated: intervals follow from what the fit leaves, be that scatter or a law that is missing"
         )
-    groups = []
-    for one in range(int(level.max()) + 1):
-        mine = level == one
-        groups.append(
-            make_points(
-                f[mine],
-                response[mine],
-                share * size[mine],
-                d[mine],
-                excitation=excitation,
-                output_unit=output_unit,
-                input_unit=input_unit,
-                group=f"{float(np.median(d[mine])):.3g}{'' if input_unit == '1' else f' {input_unit}'}",
-                scatter_freedom=freedom,
-            )
+    unit = "" if input_unit == "1" else f" {input_unit}"
+    return tuple(
+        make_points(
+            f[mine],
+            response[mine],
+            share * size[mine],
+            d[mine],
+            excitation=excitation,
+            output_unit=output_unit,
+            input_unit=input_unit,
+            group=f"{float(np.median(d[mine])):.3g}{unit}",
+            scatter_freedom=freedom,
+            notes=notes,
         )
-    return tuple(groups), tuple(remarks)
+        for mine in (level == one for one in range(int(level.max()) + 1))
+    )
 
 
 def _runs_ahead(f: Array, response: Complexes, excitation: Excitation, output_unit: str, input_unit: str) -> bool:

@@ -18,8 +18,7 @@ from scipy import special
 
 from sinew.analysis.decay.decay_windows import DecayWindow, decay_windows, describe_windows, windows_agree
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
-from sinew.analysis.signal.repeats import pool_repeats
-from sinew.analysis.sweep.slope import Trend, detectable, fit_trend
+from sinew.analysis.signal.repeats import Trend, detectable, fit_trend, pool_repeats
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from sinew.analysis.signal.repeats import pool_repeats
-from sinew.analysis.signal.sensor import DelayBudget, delay_budget, torsion_delay
+from sinew.analysis.signal.signals import DelayBudget, delay_budget, torsion_delay
 from sinew.identify.joint.fit import JointFit
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import NORMAL_90, Estimate

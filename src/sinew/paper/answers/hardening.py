@@ -14,9 +14,8 @@ import numpy as np
 import xarray as xr
 
 from sinew.analysis.signal.repeats import Pooled, pool_repeats
-from sinew.analysis.signal.sensor import torsion_chain, torsion_delay
-from sinew.analysis.signal.signals import Channel, Signals, read_signals
-from sinew.analysis.sweep.portrait import portrait_of
+from sinew.analysis.signal.signals import Channel, Signals, read_signals, torsion_chain, torsion_delay
+from sinew.analysis.sweep.portrait import phase_portrait
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.record import FEWEST, Record, make_record
@@ -231,7 +230,7 @@ def _asymmetries(recording: xr.Dataset, rig: RigSpec | None) -> dict[float, tupl
     found: dict[float, tuple[list[float], list[float]]] = {}
     for (pretension, _), (_, index) in largest.items():
         try:
-            one = portrait_of(signals, index).half_area_asymmetry
+            one = phase_portrait(signals, index).half_area_asymmetry
         except (SinewError, ValueError):
             continue
         values, stds = found.setdefault(pretension, ([], []))

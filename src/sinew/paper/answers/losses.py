@@ -22,7 +22,7 @@ from scipy.stats import qmc
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS, analyse_ring_down
 from sinew.analysis.signal.power import supply_uncertainty
 from sinew.analysis.signal.repeats import Pooled, pool_repeats
-from sinew.analysis.signal.sensor import sample_rate
+from sinew.analysis.signal.signals import sample_rate
 from sinew.identify.joint.fit import JointFit
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError

@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from sinew.analysis.signal.repeats import Trend, fit_trend, ratio_interval
 from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
-from sinew.analysis.sweep.slope import Trend, fit_trend, ratio_interval
 from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
@@ -27,7 +27,7 @@ _COLUMNS = ("resonance_hz", "gain_peak", "gain_peak_measured_drive", "drive_ampl
 def answer_saturation(results: xr.Dataset, beyond: xr.Dataset | None = None) -> Answer:
     """Return whose the fall of the peak gain with pretension is, above the threshold.
 
-    results: of a sweep, by `sinew.analysis.analysis.analyse_recording`. beyond: of a sweep at further pretensions.
+    results: of a sweep, by `sinew.analysis.analysed.analyse_recording`. beyond: of a sweep at further pretensions.
     Slopes are relative, d ln G/dp per mm. The threshold is the kink of two lines through the peak gain where the data
     prefer them to one and leave three pretensions above it; else the line runs over the upper half of the range.
     """

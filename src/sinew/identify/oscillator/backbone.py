@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate, special
 
-from sinew.analysis.decay.decay_fit import lehr_damping
-from sinew.analysis.decay.decay_likelihood import FreeOscillation, LikelihoodFit, fit_oscillation, polynomials
+from sinew.analysis.decay.decay_fit import FreeOscillation, LikelihoodFit, fit_oscillation, lehr_damping, polynomials
 from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, free_decay
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -70,7 +69,7 @@ def fit_backbone(
 
     Logarithm of amplitude and phase are splines of time (cubic from four functions on), their number the one that
     Akaike's corrected criterion prefers plus one, so that the bias of the spline stays below its noise; fitted to all
-    samples by maximum likelihood under coloured noise (`sinew.analysis.decay.decay_likelihood`). A curve of damping
+    samples by maximum likelihood under coloured noise (`sinew.analysis.decay.decay_fit`). A curve of damping
     against amplitude is then -d ln A/dt against A; the band comes from the covariance, through the time of passage too.
     Bands tell how the noise moves the curve, not how a swing that is no slowly changing sine (less than about three
     half cycles of it) would.

@@ -1,1 +1,0 @@
-"""Frequency and damping of free decays by maximum likelihood, and their backbone."""
