@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from sinew.measure.arrays import Array
+Floats = NDArray[np.float64]
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "physics.md"
 SI = {"mm": 1e-3, "ms": 1e-3, "rpm": 2 * np.pi / 60}
@@ -35,7 +35,7 @@ def numbers() -> dict[str, float]:
 class Rebuilt:
     """The joint of the page at several pretensions [m] and drive frequencies [Hz], each of shape (lane,)."""
 
-    def __init__(self, pretension: Array, frequency: Array) -> None:
+    def __init__(self, pretension: Floats, frequency: Floats) -> None:
         n = numbers()
         self.n, self.omega = n, 2 * np.pi * frequency
         branches = [[float(cell) for cell in row] for row in rows("branches")]
@@ -67,7 +67,7 @@ class Rebuilt:
 
         return float(brentq(slope, 0.0, 0.04))
 
-    def rate(self, time: float, flat: Array) -> Array:
+    def rate(self, time: float, flat: Floats) -> Floats:
         n = self.n
         torsion, speed, x, sinking, lever, turning, z, *memory = flat.reshape(15, -1)
         twisted, sunk = np.array(memory[:4]), np.array(memory[4:])
@@ -108,7 +108,7 @@ class Rebuilt:
         return both[:, 0], both[:, 1]
 
 
-def fundamental(omega: float, time: Array, values: Array) -> complex:
+def fundamental(omega: float, time: Floats, values: Floats) -> complex:
     """Return the complex amplitude against sin ωt, by least squares with an offset."""
     design = np.stack([np.sin(omega * time), np.cos(omega * time), np.ones(time.size)], axis=1)
     sine, cosine, _ = np.linalg.lstsq(design, values, rcond=None)[0]

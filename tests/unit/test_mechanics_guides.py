@@ -6,15 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from sinew.tune.swing_stiffness import as_one_tendon, held_at, swing_loss, swing_stiffness
 
 from sinew.identify.joint.coordinates import make_coordinates, numbers_of
-from sinew.identify.joint.fit import balance
 from sinew.mechanics.guides import GUIDE_LAWS, Dahl, GuideFriction, MaxwellSlip
 from sinew.mechanics.parameters import POSITION
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
+from sinew.solve.first import as_one_tendon, free_swing, held_at, swing_loss, swing_stiffness
 from sinew.twin.cache import configure
 from sinew.twin.parameters import from_rig
 
@@ -122,7 +121,8 @@ def test_a_joint_that_is_tuned_has_the_spring_and_the_loss_that_its_guides_settl
 @pytest.mark.slow
 def test_identification_damps_a_joint_by_the_loop_of_its_rigs_own_guides() -> None:
     rig = slipping_rig()
-    found = balance(numbers_of(rig), 4.0, POSITION, SWING)
+    numbers = numbers_of(rig)
+    found = free_swing(numbers.p, numbers.contact, 4.0, POSITION, SWING)
     inertia = rig.inertia.head.value + rig.inertia.lever.value
     stored = 0.5 * inertia * (2 * np.pi * float(found.natural_frequency_hz) * SWING) ** 2
     lost = float(found.guide_friction_share * found.damping_ratio) * 4 * np.pi * stored

@@ -62,7 +62,7 @@ def test_a_wiring_comes_back_from_its_text() -> None:
         ["+x", "+y" => ["+x", "-x" => imu_axes +x, -x, +z are no right-handed frame
         ["+x", "+y" => ["-x", "+y" => imu_axes -x, +y, +z are no right-handed frame
         drive_id = 5 => drive_ids = 5 => unknown rig key wiring.drive_ids; did you mean drive_id?
-        XM430-W350 => XL320 => wiring.drive_model: no servo 'XL320' is known; expected one of XH430
+        drive_model = "XM430 => drive_model = "XL320 => wiring.drive_model: no servo 'XL320-W350' is known
         latency_ms = 4 => latency_ms = 0 => wiring.latency_ms: found 0, expected greater than 0
         [-20, 40] => [40, -20] => limits.tendon_travel_mm: the first number, 40
     """),
