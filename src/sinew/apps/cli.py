@@ -14,9 +14,9 @@ from typing import Annotated
 import typer
 
 from sinew import __version__
-from sinew.apps.bench import doctor, emulate, run, serve, track
+from sinew.apps.bench import check, doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
-from sinew.apps.joints import calibrate, design, predict, transfer, tune
+from sinew.apps.joints import calibrate, design, joint, predict, transfer, tune
 from sinew.apps.recordings import analyse, convert, gait, identify, reproduce, simulate
 from sinew.measure.errors import SinewError
 
@@ -29,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 _command = partial(app.command, cls=NumbersCommand)
-_command(epilog="Example: sinew check plans/paper.toml --rig rigs/paper.toml")(simulate.check)
+_command(epilog="Example: sinew check plans/paper.toml --rig rigs/paper.toml")(check.check)
 _command(epilog="Example: sinew simulate short --rig paper --out run/recording.nc --without guide_friction")(
     simulate.simulate
 )
@@ -47,7 +47,7 @@ _command(epilog="Example: sinew predict rigs/paper.toml --pretension-mm 0,6,12 -
 _command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat")(
     transfer.transfer
 )
-_command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(design.joint)
+_command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(joint.joint)
 _command(epilog="Example: sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared")(predict.compare)
 _command(epilog="Example: sinew tune rigs/paper.toml --resonance-hz 3.2,3.6,4 --yaw-deg 7 --json")(tune.tune)
 _command(epilog="Example: sinew gait slow.npz fast.npz --speed-m-s 0.8,1.4 --out out/gait")(gait.gait)

@@ -1,67 +1,11 @@
-"""`sinew check` and `sinew simulate`: a plan before it meets a bench, previewed and run on the physics twin."""
+"""`sinew simulate`: a plan run on the physics twin, recorded as a bench would."""
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from sinew.apps import console
 from sinew.apps.console import Json, PlanArgument, Rig, Seed, Without, option
-from sinew.measure.estimate import fixed
-
-if TYPE_CHECKING:
-    from sinew.plan.check import Preview
-    from sinew.plan.plan import Plan
-
-
-def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
-    """Preview a plan on a rig before anything moves.
-
-    Prints duration, the drive amplitude that can be reached at each frequency, tendon tensions, torsion, and every
-    limit of the rig that the plan would break. Ends with status 2 if there is one.
-    """
-    from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
-    from sinew.plan.toml import load_plan, load_rig
-    from sinew.predict.preview import preview_plan, told_preview
-
-    plan_, rig_ = load_plan(plan), load_rig(rig)
-    preview = preview_plan(plan_, rig_, swing=True)
-    told = told_preview(plan_, rig_, preview)
-    if json:
-        console.print_json(told)
-    else:
-        _print_preview(plan_, preview, told)
-    refuse_beyond_limits(preview)
-    return 0
-
-
-def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> None:
-    print(f"plan {plan.name} on rig {told['rig']}: {preview.groups} motions, {preview.samples} samples,", end=" ")
-    longest = f" (at most {_time(preview.longest_s)})" if preview.longest_s > preview.duration_s else ""
-    print(f"{_time(preview.duration_s)}{longest} of motion and rest,", end=" ")
-    print(f"about {_time(preview.bench_s)} on a bench with pull, pretensions and stop")
-    if preview.frequency_hz and plan.sweep is not None:
-        rows = [
-            (f"{row['frequency_hz']:g}", fixed(row["amplitude_deg"], 1), fixed(row["current_a"], 2))
-            for row in told["drive"]
-        ]
-        title = f"drive, nominal {plan.sweep.amplitude_deg:g}°, against a held head (less where the joint resonates)"
-        console.print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)
-    twists = [fixed(twist, 0) for twist in preview.torsion_deg] or [""] * len(preview.tension_n)
-    held = [
-        (f"{p:g}", fixed(t, 1), twist)
-        for p, t, twist in zip(plan.pretension.pretension_mm, preview.tension_n, twists, strict=True)
-    ]
-    console.print_table(
-        ("pretension/mm", "tension of each tendon at rest/N", "largest torsion/°"), held, "tendons and torsion"
-    )
-    for finding in preview.findings:
-        print(f"{'REFUSED' if finding.severity == 'refuse' else 'warning'}: {finding.sentence}")
-    if not preview.refusals:
-        print("no limit of the rig is broken")
-
-
-def _time(seconds: float) -> str:
-    return "{} min {} s".format(*divmod(round(seconds), 60))
 
 
 def simulate(
