@@ -9,6 +9,7 @@ from tests.browser.dashboard import ARGUMENTS, CHROMIUM, Served, served
 
 from sinew.apps.cli import main
 from sinew.bench.record.journal import Journal
+from sinew.measure.events import Note
 from sinew.plan.toml import dump_rig, load_rig
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="no Playwright: make setup-dev installs it")
@@ -100,7 +101,7 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     odd = SHORT.format(name=PWNED, mm="4")
     (runs / "odd").mkdir()
     with Journal.create(runs / "odd" / "journal.sqlite", odd, dump_rig(load_rig("paper"))) as journal:
-        journal.event("pull", PWNED)
+        journal.event(Note(PWNED))
     (runs / "plans").mkdir()
     (runs / "plans" / "odd.toml").write_text(odd)
     (runs / "damaged").mkdir()
