@@ -24,6 +24,7 @@ import websockets
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.journal_reader import JournalReader
 from sinew.bench.record.sample import Sample
+from sinew.measure.events import Health
 from sinew.measure.recording import Segment
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 
@@ -167,7 +168,8 @@ def write_fast(path: Path, seconds: float, speed: float, ready: threading.Event)
             for index in range(written, due):
                 journal.append(synthetic(index, rig.tendons.count))
                 if index % int(RATE_HZ) == 0:
-                    journal.event("health", json.dumps({"cycles": index, "missed": 0, "incomplete": 0}))
+                    at = index / RATE_HZ
+                    journal.event(Health("running", index, 0, 0, 0.0, 0.0, {}, None, {}, at, seconds, 0, 1))
             written = max(written, due)
             time.sleep(0.02)
 

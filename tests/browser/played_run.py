@@ -21,7 +21,7 @@ from sinew.apps.bench.run_control import RunControl, listening
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Progress
 from sinew.bench.stops import Steering, StopReport
-from sinew.measure.events import Contact, Pulled
+from sinew.measure.events import Contact, Doubted, Ended, Health, Paused, Pulled
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Group
 from sinew.plan.toml import dump_plan, load_plan
@@ -53,7 +53,7 @@ class Played:
         self._journal.event(Pulled.of())
         self._journal.event(Contact.of(current_ma=85.0))
         if DOUBTS in self._name:
-            self._journal.event("doubt", "the gain at 3 Hz is 0.41, where the rig's prediction gives 2.3 to 2.7")
+            self._journal.event(Doubted("the gain at 3 Hz is 0.41, where the rig's prediction gives 2.3 to 2.7"))
         before = 0.0
         for index, group in enumerate(groups):
             if index not in self._journal.finished_groups() and not self._rested_and_played(index, group, before):
@@ -68,7 +68,7 @@ class Played:
         while self._steering.pause_asked and self._steering.halt is None:
             if self.at.state != "paused":
                 self.at.state = "paused"
-                self._journal.event("paused", "the run rests")
+                self._journal.event(Paused("the run rests"))
                 self._journal.begin_segment(
                     None, 0, Segment("idle", group.pretension_mm, math.nan, math.nan, 0), "pause"
                 )
@@ -111,19 +111,22 @@ class Played:
         if self._newest - self._told > 0.5:
             self._told = self._newest
             at = self.at
-            health = {
-                "state": at.state,
-                "cycles": self._cycles,
-                "missed": 0,
-                "incomplete": 0,
-                "worst_late_ms": 0.4,
-                "temperature_c": {"drive": 41.0, "tendon 1": 38.0, "tendon 2": 37.0},
-                "supply_v": 12.1,
-                "bus": {"transactions": 3 * self._cycles, "retries": 0, "silent": 0},
-                "done_s": at.done_s(self._newest),
-                "total_s": at.total_s,
-            }
-            self._journal.event("health", json.dumps(health))
+            health = Health(
+                state=at.state,
+                cycles=self._cycles,
+                missed=0,
+                incomplete=0,
+                worst_late_ms=0.4,
+                busy_ms=2.0,
+                temperature_c={"drive": 41.0, "tendon 1": 38.0, "tendon 2": 37.0},
+                supply_v=12.1,
+                bus={"transactions": 3 * self._cycles, "retries": 0, "silent": 0},
+                done_s=at.done_s(self._newest),
+                total_s=at.total_s,
+                group=at.group,
+                groups=at.groups,
+            )
+            self._journal.event(health)
 
 
 def main(folder: Path, resume: bool) -> int:
@@ -141,7 +144,7 @@ def main(folder: Path, resume: bool) -> int:
         with open_journal(path, text, RIG_TEXT, *more) as journal:  # type: ignore[operator]
             why = Played(journal, control, steering, plan.name).run(groups)
             steering.note_frozen(_STOPPED)
-            journal.event("end", why or f"all {len(groups)} groups are recorded")
+            journal.event(Ended(why or f"all {len(groups)} groups are recorded"))
             done = len(journal.finished_groups())
         time.sleep(0.1)
         steering.note_over(_STOPPED)
