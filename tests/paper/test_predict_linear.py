@@ -99,7 +99,7 @@ class Motion(NamedTuple):
 def state_of(x: Array, lane: object, harmonics: int) -> State:
     """Return the twin's state at τ = 0 from the channels of a motion; the gyroscope is at rest."""
     q, omega = motion(jnp.asarray(x), lane, free_lever(1), harmonics)  # type: ignore[arg-type]
-    u = channels(q, omega, free_lever(1), grid(RESOLUTION, free_lever.sizes[0][1]), harmonics).values[:, 0]
+    u = channels(q, omega, free_lever(1), grid(free_lever(1), RESOLUTION.sizes[0][1]), harmonics).values[:, 0]
     n, zero = BRANCHES, jnp.zeros(())
     lever = 2 * (2 + n)
     memory, axial = tuple(u[2 : 2 + n]), tuple(u[4 + n : lever])
