@@ -168,7 +168,9 @@ def test_a_number_that_varies_is_found_for_each_group() -> None:
 
 
 def test_a_loss_factor_is_found_again_from_the_twins_own_series() -> None:
-    from sinew.mechanics.silicone import complex_stiffness, prony_shares
+    from tests.unit.prony import complex_stiffness
+
+    from sinew.mechanics.silicone import prony_shares
 
     shares, hertz = prony_shares(0.2), np.linspace(1.0, 6.0, 11)
     relaxed = OMEGA**2 / complex_stiffness(shares, 3.0).real

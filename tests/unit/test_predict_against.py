@@ -7,13 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from tests.unit.prony import complex_stiffness
 
 from sinew.analysis.signal.torsion import LeverMotion, measure_lever
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.recording import Segment, build_recording
 from sinew.mechanics.joint import potential
-from sinew.mechanics.silicone import complex_stiffness
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.against import Comparison, Reading, error_of, estimate_at, measured_of, scores_of

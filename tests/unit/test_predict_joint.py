@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.unit.prony import complex_stiffness
 
 from sinew.mechanics.joint import State, potential, rate
 from sinew.mechanics.parameters import Parameters
-from sinew.mechanics.silicone import BRANCHES, complex_stiffness
+from sinew.mechanics.silicone import BRANCHES
 from sinew.plan.toml import load_rig
 from sinew.predict.joint import RESOLUTION, free_lever, joint_problem, prescribed_lever
 from sinew.solve.balance import Size, channels, grid, unknowns

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy import io, signal
 from tests.contracts.commands import command_lines, refused
+from tests.unit.prony import complex_stiffness
 
 from sinew.apps.cli import main
 from sinew.measure.errors import SpecError
-from sinew.mechanics.silicone import complex_stiffness, prony_shares
+from sinew.mechanics.silicone import prony_shares
 from sinew.plan.plan import Group
 from sinew.plan.toml import load_rig
 from sinew.predict.linear import LinearJoint, StateSpace, joint_document, linear_joints, write_transfer

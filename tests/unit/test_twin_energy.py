@@ -5,10 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from tests.unit.prony import complex_stiffness
 
 from sinew.mechanics.joint import potential
 from sinew.mechanics.parameters import CURRENT, POSITION, POSITION_LIMITED, Parameters
-from sinew.mechanics.silicone import complex_stiffness, prony_shares, silicone_energy
+from sinew.mechanics.silicone import prony_shares, silicone_energy
 from sinew.mechanics.tendons import (
     cos_sin,
     guide_directions,

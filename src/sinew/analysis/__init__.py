@@ -1,1 +1,1 @@
-"""What a recording says: amplitude, gain, phase, resonance, ring-down."""
+"""What a recording says: amplitude, gain, phase, resonance, energy, decay, broadband response."""

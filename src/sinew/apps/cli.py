@@ -1,8 +1,8 @@
 """The command `sinew`: its parts put together, and an error as one line and an exit status.
 
 Exit status: 0 on success, 1 where a bench run, stop or doctor did not end well, 2 on wrong input (one line on stderr),
-130 when interrupted. Any other exception is a fault
-of Sinew's own and keeps its traceback.
+130 when interrupted. Any other exception is a fault of Sinew's own and keeps its
+traceback.
 """
 
 import os

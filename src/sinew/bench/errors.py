@@ -2,10 +2,10 @@
 
 SinewError
 └── BenchError
-    ├── StartError     nothing has moved: the bench, the plan or the disk is not as it must be
-    └── StoppedError       motors were under power; the rig was brought to its safe state
-        ├── LimitError    a measured value went beyond a limit of the rig
-        └── LostError       a device fell silent, froze or does not do what it is told
+    ├── StartError              nothing has moved: the bench, the plan or the disk is not as it must be
+    └── StoppedError            motors were under power; the rig was brought to its safe state
+        ├── LimitError          a measured value went beyond a limit of the rig
+        └── LostError           a device fell silent, froze or does not do what it is told
             └── PauseError      motors were stopped by their watchdogs because the computer paused
 """
 

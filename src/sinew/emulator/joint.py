@@ -1,6 +1,6 @@
-"""The joint behind its motors, in motion: the twin's equations, with a motor for each tendon and with tilt.
+"""The joint behind its motors, in motion: the mechanics' equations, with a motor for each tendon and with tilt.
 
-Torsion, shortening, silicone, guide friction, lever and drive are the twin's. What is added:
+Torsion, shortening, silicone, guide friction, lever and drive are those of `sinew.mechanics`. What is added:
 
 A tendon's cable of stiffness k_c ends on the horn of its motor, which has taken up h of it: T = k_c (ℓ - ℓ_0 + h) where
 taut. The motor wants a tension: by position, that of a spring of compliance 1/k_c + 1/k_servo whose end is at the wound

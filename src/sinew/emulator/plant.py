@@ -1,4 +1,4 @@
-"""What an emulated motor asks of the mechanics, and what the mechanics answer.
+"""What an emulated motor asks of the mechanics, and what the mechanics answer; motors that pull nothing.
 
 The device side (registers, modes, limits) sets a `Law` for each horn; the mechanics side (`Plant`) moves on in time and
 tells a `Motion`. Angles are at the horn, in the motor's own positive sense being *pulling* for a tendon motor and

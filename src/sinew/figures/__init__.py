@@ -1,1 +1,1 @@
-"""Figures and pages of the paper and the report."""
+"""Figures and pages: of recordings, predictions, fits and the paper."""

@@ -1,4 +1,4 @@
-"""Figure 9: a driven oscillation, its free decay, and the envelope fitted to it."""
+"""Figures 9 and 10: a driven oscillation, its free decay, the envelope fitted to it, and its phase portrait."""
 
 from dataclasses import dataclass, replace
 

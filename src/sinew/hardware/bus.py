@@ -1,4 +1,4 @@
-"""The bus: devices are asked and answers waited for, one transaction at a time.
+"""The bus: devices are asked and answers waited for, one transaction at a time; the clock and line that it needs.
 
 One thread owns a bus. Timeouts are what the bytes need on the wire, the devices' return delay and the latency of the
 port, told by a clock that never goes back. What a device does not do is an outcome in its `Reply`; only a port that is

@@ -1,1 +1,1 @@
-"""The joint's physics, each law once: silicone, tendons, guides, drive, head, and the motion of them together."""
+"""The joint's physics, each law once: silicone, tendons, guides, drive, the joint of them, and laws of one degree of freedom."""

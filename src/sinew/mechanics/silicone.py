@@ -5,7 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from sinew.mechanics.parameters import Parameters
@@ -41,13 +41,6 @@ def prony_shares(loss_factor: float) -> NDArray[np.float64]:
     storage, loss = branch_stiffness(1.0, wt)
     shares, _ = nnls(loss - loss_factor * storage, np.full(omega.size, loss_factor))
     return np.asarray(shares)
-
-
-def complex_stiffness(shares: ArrayLike, frequency_hz: ArrayLike) -> NDArray[np.complex128]:
-    """Return G*(f) over the relaxed stiffness, shape of `frequency_hz`."""
-    turned = 2 * np.pi * np.asarray(frequency_hz, dtype=float)[..., None] * relaxation_times()
-    storage, loss = branch_stiffness(np.asarray(shares), turned)
-    return np.asarray(1 + np.sum(storage + 1j * loss, axis=-1))
 
 
 def silicone_energy(torsion: jax.Array, shortening: jax.Array, p: Parameters) -> jax.Array:

@@ -1,1 +1,1 @@
-"""A joint's steady response, computed before anything swings: curves, folds, stability."""
+"""A joint's steady response, computed before anything swings: curves, bands, joints that are not built."""

@@ -1,4 +1,4 @@
-"""The joint linear about its rest: the twin's own equations of motion, differentiated there.
+"""The joint linear about its rest: the equations of `sinew.mechanics.joint`, differentiated there.
 
 Two systems per pretension. `drive` has the lever on its servo: from the command, and from a torque on the head, to
 torsion and lever. `lever` has the lever moved as told: from its angle, and from a torque on the head, to torsion.

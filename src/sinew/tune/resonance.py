@@ -147,7 +147,7 @@ def find_resonances(
 ) -> tuple[Resonance | None, ...]:
     """Return the resonance at each pretension [mm]; None where the torsion passes no 90° of lag in the band.
 
-    By harmonic balance with seven harmonics on the twin's equations; with nineteen it moves by less than 1e-4.
+    By harmonic balance with seven harmonics on the joint's equations; with nineteen it moves by less than 1e-4.
     band_hz: where it is sought, else `linear_band`. commands_deg: first guesses of the command for a yaw, one each.
     With a yaw the command is changed by secants until the torsion is within 0.2 % of it, six times at most, and not
     beyond twice the rig's limit: a drive that cannot leaves a smaller torsion, which `Resonance.torsion` tells.

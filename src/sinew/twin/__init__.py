@@ -1,1 +1,1 @@
-"""The physics twin: energy, dissipation, servo, sensors."""
+"""The physics twin: a rig as numbers, a plan run on them, sensors."""

@@ -23,6 +23,11 @@ def lehr_damping(decay_rate: Any, omega: Any) -> Any:
     return decay_rate / np.hypot(decay_rate, omega)
 
 
+def printed_lehr_damping(decay_rate: float, omega: float) -> float:
+    """Return D = λ/ω as paper Eq. 7 prints it, 1/sqrt(1 - D²) larger than `lehr_damping`; for the paper's method."""
+    return decay_rate / omega
+
+
 def pole_estimates(poles: Array, covariance: Array, freedom: float, clock_std: float = 0.0) -> dict[str, Estimate]:
     """Return frequency_hz, natural_frequency_hz, damping_ratio and decay_rate_per_s from (λ, ω) and their covariance.
 

@@ -1,4 +1,4 @@
-"""The free decay in a record, found and fitted, whatever came before it."""
+"""The free decay in a record, found and fitted, whatever came before it; its peaks and the paper's envelope."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate, optimize, signal
 
-from sinew.analysis.decay.decay_fit import DecayFit, fit_decay, fit_decay_and_rest
+from sinew.analysis.decay.decay_fit import DecayFit, fit_decay, fit_decay_and_rest, printed_lehr_damping
 from sinew.measure.arrays import Array
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, TimeError
@@ -475,8 +475,8 @@ class Envelope:
 
     @property
     def lehr_damping(self) -> float:
-        """Return D = λ/⟨ω⟩ (paper Eq. 7); 1/sqrt(1 - D²) larger than the damping ratio."""
-        return self.decay_rate_per_s / self.omega_rad_s
+        """Return D = λ/⟨ω⟩ as paper Eq. 7 prints it."""
+        return printed_lehr_damping(self.decay_rate_per_s, self.omega_rad_s)
 
     @property
     def lehr_damping_std(self) -> float:

@@ -1,4 +1,4 @@
-"""The control socket of a run: it listens there to whoever steers it, and is spoken to there.
+"""The control socket of a run: it listens there to whoever steers it, and is spoken to there; its line on the screen.
 
 DIR/control holds the socket's path; the socket lies in a folder that only its owner may enter. One line of JSON each
 way: {"command": ..., "folder": [device, inode]} and {"ok": ..., "sentence": ..., "state": {...}}. A folder may be

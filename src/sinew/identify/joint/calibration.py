@@ -244,7 +244,7 @@ def calibrate(
     >>> import sinew as sn
     >>> recording = sn.simulate("short", "paper")  # doctest: +SKIP
     >>> mine = sn.calibrate("paper", recording, name="mine")  # doctest: +SKIP
-    >>> mine.rig.silicone.shear_modulus.interval90  # doctest: +SKIP
+    >>> mine.rig.silicone.torsional_rigidity.interval90  # doctest: +SKIP
     """
     given = [recordings] if isinstance(recordings, (xr.Dataset, str, Path)) else list(recordings)
     before = rig if isinstance(rig, RigSpec) else load_rig(rig)

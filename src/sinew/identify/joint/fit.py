@@ -1,6 +1,6 @@
 """The tendon joint's fit to recordings: one set of parameters over all pretensions and repeats.
 
-The model is the twin's equation of motion under the measured lever (`sinew.identify.joint.motion`). The search has
+The model is `sinew.mechanics.joint` under the measured lever (`sinew.identify.joint.motion`). The search has
 three legs: the steady segments of one repeat with a fifth of the signal taken for noise, which forgives a start that is
 far off; then everything, with the noise that the residuals of the leg before show, twice.
 """

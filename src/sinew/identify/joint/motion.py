@@ -1,6 +1,7 @@
-"""Motion of the joint under a lever that was measured: the twin's equations, with derivatives.
+"""Motion of the joint under a lever that was measured, with derivatives, and the least squares that it is fitted by.
 
-The drive plays no part: its horn is wherever the encoder says it was. Everything else is the twin's own.
+The drive plays no part: its horn is wherever the encoder says it was. Everything else is `sinew.mechanics.joint`. The
+residuals are whitened by the noise that a fit before has shown.
 """
 
 import math

@@ -7,8 +7,7 @@ near one: 20 natural scales wide (`Number.natural` of `sinew.mechanics.laws`), s
 nonlinear term up to ten times what rules the motion is welcome; a loss factor about one wide; the creep time and
 memory, which a record hardly tells, one natural scale. Stiffness, damping, loss factor and dry friction are not
 negative (half-normal), unless the fit says so by more than two standard deviations. An interval of quantiles therefore
-never reaches zero for
-them: whether there is dry friction at all is a question for the comparison of models.
+never reaches zero for them: whether there is dry friction at all is a question for the comparison of models.
 
 The sampler moves in coordinates in which the fit's covariance is the identity, so it starts adapted and takes few
 steps; a number that is not negative is the absolute value of one that moves freely.

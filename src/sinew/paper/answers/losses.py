@@ -1,7 +1,7 @@
 """What Lehr's damping consists of: silicone, guides, the stopped lever's recoil, sensors.
 
 The tendon joint that was fitted to the recording swings down once more on the twin. The share of a loss is its share of
-the energy that the swing loses (`answer_energy`); the sensors' is what D, read off the gyroscope by the paper's method,
+the energy that the swing loses (`energy_shares`); the sensors' is what D, read off the gyroscope by the paper's method,
 changes by with perfect sensors. D with each loss switched off stands beside: it is no share, because without a loss the
 joint swings differently, at another frequency and amplitude. The fit's uncertainty, and what the rig leaves
 open of the drive, are carried along by drawing the parameters.
@@ -44,8 +44,8 @@ from sinew.twin.simulate import lane_parameters, read_gyro, simulate_tracks
 #
 # Along one and the same motion the power of every loss is integrated from one drive period after the stop on.
 # Together they are the energy that the swing had then, less what is left at the end. That energy holds what comes
-# back: bristles of the guides' friction that have not broken loose store ½ μ ΣT φ_s z², of whose torque μ ΣT z only μ
-# ΣT z² |φ'| is lost (Dahl); and the position loop of the servo is a spring on the lever: only back-EMF and gear
+# back: bristles of the guides' friction that have not broken loose hold some, of whose torque only the slipping part is
+# lost (`sinew.mechanics.guides`); and the position loop of the servo is a spring on the lever: only back-EMF and gear
 # friction take energy.
 
 LOSSES = ("silicone", "guides", "servo")

@@ -327,7 +327,7 @@ def rectangle_section(width: float, height: float) -> Section:
 
 
 def star_section(outer: float, inner: float, points: int) -> Section:
-    """Return a star between two diameters [m]; torsion by finite elements. Raises SpecError as `outline.star` does."""
+    """Return a star between two diameters [m]; torsion by finite elements. Raises SpecError as `star` does."""
     shape = f"star of {points} points, {outer * 1e3:g} and {inner * 1e3:g} mm"
     return section_of_outline(star(outer, inner, points), shape)
 

@@ -1,4 +1,4 @@
-"""The joint that sliders describe, and its predicted curve."""
+"""What is computed before anything moves: the joint that sliders describe, a plan's preview and its prediction."""
 
 import functools
 import math
