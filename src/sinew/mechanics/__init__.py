@@ -1,1 +1,1 @@
-"""The joint's physics, each law once: silicone, tendons, guides, drive, the joint of them, and laws of one degree of freedom."""
+"""The joint's physics, each law once: silicone, tendons, guides, drive, their joint, oscillator laws."""

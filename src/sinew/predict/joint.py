@@ -2,7 +2,8 @@
 
 Coordinates are torsion, shortening, the lever's angle and the bristles of the guides' friction; the silicone's memory
 are copies that lag behind torsion and shortening by the relaxation times of its branches. Their equations are what
-`sinew.mechanics.joint.rate` says about them; there is no second copy of the physics. The low-pass of the gyroscope is left out, it acts on nothing.
+`sinew.mechanics.joint.rate` says about them; there is no second copy of the physics. The low-pass of the gyroscope is
+left out, it acts on nothing.
 
 Torsion, lever and bristles change sign together where the guides stand evenly on their circles, and the shortening does
 not: half a period is enough.

@@ -2,8 +2,8 @@
 
 A candidate is a point of a unit cube for each of its sizes; `unpacked` says which sizes those are. Its pretensions are
 no variables of the search: the shortening at which it resonates at an end of the band is solved for, and moves with
-the sizes by the implicit function theorem. All forces are those of the twin. What a design is asked for (`DesignTarget`),
-the formulas of its sections with slopes, and the drive's load stand here with the judging that needs them.
+the sizes by the implicit function theorem. All forces are those of the twin. What a design is asked for
+(`DesignTarget`), formulas of its sections with slopes, and the drive's load stand with the judging that needs them.
 """
 
 from collections.abc import Callable

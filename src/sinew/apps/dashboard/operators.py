@@ -1,4 +1,4 @@
-"""Viewers and operators of a bench: who looks on, who operates, which commands were heard before, and which folders are safe to read.
+"""Viewers and operators of a bench: who operates, which commands were heard before, which folders are safe to read.
 
 Each page that is loaded takes a ticket and numbers its commands. A number that is not greater than the last one is a
 command that was heard already, sent again by whoever recorded it. One ticket at most operates; it does so until it

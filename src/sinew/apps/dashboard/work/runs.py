@@ -1,4 +1,4 @@
-"""The runs in a folder: what each was, how far it came, what state it is in; the shelf of rigs and plans beside them."""
+"""The runs in a folder: what each was, how far it came, its state; the shelf of rigs and plans beside them."""
 
 import json
 import os
