@@ -7,8 +7,9 @@ from tests.unit.emulator_stand_in import Bench, paper_rig
 
 from sinew.hardware.errors import RegisterError
 from sinew.hardware.motor import TENDON_MODES, DriveServo, TendonServo
-from sinew.hardware.registers import XH430_W350, XM430_W350
+from sinew.hardware.registers import MOTORS, XH430_W350, XM430_W350
 from sinew.plan.plan import TendonMode
+from sinew.plan.servo import SERVOS
 
 COUNT = math.tau / 4096
 AMPERE = 2.69e-3
@@ -181,3 +182,7 @@ def test_the_drives_output_is_limited_by_its_duty(bench: Bench) -> None:
     servo.torque_on()
     servo.limit_output(0.2)
     assert bench.get(5, "goal_pwm") == int(0.2 / 0.00113)
+
+
+def test_every_servo_that_a_rig_may_name_has_its_registers() -> None:
+    assert {servo.number for servo in SERVOS.values()} == set(MOTORS)

@@ -63,6 +63,7 @@ def test_a_wiring_comes_back_from_its_text() -> None:
         ["+x", "+y" => ["-x", "+y" => imu_axes -x, +y, +z are no right-handed frame
         drive_id = 5 => drive_ids = 5 => unknown rig key wiring.drive_ids; did you mean drive_id?
         drive_model = "XM430 => drive_model = "XL320 => wiring.drive_model: no servo 'XL320-W350' is known
+        tendon_model = "XH430 => tendon_model = "MX28 => wiring.tendon_model: no servo 'MX28-W350' is known
         latency_ms = 4 => latency_ms = 0 => wiring.latency_ms: found 0, expected greater than 0
         [-20, 40] => [40, -20] => limits.tendon_travel_mm: the first number, 40
     """),
