@@ -83,12 +83,6 @@ def frozen(recording: xr.Dataset, name: str, for_s: float = 0.6) -> xr.Dataset:
     return recording.assign({name: recording[name].copy(data=values)})
 
 
-def relabelled(recording: xr.Dataset, shift_mm: float) -> xr.Dataset:
-    """Return the recording as if its greater pretension had not been set fully: the label says more than there is."""
-    label = recording["pretension_mm"]
-    return recording.assign(pretension_mm=label.copy(data=np.where(label > label.min(), label + shift_mm, label)))
-
-
 Spoil = Callable[[RigSpec, Plan, int], xr.Dataset]
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 FREQUENCY_HZ = 3.0
-STOP_S = 2.0
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.mechanics.drive import electrical_torque, gear_friction
 from sinew.mechanics.guides import GuideFriction
 from sinew.mechanics.joint import State, axial_omega, derivative, free_lever_acceleration, head_torque
@@ -40,7 +40,6 @@ TILT_DAMPING = 0.3
 """Damping of the tilt [N m s/rad]; assumed."""
 
 Numbers = tuple[Any, ...]  # one for each tendon
-Vector = NDArray[np.float64]
 
 
 class Joint(NamedTuple):
@@ -297,7 +296,7 @@ def _step(now: Now, order: TendonOrder, drive: DriveOrder, joint: Joint, step_s:
 
 
 @partial(jax.jit, static_argnums=4)
-def move_on(now: Vector, tendons: Vector, drive: Vector, constants: jax.Array, kind: Kind) -> jax.Array:
+def move_on(now: Array, tendons: Array, drive: Array, constants: jax.Array, kind: Kind) -> jax.Array:
     """Return the numbers of `now` and `seen` after the steps that the vectors ask for; see `Layout`.
 
     constants: the leaves of a `Joint`, stacked. Takes any number of steps, also none.

@@ -17,12 +17,11 @@ from scipy.signal import find_peaks
 
 from sinew.analysis.decay.free_decay import fit_envelope
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
+from sinew.measure.arrays import Array
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.solve.march import Track
 from sinew.twin.simulate import lane_parameters, simulate_tracks
-
-Vector = NDArray[np.float64]
 
 _SAMPLE_HZ, _AMPLITUDE_DEG = 200.0, 20.0
 _PRETENSION_MM = (0.0, 6.0, 12.0)
@@ -51,13 +50,13 @@ class Scale:
     likely, width: mean and standard deviation of the uncut normal, (free,); low, high: bounds, (free,); SI units.
     """
 
-    likely: Vector
-    width: Vector
-    low: Vector
-    high: Vector
+    likely: Array
+    width: Array
+    low: Array
+    high: Array
 
     @property
-    def ends(self) -> tuple[Vector, Vector]:
+    def ends(self) -> tuple[Array, Array]:
         """The bounds in widths from the likely values, (free,)."""
         return (self.low - self.likely) / self.width, (self.high - self.likely) / self.width
 
@@ -89,7 +88,7 @@ TARGETS = (
 )
 
 
-def rig_with(base: RigSpec, values: Vector) -> RigSpec:
+def rig_with(base: RigSpec, values: Array) -> RigSpec:
     """Return the rig with the free parameters at these values [SI], (free,); base radius and head inertia follow."""
     settings = {free.name: float(value) for free, value in zip(FREE, values, strict=True)}
     settings["tendons.base_radius"] = settings["tendons.head_radius"]
@@ -104,13 +103,13 @@ def scale_of(base: RigSpec) -> Scale:
     return Scale(np.array([free.value for free in FREE]), np.array([free.within for free in FREE]), low, high)
 
 
-def misfit(observed: Vector) -> Vector:
+def misfit(observed: Array) -> Array:
     """Return (observed - paper) in standard deviations, thirds of a tolerance; the last axis is the target."""
     value, tolerance = np.array([(target.value, target.within) for target in TARGETS]).T
     return np.asarray((observed - value) * _MOST_DEVIATIONS / tolerance)
 
 
-def is_met(observed: Vector) -> NDArray[np.bool_]:
+def is_met(observed: Array) -> NDArray[np.bool_]:
     """Return whether all of the paper's numbers are met within their tolerance, over the leading axes."""
     return np.asarray((np.abs(misfit(observed)) <= _MOST_DEVIATIONS).all(axis=-1))
 
@@ -127,7 +126,7 @@ def paper_groups() -> list[Group]:
     return campaign
 
 
-def observe(rigs: Sequence[RigSpec]) -> Vector:
+def observe(rigs: Sequence[RigSpec]) -> Array:
     """Return what the paper measured, on the twin of every rig in one batch, shape (rig, target).
 
     Nothing is random: scatter and noise are off, and the true torsion is read.
@@ -140,7 +139,7 @@ def observe(rigs: Sequence[RigSpec]) -> Vector:
     return np.array([_observe_one(campaign, tracks[i * size : (i + 1) * size]) for i in range(len(rigs))])
 
 
-def _observe_one(campaign: list[Group], tracks: list[Track]) -> Vector:
+def _observe_one(campaign: list[Group], tracks: list[Track]) -> Array:
     peaks, gains, crossings, damping = [], [], [], []
     for pretension in _PRETENSION_MM:
         rows = [(g, t) for g, t in zip(campaign, tracks, strict=True) if g.pretension_mm == pretension]
@@ -200,8 +199,8 @@ class PaperFit:
     """
 
     rig: RigSpec
-    values: Vector
-    observed: Vector
+    values: Array
+    observed: Array
 
     @property
     def met(self) -> bool:
@@ -221,7 +220,7 @@ def fit_paper(base: RigSpec) -> PaperFit:
     return PaperFit(rig, values, observe([rig])[0])
 
 
-def find_ranges(base: RigSpec, values: Vector, progress: Progress | None = None) -> dict[str, dict[str, Any]]:
+def find_ranges(base: RigSpec, values: Array, progress: Progress | None = None) -> dict[str, dict[str, Any]]:
     """Return how far each free parameter can move until one of the paper's numbers is missed, by dotted name.
 
     values: of the fit, (free,). progress: called with (done, total) parameters.
@@ -245,8 +244,8 @@ def find_ranges(base: RigSpec, values: Vector, progress: Progress | None = None)
 
 
 def _fit(
-    base: RigSpec, start: Vector, fixed: dict[int, float] | None = None, *, steps: int = 15, prior: float = 1.0
-) -> tuple[Vector, Vector]:
+    base: RigSpec, start: Array, fixed: dict[int, float] | None = None, *, steps: int = 15, prior: float = 1.0
+) -> tuple[Array, Array]:
     """Return (values, observed) of the maximum a posteriori fit.
 
     fixed: parameters that are held, by index. prior: weight of the prior; below 1 the search also ends as soon as
@@ -258,21 +257,21 @@ def _fit(
     values = np.clip(start, scale.low, scale.high)
     for i, value in (fixed or {}).items():
         values[i] = value
-    best: list[Vector] = []
+    best: list[Array] = []
 
-    def complete(x: Vector) -> Vector:
+    def complete(x: Array) -> Array:
         whole = values.copy()
         whole[free] = np.clip(likely[free] + width[free] * x, scale.low[free], scale.high[free])
         return whole
 
-    def residual(x: Vector) -> Vector:
+    def residual(x: Array) -> Array:
         observed = observe([rig_with(base, complete(x))])[0]
         if prior < 1 and is_met(observed):
             best[:] = [complete(x), observed]
             raise _MetError
         return np.concatenate([misfit(observed), prior * x])
 
-    def jacobian(x: Vector) -> Vector:
+    def jacobian(x: Array) -> Array:
         h = 0.02
         moved = [x + sign * h * row for row in np.eye(free.size) for sign in (1, -1)]
         seen = misfit(observe([rig_with(base, complete(m)) for m in moved]))
@@ -288,7 +287,7 @@ def _fit(
     return final, observe([rig_with(base, final)])[0]
 
 
-def _alone(base: RigSpec, values: Vector, index: int) -> tuple[float, float]:
+def _alone(base: RigSpec, values: Array, index: int) -> tuple[float, float]:
     scale = scale_of(base)
 
     def met(value: float) -> bool:
@@ -297,7 +296,7 @@ def _alone(base: RigSpec, values: Vector, index: int) -> tuple[float, float]:
     return _edge(met, values[index], scale.low[index], 7), _edge(met, values[index], scale.high[index], 7)
 
 
-def _together(base: RigSpec, values: Vector, index: int) -> tuple[float, float]:
+def _together(base: RigSpec, values: Array, index: int) -> tuple[float, float]:
     scale = scale_of(base)
     ends = []
     for bound in (scale.low[index], scale.high[index]):

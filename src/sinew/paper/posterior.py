@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import truncnorm
 
+from sinew.measure.arrays import Array
 from sinew.paper.numbers import FREE, Scale, misfit, observe, rig_with, scale_of
 from sinew.paper.sampler import Draws, Effort, sample_posterior
 from sinew.plan.plan import Group
@@ -44,7 +44,6 @@ def rest_stiffness(rig: RigSpec, pretension_mm: Sequence[float]) -> dict[str, fl
     return {f"{name}[{at:g} mm]": float(row[i]) for i, at in enumerate(pretension_mm) for name, row in rows.items()}
 
 
-Vector = NDArray[np.float64]
 _ENDS = (0.05, 0.95)
 _BATCH = 64
 _PRETENSION_MM = (0.0, 12.0)
@@ -97,8 +96,8 @@ class PaperPosterior:
     units: dict[str, str]
     derived: dict[str, Spread]
     directions: tuple[Combination, ...]
-    rhat: Vector
-    ess: Vector
+    rhat: Array
+    ess: Array
     acceptance: float
     evaluations: int
     seed: int
@@ -147,7 +146,7 @@ class PaperPosterior:
 
 def paper_posterior(
     base: RigSpec,
-    values: Vector,
+    values: Array,
     *,
     seed: int,
     effort: Effort | None = None,
@@ -161,7 +160,7 @@ def paper_posterior(
     scale, table = scale_of(base), dict(base.parameters())
     effort, done = effort or Effort(), 0
 
-    def residual(points: Vector) -> Vector:
+    def residual(points: Array) -> Array:
         nonlocal done
         rigs = [rig_with(base, np.clip(scale.likely + scale.width * x, scale.low, scale.high)) for x in points]
         seen = []
@@ -212,16 +211,16 @@ def summarise_draws(
     )
 
 
-def _spread(prior90: tuple[float, float], values: Vector) -> Spread:
+def _spread(prior90: tuple[float, float], values: Array) -> Spread:
     return Spread(prior90, float(np.median(values)), _quantiles(values))
 
 
-def _quantiles(values: Vector) -> tuple[float, float]:
+def _quantiles(values: Array) -> tuple[float, float]:
     low, high = np.quantile(values, _ENDS)
     return float(low), float(high)
 
 
-def _directions(whitened: Vector, values: Vector, prior_std: Vector, names: Sequence[str]) -> list[Combination]:
+def _directions(whitened: Array, values: Array, prior_std: Array, names: Sequence[str]) -> list[Combination]:
     """Return the eigenvectors of the posterior's covariance relative to the prior's as products of powers.
 
     whitened: draws in prior standard deviations, (draw, parameter): the prior's covariance is one there, so the root

@@ -14,10 +14,10 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError, how_to_install
 
-Vector = NDArray[np.float64]
-Residual = Callable[[Vector], Vector]
+Residual = Callable[[Array], Array]
 
 _RIDGES = 10.0 ** np.arange(-8, 2)
 _DEGREES = (2, 3)
@@ -57,14 +57,14 @@ class Draws:
     evaluations: points at which the model was evaluated.
     """
 
-    values: Vector
+    values: Array
     acceptance: float
-    rhat: Vector
-    ess: Vector
+    rhat: Array
+    ess: Array
     evaluations: int
 
     @property
-    def flat(self) -> Vector:
+    def flat(self) -> Array:
         """All draws, (draw, parameter)."""
         return self.values.reshape(-1, self.values.shape[-1])
 
@@ -76,7 +76,7 @@ def require_sampler() -> None:
 
 
 def sample_posterior(
-    residual: Residual, start: Vector, low: Vector, high: Vector, *, seed: int, effort: Effort | None = None
+    residual: Residual, start: Array, low: Array, high: Array, *, seed: int, effort: Effort | None = None
 ) -> Draws:
     """Return draws of exp(-|residual(x)|²/2) times a standard normal prior that is cut off at `low` and `high`.
 
@@ -89,13 +89,13 @@ def sample_posterior(
     rng = np.random.default_rng(seed)
     points, seen = np.empty((0, start.size)), np.empty((0, 0))
 
-    def evaluate(fresh: Vector) -> None:
+    def evaluate(fresh: Array) -> None:
         nonlocal points, seen
         found = residual(fresh)
         seen = np.concatenate([seen.reshape(-1, found.shape[1]), found])
         points = np.concatenate([points, fresh])
 
-    def proposals(draws: int) -> tuple[_Surrogate, Vector]:
+    def proposals(draws: int) -> tuple[_Surrogate, Array]:
         surrogate = _Surrogate.fitted(points, seen)
         height = -0.5 * ((seen**2).sum(axis=1) + (points**2).sum(axis=1))
         starts = rng.choice(points[height > height.max() - _NEAR], size=effort.chains)
@@ -112,7 +112,7 @@ def sample_posterior(
     return _accepted(proposed, excess.reshape(effort.chains, -1), rng, len(points))
 
 
-def _accepted(proposed: Vector, excess: Vector, rng: np.random.Generator, evaluations: int) -> Draws:
+def _accepted(proposed: Array, excess: Array, rng: np.random.Generator, evaluations: int) -> Draws:
     """Return the chains that accept independent proposals.
 
     excess: log density of the model less that of the surrogate that proposed, up to a constant, (chain, draw).
@@ -133,8 +133,8 @@ def _accepted(proposed: Vector, excess: Vector, rng: np.random.Generator, evalua
 
 
 def _first_points(
-    residual: Residual, start: Vector, low: Vector, high: Vector, count: int, rng: np.random.Generator
-) -> Vector:
+    residual: Residual, start: Array, low: Array, high: Array, count: int, rng: np.random.Generator
+) -> Array:
     """Return points about the start after the normal approximation of the posterior, widened, inside the bounds."""
     h = 0.05
     steps = h * np.eye(start.size)
@@ -153,10 +153,10 @@ class _Surrogate:
     """A polynomial for every misfit. factors: (monomial, degree) indices into (1, x); weights: (monomial, target)."""
 
     factors: NDArray[np.intp]
-    weights: Vector
+    weights: Array
 
     @staticmethod
-    def fitted(points: Vector, seen: Vector) -> "_Surrogate":
+    def fitted(points: Array, seen: Array) -> "_Surrogate":
         """Return the ridge fit whose degree and penalty have the smallest leave-one-out error.
 
         Points count the less the further the model is off there: the posterior has nothing to do with them.
@@ -169,16 +169,16 @@ class _Surrogate:
             fits.append((error, _Surrogate(factors, weights)))
         return min(fits, key=lambda one: one[0])[1]
 
-    def __call__(self, points: Vector) -> Vector:
+    def __call__(self, points: Array) -> Array:
         return np.asarray(_monomials(points, self.factors) @ self.weights)
 
 
-def _monomials(points: Vector, factors: NDArray[np.intp]) -> Vector:
+def _monomials(points: Array, factors: NDArray[np.intp]) -> Array:
     whole = np.concatenate([np.ones((len(points), 1)), points], axis=1)
     return np.asarray(whole[:, factors].prod(axis=-1))
 
 
-def _ridge(design: Vector, wanted: Vector) -> tuple[float, Vector]:
+def _ridge(design: Array, wanted: Array) -> tuple[float, Array]:
     """Return (sum of squared leave-one-out errors, weights) of the penalty for which that sum is smallest."""
     scale = np.sqrt((design**2).mean(axis=0))
     left, size, right = np.linalg.svd(design / scale, full_matrices=False)
@@ -195,8 +195,8 @@ def _ridge(design: Vector, wanted: Vector) -> tuple[float, Vector]:
 
 
 def _surrogate_draws(
-    surrogate: _Surrogate, starts: Vector, low: Vector, high: Vector, draws: int, rng: np.random.Generator
-) -> Vector:
+    surrogate: _Surrogate, starts: Array, low: Array, high: Array, draws: int, rng: np.random.Generator
+) -> Array:
     """Return draws of the surrogate's posterior by NUTS, every `_THIN`th, (chain, draw, parameter).
 
     starts: of the chains, (chain, parameter).

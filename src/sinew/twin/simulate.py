@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import signal
 
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.files.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
@@ -30,10 +31,8 @@ from sinew.twin.parameters import Effects, from_rig
 
 # The true motion becomes what the registers and stamps of a bench would say.
 
-Samples = NDArray[np.float64]
 
-
-def _noise(std: float, imu: Imu, size: int, sample_hz: float, rng: np.random.Generator) -> Samples:
+def _noise(std: float, imu: Imu, size: int, sample_hz: float, rng: np.random.Generator) -> Array:
     """Return noise of a standard deviation, coloured by the sensor's own low-pass."""
     white = rng.standard_normal(size)
     corner = imu.low_pass.value
@@ -44,7 +43,7 @@ def _noise(std: float, imu: Imu, size: int, sample_hz: float, rng: np.random.Gen
     return np.asarray(std / np.sqrt(np.mean(np.abs(h) ** 2)) * signal.lfilter(b, a, white))
 
 
-def _moving_average(values: Samples, starts: NDArray[np.intp], count: int) -> Samples:
+def _moving_average(values: Array, starts: NDArray[np.intp], count: int) -> Array:
     """Return the causal mean over `count` samples; before the start of a group the first sample is repeated."""
     index = np.arange(values.size)
     first = np.zeros(values.size, dtype=np.intp)
@@ -56,15 +55,15 @@ def _moving_average(values: Samples, starts: NDArray[np.intp], count: int) -> Sa
     return total / count
 
 
-def read_rounded(values: Samples, lsb: float, effects: Effects) -> Samples:
+def read_rounded(values: Array, lsb: float, effects: Effects) -> Array:
     """Return values rounded to a register's unit."""
     return np.round(values / lsb) * lsb if effects.sensor_noise else values
 
 
 def read_gyro(
-    low_passed: Samples,
-    low_passed_rate: Samples,
-    true_rate: Samples,
+    low_passed: Array,
+    low_passed_rate: Array,
+    true_rate: Array,
     starts: NDArray[np.intp],
     sample_hz: float,
     imu: Imu,
@@ -96,7 +95,7 @@ def read_gyro(
 
 
 def read_accelerometer(
-    rate: Samples, acceleration: Samples, imu: Imu, effects: Effects, rng: np.random.Generator
+    rate: Array, acceleration: Array, imu: Imu, effects: Effects, rng: np.random.Generator
 ) -> NDArray[np.float32]:
     """Return the accelerometer's three axes [m/s²], shape (sample, 3), for a chip at (0, r, 0) in frame H.
 
@@ -112,7 +111,7 @@ def read_accelerometer(
     return force.astype(np.float32)
 
 
-def stamp(counts: NDArray[np.intp], sample_hz: float, bus: Bus, effects: Effects, rng: np.random.Generator) -> Samples:
+def stamp(counts: NDArray[np.intp], sample_hz: float, bus: Bus, effects: Effects, rng: np.random.Generator) -> Array:
     """Return the host's time stamps [s] of groups that follow one another, shape (sum of counts,).
 
     Jitter is normal, cut at 0.4 sample intervals so that stamps keep their order.

@@ -304,7 +304,7 @@ def sample_posterior(
     moved, divergences = _run(laws, density, seed, draws, warmup, chains, progress)
     values = np.asarray(jax.vmap(jax.vmap(lambda u: to_values(u, density)))(moved), dtype=float)
     flat = values.reshape(-1, values.shape[-1])
-    return _described(fit, flat, chains, divergences, _better(fit, density, laws, flat))
+    return _described(fit, flat, chains, divergences, _better(fit, density, flat))
 
 
 def _require_numpyro() -> None:
@@ -381,7 +381,7 @@ def _run(
     return np.swapaxes(moved, 0, 1), int(diverging.sum())
 
 
-def _better(fit: Fit, density: Density, laws: Laws, values: Array) -> bool:
+def _better(fit: Fit, density: Density, values: Array) -> bool:
     """Return whether the chains went where the sum of squares is clearly smaller than the fit's."""
     few = values[:: max(1, values.shape[0] // 50)]
     problem = fit.layout.problem(fit.kept)

@@ -26,7 +26,7 @@ from sinew.analysis.signal.signals import sample_rate
 from sinew.identify.joint.fit import JointFit
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.measure.recording import iterate_segments
 from sinew.mechanics.drive import gear_friction
 from sinew.mechanics.joint import State, mechanical_energy, rate, state_at_rest
@@ -319,7 +319,7 @@ def _drawn_drives(joint: JointFit, names: list[str], voltage_std: float, seed: i
         if parameter.interval90 is None:
             columns[f"drive.{name}"] = parameter.bounds[0] + np.ptp(parameter.bounds) * quantile[:, k]
         else:
-            std = float(np.ptp(parameter.interval90)) / (2.0 * special.ndtri(0.95))
+            std = float(np.ptp(parameter.interval90)) / (2.0 * NORMAL_90)
             columns[f"drive.{name}"] = parameter.value + std * special.ndtri(quantile[:, k])
     supply = table["drive.supply_voltage"].value
     columns["drive.supply_voltage"] = supply * (1.0 + voltage_std * special.ndtri(quantile[:, -1]))
