@@ -153,9 +153,10 @@ def monodromy(found: Motion, p: object) -> tuple[Array, float]:
     for _ in range(6):
         y = y + np.linalg.solve(np.eye(y.size) - np.asarray(slope(y)), np.asarray(period(y)) - y)
     assert np.asarray(period(y)) == pytest.approx(y, abs=1e-9)
-    kept = slice(0, -2)  # without the gyroscope
-    apart = np.linalg.norm((np.asarray(flat) - y)[kept]) / np.linalg.norm(y[kept])
-    return np.asarray(slope(y)), float(apart)
+    apart, whole = (unravel(jnp.asarray(off)) for off in (np.asarray(flat) - y, y))
+    zero = jnp.zeros(())
+    of = [jax.flatten_util.ravel_pytree(one._replace(gyro=zero, gyro_rate=zero))[0] for one in (apart, whole)]
+    return np.asarray(slope(y)), float(jnp.linalg.norm(of[0]) / jnp.linalg.norm(of[1]))
 
 
 def sizable(roots: NDArray[np.complex128]) -> NDArray[np.complex128]:
