@@ -107,6 +107,19 @@ def test_an_idle_connection_makes_room_for_a_newcomer(tmp_path: Path, monkeypatc
         assert lines[0].recv(1) == b""
 
 
+def test_half_commands_in_every_place_make_room_for_an_emergency(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(front, "MOST_OPEN", 5)
+    head = f"POST /command HTTP/1.1\r\nHost: 127.0.0.1\r\nOrigin: http://127.0.0.1:{served.access.port}\r\n"
+    with ExitStack() as stack:
+        for _ in range(5):
+            line = stack.enter_context(socket.create_connection(served.address, timeout=LONG_S))
+            line.sendall(f"{head}Content-Length: 100\r\nExpect: 100-continue\r\n\r\n".encode())
+            assert line.recv(65536).startswith(b"HTTP/1.1 100")  # its rest is awaited
+        assert emergency(served)[0] == 200
+
+
 def test_a_request_that_came_whole_is_not_hung_up_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(front, "HEAD_S", 0.2)
     with serving(tmp_path / "runs") as served:

@@ -731,14 +731,14 @@ def _refused(status: int, sentence: str, headers: dict[str, str] | None = None) 
 # Uvicorn is told how patient it may be: idle, dripping or countless connections keep nobody out.
 #
 # uvicorn waits for the first request of a connection for ever. Here a connection that has not sent a whole head
-# within a few seconds is closed, and where there are too many, the idle one that was there longest makes room for the
-# newcomer.
+# within a few seconds is closed, and where there are too many, the one that has owed its request longest makes room for
+# the newcomer.
 
 HEAD_S = 10.0
 """Within so long a whole head must be here [s]."""
 
 MOST_OPEN = 700
-"""Open connections, those of the idle included.
+"""Open connections, those included that owe their request.
 
 With what else is open that stays well below 1024, where select() ends, by which a serial port is read: a port that is
 opened while a crowd is here must get a lower number.
@@ -756,15 +756,15 @@ class PatientProtocol(H11Protocol):
     """HTTP/1.1 of uvicorn for one connection, with an end to its patience."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take a new connection; where there are too many, drop the one that has been idle longest."""
+        """Take a new connection; where there are too many, drop the oldest of those that owe their request."""
         super().connection_made(transport)
         self.made = time.monotonic()
         self._head_timer: asyncio.TimerHandle | None = None
         self._await_head()
         staying = [each for each in self.connections if isinstance(each, PatientProtocol) and not each.is_leaving()]
         if len(staying) > MOST_OPEN:
-            idle = [each for each in staying if each.is_idle() and each is not self]
-            min(idle, key=lambda each: each.made, default=self).transport.abort()
+            owing = [each for each in staying if each.owes_request() and each is not self]
+            min(owing, key=lambda each: each.made, default=self).transport.abort()
 
     def data_received(self, data: bytes) -> None:
         """Take what has come; the patience with a head begins with its first byte, and drops do not renew it."""
@@ -783,9 +783,9 @@ class PatientProtocol(H11Protocol):
         """Return whether it is being closed."""
         return self.transport.is_closing()
 
-    def is_idle(self) -> bool:
-        """Return whether no request is under way."""
-        return self.cycle is None or self.cycle.response_complete
+    def owes_request(self) -> bool:
+        """Return whether no request is under way, or only a part of one has come."""
+        return self.cycle is None or self.cycle.response_complete or self.conn.their_state is h11.SEND_BODY
 
     def _await_head(self) -> None:
         if self._head_timer is None:
