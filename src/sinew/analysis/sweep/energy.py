@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 from sinew.analysis.signal.power import idle_power, rest_power, supply_uncertainty
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.signals import Signals
-from sinew.analysis.sweep.resonance import store_interval
+from sinew.analysis.sweep.resonance import interval_variables
 from sinew.analysis.sweep.response import Response
 from sinew.measure.arrays import Array, mean_of_known
 from sinew.measure.schema import ENERGY_QUANTITIES
@@ -163,14 +163,14 @@ def estimate_energy(signals: Signals, response: Response, resonance_hz: Array) -
         if rows.size and repeat < shape[1]:
             value["rest_power_w"][rows[0], repeat], std["rest_power_w"][rows[0], repeat] = watts
     volts = _of_voltage(value, supply_uncertainty(signals.recorded.get("supply_v"), rig))
-    out = xr.Dataset(attrs={"idle_power_w": idle_power(rig)})
+    variables: dict[str, xr.Variable] = {}
     for name in ENERGY_QUANTITIES:
         grid = np.hypot(mean_of_known(misfit[name], 0.0), volts.get(name, 0.0))
         alone = np.isfinite(value[name]).sum(axis=1) == 1  # its own deviation holds the trend's already
         of_trend = np.where(alone | (name not in _FROM_TREND), 0.0, mean_of_known(std[name], 0.0))
         shared = np.hypot(grid, of_trend)
-        store_interval(out, name, combine_repeats(value[name], std[name], np.inf, shared))
-    return out
+        variables |= interval_variables(name, combine_repeats(value[name], std[name], np.inf, shared))
+    return xr.Dataset(variables, attrs={"idle_power_w": idle_power(rig)})
 
 
 def _of_voltage(value: Mapping[str, Array], volts: float) -> dict[str, Array]:

@@ -298,13 +298,13 @@ def estimate_resonance(response: Response, readings: Readings | None = None) -> 
     Absent readings are NaN; the attribute `resonance_notes` says why, one line per pretension and repeat.
     """
     found = readings or read_resonances(response)
-    dataset = xr.Dataset(attrs={"resonance_notes": "\n".join(found.notes)})
+    variables: dict[str, xr.Variable] = {}
     for name in RESONANCES:
         value = found.value[name]
         alone = np.isfinite(value).sum(axis=1) == 1  # a single repeat's deviation holds its misfit already
         common = np.where(alone & (name != "phase_90_hz"), 0.0, mean_of_known(found.shared[name], 0.0))
-        store_interval(dataset, name, combine_repeats(value, found.std[name], found.freedom[name], common))
-    return dataset
+        variables |= interval_variables(name, combine_repeats(value, found.std[name], found.freedom[name], common))
+    return xr.Dataset(variables, attrs={"resonance_notes": "\n".join(found.notes)})
 
 
 def _peaks(response: Response, p: int, r: int) -> tuple[Peak, Peak, Peak, Peak]:
@@ -426,12 +426,14 @@ def _delay_share(response: Response, p: int, r: int, crossing: Peak) -> float:
     return lag / abs(crossing.crossing_slope) if math.isfinite(lag) and crossing.crossing_slope else 0.0
 
 
-def store_interval(dataset: xr.Dataset, name: str, interval: Interval) -> None:
-    """Put a quantity and its three companions into the dataset, under the names of the result schema."""
+def interval_variables(name: str, interval: Interval) -> dict[str, xr.Variable]:
+    """Return a quantity and its three companions as variables, under the names of the result schema."""
     numbers = (interval.value, interval.std, interval.low, interval.high)
-    for key, values in zip((name, *companions(name)), numbers, strict=True):
-        row = RESULT_VARIABLES[key]
-        dataset[key] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})
+    rows = {key: RESULT_VARIABLES[key] for key in (name, *companions(name))}
+    return {
+        key: xr.Variable(row.dims, values, {"units": row.unit, "long_name": row.meaning})
+        for (key, row), values in zip(rows.items(), numbers, strict=True)
+    }
 
 
 MEANINGS = {
