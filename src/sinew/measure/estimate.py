@@ -9,7 +9,7 @@ JSON keeps every digit.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +31,11 @@ _PLAIN_FROM, _PLAIN_TO = -4, 6  # powers of ten that are written without an expo
 def finite(value: float) -> float | None:
     """Return a number as JSON holds it: null for one that is not finite."""
     return float(value) if math.isfinite(value) else None
+
+
+def all_finite(values: Iterable[float]) -> list[float | None]:
+    """Return numbers as JSON holds them, see `finite`."""
+    return [finite(value) for value in values]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """A campaign as one small JSON document: curves over pretension, resonances, windows, and the paper's table."""
 
 import math
-from collections.abc import Iterable
 from typing import Any
 
 import jax
@@ -13,7 +12,7 @@ from sinew.analysis.decay.decay_windows import decay_windows, describe_windows
 from sinew.analysis.sweep.resonance import MEANINGS, resonance_table
 from sinew.figures.motion import rig_of
 from sinew.measure.arrays import mean_and_spread
-from sinew.measure.estimate import finite
+from sinew.measure.estimate import all_finite, finite
 from sinew.measure.schema import ENERGY_QUANTITIES, companions
 from sinew.paper.table import paper_table
 from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
@@ -42,7 +41,7 @@ def summarise(
     has_sweep, has_decay = "resonance_hz" in results, "paper_lehr_damping" in results
 
     def column(name: str, factor: float = 1.0) -> list[float | None]:
-        return _numbers(factor * results[name].values) if has_sweep else []
+        return all_finite(factor * results[name].values) if has_sweep else []
 
     windows = decay_windows(results)
     return {
@@ -80,7 +79,7 @@ def _ring_down(results: xr.Dataset) -> dict[str, list[float | None]]:
         damping,
         spread,
     )
-    return {name: _numbers(values) for name, values in zip(_RING_DOWN, columns, strict=True)}
+    return {name: all_finite(values) for name, values in zip(_RING_DOWN, columns, strict=True)}
 
 
 def _energy(results: xr.Dataset) -> dict[str, Any]:
@@ -89,12 +88,8 @@ def _energy(results: xr.Dataset) -> dict[str, Any]:
         return {}
     idle = float(results.attrs.get("idle_power_w", math.nan))
     ends = [end for name in ("energy_reduction", "energy_reduction_with_holding") for end in companions(name)[1:]]
-    columns = {name: _numbers(results[name].values) for name in (*ENERGY_QUANTITIES, *ends)}
+    columns = {name: all_finite(results[name].values) for name in (*ENERGY_QUANTITIES, *ends)}
     return {"idle_power_w": finite(idle), **columns}
-
-
-def _numbers(values: Iterable[float]) -> list[float | None]:
-    return [finite(value) for value in values]
 
 
 # The share of each effect is measured: one short campaign on the twin, one effect off at a time.

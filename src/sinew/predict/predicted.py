@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import Estimate, number, span
+from sinew.measure.estimate import Estimate, all_finite, finite, number, span
 from sinew.measure.told import Table, Told
 from sinew.mechanics.parameters import TENDON_MODES
 from sinew.plan.plan import TendonMode
@@ -205,7 +204,7 @@ def _mark(mark: Mark | None) -> dict[str, float] | None:
 
 def _branch(branch: Branch, pretension_mm: float) -> dict[str, Any]:
     return {
-        "pretension_mm": pretension_mm if np.isfinite(pretension_mm) else None,
+        "pretension_mm": finite(pretension_mm),
         "frequency_hz": branch.frequency_hz.tolist(),
         "amplitude_deg": np.degrees(branch.amplitude).tolist(),
         "fundamental_deg": np.degrees(branch.fundamental).tolist(),
@@ -233,21 +232,17 @@ def prediction_document(prediction: Prediction, pretensions: list[float]) -> dic
     }
 
 
-def _numbers(values: NDArray[np.float64]) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
-
-
 def shares_document(branch: Branch) -> dict[str, list[float | None]]:
     """Return the harmonics from the second to the fifth as shares of the fundamental, by order."""
-    return {str(order): _numbers(share) for order, share in harmonic_shares(branch).items()}
+    return {str(order): all_finite(share) for order, share in harmonic_shares(branch).items()}
 
 
 def equivalent_document(equivalent: Equivalent) -> dict[str, list[float | None]]:
     """Return the spring and damper that take the fundamental's place."""
     return {
-        "stiffness_n_m_rad": _numbers(equivalent.stiffness),
-        "damping_n_m_s_rad": _numbers(equivalent.damping),
-        "damping_ratio": _numbers(equivalent.damping_ratio),
+        "stiffness_n_m_rad": all_finite(equivalent.stiffness),
+        "damping_n_m_s_rad": all_finite(equivalent.damping),
+        "damping_ratio": all_finite(equivalent.damping_ratio),
     }
 
 
@@ -321,7 +316,7 @@ def _band(band: Band, pretension_mm: float) -> dict[str, Any]:
 
 def _swept(tubes: tuple[Tube, Tube]) -> dict[str, Any]:
     def degrees(tube: Tube) -> dict[str, Any]:
-        return {name: _numbers(np.degrees(getattr(tube, name))) for name in ("low", "median", "high")}
+        return {name: all_finite(np.degrees(getattr(tube, name))) for name in ("low", "median", "high")}
 
     return {name: degrees(tube) for name, tube in zip(("amplitude_deg", "phase_deg"), tubes, strict=True)}
 

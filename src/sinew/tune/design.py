@@ -18,7 +18,7 @@ from sinew import __version__
 from sinew.analysis.analysed import analyse_recording
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError, how_to_install
-from sinew.measure.estimate import Estimate, number
+from sinew.measure.estimate import Estimate, finite, number
 from sinew.measure.told import Table, Told
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
@@ -597,16 +597,13 @@ def _end(one: Proposal, i: int) -> dict[str, float]:
 
 
 def _confirmed(found: Confirmed) -> dict[str, Any]:
-    def number(x: float) -> float | None:
-        return x if math.isfinite(x) else None
-
     return {
         "pretension_mm": found.pretension_mm,
-        "predicted_hz": number(found.predicted_hz),
+        "predicted_hz": finite(found.predicted_hz),
         "measured_hz": found.measured_hz.to_json(),
         "peak_hz": found.peak_hz.to_json(),
-        "yaw_deg": number(found.yaw_deg),
-        "error": number(found.error),
+        "yaw_deg": finite(found.yaw_deg),
+        "error": finite(found.error),
     }
 
 

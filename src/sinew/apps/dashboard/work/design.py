@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import finite
+from sinew.measure.estimate import all_finite
 
 if TYPE_CHECKING:
     from sinew.plan.plan import Plan
@@ -215,7 +215,7 @@ def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[s
         for curve, branch, band in zip(curves, prediction.branches, bands, strict=True):
             for name, place, scale in (("gain", 0, 1 / nominal), ("phase", 1, float(np.degrees(1.0)))):
                 low, high = _ends(branch, band, place)
-                curve[f"{name}_low"], curve[f"{name}_high"] = _numbers(low * scale), _numbers(high * scale)
+                curve[f"{name}_low"], curve[f"{name}_high"] = all_finite(low * scale), all_finite(high * scale)
         found["remarks"] = list(drawn.remarks)
     return found | {"can_have_bands": True}
 
@@ -242,10 +242,6 @@ def _ends(branch: "Branch", band: "Band", place: int) -> Any:
     up, down = band.up[place], band.down[place]
     low, high = np.fmin(up.low, down.low), np.fmax(up.high, down.high)
     return np.array([np.interp(branch.frequency_hz, band.frequency_hz, end) for end in (low, high)])
-
-
-def _numbers(values: Any) -> list[float | None]:
-    return [finite(one) for one in values]
 
 
 # A pretension is suggested for a wanted resonance.
