@@ -184,20 +184,26 @@ def judged(mutation: Mutation, tree: Path) -> tuple[str, float]:
     path = tree / "src/sinew" / mutation.file
     text, begin = path.read_text(encoding="utf-8"), time.monotonic()
     path.write_text(mutation.made(text), encoding="utf-8")
+    try:
+        noticed = failing(tree, _ordered_tests(tree, mutation.file))
+    finally:
+        path.write_text(text, encoding="utf-8")
+    return noticed, time.monotonic() - begin
+
+
+def failing(tree: Path, tests: Sequence[str]) -> str:
+    """Return the first of a tree's fast tests that fails, or what else went wrong; empty where none does."""
     command = [sys.executable, "-B", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--no-header", "-rfE"]
-    command += ["-m", "not slow and not hardware", *_ordered_tests(tree, mutation.file)]
+    command += ["-m", "not slow and not hardware", *tests]
     environment = os.environ | {"PYTHONPATH": f"{tree / 'src'}{os.pathsep}{tree}", "OPENBLAS_NUM_THREADS": "1"}
     try:
         done = subprocess.run(
             command, cwd=tree, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False
         )
-        said = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        noticed = said[0].split(" - ")[0] if said else ("" if done.returncode == 0 else f"status {done.returncode}")
     except subprocess.TimeoutExpired:
-        noticed = f"no end within {LIMIT_S:g} s"
-    finally:
-        path.write_text(text, encoding="utf-8")
-    return noticed, time.monotonic() - begin
+        return f"no end within {LIMIT_S:g} s"
+    said = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return said[0].split(" - ")[0] if said else ("" if done.returncode == 0 else f"status {done.returncode}")
 
 
 @contextmanager
@@ -206,9 +212,9 @@ def _copy() -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="mutated") as folder:
         tree = Path(folder) / "tree"
         listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True)
-        for name in filter(lambda name: (ROOT / name).is_file(), listed.stdout.splitlines()):
+        for name in filter(lambda name: (ROOT / name).exists(), listed.stdout.splitlines()):
             (tree / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(ROOT / name, tree / name)
+            shutil.copy2(ROOT / name, tree / name, follow_symlinks=False)
         if (ROOT.parent / "shared").is_dir():
             (Path(folder) / "shared").symlink_to((ROOT.parent / "shared").resolve())
         yield tree
@@ -217,6 +223,8 @@ def _copy() -> Iterator[Path]:
 def _share(mutations: Sequence[Mutation]) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     with _copy() as tree:
+        if already := failing(tree, _ordered_tests(tree, "mechanics/tendons.py")):
+            raise SystemExit(f"a test fails without any mutation: {already}; the campaign would prove nothing")
         for mutation in mutations:
             noticed, took_s = judged(mutation, tree)
             place = f"{mutation.file}:{mutation.line}"
