@@ -103,6 +103,25 @@ def test_a_motor_that_keeps_a_goal_far_from_where_it_stands_gets_no_torque(tmp_p
     assert report.groups_done == 0
 
 
+def test_a_lever_that_stands_aside_comes_home_evenly_from_where_it_stands(tmp_path: Path) -> None:
+    bench = still_bench()
+    plant = bench.emulated.plant
+    assert isinstance(plant, StandIn)
+    plant.angles[4], path, advance = 0.3, [], plant.advance
+
+    def advance_and_note(until: float) -> None:
+        advance(until)
+        path.append((until, plant.angles[4]))
+
+    plant.advance = advance_and_note  # type: ignore[method-assign]
+    bench.run(PLAN, tmp_path, TENSION)
+    times, angles = np.array(path).T
+    home = int(np.argmax(angles < 0.003))
+    begin = int(np.flatnonzero(angles[:home] > 0.297)[-1])
+    assert np.diff(angles[: home + 1]).max() <= 1e-3  # a count is 1.5e-3
+    assert times[home] - times[begin] == pytest.approx(1.5, rel=0.1)
+
+
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize(
     "register", [row.register for row in KNOWN_STATE if row.register.startswith(("goal", "profile", "position_p"))]

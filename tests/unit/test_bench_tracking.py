@@ -30,8 +30,10 @@ class Greedy:
         self.begin = begin
         self.pretension_mm = 50.0
         self.taken: list[tuple[float, ...]] = []
+        self.asked_last = math.nan
 
     def command(self, time: float) -> float:
+        self.asked_last = time
         return math.radians(60.0) * math.sin(math.tau * (time - self.begin))
 
     def take(self, now: float, lever_time: float, lever: float, rate_time: float, rate: float) -> None:
@@ -116,6 +118,11 @@ def test_the_law_hears_of_every_cycle(greedy: Run) -> None:
     sizes = recording["row_size"].values
     mine = slice(int(sizes[:segment].sum()), int(sizes[: segment + 1].sum()))
     assert recording["drive_rad"].values[mine] == pytest.approx(rows[:, 2], abs=1e-6)
+
+
+def test_the_lever_fades_out_of_the_motion_within_two_thirds_of_a_second(greedy: Run) -> None:
+    law = greedy[2]
+    assert 0.5 < law.asked_last - law.taken[-1][0] < 0.67
 
 
 def test_the_state_and_the_lock_are_written_into_the_journal(greedy: Run) -> None:
