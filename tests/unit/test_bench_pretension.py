@@ -1,12 +1,17 @@
 """The pretension routine on emulated devices with the joint behind them, in virtual time; the mechanics know best."""
 
 import math
+from dataclasses import dataclass, field
 from functools import cache
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from campaigns.modes import MODES, Row, run_trial
 
-from sinew.bench.pretension import Contact, MotorMap
+from sinew.bench.errors import LostError
+from sinew.bench.pretension import GOOD_ENOUGH_DEG, Contact, MotorMap, level
+from sinew.bench.record.sample import MISSING
 from sinew.plan.plan import TendonMode
 from sinew.plan.toml import load_rig
 
@@ -66,3 +71,42 @@ def test_a_millimetre_of_pretension_turns_the_horns_by_a_millimetre_of_cable() -
 def test_goals_by_current_are_never_negative() -> None:
     motors = MotorMap(load_rig("paper"), "current", Contact((3.0,) * 4, 0.042), {0.0: 0.5})
     assert min(motors.goals(0.0, (math.radians(10), 0.0))) == 0.0
+
+
+@dataclass
+class Plate:
+    """A plate that leans by what its tendons do not take up, 60 ms late; of each ten cycles the sensor misses some."""
+
+    lean: tuple[float, float]
+    missed: int
+    period: float = 0.005
+    watch: Any = field(default_factory=lambda: SimpleNamespace(by_current=False))
+    correction: tuple[float, ...] = (0.0, 0.0)
+    cycles: int = 0
+
+    def __post_init__(self) -> None:
+        self.tilt = self.lean
+
+    def cycle(self) -> Any:
+        weight = self.period / 0.06
+        pairs = zip(self.tilt, self.lean, self.correction, strict=True)
+        self.tilt = tuple(old + weight * (lean - taken - old) for old, lean, taken in pairs)  # type: ignore[assignment]
+        self.cycles += 1
+        y, z = self.tilt
+        seen = (9.81, -9.81 * math.tan(z), 9.81 * math.tan(y))
+        return SimpleNamespace(acceleration_m_s2=(MISSING,) * 3 if self.cycles % 10 < self.missed else seen)
+
+    def set_goals(self, goals: tuple[float, ...]) -> None:
+        self.correction = goals
+
+
+def test_a_plate_comes_level_though_its_sensor_misses_every_second_answer() -> None:
+    plate = Plate((math.radians(3.0), math.radians(-2.0)), missed=5)
+    found = level(cast("Any", plate), lambda offsets: offsets, (0.0, 0.0))
+    assert math.hypot(*plate.tilt) < math.radians(GOOD_ENOUGH_DEG)
+    assert found.offsets == pytest.approx(plate.lean, abs=math.radians(0.2))
+
+
+def test_a_plate_whose_sensor_never_answers_is_not_called_level() -> None:
+    with pytest.raises(LostError):
+        level(cast("Any", Plate((0.0, 0.0), missed=10)), lambda offsets: offsets, (0.0, 0.0))
