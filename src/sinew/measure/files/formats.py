@@ -19,7 +19,17 @@ from numpy.typing import NDArray
 
 from sinew.measure.doors import most_bytes
 from sinew.measure.errors import FileError, SinewError, how_to_install
-from sinew.measure.files.runs import Column, Opened, Run, Table, is_time_name, noted, runs_of_columns
+from sinew.measure.files.runs import (
+    MADE_TIME,
+    Column,
+    Opened,
+    Run,
+    Table,
+    noted,
+    number_columns,
+    runs_of_columns,
+    time_columns,
+)
 from sinew.measure.files.text import open_text, table_of_cells
 
 _MOST_COLUMNS = 64  # of one array of a MATLAB or HDF5 file: more is a picture or a matrix
@@ -55,7 +65,7 @@ def open_file(path: Path) -> Opened:
 
 
 def _library(path: Path, module: str, package: str, what: str) -> Any:
-    """Return a library that is not installed with Sinew. Raises FileError, with how to install it, where it is missing."""
+    """Return a library that does not come with Sinew. Raises FileError, with how to install it, where it is missing."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
@@ -87,8 +97,7 @@ def _open_mat(path: Path) -> Opened:
 
     with _reading(path, "MAT, a file of MATLAB"):
         held = io.loadmat(path, simplify_cells=True)
-    form = "MATLAB 5"
-    return _opened(path, form, _arrays({key: value for key, value in held.items() if not key.startswith("__")}))
+    return _opened(path, "MATLAB 5", _arrays({key: value for key, value in held.items() if not key.startswith("__")}))
 
 
 def _arrays(tree: Mapping[str, Any], group: str = "") -> Iterator[tuple[str, str, Any]]:
@@ -160,6 +169,9 @@ def _columns_of(group: str, name: str, values: NDArray[Any], unit: str | None) -
 # TDMS of LabVIEW, and the universal file format of modal analysis.
 
 
+_TDMS_UNITS = ("unit_string", "NI_UnitDescription", "Unit")
+
+
 def _open_tdms(path: Path) -> Opened:
     nptdms = _library(path, "nptdms", "npTDMS", "a TDMS file of LabVIEW")
     columns = []
@@ -170,9 +182,7 @@ def _open_tdms(path: Path) -> Opened:
                 if not values.size or values.dtype.kind not in "fiuM":
                     continue
                 told = channel.properties
-                unit = next(
-                    (str(told[key]) for key in ("unit_string", "NI_UnitDescription", "Unit") if told.get(key)), None
-                )
+                unit = next((str(told[key]) for key in _TDMS_UNITS if told.get(key)), None)
                 step = float(told.get("wf_increment") or 0.0) or None
                 start = float(told.get("wf_start_offset") or 0.0)
                 columns.append(Column(group.name, channel.name, values, unit, step, start))
@@ -190,32 +200,27 @@ def _open_uff(path: Path) -> Opened:
     with _reading(path, "a universal file (UFF)"):
         file = pyuff.UFF(str(path))
         kinds = [int(kind) for kind in file.get_set_types()]
-        sets = [file.read_sets(k) for k, kind in enumerate(kinds) if kind == 58]
-        sets = [
-            one for one in sets if int(one.get("func_type", 0)) in _TIME_RECORDS and not np.iscomplexobj(one["data"])
-        ]
+        held = [file.read_sets(k) for k, kind in enumerate(kinds) if kind == 58]
+        sets = [one for one in held if int(one["func_type"]) in _TIME_RECORDS and not np.iscomplexobj(one["data"])]
     if not sets:
         raise FileError(
             f"{path} is a universal file without a time record (type 58, function 1); it holds data sets of type "
             f"{', '.join(map(str, sorted(set(kinds)))) or 'none'}; export the time records"
         )
-    columns, seen = [], dict[str, int]()
+    columns: list[Column] = []
+    seen: dict[str, int] = {}
     with _reading(path, "a universal file (UFF)"):
         for one in sets:
-            node, turn = int(one.get("rsp_node", 0)), int(one.get("rsp_dir", 0))
-            name = (
-                f"{node}{_DIRECTIONS.get(turn, '')}" if node or turn else str(one.get("id1", "")).strip() or "response"
-            )
+            node, turn, title = int(one["rsp_node"]), int(one["rsp_dir"]), str(one["id1"]).strip()
+            name = f"{node}{_DIRECTIONS.get(turn, '')}" if node or turn else title or "response"
             seen[name] = seen.get(name, 0) + 1  # a sensor that comes again begins another run
-            x = np.asarray(one["x"], dtype=float)
-            unit = str(one.get("ordinate_axis_units_lab", "")).strip()
-            step = float(x[-1] - x[0]) / (x.size - 1) if x.size > 1 else None
-            group = f"set {seen[name]}"
-            columns.append(Column(group, name, np.asarray(one["data"], dtype=float), unit, step, float(x[0])))
-            if int(one.get("abscissa_spacing", 1)) == 0:
-                columns[-1] = Column(group, name, columns[-1].values, unit)
-                if not any(column.group == group and column.name == "time [s]" for column in columns):
-                    columns.append(Column(group, "time [s]", x))
+            group, unit = f"set {seen[name]}", str(one.get("ordinate_axis_units_lab", ""))
+            values, x = np.asarray(one["data"], dtype=float), np.asarray(one["x"], dtype=float)
+            even = int(one["abscissa_spacing"]) == 1
+            if not even and not any((column.group, column.name) == (group, MADE_TIME) for column in columns):
+                columns.append(Column(group, MADE_TIME, x))
+            step = float(one["abscissa_inc"]) if even else None
+            columns.append(Column(group, name, values, unit, step, float(x[0])))
     groups = list(dict.fromkeys(column.group for column in columns))
     runs = [run for group in groups for run in runs_of_columns([c for c in columns if c.group == group])]
     return Opened("universal file (UFF 58)", tuple(runs))
@@ -280,7 +285,7 @@ def _open_mcap(path: Path) -> Opened:
 
 
 def _read_topic(path: Path, topic: str) -> Table | None:
-    """Return a topic as a table, stamped by its messages' headers where they have one, else by the log; None without."""
+    """Return a topic as a table, with its headers' time, its own or the log's; None where it holds no numbers."""
     reader = _library(path, "mcap.reader", "mcap", "an MCAP file (rosbag2)")
     ros = _library(path, "mcap_ros2.decoder", "mcap-ros2-support", "an MCAP file (rosbag2)")
     rows: list[dict[str, float]] = []
@@ -302,14 +307,15 @@ def _read_topic(path: Path, topic: str) -> Table | None:
     if set(stamps) <= set(table.columns) and bool((table[stamps[0]] > 0).all()):
         times = table[stamps[0]].astype("int64") * 1_000_000_000 + table[stamps[1]].astype("int64")
         said = "time by the headers of the messages, from the first on"
+    elif time_columns(table):
+        return table if number_columns(table) else None
     else:
         times, said = pd.Series(logged, dtype="int64"), "time by the log, from the first message on"
-    seconds = (times - int(times.iloc[0])) * 1e-9
-    numbers = table.drop(columns=[name for name in table.columns if str(name).startswith("header.stamp")])
-    numbers = numbers[[name for name in numbers.columns if not is_time_name(str(name))]]
-    if numbers.shape[1] == 0:
+    table = table[[name for name in number_columns(table) if not name.startswith("header.stamp")]]
+    if table.shape[1] == 0:
         return None
-    return noted(pd.concat([seconds.rename("time [s]"), numbers], axis=1), said)
+    seconds = ((times - int(times.iloc[0])) * 1e-9).rename(MADE_TIME)
+    return noted(pd.concat([seconds, table], axis=1), said)
 
 
 def _numbers_in(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
@@ -320,8 +326,10 @@ def _numbers_in(message: Any, path: str = "") -> Iterator[tuple[str, float]]:
         for name, value in message.items():
             yield from _numbers_in(value, f"{path}.{name}".lstrip("."))
     elif isinstance(message, (list, tuple)):
-        for place, value in enumerate(message[: _MOST_COLUMNS + 1] if len(message) <= _MOST_COLUMNS else ()):
+        for place, value in enumerate(message if len(message) <= _MOST_COLUMNS else ()):
             yield from _numbers_in(value, f"{path}.{place}".lstrip("."))
+    elif hasattr(message, "tolist"):
+        yield from _numbers_in(message.tolist(), path)
     elif hasattr(message, "__slots__") and not isinstance(message, (str, bytes)):
         for name in message.__slots__:
             if not name.startswith("_"):
