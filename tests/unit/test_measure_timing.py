@@ -66,7 +66,7 @@ def test_a_gap_is_refused_with_place_length_and_ways_out() -> None:
 
 def test_rows_are_named_as_they_stand_in_the_file() -> None:
     with pytest.raises(TimeError, match="after data row 350 "):
-        straighten_times(np.delete(EVEN, slice(300, 310)), first_row=51)
+        straighten_times(np.delete(EVEN, slice(300, 310)), rows=51)
 
 
 def test_a_record_is_split_at_its_gap_when_asked() -> None:
