@@ -11,6 +11,7 @@ from sinew.measure.errors import FileError, SchemaError, SpecError
 from sinew.measure.files.csv import Table, import_csv, read_table
 from sinew.measure.files.netcdf import is_netcdf, load_recording, load_results
 from sinew.measure.recording import cut_recording
+from sinew.measure.schema import ReadKind
 
 
 def read(
@@ -19,7 +20,7 @@ def read(
     time: str | None = None,
     response: str | None = None,
     drive: str | None = None,
-    kind: Literal["ring-down", "sweep", "broadband"] = "ring-down",
+    kind: ReadKind = "auto",
     start_s: float | None = None,
     stop_s: float | None = None,
     gaps: Literal["refuse", "split"] = "refuse",
@@ -29,8 +30,8 @@ def read(
     path: of a NetCDF file of Sinew, which knows its columns; of a text table (comma, semicolon, tab or blanks between
     its columns), whose columns are named here; or a pandas DataFrame.
     time, response, drive: "COL" or "COL:unit" of a table; without a unit the one in the column's name (angle_deg,
-    "x [mm]") counts. kind: what a table holds. start_s, stop_s: the part to take [s], of a table or an imported
-    recording. gaps: refuse a table with missing samples, or split it there.
+    "x [mm]") counts. kind: what a table holds; auto leaves it to `sn.analyse` to find out. start_s, stop_s: the part to
+    take [s], of a table or an imported recording. gaps: refuse a table with missing samples, or split it there.
     Raises FileError, SchemaError, SpecError, RecordingError, TimeError or UnitError with one sentence.
 
     >>> import pandas as pd

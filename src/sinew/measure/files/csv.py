@@ -29,7 +29,7 @@ from sinew.measure.doors import as_path, as_seconds, most_bytes
 from sinew.measure.errors import FileError, RecordingError, UnitError
 from sinew.measure.files.netcdf import provenance, write_atomically
 from sinew.measure.recording import Segment, build_recording
-from sinew.measure.schema import SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
+from sinew.measure.schema import IMPORT_SEGMENTS, SAMPLE_VARIABLES, SEGMENT_VARIABLES, ReadKind, validate_recording
 from sinew.measure.timing import choose_stretch, refuse_backwards, straighten_times
 from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
 
@@ -243,7 +243,6 @@ def numbers(table: Table, name: str, rows: slice = slice(None)) -> NDArray[np.fl
     return values
 
 
-_KINDS: dict[str, SegmentKind] = {"ring-down": "ring-down", "sweep": "steady", "broadband": "steady"}
 _RATE_NOTE = (
     "the {role} is an angular rate and stays one: its frequency and damping are those of the angle, "
     "its amplitude is that of the angle times the angular frequency, and its phase leads the angle's by 90 degrees"
@@ -257,7 +256,7 @@ def import_csv(
     time: str,
     response: str,
     drive: str | None = None,
-    kind: Literal["ring-down", "sweep", "broadband"] = "ring-down",
+    kind: ReadKind = "ring-down",
     start_s: float | None = None,
     stop_s: float | None = None,
     gaps: Literal["refuse", "split"] = "refuse",
@@ -268,8 +267,8 @@ def import_csv(
     path: of the file; or a pandas DataFrame, whose column of the time may hold dates or durations.
     time, response, drive: "COL", "COL:unit" or "COL,COL,COL:unit" (the mean of several columns).
     kind: a ring-down becomes a ring-down segment, a sweep one steady segment that analysis divides by the drive, a
-        broadband record (chirp, noise, multisine) one that it takes whole. Frequency and amplitude of the drive are
-        not known and NaN.
+        broadband record (chirp, noise, multisine) and one of hammer blows (impact) one that it takes whole; auto leaves
+        the kind to analysis. Frequency and amplitude of the drive are not known and NaN.
     start_s, stop_s: the part to take, in the file's own time [s].
     gaps: refuse a record with missing samples, or split it into segments there.
     pretension_mm: written into every segment [mm].
@@ -280,8 +279,8 @@ def import_csv(
         raise RecordingError(
             f"found pretension_mm = {pretension_mm:g}, expected 0 or more: it counts from first contact"
         )
-    if kind not in _KINDS:
-        raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(_KINDS)}")
+    if kind not in IMPORT_SEGMENTS:
+        raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(IMPORT_SEGMENTS)}")
     table = read_table(path)
     specs = {"response": response} | ({"drive": drive} if drive else {})
     for spec in specs.values():
@@ -299,7 +298,7 @@ def import_csv(
         samples[name], units[name] = values, unit
         notes += [_RATE_NOTE.format(role=role)] if unit == "rad/s" else []
     kept = np.concatenate([np.arange(piece.start, piece.stop) for piece in timeline.pieces])
-    segment = Segment(_KINDS[kind], float(pretension_mm), math.nan, math.nan, 0)
+    segment = Segment(IMPORT_SEGMENTS[kind], float(pretension_mm), math.nan, math.nan, 0)
     recording = build_recording(
         {name: values[kept] for name, values in samples.items()},
         [segment] * len(timeline.pieces),
@@ -314,7 +313,7 @@ def import_csv(
         ),
         units,
     )
-    return recording.assign_attrs(import_kind=kind) if kind == "broadband" else recording
+    return recording if kind in ("ring-down", "sweep") else recording.assign_attrs(import_kind=kind)
 
 
 def _unit_of(names: Sequence[str], stated: str | None, default: str) -> str:
