@@ -1,8 +1,8 @@
 """Pages of the documentation, run as their reader would, and the pictures that they leave.
 
-The ```python blocks of a page, and the lines of its ```console blocks that start with `$ sinew`, are run in order in one
-folder. Other lines of a console block are what the reader sees. `python tools/pages.py docs/pictures` runs the pages
-whose pictures stand in the documentation and copies these; `make pictures` calls it.
+The ```python blocks of a page, and the lines of its ```console blocks that start with `$ sinew`, are run in one
+folder, in order. Other lines of a console block are what the reader sees. `python tools/pages.py docs/pictures` runs
+the pages whose pictures stand in the documentation and copies these; `make pictures` calls it.
 """
 
 import os
