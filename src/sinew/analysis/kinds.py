@@ -26,7 +26,8 @@ from sinew.measure.schema import IMPORT_SEGMENTS, RecordKind
 _DRIVE_NOISE = 10.0  # times its noise: a drive that moves less has perhaps not moved
 _FALLS = 0.3  # share of the scatter of ln(swing) that a straight fall explains: less is no decay
 _FEW_SWINGS = 6  # of which no such share is known
-_SMALL = 0.8  # of the largest swing: the fall may begin with the last swing so large
+_SMALL = 0.8  # of the largest swing: the fall may begin with the last swing so large,
+_LASTS = 0.25  # and takes at least that share of the swings
 _STRUCK = 0.1  # of the time, at most, in which a hammer touches
 _ONE_SIDED = 0.5  # of the force: what goes the other way
 _AT_REST = 0.05  # of the drive's largest motion
@@ -35,6 +36,7 @@ _MANY_CYCLES = 10  # of a drive that is more than a pull and a release
 _HELD, _NOT_HELD = 0.5, 0.2  # of the time that a drive moves: more is held frequency, less is none
 _LINES, _SPREAD = 4.0, 1.3  # a broad drive has power in so many lines, and between frequencies so far apart
 _RUNS = 0.8  # rank correlation of a drive's periods with time: a chirp
+_COHERENT = 0.5
 _SHORTEST = 64  # samples
 
 
@@ -134,7 +136,7 @@ def _decay(time: Array, response: Array) -> _Decay:
     if swing.size < 2:
         raise RecordingError("no oscillation found: fewer than two swings stand out of the noise")
     starts = {int(np.argmax(swing)), int(np.flatnonzero(swing >= _SMALL * swing.max())[-1])}
-    falls = max(_fall(np.log(swing[start:])) for start in starts)
+    falls = max(_fall(np.log(swing[start:])) if swing.size - start >= _LASTS * swing.size else 0.0 for start in starts)
     ratio = float(swing.max() / swing[-1])
     is_falling = ratio > 1.0 and (falls >= _FALLS or swing.size < _FEW_SWINGS)
     return _Decay(ratio, peaks.half_period_s, int(swing.size), is_falling)
@@ -148,12 +150,18 @@ def _fall(logs: Array) -> float:
 
 
 def _of_noise(time: Array, response: Array, drive: Array) -> FoundKind:
-    """Return what a drive is that may be noise on purpose, or only that of a sensor."""
-    length = max(_SHORTEST, time.size // 16)
-    coherence = signal.coherence(drive, response, nperseg=min(length, time.size // 2))[1]
-    windows = 2 * time.size // length
-    by_chance = 1.0 - (0.01 / coherence.size) ** (1.0 / max(0.5 * windows - 1.0, 1.0))
-    if np.count_nonzero(coherence > max(0.5, by_chance)) >= 3:
+    """Return what a drive is that may be noise on purpose, or only that of a sensor.
+
+    A response that dies soon coheres with anything in the few segments in which it lives, so the lines that cohere are
+    counted against those that cohere with the same drive reversed or moved, which has driven nothing.
+    """
+    length = min(max(_SHORTEST, time.size // 16), time.size // 2)
+
+    def coherent(other: Array) -> int:
+        return int(np.count_nonzero(signal.coherence(other, response, nperseg=length)[1] > _COHERENT))
+
+    by_chance = max(coherent(drive[::-1]), coherent(np.roll(drive, time.size // 3)))
+    if coherent(drive) > 3 * (by_chance + 1):
         return FoundKind("broadband", "the drive is noise, and the response coheres with it")
     return _of_response(time, response, "the drive does not move beyond its noise")
 
