@@ -20,6 +20,8 @@ from sinew.measure.units import one_number
 if TYPE_CHECKING:
     import xarray as xr
 
+    from sinew.measure.schema import ReadKind
+
 Progress = Callable[[float, float], None]
 
 _PIPE_WIDTH = 200
@@ -121,6 +123,9 @@ def flag(name: str, help_: str) -> Any:
     return typer.Option(name, help=help_)
 
 
+KINDS = "auto|ring-down|sweep|broadband|impact"
+"""Kinds of a table, as `--help` lists them."""
+
 RIG_HELP = "A rig: a TOML file, or the name of a shipped one."
 
 PlanArgument = Annotated[str, typer.Argument(metavar="PLAN", help="A plan: a TOML file, or the name of a shipped one.")]
@@ -157,18 +162,19 @@ def read_csv(
 ) -> "xr.Dataset":
     """Return a CSV file as a recording, with the words of the command line checked. Raises SinewError."""
     from sinew.measure.files.csv import import_csv  # pandas and xarray: not for --help
+    from sinew.measure.schema import IMPORT_SEGMENTS
 
     if time is None or response is None:
         missing = "--time" if time is None else "--response"
         raise SpecError(f"{file.name} is a table: name its columns; {missing} COL is missing")
-    one_of("--kind", kind, ("ring-down", "sweep", "broadband"))
+    check_choice("--kind", kind, IMPORT_SEGMENTS)
     one_of("--gaps", gaps, ("refuse", "split"))
     return import_csv(
         file,
         time=time,
         response=response,
         drive=drive,
-        kind=cast(Literal["ring-down", "sweep", "broadband"], kind),
+        kind=cast("ReadKind", kind),
         start_s=start,
         stop_s=stop,
         gaps=cast(Literal["refuse", "split"], gaps),

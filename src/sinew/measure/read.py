@@ -2,7 +2,6 @@
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal
 
 import xarray as xr
 
@@ -12,6 +11,7 @@ from sinew.measure.files.csv import ColumnNames, Table, import_csv
 from sinew.measure.files.netcdf import has_schema, is_netcdf, load_recording, load_results
 from sinew.measure.files.runs import RunChoice
 from sinew.measure.recording import cut_recording
+from sinew.measure.schema import ReadKind
 from sinew.measure.timing import Gaps
 
 _TABLES_IN_HDF5 = frozenset((".h5", ".hdf5", ".hdf", ".he5", ".mat"))
@@ -23,7 +23,7 @@ def read(
     time: str | None = None,
     response: str | None = None,
     drive: str | None = None,
-    kind: Literal["ring-down", "sweep", "broadband"] = "ring-down",
+    kind: ReadKind = "auto",
     start_s: float | None = None,
     stop_s: float | None = None,
     gaps: Gaps = "refuse",
@@ -38,7 +38,7 @@ def read(
     a file.
     time, response, drive: "COL" or "COL:unit" of a table; without a unit the one in the column's name (angle_deg,
     "x [mm]") counts. A time that is the only one by its name, and a response that is the only other column of numbers,
-    need not be named. kind: what a table holds. start_s, stop_s: the part to take [s], of a table or an imported
+    need not be named. kind: what a table holds; auto leaves it to `sn.analyse` to find out. start_s, stop_s: the part to take [s], of a table or an imported
     recording. gaps: refuse a table with missing samples, split it there, or bridge them in a ring-down.
     run: which of several in a file, by number from 1 or name. columns: names for all columns instead of the file's, as
     "t_s,angle_deg". rate_hz: samples per second, where no column holds the time.

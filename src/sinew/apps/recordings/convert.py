@@ -15,7 +15,7 @@ def import_(
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
-    kind: Annotated[str, option("ring-down|sweep|broadband", "What was recorded.")] = "ring-down",
+    kind: Annotated[str, option(console.KINDS, "What was recorded.")] = "ring-down",
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",

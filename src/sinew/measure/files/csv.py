@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
@@ -42,7 +42,7 @@ from sinew.measure.files.runs import (
 )
 from sinew.measure.files.text import STAMP
 from sinew.measure.recording import Segment, build_recording
-from sinew.measure.schema import SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
+from sinew.measure.schema import IMPORT_SEGMENTS, SAMPLE_VARIABLES, SEGMENT_VARIABLES, ReadKind, validate_recording
 from sinew.measure.timing import Gaps, Timeline, choose_stretch, refuse_backwards, straighten_times
 from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
 
@@ -390,7 +390,6 @@ def _check_rate(rate_hz: float, time_s: Array, time: str) -> None:
 
 # A stretch becomes a recording.
 
-_KINDS: dict[str, SegmentKind] = {"ring-down": "ring-down", "sweep": "steady", "broadband": "steady"}
 _RATE_NOTE = (
     "the {role} is an angular rate and stays one: its frequency and damping are those of the angle, "
     "its amplitude is that of the angle times the angular frequency, and its phase leads the angle's by 90 degrees"
@@ -404,7 +403,7 @@ def import_csv(
     time: str | None = None,
     response: str | None = None,
     drive: str | None = None,
-    kind: Literal["ring-down", "sweep", "broadband"] = "ring-down",
+    kind: ReadKind = "ring-down",
     start_s: float | None = None,
     stop_s: float | None = None,
     gaps: Gaps = "refuse",
@@ -419,8 +418,8 @@ def import_csv(
     time, response, drive: "COL", "COL:unit" or "COL,COL,COL:unit" (the mean of several columns). A time that is the
     only one by its name, and a response that is the only other column of numbers, need not be named.
     kind: a ring-down becomes a ring-down segment, a sweep one steady segment that analysis divides by the drive, a
-        broadband record (chirp, noise, multisine) one that it takes whole. Frequency and amplitude of the drive are
-        not known and NaN.
+        broadband record (chirp, noise, multisine) and one of hammer blows (impact) one that it takes whole; auto leaves
+        the kind to analysis. Frequency and amplitude of the drive are not known and NaN.
     start_s, stop_s: the part to take, in the file's own time [s].
     gaps: refuse a record with missing samples, split it into segments there, or bridge them in a ring-down: its times
         are uneven then, which a fit in the time domain bears up to half a period. Unless they are refused, empty cells
@@ -435,9 +434,9 @@ def import_csv(
         raise RecordingError(
             f"found pretension_mm = {pretension_mm:g}, expected 0 or more: it counts from first contact"
         )
-    if kind not in _KINDS:
-        raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(_KINDS)}")
-    if gaps == "bridge" and kind != "ring-down":
+    if kind not in IMPORT_SEGMENTS:
+        raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(IMPORT_SEGMENTS)}")
+    if gaps == "bridge" and IMPORT_SEGMENTS[kind] != "ring-down":
         raise RecordingError(f"a {kind} needs even samples, its gaps cannot be bridged; split it (--gaps split)")
     roles = {"response": response} | ({"drive": drive} if drive else {})
     found = read_stretch(
@@ -458,7 +457,7 @@ def import_csv(
     notes = [*found.notes, *(f"time: {note}" for note in timeline.notes)]
     notes += [_RATE_NOTE.format(role=role) for role, unit in found.units.items() if unit == "rad/s"]
     kept = np.concatenate([np.arange(piece.start, piece.stop) for piece in timeline.pieces])
-    segment = Segment(_KINDS[kind], float(pretension_mm), math.nan, math.nan, 0)
+    segment = Segment(IMPORT_SEGMENTS[kind], float(pretension_mm), math.nan, math.nan, 0)
     recording = build_recording(
         {name: values[kept] for name, values in samples.items()},
         [segment] * len(timeline.pieces),
@@ -475,7 +474,7 @@ def import_csv(
     )
     if gaps == "bridge" and timeline.diagnosis.gaps:
         recording = recording.assign_attrs(import_gaps="bridge")
-    return recording.assign_attrs(import_kind=kind) if kind == "broadband" else recording
+    return recording if kind in ("ring-down", "sweep") else recording.assign_attrs(import_kind=kind)
 
 
 def export_csv(recording: xr.Dataset, path: Path | str) -> None:
