@@ -27,7 +27,7 @@ from sinew.measure.estimate import Estimate, finite, number, shown, span
 from sinew.measure.files.netcdf import load_recording
 from sinew.measure.recording import Segment
 from sinew.measure.told import Table, Told
-from sinew.mechanics.laws import NUMBERS, TERMS
+from sinew.mechanics.laws import NUMBERS, TERMS, Viscous
 from sinew.plan.rig import RigSpec
 from sinew.twin.cache import configure
 
@@ -317,7 +317,7 @@ def _levels(groups: Sequence[ResponsePoints], turned: bool) -> tuple[dict[str, o
 
 def _impossible(best: Fit) -> list[str]:
     """Return a sentence where a friction or a loss factor is negative for certain."""
-    words = {n.name: n.word for term in TERMS if term.lost and not term.plain for n in term.numbers}
+    words = {n.name: n.word for term in TERMS if term.lost and not isinstance(term, Viscous) for n in term.numbers}
     negative = impossible_numbers(best.parameters)
     return [
         f"the {word} came out negative, which nothing has: the damping depends on amplitude or frequency in another way"
