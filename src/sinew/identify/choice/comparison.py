@@ -26,7 +26,7 @@ from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
-from sinew.mechanics.laws import HISTORIES, NUMBERS, TERMS, Cubic, Law, Linear, LossFactor, Pendulum
+from sinew.mechanics.laws import HISTORIES, NUMBERS, TERMS, Cubic, Law, Linear, Pendulum
 
 _CLEAR, _HINT = 6.0, 2.0  # differences of BIC: told for certain; too small to add a term
 _WORSE = 2.0  # standard errors of the paired difference of squared errors

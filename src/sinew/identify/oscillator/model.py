@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sinew.identify.oscillator.least_squares import Problem
 from sinew.identify.oscillator.record import Excitation, Frame, Record, Scales, derivative_order, grid_of
-from sinew.identify.oscillator.track import LINEAR, LOCAL, PLACE, Grid, track, track_slopes
+from sinew.identify.oscillator.track import LOCAL, PLACE, Grid, track, track_slopes
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.laws import (
@@ -194,9 +194,7 @@ class Layout:
         wanted = [part.record.output[:end] / part.unit_size for part, end in zip(self.parts, ends, strict=True)]
 
         def residual(x: Array) -> Array:
-            return np.concatenate(
-                [(self._track(x, i, ends[i]) - wanted[i])[mask] for i, mask in enumerate(masks)]
-            )
+            return np.concatenate([(self._track(x, i, ends[i]) - wanted[i])[mask] for i, mask in enumerate(masks)])
 
         def jacobian(x: Array) -> Array:
             return np.concatenate([self._slopes(x, i, ends[i])[mask] for i, mask in enumerate(masks)])
