@@ -263,7 +263,7 @@ def _smaller(rows: Sequence[Row], model: Model) -> Fit | None:
         row.held_out.fit
         for row in rows
         if row.model.law.losses in (VISCOUS, model.law.losses)
-        and row.model.law.springs.terms in (SPRING.terms, model.law.springs.terms[: len(row.model.law.springs.terms)])
+        and (row.model.law.springs == SPRING or set(row.model.law.springs.terms) <= set(model.law.springs.terms))
         and row.model.rest in ("offset", model.rest)
     ]
     return min(extended, key=lambda one: one.rmse, default=None)
