@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import ColumnTime, Json, flag, option
+from sinew.apps.console import ColumnTime, Json, Start, Stop, flag, option
 from sinew.apps.recordings import identify_input
 from sinew.measure.errors import SpecError
 
@@ -31,6 +31,8 @@ def identify(
     output: Annotated[str | None, option("COL[:unit]", "Column of how it moves.")] = None,
     excitation: Annotated[str | None, option("|".join(EXCITATIONS), "What the input is; none is a free decay.")] = None,
     model: Annotated[str, option(_MODELS, "What to fit.")] = "auto",
+    start: Start = None,
+    stop: Stop = None,
     train: Annotated[str | None, option("A:B", "Samples to fit: indices from 0, half open.")] = None,
     test: Annotated[str | None, option("A:B", "Samples to predict, held out of the fit.")] = None,
     rate: Annotated[float | None, option("HZ", "Samples per second, where there is no time column.")] = None,
@@ -61,6 +63,7 @@ def identify(
 
     Without --train and --test the fit is to all samples, and every fourth block of them is held out once to compare
     models. With --model auto the stiffness law and the damping law are chosen, or it says what cannot be told.
+    Of a free decay the free part is found, unless --start, --stop, --train or --test choose one.
 
     \b
     a force sweep, figures too:
@@ -90,6 +93,8 @@ def identify(
         rate_hz=rate,
         excitation=cast("Excitation | None", excitation),
         model=model,
+        start_s=start,
+        stop_s=stop,
         train=_range("--train", train),
         test=_range("--test", test),
         pretension_mm=pretension,
@@ -126,6 +131,8 @@ class _Asked:
     rate_hz: float | None
     excitation: "Excitation | None"
     model: str
+    start_s: float | None
+    stop_s: float | None
     train: tuple[int, int] | None
     test: tuple[int, int] | None
     pretension_mm: float | None
@@ -165,6 +172,8 @@ class _Asked:
             "--output": self.output,
             "--excitation": self.excitation,
             "--model": self.model,
+            "--start": None if self.start_s is None else f"{self.start_s:.12g}",
+            "--stop": None if self.stop_s is None else f"{self.stop_s:.12g}",
             "--train": None if self.train is None else f"{self.train[0]}:{self.train[1]}",
             "--test": None if self.test is None else f"{self.test[0]}:{self.test[1]}",
             "--pretension": None if self.pretension_mm is None else f"{self.pretension_mm:g}",
@@ -185,7 +194,6 @@ def _range(flag: str, text: str | None) -> tuple[int, int] | None:
 
 
 def _find(asked: _Asked) -> "Identified":
-    from sinew.identify.identified import identify as run
     from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
 
@@ -193,22 +201,33 @@ def _find(asked: _Asked) -> "Identified":
         if value is not None:
             raise SpecError(f"{name} is for steady states; add --kind stepped, or leave it out")
     record: xr.Dataset | Record
-    if is_recording(asked.file):
-        identify_input.refuse_columns(asked.time, asked.input, asked.output, asked.rate_hz)
-        record = load_recording(asked.file)
-    else:
-        identify_input.refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, asked.bootstrap)
-        if asked.excitation is None and asked.input is not None:
-            raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
-        chosen = asked.excitation or "none"
-        record = identify_input.table_record(asked.file, asked.time, asked.input, asked.output, chosen, asked.rate_hz)
     with console.progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
+        if is_recording(asked.file):
+            identify_input.refuse_columns(asked.time, asked.input, asked.output, asked.rate_hz)
+            record = load_recording(asked.file)
+        else:
+            identify_input.refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, asked.bootstrap)
+            if asked.excitation is None and asked.input is not None:
+                raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
+            record = identify_input.table_record(
+                asked.file,
+                asked.time,
+                asked.input,
+                asked.output,
+                asked.excitation or "none",
+                asked.rate_hz,
+                stretch_s=(asked.start_s, asked.stop_s),
+            )
+        from sinew.identify.identified import identify as run  # JAX: seconds, behind the bar
+
         return run(
             record,
             asked.model,
             excitation=asked.excitation,
             pretension_mm=asked.pretension_mm,
             rig=asked.rig,
+            start_s=asked.start_s,
+            stop_s=asked.stop_s,
             train=asked.train,
             test=asked.test,
             profile=asked.profile,
@@ -224,6 +243,7 @@ def _find_stepped(asked: _Asked) -> "Identified":
     from sinew.measure.read import is_recording
 
     given = {"--time": asked.time, "--rate": asked.rate_hz, "--train": asked.train, "--test": asked.test}
+    given |= {"--start": asked.start_s, "--stop": asked.stop_s}
     given |= dict.fromkeys(asked.more(), "")
     for name, value in given.items():
         if value is not None:

@@ -40,7 +40,7 @@ def refuse_rig_options(model: str, pretension_mm: float | None, rig: str | None,
 
 _HINTS = {
     "select one side of it with start and stop (--start, --stop), or split the record at its gaps (--gaps split)": (
-        "put each side of it into a file of its own and identify one"
+        "select one side of it with --start and --stop"
     ),
     ", or select the rows without them by start and stop": "",
 }
@@ -60,14 +60,24 @@ def _in_own_words() -> Iterator[None]:
 
 @_in_own_words()
 def table_record(
-    file: Path, time: str | None, given: str | None, output: str | None, excitation: "Excitation", rate_hz: float | None
+    file: Path,
+    time: str | None,
+    given: str | None,
+    output: str | None,
+    excitation: "Excitation",
+    rate_hz: float | None,
+    *,
+    stretch_s: tuple[float | None, float | None] = (None, None),
 ) -> "Record":
-    """Return the record in a table. Columns "COL[:unit]"; rate_hz: of even samples, instead of a time column."""
+    """Return the record in a table. Columns "COL[:unit]"; rate_hz: of even samples, instead of a time column.
+
+    stretch_s: from when to when, in the file's own time; what lies outside is not looked at.
+    """
     import numpy as np
 
     from sinew.identify.oscillator.record import make_record
     from sinew.measure.files.csv import find_columns, numbers, read_table
-    from sinew.measure.timing import straighten_times
+    from sinew.measure.timing import choose_stretch, straighten_times
     from sinew.measure.units import convert, unit_in_name
 
     if output is None or (time is None and rate_hz is None):
@@ -84,6 +94,11 @@ def table_record(
     else:
         names, stated = find_columns(table, time)
         stamps = numbers(table, names[0]) * convert(stated or unit_in_name(names[0]) or "s", "s")
+    if stretch_s != (None, None):
+        inside = choose_stretch(stamps, *stretch_s)
+        stamps, response = stamps[inside], response[inside]
+        drive = None if drive is None else drive[inside]
+    if time is not None:
         timeline = straighten_times(stamps)
         notes = _mended(timeline, stamps)
         stamps = timeline.time_s

@@ -321,6 +321,7 @@ def _along(found: Solution, k: int, variance: float) -> Array | None:
 _TOLERANCE = 1e-8
 _POOR, _LOST = 0.35, 0.6  # rmse over the output's: suspicious, and the oscillation's count is lost
 _ASTRAY = 1.4  # between two frequencies that should be the same
+_SPRINGLESS = 0.3  # of a spring that would swing as the record does: a negative one is none
 _HORIZON, _GROWTH = 8.0, 2.5  # periods that are fitted first then, and how their number grows
 
 
@@ -341,7 +342,8 @@ def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[S
     if records[0].excitation != "none" and 0.2 * omega < natural < 5.0 * omega:
         values = regress_together(records, model, float(natural), frame)
     if values[0]["stiffness"] <= 0:
-        values = [one | {"stiffness": omega**2} for one in values]
+        springless = records[0].excitation != "none" and values[0]["stiffness"] > -_SPRINGLESS * omega**2
+        values = [one | {"stiffness": 0.0 if springless else omega**2} for one in values]
     ring = next((ring for ring in rings if ring), None)
     if ring is not None and _astray(records, values[0], ring):
         # The creep of a rest position, or noise after a short motion, has led the regression astray.
@@ -449,9 +451,12 @@ def search(layout: Layout, first: Array, masks: Masks, taught: Array | None = No
     one of many fits, and friction is not sought beside its minimum. known: whether `first` is a solution already.
     """
     problem = layout.problem(masks)
+    if known:  # whoever found it has taken the record in bit by bit already, where that was needed
+        found = solve(problem, first, tolerance=_TOLERANCE, max_evaluations=60)
+        return beside_friction(layout, problem, found) if layout.model.law.sticks and taught is None else found
     wanted = np.concatenate([p.record.output[m] / p.unit_size for p, m in zip(layout.parts, masks, strict=True)])
     size = float(np.std(wanted) * np.sqrt(wanted.size))
-    starts = [first] if known else _law_starts(layout, first, masks, taught, problem)
+    starts = _law_starts(layout, first, masks, taught, problem)
     if len(starts) > 1:
         starts = [solve(problem, *starts, tolerance=1e-3, max_evaluations=12).values]
     direct = solve(problem, *starts, tolerance=_TOLERANCE, max_evaluations=60)
