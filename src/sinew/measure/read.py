@@ -38,10 +38,10 @@ def read(
     a file.
     time, response, drive: "COL" or "COL:unit" of a table; without a unit the one in the column's name (angle_deg,
     "x [mm]") counts. A time that is the only one by its name, and a response that is the only other column of numbers,
-    need not be named. kind: what a table holds; auto leaves it to `sn.analyse` to find out. start_s, stop_s: the part to take [s], of a table or an imported
-    recording. gaps: refuse a table with missing samples, split it there, or bridge them in a ring-down.
-    run: which of several in a file, by number from 1 or name. columns: names for all columns instead of the file's, as
-    "t_s,angle_deg". rate_hz: samples per second, where no column holds the time.
+    need not be named. kind: what a table holds; auto leaves it to `sn.analyse` to find out. start_s, stop_s: the part
+    to take [s], of a table or an imported recording. gaps: refuse a table with missing samples, split it there, or
+    bridge them in a ring-down. run: which of several in a file, by number from 1 or name. columns: names for all
+    columns instead of the file's, as "t_s,angle_deg". rate_hz: samples per second, where no column holds the time.
     Raises FileError, SchemaError, SpecError, RecordingError, TimeError or UnitError with one sentence.
 
     >>> import pandas as pd

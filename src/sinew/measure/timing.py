@@ -224,6 +224,11 @@ class Timeline:
     notes: tuple[str, ...]
     diagnosis: TimeDiagnosis
 
+    @property
+    def changed(self) -> bool:
+        """Return whether stamps were replaced, or gaps split or bridged."""
+        return len(self.notes) > 1
+
 
 def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
     """Return what a record's time stamps are like.

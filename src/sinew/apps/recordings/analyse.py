@@ -7,7 +7,20 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import ColumnDrive, ColumnResponse, ColumnTime, Gaps, Json, Settle, Start, Stop, option
+from sinew.apps.console import (
+    ColumnDrive,
+    ColumnResponse,
+    Columns,
+    ColumnTime,
+    Gaps,
+    Json,
+    Rate,
+    Run,
+    Settle,
+    Start,
+    Stop,
+    option,
+)
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -16,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def analyse(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A table of any lab, or a recording of Sinew (NetCDF).")],
     kind: Annotated[str | None, option(console.KINDS, "What a CSV file holds; without it, auto finds out.")] = None,
     time: ColumnTime = None,
     response: ColumnResponse = None,
@@ -24,6 +37,9 @@ def analyse(
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",
+    run: Run = None,
+    columns: Columns = None,
+    rate: Rate = None,
     settle: Settle = None,
     from_hz: Annotated[float | None, option("HZ", "Broadband, impact: seek modes from here on; else found.")] = None,
     to_hz: Annotated[float | None, option("HZ", "Broadband, impact: seek modes up to here; else found.")] = None,
@@ -40,9 +56,11 @@ def analyse(
     A ring-down gives frequency and damping with intervals, by the paper's method and by a direct fit; a sweep gives
     the table of gain and phase, and from six frequencies on the resonance; a broadband record (chirp, noise,
     multisine) and one of hammer blows (impact) give their frequency response with coherence, and the modes in it.
-    Without --kind it is found out which of these a CSV file holds, and said with the reason.
+    Without --kind it is found out which of these a table holds, and said with the reason. A time that is the only one
+    by its name, and a response that is the only other column of numbers, need not be named; `sinew look` tells what is
+    in a file.
     """
-    from sinew.analysis.analysed import analyse as run
+    from sinew.analysis.analysed import analyse as find
     from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
     from sinew.measure.recording import cut_recording
@@ -56,11 +74,11 @@ def analyse(
     if out is not None:
         console.require_folder(out)
     if is_recording(file):
-        _refuse_columns(time, response, drive)
+        _refuse_columns(time, response, drive, run, columns, rate)
         recording = cut_recording(load_recording(file), start, stop)
     else:
-        recording = console.read_csv(file, kind or "auto", time, response, drive, start, stop, gaps)
-    found = run(
+        recording = console.read_csv(file, kind or "auto", time, response, drive, start, stop, gaps, run, columns, rate)
+    found = find(
         recording,
         rig,
         settle_s=settle,
@@ -89,7 +107,9 @@ def _band(from_hz: float | None, to_hz: float | None) -> tuple[float, float] | N
 
 def _refuse_columns(*given: object) -> None:
     if any(value is not None for value in given):
-        raise SpecError("a recording knows its columns; --time, --response, --drive are for CSV")
+        raise SpecError(
+            "a recording knows its columns; --time, --response, --drive, --run, --columns and --rate are for tables"
+        )
 
 
 def _write(found: "Analysed", folder: Path) -> None:

@@ -218,15 +218,17 @@ def read_stretch(
     columns: ColumnNames = None,
     start_s: float | None = None,
     stop_s: float | None = None,
+    samples: tuple[int, int | None] | None = None,
     gaps: Gaps = "refuse",
 ) -> Stretch:
     """Return columns of a table, by role, over a stretch of time.
 
     path, run, columns: as in `read_table`. roles: specifications of the columns; that of the first role may be None:
     then it is the only column of numbers that is left, or has to be named. time: of the time, None to tell it by its
-    name, or to count the rows by rate_hz [1/s]. start_s, stop_s: the part to take, in the file's own time [s].
-    gaps: as in `straighten_times`; unless they are refused, a row with an empty cell is a missing sample. A sparse
-    table, whose rows hold samples of some columns each, loses the rows that are empty in those asked for.
+    name, or to count the rows by rate_hz [1/s]. start_s, stop_s: the part to take, in the file's own time [s]. samples:
+    which of its rows, half open, where it has so many; what lies outside is not judged. gaps: as in `straighten_times`;
+    unless they are refused, a row with an empty cell is a missing sample. A sparse table, whose rows hold samples of
+    some columns each, loses the rows that are empty in those asked for.
     Raises FileError, SpecError, RecordingError, TimeError or UnitError with one sentence.
     """
     table = read_table(path, run=run, columns=columns, time=time)
@@ -234,7 +236,8 @@ def read_stretch(
     found = {role: find_columns(table, spec) for role, spec in named.items()}
     asked = sorted({name for names, _ in found.values() for name in names})
     empty = table[asked].isna().any(axis=1).to_numpy()
-    others = [name for name in table.columns if name not in asked and name != time]
+    stamp = None if time is None else find_columns(table, time)[0][0]
+    others = [name for name in table.columns if name not in (*asked, stamp)]
     elsewhere = empty & table[others].notna().any(axis=1).to_numpy() if others else np.zeros(len(table), dtype=bool)
     if time is not None and elsewhere.mean() >= _SPARSE:
         notes.append(f"{int(elsewhere.sum())} of {len(table)} rows hold samples of other columns only and are left out")
@@ -244,6 +247,8 @@ def read_stretch(
     stamps, told = _read_time(table, time, rate_hz)
     inside = np.flatnonzero(choose_stretch(stamps, start_s, stop_s))
     inside = np.arange(inside[0], inside[-1] + 1)
+    if samples is not None and (samples[1] is None or samples[1] <= inside.size):
+        inside = inside[slice(*samples)]
     holes = int(empty[inside].sum())
     if holes and gaps != "refuse":
         notes.append(f"{holes} row{'s' if holes > 1 else ''} with an empty cell taken for missing samples")
