@@ -244,7 +244,7 @@ def read_stretch(
         table, empty = table[~elsewhere], empty[~elsewhere]
         if not len(table):
             raise RecordingError(f"no row holds {' and '.join(asked)} together; bring them to common times first")
-    stamps, told = _read_time(table, time, rate_hz)
+    stamps, told = read_time(table, time, rate_hz)
     inside = np.flatnonzero(choose_stretch(stamps, start_s, stop_s))
     inside = np.arange(inside[0], inside[-1] + 1)
     if samples is not None and (samples[1] is None or samples[1] <= inside.size):
@@ -309,7 +309,7 @@ def _unit_of(names: Sequence[str], stated: str | None, default: str) -> str:
     return found.pop()
 
 
-def _read_time(table: Table, spec: str | None, rate_hz: float | None) -> tuple[Array, list[str]]:
+def read_time(table: Table, spec: str | None, rate_hz: float | None) -> tuple[Array, list[str]]:
     """Return (time stamps of the whole table [s], shape (n,), notes)."""
     if rate_hz is not None and not 0 < rate_hz < math.inf:
         raise SpecError(f"--rate is {rate_hz:g}, expected a positive number of samples per second (rate_hz)")
