@@ -142,7 +142,7 @@ def uff(path: Path) -> None:
             binary=0, func_type=1, rsp_node=12, rsp_dir=3, ref_node=1, ref_dir=3, data=values, x=TIME, id1="swing",
             rsp_ent_name="NONE", ref_ent_name="NONE", abscissa_spacing=1, abscissa_min=0.0, abscissa_inc=STEP,
             num_pts=N, ord_data_type=4, abscissa_spec_data_type=17, ordinate_spec_data_type=8,
-            ordinate_axis_units_lab="mm", abscissa_axis_units_lab="s", orddenom_spec_data_type=0, z_axis_axis_units_lab="",
+            ordinate_axis_units_lab="mm", abscissa_axis_units_lab="s", orddenom_spec_data_type=0,
         )  # fmt: skip
         pyuff.UFF(str(path)).write_sets(one, mode)
 
