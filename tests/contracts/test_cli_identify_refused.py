@@ -87,7 +87,7 @@ def damaged(folder: Path, kind: str) -> Path:
     elif kind == "nan":
         rows[50] = "0.50,nan,0.1"
     elif kind == "text":
-        rows[0] = "s,V,V"
+        rows[0] = "x,V,V"
     elif kind == "backwards":
         rows[100], rows[101] = rows[101], rows[100]
     elif kind == "ten rows":
@@ -123,8 +123,10 @@ def test_a_damaged_file_is_refused_in_one_line(
     --time t --input u:V --output y:V => --excitation
     --time t --output y:V --excitation force => no input is given
     --time t --input u:V --output y:V --excitation none => leave the
-    --time t --input u:V --excitation force => --output COL is missing
-    --input u:V --output y:V --excitation force => --rate HZ
+    --time t --excitation none => --output COL is missing (output=) and u or y may be it; there are t, u, y
+    --time t --input u:V --output y:V --excitation force --gaps bridge => cannot be bridged here
+    --time t --input u:V --output y:V --excitation force --gaps split --train 0:99 => leave one of them out
+    --time t --output y --run 2 => has no run '2'; it holds 1
     --time t:mm --input u:V --output y:V --excitation force => 'mm'
     --time t --input u:furlongg --output y:V --excitation force => furlongg
     --time t --input 'u:N*m' --output y:rad --excitation lever => no motion
@@ -160,7 +162,19 @@ def test_a_gap_is_refused_with_what_this_command_can_do(tmp_path: Path, capsys: 
     file = write(tmp_path / "a.csv", t=t, u=push(t), y=np.sin(OMEGA * t))
     said = unidentified(capsys, file, *COLUMNS)
     assert "gap of 2.01 s" in said
-    assert "--start" not in said
+    assert "--gaps split" in said
+
+
+@pytest.mark.parametrize(
+    "options", [("--gaps", "split"), ("--start", "5"), ("--train", "300:800", "--test", "800:1000")]
+)
+def test_a_gap_that_is_not_in_the_part_that_is_fitted_does_no_harm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...]
+) -> None:
+    t = np.concatenate([TIME[:300], TIME[500:]])
+    response = noisy(motion(viscous(0.1), push, TIME)[0], 0.002, 1)
+    file = write(tmp_path / "a.csv", t=t, u=push(t), y=np.concatenate([response[:300], response[500:]]))
+    assert identified(capsys, file, *COLUMNS, "--model", "linear", *options)["model"] == "linear"
 
 
 def test_stamps_that_were_straightened_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

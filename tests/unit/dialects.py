@@ -160,9 +160,10 @@ def excel(path: Path) -> None:
 
 
 def parquet(path: Path) -> None:
+    import fastparquet
     import pandas as pd
 
-    pd.DataFrame({"t": TIME, "angle [deg]": SWING}).to_parquet(path, engine="fastparquet")
+    fastparquet.write(str(path), pd.DataFrame({"t": TIME, "angle [deg]": SWING}))
 
 
 ANGLE_MESSAGE = """std_msgs/Header header

@@ -133,7 +133,7 @@ def test_an_empty_cell_outside_the_part_that_is_taken_does_no_harm(swing: Path) 
     [
         ({"response": "angle"}, RecordingError, "no column 'angle', did you mean 'angle_deg'"),
         ({"time": "time"}, RecordingError, "no column 'time'"),
-        ({"drive": "lever"}, RecordingError, "no column 'lever', did you mean 'lever \\(deg\\)'"),
+        ({"drive": "levr"}, RecordingError, "no column 'levr', did you mean 'lever \\(deg\\)'"),
         ({"time": "t_s,angle_deg"}, RecordingError, "time needs one column, found 2"),
         ({"response": "angle_deg:degg"}, UnitError, "unknown unit 'degg'"),
         ({"response": "angle_deg:g"}, UnitError, "ambiguous"),

@@ -251,7 +251,7 @@ def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
     if not clock:
         gaps, bursts, step = gaps_of_irregular(stamps, steps), False, float(steps.mean())
     written_twice = even and not bursts and (repeated < 5 or np.ptp(off_line(stamps, gaps, step)) > 3 * step)
-    if repeated and (not clock or written_twice):
+    if repeated and (written_twice or (not clock and not _are_rounded(steps))):
         raise TimeError(_repeat_refusal(stamps, steps, rows))
     jitter = float(off_line(stamps, gaps, step).std()) if clock else float(np.delete(steps, afters(gaps)).std())
     pattern: Pattern = "irregular"
@@ -299,7 +299,42 @@ def straighten_times(stamps: Array, *, gaps: Gaps = "refuse", rows: Rows = 1) ->
         notes.append(
             f"time stamps replaced by the straight line through them, one sample every {_time(diagnosis.step_s)}"
         )
+    elif diagnosis.repeated:
+        time = _spread(time)
+        notes.append(
+            f"{_counted(diagnosis.repeated, 'stamp')} repeat the one before, for they were written with too few "
+            "digits; samples of one stamp are spread over its last digit"
+        )
     return Timeline(time, kept, tuple(notes), diagnosis)
+
+
+_MOST_ALIKE = 3  # samples with one stamp that rounding may account for
+_FEWEST_ALIKE = 5  # stamps that repeat the one before: fewer are rows written twice
+
+
+def _are_rounded(steps: Array) -> bool:
+    """Return whether stamps repeat because they were written with too few digits.
+
+    All are whole multiples of the smallest step, most steps are that one, and no more than three have one stamp.
+    """
+    least = float(steps[steps > 0].min())
+    multiples = steps / least
+    whole = bool(np.abs(multiples - np.rint(multiples)).max() < 1e-3)
+    repeats = steps == 0
+    longest = int(np.diff(np.flatnonzero(np.concatenate([[True], ~repeats, [True]]))).max())
+    usual = float(np.median(multiples[~repeats]))
+    return whole and usual < 1.5 and longest <= _MOST_ALIKE and int(repeats.sum()) >= _FEWEST_ALIKE
+
+
+def _spread(stamps: Array) -> Array:
+    """Return stamps of which those that repeat are spread evenly over the rounding they share [s], shape (n,)."""
+    steps = np.diff(stamps)
+    least = float(steps[steps > 0].min())
+    starts = np.flatnonzero(np.concatenate([[True], steps > 0]))
+    count = np.diff(np.append(starts, stamps.size))
+    size = np.repeat(count, count)
+    place = np.arange(stamps.size) - np.repeat(starts, count)
+    return np.asarray(stamps + least * ((place + 0.5) / size - 0.5), dtype=float)
 
 
 def _refuse_nonsense(stamps: Array, rows: Rows) -> None:

@@ -188,7 +188,7 @@ def _open_tdms(path: Path) -> Opened:
                 columns.append(Column(group.name, channel.name, values, unit, step, start))
     if not columns:
         raise FileError(f"{path} is a TDMS file without a channel of numbers; record again or choose another file")
-    return Opened("TDMS (LabVIEW)", runs_of_columns(columns))
+    return Opened("TDMS (LabVIEW)", runs_of_columns(columns, apart=True))
 
 
 _DIRECTIONS = {0: "", 1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z", 4: "+RX", -4: "-RX", 5: "+RY", -5: "-RY"}
@@ -257,9 +257,9 @@ def _cell(cell: Any) -> str:
 
 
 def _open_parquet(path: Path) -> Opened:
-    _library(path, "fastparquet", "fastparquet", "a Parquet file")
-    with _reading(path, "a Parquet file"):
-        table = pd.read_parquet(path, engine="fastparquet")
+    fastparquet = _library(path, "fastparquet", "fastparquet", "a Parquet file")
+    with _reading(path, "a Parquet file"), path.open("rb") as file:  # of a path it would leave the file open
+        table = fastparquet.ParquetFile(file).to_pandas()
     if table.index.name is not None:
         table = table.reset_index()
     table = table.reset_index(drop=True).set_axis(pd.Index(list(map(str, table.columns))), axis=1)
@@ -284,7 +284,7 @@ def _open_mcap(path: Path) -> Opened:
     return Opened("MCAP (rosbag2)", tuple(runs))
 
 
-def _read_topic(path: Path, topic: str) -> Table | None:
+def _read_topic(path: Path, topic: str) -> "Table | None":
     """Return a topic as a table, with its headers' time, its own or the log's; None where it holds no numbers."""
     reader = _library(path, "mcap.reader", "mcap", "an MCAP file (rosbag2)")
     ros = _library(path, "mcap_ros2.decoder", "mcap-ros2-support", "an MCAP file (rosbag2)")

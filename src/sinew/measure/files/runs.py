@@ -60,7 +60,7 @@ def choose_run(opened: Opened, run: RunChoice, source: str) -> Table:
     runs = opened.runs
     if run is None and len(runs) == 1:
         return runs[0].load()
-    names = [f"{place} {one.name!r}" for place, one in enumerate(runs, start=1)]
+    names = [f"{place} {one.name!r}" if one.name else str(place) for place, one in enumerate(runs, start=1)]
     listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
     if run is None:
         raise RecordingError(
@@ -140,13 +140,13 @@ def with_unit(name: str, unit: str | None) -> str:
 
 
 def unlike(names: Sequence[str]) -> list[str]:
-    """Return names of which no two are the same: the second becomes "NAME 2"."""
+    """Return names of which no two are the same: the second becomes "NAME 2", before its bracket."""
     found: list[str] = []
     for name in names:
-        again, fresh = 1, name
+        again, fresh, bare = 1, name, bare_name(name)
         while fresh in found:
             again += 1
-            fresh = f"{name} {again}"
+            fresh = f"{bare} {again}{name[len(bare) :]}"
         found.append(fresh)
     return found
 
@@ -244,18 +244,18 @@ class Column:
     start_s: float = 0.0
 
 
-def runs_of_columns(columns: Sequence[Column]) -> tuple[Run, ...]:
+def runs_of_columns(columns: Sequence[Column], *, apart: bool = False) -> tuple[Run, ...]:
     """Return the runs that columns of a file with groups make up.
 
-    One group is one run. Of several, each is a run of its own, unless all columns are of one length and the groups do
-    not repeat each other's names: then they are one table, whose columns are named by their paths.
+    Each group is a run. Unless groups are to stay apart, those of which all columns have one length, and which do not
+    repeat each other's names, are one table, whose columns are named by their paths.
     """
     groups: dict[str, list[Column]] = {}
     for column in columns:
         groups.setdefault(column.group, []).append(column)
     one_length = len({column.values.size for column in columns}) == 1
     all_names = [column.name for column in columns]
-    apart = len(set(all_names)) < len(all_names) and max(map(len, groups.values())) > 1
+    apart = apart or (len(set(all_names)) < len(all_names) and max(map(len, groups.values())) > 1)
     if len(groups) > 1 and one_length and not apart:
         whole = [
             Column("", f"{column.group}/{column.name}".lstrip("/"), column.values, column.unit, column.step_s)

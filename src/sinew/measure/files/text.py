@@ -210,8 +210,9 @@ def _stands(layout: _Layout, lines: Sequence[str]) -> bool:
     over = [layout.names[column] for column in numeric]
     if any(_is_value(name) for name in over) and not any(name and not _is_value(name) for name in over):
         return False
-    first = [below[0][column].strip() for column in numeric if column < len(below[0])]
-    return not first or not all(cell and not _is_value(cell) for cell in first)
+    first = [[row[column].strip() for column in numeric if column < len(row)] for row in below[:5]]
+    sound = sum(1 for row in first if all(not cell or _is_value(cell) for cell in row))
+    return 2 * sound >= len(first)  # a bad cell is for whoever reads the column, lines of another kind are no rows
 
 
 def _with_units(layout: _Layout, lines: Sequence[str]) -> _Layout:
@@ -357,8 +358,10 @@ def name_columns(
         filled = _filled(upper)
         if repeats_itself(filled, names):
             labels = tuple(filled)
-        elif len(set(names)) < width:
-            names = [f"{label}: {name}" if label else name for label, name in zip(filled, names, strict=True)]
+        else:
+            twice = {name for name in names if names.count(name) > 1}
+            pairs = zip(filled, names, strict=True)
+            names = [f"{label}: {name}" if label and name in twice else name for label, name in pairs]
         top = upper_at
     else:
         top = at
@@ -469,7 +472,7 @@ def _parts(body: str, layout: _Layout) -> list[str]:
             last -= 1
         if any(any(row) for row in cells[first:last]):
             parts.append("".join(lines[first:last]))
-    return parts
+    return parts or [body]
 
 
 def _parse(path: Path, text: str, layout: _Layout) -> Table:
