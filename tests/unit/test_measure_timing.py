@@ -204,3 +204,11 @@ def test_seconds_since_1970_are_even_too() -> None:
 def test_a_record_of_which_gaps_leave_only_crumbs_is_refused() -> None:
     with pytest.raises(TimeError, match="no piece of at least 8 samples"):
         straighten_times(np.delete(EVEN[:60], slice(5, 53)), gaps="split")
+
+
+def test_stamps_with_too_few_digits_are_spread_over_their_last_one() -> None:
+    true = np.cumsum(np.random.default_rng(3).choice([0.006, 0.03], 300, p=[0.7, 0.3]))
+    timeline = straighten_times(np.round(true, 2), gaps="bridge")
+    assert np.abs(timeline.time_s - true).max() <= 0.0101
+    assert (np.diff(timeline.time_s) > 0).all()
+    assert "too few digits" in timeline.notes[-1]

@@ -316,5 +316,5 @@ def _channel(recording: Any) -> str:
 
 def _short_gaps(time_s: Array, values: Array) -> bool:
     """Return whether the longest step is shorter than half a period, as crossings of the middle tell it."""
-    crossings = np.count_nonzero(np.diff(np.sign(values - np.median(values))) != 0)
+    crossings = int(np.count_nonzero(np.diff(np.sign(values - np.median(values)))))
     return bool(np.diff(time_s).max() < float(time_s[-1] - time_s[0]) / max(crossings, 1))

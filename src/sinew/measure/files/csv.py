@@ -277,7 +277,7 @@ def _choose_columns(
             found = f"{' and '.join(times)} may be the time" if times else "no column is the time by its name"
             raise SpecError(
                 f"this is a table: name its columns; --time COL is missing (time=) and {found}; there are "
-                f"{_shown(table)}. Without a column of times, give the samples per second (--rate HZ, rate_hz=)"
+                f"{_shown(table)}; `sinew look` shows them. Without one, say the samples per second: --rate HZ (rate_hz=)"
             )
         time = times[0]
         notes.append(f"the time is column {time!r}, by its name")
@@ -291,7 +291,7 @@ def _choose_columns(
             found = f"{' or '.join(left[:6])} may be it" if left else "no column of numbers is left for it"
             raise SpecError(
                 f"this is a table: name its columns; --{role} COL is missing ({role}=) and {found}; there are "
-                f"{_shown(table)}"
+                f"{_shown(table)}; `sinew look` shows them"
             )
         named[role] = left[0]
         notes.append(f"the {role} is column {left[0]!r}, the only other one of numbers")
