@@ -277,7 +277,7 @@ def _choose_columns(
             found = f"{' and '.join(times)} may be the time" if times else "no column is the time by its name"
             raise SpecError(
                 f"this is a table: name its columns; --time COL is missing (time=) and {found}; there are "
-                f"{_shown(table)}; `sinew look` shows them. Without one, say the samples per second: --rate HZ (rate_hz=)"
+                f"{_shown(table)}; `sinew look` shows them. Without one, say the rate: --rate HZ (rate_hz=)"
             )
         time = times[0]
         notes.append(f"the time is column {time!r}, by its name")
