@@ -71,10 +71,10 @@ def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     check => PLAN
     simulate paper => --out
     simulate short --out x.nc --seed one => --seed
-    analyse x.csv --kind decay --time t --response x => ring-down or sweep
+    analyse x.csv --kind decay --time t --response x => auto, ring-down, sweep, broadband, impact
     export x.nc --to xls --out x.xls => csv or mat
     simulate short --out x.nc --without gravity => unknown effect 'gravity'
-    analyse x.csv --time t --response x => --kind ring-down or --kind sweep
+    analyse x.csv => --time COL is missing
     analyse x.csv --kind sweep --response x => --time COL is missing
     analyse x.nc --time t => are for CSV
     report nowhere => found no recording.nc in nowhere

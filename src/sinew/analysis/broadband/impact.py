@@ -429,7 +429,9 @@ def _modes_of(
 ) -> tuple[tuple[float, float], PoleFit | None, tuple[str, ...]]:
     """Return the band, the modes in it and what to beware of."""
     response = measured.response
-    band = band_of_modes(response, response.relative_std < _HEARD) if band_hz is None else band_hz
+    heard = np.asarray(response.relative_std < _HEARD)
+    # between two modes the response of a few hits may fall below its noise for many lines
+    band = band_of_modes(response, heard, hole=heard.size) if band_hz is None else band_hz
     refuse_empty(response, band)
     lines = np.flatnonzero(lines_in(response, band) & (np.abs(response.h1) > 0))
     errors = _line_errors(measured, lines)
