@@ -37,7 +37,7 @@ def test_of_a_hundred_records_none_is_taken_for_another_kind_and_few_are_refused
 RING_DOWNS = [
     *sorted((DATA / "silicone_beam_dragonskin10").glob("*.csv")),
     *sorted((DATA / "torsion_spring_pendulum").glob("*.csv")),
-    *sorted((DATA / "rotary_pendulum_swing").glob("*.txt")),
+    *sorted((DATA / "rotary_pendulum_swing").glob("pendulum*.txt")),
 ]
 
 

@@ -181,7 +181,7 @@ def _impact(time: Array, response: Array, drive: Array) -> FoundKind | None:
     step = float(time[-1] - time[0]) / (time.size - 1)
     power = np.abs(fft.rfft(ringing - ringing.mean())) ** 2
     period = ringing.size * step / max(1, int(np.argmax(power[1:]) + 1))
-    widest = step * max(blow.end - blow.begin for blow in blows)
+    widest = step * max(blow.width for blow in blows)
     if widest > period:
         return None
     hits = "one hit" if len(blows) == 1 else f"{len(blows)} hits"

@@ -252,10 +252,11 @@ def _coherent(response: FrequencyResponse) -> Bools:
     return np.asarray(response.coherence >= max(_COHERENT, chance))
 
 
-def band_of_modes(response: FrequencyResponse, heard: Bools) -> tuple[float, float]:
+def band_of_modes(response: FrequencyResponse, heard: Bools, hole: int = _HOLE) -> tuple[float, float]:
     """Return the band about the largest gain of a line that is heard, as its neighbours are.
 
-    heard: shape (f,), where the response is due to the drive and not to noise.
+    heard: shape (f,), where the response is due to the drive and not to noise. hole: lines in a row that may be unheard
+    inside the band.
     Raises RecordingError where nothing is heard.
     """
     f, excited = response.frequency_hz, _excited(response)
@@ -271,7 +272,7 @@ def band_of_modes(response: FrequencyResponse, heard: Bools) -> tuple[float, flo
     ends = []
     for step in (-1, 1):
         end = k = top
-        while 0 <= k < lines.size and abs(k - end) <= _HOLE and 1 / _WIDTH <= f[lines[k]] / f[lines[top]] <= _WIDTH:
+        while 0 <= k < lines.size and abs(k - end) <= hole and 1 / _WIDTH <= f[lines[k]] / f[lines[top]] <= _WIDTH:
             end = k if coherent[k] else end
             k += step
         ends.append(float(f[lines[end]]))
@@ -322,7 +323,10 @@ def choose_modes(
         better = _criterion(fit, lines, alike, scale) < _criterion(chosen, lines, alike, scale) - _STRONG
         if better and _apart(fit, band):
             chosen = fit
-    return chosen, (chosen.message,) if chosen.message else ()
+    said = [chosen.message] if chosen.message else []
+    if modes is not None and not _apart(chosen, band):
+        said.append("a mode is not told from noise, or from another; ask for fewer modes, or another band")
+    return chosen, tuple(said)
 
 
 def _criterion(fit: PoleFit, lines: int, alike: float, scale: float) -> float:

@@ -47,11 +47,15 @@ _MOST_STRUCK = 0.3  # of the samples: a force that is on for longer is no row of
 
 @dataclass(frozen=True)
 class Blow:
-    """A hit in a force: samples begin to end (not included), that of its largest force, and those of its pulses."""
+    """A hit in a force: samples begin to end (not included), that of its largest force, and those of its pulses.
+
+    width: samples of its largest pulse alone.
+    """
 
     begin: int
     end: int
     top: int
+    width: int
     pulses: tuple[int, ...]
 
 
@@ -78,12 +82,17 @@ def find_blows(drive: Array) -> list[Blow]:
     for pulses in np.split(tops, apart):
         top = int(pulses[np.argmax(force[pulses])])
         quiet = force < max(0.5 * _NOISE * noise, _EDGE * force[top])
-        before, after = np.flatnonzero(quiet[: pulses[0]]), np.flatnonzero(quiet[pulses[-1] :])
-        begin = int(before[-1]) + 1 if before.size else 0
-        end = int(pulses[-1]) + int(after[0]) if after.size else force.size
+        begin, end = _reach(quiet, int(pulses[0]), int(pulses[-1]))
+        first, stop = _reach(quiet, top, top)
         real = tuple(int(k) for k in pulses if force[k] >= _BOUNCE * force[top])
-        blows.append(Blow(begin, end, top, real))
+        blows.append(Blow(begin, end, top, stop - first, real))
     return blows
+
+
+def _reach(quiet: NDArray[np.bool_], first: int, last: int) -> tuple[int, int]:
+    """Return the samples [begin, end) around first and last up to where the force is quiet."""
+    before, after = np.flatnonzero(quiet[:first]), np.flatnonzero(quiet[last:])
+    return int(before[-1]) + 1 if before.size else 0, last + int(after[0]) if after.size else quiet.size
 
 
 # A sensor at the end of its range repeats one value, where the signal goes on.
@@ -273,7 +282,7 @@ def _strikes(recording: xr.Dataset, pieces: Sequence[tuple[Array, Array]], sampl
             hit = Hit(
                 float(begin_s) + blow.top / sample_hz,
                 float(drive[blow.top] - np.median(drive)),
-                (blow.end - blow.begin) / sample_hz,
+                blow.width / sample_hz,
                 True,
                 "; ".join(faults),
             )
@@ -420,7 +429,9 @@ def _modes_of(
 ) -> tuple[tuple[float, float], PoleFit | None, tuple[str, ...]]:
     """Return the band, the modes in it and what to beware of."""
     response = measured.response
-    band = band_of_modes(response, response.relative_std < _HEARD) if band_hz is None else band_hz
+    heard = np.asarray(response.relative_std < _HEARD)
+    # between two modes the response of a few hits may fall below its noise for many lines
+    band = band_of_modes(response, heard, hole=heard.size) if band_hz is None else band_hz
     refuse_empty(response, band)
     lines = np.flatnonzero(lines_in(response, band) & (np.abs(response.h1) > 0))
     errors = _line_errors(measured, lines)
