@@ -35,8 +35,8 @@ class Truth:
     """What one oscillation is made with.
 
     frequency_hz: of the linear spring. damping_ratio: equivalent, at half of the largest motion. dry_share: of the
-    damping there that is dry friction (law coulomb) or drag. cubic: share of the cubic torque in the restoring torque at the
-    largest motion. noise_deg: standard deviation of a sample. held: a decay begins after a long hold.
+    damping there that is dry friction (law coulomb) or drag. cubic: share of the cubic torque in the restoring torque
+    at the largest motion. noise_deg: standard deviation of a sample. held: a decay begins after a long hold.
     """
 
     law: DampingLaw
