@@ -4,7 +4,7 @@ A joint is struck once or twice and rings; measured are the force, with noise of
 with noise of 0.05 to 0.5 % of its own. Frequency, damping, length of the strokes and noise are drawn anew for every
 seed. Each record goes through what `sinew identify --model auto` does. Counted is how often a nonlinear law is
 preferred for a linear joint, where at most five in a hundred are right, how often the intervals of frequency, damping
-and inertia hold the truth, and how often the law of a truly nonlinear joint (dry friction, a hardening spring) is found.
+and inertia hold the truth, and how often the law of a nonlinear joint (dry friction, a hardening spring) is found.
 """
 
 import argparse
@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from multiprocessing import get_context
 from typing import Literal, get_args
 
@@ -20,7 +21,6 @@ from scipy.integrate import solve_ivp
 
 from sinew.identify.identified import identify
 from sinew.identify.oscillator.record import Record, make_record
-from sinew.measure.estimate import Estimate
 from sinew.mechanics.laws import Cubic, DryFriction
 
 Joint = Literal["linear", "dry friction", "hardening"]
@@ -86,8 +86,8 @@ def struck_record(truth: Struck, seed: int) -> Record:
 
     edges = sorted({0.0, _LASTS_S, *(at for begin, lasts, _ in truth.pulses for at in (begin, begin + lasts))})
     angle, state = np.zeros_like(time), np.zeros(2)
-    for a, b in zip(edges[:-1], edges[1:], strict=True):  # no step of the integrator over the edge of a stroke
-        mine = (time >= a) & (time <= b)
+    for a, b in pairwise(edges):  # no step of the integrator over the edge of a stroke
+        mine = (time >= a) & (time < b)
         at = np.concatenate([time[mine], [b]])
         done = solve_ivp(rate, (a, b), state, "LSODA", at, rtol=1e-8, atol=1e-10, max_step=0.01)
         angle[mine], state = done.y[0, :-1], done.y[:, -1]
@@ -122,15 +122,10 @@ def run_trial(joint: Joint, seed: int) -> Outcome:
     inside: tuple[bool, ...] = ()
     if fit.model.name == "linear" and joint == "linear":
         told = (fit.natural_frequency_hz, fit.damping_ratio, fit.parameters["inertia_kg_m2"])
-        inside = tuple(
-            _holds(*one) for one in zip(told, (truth.frequency_hz, truth.damping_ratio, INERTIA), strict=True)
-        )
+        true = (truth.frequency_hz, truth.damping_ratio, INERTIA)
+        inside = tuple(one.low <= at <= one.high for one, at in zip(told, true, strict=True))
     nonlinear = fit.model.name not in ("linear", "loss-factor")
     return Outcome(truth, seed, fit.model.name, nonlinear, law.has(wanted), inside)
-
-
-def _holds(one: Estimate, truth: float) -> bool:
-    return one.low <= truth <= one.high
 
 
 def run_trials(trials: Sequence[tuple[Joint, int]], workers: int) -> Iterator[Outcome]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sinew.identify.choice.comparison import ask_fit, is_springless
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
-from sinew.identify.oscillator.model import MODELS, free_mechanics, parameter_name
+from sinew.identify.oscillator.model import MODELS, parameter_name
 from sinew.identify.oscillator.record import FEWEST, Excitation, Record
 from sinew.identify.oscillator.start import dominant_omega, is_step
 from sinew.measure.errors import RecordingError, SpecError
@@ -107,19 +107,20 @@ def _without_frequency(found: Fit) -> str:
     told = f"the stiffness is not told from zero ({name} = {stiffness}), so there is no natural frequency"
     if not is_springless(found):
         return told
-    damping = next(one for name, one in found.parameters.items() if name.startswith("damping_per_s"))
-    settles = f", whose rate settles in {1 / damping.value:.3g} s" if damping.low > 0 else ""
+    damping = next((one for name, one in found.parameters.items() if name.startswith("damping_per_s")), None)
+    settles = f", whose rate settles in {1 / damping.value:.3g} s" if damping is not None and damping.low > 0 else ""
     return f"{told}: this moves as a mass without a spring, a cart or a positioner{settles}"
 
 
 def _reversed(found: Fit) -> list[str]:
     """Return the question after a sensor's sign where the input acts the wrong way round."""
-    gains = [one for entry, one in _gains(found) if entry]
+    first = found.records[0]
+    name = parameter_name("gain", first.excitation, first.motion_unit, first.input_motion_unit)
+    gains = [one for own, one in found.parameters.items() if own.split("[")[0] == name]
     if gains and all(one.high < 0 for one in gains):
         full = next((name for name in found.parameters if name.startswith(("inertia_", "mass_"))), None)
         what = "the input gain" if full is None else f"{full.split('_')[0]} and stiffness"
         return [f"{what} came out negative: is a sensor's sign reversed? Multiply input or output by -1"]
-    first = found.records[0]
     if gains or first.input is None or first.excitation != "base" or ask_fit(found).share < _POOR:
         return []
     records = [_most_moving(record) for record in found.records]
@@ -127,15 +128,6 @@ def _reversed(found: Fit) -> list[str]:
     if _share(turned) < _MUCH_BETTER * _share(records):
         return ["with the input's sign reversed a linear joint leaves much less: is a sensor's sign reversed?"]
     return []
-
-
-def _gains(found: Fit) -> list[tuple[bool, Estimate]]:
-    """Return the numbers of a fit, and of each whether it is the input's gain."""
-    first = found.records[0]
-    if "gain" not in free_mechanics(found.model, first):
-        return []
-    name = parameter_name("gain", first.excitation, first.motion_unit, first.input_motion_unit)
-    return [(own.split("[")[0] == name, one) for own, one in found.parameters.items()]
 
 
 def _in_hand(found: Fit) -> list[str]:
