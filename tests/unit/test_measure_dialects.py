@@ -93,6 +93,13 @@ def test_a_format_whose_library_is_missing_is_refused_with_how_to_install_it(
         import_csv(file)
 
 
+def test_a_folder_that_rosbag2_wrote_is_read_as_the_bag_in_it(tmp_path: Path) -> None:
+    (bag,) = [one for one in BINARIES if one.name == "bag.mcap"]
+    written(bag, tmp_path)
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
+    assert import_csv(tmp_path, **bag.options).sizes["sample"] == N  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("head", "said"),
     [

@@ -1,6 +1,5 @@
 """A first look into somebody's file: format, runs, columns with units, rate, gaps, and the command to go on with."""
 
-import math
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
@@ -147,14 +146,19 @@ def _column(table: Table, place: int) -> dict[str, Any]:
 
 def _sparkline(values: Array) -> str:
     """Return the course of a signal as a row of bars: in each of 40 stretches its value furthest from the middle."""
-    values = values[np.isfinite(values)]
+    values = _scaled(values[np.isfinite(values)])
     middle, span = float(np.median(values)), float(np.ptp(values))
-    if span == 0.0 or not math.isfinite(span):
+    if span == 0.0:
         return _BARS[0] * min(_BINS, values.size)
     parts = np.array_split(values, min(_BINS, values.size))
     far = np.array([part[np.argmax(np.abs(part - middle))] for part in parts])
     level = np.clip((far - values.min()) / span * len(_BARS), 0, len(_BARS) - 1).astype(int)
     return "".join(_BARS[k] for k in level)
+
+
+def _scaled(values: Array) -> Array:
+    """Return numbers by their largest, so that no square of theirs leaves the floating point."""
+    return values / (float(np.abs(values).max()) or 1.0)
 
 
 # What to go on with.
@@ -266,6 +270,7 @@ def _response_of(table: Table, time: str | None, notes: list[str]) -> str | None
 
 def _clearness(values: Array) -> float:
     """Return how smooth a signal is beside its own size, 0 where it hardly swings about its line."""
+    values = _scaled(values)
     line = np.polyval(np.polyfit(np.arange(values.size), values, 1), np.arange(values.size))
     about = values - line
     crossings = np.count_nonzero(np.diff(np.sign(about)) != 0)

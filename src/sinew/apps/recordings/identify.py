@@ -25,7 +25,7 @@ _MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|bouc-wen|drag|tendon
 
 
 def identify(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A table of any lab, or a recording of Sinew (NetCDF).")],
     time: ColumnTime = None,
     input_: Annotated[str | None, option("COL[:unit]", "Column of what drives it.", "--input")] = None,
     output: Annotated[str | None, option("COL[:unit]", "Column of how it moves.")] = None,

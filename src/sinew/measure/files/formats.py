@@ -4,11 +4,12 @@ A file is told by its first bytes, never by its name. What it holds becomes runs
 """
 
 import importlib
+import io
 import json
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -93,10 +94,10 @@ def _reading(path: Path, what: str) -> Iterator[None]:
 
 
 def _open_mat(path: Path) -> Opened:
-    from scipy import io
+    from scipy.io import loadmat
 
     with _reading(path, "MAT, a file of MATLAB"):
-        held = io.loadmat(path, simplify_cells=True)
+        held = loadmat(path, simplify_cells=True)
     return _opened(path, "MATLAB 5", _arrays({key: value for key, value in held.items() if not key.startswith("__")}))
 
 
@@ -258,7 +259,8 @@ def _cell(cell: Any) -> str:
 
 def _open_parquet(path: Path) -> Opened:
     fastparquet = _library(path, "fastparquet", "fastparquet", "a Parquet file")
-    with _reading(path, "a Parquet file"), path.open("rb") as file:  # of a path it would leave the file open
+    # Of a path it would leave the file open, and of a damaged file it prints what no caller asked for.
+    with _reading(path, "a Parquet file"), path.open("rb") as file, redirect_stdout(io.StringIO()):
         table = fastparquet.ParquetFile(file).to_pandas()
     if table.index.name is not None:
         table = table.reset_index()
