@@ -116,3 +116,21 @@ def test_a_damaged_or_foreign_file_is_refused_by_its_kind(tmp_path: Path, head: 
     (tmp_path / "x.bin").write_bytes(head)
     with pytest.raises(SinewError, match=said):
         import_csv(tmp_path / "x.bin", time="t", response="x")
+
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+with_data = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not at ../shared/data")
+
+
+@with_data
+def test_a_real_table_below_a_block_of_settings_is_found_with_its_header() -> None:
+    table = read_table(DATA / "silicone_tensile" / "Dragon_Skin_30.csv")
+    assert list(table.columns[[0, 3]]) == ["Time (s)", "Engineering Strain"]
+    assert table.iloc[0, 3] == 0.0446
+
+
+@with_data
+def test_a_real_swing_without_a_header_of_its_own_is_read_by_its_rate() -> None:
+    file = DATA / "rotary_pendulum_swing" / "pendulum_free_swing_data_01.txt"
+    recording = import_csv(file, columns="angle_deg", rate_hz=1000)
+    assert recording["torsion_rad"].values == pytest.approx(np.radians(np.loadtxt(file, skiprows=2)))

@@ -47,6 +47,7 @@ _SHARE = 0.9  # of the scanned lines that must be alike
 _FEWEST_ROWS = 4  # of a table that does not begin with its header: fewer lines alike are chance
 _LONGEST_PREAMBLE = 500  # lines
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*|,\d+)?|[.,]\d+)([eE][-+]?\d+)?")
+_LETTER = re.compile(r"[^\W\d_]|[°%]")
 _NO_NUMBER = frozenset(("nan", "inf", "-inf", "+inf", "null", "na", "n/a"))  # stand for one
 _RULE = re.compile(r"[\s\-=_+|*~.,;]+")  # a line drawn under a header
 _TIME_UNITS = frozenset(["s", "ms", "us", "µs", "μs", "ns", "sec", "secs", "seconds", "min", "h"])
@@ -134,6 +135,7 @@ def _decoded(path: Path) -> str:
 def _find_layout(path: Path, lines: Sequence[str], forced: str | None) -> tuple[_Layout | None, FileError]:
     """Return the layout, or None, and what to say where there is none."""
     refusal = FileError(f"{path} holds no table; expected a header line and rows of numbers below it")
+    fallback = None
     if forced is None:
         try:
             plain = _plain_layout(path, lines)
@@ -142,11 +144,11 @@ def _find_layout(path: Path, lines: Sequence[str], forced: str | None) -> tuple[
         else:
             if _stands(plain, lines):
                 return _with_units(plain, lines), refusal
-            refusal = _not_a_table(path, len(plain.names), "the rows below it are of another kind")
+            fallback = plain
     sought = [_sought_layout(lines, delimiter) for delimiter in ((forced,) if forced else _DELIMITERS)]
     found = [one for one in sought if one is not None]
     if not found:
-        return None, refusal
+        return fallback, refusal  # text all through: whoever reads a column says in which row
     return max(found, key=lambda one: one[0])[1], refusal  # the first of equals
 
 
@@ -205,14 +207,13 @@ def _stands(layout: _Layout, lines: Sequence[str]) -> bool:
         return False
     below = rows[1:] if _are_units(rows[0]) and len(rows) > 1 else rows
     numeric = _number_columns(below[1:] or below, len(layout.names))
-    if not numeric:
-        return True  # text all through: whoever reads a column says in which row
     over = [layout.names[column] for column in numeric]
-    if any(_is_value(name) for name in over) and not any(name and not _is_value(name) for name in over):
+    if not any(map(_LETTER.search, over)) and any(map(_is_value, over)):
         return False
     first = [[row[column].strip() for column in numeric if column < len(row)] for row in below[:5]]
-    sound = sum(1 for row in first if all(not cell or _is_value(cell) for cell in row))
-    return 2 * sound >= len(first)  # a bad cell is for whoever reads the column, lines of another kind are no rows
+    sound = sum(1 for row in first if any(row) and all(not cell or _is_value(cell) for cell in row))
+    # One bad cell is for whoever reads its column; lines of another kind are no rows.
+    return bool(numeric) and 2 * sound >= len(first)
 
 
 def _with_units(layout: _Layout, lines: Sequence[str]) -> _Layout:
@@ -387,7 +388,7 @@ def _line_above(
         if len(cells) < width and all(column in spare for column in range(len(cells), width)):
             cells += [""] * (width - len(cells))
         over = [cells[column] for column in numeric if column < len(cells)]
-        if len(cells) == width and any(over) and not any(_is_value(cell) for cell in over):
+        if len(cells) == width and any(map(_LETTER.search, over)) and not any(map(_is_value, over)):
             return at, cells
         return None, []
     return None, []
