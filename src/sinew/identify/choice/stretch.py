@@ -15,6 +15,7 @@ _STRUCK = 3.0  # times the three swings before: a motion begun anew, which no be
 _LARGE = 0.3  # of the largest swing
 _CALM = 3  # swings before
 _FEWEST_SWINGS = 5
+_AT_ONCE = 1.25  # half periods: what begins free so soon begins with the record
 
 
 def cut_to(record: Record, start_s: float | None, stop_s: float | None) -> Record:
@@ -111,7 +112,7 @@ def find_decays(t: Array, x: Array) -> list[tuple[float, float, float]]:
             fit, _, _, own = free_decay(t[inside], x[inside], None)
         except RecordingError:
             continue
-        start = begin if fit.start_s <= begin + own.half_period_s else fit.start_s
+        start = begin if fit.start_s <= begin + _AT_ONCE * own.half_period_s else fit.start_s
         found.append((start, end, float(own.swing.sum())))
     return found
 
