@@ -83,7 +83,7 @@ def free_part(record: Record) -> Record:
             f"the record holds {len(decays)} free decays, {listed}; that from {first:.4g} s was fitted: choose another "
             "by start and stop"
         )
-    elif first > float(record.time_s[0]):
+    elif first > float(record.time_s[0]) + 0.5 * record.step_s:
         notes.append(f"the motion is free from {first:.4g} s on, and fitted from there; choose another by start")
     else:
         return record
