@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,7 +143,7 @@ class _Racing:
 
     def __init__(self, split: Split, progress: Callable[[float, float], None] | None) -> None:
         self.rows: list[Row] = []
-        self._split, self._progress, self._done = split, progress, 0
+        self._split, self._progress, self._done, self._telling = split, progress, 0, Lock()
 
     def add(self, models: Iterable[Model]) -> bool:
         """Fit those models that have no row yet; return whether there were any."""
@@ -151,8 +152,9 @@ class _Racing:
         return bool(new)
 
     def _told(self) -> None:
-        self._done += 1
-        self._say(max(_USUAL_FITS, self._done + 1))
+        with self._telling:
+            self._done += 1
+            self._say(max(_USUAL_FITS, self._done + 1))
 
     def finish(self) -> None:
         """Say that there is no more to come."""
