@@ -27,7 +27,7 @@ Joint = Literal["linear", "dry friction", "hardening"]
 JOINTS: tuple[Joint, ...] = get_args(Joint)
 
 INERTIA, SWING = 12.74e-3, 0.35  # kg m²; rad
-_RATE_HZ, _LASTS_S = 500.0, 6.0
+_RATE_HZ, _LASTS_S = 400.0, 4.0
 _DRY, _HARDENING = 0.15, 0.3  # friction over the spring at the largest swing; of the spring's torque there
 
 
@@ -48,19 +48,19 @@ class Struck:
         return 2 * math.pi * self.frequency_hz
 
     def torque(self, t: float) -> float:
-        """Return the torque over the inertia [rad/s²]: half sines whose areas make the rate of the swing."""
+        """Return the torque over the inertia [rad/s²]: squared sines whose areas make the rate of the swing."""
         total = 0.0
         for begin, lasts, strength in self.pulses:
             if begin <= t <= begin + lasts:
                 area = strength * SWING * self.omega
-                total += area * math.pi / (2 * lasts) * math.sin(math.pi * (t - begin) / lasts)
+                total += area * 2 / lasts * math.sin(math.pi * (t - begin) / lasts) ** 2
         return total
 
 
 def draw(joint: Joint, seed: int) -> Struck:
-    """Return what a seed makes: 2.5-6 Hz, D of 0.02-0.1, strokes of 10-40 ms."""
+    """Return what a seed makes: 2.5-6 Hz, D of 0.02-0.1, strokes of 20-60 ms."""
     rng = np.random.default_rng([seed, JOINTS.index(joint), 17])
-    lasts = float(rng.uniform(0.01, 0.04))
+    lasts = float(rng.uniform(0.02, 0.06))
     twice = bool(rng.integers(2))
     later = (0.3 + float(rng.uniform(0.8, 1.6)), lasts, float(rng.uniform(0.4, 0.9)))
     return Struck(
@@ -74,7 +74,7 @@ def draw(joint: Joint, seed: int) -> Struck:
 
 
 def struck_record(truth: Struck, seed: int) -> Record:
-    """Return the record: angle [rad] under a torque [N m], at 500 Hz."""
+    """Return the record: angle [rad] under a torque [N m], at 400 Hz."""
     time = np.arange(0.0, _LASTS_S, 1.0 / _RATE_HZ)
     omega, swing = truth.omega, SWING
     dry = _DRY * omega**2 * swing if truth.joint == "dry friction" else 0.0

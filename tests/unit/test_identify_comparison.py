@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -205,9 +206,21 @@ def test_a_pendulum_is_told_from_springs() -> None:
     assert "a pendulum with viscous damping" in found.verdict
 
 
+@cache
+def in_metres() -> tuple[Comparison, list[tuple[float, float]]]:
+    told: list[tuple[float, float]] = []
+    split = split_record(replace(viscous_decay(0.1, 0), output_unit="m"), None, None)
+    return compare_laws(split, lambda done, total: told.append((done, total))), told
+
+
 def test_a_motion_that_is_no_angle_is_not_tried_as_a_pendulum() -> None:
-    record = replace(viscous_decay(0.1, 0), output_unit="m")
-    assert all("pendulum" not in row.model.name for row in compare_laws(split_record(record, None, None)).rows)
+    assert all("pendulum" not in row.model.name for row in in_metres()[0].rows)
+
+
+def test_every_fit_of_the_race_moves_its_progress_to_the_end() -> None:
+    told = in_metres()[1]
+    assert [done for done, _ in told[:-1]] == list(range(1, len(told)))
+    assert told[-1][0] == told[-1][1] == len(told) - 1
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import pytest
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
 import sinew as sn
-from sinew.identify.choice.stretch import cut_to, free_part, unwrapped
+from sinew.identify.choice.stretch import cut_to, find_decays, free_part, unwrapped
 from sinew.identify.oscillator.record import Record, make_record
 from sinew.measure.errors import RecordingError, TimeError
 
@@ -53,13 +53,13 @@ def test_of_two_decays_in_one_record_both_are_told_and_the_larger_is_fitted() ->
     both = np.concatenate([decay(0.3), pulled, held, decay(0.5)])
     free = free_part(record_of(both))
     assert 7.3 < free.time_s[0] < 8.0
-    assert "the record holds 2 free decays, 0 to " in free.notes[-1]
+    assert "the record holds 2 free decays, " in free.notes[-1]
 
 
 def test_the_beat_of_two_modes_is_one_decay() -> None:
     t = np.arange(0, 8, 0.01)
     beat = np.exp(-0.2 * t) * (np.cos(OMEGA * t) + 0.9 * np.cos(1.2 * OMEGA * t))
-    assert free_part(record_of(0.2 * beat)).size > 0.9 * t.size
+    assert len(find_decays(t, 0.2 * beat)) == 1
 
 
 def test_identify_says_which_stretch_it_took() -> None:

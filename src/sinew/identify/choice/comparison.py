@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,18 @@ from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
-from sinew.mechanics.laws import HISTORIES, NUMBERS, TERMS, Cubic, Law, Linear, Pendulum
+from sinew.mechanics.laws import (
+    HISTORIES,
+    NUMBERS,
+    TERMS,
+    BoucWen,
+    Cubic,
+    DryFriction,
+    Law,
+    Linear,
+    Pendulum,
+    Viscous,
+)
 
 _CLEAR, _HINT = 6.0, 2.0  # differences of BIC: told for certain; too small to add a term
 _WORSE = 2.0  # standard errors of the paired difference of squared errors
@@ -37,11 +49,12 @@ _SURE = 8.0  # standard deviations from zero of a term without which nothing nee
 _REFINEMENTS = 3
 _SMALL_SWING = 0.1  # rad: a pendulum's frequency changes by 0.06 % there
 _USUAL_FITS = 18
+_MOST_STEPS = 50_000  # of hysteresis: some ten seconds
 _FACTS = 4.0  # of a swing: size and time of both its extremes
+_MEMORY = "memory"  # of a loss factor, which unlike that of hysteresis has an end
 _POOR, _SMOOTH = 0.1, 0.5  # residuals' share of the output, and correlation of neighbours, of a misfit that is no noise
 
-SPRING = Law((Linear(),))
-"""The plainest spring."""
+SPRING, DRY = Law((Linear(),)), Viscous() + DryFriction()
 
 
 @dataclass(frozen=True)
@@ -120,7 +133,7 @@ def compare_laws(split: Split, progress: Callable[[float, float], None] | None =
     race.rows = [_followed(split, row) if id(row) in near else row for row in race.rows]
     best = choose(race.rows).best
     if best.model.law.sticks or ask_fit(best.held_out.fit).white_p < SIGNIFICANT:
-        race.add([get_model("bouc-wen-cubic" if best.model.law.has(Cubic) else "bouc-wen").resting(best.model.rest)])
+        race.add(_hysteresis(best))
     race.finish()
     return _finish(split, race.rows)
 
@@ -130,7 +143,7 @@ class _Racing:
 
     def __init__(self, split: Split, progress: Callable[[float, float], None] | None) -> None:
         self.rows: list[Row] = []
-        self._split, self._progress, self._done = split, progress, 0
+        self._split, self._progress, self._done, self._telling = split, progress, 0, Lock()
 
     def add(self, models: Iterable[Model]) -> bool:
         """Fit those models that have no row yet; return whether there were any."""
@@ -139,8 +152,9 @@ class _Racing:
         return bool(new)
 
     def _told(self) -> None:
-        self._done += 1
-        self._say(max(_USUAL_FITS, self._done + 1))
+        with self._telling:
+            self._done += 1
+            self._say(max(_USUAL_FITS, self._done + 1))
 
     def finish(self) -> None:
         """Say that there is no more to come."""
@@ -149,6 +163,14 @@ class _Racing:
     def _say(self, total: int) -> None:
         if self._progress is not None:
             self._progress(self._done, total)
+
+
+def _hysteresis(best: Row) -> list[Model]:
+    """Return the model of hysteresis with the best one's spring; none where its small steps would be too many."""
+    model = get_model("bouc-wen-cubic" if best.model.law.has(Cubic) else "bouc-wen").resting(best.model.rest)
+    part = best.held_out.fit.layout.parts[0]
+    steps = part.record.size * np.ceil(part.record.step_s * part.scales.omega / model.law.phase)
+    return [model] if steps <= _MOST_STEPS else []
 
 
 def _goes_with(model: Model, record: Record) -> bool:
@@ -262,7 +284,7 @@ def _smaller(rows: Sequence[Row], model: Model) -> Fit | None:
     extended = [
         row.held_out.fit
         for row in rows
-        if row.model.law.losses in (VISCOUS, model.law.losses)
+        if row.model.law.losses in (VISCOUS, model.law.losses, *([DRY] if model.law.has(BoucWen) else []))
         and (row.model.law.springs == SPRING or set(row.model.law.springs.terms) <= set(model.law.springs.terms))
         and row.model.rest in ("offset", model.rest)
     ]
@@ -302,7 +324,8 @@ def criterion(found: Fit, independent: float, swings: float = np.inf) -> float:
             cost += whole
             continue
         told = -2 * np.log(max(float(std), 1e-12) * np.sqrt(2 * np.pi)) if np.isfinite(std) else 0.0
-        cost += float(np.clip(told, 0.0, whole)) + float(value - np.clip(value, *LOCAL[entry.local].start)) ** 2
+        beyond = float(value - np.clip(value, *LOCAL[entry.local].start)) if entry.local == _MEMORY else 0.0
+        cost += float(np.clip(told, 0.0, whole)) + beyond**2
     return float(independent * np.log(max(found.rmse, 1e-300) ** 2) + cost)
 
 

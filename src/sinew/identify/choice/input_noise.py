@@ -4,8 +4,12 @@ A fit by output error simulates the measured input, its noise too. Under a drive
 of the drive. Where the force is silent most of the time, as in an impulse test, its sensor's noise rings the simulated
 joint long after the true motion has died, and a term that keeps small motions from ringing, dry friction before all,
 fits better for that reason alone. So the silent force is taken as its mean (the force window of modal testing, Ewins,
-Modal Testing, 2000), unless the measured one predicts the output better: then it was a force. What noise there is
-inside the pulses changes how strong they were, which no residual shows; it goes into the interval of the gain.
+Modal Testing, 2000), unless the measured one predicts the output better: then it was a force.
+
+The noise inside a pulse that is short beside the period changes what the joint feels of it in two numbers, how strong
+it was and when. Both are errors in variables: they are fitted with the mechanics of a linear joint, held by what the
+noise may have done, and the force is put right by them, so that two strokes agree with one joint. How strong all of
+them were together no residual shows; that goes into the interval of the gain.
 """
 
 import math
@@ -19,7 +23,7 @@ from scipy import signal
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit, mechanical_parameters
 from sinew.identify.oscillator.least_squares import Covariance
-from sinew.identify.oscillator.model import MODELS
+from sinew.identify.oscillator.model import MODELS, make_part
 from sinew.identify.oscillator.record import Record, derivative_order
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -34,6 +38,10 @@ _QUIET_BAND = 0.75  # of the highest frequency: beyond it a drive has nothing
 _FLOOR = 0.01  # of the drive's largest spectral density: more is no noise
 _TELLING = 0.25  # of the residuals' variance that noise of the input makes: worth a warning
 _TOO_MUCH = 3.0  # of it: more than there is, so it was no noise
+_BETWEEN = 0.3  # over the square of its samples: the share of a half sine that a spline through them may miss
+_STROKE = 0.05  # of the strongest pulse: what is weaker is none
+_ROUNDS = 3
+_FURTHEST = 3.0  # standard deviations that a pulse is put right by
 
 
 @dataclass(frozen=True)
@@ -61,11 +69,13 @@ def window_force(record: Record) -> Windowed | None:
     noise = float(record.input[~loud].std())
     windowed = replace(record, input=np.where(loud, record.input, mean))
     try:
-        left, before = (fit(one, MODELS["linear"]).rmse for one in (windowed, record))
+        found, before = fit(windowed, MODELS["linear"]), fit(record, MODELS["linear"]).rmse
     except RecordingError:
         return None
+    left = found.rmse
     if not left < before:
         return None
+    windowed = _put_right(found, loud, mean, noise)
     unit = "" if record.input_unit == "1" else record.input_unit
     return Windowed(
         windowed,
@@ -94,6 +104,56 @@ def _stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return begin and end, half open, of every stretch of a mask that is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _put_right(found: Fit, loud: NDArray[np.bool_], mean: float, noise: float) -> Record:
+    """Return the record with its pulses as strong and as late as the output says, as far as noise can have done it.
+
+    One step of Gauss and Newton for the mechanics and both numbers of every stroke together, held by their priors.
+    """
+    record = found.records[0]
+    assert record.input is not None
+    force, pulses = record.input - mean, _stretches(loud)
+    own = [np.where((np.arange(force.size) >= a) & (np.arange(force.size) < b), force, 0.0) for a, b in pulses]
+    strongest = max(abs(float(one.sum())) for one in own)
+    own = [one for one in own if abs(float(one.sum())) > _STROKE * strongest]
+    shapes = [*own, *(-np.gradient(one, record.time_s) for one in own)]
+    std = np.array([*(_strength(one, noise) for one in own), *(_lateness(record, one, noise) for one in own)])
+    responses = np.stack([_response(found, shape) for shape in shapes], axis=1) * std
+    jacobian = np.concatenate([found.solution.jacobian * found.layout.parts[0].unit_size, responses], axis=1)
+    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    residual, moved = found.residuals()[0], np.zeros(std.size)
+    left, held = max(found.rmse, 1e-300), np.zeros((std.size, jacobian.shape[1]))
+    for _ in range(_ROUNDS):  # the less they leave, the less the noise of the output holds them
+        held[:, -std.size :] = left * np.eye(std.size)
+        table, wanted = np.concatenate([jacobian, held]) / size, np.concatenate([residual, np.zeros(std.size)])
+        step = np.linalg.lstsq(table, wanted, rcond=1e-12)[0] / size
+        moved = np.clip(step[-std.size :], -_FURTHEST, _FURTHEST)
+        left = max(float(np.sqrt(np.mean((residual - jacobian @ step) ** 2))), 1e-300)
+    return replace(record, input=record.input + np.tensordot(moved * std, np.stack(shapes), 1))
+
+
+def _response(found: Fit, force: Array) -> Array:
+    """Return what a further force adds to the output of a linear fit, in its unit, shape (n,)."""
+    part, record = found.layout.parts[0], found.records[0]
+    assert record.input is not None
+    pushed = make_part(replace(record, input=record.input + force), found.model, part.scales, found.frame, part.kept)
+    layout = replace(found.layout, parts=(pushed,))
+    return np.asarray(layout.outputs(found.solution.values)[0] * part.unit_size - found.predicted[0])
+
+
+def _strength(pulse: Array, noise: float) -> float:
+    """Return the relative standard deviation of a pulse's area: by noise, and by what passes between its samples."""
+    inside = pulse != 0
+    steps = float(np.sum(np.abs(pulse))) / float(np.abs(pulse).max())
+    return float(np.hypot(noise * math.sqrt(np.count_nonzero(inside)) / abs(float(pulse.sum())), _BETWEEN / steps**2))
+
+
+def _lateness(record: Record, pulse: Array, noise: float) -> float:
+    """Return the standard deviation of a pulse's centre [s]."""
+    area = float(pulse.sum())
+    since = record.time_s - float(record.time_s @ pulse) / area
+    return noise * float(np.linalg.norm(since[pulse != 0])) / abs(area) + _BETWEEN * record.step_s * 0.1
 
 
 def _strength_std(force: Array, loud: NDArray[np.bool_], noise: float) -> float:

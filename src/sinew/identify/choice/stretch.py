@@ -15,6 +15,7 @@ _STRUCK = 3.0  # times the three swings before: a motion begun anew, which no be
 _LARGE = 0.3  # of the largest swing
 _CALM = 3  # swings before
 _FEWEST_SWINGS = 5
+_AT_ONCE = 1.25  # half periods: what begins free so soon begins with the record
 
 
 def cut_to(record: Record, start_s: float | None, stop_s: float | None) -> Record:
@@ -82,7 +83,7 @@ def free_part(record: Record) -> Record:
             f"the record holds {len(decays)} free decays, {listed}; that from {first:.4g} s was fitted: choose another "
             "by start and stop"
         )
-    elif first > float(record.time_s[0]):
+    elif first > float(record.time_s[0]) + 0.5 * record.step_s:
         notes.append(f"the motion is free from {first:.4g} s on, and fitted from there; choose another by start")
     else:
         return record
@@ -111,7 +112,7 @@ def find_decays(t: Array, x: Array) -> list[tuple[float, float, float]]:
             fit, _, _, own = free_decay(t[inside], x[inside], None)
         except RecordingError:
             continue
-        start = begin if fit.start_s <= begin + own.half_period_s else fit.start_s
+        start = begin if fit.start_s <= begin + _AT_ONCE * own.half_period_s else fit.start_s
         found.append((start, end, float(own.swing.sum())))
     return found
 

@@ -39,7 +39,6 @@ PLACE = {name: i for i, name in enumerate(LOCAL)}
 """Where the numbers of `LOCAL` stand in a vector."""
 
 _FAR = 1e4  # amplitudes: further nothing is followed
-_UNROLLED = 1
 
 
 class Grid(NamedTuple):
@@ -190,7 +189,7 @@ def traced_track(numbers: jax.Array, grid: Grid, law: Law, order: int) -> jax.Ar
     def step(motion: _Motion, given: tuple[jax.Array, jax.Array]) -> tuple[_Motion, jax.Array]:
         return _step(motion, p, given, law, order)
 
-    _, rest = jax.lax.scan(step, start, (jnp.asarray(grid.step), jnp.asarray(grid.forcing)), unroll=_UNROLLED)
+    _, rest = jax.lax.scan(step, start, (jnp.asarray(grid.step), jnp.asarray(grid.forcing)))
     return _measured(jnp.concatenate([first[None], rest]), p, grid)
 
 
@@ -219,8 +218,7 @@ def traced_slopes(numbers: jax.Array, free: jax.Array, grid: Grid, law: Law, ord
             (start, p),
             (start_slope, p_slope),
         )
-        steps = jnp.asarray(grid.step), jnp.asarray(grid.forcing)
-        _, rest = jax.lax.scan(step, (start, start_slope), steps, unroll=_UNROLLED)
+        _, rest = jax.lax.scan(step, (start, start_slope), (jnp.asarray(grid.step), jnp.asarray(grid.forcing)))
         moving = jnp.concatenate([jnp.asarray(first)[None], rest])
         return jnp.asarray(moving + jax.jvp(lambda q: _measured(jnp.zeros_like(moving), q, grid), (p,), (p_slope,))[1])
 
