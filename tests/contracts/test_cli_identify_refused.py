@@ -124,7 +124,7 @@ def test_a_damaged_file_is_refused_in_one_line(
     --time t --output y:V --excitation force => no input is given
     --time t --input u:V --output y:V --excitation none => leave the
     --time t --excitation none => --output COL is missing (output=) and u or y may be it; there are t, u, y
-    --time t --input u:V --output y:V --excitation force --gaps bridge => cannot be bridged here
+    --time t --input u:V --output y:V --excitation force --gaps bridge => what the input did in a gap is not known
     --time t --input u:V --output y:V --excitation force --gaps split --train 0:99 => leave one of them out
     --time t --output y --run 2 => has no run '2'; it holds 1
     --time t:mm --input u:V --output y:V --excitation force => 'mm'
@@ -189,3 +189,21 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
 ) -> None:
     (tmp_path / "out").write_text("")
     assert "cannot write" in unidentified(capsys, sweep, *COLUMNS, "--out", tmp_path / "out" / "deeper")
+
+
+@pytest.mark.parametrize(("missing", "said"), [(slice(100, 112), None), (slice(100, 140), "longer than half a period")])
+def test_a_gap_of_a_free_decay_is_bridged_where_it_is_shorter_than_half_a_period(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], missing: slice, said: str | None
+) -> None:
+    t = np.arange(0, 4, 0.01)
+    noise = np.random.default_rng(4).normal(0, 0.1, t.size)
+    kept = np.delete(np.arange(t.size), missing)
+    swing = 20 * np.exp(-0.6 * t) * np.cos(6 * np.pi * t) + noise
+    file = write(tmp_path / "a.csv", t=t[kept], x_deg=swing[kept])
+    options = ("--model", "linear", "--start", "0", "--gaps", "bridge")
+    if said is not None:
+        assert said in unidentified(capsys, file, *options)
+        return
+    found = identified(capsys, file, *options)
+    assert found["natural_frequency_hz"]["value"] == pytest.approx(np.hypot(6 * np.pi, 0.6) / (2 * np.pi), rel=3e-4)
+    assert found["damping_ratio"]["value"] == pytest.approx(0.6 / np.hypot(6 * np.pi, 0.6), rel=1e-2)

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from sinew.measure.errors import SpecError
+from sinew.measure.errors import SpecError, TimeError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,18 +53,19 @@ def table_record(
     """Return the record in a table. Columns "COL[:unit]"; rate_hz: of even samples, instead of a time column.
 
     stretch_s: from when to when, in the file's own time; samples: which of these, half open, the record is to hold.
-    What lies outside is not looked at. gaps: where they split the record, its longest part is taken. run, columns: as
-    in `sinew.measure.files.csv.read_table`.
+    What lies outside is not looked at. gaps: where they split the record, its longest part is taken; in a free decay
+    they may be bridged, for the simulation goes on through them. run, columns: as in
+    `sinew.measure.files.csv.read_table`.
     """
     import numpy as np
 
     from sinew.identify.oscillator.record import make_record
     from sinew.measure.files.csv import read_stretch
 
-    if gaps == "bridge":
+    if gaps == "bridge" and given is not None:
         raise SpecError(
-            "a model is simulated from sample to sample, so a gap cannot be bridged here; split the record there and "
-            "take its longest part (--gaps split), or choose a part with --start and --stop"
+            "what the input did in a gap is not known, so it cannot be bridged; split the record there and take its "
+            "longest part (--gaps split), or choose a part with --start and --stop"
         )
     found = read_stretch(
         file,
@@ -92,9 +93,26 @@ def table_record(
         output_unit=found.units["output"],
         input_unit=found.units.get("input", "1"),
     )
+    if gaps == "bridge" and timeline.diagnosis.gaps:
+        _check_bridges(record)
     longest = f"the longest part, {stamps[0]:g} to {stamps[-1]:g} s, is taken"
     notes = [f"time: {note}" for note in timeline.notes] if timeline.changed else []
     return replace(record, notes=(*found.notes, *notes, *((longest,) if len(timeline.pieces) > 1 else ())))
+
+
+def _check_bridges(record: "Record") -> None:
+    """Raise TimeError where a gap is so long that the swings in it cannot be counted."""
+    import numpy as np
+
+    from sinew.identify.oscillator.start import dominant_omega
+
+    steps, half = np.diff(record.time_s), np.pi / dominant_omega(record)
+    longest = int(np.argmax(steps))
+    if steps[longest] > half:
+        raise TimeError(
+            f"gap of {steps[longest]:.3g} s after {record.time_s[longest]:.4g} s, longer than half a period of {half:.3g}"
+            " s, cannot be bridged; split the record there and take its longest part (--gaps split)"
+        )
 
 
 def _column(table: "Table", spec: str) -> "tuple[Array, str]":
