@@ -17,7 +17,7 @@ from sinew.measure.files.netcdf import load_dataset
 from sinew.measure.files.runs import RunChoice, notes_of, number_columns, time_columns
 from sinew.measure.read import is_recording
 from sinew.measure.timing import Gaps, diagnose_times
-from sinew.measure.told import Table as Told_Table
+from sinew.measure.told import Table as ShownTable
 from sinew.measure.told import Told
 from sinew.measure.units import unit_in_name
 
@@ -33,18 +33,18 @@ class Looked(Told):
 
     document: dict[str, Any]
 
-    def told(self) -> list[Told_Table | str]:
+    def told(self) -> list[ShownTable | str]:
         """Return tables and sentences in the order of reading."""
         document = self.document
-        told: list[Told_Table | str] = [f"{document['file']}: {document['format']}, {document['rows']} rows"]
+        told: list[ShownTable | str] = [f"{document['file']}: {document['format']}, {document['rows']} rows"]
         if len(document["runs"]) > 1:
             runs = [(f"--run {one['number']}", one["name"]) for one in document["runs"]]
-            told.append(Told_Table(("run", "name"), runs, f"runs; below: {document['run']}"))
+            told.append(ShownTable(("run", "name"), runs, f"runs; below: {document['run']}"))
         rows = [
             (one["name"], one["unit"] or "", str(one["values"]), number(one["low"]), number(one["high"]), one["course"])
             for one in document["columns"][:_SHOWN]
         ]
-        told.append(Told_Table(("column", "unit", "values", "least", "largest", "course"), rows))
+        told.append(ShownTable(("column", "unit", "values", "least", "largest", "course"), rows))
         if len(document["columns"]) > _SHOWN:
             told.append(f"and {len(document['columns']) - _SHOWN} more columns")
         told += (

@@ -110,8 +110,8 @@ def _check_bridges(record: "Record") -> None:
     longest = int(np.argmax(steps))
     if steps[longest] > half:
         raise TimeError(
-            f"gap of {steps[longest]:.3g} s after {record.time_s[longest]:.4g} s, longer than half a period of {half:.3g}"
-            " s, cannot be bridged; split the record there and take its longest part (--gaps split)"
+            f"gap of {steps[longest]:.3g} s after {record.time_s[longest]:.4g} s, longer than half a period of "
+            f"{half:.3g} s, cannot be bridged; split the record there and take its longest part (--gaps split)"
         )
 
 
