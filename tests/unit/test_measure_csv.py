@@ -143,7 +143,7 @@ def test_an_empty_cell_outside_the_part_that_is_taken_does_no_harm(swing: Path) 
         ({"start_s": 1.95}, TimeError, "found 5 samples, expected at least 8"),
         ({"pretension_mm": -1.0}, RecordingError, "found pretension_mm = -1, expected 0 or more"),
         ({"pretension_mm": math.nan}, RecordingError, "found pretension_mm = nan, expected 0 or more"),
-        ({"kind": "song"}, RecordingError, "unknown kind 'song', expected one of ring-down, sweep"),
+        ({"kind": "song"}, RecordingError, "unknown kind 'song', expected one of auto, ring-down, sweep"),
         ({"time": "other_deg:s", "response": "lever (deg):furlongish"}, UnitError, "unknown unit"),
         ({"time": "lever (deg):s"}, TimeError, "is this the time column"),
     ],
