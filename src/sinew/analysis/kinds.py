@@ -171,7 +171,7 @@ def _of_noise(time: Array, response: Array, drive: Array) -> FoundKind:
 def _impact(time: Array, response: Array, drive: Array) -> FoundKind | None:
     """Return an impact where the drive rests but for short pulses to one side, else None."""
     blows, (force, _) = find_blows(drive), struck_force(drive)
-    if not blows or sum(blow.end - blow.begin for blow in blows) > _STRUCK * drive.size:
+    if not blows or sum(blow.width for blow in blows) > _STRUCK * drive.size:
         return None
     if -float(force.min()) > _ONE_SIDED * float(force.max()):
         return None
