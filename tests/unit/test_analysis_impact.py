@@ -147,6 +147,7 @@ def test_a_drive_without_a_hit_is_refused() -> None:
         analysed(table.assign(force=np.sin(table["t"])))
 
 
+@pytest.mark.slow
 def test_the_intervals_of_the_modes_hold_what_they_say() -> None:
     # 36 records, 108 intervals; the campaign counts more
     rows = [run_trial(job) for job in jobs(6)]

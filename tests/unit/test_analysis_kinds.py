@@ -66,6 +66,13 @@ def test_a_walking_trunk_is_no_kind_of_record_and_says_which_there_are() -> None
         find_kind(read(table))
 
 
+def test_a_response_that_goes_on_swinging_without_a_drive_is_refused() -> None:
+    t = np.arange(0, 30, 0.01)
+    x = np.sin(2 * np.pi * 3 * t) + 0.01 * np.random.default_rng(1).standard_normal(t.size)
+    with pytest.raises(sn.RecordingError, match="the swings of the response do not fall"):
+        find_kind(read(pd.DataFrame({"t": t, "x": x})))
+
+
 def test_auto_answers_as_the_kind_would_and_says_why() -> None:
     table = record(next(manner for manner in MANNERS if MANNERS[manner] == "sweep"), 1)
     said, found = (sn.analyse(read(table, kind=kind)) for kind in ("sweep", "auto"))

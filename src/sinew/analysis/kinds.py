@@ -10,7 +10,7 @@ from typing import Literal, cast
 
 import numpy as np
 import xarray as xr
-from scipy import fft, signal
+from scipy import fft, ndimage, signal
 
 from sinew.analysis.broadband.broadband import repeats_every
 from sinew.analysis.broadband.impact import find_blows, struck_force
@@ -26,6 +26,7 @@ from sinew.measure.schema import IMPORT_SEGMENTS, RecordKind
 _DRIVE_NOISE = 10.0  # times its noise: a drive that moves less has perhaps not moved
 _FALLS = 0.3  # share of the scatter of ln(swing) that a straight fall explains: less is no decay
 _FEW_SWINGS = 6  # of which no such share is known
+_AMONG = 5  # neighbouring swings, the largest of which counts: two modes make small ones between large ones
 _SMALL = 0.8  # of the largest swing: the fall may begin with the last swing so large,
 _LASTS = 0.25  # and takes at least that share of the swings
 _STRUCK = 0.1  # of the time, at most, in which a hammer touches
@@ -136,7 +137,8 @@ def _decay(time: Array, response: Array) -> _Decay:
     if swing.size < 2:
         raise RecordingError("no oscillation found: fewer than two swings stand out of the noise")
     starts = {int(np.argmax(swing)), int(np.flatnonzero(swing >= _SMALL * swing.max())[-1])}
-    falls = max(_fall(np.log(swing[start:])) if swing.size - start >= _LASTS * swing.size else 0.0 for start in starts)
+    logs = np.log(ndimage.maximum_filter1d(swing, _AMONG))
+    falls = max(_fall(logs[start:]) if swing.size - start >= _LASTS * swing.size else 0.0 for start in starts)
     ratio = float(swing.max() / swing[-1])
     is_falling = ratio > 1.0 and (falls >= _FALLS or swing.size < _FEW_SWINGS)
     return _Decay(ratio, peaks.half_period_s, int(swing.size), is_falling)
@@ -169,7 +171,7 @@ def _of_noise(time: Array, response: Array, drive: Array) -> FoundKind:
 def _impact(time: Array, response: Array, drive: Array) -> FoundKind | None:
     """Return an impact where the drive rests but for short pulses to one side, else None."""
     blows, (force, _) = find_blows(drive), struck_force(drive)
-    if not blows or sum(blow.end - blow.begin for blow in blows) > _STRUCK * drive.size:
+    if not blows or sum(blow.width for blow in blows) > _STRUCK * drive.size:
         return None
     if -float(force.min()) > _ONE_SIDED * float(force.max()):
         return None

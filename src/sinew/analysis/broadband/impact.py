@@ -217,14 +217,14 @@ def analyse_impacts(
         )
     notes += _of_rest(used, length)
     measured = _measure(used, length, sample_hz)
-    band, fit, said = _modes_of(measured, band_hz, modes)
+    band, fit, warned = _modes_of(measured, band_hz, modes)
     if fit is not None and segment_s is None:
         slowest = 2.0 * math.pi * min(m.natural_frequency_hz.value * m.damping_ratio.value for m in fit.modes)
         shorter = max(_FEWEST, round(_LENGTHS / slowest * sample_hz))
         if shorter < length:
             length = shorter
             measured = _measure(used, length, sample_hz)
-            band, fit, said = _modes_of(measured, band_hz, modes)
+            band, fit, warned = _modes_of(measured, band_hz, modes)
     if len(used) == 1:
         notes.append("one hit: there is no coherence, which compares hits, and H1 and H2 are one; hit several times")
     block, decay = length / sample_hz, measured.decay_per_s
@@ -232,7 +232,7 @@ def analyse_impacts(
         f"the exponential window falls to {100 * _LEFT:.0f} % in {number(block, unit='s')}; the {number(decay)} 1/s "
         "that it adds to each decay are in the gains and not in the modes"
     )
-    found = Broadband(measured.response, band, fit, (*notes, *said), None, units)
+    found = Broadband(measured.response, band, fit, (*notes, *warned), None, units)
     widest = max(int(np.count_nonzero(strike.window)) for strike in used)
     return Impact(found, hits, block, min(widest, length) / sample_hz, decay)
 
