@@ -160,7 +160,7 @@ def test_a_gap_is_refused_with_what_this_command_can_do(tmp_path: Path, capsys: 
     file = write(tmp_path / "a.csv", t=t, u=push(t), y=np.sin(OMEGA * t))
     said = unidentified(capsys, file, *COLUMNS)
     assert "gap of 2.01 s" in said
-    assert "--start" not in said
+    assert "select one side of it with --start and --stop" in said
 
 
 def test_stamps_that_were_straightened_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
