@@ -81,7 +81,8 @@ def expected_margin(clean: Record, truth: Truth, samples: int) -> tuple[float, f
     rests: tuple[Rest, ...] = ("offset", "creep") if truth.kind == "decay" else ("offset",)
     viscous = {rest: _fitted(clean, "viscous", rest, []) for rest in rests}
     for law in LAWS:
-        left = min(_fitted(clean, law, rest, plain)[-1].rmse ** 2 for rest, plain in viscous.items())
+        fits = [one for rest, plain in viscous.items() for one in _fitted(clean, law, rest, plain)]
+        left = min(one.rmse for one in fits if _law_of(one.model) == law) ** 2
         score[law] = (samples * math.log(noise + left) + (law in _EXTEND_VISCOUS) * math.log(samples), left)
     contained = _EXTEND_VISCOUS if truth.law == "viscous" else ()
     others = [one for law, (one, _) in score.items() if law != truth.law and law not in contained]
