@@ -67,8 +67,9 @@ docs: $(VENV)/.dev ## the documentation as HTML in docs/_build
 	$(BIN)/python -m sphinx -q -W --keep-going -n -b html docs docs/_build
 	@echo "docs/_build/index.html"
 
-pictures: reproduce ## the pictures of README and docs, from the figures of `make reproduce`
+pictures: reproduce ## the pictures of README and docs, from the figures of `make reproduce` and of the tutorial's own commands
 	$(BIN)/python tools/copy_pictures.py $(OUT)/figures docs/pictures
+	$(BIN)/python tools/pages.py docs/pictures
 
 reference: $(VENV)/.runtime ## write the generated pages of docs/reference anew
 	$(BIN)/python tools/write_reference.py

@@ -18,9 +18,9 @@ from sinew.identify.oscillator.record import Record, make_record
 from sinew.measure.arrays import Array
 
 Kind = Literal["decay", "torque", "lever"]
-DampingLaw = Literal["viscous", "loss-factor", "coulomb"]
+DampingLaw = Literal["viscous", "loss-factor", "coulomb", "drag"]
 
-LAWS: tuple[DampingLaw, ...] = ("viscous", "loss-factor", "coulomb")
+LAWS: tuple[DampingLaw, ...] = ("viscous", "loss-factor", "coulomb", "drag")
 EXCITATIONS: tuple[Kind, ...] = ("decay", "torque", "lever")
 
 _INERTIA, _LEVER_SHARE = 12.74e-3, 0.61  # kg m²; I_l/I
@@ -35,8 +35,8 @@ class Truth:
     """What one oscillation is made with.
 
     frequency_hz: of the linear spring. damping_ratio: equivalent, at half of the largest motion. dry_share: of the
-    damping there that is dry friction (law coulomb). cubic: share of the cubic torque in the restoring torque at the
-    largest motion. noise_deg: standard deviation of a sample. held: a decay begins after a long hold.
+    damping there that is dry friction (law coulomb) or drag. cubic: share of the cubic torque in the restoring torque
+    at the largest motion. noise_deg: standard deviation of a sample. held: a decay begins after a long hold.
     """
 
     law: DampingLaw
@@ -56,7 +56,7 @@ class Truth:
     @property
     def viscous(self) -> float:
         """Return d/I [1/s]."""
-        share = {"viscous": 1.0, "loss-factor": 0.0, "coulomb": 1.0 - self.dry_share}[self.law]
+        share = {"viscous": 1.0, "loss-factor": 0.0}.get(self.law, 1.0 - self.dry_share)
         return 2 * self.damping_ratio * self.omega * share
 
     @property
@@ -65,6 +65,13 @@ class Truth:
         if self.law != "coulomb":
             return 0.0
         return math.pi / 4 * 2 * self.damping_ratio * self.omega * self.dry_share * self.omega * 0.5 * _SWING
+
+    @property
+    def drag(self) -> float:
+        """Return the quadratic drag over I [1/rad], by equal work in a cycle: 8/3 c r³ ω² = π d ω r² at the same r."""
+        if self.law != "drag":
+            return 0.0
+        return 3 * math.pi / 8 * 2 * self.damping_ratio * self.dry_share / (0.5 * _SWING)
 
     @property
     def cubic_per_s2(self) -> float:
@@ -135,7 +142,8 @@ class _Joint:
     def rate(self, t: float, y: Array, sign: float) -> Array:
         """Return the state's rate while the motion has this sign."""
         r, v, z = float(y[0]), float(y[1]), y[2:]
-        force = self.push(t) - self.truth.viscous * v - self.truth.dry * sign - self.pull(r, z)
+        lost = self.truth.viscous * v + self.truth.drag * abs(v) * v + self.truth.dry * sign
+        force = self.push(t) - lost - self.pull(r, z)
         return np.concatenate([[v, force], (r - z) / self.tau if self.tau.size else []])
 
     def motion(self, time: Array, start: Array) -> Array:

@@ -35,11 +35,12 @@ from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
 from sinew.identify.oscillator.model import Model, Rest
 from sinew.identify.oscillator.record import Record
-from sinew.mechanics.laws import DryFriction, LossFactor
+from sinew.mechanics.laws import BoucWen, Drag, DryFriction, LossFactor
 
 CAN, CANNOT = 20.0, 2.0
 Margin = Literal["can tell", "between", "cannot tell"]
 Verdict = Literal["picked", "cannot tell", "bounded", "wrong"]
+_EXTEND_VISCOUS: tuple[DampingLaw, ...] = ("coulomb", "drag")
 MARGINS: tuple[Margin, ...] = ("can tell", "between", "cannot tell")
 VERDICTS: tuple[Verdict, ...] = ("picked", "cannot tell", "bounded", "wrong")
 
@@ -56,7 +57,7 @@ class Outcome:
     truth: Truth
     seed: int
     evidence: float
-    chosen: DampingLaw
+    chosen: DampingLaw | Literal["hysteresis"]
     model: str
     verdict: Verdict
     own_misfit: float
@@ -73,21 +74,27 @@ def expected_margin(clean: Record, truth: Truth, samples: int) -> tuple[float, f
 
     samples: that teach. Every law is given the richest stiffness law (and, in a decay, a creeping rest position) at the
     price of the generating one's, so the difference is rather too small. A law that contains the generating one (dry
-    friction beside viscous damping) is no other law.
+    friction or drag beside viscous damping) is no other law.
     """
     noise = math.radians(truth.noise_deg) ** 2
     score = {}
     rests: tuple[Rest, ...] = ("offset", "creep") if truth.kind == "decay" else ("offset",)
     viscous = {rest: _fitted(clean, "viscous", rest, []) for rest in rests}
     for law in LAWS:
-        left = min(_fitted(clean, law, rest, plain)[-1].rmse ** 2 for rest, plain in viscous.items())
-        score[law] = (samples * math.log(noise + left) + (law == "coulomb") * math.log(samples), left)
-    others = [one for law, (one, _) in score.items() if law != truth.law and (truth.law, law) != ("viscous", "coulomb")]
+        fits = [one for rest, plain in viscous.items() for one in _fitted(clean, law, rest, plain)]
+        left = min(one.rmse for one in fits if _law_of(one.model) == law) ** 2
+        score[law] = (samples * math.log(noise + left) + (law in _EXTEND_VISCOUS) * math.log(samples), left)
+    contained = _EXTEND_VISCOUS if truth.law == "viscous" else ()
+    others = [one for law, (one, _) in score.items() if law != truth.law and law not in contained]
     own, misfit = score[truth.law]
     return min(others) - own, math.sqrt(misfit / noise)
 
 
-def _law_of(model: Model) -> DampingLaw:
+def _law_of(model: Model) -> DampingLaw | Literal["hysteresis"]:
+    if model.law.has(BoucWen):
+        return "hysteresis"
+    if model.law.has(Drag):
+        return "drag"
     return "coulomb" if model.law.has(DryFriction) else "loss-factor" if model.law.has(LossFactor) else "viscous"
 
 

@@ -133,7 +133,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
     "modes of a sweep": (
         shaken,
         (*(("sweep" if a == "broadband" else a) for a in SHAKEN), "--modes", "2"),
-        "of a table or a broadband record",
+        "of a table, a broadband record or hammer blows",
     ),
     "segment without end": (shaken, (*SHAKEN, "--segment", "100"), "choose shorter segments or record longer"),
     "settling of a broadband record": (shaken, (*SHAKEN, "--settle", "1"), "leave them out"),

@@ -87,7 +87,7 @@ def damaged(folder: Path, kind: str) -> Path:
     elif kind == "nan":
         rows[50] = "0.50,nan,0.1"
     elif kind == "text":
-        rows[0] = "s,V,V"
+        rows[0] = "x,V,V"
     elif kind == "backwards":
         rows[100], rows[101] = rows[101], rows[100]
     elif kind == "ten rows":
@@ -123,8 +123,10 @@ def test_a_damaged_file_is_refused_in_one_line(
     --time t --input u:V --output y:V => --excitation
     --time t --output y:V --excitation force => no input is given
     --time t --input u:V --output y:V --excitation none => leave the
-    --time t --input u:V --excitation force => --output COL is missing
-    --input u:V --output y:V --excitation force => --rate HZ
+    --time t --excitation none => --output COL is missing (output=) and u or y may be it; there are t, u, y
+    --time t --input u:V --output y:V --excitation force --gaps bridge => what the input did in a gap is not known
+    --time t --input u:V --output y:V --excitation force --gaps split --train 0:99 => leave one of them out
+    --time t --output y --run 2 => has no run '2'; it holds 1
     --time t:mm --input u:V --output y:V --excitation force => 'mm'
     --time t --input u:furlongg --output y:V --excitation force => furlongg
     --time t --input 'u:N*m' --output y:rad --excitation lever => no motion
@@ -160,7 +162,19 @@ def test_a_gap_is_refused_with_what_this_command_can_do(tmp_path: Path, capsys: 
     file = write(tmp_path / "a.csv", t=t, u=push(t), y=np.sin(OMEGA * t))
     said = unidentified(capsys, file, *COLUMNS)
     assert "gap of 2.01 s" in said
-    assert "--start" not in said
+    assert "--gaps split" in said
+
+
+@pytest.mark.parametrize(
+    "options", [("--gaps", "split"), ("--start", "5"), ("--train", "300:800", "--test", "800:1000")]
+)
+def test_a_gap_that_is_not_in_the_part_that_is_fitted_does_no_harm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...]
+) -> None:
+    t = np.concatenate([TIME[:300], TIME[500:]])
+    response = noisy(motion(viscous(0.1), push, TIME)[0], 0.002, 1)
+    file = write(tmp_path / "a.csv", t=t, u=push(t), y=np.concatenate([response[:300], response[500:]]))
+    assert identified(capsys, file, *COLUMNS, "--model", "linear", *options)["model"] == "linear"
 
 
 def test_stamps_that_were_straightened_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -175,3 +189,21 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(
 ) -> None:
     (tmp_path / "out").write_text("")
     assert "cannot write" in unidentified(capsys, sweep, *COLUMNS, "--out", tmp_path / "out" / "deeper")
+
+
+@pytest.mark.parametrize(("missing", "said"), [(slice(100, 112), None), (slice(100, 140), "longer than half a period")])
+def test_a_gap_of_a_free_decay_is_bridged_where_it_is_shorter_than_half_a_period(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], missing: slice, said: str | None
+) -> None:
+    t = np.arange(0, 4, 0.01)
+    noise = np.random.default_rng(4).normal(0, 0.1, t.size)
+    kept = np.delete(np.arange(t.size), missing)
+    swing = 20 * np.exp(-0.6 * t) * np.cos(6 * np.pi * t) + noise
+    file = write(tmp_path / "a.csv", t=t[kept], x_deg=swing[kept])
+    options = ("--model", "linear", "--start", "0", "--gaps", "bridge")
+    if said is not None:
+        assert said in unidentified(capsys, file, *options)
+        return
+    found = identified(capsys, file, *options)
+    assert found["natural_frequency_hz"]["value"] == pytest.approx(np.hypot(6 * np.pi, 0.6) / (2 * np.pi), rel=3e-4)
+    assert found["damping_ratio"]["value"] == pytest.approx(0.6 / np.hypot(6 * np.pi, 0.6), rel=1e-2)

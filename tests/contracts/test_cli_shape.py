@@ -16,8 +16,8 @@ from sinew.apps.cli import app, main
 SINEW = Path(sys.executable).with_name("sinew")
 COMMANDS = (
     "analyse", "answer", "calibrate", "check", "compare", "design", "doctor", "emulate", "export", "gait", "identify",
-    "import", "joint", "predict", "report", "reproduce", "run", "serve", "simulate", "stop", "track", "transfer",
-    "tune",
+    "import", "joint", "look", "predict", "report", "reproduce", "run", "serve", "simulate", "stop", "track",
+    "transfer", "tune",
 )  # fmt: skip
 
 
@@ -71,12 +71,12 @@ def test_no_command_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     check => PLAN
     simulate paper => --out
     simulate short --out x.nc --seed one => --seed
-    analyse x.csv --kind decay --time t --response x => ring-down or sweep
+    analyse x.csv --kind decay --time t --response x => auto, ring-down, sweep, broadband, impact
     export x.nc --to xls --out x.xls => csv or mat
     simulate short --out x.nc --without gravity => unknown effect 'gravity'
-    analyse x.csv --time t --response x => --kind ring-down or --kind sweep
-    analyse x.csv --kind sweep --response x => --time COL is missing
-    analyse x.nc --time t => are for CSV
+    analyse x.csv => cannot read x.csv
+    analyse x.csv --gaps jump => --gaps is 'jump', expected one of refuse, split, bridge
+    analyse x.nc --time t => are for tables
     report nowhere => found no recording.nc in nowhere
     reproduce --plan papre => did you mean paper?
 """)

@@ -6,36 +6,12 @@ what the reader sees. A page that takes long says `<!-- test: slow -->`; one tha
 `<!-- test: realtime -->`.
 """
 
-import os
-import re
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from tools.pages import Step, run_page, steps
 
 ROOT = Path(__file__).resolve().parents[2]
-BLOCK = re.compile(r"^```(python|console)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-
-
-@dataclass(frozen=True)
-class Step:
-    """One thing the reader runs: Python text, or one command line."""
-
-    language: str
-    text: str
-
-
-def steps(page: str) -> list[Step]:
-    found: list[Step] = []
-    for language, body in BLOCK.findall(page):
-        if language == "python":
-            found.append(Step(language, body))
-        else:
-            lines = body.replace("\\\n", " ").splitlines()
-            found += [Step(language, line[2:]) for line in lines if line.startswith("$ sinew")]
-    return found
 
 
 def pages() -> list[object]:
@@ -51,25 +27,7 @@ def pages() -> list[object]:
 
 @pytest.mark.parametrize("page", pages())
 def test_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path) -> None:
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    environment = {**os.environ, "PATH": path, "MPLBACKEND": "agg"}
-    script: list[str] = []
-    for step in steps(page.read_text(encoding="utf-8")):
-        if step.language == "python":
-            # A later block sees the names of the earlier ones, as in one session.
-            script.append(step.text)
-            command = [sys.executable, "-W", "error", "-c", "\n".join(script)]
-        else:
-            command = ["bash", "-ceu", step.text]
-        done = subprocess.run(
-            command,
-            cwd=tmp_path,
-            env=environment,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+    for step, done in run_page(page.read_text(encoding="utf-8"), tmp_path):
         assert done.returncode == 0, f"{step.text}\n{done.stdout}\n{done.stderr}"
 
 

@@ -89,10 +89,10 @@ def test_any_numbers_come_back_from_an_exported_table_unchanged(values: list[flo
 
 @given(st.binary(min_size=1, max_size=200))
 @settings(max_examples=100, deadline=None)
-def test_any_bytes_are_a_table_with_columns_or_a_file_error(content: bytes) -> None:
+def test_any_bytes_are_a_table_with_columns_or_a_sinew_error(content: bytes) -> None:
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "x.csv").write_bytes(content)
-        with contextlib.suppress(FileError):
+        with contextlib.suppress(SinewError):
             assert len(read_table(Path(folder) / "x.csv").columns) >= 1
 
 

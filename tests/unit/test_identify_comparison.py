@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -189,3 +190,56 @@ def test_too_few_periods_to_ask_residuals_for_trends_are_told() -> None:
     asked = ask_residuals(record, np.random.default_rng(2).normal(size=time.size), OMEGA)
     assert "residuals are white" in asked.telling()
     assert "too few periods" in asked.telling()
+
+
+@pytest.mark.slow
+def test_quadratic_drag_is_told_from_the_other_laws() -> None:
+    found = compare_laws(split_record(drag_decay(1), None, None))
+    assert (found.best.model.name, found.decided) == ("drag", True)
+
+
+@pytest.mark.slow
+def test_a_pendulum_is_told_from_springs() -> None:
+    x = motion(lambda r, v: 0.05 * OMEGA * v + OMEGA**2 * np.sin(r), lambda t: 0.0, DECAY, (0.9, 0.0))[0]
+    found = compare_laws(split_record(make_record(DECAY, noisy(x, 0.003, 7), output_unit="rad"), None, None))
+    assert found.best.model.name == "pendulum"
+    assert "a pendulum with viscous damping" in found.verdict
+
+
+@cache
+def in_metres() -> tuple[Comparison, list[tuple[float, float]]]:
+    told: list[tuple[float, float]] = []
+    split = split_record(replace(viscous_decay(0.1, 0), output_unit="m"), None, None)
+    return compare_laws(split, lambda done, total: told.append((done, total))), told
+
+
+def test_a_motion_that_is_no_angle_is_not_tried_as_a_pendulum() -> None:
+    assert all("pendulum" not in row.model.name for row in in_metres()[0].rows)
+
+
+def test_every_fit_of_the_race_moves_its_progress_to_the_end() -> None:
+    told = in_metres()[1]
+    assert [done for done, _ in told[:-1]] == list(range(1, len(told)))
+    assert told[-1][0] == told[-1][1] == len(told) - 1
+
+
+@pytest.mark.slow
+def test_hysteresis_has_a_row_beside_dry_friction() -> None:
+    found = compare_laws(split_record(dry(3), None, None))
+    assert "bouc-wen" in [row.model.name for row in found.rows]
+
+
+def test_two_and_a_half_swings_tell_fewer_numbers_than_many() -> None:
+    small, large = (fit(viscous_decay(0.05, 1), model) for model in ("linear", "cubic-quadratic"))
+    more = [criterion(large, 250.0, swings) - criterion(small, 250.0, swings) for swings in (2.5, 20.0, np.inf)]
+    assert more[0] > more[1] + 30  # at 2.5 swings two terms more have to explain what odds of e^15 do
+    assert more[1] == pytest.approx(more[2], abs=1.0)
+
+
+@pytest.mark.slow
+def test_two_and_a_half_swings_with_a_crooked_sensor_are_no_law_of_five_numbers() -> None:
+    t = np.arange(0, 2.5 / 3, 0.004)
+    x = motion(viscous(0.03), lambda s: 0.0, t, (0.5, 0.0))[0]
+    crooked = x + 0.004 * np.sin(2.3 * OMEGA * t + 1.0) * np.abs(x)
+    found = compare_laws(split_record(make_record(t, noisy(crooked, 5e-4, 4), output_unit="rad"), None, None))
+    assert len(found.best.model.mechanics("none")) <= 3

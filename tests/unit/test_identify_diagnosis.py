@@ -83,3 +83,58 @@ def test_suspicions_do_not_ask_of_what_was_held_out() -> None:
     record = make_record(TIME, noisy(x, 0.002, 3), output_unit="rad")
     spoilt = replace(record, output=np.where(TIME < 3, record.output, 1.0))
     assert suspicions(fit(spoilt, "linear", kept=[TIME < 3])) == ()
+
+
+SWEEP = np.arange(0, 20, 0.01)
+PUSH = 3.0 * np.sin(2 * np.pi * (0.2 * SWEEP + 0.1 * SWEEP**2))
+
+
+def cart(seed: int = 1, *, mass: float = 2.0, damper: float = 3.0, spring: float = 0.0) -> Record:
+    """Return the way of a mass on a damper, with a spring or none, under a force that sweeps from 0.2 to 4.2 Hz."""
+    force = lambda r, v: damper / mass * v + spring / mass * r  # noqa: E731
+    x = motion(force, lambda t: float(np.interp(t, SWEEP, PUSH)) / mass, SWEEP)[0]
+    return make_record(SWEEP, noisy(x, 1e-4, seed), PUSH, excitation="force", output_unit="m", input_unit="N")
+
+
+def test_a_cart_has_a_mass_and_no_frequency() -> None:
+    found = fit(cart(), "linear")
+    assert np.isnan(found.natural_frequency_hz.value)
+    assert found.parameters["mass_kg"].low < 2.0 < found.parameters["mass_kg"].high
+    (told,) = [s for s in suspicions(found) if "not told from zero" in s]
+    assert "a mass without a spring, a cart or a positioner, whose rate settles in 0.6" in told
+
+
+def test_a_cart_on_a_soft_spring_has_its_frequency() -> None:
+    found = fit(cart(spring=2.0 * (2 * np.pi * 0.5) ** 2), "linear")
+    assert found.natural_frequency_hz.value == pytest.approx(0.5, rel=0.01)
+    assert not any("not told from zero" in s for s in suspicions(found))
+
+
+def test_a_positioner_that_creeps_away_is_not_said_to_be_too_short() -> None:
+    t = np.arange(0, 3, 0.01)
+    push = 1.0 * (t > 0.5)
+    x = motion(lambda r, v: 4.0 * v, lambda s: float(s > 0.5), t)[0]
+    refuse_hopeless(make_record(t, noisy(x, 1e-4, 2), push, excitation="force", output_unit="m", input_unit="N"))
+
+
+@pytest.mark.parametrize("turned", ["input", "output"])
+def test_a_reversed_sensor_is_asked_after(turned: str) -> None:
+    record = stepped(0.1)
+    turned_round = replace(record, **{turned: -getattr(record, turned)})
+    found = fit(turned_round, "linear")
+    assert found.parameters["mass_kg"].high < 0
+    assert any("mass and stiffness came out negative: is a sensor's sign reversed?" in s for s in suspicions(found))
+
+
+def test_a_base_that_is_measured_the_wrong_way_round_is_asked_after() -> None:
+    base = 0.05 * np.sin(2 * np.pi * (1.5 * TIME + 0.4 * TIME**2))
+    pull = np.gradient(np.gradient(base, TIME), TIME)
+    x = motion(viscous(0.1), lambda t: -float(np.interp(t, TIME, pull)), TIME)[0] + base
+    given = {"excitation": "base", "output_unit": "m", "input_unit": "m"}
+    sound, turned = (make_record(TIME, noisy(x, 1e-4, 3), side * base, **given) for side in (1.0, -1.0))
+    assert any("with the input's sign reversed" in s for s in suspicions(fit(turned, "linear")))
+    assert not any("sign" in s for s in suspicions(fit(sound, "linear")))
+
+
+def test_a_sound_sensor_is_not_asked_after() -> None:
+    assert not any("sign" in s for s in suspicions(fit(stepped(0.1), "linear")))

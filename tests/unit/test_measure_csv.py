@@ -117,6 +117,40 @@ def test_a_split_is_in_the_notes(swing: Path) -> None:
     assert "split at 1 gap into 2 pieces" in recording.attrs["import_notes"]
 
 
+def test_bridged_gaps_leave_one_segment_and_the_samples_where_they_are(swing: Path) -> None:
+    lines = swing.read_text(encoding="utf-8").splitlines()
+    swing.write_text("\n".join(lines[:81] + lines[101:151] + lines[161:]), encoding="utf-8")
+    recording = import_csv(swing, time="t_s", response="angle_deg", gaps="bridge")
+    kept = np.r_[0:80, 100:150, 160:200]
+    assert recording["row_size"].values.tolist() == [170]
+    assert recording["time_s"].values == pytest.approx(kept / 100)
+    assert "2 gaps of about 30 missing samples bridged" in recording.attrs["import_notes"]
+    assert recording.attrs["import_gaps"] == "bridge"
+
+
+@pytest.mark.parametrize("gaps", ["split", "bridge"])
+def test_empty_cells_are_missing_samples_where_gaps_are_not_refused(swing: Path, gaps: str) -> None:
+    text = swing.read_text(encoding="utf-8")
+    for row in (30, 31, 120):
+        text = text.replace(f"\n{row / 100},{10 + row},", f"\n{row / 100},,")
+    swing.write_text(text, encoding="utf-8")
+    recording = import_csv(swing, time="t_s", response="angle_deg", gaps=gaps)  # type: ignore[arg-type]
+    assert (recording.sizes["sample"], recording.sizes["segment"]) == (197, 1)
+    assert "3 rows with an empty cell taken for missing samples" in recording.attrs["import_notes"]
+
+
+def test_gaps_of_a_sweep_are_not_bridged(swing: Path) -> None:
+    with pytest.raises(RecordingError, match="cannot be bridged; split it"):
+        import_csv(swing, time="t_s", response="angle_deg", drive="lever", kind="sweep", gaps="bridge")
+
+
+def test_a_row_below_one_that_was_left_out_keeps_its_number(swing: Path) -> None:
+    text = swing.read_text(encoding="utf-8").replace("\n0.1,20,", "\n0.1,,").replace("\n0.5,60,", "\n0.5,sixty,")
+    swing.write_text(text, encoding="utf-8")
+    with pytest.raises(RecordingError, match="'sixty' in data row 51"):
+        import_csv(swing, time="t_s", response="angle_deg", gaps="bridge")
+
+
 def test_a_gap_outside_the_part_that_is_taken_does_no_harm(swing: Path) -> None:
     lines = swing.read_text(encoding="utf-8").splitlines()
     swing.write_text("\n".join(lines[:81] + lines[101:]), encoding="utf-8")
@@ -133,7 +167,7 @@ def test_an_empty_cell_outside_the_part_that_is_taken_does_no_harm(swing: Path) 
     [
         ({"response": "angle"}, RecordingError, "no column 'angle', did you mean 'angle_deg'"),
         ({"time": "time"}, RecordingError, "no column 'time'"),
-        ({"drive": "lever"}, RecordingError, "no column 'lever', did you mean 'lever \\(deg\\)'"),
+        ({"drive": "levr"}, RecordingError, "no column 'levr', did you mean 'lever \\(deg\\)'"),
         ({"time": "t_s,angle_deg"}, RecordingError, "time needs one column, found 2"),
         ({"response": "angle_deg:degg"}, UnitError, "unknown unit 'degg'"),
         ({"response": "angle_deg:g"}, UnitError, "ambiguous"),
@@ -143,7 +177,7 @@ def test_an_empty_cell_outside_the_part_that_is_taken_does_no_harm(swing: Path) 
         ({"start_s": 1.95}, TimeError, "found 5 samples, expected at least 8"),
         ({"pretension_mm": -1.0}, RecordingError, "found pretension_mm = -1, expected 0 or more"),
         ({"pretension_mm": math.nan}, RecordingError, "found pretension_mm = nan, expected 0 or more"),
-        ({"kind": "song"}, RecordingError, "unknown kind 'song', expected one of ring-down, sweep"),
+        ({"kind": "song"}, RecordingError, "unknown kind 'song', expected one of auto, ring-down, sweep"),
         ({"time": "other_deg:s", "response": "lever (deg):furlongish"}, UnitError, "unknown unit"),
         ({"time": "lever (deg):s"}, TimeError, "is this the time column"),
     ],

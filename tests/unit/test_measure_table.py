@@ -130,7 +130,6 @@ def test_a_column_that_is_not_there_once_is_refused(tmp_path: Path, head: str, s
         ("0,1 1, 2,3", "column 'a' holds NaN or an empty cell in data row 2"),
         ("0,1 1,nan 2,3", "column 'a' holds NaN or an empty cell in data row 2"),
         ("0,1 1,inf 2,3", "column 'a' holds infinity in data row 2"),
-        ("s,deg 0,1", "if this row holds units, delete it"),
     ],
 )
 def test_a_cell_without_a_number_is_refused_by_row_and_column(tmp_path: Path, cells: str, said: str) -> None:
@@ -142,3 +141,8 @@ def test_a_cell_without_a_number_is_refused_by_row_and_column(tmp_path: Path, ce
 def test_rows_outside_the_selection_are_not_judged(tmp_path: Path) -> None:
     table = read_table(table_file(tmp_path, "t,a\n0,\n1,2\n2,3\n"))
     assert numbers(table, "a", slice(1, 3)).tolist() == [2, 3]
+
+
+def test_a_line_of_units_below_the_header_goes_into_the_names(tmp_path: Path) -> None:
+    table = read_table(table_file(tmp_path, "t,a,b_mm\ns,deg,mm\n0,1,2\n"))
+    assert list(table.columns) == ["t [s]", "a [deg]", "b_mm"]

@@ -66,7 +66,7 @@ def test_a_gap_is_refused_with_place_length_and_ways_out() -> None:
 
 def test_rows_are_named_as_they_stand_in_the_file() -> None:
     with pytest.raises(TimeError, match="after data row 350 "):
-        straighten_times(np.delete(EVEN, slice(300, 310)), first_row=51)
+        straighten_times(np.delete(EVEN, slice(300, 310)), rows=51)
 
 
 def test_a_record_is_split_at_its_gap_when_asked() -> None:
@@ -204,3 +204,11 @@ def test_seconds_since_1970_are_even_too() -> None:
 def test_a_record_of_which_gaps_leave_only_crumbs_is_refused() -> None:
     with pytest.raises(TimeError, match="no piece of at least 8 samples"):
         straighten_times(np.delete(EVEN[:60], slice(5, 53)), gaps="split")
+
+
+def test_stamps_with_too_few_digits_are_spread_over_their_last_one() -> None:
+    true = np.cumsum(np.random.default_rng(3).choice([0.006, 0.03], 300, p=[0.7, 0.3]))
+    timeline = straighten_times(np.round(true, 2), gaps="bridge")
+    assert np.abs(timeline.time_s - true).max() <= 0.0101
+    assert (np.diff(timeline.time_s) > 0).all()
+    assert "too few digits" in timeline.notes[-1]

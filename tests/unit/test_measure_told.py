@@ -55,8 +55,8 @@ def test_a_recording_and_its_results_are_read_by_what_the_file_holds(tmp_path: P
 
 
 def test_a_table_whose_columns_are_not_named_is_refused_with_those_it_has() -> None:
-    with pytest.raises(SpecError, match=r"response= is missing; there are stamp, phi"):
-        read(pd.DataFrame({"stamp": [0.0, 1.0], "phi": [1.0, 2.0]}), time="stamp")
+    with pytest.raises(SpecError, match=r"\(response=\) and phi or psi may be it; there are stamp, phi, psi"):
+        read(pd.DataFrame({"stamp": [0.0, 1.0], "phi": [1.0, 2.0], "psi": [1.0, 2.0]}), time="stamp")
 
 
 def test_a_recording_is_not_told_its_columns(tmp_path: Path) -> None:

@@ -5,16 +5,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, get_args
 
 import numpy as np
 import xarray as xr
 from scipy import special
 
 from sinew.analysis.broadband.broadband import analyse_broadband, broadband_json, checked_count
+from sinew.analysis.broadband.impact import analyse_impacts, impact_json
 from sinew.analysis.decay.modes import fit_modes, modes_json
 from sinew.analysis.decay.ring_down import analyse_ring_down, analyse_ring_downs, ring_down_json
 from sinew.analysis.doubts import doubts_of, find_doubts
+from sinew.analysis.kinds import as_kind, find_kind, recorded_kind
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.signals import Signals, drive_channel, read_signals, response_channel
@@ -26,7 +28,7 @@ from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate, finite, number, pair, shown, shown_interval, span
 from sinew.measure.files.netcdf import content_hash, load_recording, provenance
-from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, companions, validate_results
+from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
 from sinew.measure.told import Table, Told
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
@@ -37,9 +39,9 @@ class Analysed(Told):
     """What a recording says of its oscillation.
 
     document: as `sinew analyse --json` prints it: every quantity with value, std and interval90. recording: as it was
-    analysed, its groups cut. dataset: the results by the result schema; None for one foreign ring-down
-    and for a broadband record, which is in the document. notes: what
-    was done with the recording, or could not be, a sentence each.
+    analysed, its groups cut. dataset: the results by the result schema; None for one foreign ring-down and for a record
+    of many frequencies or of hammer blows, which is in the document. notes: what was done with the recording, or could
+    not be, a sentence each.
     """
 
     document: dict[str, Any]
@@ -53,7 +55,7 @@ class Analysed(Told):
         told: list[Table | str] = [f"DOUBT: {one['sentence']}" for one in document.get("doubts", [])]
         if document["kind"] == "ring-down":
             return [*told, *_ring_down_told(document, self.recording)]
-        if document["kind"] == "broadband":
+        if document["kind"] in ("broadband", "impact"):
             return _broadband_told(document)
         if document.get("response") and self.dataset is not None:
             told.append(_response_table(document["response"], self.dataset))
@@ -76,21 +78,22 @@ def analyse(
     rig: RigSpec | str | Path | None = None,
     *,
     settle_s: float | None = None,
-    kind: Literal["broadband"] | None = None,
+    kind: ReadKind | None = None,
     band_hz: tuple[float, float] | None = None,
     modes: int | None = None,
     segment_s: float | None = None,
 ) -> Analysed:
     """Return frequency and damping of a ring-down, or response, resonance, energy and ring-downs of a recording.
 
-    Of a foreign record whose drive holds many frequencies (chirp, noise, multisine), read or called as of kind
-    "broadband": its frequency response (H1, H2, coherence), and the modes in it.
+    Of a foreign record whose drive holds many frequencies (broadband: chirp, noise, multisine) or strikes (impact: one
+    hammer blow or several): its frequency response (H1, H2, coherence), and the modes in it.
 
     recording: as `sn.read` or `sn.simulate` gives it, or the path of a NetCDF recording. rig: whose sensor delays and
     inertia count; else the recording's own. settle_s: of the sweep of a foreign file: how long each group settles
-    before it is measured [s]; else its half. band_hz, segment_s: of a broadband record, see
-    `sinew.analysis.broadband.broadband.analyse_broadband`. modes: how many are sought in it, or in a foreign ring-down,
-    which else is taken for one.
+    before it is measured [s]; else its half. kind: what a foreign record holds; None for what it was read as, "auto" to
+    find out, which puts the reason into the document (`kind_reason`) and the notes. band_hz, segment_s: of a broadband
+    record or hammer blows, see `sinew.analysis.broadband.{broadband, impact}`. modes: how many are sought in them, or
+    in a foreign ring-down, which else is taken for one.
 
     A foreign ring-down is one record: its longest part is analysed. Raises RecordingError where there is nothing to
     analyse, SpecError where the recording does not take what is asked.
@@ -109,38 +112,77 @@ def analyse(
         raise RecordingError(
             f"found {type(recording).__name__} without segments, expected a recording as read, simulate and run give it"
         )
-    kinds = set(map(str, recording["kind"].values))
-    imported = recording.attrs.get("source") == "import"
+    if kind is not None and kind not in get_args(ReadKind):
+        raise SpecError(f"found kind {kind!r}, expected one of {', '.join(get_args(ReadKind))}, or none")
+    if recording.attrs.get("source") != "import":
+        return _analyse_own(recording, rig, kind, (settle_s, band_hz, modes, segment_s))
     notes = str(recording.attrs.get("import_notes", "")).splitlines()
-    if kind not in (None, "broadband"):
-        raise SpecError(f"found kind {kind!r}, expected 'broadband' or none; ring-downs and sweeps are read as such")
-    if kind == "broadband" or recording.attrs.get("import_kind") == "broadband":
-        if not imported:
-            raise SpecError("a broadband record comes from a table; this recording says itself what it holds")
+    asked = recorded_kind(recording) if kind is None else kind
+    told: dict[str, Any] = {}
+    if asked == "auto":
+        found = find_kind(recording)
+        asked, told = found.kind, {"kind_reason": found.reason}
+        notes = [f"taken for {_KIND_WORDS[asked]}: {found.reason}; its kind can be said", *notes]
+    recording = as_kind(recording, asked)
+    if asked in ("broadband", "impact"):
         if settle_s is not None or rig is not None:
-            raise SpecError("a time to settle and a rig have no part in a broadband record; leave them out")
-        found = analyse_broadband(recording, band_hz=band_hz, modes=modes, segment_s=segment_s)
-        return Analysed(broadband_json(found), recording, None, (*found.notes, *notes))
+            raise SpecError(f"a time to settle and a rig have no part in {_KIND_WORDS[asked]}; leave them out")
+        if asked == "broadband":
+            answer = analyse_broadband(recording, band_hz=band_hz, modes=modes, segment_s=segment_s)
+            document = broadband_json(answer)
+        else:
+            impact = analyse_impacts(recording, band_hz=band_hz, modes=modes, segment_s=segment_s)
+            answer, document = impact.found, impact_json(impact)
+        return Analysed(document | told, recording, None, (*answer.notes, *notes))
     if band_hz is not None or segment_s is not None:
-        raise SpecError("band and length of a segment are for a broadband record; leave them out")
-    if imported and "ring-down" in kinds:
+        raise SpecError("band and length of a segment are for a broadband record or hammer blows; leave them out")
+    if asked == "ring-down":
         if settle_s is not None:
             raise SpecError("a time to settle is for a sweep, this is a ring-down; its decay is found by itself")
         document, cut = _foreign_ring_down(recording, rig, modes)
-        return Analysed(document, recording, None, (*cut, *notes))
+        return Analysed(document | told, recording, None, (*cut, *notes))
     if modes is not None:
-        raise SpecError("a number of modes is for a ring-down of a table or a broadband record; leave it out")
-    if imported:
-        recording = _grouped(recording, settle_s)
-    elif settle_s is not None:
+        raise SpecError(_NO_MODES)
+    recording = _grouped(recording, settle_s)
+    results = analyse_with(recording, recording_rig(recording, rig))
+    document = {"kind": "sweep", **told, **_sweep_part(results)}
+    return Analysed(document, recording, results, (*_notes_of(document, results), *notes))
+
+
+_KIND_WORDS = {
+    "ring-down": "a ring-down",
+    "sweep": "a sweep of steady stretches",
+    "broadband": "a broadband record",
+    "impact": "a record of hammer blows",
+}
+_NO_MODES = "a number of modes is for a ring-down of a table, a broadband record or hammer blows; leave it out"
+
+
+def _analyse_own(
+    recording: xr.Dataset, rig: RigSpec | str | Path | None, kind: str | None, of_others: tuple[Any, ...]
+) -> Analysed:
+    """Return what a recording of Sinew says, which takes none of (settle_s, band_hz, modes, segment_s)."""
+    settle_s, band_hz, modes, segment_s = of_others
+    if kind not in (None, "auto"):
+        raise SpecError(f"a kind, here {kind}, is of a table; this recording says itself what it holds; leave it out")
+    if band_hz is not None or segment_s is not None:
+        raise SpecError("band and length of a segment are for a broadband record or hammer blows; leave them out")
+    if modes is not None:
+        raise SpecError(_NO_MODES)
+    if settle_s is not None:
         raise SpecError(
             "a time to settle is for the sweep of a foreign file; this recording says itself where it settles"
         )
     results = analyse_with(recording, recording_rig(recording, rig))
-    document = {"kind": "sweep", **_sweep_part(results)} if imported else results_document(results)
-    if "resonance" not in document and results.attrs["resonance_notes"]:
-        notes.append(str(results.attrs["resonance_notes"]))
-    return Analysed(document, recording, results, tuple(notes))
+    document = results_document(results)
+    notes = str(recording.attrs.get("import_notes", "")).splitlines()
+    return Analysed(document, recording, results, (*notes, *_notes_of(document, results)))
+
+
+def _notes_of(document: dict[str, Any], results: xr.Dataset) -> list[str]:
+    """Return why there is no resonance, where there is none."""
+    reason = str(results.attrs["resonance_notes"])
+    return [reason] if "resonance" not in document and reason else []
 
 
 # A whole recording: sweep, resonance, energy and ring-down in one dataset, with what speaks against it.
@@ -519,11 +561,26 @@ def _ring_down_told(document: dict[str, Any], recording: xr.Dataset) -> list[Tab
 def _broadband_told(document: dict[str, Any]) -> list[Table | str]:
     low, high = document["band_hz"]
     inside = [row["coherence"] for row in document["frequency_response"] if low <= row["frequency_hz"] <= high]
-    average = f"{number(document['averages'])} averages of {number(document['segment_s'], unit='s')}"
+    known = [one for one in inside if one is not None]
+    of = "averages" if document["kind"] == "broadband" else "hits" if document["averages"] > 1 else "hit"
+    average = f"{number(document['averages'])} {of} of {number(document['segment_s'], unit='s')}"
+    coherent = f"median coherence {number(float(np.median(known)))}" if known else "no coherence of a single hit"
     told: list[Table | str] = [
         f"frequency response H1: {len(document['frequency_response'])} lines, {average} (all of it: --json)",
-        f"band of the modes: {number(low)} to {number(high)} Hz, median coherence {number(float(np.median(inside)))}",
+        f"band of the modes: {number(low)} to {number(high)} Hz, {coherent}",
     ]
+    if hits := document.get("hits"):
+        unit = "" if document["drive_unit"] == "1" else f"/({document['drive_unit']})"
+        cells = [
+            (
+                number(hit["time_s"]),
+                number(hit["force"], 3),
+                number(1000 * hit["width_s"], 2),
+                "yes" if hit["used"] else "no",
+            )
+            for hit in hits
+        ]
+        told.append(Table(("hit at/s", f"force{unit}", "width/ms", "used"), cells, "hits"))
     rows = [
         (str(k), shown_interval(mode["natural_frequency_hz"]), shown_interval(mode["damping_ratio"]))
         for k, mode in enumerate(document["modes"], start=1)

@@ -20,6 +20,8 @@ from sinew.measure.units import one_number
 if TYPE_CHECKING:
     import xarray as xr
 
+    from sinew.measure.schema import ReadKind
+
 Progress = Callable[[float, float], None]
 
 _PIPE_WIDTH = 200
@@ -121,6 +123,9 @@ def flag(name: str, help_: str) -> Any:
     return typer.Option(name, help=help_)
 
 
+KINDS = "auto|ring-down|sweep|broadband|impact"
+"""Kinds of a table, as `--help` lists them."""
+
 RIG_HELP = "A rig: a TOML file, or the name of a shipped one."
 
 PlanArgument = Annotated[str, typer.Argument(metavar="PLAN", help="A plan: a TOML file, or the name of a shipped one.")]
@@ -138,7 +143,12 @@ ColumnResponse = Annotated[
 ColumnDrive = Annotated[str | None, option("COL[:unit]", "Column of the drive.", "--drive")]
 Start = Annotated[float | None, option("S", "Take samples from this time on [s].", "--start")]
 Stop = Annotated[float | None, option("S", "Take samples up to this time [s].", "--stop")]
-Gaps = Annotated[str, option("refuse|split", "What to do where samples are missing.", "--gaps")]
+Gaps = Annotated[str, option("refuse|split|bridge", "What to do where samples are missing.", "--gaps")]
+Run = Annotated[str | None, option("N|NAME", "Which run, of a file that holds several.", "--run")]
+Columns = Annotated[
+    str | None, option("NAME,NAME,...", "Names for all columns, in their order, instead of the file's.", "--columns")
+]
+Rate = Annotated[float | None, option("HZ", "Samples per second, where there is no time column.", "--rate")]
 Settle = Annotated[
     float | None,
     option("S", "Sweep: how long each group settles before it is measured [s]; else its half.", "--settle"),
@@ -154,25 +164,34 @@ def read_csv(
     start: float | None,
     stop: float | None,
     gaps: str,
+    run: str | None,
+    columns: str | None,
+    rate: float | None,
 ) -> "xr.Dataset":
-    """Return a CSV file as a recording, with the words of the command line checked. Raises SinewError."""
+    """Return somebody's file as a recording, with the words of the command line checked. Raises SinewError."""
     from sinew.measure.files.csv import import_csv  # pandas and xarray: not for --help
+    from sinew.measure.schema import IMPORT_SEGMENTS
 
-    if time is None or response is None:
-        missing = "--time" if time is None else "--response"
-        raise SpecError(f"{file.name} is a table: name its columns; {missing} COL is missing")
-    one_of("--kind", kind, ("ring-down", "sweep", "broadband"))
-    one_of("--gaps", gaps, ("refuse", "split"))
+    check_choice("--kind", kind, IMPORT_SEGMENTS)
     return import_csv(
         file,
         time=time,
         response=response,
         drive=drive,
-        kind=cast(Literal["ring-down", "sweep", "broadband"], kind),
+        kind=cast("ReadKind", kind),
         start_s=start,
         stop_s=stop,
-        gaps=cast(Literal["refuse", "split"], gaps),
+        gaps=checked_gaps(gaps),
+        run=run,
+        columns=columns,
+        rate_hz=rate,
     )
+
+
+def checked_gaps(gaps: str) -> Literal["refuse", "split", "bridge"]:
+    """Return the word of --gaps. Raises SpecError where it is none."""
+    check_choice("--gaps", gaps, ("refuse", "split", "bridge"))
+    return cast(Literal["refuse", "split", "bridge"], gaps)
 
 
 def one_of(option: str, found: str, expected: tuple[str, ...]) -> None:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def response(found: Analysed | xr.Dataset, axes: Axes | None = None) -> Axes:
     """Return axes with the gain over frequency: means with ±1 standard deviation, peaks marked, by pretension.
 
-    Of a broadband record H1 and H2 with the fitted modes.
+    Of a broadband record, and of hammer blows, H1 and H2 with the fitted modes.
     """
     return _over_frequency(found, axes, draw_lines, draw_gain)
 
@@ -52,7 +52,7 @@ def _over_frequency(
     lines: Callable[[Axes, dict[str, Any]], Axes],
     sweep: Callable[[Axes, xr.Dataset], Axes],
 ) -> Axes:
-    if isinstance(found, Analysed) and found.document["kind"] == "broadband":
+    if isinstance(found, Analysed) and found.document["kind"] in ("broadband", "impact"):
         return lines(_axes(axes), found.document)
     results = _sweep(found)
     return sweep(_axes(axes), results)
@@ -60,9 +60,9 @@ def _over_frequency(
 
 @in_style
 def coherence(found: Analysed, axes: Axes | None = None) -> Axes:
-    """Return axes with the coherence of a broadband record over frequency."""
-    if found.document["kind"] != "broadband":
-        raise RecordingError("there is no coherence to draw; it is of a broadband record")
+    """Return axes with the coherence of a broadband record, or of several hammer blows, over frequency."""
+    if found.document["kind"] not in ("broadband", "impact"):
+        raise RecordingError("there is no coherence to draw; it is of a broadband record or of hammer blows")
     return draw_coherence(_axes(axes), found.document)
 
 

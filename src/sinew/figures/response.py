@@ -1,4 +1,4 @@
-"""Figures over frequency: gain and phase of a sweep, its map, its drive, what a swing costs; a broadband record."""
+"""Figures over frequency: gain and phase of a sweep, its map, its drive, what a swing costs; broadband and impact."""
 
 import math
 from typing import Any
@@ -459,14 +459,14 @@ def _no_load_speed(results: xr.Dataset) -> float | None:
     return float(drive.no_load_speed.value * drive.supply_voltage.value / drive.nominal_voltage.value)
 
 
-# A broadband record is drawn: gain by H1 and H2, lag and coherence, with the modes in them.
+# A broadband record, or one of hammer blows, is drawn: gain by H1 and H2, lag and coherence, with the modes in them.
 
 
 @in_style
 def draw_broadband(document: dict[str, Any]) -> Figure:
     """Return gain, lag and coherence over frequency, one above the other.
 
-    document: of `sinew analyse --kind broadband` (`broadband_json`).
+    document: of `sinew analyse --kind broadband` (`broadband_json`) or `--kind impact` (`impact_json`).
     """
     figure = new_figure(5.6)
     panels = figure.subplots(3, 1, sharex=True, height_ratios=(1.6, 1.2, 0.8))
@@ -482,7 +482,8 @@ def draw_broadband(document: dict[str, Any]) -> Figure:
 def draw_lines(axes: Axes, document: dict[str, Any]) -> Axes:
     """Draw |H1| with its 90 % interval, |H2|, and the gain of the fitted modes."""
     frequency, fitted = (_column(document, key) for key in ("frequency_hz", "fitted_gain"))
-    axes.plot(frequency, _column(document, "gain_h2"), color=GREY, linewidth=0.9, label="H2")
+    if _is_compared(document):
+        axes.plot(frequency, _column(document, "gain_h2"), color=GREY, linewidth=0.9, label="H2")
     gain = _banded(axes, document, "gain", "H1")
     axes.plot(frequency, fitted, color=RED, linewidth=1.1, label="modes")
     for k, mode in enumerate(document["modes"]):
@@ -512,8 +513,15 @@ def draw_coherence(axes: Axes, document: dict[str, Any]) -> Axes:
     """Draw the coherence, and the band in which modes were sought."""
     axes.axvspan(*document["band_hz"], color=GREY, alpha=0.15, linewidth=0, label="band of the modes")
     axes.plot(_column(document, "frequency_hz"), _column(document, "coherence"), color=ACCENT, label="γ²")
+    if not _is_compared(document):
+        axes.text(0.5, 0.5, "one hit: nothing to compare it with", transform=axes.transAxes, ha="center", va="center")
     axes.set(ylabel="coherence γ²", ylim=(0, 1.05))
     return _over_frequency(axes, document)
+
+
+def _is_compared(document: dict[str, Any]) -> bool:
+    """Return whether there is a coherence: a single hit has none, and its H2 is its H1."""
+    return bool(np.isfinite(_column(document, "coherence")).any())
 
 
 def _coherent(document: dict[str, Any]) -> NDArray[np.bool_]:

@@ -13,6 +13,8 @@ from sinew.analysis.signal.signals import read_signals, torsion_delay
 from sinew.identify.choice.comparison import Comparison, compare, compare_laws, compare_segments, impossible_numbers
 from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
 from sinew.identify.choice.held_out import HeldOut, Split, split_record
+from sinew.identify.choice.input_noise import warn_of_noise, widen_gain, window_force
+from sinew.identify.choice.stretch import cut_to, free_part, unwrapped
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.identify.oscillator.bootstrap import bootstrap_repeats
 from sinew.identify.oscillator.fitted import Fit, Fitted
@@ -25,9 +27,9 @@ from sinew.identify.stepped.points import ResponsePoints
 from sinew.measure.errors import RecordingError, SinewError, SpecError
 from sinew.measure.estimate import Estimate, finite, number, shown, span
 from sinew.measure.files.netcdf import load_recording
-from sinew.measure.recording import Segment
+from sinew.measure.recording import Segment, cut_recording
 from sinew.measure.told import Table, Told
-from sinew.mechanics.laws import NUMBERS, TERMS
+from sinew.mechanics.laws import NUMBERS, TERMS, Viscous
 from sinew.plan.rig import RigSpec
 from sinew.twin.cache import configure
 
@@ -37,7 +39,7 @@ if TYPE_CHECKING:
 Range = tuple[int, int]
 Progress = Callable[[float, float], None]
 
-_LAWS = ("linear", "loss-factor", "coulomb", "cubic", "loss-factor-cubic", "coulomb-cubic")
+_LAWS = ("linear", "loss-factor", "coulomb", "drag", "cubic", "loss-factor-cubic", "coulomb-cubic", "drag-cubic")
 """What competes for segments and steady states. A quadratic term is asked for by name: a rig's tendons are the same to
 both sides, and a fundamental hardly shows it."""
 
@@ -102,6 +104,8 @@ def identify(
     excitation: Excitation | None = None,
     pretension_mm: float | None = None,
     rig: RigSpec | str | Path | None = None,
+    start_s: float | None = None,
+    stop_s: float | None = None,
     train: Range | None = None,
     test: Range | None = None,
     profile: bool = False,
@@ -118,8 +122,10 @@ def identify(
     model: a name of `sn.MODELS`; "auto" chooses, or says what cannot be told; "tendon" is the whole joint of a rig's
     recording. excitation: what the drive of a foreign recording is. pretension_mm: which of a rig's recording [mm];
     else its smallest. rig: where model tendon begins; else the recording's own.
-    train, test: samples of one record to fit and to predict, indices from 0, half open; else every fourth block is held
-    out once. profile, bootstrap (number of draws), posterior (NUTS, minutes): intervals in another way, added.
+    start_s, stop_s: the stretch to take, in the record's own time [s]; without them, and without train and test, the
+    free part of a free decay is found. train, test: samples of that stretch to fit and to predict, indices from 0, half
+    open; else every fourth block is held out once. profile, bootstrap (number of draws), posterior (NUTS, minutes):
+    intervals in another way, added.
     chain: what else the measuring chain of steady states may add: phase, background_real, background_imag.
     seed: of draws. progress: called with (done, total).
     Raises RecordingError where the record tells nothing, SpecError where it does not go with what is asked.
@@ -141,6 +147,7 @@ def identify(
     if isinstance(record, (str, Path)):
         record = load_recording(record)
     asked: dict[str, object] = {"train": train, "test": test, "pretension_mm": pretension_mm, "bootstrap": bootstrap}
+    asked |= {"start_s": start_s, "stop_s": stop_s}
     asked |= {"profile": profile or None, "posterior": posterior or None, "chain": chain or None}
     given = [name for name, value in asked.items() if value is not None]
     if model == "tendon":
@@ -152,7 +159,9 @@ def identify(
             raise SpecError(f"the excitation is {excitation}, but a rig is driven by its lever; leave it out")
         return identified_joint(fit_joint([record], joint_rig(record, rig), progress=progress))
     if isinstance(record, xr.Dataset):
-        records = recording_records(record, excitation, pretension_mm, repeats=bootstrap is not None)
+        cut = cut_recording(record, start_s, stop_s)
+        records = recording_records(cut, excitation, pretension_mm, repeats=bootstrap is not None)
+        foreign = record.attrs.get("source") == "import"
     else:
         several: list[Record | ResponsePoints]
         several = [record] if isinstance(record, (Record, ResponsePoints)) else list(record)
@@ -160,11 +169,16 @@ def identify(
             if other := [name for name in given if name != "chain"]:
                 raise SpecError(f"{other[0]} is for samples over time, these are steady states; leave it out")
             return _of_points(points, model, chain, progress)
-        records = [one for one in several if isinstance(one, Record)]
+        records = [cut_to(one, start_s, stop_s) for one in several if isinstance(one, Record)]
+        foreign = True
         if not records:
             raise SpecError("found no record, expected those of sn.make_record or sn.points_of_table, or a recording")
     if chain:
         raise SpecError("chain is for steady states, these are samples over time; leave it out")
+    if foreign:
+        records = [unwrapped(one) for one in records]
+    if foreign and len(records) == 1 and not any(one is not None for one in (start_s, stop_s, train, test)):
+        records = [free_part(records[0])]
     remarks = (*unit_remarks(records[0]), *records[0].notes)
     found = find_mechanics(records, model, train, test, remarks=remarks, progress=progress)
     if profile:
@@ -208,10 +222,17 @@ def find_mechanics(
         if len(records) > 2:
             return _of_segments(records, wanted, remarks, progress)
         remarks = [*remarks, "of two segments the first was fitted; three and more are fitted together"]
+    windowed = window_force(records[0])
+    if windowed is not None:
+        records, remarks = [windowed.record], [*remarks, windowed.sentence]
     split = split_record(records[0], train, test)
     taught = [int(k) for k in split.kept.nonzero()[0][[0, -1]]]
     refuse_hopeless(split.record.cut(taught[0], taught[1] + 1))
     compared = compare_laws(split, progress) if wanted is None else compare(split, [wanted])
+    if windowed is None:
+        remarks = [*remarks, *warn_of_noise(compared.best)]
+    else:
+        compared = replace(compared, best=widen_gain(compared.best, windowed.gain_std))
     return replace(_of_comparison(compared, remarks), split=split, held_out=compared.rows[0].held_out)
 
 
@@ -317,7 +338,7 @@ def _levels(groups: Sequence[ResponsePoints], turned: bool) -> tuple[dict[str, o
 
 def _impossible(best: Fit) -> list[str]:
     """Return a sentence where a friction or a loss factor is negative for certain."""
-    words = {n.name: n.word for term in TERMS if term.lost and not term.plain for n in term.numbers}
+    words = {n.name: n.word for term in TERMS if term.lost and not isinstance(term, Viscous) for n in term.numbers}
     negative = impossible_numbers(best.parameters)
     return [
         f"the {word} came out negative, which nothing has: the damping depends on amplitude or frequency in another way"

@@ -2,15 +2,19 @@
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Literal
 
 import xarray as xr
 
 from sinew.measure.doors import as_path
 from sinew.measure.errors import FileError, SchemaError, SpecError
-from sinew.measure.files.csv import Table, import_csv, read_table
-from sinew.measure.files.netcdf import is_netcdf, load_recording, load_results
+from sinew.measure.files.csv import ColumnNames, Table, import_csv
+from sinew.measure.files.netcdf import has_schema, is_netcdf, load_recording, load_results
+from sinew.measure.files.runs import RunChoice
 from sinew.measure.recording import cut_recording
+from sinew.measure.schema import ReadKind
+from sinew.measure.timing import Gaps
+
+_TABLES_IN_HDF5 = frozenset((".h5", ".hdf5", ".hdf", ".he5", ".mat"))
 
 
 def read(
@@ -19,18 +23,25 @@ def read(
     time: str | None = None,
     response: str | None = None,
     drive: str | None = None,
-    kind: Literal["ring-down", "sweep", "broadband"] = "ring-down",
+    kind: ReadKind = "auto",
     start_s: float | None = None,
     stop_s: float | None = None,
-    gaps: Literal["refuse", "split"] = "refuse",
+    gaps: Gaps = "refuse",
+    run: RunChoice = None,
+    columns: ColumnNames = None,
+    rate_hz: float | None = None,
 ) -> xr.Dataset:
     """Return the recording, or the results, that a file holds.
 
-    path: of a NetCDF file of Sinew, which knows its columns; of a text table (comma, semicolon, tab or blanks between
-    its columns), whose columns are named here; or a pandas DataFrame.
+    path: of a NetCDF file of Sinew, which knows its columns; of a text table in any dialect, a MATLAB, HDF5, TDMS,
+    UFF 58, Excel, Parquet or MCAP file, whose columns are named here; or a pandas DataFrame. `sn.look` tells what is in
+    a file.
     time, response, drive: "COL" or "COL:unit" of a table; without a unit the one in the column's name (angle_deg,
-    "x [mm]") counts. kind: what a table holds. start_s, stop_s: the part to take [s], of a table or an imported
-    recording. gaps: refuse a table with missing samples, or split it there.
+    "x [mm]") counts. A time that is the only one by its name, and a response that is the only other column of numbers,
+    need not be named. kind: what a table holds; auto leaves it to `sn.analyse` to find out. start_s, stop_s: the part
+    to take [s], of a table or an imported recording. gaps: refuse a table with missing samples, split it there, or
+    bridge them in a ring-down. run: which of several in a file, by number from 1 or name. columns: names for all
+    columns instead of the file's, as "t_s,angle_deg". rate_hz: samples per second, where no column holds the time.
     Raises FileError, SchemaError, SpecError, RecordingError, TimeError or UnitError with one sentence.
 
     >>> import pandas as pd
@@ -39,28 +50,41 @@ def read(
     >>> sn.read(swing, time="stamp_ms", response="angle_deg").sizes["sample"]
     50
     """
-    named = (time, response, drive)
     if isinstance(path, (str, Path)) and is_recording(as_path(path)):
-        if any(column is not None for column in named):
-            raise SpecError("a recording knows its columns; time, response and drive are for tables; leave them out")
+        if any(given is not None for given in (time, response, drive, run, columns, rate_hz)):
+            raise SpecError(
+                "a recording knows its columns; time, response, drive, run, columns and rate_hz are for tables; leave "
+                "them out"
+            )
         try:
             return cut_recording(load_recording(path), start_s, stop_s)
         except SchemaError:
             with suppress(SchemaError):
                 return load_results(path)
             raise
-    if time is None or response is None:
-        missing = "time" if time is None else "response"
-        columns = ", ".join(map(str, read_table(path).columns))
-        raise SpecError(f"this is a table: name its columns; {missing}= is missing; there are {columns}")
     return import_csv(
-        path, time=time, response=response, drive=drive, kind=kind, start_s=start_s, stop_s=stop_s, gaps=gaps
+        path,
+        time=time,
+        response=response,
+        drive=drive,
+        kind=kind,
+        start_s=start_s,
+        stop_s=stop_s,
+        gaps=gaps,
+        run=run,
+        columns=columns,
+        rate_hz=rate_hz,
     )
 
 
 def is_recording(file: Path) -> bool:
-    """Return whether a file is to be read as NetCDF: by its name, else by its first bytes; an absent one is not."""
+    """Return whether a file is to be read as NetCDF of Sinew; an absent one is not.
+
+    By its name, else by its first bytes; another program's HDF5 file has the same bytes and no schema in it.
+    """
     try:
-        return file.suffix == ".nc" or is_netcdf(file)
+        if file.suffix == ".nc":
+            return True
+        return is_netcdf(file) and (file.suffix.lower() not in _TABLES_IN_HDF5 or has_schema(file))
     except FileError:
         return False  # the reader of tables says why

@@ -20,6 +20,19 @@ RECORDING_SCHEMA = "sinew-recording-1"
 
 SegmentKind = Literal["settle", "steady", "ring-down", "idle", "tracking"]
 
+RecordKind = Literal["ring-down", "sweep", "broadband", "impact"]
+"""What a foreign record holds: a free decay, stretches of steady frequency, many frequencies at once, hammer blows."""
+ReadKind = Literal["auto", "ring-down", "sweep", "broadband", "impact"]
+"""As what a table is read; "auto" leaves it to the analysis to find out."""
+IMPORT_SEGMENTS: dict[str, SegmentKind] = {
+    "auto": "ring-down",
+    "ring-down": "ring-down",
+    "sweep": "steady",
+    "broadband": "steady",
+    "impact": "steady",
+}
+"""The kind of the segments that a table of each kind becomes; a kind that they do not tell is in `import_kind`."""
+
 
 @dataclass(frozen=True)
 class Variable:

@@ -1,19 +1,29 @@
 """Time stamps of a foreign recording, judged and, where that is right, put straight.
 
 Honest stamps are kept, jittering or irregular as they may be. Stamps that a busy host gave late to regular samples
-(see `has_clock`) are replaced by the straight line through them. Gaps are refused or split.
+(see `has_clock`) are replaced by the straight line through them. Gaps are refused, split, or bridged: then they stay
+where they are, for a fit that needs no samples there.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import TimeError
+
+Gaps: TypeAlias = Literal["refuse", "split", "bridge"]
+Rows: TypeAlias = "int | NDArray[np.int64]"
+"""Data row of the first sample, or of each where some were left out; for the sentences of errors."""
+
+
+def _row_of(rows: Rows, index: int) -> int:
+    return index + rows if isinstance(rows, int) else int(rows[index])
+
 
 # Late stamps are told from missing samples, by the regular clock behind them.
 #
@@ -214,16 +224,20 @@ class Timeline:
     notes: tuple[str, ...]
     diagnosis: TimeDiagnosis
 
+    @property
+    def changed(self) -> bool:
+        """Return whether stamps were replaced, or gaps split or bridged."""
+        return len(self.notes) > 1
 
-def diagnose_times(stamps: Array, *, first_row: int = 1) -> TimeDiagnosis:
+
+def diagnose_times(stamps: Array, *, rows: Rows = 1) -> TimeDiagnosis:
     """Return what a record's time stamps are like.
 
-    stamps: time stamps as logged [s], shape (n,).
-    first_row: data row of the first stamp, for the sentences of errors.
+    stamps: time stamps as logged [s], shape (n,). rows: where they stand, for the sentences of errors.
     Raises TimeError for fewer than 8 stamps, NaN, time that goes backwards, and repeated stamps without a
     regular clock behind them that could say which is which.
     """
-    _refuse_nonsense(stamps, first_row)
+    _refuse_nonsense(stamps, rows)
     steps = np.diff(stamps)
     repeated = int((steps == 0).sum())
     even, step = is_even(stamps, steps)
@@ -237,8 +251,8 @@ def diagnose_times(stamps: Array, *, first_row: int = 1) -> TimeDiagnosis:
     if not clock:
         gaps, bursts, step = gaps_of_irregular(stamps, steps), False, float(steps.mean())
     written_twice = even and not bursts and (repeated < 5 or np.ptp(off_line(stamps, gaps, step)) > 3 * step)
-    if repeated and (not clock or written_twice):
-        raise TimeError(_repeat_refusal(stamps, steps, first_row))
+    if repeated and (written_twice or (not clock and not _are_rounded(steps))):
+        raise TimeError(_repeat_refusal(stamps, steps, rows))
     jitter = float(off_line(stamps, gaps, step).std()) if clock else float(np.delete(steps, afters(gaps)).std())
     pattern: Pattern = "irregular"
     if clock:
@@ -249,25 +263,33 @@ def diagnose_times(stamps: Array, *, first_row: int = 1) -> TimeDiagnosis:
     return TimeDiagnosis(stamps.size, step, median, jitter, pause, repeated, pattern, tuple(gaps), sentence)
 
 
-def straighten_times(stamps: Array, *, gaps: Literal["refuse", "split"] = "refuse", first_row: int = 1) -> Timeline:
+def straighten_times(stamps: Array, *, gaps: Gaps = "refuse", rows: Rows = 1) -> Timeline:
     """Return time to work with: honest stamps as they are, bursty ones replaced by the straight line through them.
 
-    stamps, first_row: as in `diagnose_times`.
-    gaps: refuse them, or split the record there; a piece of fewer than 8 samples is left out.
+    stamps, rows: as in `diagnose_times`.
+    gaps: refuse them; split the record there, where a piece of fewer than 8 samples is left out; or bridge them: the
+        record stays one piece with uneven times, and whoever fits it judges whether a gap is short enough.
     Raises TimeError as `diagnose_times` does, for a gap that is not to be split, and if no piece is long enough.
     """
-    diagnosis = diagnose_times(stamps, first_row=first_row)
+    diagnosis = diagnose_times(stamps, rows=rows)
     notes = [diagnosis.sentence]
     if diagnosis.gaps and gaps == "refuse":
-        raise TimeError(_refusal(diagnosis.gaps, diagnosis.step_s, first_row))
-    edges = [0, *(gap.after + 1 for gap in diagnosis.gaps), stamps.size]
+        raise TimeError(_refusal(diagnosis.gaps, diagnosis.step_s, rows))
+    cuts = [] if gaps == "bridge" else [gap.after + 1 for gap in diagnosis.gaps]
+    edges = [0, *cuts, stamps.size]
     pieces = [slice(a, b) for a, b in pairwise(edges)]
     kept = tuple(piece for piece in pieces if piece.stop - piece.start >= FEWEST_SAMPLES)
     if not kept:
         raise TimeError(
             f"the gaps leave no piece of at least {FEWEST_SAMPLES} samples; choose a record with fewer gaps"
         )
-    if diagnosis.gaps:
+    if diagnosis.gaps and gaps == "bridge":
+        missing = _counted(sum(gap.missing for gap in diagnosis.gaps), "missing sample")
+        notes.append(
+            f"{_counted(len(diagnosis.gaps), 'gap')} of about {missing} bridged: the fit goes on through them and "
+            "needs no samples there"
+        )
+    elif diagnosis.gaps:
         short = sum(piece.stop - piece.start for piece in pieces if piece not in kept)
         left_out = f", {_counted(short, 'sample')} in shorter pieces left out" if short else ""
         notes.append(f"split at {_counted(len(diagnosis.gaps), 'gap')} into {_counted(len(kept), 'piece')}{left_out}")
@@ -277,18 +299,53 @@ def straighten_times(stamps: Array, *, gaps: Literal["refuse", "split"] = "refus
         notes.append(
             f"time stamps replaced by the straight line through them, one sample every {_time(diagnosis.step_s)}"
         )
+    elif diagnosis.repeated:
+        time = _spread(time)
+        notes.append(
+            f"{_counted(diagnosis.repeated, 'stamp')} repeat the one before, for they were written with too few "
+            "digits; samples of one stamp are spread over its last digit"
+        )
     return Timeline(time, kept, tuple(notes), diagnosis)
 
 
-def _refuse_nonsense(stamps: Array, first_row: int) -> None:
+_MOST_ALIKE = 3  # samples with one stamp that rounding may account for
+_FEWEST_ALIKE = 5  # stamps that repeat the one before: fewer are rows written twice
+
+
+def _are_rounded(steps: Array) -> bool:
+    """Return whether stamps repeat because they were written with too few digits.
+
+    All are whole multiples of the smallest step, most steps are that one, and no more than three have one stamp.
+    """
+    least = float(steps[steps > 0].min())
+    multiples = steps / least
+    whole = bool(np.abs(multiples - np.rint(multiples)).max() < 1e-3)
+    repeats = steps == 0
+    longest = int(np.diff(np.flatnonzero(np.concatenate([[True], ~repeats, [True]]))).max())
+    usual = float(np.median(multiples[~repeats]))
+    return whole and usual < 1.5 and longest <= _MOST_ALIKE and int(repeats.sum()) >= _FEWEST_ALIKE
+
+
+def _spread(stamps: Array) -> Array:
+    """Return stamps of which those that repeat are spread evenly over the rounding they share [s], shape (n,)."""
+    steps = np.diff(stamps)
+    least = float(steps[steps > 0].min())
+    starts = np.flatnonzero(np.concatenate([[True], steps > 0]))
+    count = np.diff(np.append(starts, stamps.size))
+    size = np.repeat(count, count)
+    place = np.arange(stamps.size) - np.repeat(starts, count)
+    return np.asarray(stamps + least * ((place + 0.5) / size - 0.5), dtype=float)
+
+
+def _refuse_nonsense(stamps: Array, rows: Rows) -> None:
     if stamps.size < FEWEST_SAMPLES:
         raise TimeError(f"found {stamps.size} samples, expected at least {FEWEST_SAMPLES}; record or select more")
     bad = np.flatnonzero(~np.isfinite(stamps))
     if bad.size:
         raise TimeError(
-            f"time stamp in data row {int(bad[0]) + first_row} is not a number; fill it in or remove the row"
+            f"time stamp in data row {_row_of(rows, int(bad[0]))} is not a number; fill it in or remove the row"
         )
-    refuse_backwards(stamps, first_row=first_row)
+    refuse_backwards(stamps, rows=rows)
     if stamps[-1] == stamps[0]:
         raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
 
@@ -309,26 +366,26 @@ def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of:
     return np.asarray(inside)
 
 
-def refuse_backwards(stamps: Array, *, first_row: int = 1) -> None:
+def refuse_backwards(stamps: Array, *, rows: Rows = 1) -> None:
     """Raise TimeError, naming the data row, where time goes backwards."""
     back = np.flatnonzero(np.diff(stamps) < 0)
     if back.size:
         i = int(back[0])
         raise TimeError(
-            f"time goes backwards at data row {i + 1 + first_row} (from {stamps[i]:.6g} s to {stamps[i + 1]:.6g} s); "
-            "sort the rows, or keep one run of the recorder in a file"
+            f"time goes backwards at data row {_row_of(rows, i + 1)} (from {stamps[i]:.6g} s to "
+            f"{stamps[i + 1]:.6g} s); sort the rows, or keep one run of the recorder in a file"
         )
 
 
-def _repeat_refusal(stamps: Array, steps: Array, first_row: int) -> str:
+def _repeat_refusal(stamps: Array, steps: Array, rows: Rows) -> str:
     """Return what to say of stamps that equal the one before, without a clock that could say which is which.
 
     Where the clock is regular once the repeats are out, they are rows written twice or stamped wrongly.
     """
     repeats = np.flatnonzero(steps == 0) + 1
     at = int(repeats[0])
-    row = at + first_row
-    found = f"data rows {row - 1} and {row} have the same time stamp {stamps[at]:.6g} s"
+    row = _row_of(rows, at)
+    found = f"data rows {_row_of(rows, at - 1)} and {row} have the same time stamp {stamps[at]:.6g} s"
     kept = np.delete(stamps, repeats)
     if kept.size >= FEWEST_SAMPLES:
         even, step = is_even(kept, np.diff(kept))
@@ -363,13 +420,14 @@ def _sentence(
     return f"{samples} time stamps, {'mean step' if pattern == 'irregular' else 'step'} {_time(step)}: {what}{gap}"
 
 
-def _refusal(gaps: Sequence[Gap], step: float, first_row: int) -> str:
+def _refusal(gaps: Sequence[Gap], step: float, rows: Rows) -> str:
     gap = gaps[0]
     more = f" and {_counted(len(gaps) - 1, 'more gap')}" if len(gaps) > 1 else ""
     return (
-        f"gap of {gap.stop_s - gap.start_s:.4g} s after data row {gap.after + first_row} (from {gap.start_s:.6g} s to "
-        f"{gap.stop_s:.6g} s, about {gap.missing} samples of {_time(step)} missing){more}; "
-        "select one side of it with start and stop (--start, --stop), or split the record at its gaps (--gaps split)"
+        f"gap of {gap.stop_s - gap.start_s:.4g} s after data row {_row_of(rows, gap.after)} (from {gap.start_s:.6g} s "
+        f"to {gap.stop_s:.6g} s, about {gap.missing} samples of {_time(step)} missing){more}; "
+        "select one side of it with start and stop (--start, --stop), or split the record at its gaps (--gaps split), "
+        "or, where it is shorter than half a period, bridge it (--gaps bridge)"
     )
 
 

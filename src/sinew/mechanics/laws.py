@@ -149,8 +149,6 @@ class Linear(Term):
 class Pendulum(Linear):
     """A weight's k sin r, of an angle."""
 
-    by_name = True
-
     def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
         return p["stiffness"] * (jnp.sin(r * p["amplitude"]) / p["amplitude"])
 
@@ -274,7 +272,7 @@ class Drag(Term):
 
     numbers = (Number("drag", "quadratic drag", 0.3, (0, -1), True, True, absent=True, start=(1e-3, 10.0)),)
     lost = "quadratic drag"
-    by_name = True
+    plain = True
 
     def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
         return p["drag"] * jnp.abs(v) * v

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -73,13 +74,9 @@ def analyse_broadband(
     Raises RecordingError where there is no drive, it stands still, or nothing coheres with it; SpecError for a band, a
     segment or a number of modes that cannot be.
     """
-    modes = None if modes is None else checked_count(modes)
-    if band_hz is not None and not 0 < band_hz[0] < band_hz[1] < math.inf:
-        raise SpecError(f"found a band from {band_hz[0]:g} to {band_hz[1]:g} Hz, expected 0 < its begin < its end")
-    if segment_s is not None and not 0 < segment_s < math.inf:
-        raise SpecError(f"found segments of {segment_s:g} s, expected a time above 0 s")
-    pieces, sample_hz, units, notes = _even_pieces(recording)
-    period = None if segment_s is not None or len(pieces) > 1 else _period(pieces[0][0])
+    check_asked(band_hz, modes, segment_s)
+    pieces, sample_hz, units, notes = even_pieces(recording)
+    period = None if segment_s is not None or len(pieces) > 1 else repeats_every(pieces[0][0])
     if period is not None:
         every = period / sample_hz
         notes.append(f"the drive repeats itself every {every:.4g} s: averaged over its periods, without the first")
@@ -88,19 +85,24 @@ def analyse_broadband(
         share *= 2
     while True:
         response = _estimate(pieces, sample_hz, segment_s, share, period)
-        band = _band(response) if band_hz is None else band_hz
+        band = band_of_modes(response, _coherent(response)) if band_hz is None else band_hz
         fit, said = _fit(response, band, modes)
         enough = fit is not None and "bins wide" not in fit.message and (share <= _SEGMENTS or not fit.message)
         if enough or share <= _FEWEST or segment_s is not None or period is not None:
             break
         share //= 2
-    if not _inside(response, band).any():
-        f = response.frequency_hz[_excited(response)]
-        raise RecordingError(
-            f"the drive excites nothing from {band[0]:g} to {band[1]:g} Hz; choose a band between {f[0]:.4g} and "
-            f"{f[-1]:.4g} Hz"
-        )
+    refuse_empty(response, band)
     return Broadband(response, band, fit, (*notes, *said), None if period is None else period / sample_hz, units)
+
+
+def check_asked(band_hz: tuple[float, float] | None, modes: int | None, segment_s: float | None) -> None:
+    """Do nothing where band, number of modes and length of a segment can be; else raise SpecError."""
+    if modes is not None:
+        checked_count(modes)
+    if band_hz is not None and not 0 < band_hz[0] < band_hz[1] < math.inf:
+        raise SpecError(f"found a band from {band_hz[0]:g} to {band_hz[1]:g} Hz, expected 0 < its begin < its end")
+    if segment_s is not None and not 0 < segment_s < math.inf:
+        raise SpecError(f"found segments of {segment_s:g} s, expected a time above 0 s")
 
 
 def checked_count(modes: int) -> int:
@@ -110,10 +112,13 @@ def checked_count(modes: int) -> int:
     return modes
 
 
-def broadband_json(found: Broadband) -> dict[str, Any]:
-    """Return the document of a broadband recording, ready for JSON: `docs/reference/json.md` names its keys."""
+def broadband_json(found: Broadband, last_hz: float = math.inf) -> dict[str, Any]:
+    """Return the document of a broadband recording, ready for JSON: `docs/reference/json.md` names its keys.
+
+    last_hz: up to where its lines are told.
+    """
     response, fit = found.response, found.fit
-    shown = np.flatnonzero(_excited(response))
+    shown = np.flatnonzero(_excited(response) & (response.frequency_hz <= last_hz))
     f, h1 = response.frequency_hz[shown], response.h1[shown]
     inside = (f >= found.band_hz[0]) & (f <= found.band_hz[1])
     fitted = np.full(f.size, np.nan + 0j) if fit is None else np.where(inside, fit.response(f), np.nan)
@@ -149,7 +154,7 @@ def broadband_json(found: Broadband) -> dict[str, Any]:
     }
 
 
-def _even_pieces(recording: xr.Dataset) -> tuple[list[tuple[Array, Array]], float, tuple[str, str], list[str]]:
+def even_pieces(recording: xr.Dataset) -> tuple[list[tuple[Array, Array]], float, tuple[str, str], list[str]]:
     """Return (drive, response) between gaps on an even clock, its rate [Hz], their units, and what was done."""
     response, drive = response_channel(recording), drive_channel(recording)
     if drive is None:
@@ -177,7 +182,7 @@ def _even_pieces(recording: xr.Dataset) -> tuple[list[tuple[Array, Array]], floa
     return pieces, 1.0 / step, (response.unit, drive.unit), notes
 
 
-def _period(drive: Array) -> int | None:
+def repeats_every(drive: Array) -> int | None:
     """Return after how many samples a drive repeats itself, at least three times; None where it does not."""
     x = drive - drive.mean()
     size = x.size
@@ -225,16 +230,38 @@ def _excited(response: FrequencyResponse) -> Bools:
     return np.asarray(excited & np.isfinite(response.h1) & np.isfinite(response.relative_std))
 
 
-def _inside(response: FrequencyResponse, band: tuple[float, float]) -> Bools:
+def lines_in(response: FrequencyResponse, band: tuple[float, float]) -> Bools:
+    """Return which lines of a band the drive excites, shape (f,)."""
     f = response.frequency_hz
     return np.asarray(_excited(response) & (f >= band[0]) & (f <= band[1]))
 
 
-def _band(response: FrequencyResponse) -> tuple[float, float]:
-    """Return the band about the largest gain of a line that coheres with its neighbours."""
+def refuse_empty(response: FrequencyResponse, band: tuple[float, float]) -> None:
+    """Raise RecordingError where the drive excites no line of a band."""
+    if not lines_in(response, band).any():
+        f = response.frequency_hz[_excited(response)]
+        raise RecordingError(
+            f"the drive excites nothing from {band[0]:g} to {band[1]:g} Hz; choose a band between {f[0]:.4g} and "
+            f"{f[-1]:.4g} Hz"
+        )
+
+
+def _coherent(response: FrequencyResponse) -> Bools:
+    """Return at which lines the response is due to the drive, shape (f,)."""
+    chance = 1.0 - 0.01 ** (1.0 / max(response.averages - 1.0, 1.0))
+    return np.asarray(response.coherence >= max(_COHERENT, chance))
+
+
+def band_of_modes(response: FrequencyResponse, heard: Bools, hole: int = _HOLE) -> tuple[float, float]:
+    """Return the band about the largest gain of a line that is heard, as its neighbours are.
+
+    heard: shape (f,), where the response is due to the drive and not to noise. hole: lines in a row that may be unheard
+    inside the band.
+    Raises RecordingError where nothing is heard.
+    """
     f, excited = response.frequency_hz, _excited(response)
     lines = np.flatnonzero(excited)
-    coherent = response.coherence[lines] >= max(_COHERENT, 1.0 - 0.01 ** (1.0 / max(response.averages - 1.0, 1.0)))
+    coherent = heard[lines]
     if coherent.sum() < 3:
         raise RecordingError(
             "nothing in the response coheres with the drive; are these the right columns, and is the drive strong "
@@ -245,7 +272,7 @@ def _band(response: FrequencyResponse) -> tuple[float, float]:
     ends = []
     for step in (-1, 1):
         end = k = top
-        while 0 <= k < lines.size and abs(k - end) <= _HOLE and 1 / _WIDTH <= f[lines[k]] / f[lines[top]] <= _WIDTH:
+        while 0 <= k < lines.size and abs(k - end) <= hole and 1 / _WIDTH <= f[lines[k]] / f[lines[top]] <= _WIDTH:
             end = k if coherent[k] else end
             k += step
         ends.append(float(f[lines[end]]))
@@ -255,32 +282,57 @@ def _band(response: FrequencyResponse) -> tuple[float, float]:
 def _fit(
     response: FrequencyResponse, band: tuple[float, float], modes: int | None
 ) -> tuple[PoleFit | None, tuple[str, ...]]:
-    """Return the modes in a band and what to beware of; none and the reason where there are none."""
-    kept = _inside(response, band)
-    h1 = np.where(kept, response.h1, np.nan)
-    known, chosen, reason = replace(response, h1=h1), None, ""
+    """Return the modes of H1 in a band and what to beware of; none and the reason where there are none."""
+    kept = lines_in(response, band)
+    known = replace(response, h1=np.where(kept, response.h1, np.nan))
+    alike = 1.0 + 2.0 * float(np.sum(response.bin_correlation[1:] ** 2))
+    return choose_modes(
+        lambda count: fit_poles_of(known, *band, modes=count), band, modes, int(np.count_nonzero(kept)), alike
+    )
+
+
+def choose_modes(
+    fit_of: Callable[[int], PoleFit],
+    band: tuple[float, float],
+    modes: int | None,
+    lines: int,
+    alike: float,
+    *,
+    is_sure: bool = True,
+) -> tuple[PoleFit | None, tuple[str, ...]]:
+    """Return the fit of as many modes as Bayes' criterion asks for, and what to beware of; or none and the reason.
+
+    fit_of: from a number of modes to their fit. modes: how many are asked for, None for up to four.
+    lines: that are fitted; alike: how many of them share one error.
+    is_sure: the stated errors are taken at their word; else they are what the best of the fits leaves, if that is more.
+    """
+    tried: list[PoleFit] = []
+    reason = ""
     for count in range(1, _TRIED + 1) if modes is None else [modes]:
-        if chosen is not None and count > len(chosen.modes) + 2:
-            break
         try:
-            fit = fit_poles_of(known, *band, modes=count)
+            tried.append(fit_of(count))
         except RecordingError as error:
             reason = reason or f"no modes: {error}"
-            continue
-        if chosen is None or (
-            _criterion(fit, known, kept) < _criterion(chosen, known, kept) - _STRONG and _apart(fit, band)
-        ):
-            chosen = fit
-    if chosen is None:
+    if not tried:
         return None, (reason,)
-    return chosen, (chosen.message,) if chosen.message else ()
+    scale = 1.0 if is_sure else max(1.0, min(fit.misfit for fit in tried))
+    chosen = tried[0]
+    for fit in tried[1:]:
+        if len(fit.modes) > len(chosen.modes) + 2:
+            break
+        better = _criterion(fit, lines, alike, scale) < _criterion(chosen, lines, alike, scale) - _STRONG
+        if better and _apart(fit, band):
+            chosen = fit
+    said = [chosen.message] if chosen.message else []
+    if modes is not None and not _apart(chosen, band):
+        said.append("a mode is not told from noise, or from another; ask for fewer modes, or another band")
+    return chosen, tuple(said)
 
 
-def _criterion(fit: PoleFit, response: FrequencyResponse, kept: Bools) -> float:
-    """Return Bayes' criterion of a fit, with the lines' errors as stated and counted for what they are worth."""
-    alike = 1.0 + 2.0 * float(np.sum(response.bin_correlation[1:] ** 2))
-    count, free = 2.0 * np.count_nonzero(kept), fit.parameters.size
-    return (fit.misfit**2 * (count - free) + free * math.log(count / alike) * alike) / alike
+def _criterion(fit: PoleFit, lines: int, alike: float, scale: float) -> float:
+    """Return Bayes' criterion of a fit, with the lines' errors as stated times a scale, counted for what they are."""
+    count, free = 2.0 * lines, fit.parameters.size
+    return ((fit.misfit / scale) ** 2 * (count - free) + free * math.log(count / alike) * alike) / alike
 
 
 def _apart(fit: PoleFit, band: tuple[float, float]) -> bool:

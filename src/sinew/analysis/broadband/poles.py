@@ -1,6 +1,7 @@
 """Natural frequencies and damping ratios with intervals, of a frequency response with errors."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,7 @@ class PoleFit:
     modes: by rising frequency. covariance: of (f_1 [Hz], ζ_1, f_2, ...), shape (2m, 2m); degrees_of_freedom: of the
     intervals. parameters: f_1/centre, ζ_1, ..., then real and imaginary parts of r_1, q_1, ..., c.
     misfit: root mean square of the residual in stated standard deviations; message: what to beware of, or empty.
+    decay_per_s: of the exponential window under which the points were measured, zero without one.
     """
 
     modes: tuple[ResponseMode, ...]
@@ -42,13 +44,32 @@ class PoleFit:
     message: str
     centre_hz: float
     parameters: Array
+    decay_per_s: float = 0.0
 
     def response(self, frequency_hz: Array) -> Complexes:
-        """Return the fitted response at the frequencies, shape (f,)."""
-        s = 1j * np.asarray(frequency_hz, dtype=float) / self.centre_hz
+        """Return the fitted response at the frequencies, shape (f,), as the points' own window has it."""
+        s = _laplace(np.asarray(frequency_hz, dtype=float), self.decay_per_s, self.centre_hz)
         count = len(self.modes)
         linear = self.parameters[2 * count :]
         return np.asarray(_basis(s, self.parameters[: 2 * count], np.ones(1)) @ (linear[0::2] + 1j * linear[1::2]))
+
+
+@dataclass(frozen=True)
+class LineErrors:
+    """How the errors of lines belong together, where more is known of them than a correlation by distance.
+
+    scores: from the weighted columns of the relative model, complex (f, m), and the weights of the relative residual,
+    (f,), to the covariance of the scores, Re Σ conj(column) residual, shape (m, m).
+    alike: how many lines share one independent error.
+    """
+
+    scores: Callable[[Complexes, Array], Array]
+    alike: float
+
+
+def _laplace(frequency_hz: Array, decay_per_s: float, centre_hz: float) -> Complexes:
+    """Return s over the centre: under a window exp(-σt) on both signals a response is that of σ + jω."""
+    return np.asarray((1j * frequency_hz + decay_per_s / (2.0 * math.pi)) / centre_hz)
 
 
 def _pole(natural: Array, damping: Array) -> Complexes:
@@ -106,6 +127,8 @@ def fit_poles(
     modes: int = 1,
     bin_correlation: Array | None = None,
     lag_window: Array | None = None,
+    decay_per_s: float = 0.0,
+    errors: LineErrors | None = None,
 ) -> PoleFit:
     """Return the weighted least-squares fit of `modes` modes to complex points, all arguments of shape (f,).
 
@@ -113,6 +136,8 @@ def fit_poles(
     bin_correlation: of errors 0, 1, 2, ... points apart (`FrequencyResponse`); None where they are independent.
     lag_window: α of what segments do to the impulse response (`FrequencyResponse`); None where the points are steady
         responses. It undoes the smearing of a resonance some bins wide, which makes D too large.
+    decay_per_s: σ of a window exp(-σt) on drive and response, which adds σ to every decay; the poles are without it.
+    errors: how the points' errors belong together, instead of bin_correlation.
 
     Residues and the constant are free complex numbers, so any output by any input will do, with a constant delay too;
     for one mode this is the curve of `sinew.analysis.sweep.rational`. Start: vector fitting (Gustavsen and Semlyen,
@@ -120,7 +145,7 @@ def fit_poles(
     sandwich for correlated bins, times the squared misfit where that exceeds one.
     Raises RecordingError where there are too few points, or no such fit.
     """
-    f, points = _points(frequency_hz, response, size_std, angle_std, modes, lag_window)
+    f, points = _points(frequency_hz, response, size_std, angle_std, modes, lag_window, decay_per_s)
     centre = float(0.5 * (f[0] + f[-1]))
 
     def residual(p: Array) -> Array:
@@ -139,7 +164,7 @@ def fit_poles(
             f"no {modes} damped modes fit the response between {f[0]:g} and {f[-1]:g} Hz; choose the band around the "
             "resonance, or another number of modes"
         )
-    covariance, freedom, misfit = _covariance(parameters, points, modes, bin_correlation)
+    covariance, freedom, misfit = _covariance(parameters, points, modes, bin_correlation, errors)
     scale = np.tile([centre, 1.0], modes)
     covariance = covariance[: 2 * modes, : 2 * modes] * np.outer(scale, scale)
     std = np.sqrt(np.diag(covariance))
@@ -152,11 +177,17 @@ def fit_poles(
     )
     is_smeared = lag_window is not None and bool(lag_window[1:].any())
     message = _warning(natural * centre, damping, f, misfit, is_smeared)
-    return PoleFit(found_modes, covariance, freedom, misfit, message, centre, parameters)
+    return PoleFit(found_modes, covariance, freedom, misfit, message, centre, parameters, decay_per_s)
 
 
 def _points(
-    frequency_hz: Array, response: Complexes, size_std: Array, angle_std: Array, modes: int, lag_window: Array | None
+    frequency_hz: Array,
+    response: Complexes,
+    size_std: Array,
+    angle_std: Array,
+    modes: int,
+    lag_window: Array | None,
+    decay_per_s: float,
 ) -> tuple[Array, _Points]:
     """Return the frequencies at which everything is known, and what is fitted there."""
     known = np.isfinite(response) & np.isfinite(size_std) & np.isfinite(angle_std) & (np.abs(response) > 0)
@@ -172,9 +203,8 @@ def _points(
         weights.append(1.0 / np.maximum(std, max(1e-3 * float(np.median(std)), 1e-12)))
     centre = 0.5 * float(f[0] + f[-1])
     powers = np.ones(1) if lag_window is None else lag_window / (2.0 * np.pi * centre) ** np.arange(lag_window.size)
-    return f, _Points(
-        np.asarray(1j * f / centre), np.asarray(response[known], dtype=complex), weights[0], weights[1], powers
-    )
+    s = _laplace(f, decay_per_s, centre)
+    return f, _Points(s, np.asarray(response[known], dtype=complex), weights[0], weights[1], powers)
 
 
 def fit_poles_of(response: FrequencyResponse, low_hz: float, high_hz: float, *, modes: int = 1) -> PoleFit:
@@ -229,19 +259,21 @@ def _jacobian(parameters: Array, points: _Points, modes: int) -> Array:
 
 
 def _covariance(
-    parameters: Array, points: _Points, modes: int, bin_correlation: Array | None
+    parameters: Array, points: _Points, modes: int, bin_correlation: Array | None, errors: LineErrors | None
 ) -> tuple[Array, float, float]:
-    """Return (covariance, degrees of freedom, misfit), the sandwich where neighbouring errors are correlated."""
+    """Return (covariance, degrees of freedom, misfit), the sandwich where the errors of lines are correlated."""
     jacobian, residual = _jacobian(parameters, points, modes), _residual(parameters, points, modes)
     (scaled, scale), count = unit_columns(jacobian), points.s.size
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
     lags = np.ones(1) if bin_correlation is None else np.asarray(bin_correlation)[:count]
-    middle = scaled.T @ scaled
+    middle, alike = scaled.T @ scaled, float(1.0 + 2.0 * np.sum(lags[1:] ** 2))
     for k, correlation in enumerate(lags[1:], start=1):
         for half in (scaled[:count], scaled[count:]):
             lagged = half[k:].T @ half[:-k]
             middle = middle + correlation * (lagged + lagged.T)
-    effective = 2.0 * count / float(1.0 + 2.0 * np.sum(lags[1:] ** 2))
+    if errors is not None:
+        middle, alike = errors.scores(scaled[:count] + 1j * scaled[count:], points.size_weight), errors.alike
+    effective = 2.0 * count / alike
     freedom = max(effective - parameters.size, 1.0)
     misfit = math.sqrt(float(residual @ residual) / max(2 * count - parameters.size, 1))
     covariance = inverse @ middle @ inverse * max(misfit, 1.0) ** 2

@@ -20,7 +20,7 @@ _BREAK = 0.25
 
 
 @dataclass(frozen=True)
-class _Group:
+class Group:
     """A stretch of constant drive: sample numbers [start, stop), frequency [Hz], amplitude in the drive's unit."""
 
     start: int
@@ -59,7 +59,7 @@ def split_by_drive(recording: xr.Dataset, settle_s: float | None = None) -> xr.D
             segments.append(known)
             sizes.append(where.stop - where.start)
             continue
-        groups = _find_groups(stamps[where], drive.values[where])
+        groups = find_groups(stamps[where], drive.values[where])
         if not groups:
             raise RecordingError(
                 f"found no group of constant drive frequency (at least {FEWEST_PERIODS} equal periods in a row); "
@@ -74,9 +74,9 @@ def split_by_drive(recording: xr.Dataset, settle_s: float | None = None) -> xr.D
     return build_recording(samples, segments, sizes, attrs, units)
 
 
-def _find_groups(stamps: Array, drive: Array) -> list[_Group]:
+def find_groups(stamps: Array, drive: Array) -> list[Group]:
     """Return the groups of constant drive frequency in one stretch, in order."""
-    crossings = _rising_crossings(stamps, drive)
+    crossings = rising_crossings(stamps, drive)
     groups = []
     for first, last in _equal_runs(np.diff(crossings)):
         # the outermost periods may hold a piece of the step before or after and still seem equal
@@ -89,11 +89,11 @@ def _find_groups(stamps: Array, drive: Array) -> list[_Group]:
         except ValueError:
             continue  # too few samples in a period: no frequency response can be had from it
         if abs(frequency / guess - 1.0) < _LOOSEST:
-            groups.append(_Group(int(start), int(stop), frequency, float(np.abs(fitted.coefficient[0, 0, 0]))))
+            groups.append(Group(int(start), int(stop), frequency, float(np.abs(fitted.coefficient[0, 0, 0]))))
     return groups
 
 
-def _rising_crossings(stamps: Array, drive: Array) -> Array:
+def rising_crossings(stamps: Array, drive: Array) -> Array:
     """Return the times at which the drive rises through its middle [s], with hysteresis against noise."""
     low, high = np.percentile(drive, (2.0, 98.0))
     signal = drive - 0.5 * (low + high)
@@ -138,7 +138,7 @@ def _is_level(periods: Array, tolerance: float) -> bool:
     return change <= max(0.5 * tolerance, 3.0 * scatter * float(np.sqrt(2.0 / third)))
 
 
-def _steady_periods(group: _Group, start: float, end: float, settle_s: float | None) -> float:
+def _steady_periods(group: Group, start: float, end: float, settle_s: float | None) -> float:
     """Return how many whole periods at the end of a group are steady; start, end: its first and last stamp [s]."""
     left = (1.0 - SETTLE_SHARE) * (end - start)
     if settle_s is not None:
@@ -154,7 +154,7 @@ def _steady_periods(group: _Group, start: float, end: float, settle_s: float | N
 
 
 def _label(
-    known: Segment, groups: list[_Group], stamps: Array, is_angle: bool, settle_s: float | None
+    known: Segment, groups: list[Group], stamps: Array, is_angle: bool, settle_s: float | None
 ) -> list[tuple[Segment, int]]:
     """Return the new segments of one stretch with their sizes, which add up to the stretch."""
     out: list[tuple[Segment, int]] = []

@@ -2,45 +2,65 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import ColumnDrive, ColumnResponse, ColumnTime, Gaps, Json, Settle, Start, Stop, option
+from sinew.apps.console import (
+    ColumnDrive,
+    ColumnResponse,
+    Columns,
+    ColumnTime,
+    Gaps,
+    Json,
+    Rate,
+    Run,
+    Settle,
+    Start,
+    Stop,
+    option,
+)
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
     from sinew.analysis.analysed import Analysed
+    from sinew.measure.schema import ReadKind
 
 
 def analyse(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")],
-    kind: Annotated[str | None, option("ring-down|sweep|broadband", "What a CSV file holds.")] = None,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A table of any lab, or a recording of Sinew (NetCDF).")],
+    kind: Annotated[str | None, option(console.KINDS, "What a CSV file holds; without it, auto finds out.")] = None,
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",
+    run: Run = None,
+    columns: Columns = None,
+    rate: Rate = None,
     settle: Settle = None,
-    from_hz: Annotated[float | None, option("HZ", "Broadband: seek modes from here on; else found.")] = None,
-    to_hz: Annotated[float | None, option("HZ", "Broadband: seek modes up to here; else found.")] = None,
-    modes: Annotated[
-        int | None, option("N", "How many modes; else one of a ring-down, as many as show of broadband.")
+    from_hz: Annotated[float | None, option("HZ", "Broadband, impact: seek modes from here on; else found.")] = None,
+    to_hz: Annotated[float | None, option("HZ", "Broadband, impact: seek modes up to here; else found.")] = None,
+    modes: Annotated[int | None, option("N", "How many modes; else one of a ring-down, else as many as show.")] = None,
+    segment: Annotated[
+        float | None, option("S", "Broadband, impact: length of a segment, or behind a hit [s]; else by the record.")
     ] = None,
-    segment: Annotated[float | None, option("S", "Broadband: length of a segment [s]; else by the record.")] = None,
     rig: Annotated[str | None, option("RIG", "A rig: inertia and sensor delays; else the recording's.")] = None,
     out: Annotated[Path | None, option("DIR", "Folder for recording, results, JSON and figure.")] = None,
     json: Json = False,
 ) -> None:
-    """Analyse a ring-down, a sweep, a broadband record or a whole recording.
+    """Analyse a ring-down, a sweep, a broadband record, hammer blows or a whole recording.
 
     A ring-down gives frequency and damping with intervals, by the paper's method and by a direct fit; a sweep gives
     the table of gain and phase, and from six frequencies on the resonance; a broadband record (chirp, noise,
-    multisine) gives its frequency response with coherence, and the modes in it.
+    multisine) and one of hammer blows (impact) give their frequency response with coherence, and the modes in it.
+    Without --kind it is found out which of these a table holds, and said with the reason. A time that is the only one
+    by its name, and a response that is the only other column of numbers, need not be named; `sinew look` tells what is
+    in a file.
     """
-    from sinew.analysis.analysed import analyse as run
+    from sinew.analysis.analysed import analyse as find
     from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
     from sinew.measure.recording import cut_recording
@@ -49,23 +69,20 @@ def analyse(
         raise SpecError("--settle is for a sweep; the decay of a ring-down is found by itself")
     if settle is not None and not 0 <= settle < math.inf:
         raise SpecError(f"--settle is {settle:g}, expected a time of 0 s or more")
-    broadband = kind == "broadband"
+    if kind is not None:
+        console.check_choice("--kind", kind, console.KINDS.split("|"))
     if out is not None:
         console.require_folder(out)
     if is_recording(file):
-        _refuse_columns(time, response, drive, None if broadband else kind)
+        _refuse_columns(time, response, drive, run, columns, rate)
         recording = cut_recording(load_recording(file), start, stop)
-    elif kind is None:
-        raise SpecError(
-            f"{file.name} is a table: say what it holds with --kind ring-down or --kind sweep or --kind broadband"
-        )
     else:
-        recording = console.read_csv(file, kind, time, response, drive, start, stop, gaps)
-    found = run(
+        recording = console.read_csv(file, kind or "auto", time, response, drive, start, stop, gaps, run, columns, rate)
+    found = find(
         recording,
         rig,
         settle_s=settle,
-        kind="broadband" if broadband else None,
+        kind=cast("ReadKind | None", kind),
         band_hz=_band(from_hz, to_hz),
         modes=modes,
         segment_s=segment,
@@ -90,7 +107,9 @@ def _band(from_hz: float | None, to_hz: float | None) -> tuple[float, float] | N
 
 def _refuse_columns(*given: object) -> None:
     if any(value is not None for value in given):
-        raise SpecError("a recording knows its columns; --kind, --time, --response, --drive are for CSV")
+        raise SpecError(
+            "a recording knows its columns; --time, --response, --drive, --run, --columns and --rate are for tables"
+        )
 
 
 def _write(found: "Analysed", folder: Path) -> None:
@@ -100,8 +119,8 @@ def _write(found: "Analysed", folder: Path) -> None:
     if found.dataset is not None:
         save_dataset(found.dataset, folder / "results.nc")
     console.write_json(found.document, folder / "analysis.json")
-    if found.document["kind"] == "broadband":
+    if found.document["kind"] in ("broadband", "impact"):
         from sinew.figures.response import draw_broadband
         from sinew.figures.style import save_figure
 
-        save_figure(draw_broadband(found.document), folder, "broadband", ("png", "pdf"))
+        save_figure(draw_broadband(found.document), folder, str(found.document["kind"]), ("png", "pdf"))

@@ -6,29 +6,44 @@ from typing import Annotated, Any
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import ColumnDrive, ColumnResponse, ColumnTime, Gaps, Json, Start, Stop, option
+from sinew.apps.console import (
+    ColumnDrive,
+    ColumnResponse,
+    Columns,
+    ColumnTime,
+    Gaps,
+    Json,
+    Rate,
+    Run,
+    Start,
+    Stop,
+    option,
+)
 
 
 def import_(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A table: text in any dialect, or another program's.")],
     out: Annotated[Path, option("FILE", "The recording to write, NetCDF.")],
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
-    kind: Annotated[str, option("ring-down|sweep|broadband", "What was recorded.")] = "ring-down",
+    kind: Annotated[str, option(console.KINDS, "What was recorded.")] = "ring-down",
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",
+    run: Run = None,
+    columns: Columns = None,
+    rate: Rate = None,
     json: Json = False,
 ) -> None:
-    """Turn a CSV file into a recording.
+    """Turn somebody's file into a recording: text in any dialect, MATLAB, HDF5, TDMS, UFF 58, Excel, Parquet, MCAP.
 
     Units: after the column (angle:deg, stamp:ms), else from its name (angle_deg, x [mm]), else seconds for the time and
     none for the rest.
     """
     from sinew.measure.files.netcdf import save_recording
 
-    recording = console.read_csv(file, kind, time, response, drive, start, stop, gaps)
+    recording = console.read_csv(file, kind, time, response, drive, start, stop, gaps, run, columns, rate)
     save_recording(recording, console.require_file(out))
     notes = [note for note in str(recording.attrs.get("import_notes", "")).splitlines() if note]
     document: dict[str, Any] = {

@@ -4,12 +4,12 @@ import re
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import ColumnTime, Json, flag, option
+from sinew.apps.console import Columns, ColumnTime, Gaps, Json, Rate, Run, Start, Stop, flag, option
 from sinew.apps.recordings import identify_input
 from sinew.measure.errors import SpecError
 
@@ -25,15 +25,20 @@ _MODELS = "linear|loss-factor|coulomb|cubic|cubic-quadratic|bouc-wen|drag|tendon
 
 
 def identify(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A CSV file, or a recording of Sinew (NetCDF).")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A table of any lab, or a recording of Sinew (NetCDF).")],
     time: ColumnTime = None,
     input_: Annotated[str | None, option("COL[:unit]", "Column of what drives it.", "--input")] = None,
     output: Annotated[str | None, option("COL[:unit]", "Column of how it moves.")] = None,
     excitation: Annotated[str | None, option("|".join(EXCITATIONS), "What the input is; none is a free decay.")] = None,
     model: Annotated[str, option(_MODELS, "What to fit.")] = "auto",
+    start: Start = None,
+    stop: Stop = None,
     train: Annotated[str | None, option("A:B", "Samples to fit: indices from 0, half open.")] = None,
     test: Annotated[str | None, option("A:B", "Samples to predict, held out of the fit.")] = None,
-    rate: Annotated[float | None, option("HZ", "Samples per second, where there is no time column.")] = None,
+    gaps: Gaps = "refuse",
+    run: Run = None,
+    columns: Columns = None,
+    rate: Rate = None,
     pretension: Annotated[float | None, option("MM", "Of a rig's recording; else its smallest.")] = None,
     rig: Annotated[str | None, option("RIG", "Where model tendon begins; else the recording's rig.")] = None,
     profile: Annotated[
@@ -61,6 +66,7 @@ def identify(
 
     Without --train and --test the fit is to all samples, and every fourth block of them is held out once to compare
     models. With --model auto the stiffness law and the damping law are chosen, or it says what cannot be told.
+    Of a free decay the free part is found, unless --start, --stop, --train or --test choose one.
 
     \b
     a force sweep, figures too:
@@ -90,6 +96,11 @@ def identify(
         rate_hz=rate,
         excitation=cast("Excitation | None", excitation),
         model=model,
+        start_s=start,
+        stop_s=stop,
+        gaps=console.checked_gaps(gaps),
+        run=run,
+        columns=columns,
         train=_range("--train", train),
         test=_range("--test", test),
         pretension_mm=pretension,
@@ -126,6 +137,11 @@ class _Asked:
     rate_hz: float | None
     excitation: "Excitation | None"
     model: str
+    start_s: float | None
+    stop_s: float | None
+    gaps: Literal["refuse", "split", "bridge"]
+    run: str | None
+    columns: str | None
     train: tuple[int, int] | None
     test: tuple[int, int] | None
     pretension_mm: float | None
@@ -159,12 +175,17 @@ class _Asked:
     def command(self, out: Path) -> str:
         """Return the command line that makes all of it again."""
         options = {
+            "--run": self.run,
+            "--columns": self.columns,
+            "--gaps": None if self.gaps == "refuse" else self.gaps,
             "--time": self.time,
             "--rate": None if self.rate_hz is None else f"{self.rate_hz:g}",
             "--input": self.input,
             "--output": self.output,
             "--excitation": self.excitation,
             "--model": self.model,
+            "--start": None if self.start_s is None else f"{self.start_s:.12g}",
+            "--stop": None if self.stop_s is None else f"{self.stop_s:.12g}",
             "--train": None if self.train is None else f"{self.train[0]}:{self.train[1]}",
             "--test": None if self.test is None else f"{self.test[0]}:{self.test[1]}",
             "--pretension": None if self.pretension_mm is None else f"{self.pretension_mm:g}",
@@ -185,7 +206,6 @@ def _range(flag: str, text: str | None) -> tuple[int, int] | None:
 
 
 def _find(asked: _Asked) -> "Identified":
-    from sinew.identify.identified import identify as run
     from sinew.measure.files.netcdf import load_recording
     from sinew.measure.read import is_recording
 
@@ -193,24 +213,47 @@ def _find(asked: _Asked) -> "Identified":
         if value is not None:
             raise SpecError(f"{name} is for steady states; add --kind stepped, or leave it out")
     record: xr.Dataset | Record
-    if is_recording(asked.file):
-        identify_input.refuse_columns(asked.time, asked.input, asked.output, asked.rate_hz)
-        record = load_recording(asked.file)
-    else:
-        identify_input.refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, asked.bootstrap)
-        if asked.excitation is None and asked.input is not None:
-            raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
-        chosen = asked.excitation or "none"
-        record = identify_input.table_record(asked.file, asked.time, asked.input, asked.output, chosen, asked.rate_hz)
+    train, test = asked.train, asked.test
     with console.progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
+        if is_recording(asked.file):
+            identify_input.refuse_columns(
+                asked.time, asked.input, asked.output, asked.rate_hz, asked.run, asked.columns
+            )
+            record = load_recording(asked.file)
+        else:
+            identify_input.refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, asked.bootstrap)
+            if asked.excitation is None and asked.input is not None:
+                raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
+            if asked.gaps == "split" and (train is not None or test is not None):
+                raise SpecError("--train and --test choose samples, and --gaps split a part; leave one of them out")
+            judged = None if train is None else _hull(train, test)
+            record = identify_input.table_record(
+                asked.file,
+                asked.time,
+                asked.input,
+                asked.output,
+                asked.excitation or "none",
+                asked.rate_hz,
+                stretch_s=(asked.start_s, asked.stop_s),
+                samples=judged,
+                gaps=asked.gaps,
+                run=asked.run,
+                columns=asked.columns,
+            )
+            if judged is not None and (judged[1] is None or record.size == judged[1] - judged[0]):
+                train, test = _moved(train, judged[0]), _moved(test, judged[0])
+        from sinew.identify.identified import identify as run  # JAX: seconds, behind the bar
+
         return run(
             record,
             asked.model,
             excitation=asked.excitation,
             pretension_mm=asked.pretension_mm,
             rig=asked.rig,
-            train=asked.train,
-            test=asked.test,
+            start_s=asked.start_s,
+            stop_s=asked.stop_s,
+            train=train,
+            test=test,
             profile=asked.profile,
             bootstrap=asked.bootstrap,
             posterior=asked.posterior,
@@ -219,11 +262,25 @@ def _find(asked: _Asked) -> "Identified":
         )
 
 
+def _hull(train: tuple[int, int], test: tuple[int, int] | None) -> tuple[int, int | None]:
+    """Return the samples that matter: those of both ranges and between them; without a test all behind the first."""
+    return (train[0], None) if test is None else (min(train[0], test[0]), max(train[1], test[1]))
+
+
+def _moved(samples: tuple[int, int] | None, by: int) -> tuple[int, int] | None:
+    return None if samples is None else (samples[0] - by, samples[1] - by)
+
+
 def _find_stepped(asked: _Asked) -> "Identified":
     from sinew.identify.identified import identify as run
     from sinew.measure.read import is_recording
 
     given = {"--time": asked.time, "--rate": asked.rate_hz, "--train": asked.train, "--test": asked.test}
+    given |= {
+        "--start": asked.start_s,
+        "--stop": asked.stop_s,
+        "--gaps": None if asked.gaps == "refuse" else asked.gaps,
+    }
     given |= dict.fromkeys(asked.more(), "")
     for name, value in given.items():
         if value is not None:
@@ -237,7 +294,14 @@ def _find_stepped(asked: _Asked) -> "Identified":
     else:
         identify_input.refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, None)
         points = identify_input.table_points(
-            asked.file, asked.frequency, asked.phase, asked.input, asked.output, asked.excitation
+            asked.file,
+            asked.frequency,
+            asked.phase,
+            asked.input,
+            asked.output,
+            asked.excitation,
+            run=asked.run,
+            columns=asked.columns,
         )
     with console.progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
         return run(points, asked.model, chain=chain, progress=progress)

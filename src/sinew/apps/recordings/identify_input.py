@@ -1,12 +1,10 @@
 """Files for `sinew identify`: the columns that its options name as a record, and steady states as points."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.errors import SpecError, TimeError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -14,17 +12,17 @@ if TYPE_CHECKING:
     from sinew.identify.oscillator.record import Excitation, Record
     from sinew.identify.stepped.points import ResponsePoints
     from sinew.measure.files.csv import Table
-    from sinew.measure.timing import Timeline
+    from sinew.measure.timing import Gaps
 
     Array = np.ndarray[tuple[int], np.dtype[np.float64]]
-
-_RATE_OFF = 0.01  # of the rate: how far the stamps' own may be from the one that was given
 
 
 def refuse_columns(*given: object) -> None:
     """Raise SpecError where a recording was given columns."""
     if any(value is not None for value in given):
-        raise SpecError("a recording knows its columns; --time, --input, --output and --rate are for tables")
+        raise SpecError(
+            "a recording knows its columns; --time, --input, --output, --rate, --run and --columns are for tables"
+        )
 
 
 def refuse_rig_options(model: str, pretension_mm: float | None, rig: str | None, bootstrap: int | None) -> None:
@@ -38,66 +36,83 @@ def refuse_rig_options(model: str, pretension_mm: float | None, rig: str | None,
         raise SpecError("--bootstrap draws among repeats, this table is one record; leave it out, or try --profile")
 
 
-_HINTS = {
-    "select one side of it with start and stop (--start, --stop), or split the record at its gaps (--gaps split)": (
-        "put each side of it into a file of its own and identify one"
-    ),
-    ", or select the rows without them by start and stop": "",
-}
-
-
-@contextmanager
-def _in_own_words() -> Iterator[None]:
-    """Have errors hint at the options of this command: the readers name those of others."""
-    try:
-        yield
-    except RecordingError as error:
-        said = str(error)
-        for theirs, ours in _HINTS.items():
-            said = said.replace(theirs, ours)
-        raise type(error)(said) from error
-
-
-@_in_own_words()
 def table_record(
-    file: Path, time: str | None, given: str | None, output: str | None, excitation: "Excitation", rate_hz: float | None
+    file: Path,
+    time: str | None,
+    given: str | None,
+    output: str | None,
+    excitation: "Excitation",
+    rate_hz: float | None,
+    *,
+    stretch_s: tuple[float | None, float | None] = (None, None),
+    samples: tuple[int, int | None] | None = None,
+    gaps: "Gaps" = "refuse",
+    run: str | None = None,
+    columns: str | None = None,
 ) -> "Record":
-    """Return the record in a table. Columns "COL[:unit]"; rate_hz: of even samples, instead of a time column."""
+    """Return the record in a table. Columns "COL[:unit]"; rate_hz: of even samples, instead of a time column.
+
+    stretch_s: from when to when, in the file's own time; samples: which of these, half open, the record is to hold.
+    What lies outside is not looked at. gaps: where they split the record, its longest part is taken; in a free decay
+    they may be bridged, for the simulation goes on through them. run, columns: as in
+    `sinew.measure.files.csv.read_table`.
+    """
     import numpy as np
 
     from sinew.identify.oscillator.record import make_record
-    from sinew.measure.files.csv import find_columns, numbers, read_table
-    from sinew.measure.timing import straighten_times
-    from sinew.measure.units import convert, unit_in_name
+    from sinew.measure.files.csv import read_stretch
 
-    if output is None or (time is None and rate_hz is None):
-        missing = "--output COL" if output is None else "--time COL (or --rate HZ)"
-        raise SpecError(f"{file.name} is a table: name its columns; {missing} is missing")
-    table = read_table(file)
-    notes: tuple[str, ...] = ()
-    response, response_unit = _column(table, output)
-    drive, drive_unit = (None, "1") if given is None else _column(table, given)
-    if rate_hz is not None and not 0 < rate_hz < float("inf"):
-        raise SpecError(f"--rate is {rate_hz:g}, expected a positive number of samples per second")
-    if time is None:
-        stamps = np.arange(response.size) / float(rate_hz or 1.0)
-    else:
-        names, stated = find_columns(table, time)
-        stamps = numbers(table, names[0]) * convert(stated or unit_in_name(names[0]) or "s", "s")
-        timeline = straighten_times(stamps)
-        notes = _mended(timeline, stamps)
-        stamps = timeline.time_s
-        own = 1.0 / float(np.median(np.diff(stamps)))
-        if rate_hz is not None and abs(rate_hz / own - 1.0) > _RATE_OFF:
-            raise SpecError(
-                f"--rate is {rate_hz:g} Hz, the time stamps in {names[0]!r} are {own:.6g} Hz apart; give one of the two"
-            )
+    if gaps == "bridge" and given is not None:
+        raise SpecError(
+            "what the input did in a gap is not known, so it cannot be bridged; split the record there and take its "
+            "longest part (--gaps split), or choose a part with --start and --stop"
+        )
+    found = read_stretch(
+        file,
+        {"output": output} | ({} if given is None else {"input": given}),
+        time=time,
+        rate_hz=rate_hz,
+        run=run,
+        columns=columns,
+        start_s=stretch_s[0],
+        stop_s=stretch_s[1],
+        samples=samples,
+        gaps=gaps,
+    )
+    timeline = found.timeline
+    part = max(timeline.pieces, key=lambda piece: piece.stop - piece.start)
+    stamps, response = timeline.time_s[part], found.values["output"][part]
+    drive = None if given is None else found.values["input"][part]
     if drive is not None and np.array_equal(drive, response):
         raise SpecError(f"input and output are the same numbers ({given}); name the column of what drives the motion")
     record = make_record(
-        stamps, response, drive, excitation=excitation, output_unit=response_unit, input_unit=drive_unit
+        stamps,
+        response,
+        drive,
+        excitation=excitation,
+        output_unit=found.units["output"],
+        input_unit=found.units.get("input", "1"),
     )
-    return replace(record, notes=notes)
+    if gaps == "bridge" and timeline.diagnosis.gaps:
+        _check_bridges(record)
+    longest = f"the longest part, {stamps[0]:g} to {stamps[-1]:g} s, is taken"
+    notes = [f"time: {note}" for note in timeline.notes] if timeline.changed else []
+    return replace(record, notes=(*found.notes, *notes, *((longest,) if len(timeline.pieces) > 1 else ())))
+
+
+def _check_bridges(record: "Record") -> None:
+    """Raise TimeError where a gap is so long that the swings in it cannot be counted."""
+    import numpy as np
+
+    from sinew.identify.oscillator.start import dominant_omega
+
+    steps, half = np.diff(record.time_s), np.pi / dominant_omega(record)
+    longest = int(np.argmax(steps))
+    if steps[longest] > half:
+        raise TimeError(
+            f"gap of {steps[longest]:.3g} s after {record.time_s[longest]:.4g} s, longer than half a period of "
+            f"{half:.3g} s, cannot be bridged; split the record there and take its longest part (--gaps split)"
+        )
 
 
 def _column(table: "Table", spec: str) -> "tuple[Array, str]":
@@ -113,7 +128,15 @@ def _column(table: "Table", spec: str) -> "tuple[Array, str]":
 
 
 def table_points(
-    file: Path, frequency: str | None, phase: str | None, given: str | None, output: str | None, excitation: str | None
+    file: Path,
+    frequency: str | None,
+    phase: str | None,
+    given: str | None,
+    output: str | None,
+    excitation: str | None,
+    *,
+    run: str | None = None,
+    columns: str | None = None,
 ) -> tuple["ResponsePoints", ...]:
     """Return the points in a table of steady states. Columns "COL[:unit]"."""
     from sinew.identify.stepped.points import points_of_table
@@ -124,7 +147,7 @@ def table_points(
         raise SpecError(f"{file.name} holds steady states: name its columns of amplitudes; {missing} is missing")
     if excitation in (None, "none"):
         raise SpecError("say what the input is: --excitation force|torque|base|lever")
-    table = read_table(file)
+    table = read_table(file, run=run, columns=columns)
     names, stated = find_columns(table, frequency or "frequency_hz")
     if (stated or "Hz").lower() != "hz":
         raise SpecError(f"--frequency is in {stated}, expected Hz")
@@ -169,9 +192,3 @@ def recording_points(
         listed = ", ".join(one.group for one in found)
         raise SpecError(f"--pretension is {pretension_mm:g} mm, the recording has steady segments at {listed}")
     return tuple(chosen)
-
-
-def _mended(timeline: "Timeline", stamps: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> tuple[str, ...]:
-    """Return what was done about the time stamps; nothing where they were kept as they are."""
-    kept = timeline.time_s.size == stamps.size and bool((timeline.time_s == stamps).all())
-    return () if kept else tuple(f"time: {note}" for note in timeline.notes)

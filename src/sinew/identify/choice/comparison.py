@@ -8,8 +8,11 @@ viscous damping is bounded. The winner's residuals are tested, and the verdict s
 winner misses more than a tenth of the motion, and not by noise, no law is told.
 """
 
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +27,18 @@ from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
-from sinew.mechanics.laws import HISTORIES, NUMBERS, TERMS
+from sinew.mechanics.laws import (
+    HISTORIES,
+    NUMBERS,
+    TERMS,
+    BoucWen,
+    Cubic,
+    DryFriction,
+    Law,
+    Linear,
+    Pendulum,
+    Viscous,
+)
 
 _CLEAR, _HINT = 6.0, 2.0  # differences of BIC: told for certain; too small to add a term
 _WORSE = 2.0  # standard errors of the paired difference of squared errors
@@ -33,7 +47,14 @@ _HOPELESS = 1.5  # times the held-out error
 _NEAR = 30.0  # a difference of BIC that another spring, or a better minimum, may still make up for
 _SURE = 8.0  # standard deviations from zero of a term without which nothing needs to be tried
 _REFINEMENTS = 3
+_SMALL_SWING = 0.1  # rad: a pendulum's frequency changes by 0.06 % there
+_USUAL_FITS = 18
+_MOST_STEPS = 50_000  # of hysteresis: some ten seconds
+_FACTS = 4.0  # of a swing: size and time of both its extremes
+_MEMORY = "memory"  # of a loss factor, which unlike that of hysteresis has an end
 _POOR, _SMOOTH = 0.1, 0.5  # residuals' share of the output, and correlation of neighbours, of a misfit that is no noise
+
+SPRING, DRY = Law((Linear(),)), Viscous() + DryFriction()
 
 
 @dataclass(frozen=True)
@@ -90,38 +111,91 @@ def compare_laws(split: Split, progress: Callable[[float, float], None] | None =
     """Return the best of all damping laws and stiffness laws.
 
     With viscous damping the stiffness law is found, and whether the rest position of a free decay creeps; with these
-    the damping laws compete; for those that come near, the spring is then made simpler and richer by a term.
+    the damping laws compete; for those that come near, the spring is then made simpler and richer by a term. Hysteresis
+    that yields is tried beside the best law where that is dry friction, its limit, or leaves what is no noise.
+    progress: called with (done, total) fits; how many there will be is not known before.
     """
-
-    def told(done: int) -> None:
-        if progress is not None:
-            progress(done, 4)
-
-    rows = _race(split, [model for model in laws_to_try() if model.law.losses == VISCOUS])
-    told(1)
-    first = choose(rows).best.model
+    race = _Racing(split, progress)
+    tried = [model for model in laws_to_try() if _goes_with(model, split.record)]
+    race.add(model for model in tried if model.law.losses == VISCOUS)
+    first = choose(race.rows).best.model
     if split.record.excitation == "none":
-        rows += _race(split, [first.resting("creep")], rows)
-        if choose(rows).best.model.rest == "creep":
-            rows += _race(split, _new(rows, (row.model.resting("creep") for row in rows)), rows)
-            first = choose(rows).best.model
-    plain = next((row for row in rows if not row.model.law.bends and row.model.rest == first.rest), None)
-    # A damping law can do what a stiffness term had mimicked, unless the linear spring is hopeless.
-    hopeless = plain is None or plain.rmse_test > _HOPELESS * choose(rows).best.rmse_test
-    bends = {first.law.bends} if hopeless else {(), first.law.bends}
-    alike = [one.resting(first.rest) for one in laws_to_try() if one.law.bends in bends]
-    rows += _race(split, _new(rows, alike), rows)
-    told(2)
+        race.add([first.resting("creep")])
+        if choose(race.rows).best.model.rest == "creep":
+            race.add([row.model.resting("creep") for row in race.rows])
+            first = choose(race.rows).best.model
+    springs = _springs_to_try(race.rows, first)
+    race.add(one.resting(first.rest) for one in tried if one.law.springs in springs)
     for _ in range(_REFINEMENTS):  # of a law that comes near, the spring and the rest position
-        tried = _new(rows, (model for row in _near(rows) for model in _neighbours(row)))
-        if not tried:
+        if not race.add([model for row in _near(race.rows) for model in _neighbours(row, tried)]):
             break
-        rows += _race(split, tried, rows)
-    told(3)
-    near = [id(row) for row in _near(rows) if row.model.law.sticks]
-    rows = [_followed(split, row) if id(row) in near else row for row in rows]
-    told(4)
-    return _finish(split, rows)
+    near = [id(row) for row in _near(race.rows) if row.model.law.sticks]
+    race.rows = [_followed(split, row) if id(row) in near else row for row in race.rows]
+    best = choose(race.rows).best
+    if best.model.law.sticks or ask_fit(best.held_out.fit).white_p < SIGNIFICANT:
+        race.add(_hysteresis(best))
+    race.finish()
+    return _finish(split, race.rows)
+
+
+class _Racing:
+    """A race that goes on: its rows, and what it has told of its progress."""
+
+    def __init__(self, split: Split, progress: Callable[[float, float], None] | None) -> None:
+        self.rows: list[Row] = []
+        self._split, self._progress, self._done, self._telling = split, progress, 0, Lock()
+
+    def add(self, models: Iterable[Model]) -> bool:
+        """Fit those models that have no row yet; return whether there were any."""
+        new = _new(self.rows, models)
+        self.rows += _race(self._split, new, self.rows, self._told) if new else []
+        return bool(new)
+
+    def _told(self) -> None:
+        with self._telling:
+            self._done += 1
+            self._say(max(_USUAL_FITS, self._done + 1))
+
+    def finish(self) -> None:
+        """Say that there is no more to come."""
+        self._say(self._done)
+
+    def _say(self, total: int) -> None:
+        if self._progress is not None:
+            self._progress(self._done, total)
+
+
+def _hysteresis(best: Row) -> list[Model]:
+    """Return the model of hysteresis with the best one's spring; none where its small steps would be too many."""
+    model = get_model("bouc-wen-cubic" if best.model.law.has(Cubic) else "bouc-wen").resting(best.model.rest)
+    part = best.held_out.fit.layout.parts[0]
+    steps = part.record.size * np.ceil(part.record.step_s * part.scales.omega / model.law.phase)
+    return [model] if steps <= _MOST_STEPS else []
+
+
+def _goes_with(model: Model, record: Record) -> bool:
+    """Return whether a model can be told from a plainer one: a pendulum only by an angle that swings far."""
+    if not model.law.has(Pendulum):
+        return True
+    return record.output_unit == "rad" and 0.5 * float(np.ptp(record.output)) > _SMALL_SWING
+
+
+def _springs_to_try(rows: Sequence[Row], first: Model) -> set[Law]:
+    """Return the springs that damping laws are tried with: the best under viscous damping, and those without numbers of
+    their own unless they are hopeless, for a damping law can do what a stiffness term had mimicked. Without a spring
+    that is told from none it is the linear one."""
+    plain = {row.model.law.springs: row for row in rows if not row.model.law.bends and row.model.rest == first.rest}
+    linear = plain.get(SPRING)
+    if linear is not None and is_springless(linear.held_out.fit):
+        return {SPRING}
+    best = min(row.rmse_test for row in rows if row.model == first)
+    return {first.law.springs} | {one for one, row in plain.items() if row.rmse_test <= _HOPELESS * best}
+
+
+def is_springless(found: Fit) -> bool:
+    """Return whether a driven motion is described by a fit whose stiffness is not told from zero."""
+    driven = found.records[0].excitation != "none"
+    return driven and np.isnan(found.natural_frequency_hz.value) and ask_fit(found).share < _POOR
 
 
 def _near(rows: Sequence[Row]) -> list[Row]:
@@ -133,8 +207,8 @@ def _near(rows: Sequence[Row]) -> list[Row]:
     return [row for row in best if row is not None and row.bic < lowest + _NEAR]
 
 
-def _neighbours(row: Row) -> Iterable[Model]:
-    """Return the models with terms less, where those may be nothing, and with a term more."""
+def _neighbours(row: Row, tried: Sequence[Model]) -> Iterable[Model]:
+    """Return the models with terms less, where those may be nothing, and with a term more; of a pendulum none."""
     model, found = row.model, row.held_out.fit
     names = [entry.local for entry in found.layout.entries]
 
@@ -142,12 +216,12 @@ def _neighbours(row: Row) -> Iterable[Model]:
         k = names.index(local)
         return bool(abs(found.solution.values[k]) > _SURE * found.covariance.std[k])
 
-    ladder = [one for one in laws_to_try() if one.law.losses == model.law.losses]
-    at = next(i for i, one in enumerate(ladder) if one.law.springs == model.law.springs)
-    for less in ladder[:at]:
+    ladder = [one for one in tried if one.law.losses == model.law.losses and not one.law.has(Pendulum)]
+    at = next((i for i, one in enumerate(ladder) if one.law.springs == model.law.springs), len(ladder))
+    for less in ladder[:at] if at < len(ladder) else ():
         if not any(surely(term) for term in set(model.law.bends) - set(less.law.bends)):
             yield less.resting(model.rest)
-    if at + 1 < len(ladder):
+    if at + 1 < len(ladder) and not is_springless(found):
         yield ladder[at + 1].resting(model.rest)
     if model.rest == "creep" and not surely("drift"):
         yield model.resting("offset")
@@ -160,7 +234,7 @@ def _followed(split: Split, row: Row) -> Row:
 
 
 def laws_to_try() -> tuple[Model, ...]:
-    """Return every damping law with every stiffness law, less what is asked for by name."""
+    """Return every damping law with every stiffness law, less what is asked for by name or tried beside a winner."""
     return tuple(model for model in MODELS.values() if not any(term.by_name for term in model.law.terms))
 
 
@@ -169,18 +243,33 @@ def _new(rows: Sequence[Row], models: Iterable[Model]) -> list[Model]:
     return [model for model in dict.fromkeys(models) if all(row.model != model for row in rows)]
 
 
-def _race(split: Split, models: Sequence[Model], others: Sequence[Row] = ()) -> list[Row]:
-    """Return the rows of models. others: that there are already; without any, one model at least has to be fitted."""
+def _race(
+    split: Split, models: Sequence[Model], others: Sequence[Row] = (), told: Callable[[], None] = lambda: None
+) -> list[Row]:
+    """Return the rows of models; those with equally many terms are fitted at once, on as many cores as there are.
+
+    others: that there are already; without any, one model at least has to be fitted. told: called after every fit.
+    """
     rows: list[Row] = []
     refused: list[RecordingError] = []
-    for model in models:
+
+    def fitted(model: Model, smaller: Fit | None) -> HeldOut | RecordingError:
         try:
-            found = fit_and_predict(split, model, smaller=_smaller([*others, *rows], model))
+            return fit_and_predict(split, model, smaller=smaller)
         except RecordingError as error:
-            refused.append(error)
-            continue
-        if np.isfinite(found.rmse):
-            rows.append(_row(model, found))
+            return error
+        finally:
+            told()
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for terms in sorted({len(model.law.terms) for model in models}):
+            level = [model for model in models if len(model.law.terms) == terms]
+            known = [_smaller([*others, *rows], model) for model in level]
+            for model, found in zip(level, pool.map(fitted, level, known), strict=True):
+                if isinstance(found, RecordingError):
+                    refused.append(found)
+                elif np.isfinite(found.rmse):
+                    rows.append(_row(model, found))
     if not rows and not others:
         raise refused[0] if refused else RecordingError("no model can be fitted to this record")
     return rows
@@ -195,8 +284,8 @@ def _smaller(rows: Sequence[Row], model: Model) -> Fit | None:
     extended = [
         row.held_out.fit
         for row in rows
-        if row.model.law.losses in (VISCOUS, model.law.losses)
-        and set(row.model.law.springs.terms) <= set(model.law.springs.terms)
+        if row.model.law.losses in (VISCOUS, model.law.losses, *([DRY] if model.law.has(BoucWen) else []))
+        and (row.model.law.springs == SPRING or set(row.model.law.springs.terms) <= set(model.law.springs.terms))
         and row.model.rest in ("offset", model.rest)
     ]
     return min(extended, key=lambda one: one.rmse, default=None)
@@ -216,23 +305,27 @@ def _blocks(residual: Array) -> Array:
     return np.asarray((residual[: count * size] ** 2).reshape(count, size).mean(axis=1))
 
 
-def criterion(found: Fit, independent: float) -> float:
-    """Return the information criterion n ln(mean squared residual) + m ln n.
+def criterion(found: Fit, independent: float, swings: float = np.inf) -> float:
+    """Return the information criterion n ln(mean squared residual) + m ln n + 2m(m + 1)/(4s - m - 1).
 
-    independent: n, how many independent residuals there are, the same for all models that are compared.
+    independent: n, how many independent residuals there are; swings: s; the same for all models that are compared. The
+    last term is Akaike's for small samples (Hurvich and Tsai 1989): however densely it is sampled, a swing tells four
+    things of the mechanics, size and time of both its extremes, and from three swings nine numbers can be told of any.
 
     What a loss factor saw before the record (`memory`, 0 after steady swinging, 1 after a long rest) costs what it was
     narrowed down by, at most as much as another number: -2 ln(std √2π); nothing where the record does not tell it; and
     the square of its distance from there, for a past that cannot have been is no explanation.
     """
     whole = float(np.log(independent))
-    cost = 0.0
+    count = sum(entry.local not in HISTORIES for entry in found.layout.entries)
+    cost = 2.0 * count * (count + 1) / max(_FACTS * swings - count - 1, 1.0)
     for entry, std, value in zip(found.layout.entries, found.covariance.std, found.solution.values, strict=True):
         if entry.local not in HISTORIES:
             cost += whole
             continue
         told = -2 * np.log(max(float(std), 1e-12) * np.sqrt(2 * np.pi)) if np.isfinite(std) else 0.0
-        cost += float(np.clip(told, 0.0, whole)) + float(value - np.clip(value, *LOCAL[entry.local].start)) ** 2
+        beyond = float(value - np.clip(value, *LOCAL[entry.local].start)) if entry.local == _MEMORY else 0.0
+        cost += float(np.clip(told, 0.0, whole)) + beyond**2
     return float(independent * np.log(max(found.rmse, 1e-300) ** 2) + cost)
 
 
@@ -242,7 +335,7 @@ def choose(rows: Sequence[Row]) -> Choice:
     possible = [row for row in rows if not impossible_numbers(row.held_out.fit.parameters)] or rows
     staying = _staying(possible)
     lowest = min(row.bic for row in staying)
-    best = min((row for row in staying if row.bic < lowest + _HINT), key=lambda row: (_size(row.model), row.bic))
+    best = min((row for row in staying if row.bic < lowest + _HINT), key=_plainness)
     rivals = [row for row in staying if _rivals(row, best, staying)]
     if any(row.model.law.losses == VISCOUS for row in rivals):  # nothing speaks against the plainest law
         plain = min((row for row in rivals if row.model.law.losses == VISCOUS), key=lambda row: row.bic)
@@ -267,8 +360,11 @@ def impossible_numbers(parameters: Mapping[str, Estimate]) -> list[str]:
 
 def _with_criterion(rows: Sequence[Row]) -> list[Row]:
     # Misfit makes residuals smooth, so the number that are independent is the best model's, the same for all.
-    independent = min((row.held_out.fit for row in rows), key=lambda one: one.rmse).effective_samples
-    return [replace(row, bic=criterion(row.held_out.fit, independent)) for row in rows]
+    best = min((row.held_out.fit for row in rows), key=lambda one: one.rmse)
+    lasts = sum(float(record.time_s[-1] - record.time_s[0]) for record in best.records)
+    omega = best.layout.parts[0].scales.omega  # of the motion, whether or not a spring makes it
+    swings = lasts * omega / (2 * np.pi)
+    return [replace(row, bic=criterion(row.held_out.fit, best.effective_samples, swings)) for row in rows]
 
 
 def conclude(choice: Choice, final: Fit, what: str = "record") -> Comparison:
@@ -285,8 +381,8 @@ def conclude(choice: Choice, final: Fit, what: str = "record") -> Comparison:
     return Comparison(choice.rows, final, not choice.rivals, verdict, bound)
 
 
-def _size(model: Model) -> int:
-    return len(model.mechanics("none"))
+def _plainness(row: Row) -> tuple[int, bool, float]:
+    return len(row.model.mechanics("none")), row.model.law.has(Pendulum), row.bic
 
 
 def _staying(rows: Sequence[Row]) -> list[Row]:
@@ -308,9 +404,9 @@ def _rivals(row: Row, best: Row, staying: Sequence[Row]) -> bool:
     """Return whether another damping law has nearly the evidence of the best and is no mere extension of it."""
     if row.model.law.losses == best.model.law.losses or row.bic > best.bic + _CLEAR:
         return False
-    if not row.model.law.sticks:
+    if not any(number.absent for number in row.model.law.losses.numbers):
         return True
-    # Dry friction extends viscous damping, and is no rival where it adds nothing to it.
+    # Friction and drag extend viscous damping, and are no rivals where they add nothing to it.
     return not any(other.model.law.losses == VISCOUS and other.bic <= row.bic for other in staying)
 
 
@@ -342,7 +438,7 @@ def _dry_bound(choice: Choice) -> tuple[float | None, str]:
     best = choice.best.model
     if choice.rivals or best.law.losses != VISCOUS:
         return None, ""
-    same = [row for row in choice.rows if row.model.law.sticks and row.model.law.bends == best.law.bends]
+    same = [row for row in choice.rows if row.model.law.sticks and row.model.law.springs == best.law.springs]
     if not same:
         return None, ""
     ends = {name: one.high for name, one in same[0].held_out.fit.parameters.items() if name.startswith("coulomb")}
@@ -358,6 +454,7 @@ def _dry_bound(choice: Choice) -> tuple[float | None, str]:
 def _verdict(choice: Choice, what: str) -> str:
     best, rivals, rows = choice.best, choice.rivals, choice.rows
     loss, stiffness = (one.in_words() for one in (best.model.law.losses, best.model.law.springs))
+    stiffness = "a motion without a spring" if is_springless(best.held_out.fit) else stiffness
     law = (
         loss
         + {"offset": "", "drift": " and a drifting rest position", "creep": " and a creeping rest position"}[

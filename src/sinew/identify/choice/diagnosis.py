@@ -11,13 +11,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.identify.choice.comparison import ask_fit
+from sinew.identify.choice.comparison import ask_fit, is_springless
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
-from sinew.identify.oscillator.model import MODELS
+from sinew.identify.oscillator.model import MODELS, parameter_name
 from sinew.identify.oscillator.record import FEWEST, Excitation, Record
 from sinew.identify.oscillator.start import dominant_omega, is_step
 from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.estimate import Estimate
 
 _FEWEST_PERIODS = 2.0
 _FEWEST_SAMPLES = 4.0  # in a period
@@ -25,6 +26,7 @@ _FEW_SAMPLES = 8.0
 _POOR = 0.1  # rms of the residuals over the output's
 _MUCH_BETTER = 0.5  # of the rms
 _FREE = 1 / 3  # of the rms: a hand's is more than that; a spring that is not quite right makes less of a difference
+_ENOUGH = 6000  # samples that tell another excitation
 
 
 def refuse_hopeless(record: Record) -> None:
@@ -38,7 +40,7 @@ def refuse_hopeless(record: Record) -> None:
         raise RecordingError("the output is constant; is it the right column, and did the sensor run?")
     period = 2 * np.pi / dominant_omega(record)
     lasts = float(record.time_s[-1] - record.time_s[0])
-    if lasts < _FEWEST_PERIODS * period:
+    if lasts < _FEWEST_PERIODS * period and not _moves_without_spring(record):
         raise RecordingError(
             f"the record is too short to identify: {lasts:.3g} s hold {lasts / period:.1f} periods of its oscillation, "
             f"expected at least {_FEWEST_PERIODS:g}; record longer"
@@ -50,15 +52,33 @@ def refuse_hopeless(record: Record) -> None:
         )
 
 
+def _moves_without_spring(record: Record) -> bool:
+    """Return whether a driven motion is one without a spring: even the stiffest that it allows would not swing once."""
+    if record.input is None:
+        return False
+    try:
+        found = fit(_most_moving(record), MODELS["linear"])
+    except (RecordingError, SpecError):
+        return False
+    lasts = float(record.time_s[-1] - record.time_s[0])
+    return is_springless(found) and _stiffness(found)[1].high * lasts**2 < (2 * np.pi) ** 2
+
+
+def _stiffness(found: Fit) -> tuple[str, Estimate]:
+    """Return name and value of the stiffness over the inertia."""
+    return next((name, one) for name, one in found.parameters.items() if name.startswith("stiffness_per_s2"))
+
+
 def suspicions(found: Fit, *, compared: bool = False) -> tuple[str, ...]:
     """Return what about a fit a person should know: sentences; none where nothing is suspicious.
 
     compared: whether the model won against others; how its residuals came out of their tests is in that verdict.
     """
+    sentences = _reversed(found)
     omega = 2 * np.pi * found.natural_frequency_hz.value
     if not np.isfinite(omega):
-        return (*_alternatives(found, compared), "the stiffness came out negative: the model does not fit this record")
-    sentences: list[str] = []
+        other = [] if is_springless(found) else _alternatives(found, compared)
+        return (*sentences, *other, _without_frequency(found))
     samples = 1.0 / (found.natural_frequency_hz.value * max(record.step_s for record in found.records))
     if samples < _FEW_SAMPLES:
         sentences.append(f"sampling is slow for the resonance: {samples:.1f} samples in a period; sample faster")
@@ -75,6 +95,39 @@ def suspicions(found: Fit, *, compared: bool = False) -> tuple[str, ...]:
             "intervals do not know of that"
         )
     return (*sentences, *_in_hand(found))
+
+
+def _without_frequency(found: Fit) -> str:
+    name, stiffness = _stiffness(found)
+    if stiffness.high < 0:
+        return (
+            f"the stiffness came out negative ({name} = {stiffness}): the model does not fit this record, or is a "
+            "sensor's sign reversed?"
+        )
+    told = f"the stiffness is not told from zero ({name} = {stiffness}), so there is no natural frequency"
+    if not is_springless(found):
+        return told
+    damping = next((one for name, one in found.parameters.items() if name.startswith("damping_per_s")), None)
+    settles = f", whose rate settles in {1 / damping.value:.3g} s" if damping is not None and damping.low > 0 else ""
+    return f"{told}: this moves as a mass without a spring, a cart or a positioner{settles}"
+
+
+def _reversed(found: Fit) -> list[str]:
+    """Return the question after a sensor's sign where the input acts the wrong way round."""
+    first = found.records[0]
+    name = parameter_name("gain", first.excitation, first.motion_unit, first.input_motion_unit)
+    gains = [one for own, one in found.parameters.items() if own.split("[")[0] == name]
+    if gains and all(one.high < 0 for one in gains):
+        full = next((name for name in found.parameters if name.startswith(("inertia_", "mass_"))), None)
+        what = "the input gain" if full is None else f"{full.split('_')[0]} and stiffness"
+        return [f"{what} came out negative: is a sensor's sign reversed? Multiply input or output by -1"]
+    if gains or first.input is None or first.excitation != "base" or ask_fit(found).share < _POOR:
+        return []
+    records = [_most_moving(record) for record in found.records]
+    turned = [replace(record, input=-record.input) for record in records if record.input is not None]
+    if _share(turned) < _MUCH_BETTER * _share(records):
+        return ["with the input's sign reversed a linear joint leaves much less: is a sensor's sign reversed?"]
+    return []
 
 
 def _in_hand(found: Fit) -> list[str]:
@@ -131,7 +184,10 @@ def _alternatives(found: Fit, compared: bool) -> list[str]:
             "later than the record?"
         ]
     sentences = []
-    own = found.rmse / _deviation(records)
+    stretches = [_where_it_moves(record) for record in records]
+    left = [off[where] for off, where in zip(found.residuals(), stretches, strict=True)]
+    records = tuple(record.cut(where.start, where.stop) for record, where in zip(records, stretches, strict=True))
+    own = float(np.sqrt(np.mean(np.concatenate(left) ** 2))) / _deviation(records)
     if _share([_swapped(record) for record in records]) < _MUCH_BETTER * min(own, 1.0):
         sentences.append("input and output look swapped: the other way round a linear joint leaves much less")
     others: list[Excitation] = ["base", "lever"] if first.excitation in ("force", "torque") else ["force"]
@@ -147,6 +203,20 @@ def _alternatives(found: Fit, compared: bool) -> list[str]:
             f"instead of {100 * plain:.0f} %"
         )
     return sentences
+
+
+def _where_it_moves(record: Record) -> slice:
+    """Return the stretch of a long record in which the output moves most: enough to tell another excitation."""
+    if record.size <= _ENOUGH:
+        return slice(0, record.size)
+    moved = np.concatenate([[0.0], np.cumsum((record.output - record.output.mean()) ** 2)])
+    first = int(np.argmax(moved[_ENOUGH:] - moved[:-_ENOUGH]))
+    return slice(first, first + _ENOUGH)
+
+
+def _most_moving(record: Record) -> Record:
+    where = _where_it_moves(record)
+    return record.cut(where.start, where.stop)
 
 
 def _swapped(record: Record) -> Record:

@@ -35,7 +35,7 @@ from sinew.identify.oscillator.start import dominant_omega, regress_together, ri
 from sinew.identify.oscillator.track import LOCAL
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.mechanics.laws import HISTORIES, LossFactor, Pendulum
+from sinew.mechanics.laws import HISTORIES, LossFactor, Pendulum, Term
 from sinew.twin.cache import configure
 
 Masks = Sequence[NDArray[np.bool_]]
@@ -198,6 +198,8 @@ def carried_over(layout: Layout, first: Array, smaller: Fit) -> Array:
         elif entry.local == "loss_factor":
             damping = found.get(("damping", entry.group, entry.record), found.get(("damping", "", -1), 0.0))
             x[k] = _loss_factor(damping, found, entry)
+        elif entry.local == "hysteresis":  # dry friction is its limit
+            x[k] = found.get(("coulomb", entry.group, entry.record), found.get(("coulomb", "", -1), 0.0))
         elif LOCAL[entry.local].absent:
             x[k] = 0.0
     return x
@@ -212,14 +214,16 @@ def _loss_factor(damping: float, found: dict[tuple[str, str, int], float], entry
     return float(np.clip(damping / np.sqrt(max(stiffness, 1e-3)), *_LOSS_FACTORS))
 
 
-def remembering_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None) -> list[Array]:
+def remembering_starts(
+    layout: Layout, first: Array, masks: Masks, taught: Array | None, problem: Problem
+) -> list[Array]:
     """Return the starts of a search for a loss factor: of a decay the viscous fit, let go after a drive or a rest.
 
     taught: what `carried_over` said of a smaller model; where it is None the viscous fit is made.
     """
     memory = np.array([entry.local == "memory" for entry in layout.entries])
     if not memory.any():
-        return [first] if taught is None else [taught, first]
+        return [first] if taught is None else [_nearer(problem, first, taught)]
     x = _from_viscous(layout, first, masks) if taught is None else taught
     return [x, np.where(memory, 1.0, x), first]
 
@@ -321,6 +325,7 @@ def _along(found: Solution, k: int, variance: float) -> Array | None:
 _TOLERANCE = 1e-8
 _POOR, _LOST = 0.35, 0.6  # rmse over the output's: suspicious, and the oscillation's count is lost
 _ASTRAY = 1.4  # between two frequencies that should be the same
+_SPRINGLESS = 0.3  # of a spring that would swing as the record does: a negative one is none
 _HORIZON, _GROWTH = 8.0, 2.5  # periods that are fitted first then, and how their number grows
 
 
@@ -341,7 +346,8 @@ def begin(records: Sequence[Record], model: Model, frame: Frame) -> list[tuple[S
     if records[0].excitation != "none" and 0.2 * omega < natural < 5.0 * omega:
         values = regress_together(records, model, float(natural), frame)
     if values[0]["stiffness"] <= 0:
-        values = [one | {"stiffness": omega**2} for one in values]
+        springless = records[0].excitation != "none" and values[0]["stiffness"] > -_SPRINGLESS * omega**2
+        values = [one | {"stiffness": 0.0 if springless else omega**2} for one in values]
     ring = next((ring for ring in rings if ring), None)
     if ring is not None and _astray(records, values[0], ring):
         # The creep of a rest position, or noise after a short motion, has led the regression astray.
@@ -449,12 +455,16 @@ def search(layout: Layout, first: Array, masks: Masks, taught: Array | None = No
     one of many fits, and friction is not sought beside its minimum. known: whether `first` is a solution already.
     """
     problem = layout.problem(masks)
+    if known:  # whoever found it has taken the record in bit by bit already, where that was needed
+        found = solve(problem, first, tolerance=_TOLERANCE, max_evaluations=60)
+        return beside_friction(layout, problem, found) if layout.model.law.sticks and taught is None else found
     wanted = np.concatenate([p.record.output[m] / p.unit_size for p, m in zip(layout.parts, masks, strict=True)])
     size = float(np.std(wanted) * np.sqrt(wanted.size))
-    starts = [first] if known else _law_starts(layout, first, masks, taught, problem)
+    starts = _law_starts(layout, first, masks, taught, problem)
     if len(starts) > 1:
         starts = [solve(problem, *starts, tolerance=1e-3, max_evaluations=12).values]
-    direct = solve(problem, *starts, tolerance=_TOLERANCE, max_evaluations=60)
+    raced = taught is not None and layout.model.law.phase < Term.phase  # by many small steps, and one of many fits
+    direct = solve(problem, *starts, tolerance=1e-4 if raced else _TOLERANCE, max_evaluations=12 if raced else 60)
     if layout.model.law.sticks and taught is None:
         direct = beside_friction(layout, problem, direct)
     if np.sqrt(direct.sum_of_squares) <= _POOR * size:
@@ -478,11 +488,18 @@ def _law_starts(layout: Layout, first: Array, masks: Masks, taught: Array | None
     if layout.model.law.sticks:
         return dry_starts(layout, first, masks, taught)
     if layout.model.law.has(LossFactor):
-        return remembering_starts(layout, first, masks, taught)
+        return remembering_starts(layout, first, masks, taught, problem)
     for k, entry in enumerate(layout.entries):
         if LOCAL[entry.local].tried:
-            return [np.where(np.arange(first.size) == k, value, first) for value in LOCAL[entry.local].tried]
-    return [first] if taught is None else [min(first, taught, key=lambda x: _sum_of_squares(problem.residual(x)))]
+            told = taught is not None and bool(np.any(taught[_all_of(layout, "hysteresis")] > 0))
+            base = taught if told and taught is not None else first
+            tried = LOCAL[entry.local].tried[: 2 if told else None]  # it yields soon where dry friction is near
+            return [np.where(np.arange(first.size) == k, value, base) for value in tried]
+    return [first] if taught is None else [_nearer(problem, first, taught)]
+
+
+def _nearer(problem: Problem, *starts: Array) -> Array:
+    return min(starts, key=lambda x: _sum_of_squares(problem.residual(x)))
 
 
 def _grow(layout: Layout, x: Array, masks: Masks, problem: Problem) -> Solution:

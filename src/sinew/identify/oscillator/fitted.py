@@ -70,12 +70,17 @@ def nuisance_parameters(layout: Layout, solution: Solution, certainty: Covarianc
 
 
 def oscillation(layout: Layout, solution: Solution, certainty: Covariance) -> tuple[Estimate, Estimate]:
-    """Return natural frequency [Hz] and damping ratio of the first group, standard deviations to first order."""
+    """Return natural frequency [Hz] and damping ratio of the first group, standard deviations to first order.
+
+    Both are NaN where the stiffness is not told from zero, its 90 % interval holding it: what no spring brings back has
+    no frequency.
+    """
     entries, x = layout.entries, solution.values
     at = {entry.local: k for k, entry in reversed(list(enumerate(entries)))}
     stiffness = float(x[at["stiffness"]])
     freedom = certainty.degrees_of_freedom
-    if stiffness <= 0:
+    std = float(certainty.std[at["stiffness"]])
+    if not stiffness > (float(special.stdtrit(freedom, 0.95)) * std if std else 0.0):
         unknown = Estimate(np.nan, np.nan, np.nan, np.nan)
         return unknown, unknown
     root = float(np.sqrt(stiffness))

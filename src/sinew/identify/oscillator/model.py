@@ -81,6 +81,7 @@ MODELS: dict[str, Model] = {
         "bouc-wen-cubic": Linear() + Viscous() + BoucWen() + Cubic(),
         "drag": Linear() + Viscous() + Drag(),
         "drag-cubic": Linear() + Viscous() + Drag() + Cubic(),
+        "drag-cubic-quadratic": Linear() + Viscous() + Drag() + Quadratic() + Cubic(),
         "drag-pendulum": Pendulum() + Viscous() + Drag(),
     }.items()
 }
@@ -178,35 +179,34 @@ class Layout:
 
     def outputs(self, x: Array) -> list[Array]:
         """Return what every part would measure at its samples, in normal form."""
-        return [self._track(x, i) for i in range(len(self.parts))]
+        return [self._track(x, i, part.record.size) for i, part in enumerate(self.parts)]
 
-    def _track(self, x: Array, i: int) -> Array:
+    def _track(self, x: Array, i: int, end: int) -> Array:
         part = self.parts[i]
-        found = track(self.local(x, i), part.grid, self.model.law, part.order)
-        return np.asarray(found[part.samples])
+        samples = part.samples[:end]
+        found = track(self.local(x, i), part.grid, self.model.law, part.order, int(samples[-1]))
+        return np.asarray(found[samples])
 
     def problem(self, seen: Sequence[NDArray[np.bool_]]) -> Problem:
         """Return the least-squares problem over the samples that are seen, one mask for each part."""
+        ends = [int(np.flatnonzero(mask)[-1]) + 1 if mask.any() else 1 for mask in seen]
+        masks = [mask[:end] for mask, end in zip(seen, ends, strict=True)]
+        wanted = [part.record.output[:end] / part.unit_size for part, end in zip(self.parts, ends, strict=True)]
 
         def residual(x: Array) -> Array:
-            return np.concatenate(
-                [
-                    (self._track(x, i) - part.record.output / part.unit_size)[mask]
-                    for i, (part, mask) in enumerate(zip(self.parts, seen, strict=True))
-                ]
-            )
+            return np.concatenate([(self._track(x, i, ends[i]) - wanted[i])[mask] for i, mask in enumerate(masks)])
 
         def jacobian(x: Array) -> Array:
-            return np.concatenate([self._slopes(x, i)[mask] for i, mask in enumerate(seen)])
+            return np.concatenate([self._slopes(x, i, ends[i])[mask] for i, mask in enumerate(masks)])
 
         return Problem(residual, jacobian)
 
-    def _slopes(self, x: Array, i: int) -> Array:
+    def _slopes(self, x: Array, i: int, end: int) -> Array:
         part = self.parts[i]
-        p = self.local(x, i)
-        slopes = track_slopes(p, self.column[i], part.grid, self.model.law, part.order)
-        found = np.zeros((part.record.size, x.size))
-        found[:, self.index[i]] = slopes[part.samples] * self.ratio[i]
+        p, samples = self.local(x, i), part.samples[:end]
+        slopes = track_slopes(p, self.column[i], part.grid, self.model.law, part.order, int(samples[-1]))
+        found = np.zeros((end, x.size))
+        found[:, self.index[i]] = slopes[samples] * self.ratio[i]
         return found
 
 

@@ -195,8 +195,10 @@ def grid_of(record: Record, scales: Scales, frame: Frame, law: Law) -> tuple[Gri
     parts = math.ceil(float(np.median(steps)) * scales.omega / law.phase)
     if law.has(LossFactor):
         parts = max(parts, math.ceil(float(np.median(steps)) / (_STIFF * float(relaxation.min()))))
-    edges = np.concatenate([[0.0], np.repeat(steps / parts, parts)]).cumsum() + record.time_s[0]
-    samples = np.arange(record.size) * parts
+    # A longer interval, where samples are missing, takes as many more steps.
+    whole = parts * np.maximum(np.rint(steps / np.median(steps)), 1.0).astype(np.intp)
+    edges = np.concatenate([[0.0], np.repeat(steps / whole, whole)]).cumsum() + record.time_s[0]
+    samples = np.concatenate([[0], np.cumsum(whole)])
     edges[samples] = record.time_s
     count = edges.size - 1
     room = _room(count)

@@ -1,4 +1,4 @@
-"""CSV files: columns that become a recording, and a recording that becomes columns.
+"""Tables of others: columns that become a recording, and a recording that becomes columns.
 
 Import: the columns of time, response and drive are named by specifications "COL" or "COL:unit" (see
 `find_columns`). Without a unit, the one in the column's own name counts ("angle_deg",
@@ -10,14 +10,14 @@ those of the angle.
 Export: one flat table, a row for each sample, every channel with its unit in its name. `import_csv` reads it.
 """
 
-import csv
 import difflib
-import io
 import math
-import warnings
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import pandas as pd  # type: ignore[import-untyped,unused-ignore]
@@ -25,197 +25,133 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.measure.doors import as_path, as_seconds, most_bytes
-from sinew.measure.errors import FileError, RecordingError, UnitError
+from sinew.measure.doors import as_path, as_seconds
+from sinew.measure.errors import RecordingError, SpecError, UnitError
+from sinew.measure.files.formats import open_file
 from sinew.measure.files.netcdf import provenance, write_atomically
+from sinew.measure.files.runs import (
+    Opened,
+    Run,
+    RunChoice,
+    bare_name,
+    choose_run,
+    notes_of,
+    number_columns,
+    time_columns,
+    with_restarts,
+)
+from sinew.measure.files.text import STAMP
 from sinew.measure.recording import Segment, build_recording
-from sinew.measure.schema import SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
-from sinew.measure.timing import choose_stretch, refuse_backwards, straighten_times
+from sinew.measure.schema import IMPORT_SEGMENTS, SAMPLE_VARIABLES, SEGMENT_VARIABLES, ReadKind, validate_recording
+from sinew.measure.timing import Gaps, Timeline, choose_stretch, refuse_backwards, straighten_times
 from sinew.measure.units import canonical_unit, convert, unit_in_name, unit_suffix
 
 # A pandas DataFrame with one column for each field and the names as the file has them (duplicates kept).
 Table: TypeAlias = "pd.DataFrame"
+ColumnNames: TypeAlias = str | Sequence[str] | None
 
-_DELIMITERS = (",", ";", "\t")
-_COMMENTS = ("#", "%", "//")
-_BINARY = {
-    b"\x89HDF": "HDF5 or NetCDF",
-    b"CDF": "NetCDF",
-    b"PK\x03\x04": "a zip archive or an Excel file",
-    b"MATLAB": "MAT",
-}
-_TEXT_GROWS = 4  # bytes, text and numbers are in memory together
-_SCANNED_LINES, _HEAD_SIZE = 50, 1_000_000
+_LISTED = 24
+_SPARSE = 0.2  # of the rows: so many that hold other columns' samples make a table sparse
+_RATE_OFF = 0.01  # of the rate: how far the stamps' own may be from the one that was given
+_SUSPECT_STEP_S = 5.0  # whole numbers so far apart are hardly seconds
+_EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))  # since 1970, by the size of the number
 
 
-def read_table(path: "Path | str | Table") -> Table:
-    """Return the table of a text file as a DataFrame, columns named by its header; a DataFrame is one already.
+def read_table(
+    path: "Path | str | Table", *, run: RunChoice = None, columns: ColumnNames = None, time: str | None = None
+) -> Table:
+    """Return the table of a file as a DataFrame, columns named by its header; a DataFrame is one already.
 
-    The delimiter (comma, semicolon, tab, else blanks), a decimal comma, comment lines before the header (#, %, //)
-    and a header that is itself a comment are recognised. Cells are not judged here: see `numbers`.
-    Raises FileError for a file that is absent, empty, binary, without header or without rows.
+    path: of a text table in any dialect (see `sinew.measure.files.text`) or of a file of another program (see
+    `sinew.measure.files.formats`). run: which, by number from 1 or name, of a file that holds several.
+    columns: names for all columns, in order, instead of the file's; a table without header has the places from "1".
+    time: specification of the time column, where one that starts anew is to part runs; else it is told by its name.
+    `sinew.measure.files.runs.notes_of` tells what was done. Cells are not judged here: see `numbers`.
+    Raises FileError for a file that is absent, empty, unknown or holds no table, RecordingError for a run that is not
+    there, or none named of several.
     """
     if isinstance(path, pd.DataFrame):
-        return path.set_axis([str(name) for name in path.columns], axis=1)
+        if run is not None:
+            raise SpecError("a DataFrame is one run; leave run out")
+        table = path.set_axis([str(name) for name in path.columns], axis=1).reset_index(drop=True)
+        return table if columns is None else _renamed(table, columns)
     path = as_path(path)
-    text = _text(path)
-    lines = text[:_HEAD_SIZE].splitlines(keepends=True)
-    start, header = _find_header(path, lines)
-    body = [line.rstrip("\r\n") for line in lines[start : start + _SCANNED_LINES] if line.strip()]
-    if not body:
-        raise FileError(f"{path} has a header but no rows below it; record again or choose another file")
-    delimiter = _sniff([header, *body])
-    names = [name.strip() for name in _fields(header, delimiter)]
-    counts = [len(_fields(line, delimiter)) for line in body]
-    usual = max(counts, key=counts.count)
-    if usual != len(names):
-        raise _not_a_table(path, len(names), f"most rows have {usual}")
-    decimal = "," if delimiter in (";", "\t") and not any("." in line for line in body) else "."
-    frame = _parse(path, text[sum(map(len, lines[:start])) :], len(names), delimiter, decimal)
-    frame.columns = pd.Index(names)
-    unnamed_and_empty = np.array([not name for name in names]) & frame.isna().all().to_numpy()
-    return frame.loc[:, ~unnamed_and_empty]
+    return choose_run(opened_table(path, columns, time), run, path.name)
 
 
-def _text(path: Path) -> str:
-    if path.is_dir():
-        raise FileError(f"{path} is a folder, expected a CSV file")
-    try:
-        if (size := path.stat().st_size) > (most := most_bytes() // _TEXT_GROWS):
-            raise FileError(
-                f"{path} has {size / 1e6:.0f} MB, expected at most {most / 1e6:.0f} MB of text in the memory there "
-                "is; cut it, or read it on a computer with more"
-            )
-        raw = path.read_bytes()
-    except OSError as error:
-        raise FileError(f"cannot read {path}: {error.strerror or error}") from error
-    if not raw.strip():
-        raise FileError(f"{path} is empty; expected a header line with column names and rows of numbers below it")
-    kind = next((kind for magic, kind in _BINARY.items() if raw.startswith(magic)), None)
-    if kind:
-        raise FileError(
-            f"{path} is not a text table, it is {kind}; export it as CSV, or give a recording without columns"
+def opened_table(path: Path, columns: ColumnNames = None, time: str | None = None) -> Opened:
+    """Return the runs of a file, their columns named anew where names are given; arguments as of `read_table`."""
+    opened = open_file(path)
+    if columns is not None:
+        runs = tuple(Run(one.name, partial(_renamed_run, one, columns)) for one in opened.runs)
+        opened = Opened(opened.form, runs)
+    return with_restarts(opened, time)
+
+
+def _renamed_run(run: Run, columns: str | Sequence[str]) -> Table:
+    return _renamed(run.load(), columns)
+
+
+def _renamed(table: Table, columns: str | Sequence[str]) -> Table:
+    names = [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
+    if len(names) != table.shape[1] or len(set(names)) < len(names) or not all(names):
+        raise SpecError(
+            f"columns names {', '.join(names)}, expected a name of its own for each of the {table.shape[1]} columns: "
+            f"{_shown(table)}"
         )
-    for encoding in ("utf-16", "utf-8-sig", "cp1252"):
-        if encoding == "utf-16" and not raw.startswith((b"\xff\xfe", b"\xfe\xff")):
-            continue
-        try:
-            text = raw.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        controls = sum(text.count(chr(code)) for code in range(32) if chr(code) not in "\t\n\r\f")
-        if controls == 0:
-            return text
-    raise FileError(f"{path} is not a text table (it holds binary data); expected CSV with a header line")
-
-
-def _find_header(path: Path, lines: Sequence[str]) -> tuple[int, str]:
-    """Return (index of the first line below the header, header text)."""
-    comment = ""
-    for index, line in enumerate(lines):
-        text = line.strip()
-        if not text:
-            continue
-        if text.startswith(_COMMENTS):
-            comment = text.lstrip("#%/ ")
-            continue
-        delimiter = _sniff([line])
-        fields = _fields(line, delimiter)
-        if not all(_is_number(field) for field in fields if field.strip()):
-            return index + 1, line.rstrip("\r\n")
-        if len(_fields(comment, _sniff([comment, line]))) == len(fields) and comment and not _is_number(comment):
-            return index, comment
-        raise FileError(
-            f"{path} has no header: its first line is {text[:60]!r}; "
-            "put a line with the names of the columns above it, such as time_s,angle_deg"
-        )
-    raise FileError(f"{path} holds only comments; expected a header line and rows of numbers")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.strip().replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def _fields(line: str, delimiter: str | None) -> list[str]:
-    if delimiter is None:
-        return line.split()
-    return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
-
-
-def _sniff(lines: Sequence[str]) -> str | None:
-    """Return the delimiter that gives most lines the same number (above one) of fields; None means blanks."""
-    best, best_score = None, (0, 0)
-    for delimiter in _DELIMITERS:
-        counts = [len(_fields(line, delimiter)) for line in lines]
-        usual = max(counts, key=counts.count)
-        if usual > 1 and counts[0] > 1 and (counts.count(usual), -_DELIMITERS.index(delimiter)) > best_score:
-            best, best_score = delimiter, (counts.count(usual), -_DELIMITERS.index(delimiter))
-    return best or next((delimiter for delimiter in _DELIMITERS if delimiter in lines[0]), None)
-
-
-def _parse(path: Path, text: str, width: int, delimiter: str | None, decimal: str) -> Table:
-    options: dict[str, Any] = {"sep": delimiter or r"\s+", "decimal": decimal, "skipinitialspace": True}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            return pd.read_csv(
-                io.StringIO(text),
-                header=None,
-                names=range(width),
-                index_col=False,
-                low_memory=False,
-                comment="#",
-                **options,
-            )
-        except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError, ValueError) as error:
-            reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
-            raise _not_a_table(path, width, reason) from error
-
-
-def _not_a_table(path: Path, width: int, reason: str) -> FileError:
-    return FileError(
-        f"{path} is not a table of {width} columns as its header says ({reason}); "
-        "the first line must name the columns, and lines above it must start with #"
-    )
+    return table.set_axis(pd.Index(names), axis=1)
 
 
 def find_columns(table: Table, spec: str) -> tuple[list[str], str | None]:
     """Return (columns, unit) that a specification "COL", "COL:unit" or "COL,COL,COL:unit" names.
 
-    An exact column name goes first, whatever it holds; the unit stands after the last colon; several columns are
-    separated by commas. The unit is None where none was written.
+    An exact column name goes first, whatever it holds, then one without the bracket at its end ("Angle" of
+    "Angle (deg)") where that is unique; the unit stands after the last colon; several columns are separated by commas.
+    The unit is None where none was written.
     Raises RecordingError for a column that is missing or not unique, with the columns that were found.
     """
     present = [str(name) for name in table.columns]
+    bare = [bare_name(name) for name in present]
+
+    def meant(name: str) -> str | None:
+        return name if name in present else present[bare.index(name)] if bare.count(name) == 1 else None
+
     head, colon, unit = spec.rpartition(":")
     for text, stated in ((spec, None), (head, unit.strip())):
-        if text in present:
-            return [_unique(table, text)], stated
-        names = [name.strip() for name in text.split(",")]
-        if all(name in present for name in names):
-            return [_unique(table, name) for name in names], stated
+        whole = meant(text)
+        if whole is not None:
+            return [_unique(table, whole)], stated
+        names = [meant(name.strip()) for name in text.split(",")]
+        known = [name for name in names if name is not None]
+        if len(known) == len(names):
+            return [_unique(table, name) for name in known], stated
         if not colon:
             break
     wanted = (head if colon else spec).split(",")
-    raise RecordingError(_missing(next((n.strip() for n in wanted if n.strip() not in present), spec), present))
+    raise RecordingError(_missing(next((n.strip() for n in wanted if meant(n.strip()) is None), spec), present))
 
 
 def _unique(table: Table, name: str) -> str:
     count = int((table.columns == name).sum())
     if count > 1:
-        raise RecordingError(f"column {name!r} occurs {count} times; give the columns different names")
+        raise RecordingError(
+            f"column {name!r} occurs {count} times; name all columns anew, in their order (--columns, columns=)"
+        )
     return name
 
 
 def _missing(name: str, present: Sequence[str]) -> str:
     close = difflib.get_close_matches(name.lower(), [p.lower() for p in present], n=1, cutoff=0.5)
     meant = next((p for p in present if close and p.lower() == close[0]), None)
-    listed = ", ".join(present[:24]) + (f" and {len(present) - 24} more" if len(present) > 24 else "")
-    return f"no column {name!r}{f', did you mean {meant!r}?' if meant else ';'} columns found: {listed}"
+    return f"no column {name!r}{f', did you mean {meant!r}?' if meant else ';'} columns found: {_listed(present)}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+
+
+def _shown(table: Table) -> str:
+    return _listed([str(name) for name in table.columns])
 
 
 def numbers(table: Table, name: str, rows: slice = slice(None)) -> NDArray[np.float64]:
@@ -225,12 +161,12 @@ def numbers(table: Table, name: str, rows: slice = slice(None)) -> NDArray[np.fl
     Raises RecordingError naming the first data row (from 1, below the header) that is empty, NaN, infinite or text.
     """
     column = table[name].iloc[rows]
-    if column.dtype.kind in "mM" or isinstance(column.dtype, pd.DatetimeTZDtype):
+    if _holds_dates(column):
         raise RecordingError(f"column {name!r} holds dates or durations, expected numbers; they can only be the time")
     values = np.asarray(pd.to_numeric(column, errors="coerce"), dtype=float)
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
-        row = int(bad[0]) + (rows.start or 0) + 1
+        row = int(_rows(column)[bad[0]])
         cell = column.iloc[int(bad[0])]
         if isinstance(cell, str):
             hint = "; if this row holds units, delete it and write COLUMN:unit instead" if row == 1 else ""
@@ -238,83 +174,128 @@ def numbers(table: Table, name: str, rows: slice = slice(None)) -> NDArray[np.fl
         what = "infinity" if np.isinf(values[bad[0]]) else "NaN or an empty cell"
         raise RecordingError(
             f"column {name!r} holds {what} in data row {row} ({bad.size} such rows in all); "
-            "fill in or remove them, or select the rows without them by start and stop"
+            "fill in or remove them, or select the rows without them by start and stop, or take them for missing "
+            "samples (--gaps bridge)"
         )
     return values
 
 
-_KINDS: dict[str, SegmentKind] = {"ring-down": "ring-down", "sweep": "steady", "broadband": "steady"}
-_RATE_NOTE = (
-    "the {role} is an angular rate and stays one: its frequency and damping are those of the angle, "
-    "its amplitude is that of the angle times the angular frequency, and its phase leads the angle's by 90 degrees"
-)
-_AXES = "xyz"
+def _rows(table: "Table | pd.Series") -> NDArray[np.int64]:
+    """Return the data rows, counted in the file from 1: they keep their numbers where others were left out."""
+    whole = table.index.dtype.kind in "iu"
+    return np.asarray(table.index if whole else np.arange(len(table)), dtype=np.int64) + 1
 
 
-def import_csv(
+def _holds_dates(column: "pd.Series") -> bool:
+    return column.dtype.kind in "mM" or isinstance(column.dtype, pd.DatetimeTZDtype)
+
+
+# A stretch of a table: its columns found, its time read, rows without a sample left out.
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Columns of a table over a stretch of time.
+
+    timeline: its time [s], the pieces that its gaps make and what was found. values: by role, shape (n,), in SI units
+    and radians; units: of them. specs: which columns these are, by role and "time". notes: what was done.
+    """
+
+    timeline: Timeline
+    values: dict[str, Array]
+    units: dict[str, str]
+    specs: dict[str, str]
+    notes: tuple[str, ...]
+
+
+def read_stretch(
     path: "Path | str | Table",
+    roles: Mapping[str, str | None],
     *,
-    time: str,
-    response: str,
-    drive: str | None = None,
-    kind: Literal["ring-down", "sweep", "broadband"] = "ring-down",
+    time: str | None = None,
+    rate_hz: float | None = None,
+    run: RunChoice = None,
+    columns: ColumnNames = None,
     start_s: float | None = None,
     stop_s: float | None = None,
-    gaps: Literal["refuse", "split"] = "refuse",
-    pretension_mm: float = 0.0,
-) -> xr.Dataset:
-    """Return a CSV file, or a DataFrame, as a recording.
+    samples: tuple[int, int | None] | None = None,
+    gaps: Gaps = "refuse",
+) -> Stretch:
+    """Return columns of a table, by role, over a stretch of time.
 
-    path: of the file; or a pandas DataFrame, whose column of the time may hold dates or durations.
-    time, response, drive: "COL", "COL:unit" or "COL,COL,COL:unit" (the mean of several columns).
-    kind: a ring-down becomes a ring-down segment, a sweep one steady segment that analysis divides by the drive, a
-        broadband record (chirp, noise, multisine) one that it takes whole. Frequency and amplitude of the drive are
-        not known and NaN.
-    start_s, stop_s: the part to take, in the file's own time [s].
-    gaps: refuse a record with missing samples, or split it into segments there.
-    pretension_mm: written into every segment [mm].
-    What was found and done with the time stamps is text in the attribute `import_notes`.
-    Raises FileError, RecordingError, TimeError or UnitError with one sentence.
+    path, run, columns: as in `read_table`. roles: specifications of the columns; that of the first role may be None:
+    then it is the only column of numbers that is left, or has to be named. time: of the time, None to tell it by its
+    name, or to count the rows by rate_hz [1/s]. start_s, stop_s: the part to take, in the file's own time [s]. samples:
+    which of its rows, half open, where it has so many; what lies outside is not judged. gaps: as in `straighten_times`;
+    unless they are refused, a row with an empty cell is a missing sample. A sparse table, whose rows hold samples of
+    some columns each, loses the rows that are empty in those asked for.
+    Raises FileError, SpecError, RecordingError, TimeError or UnitError with one sentence.
     """
-    if not (math.isfinite(pretension_mm) and pretension_mm >= 0):
-        raise RecordingError(
-            f"found pretension_mm = {pretension_mm:g}, expected 0 or more: it counts from first contact"
-        )
-    if kind not in _KINDS:
-        raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(_KINDS)}")
-    table = read_table(path)
-    specs = {"response": response} | ({"drive": drive} if drive else {})
-    for spec in specs.values():
-        find_columns(table, spec)
-    stamps = _read_time(table, time)
-    chosen = np.flatnonzero(choose_stretch(stamps, start_s, stop_s))
-    rows = slice(int(chosen[0]), int(chosen[-1]) + 1)
-    timeline = straighten_times(stamps[rows], gaps=gaps, first_row=rows.start + 1)
-    samples: dict[str, Array] = {"time_s": timeline.time_s}
-    units: dict[str, str] = {}
-    notes = [f"time: {note}" for note in timeline.notes]
-    for role, spec in specs.items():
-        values, unit = _read_signal(table, spec, rows)
-        name = {"response": "torsion_rad", "drive": "drive_rad"}[role] if unit == "rad" else role
-        samples[name], units[name] = values, unit
-        notes += [_RATE_NOTE.format(role=role)] if unit == "rad/s" else []
-    kept = np.concatenate([np.arange(piece.start, piece.stop) for piece in timeline.pieces])
-    segment = Segment(_KINDS[kind], float(pretension_mm), math.nan, math.nan, 0)
-    recording = build_recording(
-        {name: values[kept] for name, values in samples.items()},
-        [segment] * len(timeline.pieces),
-        [piece.stop - piece.start for piece in timeline.pieces],
-        provenance(
-            "import",
-            import_file="" if isinstance(path, pd.DataFrame) else as_path(path).name,
-            import_time=time,
-            import_response=response,
-            import_drive=drive or "",
-            import_notes="\n".join(notes),
-        ),
-        units,
-    )
-    return recording.assign_attrs(import_kind=kind) if kind == "broadband" else recording
+    table = read_table(path, run=run, columns=columns, time=time)
+    time, named, notes = _choose_columns(table, roles, time, rate_hz)
+    found = {role: find_columns(table, spec) for role, spec in named.items()}
+    asked = sorted({name for names, _ in found.values() for name in names})
+    empty = table[asked].isna().any(axis=1).to_numpy()
+    stamp = None if time is None else find_columns(table, time)[0][0]
+    others = [name for name in table.columns if name not in (*asked, stamp)]
+    elsewhere = empty & table[others].notna().any(axis=1).to_numpy() if others else np.zeros(len(table), dtype=bool)
+    if time is not None and elsewhere.mean() >= _SPARSE:
+        notes.append(f"{int(elsewhere.sum())} of {len(table)} rows hold samples of other columns only and are left out")
+        table, empty = table[~elsewhere], empty[~elsewhere]
+        if not len(table):
+            raise RecordingError(f"no row holds {' and '.join(asked)} together; bring them to common times first")
+    stamps, told = read_time(table, time, rate_hz)
+    inside = np.flatnonzero(choose_stretch(stamps, start_s, stop_s))
+    inside = np.arange(inside[0], inside[-1] + 1)
+    if samples is not None and (samples[1] is None or samples[1] <= inside.size):
+        inside = inside[slice(*samples)]
+    holes = int(empty[inside].sum())
+    if holes and gaps != "refuse":
+        notes.append(f"{holes} row{'s' if holes > 1 else ''} with an empty cell taken for missing samples")
+        inside = inside[~empty[inside]]
+    timeline = straighten_times(stamps[inside], gaps=gaps, rows=_rows(table)[inside])
+    if time is not None and rate_hz is not None:
+        _check_rate(rate_hz, timeline.time_s, time)
+    part = table.iloc[inside]
+    values, units = {}, {}
+    for role, (names, stated) in found.items():
+        units[role], factor = canonical_unit(_unit_of(names, stated, "1"))
+        values[role] = np.mean([numbers(part, name) for name in names], axis=0) * factor
+    specs = named | {"time": time if time is not None else f"{rate_hz:g} Hz"}
+    return Stretch(timeline, values, units, specs, (*notes_of(table), *notes, *told))
+
+
+def _choose_columns(
+    table: Table, roles: Mapping[str, str | None], time: str | None, rate_hz: float | None
+) -> tuple[str | None, dict[str, str], list[str]]:
+    """Return (column of the time, columns by role, notes), those without a name guessed where there is no doubt."""
+    notes = []
+    named = {role: spec for role, spec in roles.items() if spec is not None}
+    if time is None and rate_hz is None:
+        times = time_columns(table)
+        if len(times) != 1:
+            found = f"{' and '.join(times)} may be the time" if times else "no column is the time by its name"
+            raise SpecError(
+                f"this is a table: name its columns; --time COL is missing (time=) and {found}; there are "
+                f"{_shown(table)}; `sinew look` shows them. Without one, say the rate: --rate HZ (rate_hz=)"
+            )
+        time = times[0]
+        notes.append(f"the time is column {time!r}, by its name")
+    elif time is not None and len(names := find_columns(table, time)[0]) > 1:
+        raise RecordingError(f"time needs one column, found {len(names)}: {', '.join(names)}")
+    for role in (role for role, spec in roles.items() if spec is None):
+        taken = {time, *(name for spec in named.values() for name in find_columns(table, spec)[0])}
+        taken |= set(find_columns(table, time)[0]) if time is not None else set()
+        left = [name for name in number_columns(table) if name not in taken]
+        if len(left) != 1:
+            found = f"{' or '.join(left[:6])} may be it" if left else "no column of numbers is left for it"
+            raise SpecError(
+                f"this is a table: name its columns; --{role} COL is missing ({role}=) and {found}; there are "
+                f"{_shown(table)}; `sinew look` shows them"
+            )
+        named[role] = left[0]
+        notes.append(f"the {role} is column {left[0]!r}, the only other one of numbers")
+    return time, {role: named[role] for role in roles if role in named}, notes
 
 
 def _unit_of(names: Sequence[str], stated: str | None, default: str) -> str:
@@ -328,27 +309,177 @@ def _unit_of(names: Sequence[str], stated: str | None, default: str) -> str:
     return found.pop()
 
 
-def _read_time(table: Table, spec: str) -> Array:
-    """Return the time stamps of the whole file [s], shape (n,)."""
-    names, stated = find_columns(table, spec)
-    if len(names) > 1:
-        raise RecordingError(f"time needs one column, found {len(names)}: {', '.join(names)}")
-    column = table[names[0]]
-    if column.dtype.kind in "mM" or isinstance(column.dtype, pd.DatetimeTZDtype):
+def read_time(table: Table, spec: str | None, rate_hz: float | None) -> tuple[Array, list[str]]:
+    """Return (time stamps of the whole table [s], shape (n,), notes)."""
+    if rate_hz is not None and not 0 < rate_hz < math.inf:
+        raise SpecError(f"--rate is {rate_hz:g}, expected a positive number of samples per second (rate_hz)")
+    if spec is None:
+        assert rate_hz is not None
+        return np.arange(len(table)) / rate_hz, []
+    (name, *_), stated = find_columns(table, spec)
+    column, unit = table[name], stated or unit_in_name(name)
+    if _holds_dates(column) or _holds_stamps(column):
         if stated is not None:
-            raise UnitError(f"the time column {names[0]!r} holds dates or durations, which need no unit; leave it out")
-        stamps = as_seconds(column)
+            raise UnitError(f"the time column {name!r} holds dates or durations, which need no unit; leave it out")
+        stamps, notes = (as_seconds(column), []) if _holds_dates(column) else _read_stamps(column, name)
+    elif unit is None:
+        stamps, notes = _read_unitless(table, name)
     else:
-        stamps = numbers(table, names[0]) * convert(_unit_of(names, stated, "s"), "s")
-    refuse_backwards(stamps)
-    return stamps
+        stamps, notes = numbers(table, name) * convert(unit, "s"), []
+    refuse_backwards(stamps, rows=_rows(column))
+    return stamps, notes
 
 
-def _read_signal(table: Table, spec: str, rows: slice) -> tuple[Array, str]:
-    """Return (mean of the named columns in SI units and radians, shape (n,); that unit)."""
-    names, stated = find_columns(table, spec)
-    unit, factor = canonical_unit(_unit_of(names, stated, "1"))
-    return np.mean([numbers(table, name, rows) for name in names], axis=0) * factor, unit
+def _read_unitless(table: Table, name: str) -> tuple[Array, list[str]]:
+    """Return stamps without a unit as seconds, those since 1970 by the size of their numbers, and what was done."""
+    values = numbers(table, name)
+    size = float(np.abs(values).min()) if values.size else 0.0
+    unit = next((unit for least, unit in _EPOCHS if size >= least), None)
+    if unit is not None:
+        column = table[name]
+        since = column - column.iloc[0] if column.dtype.kind in "iu" else values - values[0]  # whole: all digits count
+        said = f"the stamps in {name!r} are {unit} since 1970 by their size; time counts from the first"
+        return np.asarray(since, dtype=float) * convert(unit, "s"), [said]
+    steps = np.diff(values)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    if usual >= _SUSPECT_STEP_S and bool((values == np.rint(values)).all()):
+        raise UnitError(
+            f"the stamps in {name!r} are whole numbers {usual:g} apart and no unit is stated: are they seconds, ms or "
+            f"us? say it, as --time '{name}:us' (time='{name}:us')"
+        )
+    return values, []
+
+
+def _first_text(column: "pd.Series") -> str | None:
+    held = column.dropna()
+    return held.iloc[0].strip() if len(held) and isinstance(held.iloc[0], str) else None
+
+
+def _holds_stamps(column: "pd.Series") -> bool:
+    first = None if column.dtype.kind in "fiub" else _first_text(column)
+    return first is not None and STAMP.fullmatch(first) is not None
+
+
+def _read_stamps(column: "pd.Series", name: str) -> tuple[Array, list[str]]:
+    """Return dates or times of a clock, written as text, as seconds since the first of them, and what was done."""
+    texts = column.astype("object").where(column.notna(), "").astype(str).str.strip()
+    bad = np.flatnonzero(~texts.map(lambda text: STAMP.fullmatch(text) is not None).to_numpy(dtype=bool))
+    if bad.size:
+        raise RecordingError(
+            f"column {name!r} holds {texts.iloc[int(bad[0])]!r} in data row {_rows(column)[bad[0]]}, expected a date "
+            f"or a time of day as {texts.iloc[0]!r}"
+        )
+    said = f"the stamps in {name!r} became seconds since the first, {texts.iloc[0]}"
+    texts = texts.str.replace(",", ".", regex=False)
+    if re.fullmatch(r"\d{1,2}:\d\d(:\d\d(\.\d+)?)?", texts.iloc[0]):
+        whole = texts.where(texts.str.count(":") == 2, texts + ":00")
+        seconds = as_seconds(pd.to_timedelta(whole))
+        days = np.concatenate([[0], np.cumsum(np.diff(seconds) < -43_200.0)])  # the clock passes midnight
+        return seconds - seconds[0] + 86_400.0 * days, [said]
+    try:
+        dates = pd.to_datetime(texts, format="mixed", dayfirst="." in texts.iloc[0][:5], utc=True)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise RecordingError(
+            f"column {name!r} holds dates that cannot be read ({error}); write 2026-03-01 14:05:00.5"
+        ) from error
+    return as_seconds(dates), [said]
+
+
+def _check_rate(rate_hz: float, time_s: Array, time: str) -> None:
+    own = 1.0 / float(np.median(np.diff(time_s)))
+    if abs(rate_hz / own - 1.0) > _RATE_OFF:
+        raise SpecError(
+            f"--rate is {rate_hz:g} Hz, the time stamps in {time!r} are {own:.6g} Hz apart; give one of the two"
+        )
+
+
+# A stretch becomes a recording.
+
+_RATE_NOTE = (
+    "the {role} is an angular rate and stays one: its frequency and damping are those of the angle, "
+    "its amplitude is that of the angle times the angular frequency, and its phase leads the angle's by 90 degrees"
+)
+_AXES = "xyz"
+
+
+def import_csv(
+    path: "Path | str | Table",
+    *,
+    time: str | None = None,
+    response: str | None = None,
+    drive: str | None = None,
+    kind: ReadKind = "ring-down",
+    start_s: float | None = None,
+    stop_s: float | None = None,
+    gaps: Gaps = "refuse",
+    run: RunChoice = None,
+    columns: ColumnNames = None,
+    rate_hz: float | None = None,
+    pretension_mm: float = 0.0,
+) -> xr.Dataset:
+    """Return somebody's file, or a DataFrame, as a recording.
+
+    path: of the file (see `read_table`); or a pandas DataFrame, whose column of the time may hold dates or durations.
+    time, response, drive: "COL", "COL:unit" or "COL,COL,COL:unit" (the mean of several columns). A time that is the
+    only one by its name, and a response that is the only other column of numbers, need not be named.
+    kind: a ring-down becomes a ring-down segment, a sweep one steady segment that analysis divides by the drive, a
+        broadband record (chirp, noise, multisine) and one of hammer blows (impact) one that it takes whole; auto leaves
+        the kind to analysis. Frequency and amplitude of the drive are not known and NaN.
+    start_s, stop_s: the part to take, in the file's own time [s].
+    gaps: refuse a record with missing samples, split it into segments there, or bridge them in a ring-down: its times
+        are uneven then, which a fit in the time domain bears up to half a period. Unless they are refused, empty cells
+        count as missing samples.
+    run: which of several, by number from 1 or name. columns: names for all columns instead of the file's.
+    rate_hz: samples per second, where no column holds the time.
+    pretension_mm: written into every segment [mm].
+    What was found and done is text in the attribute `import_notes`; `import_gaps` is "bridge" where gaps were bridged.
+    Raises FileError, SpecError, RecordingError, TimeError or UnitError with one sentence.
+    """
+    if not (math.isfinite(pretension_mm) and pretension_mm >= 0):
+        raise RecordingError(
+            f"found pretension_mm = {pretension_mm:g}, expected 0 or more: it counts from first contact"
+        )
+    if kind not in IMPORT_SEGMENTS:
+        raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(IMPORT_SEGMENTS)}")
+    if gaps == "bridge" and IMPORT_SEGMENTS[kind] != "ring-down":
+        raise RecordingError(f"a {kind} needs even samples, its gaps cannot be bridged; split it (--gaps split)")
+    roles = {"response": response} | ({"drive": drive} if drive else {})
+    found = read_stretch(
+        path,
+        roles,
+        time=time,
+        rate_hz=rate_hz,
+        run=run,
+        columns=columns,
+        start_s=start_s,
+        stop_s=stop_s,
+        gaps=gaps,
+    )
+    timeline = found.timeline
+    names = {"response": "torsion_rad", "drive": "drive_rad"}
+    called = {role: names[role] if found.units[role] == "rad" else role for role in roles}
+    samples = {"time_s": timeline.time_s} | {called[role]: values for role, values in found.values.items()}
+    notes = [*found.notes, *(f"time: {note}" for note in timeline.notes)]
+    notes += [_RATE_NOTE.format(role=role) for role, unit in found.units.items() if unit == "rad/s"]
+    kept = np.concatenate([np.arange(piece.start, piece.stop) for piece in timeline.pieces])
+    segment = Segment(IMPORT_SEGMENTS[kind], float(pretension_mm), math.nan, math.nan, 0)
+    recording = build_recording(
+        {name: values[kept] for name, values in samples.items()},
+        [segment] * len(timeline.pieces),
+        [piece.stop - piece.start for piece in timeline.pieces],
+        provenance(
+            "import",
+            import_file="" if isinstance(path, pd.DataFrame) else as_path(path).name,
+            import_time=found.specs["time"],
+            import_response=found.specs["response"],
+            import_drive=drive or "",
+            import_notes="\n".join(notes),
+        ),
+        {called[role]: unit for role, unit in found.units.items()},
+    )
+    if gaps == "bridge" and timeline.diagnosis.gaps:
+        recording = recording.assign_attrs(import_gaps="bridge")
+    return recording if kind in ("ring-down", "sweep") else recording.assign_attrs(import_kind=kind)
 
 
 def export_csv(recording: xr.Dataset, path: Path | str) -> None:

@@ -165,6 +165,17 @@ def is_netcdf(path: Path | str) -> bool:
         raise FileError(f"cannot read {path}: {error.strerror or error}") from error
 
 
+def has_schema(path: Path | str) -> bool:
+    """Return whether an HDF5 or NetCDF file names a schema, as all that Sinew writes do."""
+    import netCDF4
+
+    try:
+        with netCDF4.Dataset(str(as_path(path))) as file:
+            return "schema" in file.ncattrs()
+    except (OSError, RuntimeError):  # cut short, or a tree that is no NetCDF
+        return False
+
+
 def load_dataset(path: Path | str) -> xr.Dataset:
     """Return the dataset of a NetCDF file, read whole into memory, results of an older schema brought to today's.
 

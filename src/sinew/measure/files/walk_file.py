@@ -101,7 +101,7 @@ def read_walk(
     values = np.column_stack(list(channels.values()))
     notes: list[str] = []
     rows = _stretch(stamps, values, start_s, stop_s, notes)
-    timeline = straighten_times(stamps[rows], gaps="split", first_row=rows.start + 1)
+    timeline = straighten_times(stamps[rows], gaps="split", rows=rows.start + 1)
     piece = max(timeline.pieces, key=lambda one: one.stop - one.start)
     if len(timeline.pieces) > 1:
         notes.append(f"the time stamps have gaps; taken is the longest of {len(timeline.pieces)} pieces")

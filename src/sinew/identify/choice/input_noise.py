@@ -1,0 +1,215 @@
+"""Noise on a measured force: where it is left out of the fit, and what it adds to an interval.
+
+A fit by output error simulates the measured input, its noise too. Under a drive that acts all the time that is a share
+of the drive. Where the force is silent most of the time, as in an impulse test, its sensor's noise rings the simulated
+joint long after the true motion has died, and a term that keeps small motions from ringing, dry friction before all,
+fits better for that reason alone. So the silent force is taken as its mean (the force window of modal testing, Ewins,
+Modal Testing, 2000), unless the measured one predicts the output better: then it was a force.
+
+The noise inside a pulse that is short beside the period changes what the joint feels of it in two numbers, how strong
+it was and when. Both are errors in variables: they are fitted with the mechanics of a linear joint, held by what the
+noise may have done, and the force is put right by them, so that two strokes agree with one joint. How strong all of
+them were together no residual shows; that goes into the interval of the gain.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from sinew.identify.oscillator.fit import fit
+from sinew.identify.oscillator.fitted import Fit, mechanical_parameters
+from sinew.identify.oscillator.least_squares import Covariance
+from sinew.identify.oscillator.model import MODELS, make_part
+from sinew.identify.oscillator.record import Record, derivative_order
+from sinew.measure.arrays import Array
+from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import number
+
+_LOUD = 4.5  # standard deviations of the silent force: what is larger is a force
+_SILENT = 0.6  # of the samples, at least, where the force is silent
+_PEAK = 20.0  # standard deviations of the silent force that the largest one has, at least
+_SKIRT = 0.5  # of a pulse's length that is kept on either side
+_FEWEST_SKIRT = 3
+_QUIET_BAND = 0.75  # of the highest frequency: beyond it a drive has nothing
+_FLOOR = 0.01  # of the drive's largest spectral density: more is no noise
+_TELLING = 0.25  # of the residuals' variance that noise of the input makes: worth a warning
+_TOO_MUCH = 3.0  # of it: more than there is, so it was no noise
+_BETWEEN = 0.3  # over the square of its samples: the share of a half sine that a spline through them may miss
+_STROKE = 0.05  # of the strongest pulse: what is weaker is none
+_ROUNDS = 3
+_FURTHEST = 3.0  # standard deviations that a pulse is put right by
+
+
+@dataclass(frozen=True)
+class Windowed:
+    """A record whose silent force is its mean.
+
+    noise: standard deviation of a sample of the silent force, in its unit. gain_std: of the gain, relative, by the
+    noise inside the pulses. sentence: what was done, in words.
+    """
+
+    record: Record
+    noise: float
+    gain_std: float
+    sentence: str
+
+
+def window_force(record: Record) -> Windowed | None:
+    """Return the record with its silent force taken as its mean; None where it is not silent, or better as measured."""
+    if record.input is None or record.excitation not in ("force", "torque"):
+        return None
+    loud = _loud(record.input)
+    if loud is None:
+        return None
+    mean = float(record.input[~loud].mean())
+    noise = float(record.input[~loud].std())
+    windowed = replace(record, input=np.where(loud, record.input, mean))
+    try:
+        found, before = fit(windowed, MODELS["linear"]), fit(record, MODELS["linear"]).rmse
+    except RecordingError:
+        return None
+    left = found.rmse
+    if not left < before:
+        return None
+    windowed = _put_right(found, loud, mean, noise)
+    unit = "" if record.input_unit == "1" else record.input_unit
+    return Windowed(
+        windowed,
+        noise,
+        _strength_std(record.input - mean, loud, noise),
+        f"the {record.excitation} is silent in {100 * float(np.mean(~loud)):.0f} % of the samples but for noise of "
+        f"{number(noise, 2, unit)} rms; it was taken as its mean there, by which a linear joint leaves "
+        f"{100 * (1 - left / before):.2g} % less",
+    )
+
+
+def _loud(force: Array) -> NDArray[np.bool_] | None:
+    """Return where there is a force, with its skirts, shape (n,); None where it is not silent most of the time."""
+    off = np.abs(force - np.median(force))
+    noise = 1.4826 * float(np.median(off))
+    if not 0 < _PEAK * noise < float(off.max()):
+        return None
+    found = np.zeros(force.size, dtype=bool)
+    for first, last in _stretches(off > _LOUD * noise):
+        skirt = max(_FEWEST_SKIRT, math.ceil(_SKIRT * (last - first)))
+        found[max(0, first - skirt) : last + skirt] = True
+    return found if float(np.mean(~found)) >= _SILENT else None
+
+
+def _stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return begin and end, half open, of every stretch of a mask that is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _put_right(found: Fit, loud: NDArray[np.bool_], mean: float, noise: float) -> Record:
+    """Return the record with its pulses as strong and as late as the output says, as far as noise can have done it.
+
+    One step of Gauss and Newton for the mechanics and both numbers of every stroke together, held by their priors.
+    """
+    record = found.records[0]
+    assert record.input is not None
+    force, pulses = record.input - mean, _stretches(loud)
+    own = [np.where((np.arange(force.size) >= a) & (np.arange(force.size) < b), force, 0.0) for a, b in pulses]
+    strongest = max(abs(float(one.sum())) for one in own)
+    own = [one for one in own if abs(float(one.sum())) > _STROKE * strongest]
+    shapes = [*own, *(-np.gradient(one, record.time_s) for one in own)]
+    std = np.array([*(_strength(one, noise) for one in own), *(_lateness(record, one, noise) for one in own)])
+    responses = np.stack([_response(found, shape) for shape in shapes], axis=1) * std
+    jacobian = np.concatenate([found.solution.jacobian * found.layout.parts[0].unit_size, responses], axis=1)
+    size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    residual, moved = found.residuals()[0], np.zeros(std.size)
+    left, held = max(found.rmse, 1e-300), np.zeros((std.size, jacobian.shape[1]))
+    for _ in range(_ROUNDS):  # the less they leave, the less the noise of the output holds them
+        held[:, -std.size :] = left * np.eye(std.size)
+        table, wanted = np.concatenate([jacobian, held]) / size, np.concatenate([residual, np.zeros(std.size)])
+        step = np.linalg.lstsq(table, wanted, rcond=1e-12)[0] / size
+        moved = np.clip(step[-std.size :], -_FURTHEST, _FURTHEST)
+        left = max(float(np.sqrt(np.mean((residual - jacobian @ step) ** 2))), 1e-300)
+    return replace(record, input=record.input + np.tensordot(moved * std, np.stack(shapes), 1))
+
+
+def _response(found: Fit, force: Array) -> Array:
+    """Return what a further force adds to the output of a linear fit, in its unit, shape (n,)."""
+    part, record = found.layout.parts[0], found.records[0]
+    assert record.input is not None
+    pushed = make_part(replace(record, input=record.input + force), found.model, part.scales, found.frame, part.kept)
+    layout = replace(found.layout, parts=(pushed,))
+    return np.asarray(layout.outputs(found.solution.values)[0] * part.unit_size - found.predicted[0])
+
+
+def _strength(pulse: Array, noise: float) -> float:
+    """Return the relative standard deviation of a pulse's area: by noise, and by what passes between its samples."""
+    inside = pulse != 0
+    steps = float(np.sum(np.abs(pulse))) / float(np.abs(pulse).max())
+    return float(np.hypot(noise * math.sqrt(np.count_nonzero(inside)) / abs(float(pulse.sum())), _BETWEEN / steps**2))
+
+
+def _lateness(record: Record, pulse: Array, noise: float) -> float:
+    """Return the standard deviation of a pulse's centre [s]."""
+    area = float(pulse.sum())
+    since = record.time_s - float(record.time_s @ pulse) / area
+    return noise * float(np.linalg.norm(since[pulse != 0])) / abs(area) + _BETWEEN * record.step_s * 0.1
+
+
+def _strength_std(force: Array, loud: NDArray[np.bool_], noise: float) -> float:
+    """Return the relative standard deviation of the gain that pulses, each as strong as its area, tell by their noise:
+    of areas A_p of n_p samples the slope of least squares has the variance σ² Σ n_p A_p² / (Σ A_p²)²."""
+    pulses = _stretches(loud)
+    area = np.array([float(force[a:b].sum()) for a, b in pulses])
+    size = np.array([b - a for a, b in pulses])
+    return noise * float(np.sqrt(size @ area**2)) / float(area @ area)
+
+
+def widen_gain(found: Fit, gain_std: float) -> Fit:
+    """Return a fit whose gain, and what is over it, has this relative standard deviation beside its own."""
+    at = [k for k, entry in enumerate(found.layout.entries) if entry.local == "gain"]
+    matrix = found.covariance.matrix.copy()
+    for k in at:
+        matrix[k, k] += (gain_std * float(found.solution.values[k])) ** 2
+    certainty = Covariance(matrix, found.covariance.degrees_of_freedom)
+    parameters = mechanical_parameters(found.layout, found.solution, certainty)
+    return replace(found, covariance=certainty, parameters=parameters)
+
+
+def warn_of_noise(found: Fit) -> list[str]:
+    """Return a sentence where noise of a force that acts all the time makes much of what a fit leaves.
+
+    Its density is that of the input in the highest quarter of the frequencies, if that is far below the drive's; white
+    noise of the density S makes a motion of the variance S g²/(4 d k), or a rate of S g²/(4 d).
+    """
+    first = found.records[0]
+    if first.excitation not in ("force", "torque") or derivative_order(first.output_unit) > 1:
+        return []
+    if not found.natural_frequency_hz.value > 0 or not found.damping_ratio.value > 0:
+        return []
+    share = _noise_share(found, found.records)
+    if not _TELLING < share < _TOO_MUCH:
+        return []
+    return [
+        f"noise of the input, by its highest frequencies, makes about {100 * min(share, 1.0):.0f} % of what the "
+        "fit leaves: damping and friction take part of it for their own; average the input, or measure it with less"
+    ]
+
+
+def _noise_share(found: Fit, records: Sequence[Record]) -> float:
+    density = float(np.median([_noise_density(record) for record in records]))
+    local = dict(zip((entry.local for entry in found.layout.entries), found.solution.values, strict=True))
+    gain = float(local.get("gain", 0.0)) * found.layout.parts[0].scales.physical("gain")
+    omega = 2 * np.pi * found.natural_frequency_hz.value
+    damping = 2 * found.damping_ratio.value * omega
+    size = omega**2 if derivative_order(records[0].output_unit) == 0 else 1.0
+    return density * gain**2 / (4 * damping * size) / max(found.rmse, 1e-300) ** 2
+
+
+def _noise_density(record: Record) -> float:
+    """Return the one-sided spectral density of the input's noise [unit²/Hz]; zero where it does not show."""
+    assert record.input is not None
+    length = min(1024, record.size)
+    frequency, density = signal.welch(record.input, 1.0 / record.step_s, nperseg=length)
+    floor = float(np.median(density[frequency > _QUIET_BAND * frequency[-1]]))
+    return floor if floor < _FLOOR * float(density.max()) else 0.0

@@ -1,0 +1,92 @@
+"""Which stretch of a record is fitted: between two times, an angle unwrapped, the free part of a decay."""
+
+import numpy as np
+import pytest
+from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
+
+import sinew as sn
+from sinew.identify.choice.stretch import cut_to, find_decays, free_part, unwrapped
+from sinew.identify.oscillator.record import Record, make_record
+from sinew.measure.errors import RecordingError, TimeError
+
+TIME = np.arange(0, 6, 0.01)
+
+
+def decay(start: float, lasts_s: float = 6.0, damping_ratio: float = 0.05) -> np.ndarray:
+    return motion(viscous(damping_ratio), lambda t: 0.0, np.arange(0, lasts_s, 0.01), (start, 0.0))[0]
+
+
+def record_of(x: np.ndarray, seed: int = 0) -> Record:
+    return make_record(0.01 * np.arange(x.size), noisy(x, 0.002, seed), output_unit="rad")
+
+
+def test_a_record_is_cut_between_two_times_of_its_own() -> None:
+    cut = cut_to(record_of(decay(0.5)), 1.0, 2.0)
+    assert (cut.time_s[0], cut.time_s[-1]) == (pytest.approx(1.0), pytest.approx(2.0))
+
+
+def test_a_stretch_outside_the_record_is_refused() -> None:
+    with pytest.raises(TimeError, match="the record runs from 0 s to"):
+        cut_to(record_of(decay(0.5)), 50.0, None)
+
+
+def test_a_stretch_of_a_few_samples_is_refused() -> None:
+    with pytest.raises(RecordingError, match="found 11 samples between start and stop"):
+        cut_to(record_of(decay(0.5)), 1.0, 1.1)
+
+
+def test_a_decay_that_begins_free_is_fitted_whole() -> None:
+    record = record_of(decay(0.5))
+    assert free_part(record) is record
+
+
+def test_of_a_driven_motion_before_a_decay_only_the_free_part_is_fitted() -> None:
+    driven = 0.3 * np.sin(0.8 * OMEGA * np.arange(0, 3, 0.01))
+    free = free_part(record_of(np.concatenate([driven, 0.5 * decay(1.0)])))
+    assert 2.9 < free.time_s[0] < 3.5
+    assert "the motion is free from 3." in free.notes[-1] or "the motion is free from 2.9" in free.notes[-1]
+
+
+def test_of_two_decays_in_one_record_both_are_told_and_the_larger_is_fitted() -> None:
+    pulled = np.linspace(0, 0.5, 60)
+    held = np.full(100, 0.5)
+    both = np.concatenate([decay(0.3), pulled, held, decay(0.5)])
+    free = free_part(record_of(both))
+    assert 7.3 < free.time_s[0] < 8.0
+    assert "the record holds 2 free decays, " in free.notes[-1]
+
+
+def test_the_beat_of_two_modes_is_one_decay() -> None:
+    t = np.arange(0, 8, 0.01)
+    beat = np.exp(-0.2 * t) * (np.cos(OMEGA * t) + 0.9 * np.cos(1.2 * OMEGA * t))
+    assert len(find_decays(t, 0.2 * beat)) == 1
+
+
+def test_identify_says_which_stretch_it_took() -> None:
+    x = np.concatenate([np.zeros(100), np.linspace(0, 0.4, 60), np.full(100, 0.4), decay(0.4)])
+    found = sn.identify(record_of(x), "linear")
+    assert "the motion is free from 2." in found.document["message"]
+    assert found.fit is not None
+    assert found.fit.damping_ratio.low < 0.05 < found.fit.damping_ratio.high
+
+
+def test_identify_takes_the_stretch_that_is_asked_for() -> None:
+    found = sn.identify(record_of(decay(0.4)), "linear", start_s=0.5, stop_s=2.0)
+    assert found.fit is not None
+    assert found.fit.records[0].time_s[[0, -1]] == pytest.approx([0.5, 2.0])
+
+
+def test_an_angle_that_wraps_at_half_a_turn_is_unwrapped_with_a_remark() -> None:
+    x = decay(1.2) + 2.5
+    wrapped = make_record(TIME, np.angle(np.exp(1j * x)), output_unit="rad")
+    found = unwrapped(wrapped)
+    assert found.output - found.output[0] == pytest.approx(x - x[0], abs=1e-9)
+    assert "jumps by a whole turn" in found.notes[-1]
+
+
+@pytest.mark.parametrize("unit", ["rad", "m"])
+def test_what_does_not_jump_by_a_turn_stays_as_it_is(unit: str) -> None:
+    record = make_record(
+        TIME, 2.0 * np.cos(OMEGA * TIME) if unit == "rad" else 40 * np.sign(TIME - 3), output_unit=unit
+    )
+    assert unwrapped(record) is record

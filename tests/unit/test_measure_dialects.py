@@ -1,0 +1,136 @@
+"""Files of other labs: each is read without an option, or refused with the option that reads it."""
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.unit.dialects import BINARIES, DIALECTS, STEP, TEXTS, Dialect, N
+
+from sinew.measure.errors import SinewError
+from sinew.measure.files.csv import import_csv, read_table
+from sinew.measure.files.runs import notes_of
+from sinew.measure.look import look
+from sinew.measure.units import canonical_unit
+
+ALL = [pytest.param(one, id=one.name) for one in DIALECTS]
+OPTIONED = [pytest.param(one, id=one.name) for one in DIALECTS if one.refusal]
+
+
+def written(dialect: Dialect, folder: Path) -> Path:
+    dialect.write(folder / dialect.name)
+    return folder / dialect.name
+
+
+@pytest.mark.parametrize("dialect", ALL)
+def test_the_swing_in_a_file_is_read_with_its_times_and_its_unit(dialect: Dialect, tmp_path: Path) -> None:
+    recording = import_csv(written(dialect, tmp_path), **dialect.options)  # type: ignore[arg-type]
+    unit, factor = canonical_unit(dialect.unit)
+    channel = recording["torsion_rad" if unit == "rad" else "response"]
+    assert channel.attrs["units"] == unit
+    assert channel.values / factor == pytest.approx(dialect.values, abs=dialect.slack)
+    assert np.diff(recording["time_s"].values) == pytest.approx(np.full(N - 1, STEP), abs=2e-6)
+
+
+@pytest.mark.parametrize("dialect", OPTIONED)
+def test_a_file_that_leaves_a_doubt_is_refused_with_the_option_that_settles_it(
+    dialect: Dialect, tmp_path: Path
+) -> None:
+    with pytest.raises(SinewError, match=r"\S") as caught:
+        import_csv(written(dialect, tmp_path))
+    assert dialect.refusal in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_there_are_fifteen_dialects_of_text_and_every_format() -> None:
+    assert len(TEXTS) >= 15
+    assert {Path(one.name).suffix for one in BINARIES} == {".mat", ".h5", ".tdms", ".uff", ".xlsx", ".parquet", ".mcap"}
+
+
+def test_look_says_what_only_its_reader_knows(tmp_path: Path) -> None:
+    (angles,) = [one for one in TEXTS if one.name == "angles_only.txt"]
+    found = look(written(angles, tmp_path)).document
+    assert found["missing"] == ["--rate HZ"]
+    assert shlex.split(found["command"])[3:5] == ["--rate", "HZ"]
+
+
+def test_a_preamble_that_was_left_out_is_told(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("Logger 3\nroom 7\nt,x\n" + "".join(f"{i},{i}\n" for i in range(9)))
+    assert "2 lines above the table left out" in notes_of(read_table(tmp_path / "a.csv"))
+
+
+def test_columns_without_a_header_are_named_by_their_places(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("".join(f"{i / 100},{i}\n" for i in range(9)))
+    assert list(read_table(tmp_path / "a.csv").columns) == ["1", "2"]
+
+
+def test_names_for_all_columns_must_be_as_many_as_there_are(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("".join(f"{i / 100},{i}\n" for i in range(9)))
+    with pytest.raises(SinewError, match="a name of its own for each of the 2 columns: 1, 2"):
+        read_table(tmp_path / "a.csv", columns="t,x,y")
+
+
+@pytest.mark.parametrize("run", [0, 3, "third"])
+def test_a_run_that_is_not_there_is_refused_with_the_list(tmp_path: Path, run: int | str) -> None:
+    (below,) = [one for one in TEXTS if one.name == "runs_below.csv"]
+    with pytest.raises(SinewError, match=r"has no run .*1 'part 1', 2 'part 2'"):
+        import_csv(written(below, tmp_path), run=run)
+
+
+def test_a_clock_that_passes_midnight_goes_on(tmp_path: Path) -> None:
+    times = [f"23:59:59.{k}00" for k in range(5, 10)] + [f"00:00:00.{k}00" for k in range(10)]
+    (tmp_path / "a.csv").write_text("time,x\n" + "".join(f"{t},{k}\n" for k, t in enumerate(times)))
+    assert import_csv(tmp_path / "a.csv")["time_s"].values == pytest.approx(np.arange(15) / 10)
+
+
+def test_a_format_whose_library_is_missing_is_refused_with_how_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tdms,) = [one for one in BINARIES if one.name == "labview.tdms"]
+    file = written(tdms, tmp_path)
+    monkeypatch.setitem(__import__("sys").modules, "nptdms", None)
+    with pytest.raises(SinewError, match=r"npTDMS reads, and that is not installed; install it: .*\[formats\]"):
+        import_csv(file)
+
+
+def test_a_folder_that_rosbag2_wrote_is_read_as_the_bag_in_it(tmp_path: Path) -> None:
+    (bag,) = [one for one in BINARIES if one.name == "bag.mcap"]
+    written(bag, tmp_path)
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
+    assert import_csv(tmp_path, **bag.options).sizes["sample"] == N  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("head", "said"),
+    [
+        (b"SQLite format 3\0" + bytes(99), "ros2 bag convert"),
+        (b"#ROSBAG V2.0\n" + bytes(99), "mcap convert"),
+        (b"CDF\x01" + bytes(99), "export it as CSV"),
+        (b"PAR1" + bytes(99), "a Parquet file, and cannot be read"),
+        (b"TDSm" + bytes(99), "TDMS, a file of LabVIEW, and cannot be read"),
+        (b"\x89MCAP0\r\n" + bytes(99), r"MCAP file \(rosbag2\), and cannot be read"),
+        (b"MATLAB 5.0 MAT-file" + bytes(300), "MATLAB, and cannot be read"),
+    ],
+)
+def test_a_damaged_or_foreign_file_is_refused_by_its_kind(tmp_path: Path, head: bytes, said: str) -> None:
+    (tmp_path / "x.bin").write_bytes(head)
+    with pytest.raises(SinewError, match=said):
+        import_csv(tmp_path / "x.bin", time="t", response="x")
+
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
+with_data = pytest.mark.skipif(not DATA.is_dir(), reason="the real recordings are not at ../shared/data")
+
+
+@with_data
+def test_a_real_table_below_a_block_of_settings_is_found_with_its_header() -> None:
+    table = read_table(DATA / "silicone_tensile" / "Dragon_Skin_30.csv")
+    assert list(table.columns[[0, 3]]) == ["Time (s)", "Engineering Strain"]
+    assert table.iloc[0, 3] == 0.0446
+
+
+@with_data
+def test_a_real_swing_without_a_header_of_its_own_is_read_by_its_rate() -> None:
+    file = DATA / "rotary_pendulum_swing" / "pendulum_free_swing_data_01.txt"
+    recording = import_csv(file, columns="angle_deg", rate_hz=1000)
+    assert recording["torsion_rad"].values == pytest.approx(np.radians(np.loadtxt(file, skiprows=2)))
