@@ -2,11 +2,14 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 from sinew.bench.errors import LimitError, LostError
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
+from sinew.bench.loop import Loop
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import Climate, MotorReading, Reading
 from sinew.plan.toml import load_rig
@@ -169,3 +172,16 @@ def test_a_rate_that_stands_still_does_not_turn_the_head_further() -> None:
     for cycle in range(100):
         guard.check(replace(reading(cycle), imu=stuck), 0.0, PERIOD * cycle, WATCH)
     assert abs(guard.torsion) < math.radians(10)
+
+
+def test_after_a_standstill_the_means_that_hold_samples_from_before_it_are_unknown() -> None:
+    stood = [replace(reading(k), imu=reading(min(k, 4)).imu) for k in range(10)]
+    told = [*stood, *map(reading, range(10, 20))]
+    rig = SimpleNamespace(spec=SPEC, tendons=range(4), motors=(), write_goals=lambda *_: None, read=lambda: told.pop(0))
+    clock, guard = SimpleNamespace(now=lambda: 0.0, wait_until=lambda _: None), SimpleNamespace()
+    guard.check = guard.forget = lambda *_: None
+    tilt = SimpleNamespace(update=lambda *_: 0.0)
+    loop = Loop(cast("Any", rig), cast("Any", clock), cast("Any", guard), cast("Any", tilt), PERIOD, lambda _: None)
+    known = [not math.isnan(loop.cycle().gyro_rad_s[0]) for _ in range(20)]
+    mixed = SPEC.imu.average_samples - 1  # of the means after the standstill, so many reach back before it
+    assert known == [True] * 10 + [False] * mixed + [True] * (10 - mixed)
