@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from campaigns.impacts import Pulse, struck
 from matplotlib.figure import Figure
 from tests.unit.broadband_signals import noise, shaken
 from tests.unit.figures_panels import labelled, smallest_type, titled
@@ -41,3 +42,11 @@ def test_single_panels_are_drawn_on_axes_that_are_given(found: sn.Analysed) -> N
     np.testing.assert_array_equal(lag[np.isfinite(lag)], known[np.isfinite(lag)])  # a gap where it jumps by a turn
     assert np.isfinite(lag).mean() > 0.5
     np.testing.assert_array_equal(labelled(drawn[2], "γ²")[:, 1], column(found, "coherence"))
+
+
+def test_the_figure_of_one_hit_has_no_h2_and_says_why_there_is_no_coherence() -> None:
+    table = struck([(3.0, 0.05, 1.0)], [Pulse(0.5, 1.0, 0.015)], 5.0, np.random.default_rng(1), response_noise=0.01)
+    one = sn.analyse(sn.read(table, time="t", drive="force:N", response="phi:deg", kind="impact"))
+    figure = draw_broadband(one.document)
+    assert {line.get_label() for line in titled(figure, "gain").lines} & {"H1", "H2", "modes"} == {"H1", "modes"}
+    assert [text.get_text() for text in titled(figure, "coherence").texts] == ["one hit: nothing to compare it with"]
