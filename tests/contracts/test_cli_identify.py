@@ -14,6 +14,7 @@ from tests.contracts.identify_sweep import (
     LINEAR,
     TIME,
     identified,
+    push,
     write,
 )
 from tests.unit.identify_signals import motion, noisy, viscous
@@ -47,6 +48,15 @@ def test_a_test_range_before_the_training_range_is_predicted_too(
 ) -> None:
     found = identified(capsys, sweep, *COLUMNS, "--model", "linear", "--train", "600:1600", "--test", "0:600")
     assert found["rmse"]["test"] == pytest.approx(0.002, rel=0.2)
+
+
+def test_nothing_outside_start_and_stop_is_looked_at(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    x = noisy(motion(viscous(0.1), push, TIME)[0], 0.002, 1)
+    spoilt = np.where(TIME < 4, x, 7.0)
+    t = np.where(TIME < 12, TIME, TIME + 5.0)  # a gap, too
+    file = write(tmp_path / "a.csv", t=t, u=push(TIME), y=spoilt)
+    found = identified(capsys, file, *COLUMNS, *LINEAR, "--start", "0", "--stop", "3.9")
+    assert found["natural_frequency_hz"]["value"] == pytest.approx(3.0, rel=0.01)
 
 
 def test_a_rate_stands_in_for_a_time_column(sweep: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,19 +1,20 @@
 """Noise of a force sensor: an impulse test whose silent force is noise, and one whose silent force is none."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from campaigns.impulses import Struck, struck_record
 
-from sinew.identify.choice.input_noise import warn_of_noise, widen_gain, window_force
+from sinew.identify.choice.input_noise import warn_of_noise, widen, window_force
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
 
 STRUCK = Struck("linear", 3.0, 0.03, ((0.3, 0.03, 1.0),), 0.005, 0.001)
 
 
-def struck(seed: int = 0, **numbers: float) -> Record:
+def struck(seed: int = 0, **numbers: Any) -> Record:
     return struck_record(replace(STRUCK, **numbers), seed)
 
 
@@ -58,14 +59,19 @@ def test_a_force_that_is_not_silent_or_has_no_noise_stays_as_measured(shape: str
     assert window_force(replace(record, input=given)) is None
 
 
-def test_noise_inside_the_strokes_widens_the_inertia_and_not_the_frequency() -> None:
+def test_noise_inside_a_stroke_widens_the_inertia_by_what_it_does_to_its_strength() -> None:
     found = window_force(struck())
     assert found is not None
     plain = fit(found.record, "linear")
-    wide = widen_gain(plain, found.gain_std)
-    assert wide.natural_frequency_hz == plain.natural_frequency_hz
-    own, more = plain.parameters["inertia_kg_m2"], wide.parameters["inertia_kg_m2"]
+    own, more = plain.parameters["inertia_kg_m2"], widen(plain, found).parameters["inertia_kg_m2"]
     assert more.std == pytest.approx(np.hypot(own.std, found.gain_std * own.value))
+
+
+def test_not_to_know_how_strong_two_strokes_were_widens_the_damping() -> None:
+    twice = window_force(struck(pulses=((0.3, 0.03, 1.0), (1.5, 0.03, 0.8))))
+    assert twice is not None
+    plain = fit(twice.record, "linear")
+    assert widen(plain, twice).damping_ratio.std > 1.05 * plain.damping_ratio.std
 
 
 def test_the_strength_of_a_stroke_is_as_uncertain_as_its_area() -> None:

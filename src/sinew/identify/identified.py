@@ -13,7 +13,7 @@ from sinew.analysis.signal.signals import read_signals, torsion_delay
 from sinew.identify.choice.comparison import Comparison, compare, compare_laws, compare_segments, impossible_numbers
 from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
 from sinew.identify.choice.held_out import HeldOut, Split, split_record
-from sinew.identify.choice.input_noise import warn_of_noise, widen_gain, window_force
+from sinew.identify.choice.input_noise import warn_of_noise, widen, window_force
 from sinew.identify.choice.stretch import cut_to, free_part, unwrapped
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.identify.oscillator.bootstrap import bootstrap_repeats
@@ -232,7 +232,7 @@ def find_mechanics(
     if windowed is None:
         remarks = [*remarks, *warn_of_noise(compared.best)]
     else:
-        compared = replace(compared, best=widen_gain(compared.best, windowed.gain_std))
+        compared = replace(compared, best=widen(compared.best, windowed))
     return replace(_of_comparison(compared, remarks), split=split, held_out=compared.rows[0].held_out)
 
 

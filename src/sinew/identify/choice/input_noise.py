@@ -8,8 +8,9 @@ Modal Testing, 2000), unless the measured one predicts the output better: then i
 
 The noise inside a pulse that is short beside the period changes what the joint feels of it in two numbers, how strong
 it was and when. Both are errors in variables: they are fitted with the mechanics of a linear joint, held by what the
-noise may have done, and the force is put right by them, so that two strokes agree with one joint. How strong all of
-them were together no residual shows; that goes into the interval of the gain.
+noise may have done, and the force is put right by them, so that two strokes agree with one joint, and the intervals
+are those of a fit that did not know them. How strong all of them were together no residual shows; that goes into the
+interval of the gain.
 """
 
 import math
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from sinew.identify.oscillator.fit import fit
-from sinew.identify.oscillator.fitted import Fit, mechanical_parameters
+from sinew.identify.oscillator.fitted import Fit, mechanical_parameters, oscillation
 from sinew.identify.oscillator.least_squares import Covariance
 from sinew.identify.oscillator.model import MODELS, make_part
 from sinew.identify.oscillator.record import Record, derivative_order
@@ -49,12 +50,14 @@ class Windowed:
     """A record whose silent force is its mean.
 
     noise: standard deviation of a sample of the silent force, in its unit. gain_std: of the gain, relative, by the
-    noise inside the pulses. sentence: what was done, in words.
+    noise inside the pulses. wider: by name, how much wider the other numbers of a fit are for not knowing how strong
+    the pulses were and when. sentence: what was done, in words.
     """
 
     record: Record
     noise: float
     gain_std: float
+    wider: dict[str, float]
     sentence: str
 
 
@@ -75,12 +78,13 @@ def window_force(record: Record) -> Windowed | None:
     left = found.rmse
     if not left < before:
         return None
-    windowed = _put_right(found, loud, mean, noise)
+    windowed, wider = _put_right(found, loud, mean, noise)
     unit = "" if record.input_unit == "1" else record.input_unit
     return Windowed(
         windowed,
         noise,
         _strength_std(record.input - mean, loud, noise),
+        wider,
         f"the {record.excitation} is silent in {100 * float(np.mean(~loud)):.0f} % of the samples but for noise of "
         f"{number(noise, 2, unit)} rms; it was taken as its mean there, by which a linear joint leaves "
         f"{100 * (1 - left / before):.2g} % less",
@@ -106,8 +110,9 @@ def _stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _put_right(found: Fit, loud: NDArray[np.bool_], mean: float, noise: float) -> Record:
-    """Return the record with its pulses as strong and as late as the output says, as far as noise can have done it.
+def _put_right(found: Fit, loud: NDArray[np.bool_], mean: float, noise: float) -> tuple[Record, dict[str, float]]:
+    """Return the record with its pulses as strong and as late as the output says, as far as noise can have done it, and
+    how much wider each number is for it.
 
     One step of Gauss and Newton for the mechanics and both numbers of every stroke together, held by their priors.
     """
@@ -130,7 +135,11 @@ def _put_right(found: Fit, loud: NDArray[np.bool_], mean: float, noise: float) -
         step = np.linalg.lstsq(table, wanted, rcond=1e-12)[0] / size
         moved = np.clip(step[-std.size :], -_FURTHEST, _FURTHEST)
         left = max(float(np.sqrt(np.mean((residual - jacobian @ step) ** 2))), 1e-300)
-    return replace(record, input=record.input + np.tensordot(moved * std, np.stack(shapes), 1))
+    alone = np.linalg.norm(np.linalg.pinv(table[: residual.size, : -std.size], rcond=1e-12), axis=1)
+    together = np.linalg.norm(np.linalg.pinv(table, rcond=1e-12), axis=1)[: -std.size]
+    names = [entry.local for entry in found.layout.entries]
+    wider = {name: max(1.0, float(b / a)) for name, a, b in zip(names, alone, together, strict=True) if name != "gain"}
+    return replace(record, input=record.input + np.tensordot(moved * std, np.stack(shapes), 1)), wider
 
 
 def _response(found: Fit, force: Array) -> Array:
@@ -165,15 +174,19 @@ def _strength_std(force: Array, loud: NDArray[np.bool_], noise: float) -> float:
     return noise * float(np.sqrt(size @ area**2)) / float(area @ area)
 
 
-def widen_gain(found: Fit, gain_std: float) -> Fit:
-    """Return a fit whose gain, and what is over it, has this relative standard deviation beside its own."""
-    at = [k for k, entry in enumerate(found.layout.entries) if entry.local == "gain"]
-    matrix = found.covariance.matrix.copy()
-    for k in at:
-        matrix[k, k] += (gain_std * float(found.solution.values[k])) ** 2
+def widen(found: Fit, windowed: Windowed) -> Fit:
+    """Return a fit to a windowed record whose intervals know of the noise inside the pulses."""
+    names = [entry.local for entry in found.layout.entries]
+    factor = np.array([windowed.wider.get(name, 1.0) for name in names])
+    matrix = found.covariance.matrix * np.outer(factor, factor)
+    for k in (k for k, name in enumerate(names) if name == "gain"):
+        matrix[k, k] += (windowed.gain_std * float(found.solution.values[k])) ** 2
     certainty = Covariance(matrix, found.covariance.degrees_of_freedom)
+    frequency, damping = oscillation(found.layout, found.solution, certainty)
     parameters = mechanical_parameters(found.layout, found.solution, certainty)
-    return replace(found, covariance=certainty, parameters=parameters)
+    return replace(
+        found, covariance=certainty, parameters=parameters, natural_frequency_hz=frequency, damping_ratio=damping
+    )
 
 
 def warn_of_noise(found: Fit) -> list[str]:

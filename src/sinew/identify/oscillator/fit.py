@@ -6,6 +6,7 @@ it is assumed small.
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -477,7 +478,8 @@ def search(layout: Layout, first: Array, masks: Masks, taught: Array | None = No
         for k, entry in enumerate(layout.entries):
             if entry.local == "stiffness":
                 x[k] *= factor**2
-        grown.append(_grow(layout, x, masks, problem))
+        with suppress(RecordingError):  # from there it runs away; the direct search did not
+            grown.append(_grow(layout, x, masks, problem))
         if min(np.sqrt(one.sum_of_squares) for one in grown) <= _LOST * size:
             break
     return min(grown, key=lambda solution: solution.sum_of_squares)
