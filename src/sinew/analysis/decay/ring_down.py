@@ -130,20 +130,6 @@ def _window(t: Array, swing: Array, height_std: float) -> tuple[float, float, fl
     return float(amplitude.mean()), frequency, damping, frequency * time_std / length, rate_std / omega
 
 
-def fit_bent(time_s: Array, values: Array, fit: DecayFit, time_of_peaks_s: Array, size: Array) -> DecayFit:
-    """Return the fit whose rate and frequency change linearly with time, started from the peaks.
-
-    time_s, values: shape (n,), what the plain `fit` was fitted to. time_of_peaks_s, size: shape (h,), three or more.
-    """
-    t, index = time_of_peaks_s - fit.start_s, np.arange(size.size) * np.pi
-    degree = 2 if size.size > 3 else 1
-    log_size = np.polyfit(t, np.log(size), degree, w=size)
-    phase = np.polyfit(t, index, degree, w=size)
-    bend = (-float(log_size[0]), float(phase[0])) if degree == 2 else (0.0, 0.0)
-    relaxing = float(np.exp(fit.parameters[7])) if fit.relaxing else None
-    return fit_decay(time_s, values, (-float(log_size[-2]), float(phase[-2])), relaxing=relaxing, bend=bend)
-
-
 def mean_poles(bent: DecayFit, time_of_peaks_s: Array, size: Array, size_std: float) -> tuple[Array, Array]:
     """Return ((λ, ω), their covariance), shape (2,) and (2, 2), as means over the window weighted by amplitude.
 
