@@ -337,7 +337,7 @@ def _foreign_ring_down(
             free_from_s=result.start_s,
             modes=checked_count(modes),
         )
-        document["modes"] = modes_json(several)
+        document["modes"] = modes_json(several.modes)
         notes = (several.message,) if several.message else ()
     if len(signals.segments) == 1:
         return document, notes

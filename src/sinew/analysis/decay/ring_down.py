@@ -1,18 +1,30 @@
 """Frequency and damping of a ring-down, with intervals, and a verdict on its shape."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 from scipy import integrate, special
 
-from sinew.analysis.decay.decay_fit import DecayFit, fit_decay, lehr_damping, pole_estimates
+from sinew.analysis.decay.course import (
+    Course,
+    clearly_better,
+    close_modes,
+    differing_halves,
+    exponential_course,
+    growing_noise,
+    smooth_course,
+    with_further_modes,
+)
+from sinew.analysis.decay.decay_fit import DecayFit, fit_bent, lehr_damping, pole_estimates
 from sinew.analysis.decay.free_decay import (
     Envelope,
     Peaks,
+    band_passed,
     block_means,
     checked_record,
     evenly,
@@ -20,11 +32,15 @@ from sinew.analysis.decay.free_decay import (
     fit_envelope,
     free_decay,
     large_peaks,
+    spectral_lines,
 )
+from sinew.analysis.decay.modes import DecayMode, modes_json
+from sinew.analysis.decay.samples import Samples, read_samples
+from sinew.analysis.signal.coloured_noise import sandwich
 from sinew.analysis.signal.signals import Signals, read_signals
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import NORMAL_90, Estimate, finite, number, pair
 from sinew.measure.recording import Segment
 from sinew.measure.schema import RESULT_VARIABLES, result_axis
 
@@ -39,7 +55,6 @@ _VERTEX = 1.23  # std of a vertex's phase by that of its relative height, for th
 SIGNIFICANCE = 0.01
 _DAMPING_EFFECT = 0.10  # relative change of the damping ratio that counts,
 _FREQUENCY_EFFECT = 0.01  # and of the frequency
-_STEPS = 2001  # of the means over the window
 _END_OF_EFFECT = 0.2  # of the first amplitude: end of the comparison by the bent fit
 
 
@@ -130,40 +145,6 @@ def _window(t: Array, swing: Array, height_std: float) -> tuple[float, float, fl
     return float(amplitude.mean()), frequency, damping, frequency * time_std / length, rate_std / omega
 
 
-def mean_poles(bent: DecayFit, time_of_peaks_s: Array, size: Array, size_std: float) -> tuple[Array, Array]:
-    """Return ((λ, ω), their covariance), shape (2,) and (2, 2), as means over the window weighted by amplitude.
-
-    bent: from `fit_bent`, λ(t) = λ + 2 λ₂t [1/s] and ω(t) = ω + 2 ω₂t [rad/s] with the amplitude A(t) that follows:
-    ⟨λ⟩ = ∫ λ A dt / ∫ A dt, likewise ⟨ω⟩. The covariance is carried from the fit's, through the weights too.
-    time_of_peaks_s, size: shape (h,), three or more peaks, size_std: noise of one. The same means are taken from them,
-    without a model; where the two differ by more than twice the noise of the peaks, rate and frequency do not change
-    linearly with time either, and the difference is added to the standard deviation.
-    """
-    means, covariance = _means(bent, 0.0, 1.0)
-    edges = (time_of_peaks_s[[0, -1]] - bent.start_s) / bent.window_s
-    by_peaks, noise = _means_by_peaks(time_of_peaks_s, size, size_std)
-    off = _means(bent, *edges)[0] - by_peaks
-    return means, covariance + np.diag(np.where(np.abs(off) > 2.0 * noise, off, 0.0) ** 2)
-
-
-def _means(bent: DecayFit, low: float, high: float) -> tuple[Array, Array]:
-    """Return the means of (λ, ω) and their covariance between two times in units of the window."""
-    s = np.linspace(low, high, _STEPS)
-    places = np.array([0, 1, -2, -1])
-    rate, omega, bend, turn = bent.parameters[places]
-    amplitude = np.exp(np.clip(-rate * s - bend * s**2, -200.0, 50.0))
-    amplitude[[0, -1]] *= 0.5  # trapezoidal rule
-    weight = amplitude / amplitude.sum()
-    poles = np.stack([rate + 2.0 * bend * s, omega + 2.0 * turn * s])
-    means = poles @ weight
-    by_weight = (poles - means[:, None]) * weight @ np.stack([-s, -(s**2)], axis=1)
-    late = 2.0 * float(s @ weight)
-    gradient = np.array([[1.0, 0.0, late, 0.0], [0.0, 1.0, 0.0, late]])
-    gradient[:, [0, 2]] += by_weight
-    covariance = gradient @ bent.covariance[np.ix_(places, places)] @ gradient.T
-    return np.asarray(means / bent.window_s), np.asarray(covariance / bent.window_s**2)
-
-
 def _means_by_peaks(t: Array, size: Array, size_std: float) -> tuple[Array, Array]:
     """Return the means of (λ, ω) from sizes and spacings of the peaks, and their standard deviations, (2,) each."""
     middle = 0.5 * (size[1:] + size[:-1])
@@ -173,10 +154,10 @@ def _means_by_peaks(t: Array, size: Array, size_std: float) -> tuple[Array, Arra
     return np.array([rate, omega]), size_std / area * np.array([np.sqrt(2.0), _VERTEX * float(np.linalg.norm(shares))])
 
 
-def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str) -> DecayShape:
+def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str, p_value: float | None = None) -> DecayShape:
     """Return the verdict on one exponential.
 
-    bent: from `fit_bent`; table: from `amplitude_dependence`; unit: of the amplitude, for the sentence.
+    bent: from `fit_bent`; p_value: that it is no better, where that is known otherwise; table: from `amplitude_dependence`; unit: of the amplitude, for the sentence.
 
     Rule: the decay is not exponential where (1) the bent fit's two added terms differ from zero at the 1 % level (F
     test, covariance for coloured noise, effective degrees of freedom), and (2) the change matters: between the first
@@ -185,7 +166,7 @@ def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str) -> DecayS
     bent fit between the first amplitude and a fifth of it). The second condition keeps a record without noise from
     being called wrong for nothing.
     """
-    p_value = bend_p_value(bent)
+    p_value = bend_p_value(bent) if p_value is None else p_value
     solid = table.damping_ratio_std < 0.2 * np.abs(table.damping_ratio)
     if np.count_nonzero(solid) >= 3:
         where = np.log(table.amplitude[solid])
@@ -233,14 +214,14 @@ def _ends_of_bent(bent: DecayFit) -> tuple[Array, Array]:
 
 
 def _praise(changes: tuple[float, ...], p_value: float) -> str:
-    why = (
-        "less than the 10 % and 1 % that count"
-        if p_value < SIGNIFICANCE
-        else f"no more than the residual of the fit explains (p = {p_value:.2g})"
-    )
+    if p_value >= SIGNIFICANCE:
+        return (
+            "damping and frequency change with the amplitude by no more than the residual of the fit explains "
+            f"(p = {p_value:.2g}): one exponential describes the decay"
+        )
     return (
         f"damping changes by {100 * changes[0]:+.1f} % and frequency by {100 * changes[1]:+.2f} % as the amplitude "
-        f"falls, {why}: one exponential describes the decay"
+        "falls, less than the 10 % and 1 % that count: one exponential describes the decay"
     )
 
 
@@ -267,23 +248,53 @@ DECAY_WINDOWS = (0.0, 0.1, 0.5, 1.0, 1.5, 2.0)
 """Starts after the stop, in drive periods, from which the paper's method reads a planned ring-down beside."""
 
 
+class Parts(NamedTuple):
+    """What the interval of one quantity is made of, in its unit.
+
+    noise: value with standard deviation and 90 % interval by the scatter of the samples alone. misfit: standard
+    deviation that the model's disagreement with the record adds.
+    """
+
+    noise: Estimate
+    misfit: float
+
+    @property
+    def together(self) -> Estimate:
+        """Return the estimate with both; the misfit is taken as known (Welch and Satterthwaite)."""
+        one = self.noise
+        std = math.hypot(one.std, self.misfit)
+        if not (self.misfit > 0 and math.isfinite(one.high - one.low)):
+            return one
+        if not one.std > 0:
+            return Estimate.normal(one.value, std)
+        # between Student's quantile of the noise alone and the normal one of a known misfit
+        share = (one.std / std) ** 2
+        quantile = NORMAL_90 + (0.5 * (one.high - one.low) / one.std - NORMAL_90) * share
+        return Estimate(one.value, std, one.value - quantile * std, one.value + quantile * std)
+
+
 @dataclass(frozen=True)
 class RingDown:
     """One analysed ring-down.
 
     frequency_hz: damped frequency ω_d/2π [Hz]; natural_frequency_hz: undamped, sqrt(ω_d² + λ²)/2π [Hz].
     damping_ratio: λ/sqrt(ω_d² + λ²); decay_rate_per_s: λ [1/s]; quality: 1/(2·damping_ratio).
-    All by the direct time-domain fit. Of a decay that is not exponential, whose one sinusoid would fall out of step and
-    take that for damping, the fit is the bent one (rate and frequency change linearly with time), λ and ω_d are its
-    means over the window weighted by the amplitude, ∫ λ A dt / ∫ A dt, and the rest follows from these two. Where the
-    same means of the peaks differ from them by more than noise, the difference is in the intervals.
+    All by the direct time-domain fit, of the strongest mode where there are several. Where rate and frequency move
+    with the amplitude, one sinusoid would fall out of step and take that for damping; size and phase are then smooth
+    functions of time (`sinew.analysis.decay.course`), λ and ω_d their means over the window weighted by the amplitude,
+    ∫ λ A dt / ∫ A dt, and the rest follows from these two. The intervals hold the noise and the misfit together.
+    parts: the two by name of the quantity. misfit: a sentence on where it comes from, empty without any. Its parts:
+    early and late half of the decay differ beyond their noise (the 90 % interval then reaches as far as they differ),
+    the same means of the peaks differ beyond theirs, and the residual grows with the amplitude.
     rest_drift: change of the rest position from start_s to stop_s, unit of the response (a rate's: of its bias).
-    paper: the paper's method, Eq. 7-10 with the damped frequency as printed.
+    paper: the paper's method, Eq. 7-10 with the damped frequency as printed; withheld: why it should not be believed.
     shape: exponential or not; dependence: frequency and damping against amplitude.
+    modes: where several swing in the record, all of them, the one of most energy first; else empty.
     start_s, stop_s: the free decay that was used, in the time of the record.
     fit: the direct fit, bent where the decay is not exponential, for its curve.
     peak_time_s, peak_value: shape (h,), both-sided peaks about the rest position.
     unit: of the response; peak_unit: of peaks and amplitudes (of the angle where the response is a rate).
+    remarks: what was found in the samples and done about it, a sentence each.
     """
 
     frequency_hz: Estimate
@@ -291,10 +302,14 @@ class RingDown:
     damping_ratio: Estimate
     decay_rate_per_s: Estimate
     quality: Estimate
+    parts: dict[str, Parts]
+    misfit: str
     rest_drift: Estimate
     paper: Envelope
+    withheld: str
     shape: DecayShape
     dependence: AmplitudeDependence
+    modes: tuple[DecayMode, ...]
     start_s: float
     stop_s: float
     fit: DecayFit
@@ -302,6 +317,7 @@ class RingDown:
     peak_value: Array
     unit: str
     peak_unit: str
+    remarks: tuple[str, ...]
 
 
 def analyse_ring_down(
@@ -321,38 +337,315 @@ def analyse_ring_down(
         fitted as it is; peaks and amplitudes are those of its integral.
     inertia_kg_m2: I, for the paper's d and k. free_from_s: time from which the decay is known to be free [s].
 
-    The drive tells when it stopped; without it, the start is sought in the response. Window: six time constants. The
+    The drive tells when it stopped; without it, the start is sought in the response, and where that finds nothing that
+    explains the record, in the band of each line of its spectrum. Window: six time constants. The
     direct fit's standard deviations hold for coloured noise; intervals are Student's with effective degrees of freedom.
     Raises RecordingError (TimeError for time stamps) where the record holds no ring-down that can be analysed.
     """
-    t, x, lever, clock = evenly(*checked_record(time_s, response, drive))
-    fit, t, x, peaks = free_decay(t, x, lever, free_from_s)
+    samples = read_samples(time_s, response, drive, unit)
+    sought = _seek(samples, free_from_s)
+    read = _read(samples, sought)
+    strongest = max(range(len(read.course.model.bases)), key=read.course.energy)
+    if strongest and free_from_s is None:
+        hz = float(read.course.poles(mode=strongest)[0][1]) / (2.0 * np.pi)
+        again = _in_band(samples, hz)
+        if again is not None:
+            sought, read = again, _read(samples, again)
+            strongest = max(range(len(read.course.model.bases)), key=read.course.energy)
+    fit, times, heights = sought.fit, read.peak_time_s, read.height
+    peaks = sought.peaks
     if is_rate:
+        inside = (samples.even_s >= fit.start_s - 1e-9) & (samples.even_s <= fit.stop_s + 1e-9)
+        t, x = block_means(samples.even_s[inside], samples.even[inside], peaks.half_period_s)
         peaks = find_peaks(t, _angle(t, x, fit))
-    times, heights = _heights(peaks, fit, is_rate)
-    bent = fit_bent(t, x, fit, times, np.abs(heights))
-    rest = bent if bend_p_value(bent) < SIGNIFICANCE else fit
-    times, heights = _heights(peaks, rest, is_rate)
+        times, heights = _heights(peaks, fit, True)
     table = amplitude_dependence(times, heights, peaks.value_std)
     peak_unit = _integrated(unit) if is_rate else unit
-    shape = judge_shape(bent, table, peak_unit)
-    poles = np.array([fit.decay_rate_per_s, fit.omega_rad_s]), fit.pole_covariance()
-    if not shape.exponential:
-        fit, poles = bent, mean_poles(bent, times, np.abs(heights), peaks.value_std)
+    shape = judge_shape(read.bent, table, peak_unit, read.p_value)
+    poles, by_noise, by_misfit, why = _poles(read, sought, strongest)
+    parts = _parts(poles, by_noise, by_misfit, read.degrees_of_freedom, samples.clock_std)
+    found = {name: one.together for name, one in parts.items()}
+    if found["frequency_hz"].low <= 0:
+        raise RecordingError(
+            f"no frequency can be told: the oscillation has {pair(found['frequency_hz'].value, found['frequency_hz'].std)}"
+            " Hz; record more of it, with less noise"
+        )
+    rest = read.bent if read.p_value < SIGNIFICANCE else fit
+    paper = fit_envelope(times, np.abs(heights), inertia_kg_m2)
+    by_period = 1.0 / (found["frequency_hz"].value * float(np.median(np.diff(samples.time_s))))
     return RingDown(
-        **_estimates(*poles, fit.degrees_of_freedom, clock),
+        **found,
+        quality=_quality(found["damping_ratio"]),
+        parts=parts,
+        misfit=_misfit_said(parts, why),
         rest_drift=Estimate.student(*rest.drift(), rest.degrees_of_freedom),
-        paper=fit_envelope(times, np.abs(heights), inertia_kg_m2),
+        paper=paper,
+        withheld=_withheld(paper, found, by_period, strongest > 0),
         shape=shape,
         dependence=table,
+        modes=_modes(read.course, samples.clock_std) if len(read.course.model.bases) > 1 else (),
         start_s=fit.start_s,
-        stop_s=fit.stop_s,
-        fit=fit,
+        stop_s=read.stop_s,
+        fit=fit if shape.exponential else read.bent,
         peak_time_s=times,
         peak_value=heights,
         unit=unit,
         peak_unit=peak_unit,
+        remarks=samples.remarks,
     )
+
+
+# What is sought: the start of the decay, and which oscillation it is.
+
+_EXPLAINED = 0.7  # share of the motion that the oscillation found first should make
+_SURE_OF_BAND = 60.0  # fall of n ln(residual²) that an oscillation sought in a band must bring
+_OFF_BAND = 1.5  # times the band's frequency, either way, that its fit may have
+_AS_STRONG = 0.5  # of the energy of the strongest: then what was found without a band stays
+_OVERDAMPED = 0.7
+
+
+class _Sought(NamedTuple):
+    """A free decay in a record: its fit, the samples of that, (n,) each, its peaks, and whether these are about zero,
+    for they were found in a band."""
+
+    fit: DecayFit
+    t: Array
+    x: Array
+    peaks: Peaks
+    centred: bool
+
+    @property
+    def energy(self) -> float:
+        """Return the energy of the oscillation in the window, unit of the response squared times seconds."""
+        swing = self.fit.model(self.t) - self.fit.rest(self.t)
+        return float(np.mean(swing**2)) * self.fit.window_s
+
+    @property
+    def explained(self) -> float:
+        """Return which share of the motion about the rest position the oscillation makes."""
+        motion = float(np.sum((self.x - self.fit.rest(self.t)) ** 2))
+        return 1.0 - float(np.sum(self.fit.residual**2)) / motion if motion > 0 else 1.0
+
+
+def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
+    """Return the free decay that explains a record: the one its peaks show, else the strongest of its spectrum."""
+    given = None if samples.is_even else (samples.time_s, samples.values)
+    first: _Sought | None = None
+    refusal: RecordingError | None = None
+    try:
+        first = _Sought(
+            *free_decay(
+                samples.even_s, samples.even, samples.drive, free_from_s, samples=given, floor=samples.resolution
+            ),
+            False,
+        )
+    except RecordingError as error:
+        refusal = error
+    if first is not None and (free_from_s is not None or first.explained > _EXPLAINED):
+        return first
+    found = []
+    if free_from_s is None:
+        lines = [_in_band(samples, hz) for hz in spectral_lines(samples.even_s, samples.even)]
+        found = [one for one in lines if one is not None]
+    best = max(found, key=lambda one: one.energy, default=None)
+    if first is not None and (best is None or first.energy > _AS_STRONG * best.energy):
+        return first
+    if best is None:
+        assert refusal is not None
+        raise refusal
+    return best
+
+
+def _in_band(samples: Samples, frequency_hz: float) -> _Sought | None:
+    """Return the free decay of the oscillation near a frequency, or None where there is none for sure."""
+    given = None if samples.is_even else (samples.time_s, samples.values)
+    band = band_passed(samples.even_s, samples.even, frequency_hz)
+    try:
+        found = free_decay(
+            samples.even_s, samples.even, samples.drive, samples=given, sought=band, floor=samples.resolution
+        )
+    except RecordingError:
+        return None
+    one = _Sought(*found, True)
+    fit, still = one.fit, np.polynomial.Polynomial.fit(one.t, one.x, 1)
+    before = float(np.sum((one.x - still(one.t)) ** 2))
+    effective = fit.degrees_of_freedom + fit.parameters.size
+    after = max(float(fit.residual @ fit.residual), 1e-300)
+    rate, _ = fit.mean_rate_per_s()
+    off = abs(math.log(max(fit.omega_rad_s, 1e-300) / (2.0 * np.pi * frequency_hz)))
+    if effective * math.log(max(before, 1e-300) / after) < _SURE_OF_BAND or off > math.log(_OFF_BAND):
+        return None
+    return one if rate < _OVERDAMPED * fit.omega_rad_s else None
+
+
+# What is read from it: the course of its size and phase, and what else swings.
+
+_BENDS = 0.05  # p value from which on frequency and rate are not taken for constant
+_BEYOND = 2.0  # standard deviations by which halves, or fit and peaks, differ beyond noise
+_PLAIN_BETTER = 10.0
+_FEWEST_PER_PERIOD = 12  # samples, for the paper's peaks
+_SCATTERS, _WITHIN = 3.0, 0.03  # by which the paper's numbers may differ from the direct fit's
+
+
+class _Read(NamedTuple):
+    """What the samples of one free decay say.
+
+    bent: its bent fit; p_value: that a plain one is as good. course: of its size and phase, and of further modes; is
+    plain: it is one exponential alone, whose numbers are the fit's own. peak_time_s, height: shape (h,), of the response
+    about its rest position; height_std: noise of one. stop_s: end of the window.
+    """
+
+    fit: DecayFit
+    bent: DecayFit
+    p_value: float
+    course: Course
+    is_plain: bool
+    peak_time_s: Array
+    height: Array
+    height_std: float
+    stop_s: float
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Return those of the numbers."""
+        return self.fit.degrees_of_freedom if self.is_plain else self.course.degrees_of_freedom
+
+
+def _read(samples: Samples, sought: _Sought) -> _Read:
+    fit, t, x, peaks = sought.fit, sought.t, sought.x, sought.peaks
+    times, heights = _heights(peaks, fit, sought.centred)
+    bent = fit_bent(t, x, fit, times, np.abs(heights))
+    p_value = bend_p_value(bent)
+    if p_value < SIGNIFICANCE and not sought.centred:
+        times, heights = _heights(peaks, bent, False)
+    moves = p_value < _BENDS or fit.bending
+    plain = exponential_course(t, x, fit)
+    course, stop = plain, fit.stop_s
+    if moves:
+        size = np.abs(peaks.value - (0.0 if sought.centred else bent.rest(peaks.time_s)))
+        large = size > max(5.0 * peaks.value_std, 0.02 * float(size.max()))
+        last = float(peaks.time_s[np.flatnonzero(large)[-1]]) + 0.5 * peaks.half_period_s
+        inside = t <= max(last, float(times[-1]))
+        if np.count_nonzero(inside) >= 32:
+            t, x = t[inside], x[inside]
+        course, stop = smooth_course(t, x, bent, times, heights), float(t[-1])
+        two = close_modes(t, x, course)
+        course = course if two is None else two
+    several = with_further_modes(t, x, course)
+    if len(several.model.bases) > 1 and several.functions > 2:
+        simple = with_further_modes(t, x, exponential_course(t, x, fit))
+        if not clearly_better(simple, several, _PLAIN_BETTER):
+            several = simple
+    if len(several.model.bases) > 1 and several.functions == 2:
+        p_value = 1.0
+    elif moves:
+        p_value = min(p_value, float(special.chdtrc(4.0, max(_likelihood_ratio(plain, bent), 0.0))))
+    alone = several.functions == 2 and len(several.model.bases) == 1 and not fit.bending
+    return _Read(fit, bent, p_value, several, alone, times, heights, peaks.value_std, stop)
+
+
+def _likelihood_ratio(plain: Course, bent: DecayFit) -> float:
+    """Return twice the logarithm of the likelihood ratio of a bent fit, in independent samples of its residual."""
+    effective = bent.degrees_of_freedom + bent.parameters.size
+    after = float(bent.residual @ bent.residual)
+    return effective * math.log(plain.left_over / after) if after > 0 and plain.left_over > 0 else 0.0
+
+
+def _poles(read: _Read, sought: _Sought, mode: int) -> tuple[Array, Array, Array, list[str]]:
+    """Return (λ, ω) of a mode, the covariance of both by noise and by misfit, (2, 2) each, and where that is from."""
+    course, why = read.course, []
+    if read.is_plain:
+        fit = read.fit
+        poles, noise = np.array([fit.decay_rate_per_s, fit.omega_rad_s]), fit.pole_covariance()
+        _, gradient = course.poles()
+        grown = gradient @ (course.grown - course.covariance) @ gradient.T
+    else:
+        poles, gradient = course.poles(mode=mode)
+        noise = gradient @ course.covariance @ gradient.T
+        grown = gradient @ (course.grown - course.covariance) @ gradient.T
+    misfit = np.diag(np.maximum(np.diag(grown), 0.0))
+    if np.any(np.diag(misfit) > 0.2 * np.diag(noise)):
+        why.append("the residual grows with the amplitude")
+    if course.functions < 3 or mode:
+        return poles, noise, misfit, why
+    first, last = float(read.peak_time_s[0]), float(read.peak_time_s[-1])
+    off, std = differing_halves(course, 0.5 * (first + last), last)
+    off = np.where(np.abs(off) > _BEYOND * std, off, 0.0)
+    if off.any():
+        why.append("its early half, of large swings, and its late one, of small swings, differ beyond their noise")
+        misfit = misfit + np.outer(off, off) / NORMAL_90**2
+    window = course.stop_s - course.start_s
+    edges = np.clip((np.array([first, last]) - course.start_s) / window, 0.0, 1.0)
+    if edges[1] - edges[0] > 0.3:
+        by_peaks, scatter = _means_by_peaks(read.peak_time_s, np.abs(read.height), read.height_std)
+        apart = course.poles(float(edges[0]), float(edges[1]))[0] - by_peaks
+        apart = np.where(np.abs(apart) > _BEYOND * scatter, apart, 0.0)
+        if np.any(apart**2 > 0.2 * np.diag(noise + misfit)):
+            why.append("its peaks say otherwise than the fit")
+        misfit = misfit + np.diag(apart**2)
+    return poles, noise, misfit, why
+
+
+def _parts(poles: Array, noise: Array, misfit: Array, freedom: float, clock_std: float) -> dict[str, Parts]:
+    """Return the parts of every quantity that follows from (λ, ω)."""
+    alone = pole_estimates(poles, noise, freedom, clock_std)
+    beside = pole_estimates(poles, misfit, freedom)
+    return {name: Parts(one, beside[name].std) for name, one in alone.items()}
+
+
+def _quality(ratio: Estimate) -> Estimate:
+    """Return Q = 1/(2 D)."""
+    least = 0.5 / ratio.low if ratio.low > 0 else np.inf
+    return Estimate(0.5 / ratio.value, 0.5 * ratio.std / ratio.value**2, 0.5 / ratio.high, least)
+
+
+def _misfit_said(parts: dict[str, Parts], why: list[str]) -> str:
+    """Return a sentence on how much of the intervals of frequency and damping ratio is misfit; empty without any."""
+    if not why:
+        return ""
+    shares = []
+    for name, words, unit in (("frequency_hz", "frequency", " Hz"), ("damping_ratio", "damping ratio", "")):
+        one = parts[name]
+        if one.misfit > 0.3 * one.noise.std:
+            shares.append(f"{words} ±{number(one.noise.std, 2)} by noise and ±{number(one.misfit, 2)}{unit} by misfit")
+    return f"{'; '.join(shares)}: {' and '.join(why)}" if shares else ""
+
+
+def _withheld(paper: Envelope, found: dict[str, Estimate], by_period: float, of_other: bool) -> str:
+    """Return why the paper's method is not to be believed here, or an empty text."""
+    if of_other:
+        return "the peaks are those of another mode than the strongest"
+    if by_period < _FEWEST_PER_PERIOD:
+        return f"{number(by_period, 2)} samples in a period are too few for its peaks; expected {_FEWEST_PER_PERIOD} or more"
+    direct = found["decay_rate_per_s"], found["frequency_hz"].times(2.0 * np.pi)
+    own = (paper.decay_rate_per_s, paper.decay_rate_std_per_s), (paper.omega_rad_s, paper.omega_std_rad_s)
+    for one, (value, std), words in zip(direct, own, ("decay rate", "angular frequency"), strict=True):
+        scatter = math.hypot(one.std, 0.0 if math.isnan(std) else std)
+        if abs(value - one.value) > _SCATTERS * scatter + _WITHIN * abs(one.value):
+            return (
+                f"its {words} of {number(value, 3)} is {number(abs(value - one.value) / max(scatter, 1e-300), 2)} "
+                f"standard deviations from the direct fit's {number(one.value, 3)}"
+            )
+    return ""
+
+
+def _modes(course: Course, clock_std: float) -> tuple[DecayMode, ...]:
+    """Return all modes of a course, the one of most energy first."""
+    found = []
+    for m in sorted(range(len(course.model.bases)), key=lambda m: -course.energy(m)):
+        poles, gradient = course.poles(mode=m)
+        first, freedom = course.model.mode(m).start, course.degrees_of_freedom
+        begin = course.at(np.array([course.start_s]), m)[0]
+        stds = np.sqrt(np.maximum(np.diag(course.grown)[first : first + 2], 0.0))
+        size = course.scale * math.exp(float(begin.real))
+        found.append(
+            DecayMode(
+                **pole_estimates(poles, gradient @ course.grown @ gradient.T, freedom, clock_std),
+                amplitude=Estimate.student(size, size * float(stds[0]), freedom),
+                phase_rad=Estimate.student(math.remainder(begin.imag, 2.0 * math.pi), float(stds[1]), freedom),
+            )
+        )
+    return tuple(found)
 
 
 def _angle(t: Array, rate: Array, fit: DecayFit) -> Array:
@@ -368,24 +661,22 @@ def _angle(t: Array, rate: Array, fit: DecayFit) -> Array:
     return np.asarray(angle - basis[:, 2:] @ drift, dtype=float)
 
 
-def _heights(peaks: Peaks, fit: DecayFit, is_rate: bool) -> tuple[Array, Array]:
-    """Return (times, heights about the rest position) of the peaks of the free decay."""
-    rest = np.zeros(peaks.time_s.size) if is_rate else fit.rest(peaks.time_s)
+def _heights(peaks: Peaks, fit: DecayFit, centred: bool) -> tuple[Array, Array]:
+    """Return (times, heights about the rest position) of the peaks of the free decay; centred: that is zero."""
+    rest = np.zeros(peaks.time_s.size) if centred else fit.rest(peaks.time_s)
     times, heights = large_peaks(peaks, rest)
-    if times.size < 3:
+    if times.size >= 3:
+        return times, heights
+    half = peaks.half_period_s
+    if fit.stop_s - fit.start_s < 4.0 * half:
         raise RecordingError(
             f"ring-down too short: {times.size} peaks of the free decay stand out of the noise, at least 3 are needed; "
             "start from a larger amplitude or record longer"
         )
-    return times, heights
-
-
-def _estimates(poles: Array, covariance: Array, freedom: float, clock_std: float) -> dict[str, Estimate]:
-    """Return the estimates that follow from (λ, ω), with Q = 1/(2 D)."""
-    found = pole_estimates(poles, covariance, freedom, clock_std)
-    ratio = found["damping_ratio"]
-    least = 0.5 / ratio.low if ratio.low > 0 else np.inf
-    return found | {"quality": Estimate(0.5 / ratio.value, 0.5 * ratio.std / ratio.value**2, 0.5 / ratio.high, least)}
+    raise RecordingError(
+        f"too few peaks: {times.size} in a row of the free decay stand out of the noise, at least 3 are needed; start "
+        "from a larger amplitude, or measure with less noise"
+    )
 
 
 def _integrated(unit: str) -> str:
@@ -396,18 +687,26 @@ def ring_down_json(result: RingDown) -> dict[str, Any]:
     """Return the document of `sinew analyse --kind ring-down`, of plain numbers, lists and texts.
 
     Amplitudes are in `peak_unit`, `rest_drift` in `unit`. `omega_rad_s` and `lehr_damping` of the paper's method use
-    the damped frequency, as Eq. 7 does; `damping_ratio` is by the undamped one.
+    the damped frequency, as Eq. 7 does; `damping_ratio` is by the undamped one. The paper's numbers are null where they
+    are withheld.
     """
-    table = result.dependence
-    return {
+    table, paper = result.dependence, result.paper
+    believed = math.nan if result.withheld else 1.0
+    document: dict[str, Any] = {
         "kind": "ring-down",
         "frequency_hz": result.frequency_hz.to_json(),
         "damping_ratio": result.damping_ratio.to_json(),
         "decay_rate_per_s": result.decay_rate_per_s.to_json(),
+        "interval_parts": {
+            name: {"noise": result.parts[name].noise.to_json(), "misfit_std": finite(result.parts[name].misfit)}
+            for name in ("frequency_hz", "damping_ratio", "decay_rate_per_s")
+        },
+        "misfit": result.misfit,
         "paper_method": {
-            "decay_rate_per_s": result.paper.decay_rate_per_s,
-            "omega_rad_s": result.paper.omega_rad_s,
-            "lehr_damping": result.paper.lehr_damping,
+            "decay_rate_per_s": finite(believed * paper.decay_rate_per_s),
+            "omega_rad_s": finite(believed * paper.omega_rad_s),
+            "lehr_damping": finite(believed * paper.lehr_damping),
+            "withheld": result.withheld,
         },
         "exponential": result.shape.exponential,
         "reason": result.shape.reason,
@@ -417,7 +716,13 @@ def ring_down_json(result: RingDown) -> dict[str, Any]:
             "frequency_hz": table.frequency_hz.tolist(),
             "damping_ratio": table.damping_ratio.tolist(),
         },
+        "start_s": result.start_s,
+        "stop_s": result.stop_s,
+        "remarks": list(result.remarks),
     }
+    if result.modes:
+        document["modes"] = modes_json(result.modes)
+    return document
 
 
 def analyse_ring_downs(recording: xr.Dataset | Signals, inertia_kg_m2: float | None = None) -> xr.Dataset:
@@ -545,7 +850,7 @@ def read_windows(time_s: ArrayLike, response: ArrayLike, result: RingDown, perio
     stop = float(t[0])
     is_rate = result.unit != result.peak_unit
     t, x = block_means(t, x, np.pi / result.fit.omega_rad_s)
-    t, x = t[t <= result.stop_s], x[t <= result.stop_s]
+    t, x = t[t <= result.fit.stop_s], x[t <= result.fit.stop_s]
     peaks = find_peaks(t, _angle(t, x, result.fit) if is_rate else x)
     margin = 0.05 * np.pi / result.fit.omega_rad_s
     read: list[Envelope | None] = []
