@@ -16,7 +16,6 @@ from sinew.analysis.decay.course import (
     close_modes,
     differing_halves,
     exponential_course,
-    growing_noise,
     smooth_course,
     with_further_modes,
 )
@@ -36,11 +35,10 @@ from sinew.analysis.decay.free_decay import (
 )
 from sinew.analysis.decay.modes import DecayMode, modes_json
 from sinew.analysis.decay.samples import Samples, read_samples
-from sinew.analysis.signal.coloured_noise import sandwich
 from sinew.analysis.signal.signals import Signals, read_signals
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import NORMAL_90, Estimate, finite, number, pair
+from sinew.measure.estimate import NORMAL_90, Estimate, finite, number
 from sinew.measure.recording import Segment
 from sinew.measure.schema import RESULT_VARIABLES, result_axis
 
@@ -157,7 +155,8 @@ def _means_by_peaks(t: Array, size: Array, size_std: float) -> tuple[Array, Arra
 def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str, p_value: float | None = None) -> DecayShape:
     """Return the verdict on one exponential.
 
-    bent: from `fit_bent`; p_value: that it is no better, where that is known otherwise; table: from `amplitude_dependence`; unit: of the amplitude, for the sentence.
+    bent: from `fit_bent`; p_value: that it is no better, where that is known otherwise; table: from
+    `amplitude_dependence`; unit: of the amplitude, for the sentence.
 
     Rule: the decay is not exponential where (1) the bent fit's two added terms differ from zero at the 1 % level (F
     test, covariance for coloured noise, effective degrees of freedom), and (2) the change matters: between the first
@@ -365,14 +364,14 @@ def analyse_ring_down(
     poles, by_noise, by_misfit, why = _poles(read, sought, strongest)
     parts = _parts(poles, by_noise, by_misfit, read.degrees_of_freedom, samples.clock_std)
     found = {name: one.together for name, one in parts.items()}
-    if found["frequency_hz"].low <= 0:
+    frequency = found["frequency_hz"]
+    if frequency.low <= 0:
         raise RecordingError(
-            f"no frequency can be told: the oscillation has {pair(found['frequency_hz'].value, found['frequency_hz'].std)}"
-            " Hz; record more of it, with less noise"
+            f"no frequency can be told: the oscillation has {frequency.shown('Hz')}; record more of it, with less noise"
         )
     rest = read.bent if read.p_value < SIGNIFICANCE else fit
     paper = fit_envelope(times, np.abs(heights), inertia_kg_m2)
-    by_period = 1.0 / (found["frequency_hz"].value * float(np.median(np.diff(samples.time_s))))
+    by_period = 1.0 / (frequency.value * float(np.median(np.diff(samples.time_s))))
     return RingDown(
         **found,
         quality=_quality(found["damping_ratio"]),
@@ -490,9 +489,9 @@ _SCATTERS, _WITHIN = 3.0, 0.03  # by which the paper's numbers may differ from t
 class _Read(NamedTuple):
     """What the samples of one free decay say.
 
-    bent: its bent fit; p_value: that a plain one is as good. course: of its size and phase, and of further modes; is
-    plain: it is one exponential alone, whose numbers are the fit's own. peak_time_s, height: shape (h,), of the response
-    about its rest position; height_std: noise of one. stop_s: end of the window.
+    bent: its bent fit; p_value: that a plain one is as good. course: of its size and phase, and of further modes;
+    is_plain: it is one exponential alone, whose numbers are the fit's own. peak_time_s, height: shape (h,), of the
+    response about its rest position; height_std: noise of one. stop_s: end of the window.
     """
 
     fit: DecayFit
@@ -616,7 +615,10 @@ def _withheld(paper: Envelope, found: dict[str, Estimate], by_period: float, of_
     if of_other:
         return "the peaks are those of another mode than the strongest"
     if by_period < _FEWEST_PER_PERIOD:
-        return f"{number(by_period, 2)} samples in a period are too few for its peaks; expected {_FEWEST_PER_PERIOD} or more"
+        return (
+            f"{number(by_period, 2)} samples in a period are too few for its peaks; expected {_FEWEST_PER_PERIOD} or "
+            "more"
+        )
     direct = found["decay_rate_per_s"], found["frequency_hz"].times(2.0 * np.pi)
     own = (paper.decay_rate_per_s, paper.decay_rate_std_per_s), (paper.omega_rad_s, paper.omega_std_rad_s)
     for one, (value, std), words in zip(direct, own, ("decay rate", "angular frequency"), strict=True):
@@ -788,8 +790,8 @@ def _window_columns(
     columns = {name: np.full((*shape, len(DECAY_WINDOWS)), np.nan) for name in _WINDOW_NUMBERS}
     for segment, read in windows:
         place = int(np.searchsorted(pretension, segment.pretension_mm)), segment.repeat
-        for name, number in _WINDOW_NUMBERS.items():
-            columns[name][place] = [np.nan if one is None else number(one) for one in read]
+        for name, number_of in _WINDOW_NUMBERS.items():
+            columns[name][place] = [np.nan if one is None else number_of(one) for one in read]
     rows = {name: RESULT_VARIABLES[name] for name in columns}
     return {
         "window_start_periods": result_axis("window_start_periods", np.array(DECAY_WINDOWS)),
