@@ -5,8 +5,8 @@ stand out of the noise: the early part has the large swings, the late one the sm
 records of their own. Printed: frequency and damping ratio of both with their 90 % intervals, and whether these meet. An
 interval that knows of its model's misfit meets that of the other half though the oscillation is not linear.
 
-A record is a table of numbers, of any separator, with or without a decimal comma and a header. Its first column
-is the time, in seconds (microseconds where the steps exceed a thousand; a single column is sampled at 1 kHz), its stamps
+A record is a table of numbers, of any separator, with or without a decimal comma and a header. Its first column is the
+time, in seconds (microseconds where the steps exceed a thousand; a single column is sampled at 1 kHz), its stamps
 straightened as those of an import; the response is the column that swings most. Rows with an empty field are left out,
 of equal times the first is kept.
 """
@@ -14,6 +14,7 @@ of equal times the first is kept.
 import argparse
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,10 +79,8 @@ def read_table(file: Path) -> tuple[Array, Array]:
     time = table[:, 0]
     scale = 1e-6 if float(np.median(np.diff(time))) > 1000.0 else 1.0
     columns = table[:, 1:]
-    try:
+    with suppress(TimeError):  # rounded stamps: of equal ones the first is kept
         time = straighten_times(time, gaps="split").time_s
-    except TimeError:
-        pass  # rounded stamps: of equal ones the first is kept
     kept = np.r_[True, np.diff(time) > 0]
     swing = columns - np.median(columns, axis=0)
     at = int(np.argmax(np.sum(np.abs(np.diff(swing, axis=0)), axis=0))) if columns.shape[1] > 1 else 0
