@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from campaigns.halves import Halves, halves_of
 from scipy.special import ellipk
 
 from sinew.analysis.decay.ring_down import RingDown, analyse_ring_down
@@ -50,18 +51,26 @@ def beam(name: str) -> RingDown:
     return analyse_ring_down(*beam_record(name), unit="m")
 
 
-@cache
-def pendulum(name: str) -> RingDown:
+def pendulum_record(name: str):
     table = pd.read_csv(DATA / "torsion_spring_pendulum" / f"{name}.csv")
     index = np.arange(len(table))
     step = np.polyfit(index, table["host_time_s"], 1)[0]
-    return analyse_ring_down(step * index, table["angle_deg"].to_numpy(), unit="deg")
+    return step * index, table["angle_deg"].to_numpy()
+
+
+@cache
+def pendulum(name: str) -> RingDown:
+    return analyse_ring_down(*pendulum_record(name), unit="deg")
+
+
+def swing_record(name: str):
+    angle = np.loadtxt(DATA / "rotary_pendulum_swing" / f"pendulum_free_swing_data_{name}.txt", skiprows=2)
+    return np.arange(angle.size) / 1000, np.deg2rad(angle)
 
 
 @cache
 def swing(name: str) -> RingDown:
-    angle = np.loadtxt(DATA / "rotary_pendulum_swing" / f"pendulum_free_swing_data_{name}.txt", skiprows=2)
-    return analyse_ring_down(np.arange(angle.size) / 1000, np.deg2rad(angle))
+    return analyse_ring_down(*swing_record(name))
 
 
 @each_beam
@@ -167,3 +176,15 @@ def test_the_rod_is_called_softening_at_large_amplitude(name: str) -> None:
 def test_the_damping_of_the_rod_lies_between_those_of_its_windows(name: str) -> None:
     result = swing(name)
     assert result.dependence.damping_ratio.min() < result.damping_ratio.value < result.dependence.damping_ratio.max()
+
+
+@pytest.mark.slow
+def test_the_intervals_of_large_and_of_small_swings_meet_in_85_of_100_pairs() -> None:
+    pairs: list[Halves] = []
+    for name in SILICONE:
+        pairs += halves_of(*beam_record(name), beam(name), unit="m")
+    for name in PENDULUM_HZ:
+        pairs += halves_of(*pendulum_record(name), pendulum(name), unit="deg")
+    for name in ("01", "02", "03"):
+        pairs += halves_of(*swing_record(name), swing(name), unit="rad")
+    assert np.mean([pair.meet for pair in pairs]) >= 0.85

@@ -1,4 +1,4 @@
-"""Decays as others record them: several modes, blows, clipped and frozen sensors, gaps, wraps, few samples, many swings."""
+"""Decays as others record them: several modes, blows, clipped and frozen sensors, gaps, few samples, many swings."""
 
 import numpy as np
 import pytest
