@@ -290,6 +290,8 @@ def with_further_modes(t: Array, x: Array, course: Course) -> Course:
 
 def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
     window, n = float(t[-1] - t[0]), t.size
+    if n < 3 * (course.parameters.size + 4):
+        return None
     residual = np.interp(np.linspace(t[0], t[-1], n), t, course.residual)[:_PENCIL_SAMPLES]
     power = np.abs(np.fft.rfft(residual)) ** 2
     if not power.max() > _OUTSTANDING * float(np.median(power)):
@@ -298,7 +300,9 @@ def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
     largest = math.sqrt(course.energy(0))
     for poles in split_poles(residual, window / (n - 1), (2, 4, 6)):
         for pole, amplitude in poles[:2]:
-            if not _swings(pole, window) or not all(_is_new(pole, *other, window) for other in known):
+            if not _swings(pole, window) or not all(
+                _is_new(pole, *other, window, course.functions > 2) for other in known
+            ):
                 continue
             added = _extended(course, t, x, pole, amplitude)
             last = len(added.model.bases) - 1
@@ -334,8 +338,8 @@ def _are_apart(one: complex, other: complex, window: float) -> bool:
     return distance > _RESOLVED * -(one.real + other.real) and distance * window > 2.0 * math.pi
 
 
-def _is_new(pole: complex, rate: float, omega: float, window: float) -> bool:
-    near = abs(math.log(pole.imag / omega)) < _NEAR
+def _is_new(pole: complex, rate: float, omega: float, window: float, smooth: bool) -> bool:
+    near = smooth and abs(math.log(pole.imag / omega)) < _NEAR  # what is left of a course may be its own
     own = any(abs(pole.imag / (multiple * omega) - 1.0) < _HARMONIC for multiple in (2, 3, 4, 5))
     return not near and not own and _are_apart(pole, complex(-rate, omega), window)
 

@@ -481,7 +481,8 @@ def _in_band(samples: Samples, frequency_hz: float) -> _Sought | None:
 
 _BENDS = 0.05  # p value from which on frequency and rate are not taken for constant
 _BEYOND = 2.0  # standard deviations by which halves, or fit and peaks, differ beyond noise
-_PLAIN_BETTER = 10.0
+_PLAIN_BETTER = 10.0  # fall of Akaike's criterion that a smooth course must bring where there are several modes
+_PLAINLY_BENT = 50.0  # of twice the logarithm of the likelihood ratio of two parameters
 _FEWEST_PER_PERIOD = 12  # samples, for the paper's peaks
 _SCATTERS, _WITHIN = 3.0, 0.03  # by which the paper's numbers may differ from the direct fit's
 
@@ -537,8 +538,8 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
             several = simple
     if len(several.model.bases) > 1 and several.functions == 2:
         p_value = 1.0
-    elif moves:
-        p_value = min(p_value, float(special.chdtrc(4.0, max(_likelihood_ratio(plain, bent), 0.0))))
+    elif moves and _likelihood_ratio(plain, bent) > _PLAINLY_BENT:
+        p_value = 0.0  # the F test's covariance is of no use where the residual is mostly misfit
     alone = several.functions == 2 and len(several.model.bases) == 1 and not fit.bending
     return _Read(fit, bent, p_value, several, alone, times, heights, peaks.value_std, stop)
 
