@@ -64,9 +64,7 @@ class Course:
 
     def _followed(self, start_s: float, stop_s: float) -> tuple[Array, Array, Array]:
         """Return (amplitude, λ, ω) on an even grid of the window."""
-        low = max(start_s, float(self.turning_s[0]), float(self.crossing_s[0]))
-        high = min(stop_s, float(self.turning_s[-1]), float(self.crossing_s[-1]))
-        t = np.linspace(low, high, _GRID)
+        t = np.linspace(start_s, min(stop_s, float(self.turning_s[-1])), _GRID)
         omega = CubicSpline(self.crossing_s, np.pi * np.arange(self.crossing_s.size)).derivative()
         log = CubicSpline(self.turning_s, np.log(self.size))
         lag = np.arctan2(-log.derivative()(self.turning_s), omega(self.turning_s))  # a crest comes before its phase
@@ -209,7 +207,8 @@ def strike(rng: np.random.Generator, one: Setting) -> Record:
 
 
 def _followed(force: Callable[[float, float], float], start: float, t: Array) -> tuple[Array, Course]:
-    """Return x(t) of x'' = force(x, x') from rest at start, and its course."""
+    """Return x(t) of x'' = force(x, x') from rest at start, and its course, which goes on after the record's end."""
+    end = 1.1 * float(t[-1])
 
     def turning(_: float, y: Array) -> float:
         return float(y[1])
@@ -219,15 +218,16 @@ def _followed(force: Callable[[float, float], float], start: float, t: Array) ->
 
     found = solve_ivp(
         lambda _, y: [y[1], force(y[0], y[1])],
-        (0.0, float(t[-1])),
+        (0.0, end),
         [start, 0.0],
         t_eval=t,
         rtol=1e-10,
         atol=1e-12 * abs(start),
         events=[turning, crossing],
     )
-    turns = found.t_events[0]
-    size = np.abs(found.y_events[0][:, 0])
+    turns, size = found.t_events[0], np.abs(found.y_events[0][:, 0])
+    if turns[0] > 0.0:
+        turns, size = np.r_[0.0, turns], np.r_[abs(start), size]
     return found.y[0], Course(turning_s=turns, size=size, crossing_s=found.t_events[1])
 
 
@@ -257,7 +257,7 @@ def dry(rng: np.random.Generator, one: Setting) -> Record:
     omega, rate = TURN * one.hz * np.sqrt(1 - damping**2), damping * TURN * one.hz
     half, x, start, k = np.pi / omega, np.zeros_like(t), one.size, 0
     turns, size, crossings = [0.0], [one.size], []
-    while k * half <= t[-1]:
+    while k * half <= 1.1 * t[-1]:
         centre = step * np.sign(start)
         inside = (t >= k * half) & (t < (k + 1) * half)
         fine = np.linspace(0.0, half, 2001)

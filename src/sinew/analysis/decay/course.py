@@ -11,7 +11,7 @@ from sinew.analysis.decay.modes import Poles, split_poles
 from sinew.analysis.signal.coloured_noise import sandwich
 from sinew.measure.arrays import Array, Complexes
 
-_COUNTS = (3, 4, 5, 6, 8)  # functions of time that size and phase may take
+_COUNTS = (3, 4, 5, 6, 8, 11, 15)  # functions of time that size and phase may take
 _CYCLES_EACH = 1.5  # half cycles of the record that one more of them needs
 _BETTER = 4.0  # fall of n ln(residual²) beyond twice the added parameters that lets them in,
 _MODE_BETTER = 20.0  # and a further mode
@@ -179,7 +179,7 @@ def smooth_course(t: Array, x: Array, fit: DecayFit, peak_time_s: Array, height:
     t, x: shape (n,); fit: a plain or bent fit to them, to start from; peak_time_s, height: shape (h,), alternating
     peaks about the rest position, to start from as well.
 
-    Logarithm of size and phase are three to eight functions of time, one for one and a half half cycles at most:
+    Logarithm of size and phase are three to fifteen functions of time, one for one and a half half cycles at most:
     powers up to four, then cubic splines. More of them, and a second and third harmonic, are taken where Akaike's
     criterion falls by more than four, in samples as independent as the richer fit's residual has them.
     """

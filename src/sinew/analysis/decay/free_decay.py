@@ -140,7 +140,8 @@ def _alternating(values: Array, prominence: float) -> NDArray[np.intp]:
 
 _BEFORE, _AFTER = 6, 8  # swings looked at on both sides of a possible stop of the drive
 _FLAT = 0.35  # forced: before the stop the swings shrink by less than this share of what they do after it
-_LEVEL = 0.15  # and by less than this share in all: dry friction steepens too
+_LEVEL = 0.15  # and the first of them is larger by this at most, in its logarithm: dry friction steepens too,
+_LEVEL_EACH = 0.04  # and by this for each of them
 _EVIDENCE = 20.0  # fall of chi² that a kink must bring, against one straight line
 _TOLERANCE = 0.02  # relative scatter of swings that is no evidence of anything
 _LONG = 1.8  # times the next half period: longer than any free swing but one from the top of a pendulum
@@ -191,7 +192,7 @@ def _kink(swing: Array, noise: float) -> int | None:
         broken = np.linalg.lstsq(bent, y * w, rcond=None)[0]
         gain = float(np.sum((y * w - line @ straight) ** 2) - np.sum((y * w - bent @ broken) ** 2))
         before, after = -broken[1], -broken[2]
-        if before * min(_BEFORE, float(kink)) > _LEVEL:
+        if logs[low] - logs[int(kink)] > min(_LEVEL, _LEVEL_EACH * (int(kink) - low)):
             continue
         if after > 0.5 * _TOLERANCE and before < _FLAT * after and gain > best:
             best, found = gain, int(np.ceil(kink + 1.5))

@@ -53,6 +53,8 @@ _VERTEX = 1.23  # std of a vertex's phase by that of its relative height, for th
 SIGNIFICANCE = 0.01
 _DAMPING_EFFECT = 0.10  # relative change of the damping ratio that counts,
 _FREQUENCY_EFFECT = 0.01  # and of the frequency
+_STANDS_OUT = 3.0  # standard deviations of either change, for it to be told
+_OWN = 3.0  # times the relative change of the frequency: a pendulum's damping ratio moves 1.8 times as much with it
 _END_OF_EFFECT = 0.2  # of the first amplitude: end of the comparison by the bent fit
 
 
@@ -169,25 +171,31 @@ def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str, p_value: 
     solid = table.damping_ratio_std < 0.2 * np.abs(table.damping_ratio)
     if np.count_nonzero(solid) >= 3:
         where = np.log(table.amplitude[solid])
-        damping = _ends(where, table.damping_ratio[solid], table.damping_ratio_std[solid])
-        frequency = _ends(where, table.frequency_hz[solid], table.frequency_std_hz[solid])
-        span = _ends(where, table.amplitude[solid], np.zeros(where.size))
+        damping, damping_std = _ends(where, table.damping_ratio[solid], table.damping_ratio_std[solid])
+        frequency, frequency_std = _ends(where, table.frequency_hz[solid], table.frequency_std_hz[solid])
+        span = _ends(where, table.amplitude[solid], np.zeros(where.size))[0]
     else:
         damping, frequency = _ends_of_bent(bent)
+        damping_std = frequency_std = 0.0
         span = np.array([bent.amplitude, bent.amplitude * _END_OF_EFFECT])
     changes = tuple(float((v[1] - v[0]) / max(abs(v.mean()), 1e-12)) for v in (damping, frequency))
-    matters = abs(changes[0]) > _DAMPING_EFFECT, abs(changes[1]) > _FREQUENCY_EFFECT
+    matters = (
+        abs(changes[0]) > _DAMPING_EFFECT and abs(damping[1] - damping[0]) > _STANDS_OUT * damping_std,
+        abs(changes[1]) > _FREQUENCY_EFFECT and abs(frequency[1] - frequency[0]) > _STANDS_OUT * frequency_std,
+    )
     exponential = not (p_value < SIGNIFICANCE and any(matters))
     reason = _praise(changes, p_value) if exponential else _blame(damping, frequency, matters, span, unit)
     return DecayShape(exponential, reason, p_value, *changes)
 
 
-def _ends(where: Array, values: Array, std: Array) -> Array:
-    """Return the weighted means over the first and last quarter of the range of ln amplitude, shape (2,)."""
+def _ends(where: Array, values: Array, std: Array) -> tuple[Array, float]:
+    """Return the weighted means over the first and last quarter of the range of ln amplitude, shape (2,), and the
+    standard deviation of their difference, as if windows that overlap were one."""
     reach = 0.25 * float(where[0] - where[-1])
     weight = 1.0 / (std**2 + (0.01 * values) ** 2)
     quarters = (where >= where[0] - reach), (where <= where[-1] + reach)
-    return np.array([float(np.average(values[q], weights=weight[q])) for q in quarters])
+    ends = np.array([float(np.average(values[q], weights=weight[q])) for q in quarters])
+    return ends, float(np.hypot(*(float(np.average(std[q], weights=weight[q])) for q in quarters)))
 
 
 def bend_p_value(bent: DecayFit) -> float:
@@ -230,7 +238,9 @@ def _blame(damping: Array, frequency: Array, matters: tuple[bool, bool], span: A
     if matters[0]:
         rises = damping[1] > damping[0]
         parts.append(f"damping {'rises' if rises else 'falls'} from {damping[0]:.3g} to {damping[1]:.3g}")
-        causes.append("dry friction" if rises else "losses that grow with amplitude")
+        moved = [abs(float(np.log(max(v[1], 1e-12) / max(v[0], 1e-12)))) for v in (damping, frequency)]
+        if not matters[1] or moved[0] > _OWN * moved[1]:
+            causes.append("dry friction" if rises else "losses that grow with amplitude")
     if matters[1]:
         rises = frequency[1] > frequency[0]
         parts.append(f"frequency {'rises' if rises else 'falls'} from {frequency[0]:.4g} to {frequency[1]:.4g} Hz")

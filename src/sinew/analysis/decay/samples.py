@@ -19,6 +19,7 @@ _FEWEST_FROZEN, _STUCK = 6, 2.0  # samples of one value; times as long as roundi
 _JUMP = 1.5  # of the fastest change from sample to sample
 _STEPS_OF_MOTION = 8.0  # of the resolution: less motion beside a row of equal samples says nothing of it
 _ALIVE = 0.1  # of the range: a record that ends in a row of equal samples was still moving by this much
+_LONG_PIECE = 0.2  # of the samples: a shorter one says less of the motion than all pieces in a row
 _LONGEST_BRIDGE = 1.0  # half periods that a fit goes without samples
 _FEWEST = 16
 _COARSE = 0.5  # of the resolution: less noise than this does not fill its steps
@@ -103,14 +104,17 @@ def _unwrapped(x: Array, unit: str, remarks: list[str]) -> Array:
 
 
 def _half_period(t: Array, x: Array, gaps: NDArray[np.intp]) -> float | None:
-    """Return the half period in the longest piece between gaps [s], or None where nothing swings in it."""
+    """Return the half period in the longest piece between gaps [s], or in all of them where they are short, or None."""
     edges = np.concatenate([[0], gaps + 1, [t.size]])
     longest = int(np.argmax(np.diff(edges)))
     piece = slice(int(edges[longest]), int(edges[longest + 1]))
-    try:
-        return first_half_period(t[piece], x[piece])
-    except RecordingError:
-        return None
+    for part in (piece, slice(None)):
+        if t[part].size > _LONG_PIECE * t.size:
+            try:
+                return first_half_period(t[part], x[part])
+            except RecordingError:
+                continue
+    return None
 
 
 def _resolution(x: Array) -> float:
