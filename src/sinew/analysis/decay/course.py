@@ -8,7 +8,7 @@ from scipy import optimize
 
 from sinew.analysis.decay.decay_fit import DecayFit, FreeOscillation, polynomials, smooth_functions, with_rest
 from sinew.analysis.decay.modes import Poles, split_poles
-from sinew.analysis.signal.coloured_noise import sandwich
+from sinew.analysis.signal.coloured_noise import noise_spectrum, sandwich
 from sinew.measure.arrays import Array, Complexes
 
 _COUNTS = (3, 4, 5, 6, 8, 11, 15)  # functions of time that size and phase may take
@@ -25,6 +25,7 @@ _PENCIL_SAMPLES = 6000
 _OUTSTANDING = 20.0  # power of a residual's line over the median
 _GRID = 2001
 _GROWS = 3.0  # standard deviations by which the residual's square grows with the amplitude's
+_LOUDER, _FEWEST_LINES = 2.5, 4.0
 _LARGEST = 50.0
 
 
@@ -171,6 +172,26 @@ def growing_noise(residual: Array, amplitude: Array, effective: float) -> Array 
         return None
     fitted = np.maximum(mean + growth * centred, 0.05 * mean)
     return np.asarray(np.sqrt(fitted / fitted.mean()), dtype=float)
+
+
+def louder_line(course: Course, omega: float) -> float:
+    """Return how many times more power the residual has around a frequency [rad/s] than its noise explains, 1 or more.
+
+    The noise is a short autoregression, which sees no narrow line; the band is from 0.5 to 2 of the frequency. What is
+    within two and a half standard deviations of an average over so many lines is noise.
+    """
+    residual, n = course.residual / course.scale, course.residual.size
+    spectrum = noise_spectrum(residual, course.model.jacobian(course.parameters))
+    power = np.abs(np.fft.rfft(residual, 2 * (spectrum.size - 1))) ** 2 / n
+    cycles = np.arange(spectrum.size) * (n - 1) / (spectrum.size - 1) / 2.0  # in the window
+    middle = omega * (course.stop_s - course.start_s) / (2.0 * math.pi)
+    band = (cycles > 0.5 * middle) & (cycles < 2.0 * middle)
+    lines = 1.5 * middle - 2.0 * course.functions
+    expected = float(spectrum[band].mean()) if band.any() else 0.0
+    if lines < _FEWEST_LINES or expected <= 0:
+        return 1.0
+    ratio = float(power[band].mean()) / expected * 1.5 * middle / lines
+    return ratio if ratio > 1.0 + _LOUDER / math.sqrt(lines) else 1.0
 
 
 def smooth_course(t: Array, x: Array, fit: DecayFit, peak_time_s: Array, height: Array) -> Course:

@@ -253,6 +253,7 @@ LARGEST_GAP = 5.0  # steps between samples
 _SETTLE = 0.2  # half periods after the drive's stop before the decay is taken for free: jerk and sensor delay
 _STEADY = 0.05  # of the whole fall of ln(swing): less in the first half is a drive that ran on
 _FEWEST_IN_STEP, _OUT_OF_STEP = 6, 0.7  # peaks; how far one of them is from the phase of one frequency [rad]
+_LEFT, _OTHER_GUESSES = 0.1, (0.8, 0.9, 1.1, 1.25)  # share of the motion; times the guess of the frequency
 _BAND = 0.55, 1.7  # times the frequency of an oscillation that is sought beside others
 _FEWEST_CYCLES = 1.2  # in a record, of an oscillation whose line is looked for
 _AROUND, _OUTSTANDING, _APART, _MOST_LINES = 1.8, 8.0, 0.25, 3
@@ -374,11 +375,24 @@ def free_decay(
     stop = min(float(t[-1]), start + max(lasts / max(guess[0], 1e-9), 6.0 * half))
     t, x = block_means(t, x, half) if samples is None else samples
     inside = _within(t, start, stop)
-    fit = _in_step(t[inside], x[inside], fit_decay_and_rest(t[inside], x[inside], guess), peaks.between(start, stop))
+    fit = _in_step(t[inside], x[inside], _from_guesses(t[inside], x[inside], guess), peaks.between(start, stop))
     fit = _won_back(t, x, fit, earliest, peaks)
     _check_decay(fit, peaks, first)
     inside, margin = _within(t, fit.start_s, stop), 0.05 * half
     return fit, t[inside], x[inside], peaks.between(min(fit.start_s, start) - margin, stop + margin)
+
+
+def _from_guesses(t: Array, x: Array, guess: tuple[float, float]) -> DecayFit:
+    """Return the plain fit from a guess of (λ, ω), and where that leaves much of the motion, from others beside it."""
+    fit = fit_decay_and_rest(t, x, guess)
+    motion = float(np.sum((x - fit.rest(t)) ** 2))
+    if float(fit.residual @ fit.residual) < _LEFT * motion:
+        return fit
+    others = [fit_decay(t, x, (guess[0], factor * guess[1])) for factor in _OTHER_GUESSES]
+    best = min(others, key=lambda one: float(one.residual @ one.residual))
+    if float(best.residual @ best.residual) > 0.7 * float(fit.residual @ fit.residual):
+        return fit
+    return fit_decay_and_rest(t, x, (best.decay_rate_per_s, best.omega_rad_s))
 
 
 def _in_step(t: Array, x: Array, plain: DecayFit, peaks: Peaks) -> DecayFit:

@@ -16,6 +16,7 @@ from sinew.analysis.decay.course import (
     close_modes,
     differing_halves,
     exponential_course,
+    louder_line,
     smooth_course,
     with_further_modes,
 )
@@ -54,6 +55,7 @@ SIGNIFICANCE = 0.01
 _DAMPING_EFFECT = 0.10  # relative change of the damping ratio that counts,
 _FREQUENCY_EFFECT = 0.01  # and of the frequency
 _STANDS_OUT = 3.0  # standard deviations of either change, for it to be told
+_LEANS = 0.3  # of a change of the damping ratio: by so much of a half cycle crests move where it changes
 _OWN = 3.0  # times the relative change of the frequency: a pendulum's damping ratio moves 1.8 times as much with it
 _END_OF_EFFECT = 0.2  # of the first amplitude: end of the comparison by the bent fit
 
@@ -181,7 +183,8 @@ def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str, p_value: 
     changes = tuple(float((v[1] - v[0]) / max(abs(v.mean()), 1e-12)) for v in (damping, frequency))
     matters = (
         abs(changes[0]) > _DAMPING_EFFECT and abs(damping[1] - damping[0]) > _STANDS_OUT * damping_std,
-        abs(changes[1]) > _FREQUENCY_EFFECT and abs(frequency[1] - frequency[0]) > _STANDS_OUT * frequency_std,
+        abs(changes[1]) > max(_FREQUENCY_EFFECT, _LEANS * abs(float(damping[1] - damping[0])))
+        and abs(frequency[1] - frequency[0]) > _STANDS_OUT * frequency_std,
     )
     exponential = not (p_value < SIGNIFICANCE and any(matters))
     reason = _praise(changes, p_value) if exponential else _blame(damping, frequency, matters, span, unit)
@@ -293,8 +296,9 @@ class RingDown:
     functions of time (`sinew.analysis.decay.course`), λ and ω_d their means over the window weighted by the amplitude,
     ∫ λ A dt / ∫ A dt, and the rest follows from these two. The intervals hold the noise and the misfit together.
     parts: the two by name of the quantity. misfit: a sentence on where it comes from, empty without any. Its parts:
-    early and late half of the decay differ beyond their noise (the 90 % interval then reaches as far as they differ),
-    the same means of the peaks differ beyond theirs, and the residual grows with the amplitude.
+    early and late half of the decay differ by more than their noise (the 90 % interval then reaches one and a half
+    times as far: of a value that drifts evenly, the intervals of both halves, read alone, then meet), the same means of
+    the peaks differ beyond theirs, the residual grows with the amplitude, or swings at the oscillation's frequency.
     rest_drift: change of the rest position from start_s to stop_s, unit of the response (a rate's: of its bias).
     paper: the paper's method, Eq. 7-10 with the damped frequency as printed; withheld: why it should not be believed.
     shape: exponential or not; dependence: frequency and damping against amplitude.
@@ -408,6 +412,7 @@ def analyse_ring_down(
 
 _EXPLAINED = 0.7  # share of the motion that the oscillation found first should make
 _SURE_OF_BAND = 60.0  # fall of n ln(residual²) that an oscillation sought in a band must bring
+_SURE_SHARE, _SURE_OF_SHARE = 0.5, 15.0  # the same of one that makes so much of the motion
 _OFF_BAND = 1.5  # times the band's frequency, either way, that its fit may have
 _AS_STRONG = 0.5  # of the energy of the strongest: then what was found without a band stays
 _OVERDAMPED = 0.7
@@ -442,27 +447,35 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
     first: _Sought | None = None
     refusal: RecordingError | None = None
     try:
-        first = _Sought(
-            *free_decay(
-                samples.even_s, samples.even, samples.drive, free_from_s, samples=given, floor=samples.resolution
-            ),
-            False,
+        found = free_decay(
+            samples.even_s, samples.even, samples.drive, free_from_s, samples=given, floor=samples.resolution
         )
+        first = _filled(samples, _Sought(*found, False))
+        _heights(first.peaks, first.fit, False)
     except RecordingError as error:
-        refusal = error
+        first, refusal = None, error
     if first is not None and (free_from_s is not None or first.explained > _EXPLAINED):
         return first
-    found = []
-    if free_from_s is None:
-        lines = [_in_band(samples, hz) for hz in spectral_lines(samples.even_s, samples.even)]
-        found = [one for one in lines if one is not None]
-    best = max(found, key=lambda one: one.energy, default=None)
+    lines = spectral_lines(samples.even_s, samples.even) if free_from_s is None else []
+    others = [one for one in (_in_band(samples, hz) for hz in lines) if one is not None]
+    best = max(others, key=lambda one: one.energy, default=None)
     if first is not None and (best is None or first.energy > _AS_STRONG * best.energy):
         return first
     if best is None:
         assert refusal is not None
         raise refusal
     return best
+
+
+def _filled(samples: Samples, sought: _Sought) -> _Sought:
+    """Return a free decay with the peaks that its fit has where samples are missing; they were interpolated before."""
+    if not samples.missing.any():
+        return sought
+    fit, half = sought.fit, sought.peaks.half_period_s
+    inside = (samples.even_s >= fit.start_s - 0.5 * half) & (samples.even_s <= fit.stop_s)
+    t, x = samples.even_s[inside], samples.even[inside]
+    x = np.where(samples.missing[inside], fit.model(t), x)
+    return sought._replace(peaks=find_peaks(t, x).between(fit.start_s - 0.05 * half, fit.stop_s))
 
 
 def _in_band(samples: Samples, frequency_hz: float) -> _Sought | None:
@@ -473,24 +486,27 @@ def _in_band(samples: Samples, frequency_hz: float) -> _Sought | None:
         found = free_decay(
             samples.even_s, samples.even, samples.drive, samples=given, sought=band, floor=samples.resolution
         )
+        one = _Sought(*found, True)
+        _heights(one.peaks, one.fit, True)
     except RecordingError:
         return None
-    one = _Sought(*found, True)
     fit, still = one.fit, np.polynomial.Polynomial.fit(one.t, one.x, 1)
     before = float(np.sum((one.x - still(one.t)) ** 2))
     effective = fit.degrees_of_freedom + fit.parameters.size
     after = max(float(fit.residual @ fit.residual), 1e-300)
     rate, _ = fit.mean_rate_per_s()
     off = abs(math.log(max(fit.omega_rad_s, 1e-300) / (2.0 * np.pi * frequency_hz)))
-    if effective * math.log(max(before, 1e-300) / after) < _SURE_OF_BAND or off > math.log(_OFF_BAND):
+    enough = _SURE_OF_BAND if one.explained < _SURE_SHARE else _SURE_OF_SHARE
+    if effective * math.log(max(before, 1e-300) / after) < enough or off > math.log(_OFF_BAND):
         return None
     return one if rate < _OVERDAMPED * fit.omega_rad_s else None
 
 
 # What is read from it: the course of its size and phase, and what else swings.
 
-_BENDS = 0.05  # p value from which on frequency and rate are not taken for constant
+_BENDS = 0.15  # p value from which on frequency and rate are not taken for constant
 _BEYOND = 2.0  # standard deviations by which halves, or fit and peaks, differ beyond noise
+_REACH = 1.5  # times the difference of the halves: of a value that drifts evenly, those of each half just meet at 1
 _PLAIN_BETTER = 10.0  # fall of Akaike's criterion that a smooth course must bring where there are several modes
 _PLAINLY_BENT = 50.0  # of twice the logarithm of the likelihood ratio of two parameters
 _FEWEST_PER_PERIOD = 12  # samples, for the paper's peaks
@@ -576,14 +592,18 @@ def _poles(read: _Read, sought: _Sought, mode: int) -> tuple[Array, Array, Array
     misfit = np.diag(np.maximum(np.diag(grown), 0.0))
     if np.any(np.diag(misfit) > 0.2 * np.diag(noise)):
         why.append("the residual grows with the amplitude")
+    louder = louder_line(course, float(poles[1]))
+    if louder > 1.0:
+        misfit = misfit + (louder - 1.0) * noise
+        why.append("the residual still swings near the oscillation's frequency")
     if course.functions < 3 or mode:
         return poles, noise, misfit, why
     first, last = float(read.peak_time_s[0]), float(read.peak_time_s[-1])
     off, std = differing_halves(course, 0.5 * (first + last), last)
-    off = np.where(np.abs(off) > _BEYOND * std, off, 0.0)
-    if off.any():
+    excess = np.sign(off) * np.sqrt(np.maximum(off**2 - std**2, 0.0)) * _REACH / NORMAL_90
+    if np.any(np.abs(off) > _BEYOND * std):
         why.append("its early half, of large swings, and its late one, of small swings, differ beyond their noise")
-        misfit = misfit + np.outer(off, off) / NORMAL_90**2
+    misfit = misfit + np.outer(excess, excess)
     window = course.stop_s - course.start_s
     edges = np.clip((np.array([first, last]) - course.start_s) / window, 0.0, 1.0)
     if edges[1] - edges[0] > 0.3:

@@ -19,6 +19,7 @@ _FEWEST_FROZEN, _STUCK = 6, 2.0  # samples of one value; times as long as roundi
 _JUMP = 1.5  # of the fastest change from sample to sample
 _STEPS_OF_MOTION = 8.0  # of the resolution: less motion beside a row of equal samples says nothing of it
 _ALIVE = 0.1  # of the range: a record that ends in a row of equal samples was still moving by this much
+_STILL_ALIVE = 0.02  # and one that goes on after the row is moving by this much
 _LONG_PIECE = 0.2  # of the samples: a shorter one says less of the motion than all pieces in a row
 _LONGEST_BRIDGE = 1.0  # half periods that a fit goes without samples
 _FEWEST = 16
@@ -30,7 +31,8 @@ class Samples:
     """A record as it can be searched and fitted.
 
     time_s, values: samples that tell, shape (n,), as they were taken; even_s, even: the same on an even grid, (m,),
-    interpolated where samples are missing, for peaks and spectra. is_even: both are one.
+    interpolated where samples are missing, for peaks and spectra. is_even: both are one. missing: which of the even
+    ones no sample is near to, shape (m,).
     drive: on the even grid, shape (m,), or None. clock_std: relative, of the time scale.
     resolution: step of the values where they are rounded so coarsely that noise does not hide it, else 0.
     remarks: what was found and done, a sentence each.
@@ -41,6 +43,7 @@ class Samples:
     even_s: Array
     even: Array
     is_even: bool
+    missing: NDArray[np.bool_]
     drive: Array | None
     clock_std: float
     resolution: float
@@ -81,7 +84,8 @@ def read_samples(time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
     if told.all() and not gaps.size:
         even_s, even, lever, clock = evenly(t, x, lever)
         same = even is x
-        return Samples(even_s if same else t, x, even_s, even, same, lever, clock, coarse, tuple(remarks))
+        missing = np.zeros(even_s.size, dtype=bool)
+        return Samples(even_s if same else t, x, even_s, even, same, missing, lever, clock, coarse, tuple(remarks))
     if np.count_nonzero(told) < _FEWEST:
         raise RecordingError(
             f"{np.count_nonzero(told)} of {t.size} samples are neither clipped nor frozen; check the sensor and its "
@@ -92,7 +96,9 @@ def read_samples(time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
     known = np.isfinite(even)
     even = np.interp(even_s, even_s[known], even[known])
     lever = None if lever is None else np.interp(even_s, t, lever)
-    return Samples(t[told], x[told], even_s, even, False, lever, 0.0, coarse, tuple(remarks))
+    after = np.clip(np.searchsorted(t[told], even_s), 1, np.count_nonzero(told) - 1)
+    nearest = np.minimum(np.abs(even_s - t[told][after]), np.abs(even_s - t[told][after - 1]))
+    return Samples(t[told], x[told], even_s, even, False, nearest > 0.6 * step, lever, 0.0, coarse, tuple(remarks))
 
 
 def _unwrapped(x: Array, unit: str, remarks: list[str]) -> Array:
@@ -181,7 +187,7 @@ def _is_frozen(x: Array, first: int, stop: int, q: float, half: float) -> bool:
     if stop == x.size:  # what has died out stands still by right
         return bool(count > half and np.ptp(before) > max(_ALIVE * np.ptp(x), _STEPS_OF_MOTION * q))
     motion = min(float(np.ptp(before)), float(np.ptp(after)))
-    if motion < _STEPS_OF_MOTION * q or motion < _ALIVE * np.ptp(x):
+    if motion < max(_STEPS_OF_MOTION * q, _STILL_ALIVE * float(np.ptp(x))):
         return False
     rests = 2.0 * np.sqrt(2.0 * q / (0.5 * motion)) / np.pi * half  # a rounded sine on its crest
     fastest = 0.5 * np.pi / half * motion  # of a sample: a held body sets out from rest, a sensor that wakes up jumps
