@@ -140,7 +140,7 @@ class Setting:
 def linear(t: Array, hz: float, damping: float, size: float, phase: float, order: int = 0) -> Array:
     """Return a linear decay, or a derivative of it, of natural frequency hz from t = 0 on."""
     pole = TURN * hz * complex(-damping, np.sqrt(1 - damping**2))
-    return (size * pole**order * np.exp(pole * t + 1j * phase)).real
+    return np.asarray((size * pole**order * np.exp(pole * t + 1j * phase)).real, dtype=float)
 
 
 def course_of(hz: float, damping: float) -> Course:
@@ -225,10 +225,13 @@ def _followed(force: Callable[[float, float], float], start: float, t: Array) ->
         atol=1e-12 * abs(start),
         events=[turning, crossing],
     )
-    turns, size = found.t_events[0], np.abs(found.y_events[0][:, 0])
+    assert found.t_events is not None
+    assert found.y_events is not None
+    (turns, crossings), turned = found.t_events, found.y_events[0]
+    size = np.abs(turned[:, 0])
     if turns[0] > 0.0:
         turns, size = np.r_[0.0, turns], np.r_[abs(start), size]
-    return found.y[0], Course(turning_s=turns, size=size, crossing_s=found.t_events[1])
+    return found.y[0], Course(turning_s=turns, size=size, crossing_s=crossings)
 
 
 def pendulum(rng: np.random.Generator, one: Setting) -> Record:
@@ -466,7 +469,7 @@ def _is_true(said: str, record: Record) -> bool:
     if "too short" in said or "no oscillation" in said:
         return lasts < 4.0
     if "dies out too fast" in said or "too few peaks" in said:
-        return min(standing, np.log(50.0) / max(rate, 1e-12) * 2.0 * hz) < 4.0
+        return bool(min(standing, np.log(50.0) / max(rate, 1e-12) * 2.0 * hz) < 4.0)
     if "no decay found" in said or "no frequency can be told" in said:
         return rate * lasts / (2.0 * hz) < 10.0 * record.noise / record.amplitude
     if "gap" in said:

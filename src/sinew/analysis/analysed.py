@@ -510,7 +510,8 @@ def _ring_down_told(document: dict[str, Any], recording: xr.Dataset) -> list[Tab
         ("decay rate/(1/s)", "decay_rate_per_s", MOST_DIGITS),
     ):
         one = document[key]
-        rows.append((label, pair(one["value"], one["std"], most=most), span(*one["interval90"], most=most)))
+        low, high = one["interval90"]
+        rows.append((label, pair(one["value"], one["std"], most=most), span(low, high, most=most)))
     withheld = document["paper_method"]["withheld"]
     paper = [(key, number(value)) for key, value in document["paper_method"].items() if key != "withheld"]
     unit = response_channel(recording).unit

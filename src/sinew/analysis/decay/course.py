@@ -321,9 +321,8 @@ def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
     largest = math.sqrt(course.energy(0))
     for poles in split_poles(residual, window / (n - 1), (2, 4, 6)):
         for pole, amplitude in poles[:2]:
-            if not _swings(pole, window) or not all(
-                _is_new(pole, *other, window, course.functions > 2) for other in known
-            ):
+            new = all(_is_new(pole, other, window, course.functions > 2) for other in known)
+            if not (new and _swings(pole, window)):
                 continue
             added = _extended(course, t, x, pole, amplitude)
             last = len(added.model.bases) - 1
@@ -359,7 +358,8 @@ def _are_apart(one: complex, other: complex, window: float) -> bool:
     return distance > _RESOLVED * -(one.real + other.real) and distance * window > 2.0 * math.pi
 
 
-def _is_new(pole: complex, rate: float, omega: float, window: float, smooth: bool) -> bool:
+def _is_new(pole: complex, other: Array, window: float, smooth: bool) -> bool:
+    rate, omega = (float(one) for one in other)
     near = smooth and abs(math.log(pole.imag / omega)) < _NEAR  # what is left of a course may be its own
     own = any(abs(pole.imag / (multiple * omega) - 1.0) < _HARMONIC for multiple in (2, 3, 4, 5))
     return not near and not own and _are_apart(pole, complex(-rate, omega), window)

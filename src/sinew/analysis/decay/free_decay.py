@@ -256,7 +256,7 @@ _FEWEST_IN_STEP, _OUT_OF_STEP = 6, 0.7  # peaks; how far one of them is from the
 _LEFT, _OTHER_GUESSES = 0.1, (0.8, 0.9, 1.1, 1.25)  # share of the motion; times the guess of the frequency
 _BAND = 0.55, 1.7  # times the frequency of an oscillation that is sought beside others
 _FEWEST_CYCLES = 1.2  # in a record, of an oscillation whose line is looked for
-_AROUND, _OUTSTANDING, _APART, _MOST_LINES = 1.8, 8.0, 0.25, 3
+_AROUND, _OUTSTANDING, _APART, _MOST_LINES = 4.0, 8.0, 0.25, 3
 _WON_BACK = 2.0  # half periods by which the start may move back where the samples agree with the fit
 
 

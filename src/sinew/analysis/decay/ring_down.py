@@ -198,7 +198,8 @@ def _ends(where: Array, values: Array, std: Array) -> tuple[Array, float]:
     weight = 1.0 / (std**2 + (0.01 * values) ** 2)
     quarters = (where >= where[0] - reach), (where <= where[-1] + reach)
     ends = np.array([float(np.average(values[q], weights=weight[q])) for q in quarters])
-    return ends, float(np.hypot(*(float(np.average(std[q], weights=weight[q])) for q in quarters)))
+    early, late = (float(np.average(std[q], weights=weight[q])) for q in quarters)
+    return ends, math.hypot(early, late)
 
 
 def bend_p_value(bent: DecayFit) -> float:

@@ -14,6 +14,7 @@ from sinew.measure.estimate import number
 _TURNS = {"deg": 360.0, "rad": 2.0 * np.pi}
 _WRAPPED = 0.75  # of a turn from one sample to the next: no motion that is sampled well enough
 _FEWEST_CLIPPED, _BESIDE = 3, 0.3  # samples at the limit; share of them beside it in a crest that is not cut off
+_HELD = 0.2  # share of samples in rows of one value, of a sensor slower than its record
 _SHORTER = 0.9  # half periods: a crest's plateau is shorter, a hold longer
 _FEWEST_FROZEN, _STUCK = 6, 2.0  # samples of one value; times as long as rounding rests on a crest
 _JUMP = 1.5  # of the fastest change from sample to sample
@@ -134,15 +135,17 @@ def _telling(t: Array, x: Array, half: float, remarks: list[str]) -> NDArray[np.
     q = _resolution(x)
     rows = _rows_of_one_value(x)
     clipped, frozen = np.zeros(x.size, dtype=bool), np.zeros(x.size, dtype=bool)
+    inner = sum(stop - first for first, stop in rows if first and stop < x.size and x.min() < x[first] < x.max())
+    held = inner > _HELD * x.size  # every value stays for some samples: a row of them is no limit
     for first, stop in rows:
-        if _is_cut_off(x, first, stop, q, half):
+        if not held and _is_cut_off(x, first, stop, q, half):
             clipped[first:stop] = True
         elif _is_frozen(x, first, stop, q, half):
             frozen[first + 1 : stop] = True
     if clipped.any():
         last = t[np.flatnonzero(clipped)[-1]]
         remarks.append(
-            f"the response is clipped at {' and '.join(number(v) for v in np.unique(x[clipped])[[0, -1]])} until "
+            f"the response is clipped at {' and '.join(number(float(v)) for v in np.unique(x[clipped]))} until "
             f"{last:.4g} s; {np.count_nonzero(clipped)} samples are left out"
         )
     if frozen.any():
