@@ -194,11 +194,14 @@ def louder_line(course: Course, omega: float) -> float:
     return ratio if ratio > 1.0 + _LOUDER / math.sqrt(lines) else 1.0
 
 
-def smooth_course(t: Array, x: Array, fit: DecayFit, peak_time_s: Array, height: Array) -> Course:
+def smooth_course(
+    t: Array, x: Array, fit: DecayFit, peak_time_s: Array, height: Array, functions: int | None = None
+) -> Course:
     """Return the course whose size and phase change as the samples ask for.
 
     t, x: shape (n,); fit: a plain or bent fit to them, to start from; peak_time_s, height: shape (h,), alternating
-    peaks about the rest position, to start from as well.
+    peaks about the rest position, to start from as well. functions: 3 for a rate and a frequency that change linearly,
+    None for as many as the samples ask for.
 
     Logarithm of size and phase are three to fifteen functions of time, one for one and a half half cycles at most:
     powers up to four, then cubic splines. More of them, and a second and third harmonic, are taken where Akaike's
@@ -207,7 +210,7 @@ def smooth_course(t: Array, x: Array, fit: DecayFit, peak_time_s: Array, height:
     window, scale = float(t[-1] - t[0]), float(np.std(x)) or 1.0
     s, places = (t - t[0]) / window, (peak_time_s - t[0]) / window
     log, phase = np.log(np.abs(height) / scale), np.arange(height.size) * math.pi + (0.0 if height[0] > 0 else math.pi)
-    most = max(3.0, 1.0 + height.size / _CYCLES_EACH)
+    most = max(3.0, 1.0 + height.size / _CYCLES_EACH) if functions is None else float(functions)
 
     def fitted(count: int, harmonics: bool, before: Course | None) -> Course:
         model = FreeOscillation(s, (smooth_functions(s, count),), polynomials(s, 2), fit.relaxing, harmonics)

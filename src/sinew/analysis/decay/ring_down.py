@@ -505,7 +505,7 @@ def _in_band(samples: Samples, frequency_hz: float) -> _Sought | None:
 
 # What is read from it: the course of its size and phase, and what else swings.
 
-_BENDS = 0.15  # p value from which on frequency and rate are not taken for constant
+_SUSPECT = 0.15  # p value from which on halves are compared, though one exponential is not refuted
 _BEYOND = 2.0  # standard deviations by which halves, or fit and peaks, differ beyond noise
 _REACH = 1.5  # times the difference of the halves: of a value that drifts evenly, those of each half just meet at 1
 _PLAIN_BETTER = 10.0  # fall of Akaike's criterion that a smooth course must bring where there are several modes
@@ -518,14 +518,16 @@ class _Read(NamedTuple):
     """What the samples of one free decay say.
 
     bent: its bent fit; p_value: that a plain one is as good. course: of its size and phase, and of further modes;
-    is_plain: it is one exponential alone, whose numbers are the fit's own. peak_time_s, height: shape (h,), of the
-    response about its rest position; height_std: noise of one. stop_s: end of the window.
+    halves: one whose early and late half can differ, where that is suspected. is_plain: the course is one exponential
+    alone, whose numbers are the fit's own. peak_time_s, height: shape (h,), of the response about its rest position;
+    height_std: noise of one. stop_s: end of the window.
     """
 
     fit: DecayFit
     bent: DecayFit
     p_value: float
     course: Course
+    halves: Course | None
     is_plain: bool
     peak_time_s: Array
     height: Array
@@ -545,9 +547,10 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
     p_value = bend_p_value(bent)
     if p_value < SIGNIFICANCE and not sought.centred:
         times, heights = _heights(peaks, bent, False)
-    moves = p_value < _BENDS or fit.bending
+    moves = p_value < SIGNIFICANCE or fit.bending
     plain = exponential_course(t, x, fit)
     course, stop = plain, fit.stop_s
+    halves = smooth_course(t, x, bent, times, heights, functions=3) if p_value < _SUSPECT and not moves else None
     if moves:
         size = np.abs(peaks.value - (0.0 if sought.centred else bent.rest(peaks.time_s)))
         large = size > max(5.0 * peaks.value_std, 0.02 * float(size.max()))
@@ -568,7 +571,9 @@ def _read(samples: Samples, sought: _Sought) -> _Read:
     elif moves and _likelihood_ratio(plain, bent) > _PLAINLY_BENT:
         p_value = 0.0  # the F test's covariance is of no use where the residual is mostly misfit
     alone = several.functions == 2 and len(several.model.bases) == 1 and not fit.bending
-    return _Read(fit, bent, p_value, several, alone, times, heights, peaks.value_std, stop)
+    if len(several.model.bases) > 1 or moves:
+        halves = several if several.functions > 2 else None
+    return _Read(fit, bent, p_value, several, halves, alone, times, heights, peaks.value_std, stop)
 
 
 def _likelihood_ratio(plain: Course, bent: DecayFit) -> float:
@@ -597,14 +602,17 @@ def _poles(read: _Read, sought: _Sought, mode: int) -> tuple[Array, Array, Array
     if louder > 1.0:
         misfit = misfit + (louder - 1.0) * noise
         why.append("the residual still swings near the oscillation's frequency")
-    if course.functions < 3 or mode:
+    if read.halves is None or mode:
         return poles, noise, misfit, why
     first, last = float(read.peak_time_s[0]), float(read.peak_time_s[-1])
-    off, std = differing_halves(course, 0.5 * (first + last), last)
-    excess = np.sign(off) * np.sqrt(np.maximum(off**2 - std**2, 0.0)) * _REACH / NORMAL_90
-    if np.any(np.abs(off) > _BEYOND * std):
+    off, std = differing_halves(read.halves, 0.5 * (first + last), last)
+    beyond = np.abs(off) > _BEYOND * std
+    excess = np.where(beyond, np.sign(off) * np.sqrt(np.maximum(off**2 - std**2, 0.0)), 0.0) * _REACH / NORMAL_90
+    if beyond.any():
         why.append("its early half, of large swings, and its late one, of small swings, differ beyond their noise")
     misfit = misfit + np.outer(excess, excess)
+    if course.functions < 3:
+        return poles, noise, misfit, why
     window = course.stop_s - course.start_s
     edges = np.clip((np.array([first, last]) - course.start_s) / window, 0.0, 1.0)
     if edges[1] - edges[0] > 0.3:
