@@ -466,6 +466,8 @@ def _is_true(said: str, record: Record) -> bool:
     lasts = (float(record.time_s[-1]) - record.free_s) * 2.0 * hz  # half cycles of free decay
     rate = course.rate if course.is_constant else float(np.log(course.size[0] / course.size[-1]) / course.turning_s[-1])
     standing = np.log(max(record.amplitude / (5.0 * record.noise), 1.0)) / max(rate, 1e-12) * 2.0 * hz
+    if "what is left of the samples" in said:
+        return bool(record.done)
     if "too short" in said or "no oscillation" in said:
         return lasts < 4.0
     if "dies out too fast" in said or "too few peaks" in said:

@@ -55,8 +55,9 @@ SIGNIFICANCE = 0.01
 _DAMPING_EFFECT = 0.10  # relative change of the damping ratio that counts,
 _FREQUENCY_EFFECT = 0.01  # and of the frequency
 _STANDS_OUT = 3.0  # standard deviations of either change, for it to be told
-_LEANS = 0.3  # of a change of the damping ratio: by so much of a half cycle crests move where it changes
+_LEANS = 0.6  # of a change of the damping ratio: by so much of a half cycle crests move where it changes
 _OWN = 3.0  # times the relative change of the frequency: a pendulum's damping ratio moves 1.8 times as much with it
+_TELLING_FALL = 1.6  # of the amplitude, between the ends: over less, two modes that beat look like any cause
 _END_OF_EFFECT = 0.2  # of the first amplitude: end of the comparison by the bent fit
 
 
@@ -249,8 +250,11 @@ def _blame(damping: Array, frequency: Array, matters: tuple[bool, bool], span: A
         rises = frequency[1] > frequency[0]
         parts.append(f"frequency {'rises' if rises else 'falls'} from {frequency[0]:.4g} to {frequency[1]:.4g} Hz")
         causes.append(f"{'softening' if rises else 'hardening'} at large amplitude")
+    if span[0] < _TELLING_FALL * span[1]:
+        causes = []
     fall = f"as the amplitude falls from {span[0] * factor:.3g} to {span[1] * factor:.3g} {shown}"
-    return f"{' and '.join(parts)} {fall}: {' and '.join(causes)}; a single exponential is wrong"
+    named = f": {' and '.join(causes)}" if causes else ""
+    return f"{' and '.join(parts)} {fall}{named}; a single exponential is wrong"
 
 
 DECAY_FROM_PERIODS = 1.0
@@ -464,7 +468,12 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
         return first
     if best is None:
         assert refusal is not None
-        raise refusal
+        if not samples.missing.any() or free_from_s is not None:
+            raise refusal
+        raise RecordingError(
+            f"what is left of the samples does not show three half cycles of a decay: {'; '.join(samples.remarks)}; "
+            "choose a stretch without that (--start, --stop)"
+        ) from refusal
     return best
 
 
