@@ -143,6 +143,7 @@ def _telling(t: Array, x: Array, half: float, remarks: list[str]) -> NDArray[np.
         elif _is_frozen(x, first, stop, q, half):
             frozen[first + 1 : stop] = True
     if clipped.any():
+        clipped |= np.isin(x, x[clipped])  # where a limit is, a crest may touch it for a sample or two
         last = t[np.flatnonzero(clipped)[-1]]
         remarks.append(
             f"the response is clipped at {' and '.join(number(float(v)) for v in np.unique(x[clipped]))} until "
