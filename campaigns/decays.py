@@ -503,6 +503,8 @@ def table(outcomes: Sequence[Outcome]) -> str:
     lines = [head]
     for kind in [*KINDS, "all"]:
         rows = [one for one in outcomes if kind in (one.kind, "all")]
+        if not rows:
+            continue
         answers = [one for one in rows if one.stated]
         shares = [
             f"{100 * np.mean([held for one in answers for held in getattr(one, name)]):.1f} %" if answers else "-"
