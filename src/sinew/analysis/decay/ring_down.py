@@ -245,7 +245,7 @@ def _blame(damping: Array, frequency: Array, matters: tuple[bool, bool], span: A
         parts.append(f"damping {'rises' if rises else 'falls'} from {damping[0]:.3g} to {damping[1]:.3g}")
         moved = [abs(float(np.log(max(v[1], 1e-12) / max(v[0], 1e-12)))) for v in (damping, frequency)]
         if not matters[1] or moved[0] > _OWN * moved[1]:
-            causes.append("dry friction" if rises else "losses that grow with amplitude")
+            causes.append("dry friction" if rises else "losses that grow with amplitude, or a second mode near by")
     if matters[1]:
         rises = frequency[1] > frequency[0]
         parts.append(f"frequency {'rises' if rises else 'falls'} from {frequency[0]:.4g} to {frequency[1]:.4g} Hz")
