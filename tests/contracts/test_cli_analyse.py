@@ -46,11 +46,16 @@ def test_a_ring_down_has_the_keys_of_the_reference(decay: Path, capsys: pytest.C
         "frequency_hz",
         "damping_ratio",
         "decay_rate_per_s",
+        "interval_parts",
+        "misfit",
         "paper_method",
         "exponential",
         "reason",
         "rest_drift",
         "amplitude_dependence",
+        "start_s",
+        "stop_s",
+        "remarks",
     }
     assert all(set(found[key]) == QUANTITY for key in ("frequency_hz", "damping_ratio", "decay_rate_per_s"))
     assert set(found["paper_method"]) >= {"decay_rate_per_s", "omega_rad_s", "lehr_damping"}

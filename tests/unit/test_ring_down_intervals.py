@@ -111,4 +111,4 @@ def test_at_40_degrees_the_direct_fit_states_a_damping_of_0_17_to_0_001() -> Non
     rng = np.random.default_rng(0)
     t = times()
     result = analyse_ring_down(t, Decay(0.17, amplitude=40.0).angle(t) + NOISE_DEG * rng.standard_normal(t.size))
-    assert result.damping_ratio.std == pytest.approx(0.0009, rel=0.2)
+    assert result.parts["damping_ratio"].noise.std == pytest.approx(0.0009, rel=0.2)

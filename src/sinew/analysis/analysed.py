@@ -26,7 +26,18 @@ from sinew.analysis.sweep.response import estimate_response, response_dataset
 from sinew.measure.arrays import mean_of_known
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import NORMAL_90, Estimate, finite, number, pair, shown, shown_interval, span
+from sinew.measure.estimate import (
+    MOST_DIGITS,
+    MOST_DIGITS_OF_A_CLOCK,
+    NORMAL_90,
+    Estimate,
+    finite,
+    number,
+    pair,
+    shown,
+    shown_interval,
+    span,
+)
 from sinew.measure.files.netcdf import content_hash, load_recording, provenance
 from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
 from sinew.measure.told import Table, Told
@@ -370,7 +381,7 @@ def _foreign_ring_down(
         inertia_kg_m2=_inertia(rig),
     )
     document = dict(ring_down_json(result))
-    notes: tuple[str, ...] = ()
+    notes = result.remarks
     if modes is not None:
         several = fit_modes(
             time,
@@ -379,8 +390,8 @@ def _foreign_ring_down(
             free_from_s=result.start_s,
             modes=checked_count(modes),
         )
-        document["modes"] = modes_json(several)
-        notes = (several.message,) if several.message else ()
+        document["modes"] = modes_json(several.modes)
+        notes = (*notes, several.message) if several.message else notes
     if len(signals.segments) == 1:
         return document, notes
     return document, (
@@ -534,15 +545,17 @@ def _energy_told(energy: dict[str, Any]) -> list[Table | str]:
 
 
 def _ring_down_told(document: dict[str, Any], recording: xr.Dataset) -> list[Table | str]:
-    rows = [
-        (label, shown(document[key]), span(*document[key]["interval90"]))
-        for label, key in (
-            ("frequency/Hz", "frequency_hz"),
-            ("damping ratio", "damping_ratio"),
-            ("decay rate/(1/s)", "decay_rate_per_s"),
-        )
-    ]
-    paper = [(key, number(value)) for key, value in document["paper_method"].items()]
+    rows = []
+    for label, key, most in (
+        ("frequency/Hz", "frequency_hz", MOST_DIGITS_OF_A_CLOCK),
+        ("damping ratio", "damping_ratio", MOST_DIGITS),
+        ("decay rate/(1/s)", "decay_rate_per_s", MOST_DIGITS),
+    ):
+        one = document[key]
+        low, high = one["interval90"]
+        rows.append((label, pair(one["value"], one["std"], most=most), span(low, high, most=most)))
+    withheld = document["paper_method"]["withheld"]
+    paper = [(key, number(value)) for key, value in document["paper_method"].items() if key != "withheld"]
     unit = response_channel(recording).unit
     modes = [
         (str(k), *(shown(mode[key]) for key in ("frequency_hz", "damping_ratio", "decay_rate_per_s", "amplitude")))
@@ -551,10 +564,13 @@ def _ring_down_told(document: dict[str, Any], recording: xr.Dataset) -> list[Tab
     names = ("mode", "frequency/Hz", "damping ratio", "decay rate/(1/s)", f"amplitude/{unit}")
     return [
         Table(("ring-down, direct fit", "value ± std", "90 % interval"), rows),
-        Table(("paper's method (Eq. 7)", "value"), paper),
+        f"the paper's method (Eq. 7) is withheld: {withheld}"
+        if withheld
+        else Table(("paper's method (Eq. 7)", "value"), paper),
+        *([f"of these intervals {document['misfit']}"] if document["misfit"] else []),
         f"exponential: {'yes' if document['exponential'] else 'no'}. {document['reason']}",
         f"drift of the rest position: {number(document['rest_drift'])} {unit}",
-        *([Table(names, modes, "modes of the decay, fitted together, the largest first")] if modes else []),
+        *([Table(names, modes, "modes of the decay, fitted together, the strongest first")] if modes else []),
     ]
 
 

@@ -21,6 +21,8 @@ DIGITS = 4
 """Significant digits of a number whose uncertainty is not known."""
 MOST_DIGITS = 5
 """Significant digits of a value beyond which its uncertainty is not followed."""
+MOST_DIGITS_OF_A_CLOCK = 7
+"""The same of a frequency that was measured by a clock: quartzes are good to some 1e-5, and agree better than that."""
 UNKNOWN = "–"
 """What stands for a number that is not known."""
 
@@ -119,15 +121,15 @@ def fixed(value: float | None, decimals: int, unit: str = "") -> str:
     return _with_unit(_plain(value, decimals), unit)
 
 
-def pair(value: float | None, half: float | None, unit: str = "") -> str:
+def pair(value: float | None, half: float | None, unit: str = "", most: int = MOST_DIGITS) -> str:
     """Return "value ± half unit" with the decimals that the half-width gives; the value alone where it has none.
 
-    half: standard deviation or half-width of the interval, in the value's unit.
+    half: standard deviation or half-width of the interval, in the value's unit. most: significant digits of the value.
     """
     if not _known(value) or value is None or not half or not math.isfinite(half) or not math.isfinite(value):
         return number(value, unit=unit)
     half = abs(half)
-    decimals, coarse = _decimals(value, half)
+    decimals, coarse = _decimals(value, half, most)
     exponent = _exponent(value, half, decimals)
     scale, places = 10.0**exponent, decimals + exponent
     said = _up(half / scale, places) if coarse else half / scale
@@ -146,13 +148,13 @@ def interval(value: float | None, low: float | None, high: float | None, unit: s
     return f"{_with_unit(text, unit)} ({first} to {last})"
 
 
-def span(low: float | None, high: float | None, unit: str = "") -> str:
-    """Return "low to high unit", both with the decimals that half their distance gives."""
+def span(low: float | None, high: float | None, unit: str = "", most: int = MOST_DIGITS) -> str:
+    """Return "low to high unit", both with the decimals that half their distance gives; most: significant digits."""
     if not _known(low) and not _known(high):
         return UNKNOWN
     ends = [end for end in (low, high) if end is not None and math.isfinite(end)]
     middle = sum(ends) / len(ends) if ends else 0.0
-    return _with_unit(" to ".join(_in_step(middle, low, high)[1]), unit)
+    return _with_unit(" to ".join(_in_step(middle, low, high, most)[1]), unit)
 
 
 def shown(estimate: Mapping[str, Any] | None, unit: str = "") -> str:
@@ -189,12 +191,12 @@ def _power(value: float) -> int:
     return 0 if value == 0 else math.floor(math.log10(abs(value)))
 
 
-def _decimals(value: float, half: float) -> tuple[int, bool]:
+def _decimals(value: float, half: float, digits: int = MOST_DIGITS) -> tuple[int, bool]:
     """Return the decimals that an uncertainty gives a value, negative ones for tens; and whether the value's digits
     ended first."""
     power = _power(half)
     wanted = (1 if round(half / 10.0**power, 2) < _TWO_DIGITS_BELOW else 0) - power  # 0.96 becomes 1.0, as 0.996 does
-    most = MOST_DIGITS - 1 - _power(value) if value else wanted
+    most = digits - 1 - _power(value) if value else wanted
     return min(wanted, most), wanted > most
 
 
@@ -204,13 +206,15 @@ def _exponent(value: float, half: float, decimals: int) -> int:
     return 0 if _PLAIN_FROM <= power <= _PLAIN_TO and decimals <= 7 else power
 
 
-def _in_step(value: float, low: float | None, high: float | None) -> tuple[str, tuple[str, str]]:
+def _in_step(
+    value: float, low: float | None, high: float | None, most: int = MOST_DIGITS
+) -> tuple[str, tuple[str, str]]:
     """Return value and both ends as text with the same decimals; an end that rounds onto the other is rounded away."""
     known = [end for end in (low, high) if end is not None and math.isfinite(end)]
     width = abs(known[-1] - (known[0] if len(known) > 1 else value)) / (2 if len(known) > 1 else 1) if known else 0.0
     if width == 0:
         return number(value), (_end(low, number), _end(high, number))
-    decimals, coarse = _decimals(max((value, *known), key=abs), width)
+    decimals, coarse = _decimals(max((value, *known), key=abs), width, most)
     exponent = _exponent(value, width, decimals)
     scale, places = 10.0**exponent, decimals + exponent
     tail = "" if exponent == 0 else f"e{exponent:+03d}"

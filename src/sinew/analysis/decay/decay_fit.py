@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy import linalg, optimize, signal
+from scipy import interpolate, linalg, optimize, signal
 
 from sinew.analysis.signal.coloured_noise import autoregression, orthonormal, sandwich, unit_columns
 from sinew.measure.arrays import Array, Complexes
@@ -86,6 +86,22 @@ class DecayFit:
     def decay_rate_per_s(self) -> float:
         """Return λ at the start of the window [1/s]."""
         return float(self.parameters[_RATE]) / self.window_s
+
+    def mean_rate_per_s(self) -> tuple[float, float]:
+        """Return (mean λ over the window, its standard deviation) [1/s]."""
+        gradient = np.zeros(self.parameters.size)
+        gradient[_RATE] = 1.0
+        if self.bending:
+            gradient[-2] = 1.0
+        std = float(np.sqrt(max(float(gradient @ self.covariance @ gradient), 0.0)))
+        return float(gradient @ self.parameters) / self.window_s, std / self.window_s
+
+    @property
+    def bend_per_s2(self) -> tuple[float, float] | None:
+        """Return (λ₂, ω₂) [1/s²] of a bent fit, else None."""
+        if not self.bending:
+            return None
+        return float(self.parameters[-2]) / self.window_s**2, float(self.parameters[-1]) / self.window_s**2
 
     @property
     def omega_rad_s(self) -> float:
@@ -250,6 +266,20 @@ def fit_decay_and_rest(time_s: Array, values: Array, guess: tuple[float, float])
     if after <= 0 or not np.log(0.05) < relaxed.parameters[7] < np.log(3.0):
         return plain
     return relaxed if effective * np.log(before / after) > 2.0 * np.log(effective) + _ASKED else plain
+
+
+def fit_bent(time_s: Array, values: Array, fit: DecayFit, time_of_peaks_s: Array, size: Array) -> DecayFit:
+    """Return the fit whose rate and frequency change linearly with time, started from the peaks.
+
+    time_s, values: shape (n,), what `fit` was fitted to. time_of_peaks_s, size: shape (h,), three or more.
+    """
+    t, index = time_of_peaks_s - fit.start_s, np.arange(size.size) * np.pi
+    degree = 2 if size.size > 3 else 1
+    log_size = np.polyfit(t, np.log(size), degree, w=size)
+    phase = np.polyfit(t, index, degree, w=size)
+    bend = (-float(log_size[0]), float(phase[0])) if degree == 2 else (0.0, 0.0)
+    relaxing = float(np.exp(fit.parameters[7])) if fit.relaxing else None
+    return fit_decay(time_s, values, (-float(log_size[-2]), float(phase[-2])), relaxing=relaxing, bend=bend)
 
 
 # A model is fitted by maximum likelihood under noise whose neighbouring samples are alike: oscillation, drifting rest
@@ -419,7 +449,7 @@ class FreeOscillation:
     bases: B of each mode, shape (n, K_m).
     rest: columns of the rest position, shape (n, R); relaxing: beside them exp(-s exp(-p)) with its size, p the
         logarithm of the time constant in windows.
-    harmonics: with h₂, h₃ and o of the one mode, as a swing of quadratic and cubic stiffness has them.
+    harmonics: with h₂, h₃ and o of the first mode, as a swing of quadratic and cubic stiffness has them.
 
     Parameters, in this order: Re c_mk, Im c_mk in turn, (Re h₂, Im h₂, Re h₃, Im h₃, o), rest, (size, p).
     """
@@ -464,8 +494,8 @@ class FreeOscillation:
         x = self.rest_position(p)
         for m in range(len(self.bases)):
             wave = np.exp(self.exponent(p, m))
-            if self.harmonics:
-                h2, h3, offset = self._harmonics(p)
+            if self.harmonics and m == 0:
+                h2, h3, offset = self.overtones(p)
                 x = x + offset * np.abs(wave) ** 2
                 wave = wave * (1.0 + wave * (h2 + h3 * wave))
             x = x + wave.real
@@ -477,11 +507,11 @@ class FreeOscillation:
         for m, basis in enumerate(self.bases):
             wave = np.exp(self.exponent(p, m))
             by_real = by_imaginary = wave
-            if self.harmonics:
-                h2, h3, offset = self._harmonics(p)
+            if self.harmonics and m == 0:
+                h2, h3, offset = self.overtones(p)
                 by_imaginary = wave * (1.0 + wave * (2.0 * h2 + 3.0 * h3 * wave))
                 by_real = by_imaginary + 2.0 * offset * np.abs(wave) ** 2
-                first = self.mode(m).stop
+                first = self.rest_start - 5
                 square, cube = wave**2, wave**3
                 columns = [square.real, -square.imag, cube.real, -cube.imag, np.abs(square)]
                 out[:, first : first + 5] = np.stack(columns, axis=1)
@@ -500,7 +530,8 @@ class FreeOscillation:
     def _relaxation_rate(p: Array) -> float:
         return float(np.exp(np.clip(-p[-1], -_LARGEST, _LARGEST)))
 
-    def _harmonics(self, p: Array) -> tuple[complex, complex, float]:
+    def overtones(self, p: Array) -> tuple[complex, complex, float]:
+        """Return h₂, h₃ and o of a model with harmonics."""
         h = p[self.mode(len(self.bases) - 1).stop :]
         return complex(h[0], h[1]), complex(h[2], h[3]), float(h[4])
 
@@ -510,7 +541,13 @@ def polynomials(s: Array, count: int) -> Array:
     return np.asarray(np.vander(s, count, increasing=True), dtype=float)
 
 
-_TURN = 2.0 * math.pi
+def smooth_functions(s: Array, count: int) -> Array:
+    """Return `count` B-splines at s, shape (n, count), the knots at even distances from 0 to 1; powers up to four."""
+    if count <= 4:
+        return polynomials(s, count)
+    knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, count - 2), np.ones(3)])
+    inside = np.clip(s, 0.0, 1.0)
+    return np.asarray(interpolate.BSpline.design_matrix(inside, knots, 3).toarray(), dtype=float)
 
 
 def fit_oscillation(model: FreeOscillation, starts: list[Array], values: Array) -> LikelihoodFit:
@@ -519,11 +556,12 @@ def fit_oscillation(model: FreeOscillation, starts: list[Array], values: Array) 
     starts: shape (model.width,) each, of which the rest position and the size of a relaxation are found here, by
     linear least squares.
     """
-    fits = [fit_likelihood(model.values, model.jacobian, _with_rest(model, start, values), values) for start in starts]
+    fits = [fit_likelihood(model.values, model.jacobian, with_rest(model, start, values), values) for start in starts]
     return min(fits, key=lambda fit: fit.bic)
 
 
-def _with_rest(model: FreeOscillation, start: Array, values: Array) -> Array:
+def with_rest(model: FreeOscillation, start: Array, values: Array) -> Array:
+    """Return a start, shape (model.width,), whose rest position and size of a relaxation fit the samples best."""
     p = np.array(start, dtype=float)
     linear = np.arange(model.rest_start, model.rest_start + model.rest.shape[1] + model.relaxing)
     p[linear] = 0.0

@@ -6,7 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate, optimize, signal
 
-from sinew.analysis.decay.decay_fit import DecayFit, fit_decay, fit_decay_and_rest, printed_lehr_damping
+from sinew.analysis.decay.decay_fit import (
+    DecayFit,
+    fit_bent,
+    fit_decay,
+    fit_decay_and_rest,
+    printed_lehr_damping,
+)
 from sinew.measure.arrays import Array
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, TimeError
@@ -73,9 +79,7 @@ def find_peaks(time_s: Array, values: Array) -> Peaks:
     """
     span = float(np.ptp(values))
     noise = noise_level(values)
-    if span <= 1e-12 * max(1.0, float(np.abs(values).max())):
-        raise RecordingError("the response is constant; a ring-down needs an oscillation (is it the right column?)")
-    half_period = _half_period(time_s, values, noise, span)
+    half_period = first_half_period(time_s, values)
     step = float(time_s[-1] - time_s[0]) / (time_s.size - 1)
     finer = int(np.ceil(_AIMED_PER_HALF * step / half_period)) if half_period < 0.5 * _AIMED_PER_HALF * step else 1
     if finer > 1:
@@ -93,7 +97,11 @@ def find_peaks(time_s: Array, values: Array) -> Peaks:
     return Peaks(time_s[index] + shift, smooth[index] + 0.5 * slope[index] * shift, half_period, noise, value_std)
 
 
-def _half_period(time_s: Array, values: Array, noise: float, span: float) -> float:
+def first_half_period(time_s: Array, values: Array) -> float:
+    """Return the median spacing of the large peaks of a signal [s]; arguments and errors as of `find_peaks`."""
+    span, noise = float(np.ptp(values)), noise_level(values)
+    if span <= 1e-12 * max(1.0, float(np.abs(values).max())):
+        raise RecordingError("the response is constant; a ring-down needs an oscillation (is it the right column?)")
     length = int(np.clip(np.ceil((30.0 * noise / span) ** 2), 1, max(1, values.size // 20)))
     smooth = np.convolve(values, np.ones(length) / length, mode="valid") if length > 1 else values
     index = _alternating(smooth, max(7.0 * noise / np.sqrt(length), 0.02 * span))
@@ -132,6 +140,8 @@ def _alternating(values: Array, prominence: float) -> NDArray[np.intp]:
 
 _BEFORE, _AFTER = 6, 8  # swings looked at on both sides of a possible stop of the drive
 _FLAT = 0.35  # forced: before the stop the swings shrink by less than this share of what they do after it
+_LEVEL = 0.15  # and the first of them is larger by this at most, in its logarithm: dry friction steepens too,
+_LEVEL_EACH = 0.04  # and by this for each of them
 _EVIDENCE = 20.0  # fall of chi² that a kink must bring, against one straight line
 _TOLERANCE = 0.02  # relative scatter of swings that is no evidence of anything
 _LONG = 1.8  # times the next half period: longer than any free swing but one from the top of a pendulum
@@ -155,7 +165,7 @@ def first_free_peak(time_s: Array, values: Array, peaks: Peaks) -> int:
     kink = _kink(swing, np.sqrt(2.0) * peaks.value_std)
     if kink is not None:
         first = max(first, kink)
-    while first + 1 < swing.size and _is_released(time_s, values, peaks, first):
+    while first + 2 < swing.size and _is_released(time_s, values, peaks, first):
         first += 1
     return first
 
@@ -182,6 +192,8 @@ def _kink(swing: Array, noise: float) -> int | None:
         broken = np.linalg.lstsq(bent, y * w, rcond=None)[0]
         gain = float(np.sum((y * w - line @ straight) ** 2) - np.sum((y * w - bent @ broken) ** 2))
         before, after = -broken[1], -broken[2]
+        if logs[low] - logs[int(kink)] > min(_LEVEL, _LEVEL_EACH * (int(kink) - low)):
+            continue
         if after > 0.5 * _TOLERANCE and before < _FLAT * after and gain > best:
             best, found = gain, int(np.ceil(kink + 1.5))
     return found
@@ -237,16 +249,24 @@ _WINDOW = 6.0  # time constants of the fit: later there is only noise, which tel
 _SAMPLES_PER_HALF = 20  # of the fit, where the record has at least twice as many
 _SMALLEST, _LARGEST = 1e-100, 1e100  # of a response: beyond, squares and their products leave the floating point
 _JITTER = 0.4  # of a step, between the longest and the shortest
-_LARGEST_GAP = 5.0  # steps between samples
+LARGEST_GAP = 5.0  # steps between samples
 _SETTLE = 0.2  # half periods after the drive's stop before the decay is taken for free: jerk and sensor delay
 _STEADY = 0.05  # of the whole fall of ln(swing): less in the first half is a drive that ran on
+_FEWEST_IN_STEP, _OUT_OF_STEP = 6, 0.7  # peaks; how far one of them is from the phase of one frequency [rad]
+_LEFT, _OTHER_GUESSES = 0.1, (0.8, 0.9, 1.1, 1.25)  # share of the motion; times the guess of the frequency
+_BAND = 0.55, 1.7  # times the frequency of an oscillation that is sought beside others
+_FEWEST_CYCLES = 1.2  # in a record, of an oscillation whose line is looked for
+_AROUND, _OUTSTANDING, _APART, _MOST_LINES = 4.0, 8.0, 0.25, 3
 _WON_BACK = 2.0  # half periods by which the start may move back where the samples agree with the fit
 
 
 def checked_record(
-    time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
+    time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None, *, bridging: bool = False
 ) -> tuple[Array, Array, Array | None]:
-    """Return time, response and drive as arrays of shape (n,), or raise RecordingError with what is wrong."""
+    """Return time, response and drive as arrays of shape (n,), or raise RecordingError with what is wrong.
+
+    bridging: leave gaps between samples for the caller to judge.
+    """
     t, x = as_seconds(time_s), as_numbers(response, "response")
     lever = None if drive is None else as_numbers(drive, "drive")
     for name, values in (("response", x), ("drive", lever)):
@@ -273,7 +293,7 @@ def checked_record(
     steps = np.diff(t)
     if not np.isfinite(t).all() or steps.min() <= 0:
         raise TimeError("time does not increase everywhere; sort the record or use its sample index")
-    if steps.max() > _LARGEST_GAP * np.median(steps):
+    if steps.max() > LARGEST_GAP * np.median(steps) and not bridging:
         where = int(np.argmax(steps))
         raise TimeError(
             f"gap of {steps[where]:.3g} s after {t[where]:.3f} s; analyse the part behind it (--start) alone"
@@ -310,41 +330,117 @@ def evenly(t: Array, x: Array, lever: Array | None) -> tuple[Array, Array, Array
 
 
 def free_decay(
-    t: Array, x: Array, lever: Array | None, free_from_s: float | None = None
+    t: Array,
+    x: Array,
+    lever: Array | None,
+    free_from_s: float | None = None,
+    *,
+    samples: tuple[Array, Array] | None = None,
+    sought: Array | None = None,
+    floor: float = 0.0,
 ) -> tuple[DecayFit, Array, Array, Peaks]:
     """Return (direct fit, times and samples it was fitted to, peaks of the same stretch).
 
     t, x: shape (n,), even time base; lever: the drive, shape (n,), or None where it was not measured.
     free_from_s: where the decay is known to be free; None to seek it.
+    samples: times and values to fit, shape (k,) each, where they are not those of the even base. sought: x in the band
+    of one oscillation, shape (n,), in which start and peaks are sought instead. floor: amplitude at which the window
+    ends, for a record that is rounded to steps of this size.
+    The fit is bent where the peaks fall out of step with one frequency.
     Raises RecordingError where the free decay is too short, or is none.
     """
+    seen = x if sought is None else sought
     if free_from_s is not None:
         after = int(np.searchsorted(t, free_from_s))
     else:
         after = 0 if lever is None else int(np.searchsorted(t, drive_stop(t, lever)))
     if t.size - after < 16:
         raise RecordingError(f"ring-down too short: {t.size - after} samples after the drive stopped; record longer")
-    peaks = find_peaks(t[after:], x[after:])
+    peaks = find_peaks(t[after:], seen[after:])
     half = peaks.half_period_s
     if free_from_s is not None:
         first, start, earliest = 0, float(t[after]), float(t[after])
-    elif lever is None:
-        first = first_free_peak(t, x, peaks)
+    elif lever is None and peaks.swing.size:
+        first = first_free_peak(t, seen, peaks)
         start = float(peaks.time_s[first])
         earliest = max(float(t[0]), start - _WON_BACK * half)
     else:
-        first = int(np.argmax(peaks.swing))
+        first = int(np.argmax(peaks.swing)) if peaks.swing.size else 0
         start = earliest = float(t[after]) + _SETTLE * half * (after > 0)
     _check_length(t, peaks, first, start)
     guess = _guess(peaks, first)
-    stop = min(float(t[-1]), start + max(_WINDOW / max(guess[0], 1e-9), 6.0 * half))
-    t, x = block_means(t, x, half)
+    lasts = _WINDOW
+    if floor > 0.0:
+        lasts = min(lasts, float(np.log(max(0.5 * peaks.swing[first] / floor, 1.0))))
+    stop = min(float(t[-1]), start + max(lasts / max(guess[0], 1e-9), 6.0 * half))
+    t, x = block_means(t, x, half) if samples is None else samples
     inside = _within(t, start, stop)
-    fit = fit_decay_and_rest(t[inside], x[inside], guess)
+    fit = _in_step(t[inside], x[inside], _from_guesses(t[inside], x[inside], guess), peaks.between(start, stop))
     fit = _won_back(t, x, fit, earliest, peaks)
     _check_decay(fit, peaks, first)
     inside, margin = _within(t, fit.start_s, stop), 0.05 * half
     return fit, t[inside], x[inside], peaks.between(min(fit.start_s, start) - margin, stop + margin)
+
+
+def _from_guesses(t: Array, x: Array, guess: tuple[float, float]) -> DecayFit:
+    """Return the plain fit from a guess of (λ, ω), and where that leaves much of the motion, from others beside it."""
+    fit = fit_decay_and_rest(t, x, guess)
+    motion = float(np.sum((x - fit.rest(t)) ** 2))
+    if float(fit.residual @ fit.residual) < _LEFT * motion:
+        return fit
+    others = [fit_decay(t, x, (guess[0], factor * guess[1])) for factor in _OTHER_GUESSES]
+    best = min(others, key=lambda one: float(one.residual @ one.residual))
+    if float(best.residual @ best.residual) > 0.7 * float(fit.residual @ fit.residual):
+        return fit
+    return fit_decay_and_rest(t, x, (best.decay_rate_per_s, best.omega_rad_s))
+
+
+def _in_step(t: Array, x: Array, plain: DecayFit, peaks: Peaks) -> DecayFit:
+    """Return the plain fit, or the bent one where the peaks fall out of step with one frequency and it fits better."""
+    height = peaks.value - plain.rest(peaks.time_s)
+    solid = np.abs(height) > max(4.0 * peaks.value_std, 0.02 * float(np.abs(height).max(initial=0.0)))
+    last = int(np.argmin(solid)) if not solid.all() else solid.size
+    if last < _FEWEST_IN_STEP or not np.all(height[: last - 1] * height[1:last] < 0):
+        return plain
+    times, size = peaks.time_s[:last], np.abs(height[:last])
+    phase = np.arange(last) * np.pi
+    line = np.polynomial.Polynomial.fit(times, phase, 1, w=size)
+    if float(np.abs(phase - line(times)).max()) < _OUT_OF_STEP:
+        return plain
+    bent = fit_bent(t, x, plain, times, size)
+    return bent if float(bent.residual @ bent.residual) < 0.7 * float(plain.residual @ plain.residual) else plain
+
+
+def band_passed(t: Array, x: Array, frequency_hz: float) -> Array:
+    """Return what of an even record, shape (n,), lies around a frequency, without shift of phase."""
+    nyquist = 0.5 * (t.size - 1) / float(t[-1] - t[0])
+    band = [_BAND[0] * frequency_hz / nyquist, min(_BAND[1] * frequency_hz / nyquist, 0.98)]
+    filtered = signal.sosfiltfilt(signal.butter(2, band, "bandpass", output="sos"), x - np.median(x))
+    return np.asarray(filtered, dtype=float)
+
+
+def spectral_lines(t: Array, x: Array) -> list[float]:
+    """Return the frequencies [Hz] that stand out of an even record's spectrum, the one of the most energy first."""
+    n = t.size
+    line = np.polynomial.Polynomial.fit(t, x, 1)
+    power = np.abs(np.fft.rfft(x - line(t), 2 * n)) ** 2
+    frequency = np.fft.rfftfreq(2 * n, float(t[-1] - t[0]) / (n - 1))
+    power = signal.convolve(power, np.ones(3) / 3.0, mode="same")
+    lowest = _FEWEST_CYCLES / float(t[-1] - t[0])
+    found: list[tuple[float, float]] = []
+    for top in signal.find_peaks(power)[0]:
+        here = float(frequency[top])
+        if not lowest < here < 0.9 * float(frequency[-1]):
+            continue
+        wide = (frequency > here / _AROUND) & (frequency < here * _AROUND)
+        if power[top] > _OUTSTANDING * float(np.median(power[wide])):
+            near = (frequency > 0.85 * here) & (frequency < 1.15 * here)
+            found.append((float(power[near].sum()), here))
+    lines: list[float] = []
+    for _, here in sorted(found, reverse=True):
+        if all(abs(np.log(here / other)) > _APART for other in lines):
+            lines.append(here)
+    return lines[:_MOST_LINES]
 
 
 def _within(t: Array, start: float, stop: float) -> NDArray[np.bool_]:
@@ -376,23 +472,30 @@ def _guess(peaks: Peaks, first: int) -> tuple[float, float]:
 
 def _check_length(t: Array, peaks: Peaks, first: int, start: float) -> None:
     half, swing = peaks.half_period_s, peaks.swing
-    if swing.size - first < 2 or t[-1] - start < _HALF_CYCLES * half:
-        if (
-            first >= 2
-            and swing[first] > 1.3 * float(np.median(swing[:first]))
-            and t[-1] - peaks.time_s[-1] < 3.0 * half
-        ):
-            raise RecordingError(
-                "the oscillation grows instead of decaying; a ring-down needs the part after its drive stopped"
-            )
+    left = max(float(t[-1]) - start, 0.0) / half
+    if swing.size - first >= 2 and left >= _HALF_CYCLES:
+        return
+    if (
+        2 <= first < swing.size
+        and swing[first] > 1.3 * float(np.median(swing[:first]))
+        and t[-1] - peaks.time_s[-1] < 3.0 * half
+    ):
         raise RecordingError(
-            f"ring-down too short: {max(t[-1] - start, 0.0) / half:.1f} half cycles of free decay after {start:.3f} s, "
+            "the oscillation grows instead of decaying; a ring-down needs the part after its drive stopped"
+        )
+    if left < _HALF_CYCLES + 1.0:
+        raise RecordingError(
+            f"ring-down too short: {left:.1f} half cycles of free decay after {start:.3f} s, "
             f"at least {_HALF_CYCLES:.0f} are needed; record longer or start from a larger amplitude"
         )
+    raise RecordingError(
+        f"the oscillation dies out too fast: {max(swing.size - first, 0)} swings after {start:.3f} s stand out of the "
+        "noise, at least 2 are needed; start from a larger amplitude, or measure with less noise"
+    )
 
 
 def _check_decay(fit: DecayFit, peaks: Peaks, first: int) -> None:
-    rate, std = fit.decay_rate_per_s, float(np.sqrt(fit.pole_covariance()[0, 0]))
+    rate, std = fit.mean_rate_per_s()
     ratio = peaks.swing[-1] / peaks.swing[first]
     if rate <= 0 and ratio > 1.1:
         raise RecordingError(
@@ -427,7 +530,7 @@ def _won_back(t: Array, x: Array, fit: DecayFit, earliest: float, peaks: Peaks) 
     """
     begin, end = (int(np.searchsorted(t, time - 1e-9)) for time in (earliest, fit.start_s))
     last = end + fit.residual.size
-    size = max(3, int(0.25 * peaks.half_period_s / float(t[1] - t[0])))
+    size = max(3, int(0.25 * peaks.half_period_s / float(np.median(np.diff(t)))))
     fits = [fit]
     while end - begin >= 3:
         low = max(begin, end - size)
@@ -442,7 +545,7 @@ def _won_back(t: Array, x: Array, fit: DecayFit, earliest: float, peaks: Peaks) 
         end = low
         guess = fits[-1].decay_rate_per_s, fits[-1].omega_rad_s
         relaxing = float(np.exp(fit.parameters[7])) if fit.relaxing else None
-        fits.append(fit_decay(t[end:last], x[end:last], guess, relaxing=relaxing))
+        fits.append(fit_decay(t[end:last], x[end:last], guess, relaxing=relaxing, bend=fits[-1].bend_per_s2))
     return fits[-1]
 
 

@@ -1,6 +1,7 @@
 """Modes of a free decay: as many as swing in it and the data support."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -196,10 +197,10 @@ def _described(
     )
 
 
-def modes_json(found: ModalDecay) -> list[dict[str, Any]]:
-    """Return the modes as JSON holds them, the largest amplitude first."""
+def modes_json(modes: Sequence[DecayMode]) -> list[dict[str, Any]]:
+    """Return modes as JSON holds them, in their order."""
     names = ("frequency_hz", "natural_frequency_hz", "damping_ratio", "decay_rate_per_s", "amplitude", "phase_rad")
-    return [{name: getattr(mode, name).to_json() for name in names} for mode in found.modes]
+    return [{name: getattr(mode, name).to_json() for name in names} for mode in modes]
 
 
 # A sum of decaying oscillations is split into its poles without a guess, by the matrix pencil.

@@ -1,18 +1,30 @@
 """Frequency and damping of a ring-down, with intervals, and a verdict on its shape."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 from scipy import integrate, special
 
-from sinew.analysis.decay.decay_fit import DecayFit, fit_decay, lehr_damping, pole_estimates
+from sinew.analysis.decay.course import (
+    Course,
+    clearly_better,
+    close_modes,
+    differing_halves,
+    exponential_course,
+    louder_line,
+    smooth_course,
+    with_further_modes,
+)
+from sinew.analysis.decay.decay_fit import DecayFit, fit_bent, lehr_damping, pole_estimates
 from sinew.analysis.decay.free_decay import (
     Envelope,
     Peaks,
+    band_passed,
     block_means,
     checked_record,
     evenly,
@@ -20,11 +32,14 @@ from sinew.analysis.decay.free_decay import (
     fit_envelope,
     free_decay,
     large_peaks,
+    spectral_lines,
 )
+from sinew.analysis.decay.modes import DecayMode, modes_json
+from sinew.analysis.decay.samples import Samples, read_samples
 from sinew.analysis.signal.signals import Signals, read_signals
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import NORMAL_90, Estimate, finite, number
 from sinew.measure.recording import Segment
 from sinew.measure.schema import RESULT_VARIABLES, result_axis
 
@@ -39,7 +54,10 @@ _VERTEX = 1.23  # std of a vertex's phase by that of its relative height, for th
 SIGNIFICANCE = 0.01
 _DAMPING_EFFECT = 0.10  # relative change of the damping ratio that counts,
 _FREQUENCY_EFFECT = 0.01  # and of the frequency
-_STEPS = 2001  # of the means over the window
+_STANDS_OUT = 3.0  # standard deviations of either change, for it to be told
+_LEANS = 0.6  # of a change of the damping ratio: by so much of a half cycle crests move where it changes
+_OWN = 3.0  # times the relative change of the frequency: a pendulum's damping ratio moves 1.8 times as much with it
+_TELLING_FALL = 1.6  # of the amplitude, between the ends: over less, two modes that beat look like any cause
 _END_OF_EFFECT = 0.2  # of the first amplitude: end of the comparison by the bent fit
 
 
@@ -130,54 +148,6 @@ def _window(t: Array, swing: Array, height_std: float) -> tuple[float, float, fl
     return float(amplitude.mean()), frequency, damping, frequency * time_std / length, rate_std / omega
 
 
-def fit_bent(time_s: Array, values: Array, fit: DecayFit, time_of_peaks_s: Array, size: Array) -> DecayFit:
-    """Return the fit whose rate and frequency change linearly with time, started from the peaks.
-
-    time_s, values: shape (n,), what the plain `fit` was fitted to. time_of_peaks_s, size: shape (h,), three or more.
-    """
-    t, index = time_of_peaks_s - fit.start_s, np.arange(size.size) * np.pi
-    degree = 2 if size.size > 3 else 1
-    log_size = np.polyfit(t, np.log(size), degree, w=size)
-    phase = np.polyfit(t, index, degree, w=size)
-    bend = (-float(log_size[0]), float(phase[0])) if degree == 2 else (0.0, 0.0)
-    relaxing = float(np.exp(fit.parameters[7])) if fit.relaxing else None
-    return fit_decay(time_s, values, (-float(log_size[-2]), float(phase[-2])), relaxing=relaxing, bend=bend)
-
-
-def mean_poles(bent: DecayFit, time_of_peaks_s: Array, size: Array, size_std: float) -> tuple[Array, Array]:
-    """Return ((λ, ω), their covariance), shape (2,) and (2, 2), as means over the window weighted by amplitude.
-
-    bent: from `fit_bent`, λ(t) = λ + 2 λ₂t [1/s] and ω(t) = ω + 2 ω₂t [rad/s] with the amplitude A(t) that follows:
-    ⟨λ⟩ = ∫ λ A dt / ∫ A dt, likewise ⟨ω⟩. The covariance is carried from the fit's, through the weights too.
-    time_of_peaks_s, size: shape (h,), three or more peaks, size_std: noise of one. The same means are taken from them,
-    without a model; where the two differ by more than twice the noise of the peaks, rate and frequency do not change
-    linearly with time either, and the difference is added to the standard deviation.
-    """
-    means, covariance = _means(bent, 0.0, 1.0)
-    edges = (time_of_peaks_s[[0, -1]] - bent.start_s) / bent.window_s
-    by_peaks, noise = _means_by_peaks(time_of_peaks_s, size, size_std)
-    off = _means(bent, *edges)[0] - by_peaks
-    return means, covariance + np.diag(np.where(np.abs(off) > 2.0 * noise, off, 0.0) ** 2)
-
-
-def _means(bent: DecayFit, low: float, high: float) -> tuple[Array, Array]:
-    """Return the means of (λ, ω) and their covariance between two times in units of the window."""
-    s = np.linspace(low, high, _STEPS)
-    places = np.array([0, 1, -2, -1])
-    rate, omega, bend, turn = bent.parameters[places]
-    amplitude = np.exp(np.clip(-rate * s - bend * s**2, -200.0, 50.0))
-    amplitude[[0, -1]] *= 0.5  # trapezoidal rule
-    weight = amplitude / amplitude.sum()
-    poles = np.stack([rate + 2.0 * bend * s, omega + 2.0 * turn * s])
-    means = poles @ weight
-    by_weight = (poles - means[:, None]) * weight @ np.stack([-s, -(s**2)], axis=1)
-    late = 2.0 * float(s @ weight)
-    gradient = np.array([[1.0, 0.0, late, 0.0], [0.0, 1.0, 0.0, late]])
-    gradient[:, [0, 2]] += by_weight
-    covariance = gradient @ bent.covariance[np.ix_(places, places)] @ gradient.T
-    return np.asarray(means / bent.window_s), np.asarray(covariance / bent.window_s**2)
-
-
 def _means_by_peaks(t: Array, size: Array, size_std: float) -> tuple[Array, Array]:
     """Return the means of (λ, ω) from sizes and spacings of the peaks, and their standard deviations, (2,) each."""
     middle = 0.5 * (size[1:] + size[:-1])
@@ -187,10 +157,11 @@ def _means_by_peaks(t: Array, size: Array, size_std: float) -> tuple[Array, Arra
     return np.array([rate, omega]), size_std / area * np.array([np.sqrt(2.0), _VERTEX * float(np.linalg.norm(shares))])
 
 
-def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str) -> DecayShape:
+def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str, p_value: float | None = None) -> DecayShape:
     """Return the verdict on one exponential.
 
-    bent: from `fit_bent`; table: from `amplitude_dependence`; unit: of the amplitude, for the sentence.
+    bent: from `fit_bent`; p_value: that it is no better, where that is known otherwise; table: from
+    `amplitude_dependence`; unit: of the amplitude, for the sentence.
 
     Rule: the decay is not exponential where (1) the bent fit's two added terms differ from zero at the 1 % level (F
     test, covariance for coloured noise, effective degrees of freedom), and (2) the change matters: between the first
@@ -199,29 +170,37 @@ def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str) -> DecayS
     bent fit between the first amplitude and a fifth of it). The second condition keeps a record without noise from
     being called wrong for nothing.
     """
-    p_value = bend_p_value(bent)
+    p_value = bend_p_value(bent) if p_value is None else p_value
     solid = table.damping_ratio_std < 0.2 * np.abs(table.damping_ratio)
     if np.count_nonzero(solid) >= 3:
         where = np.log(table.amplitude[solid])
-        damping = _ends(where, table.damping_ratio[solid], table.damping_ratio_std[solid])
-        frequency = _ends(where, table.frequency_hz[solid], table.frequency_std_hz[solid])
-        span = _ends(where, table.amplitude[solid], np.zeros(where.size))
+        damping, damping_std = _ends(where, table.damping_ratio[solid], table.damping_ratio_std[solid])
+        frequency, frequency_std = _ends(where, table.frequency_hz[solid], table.frequency_std_hz[solid])
+        span = _ends(where, table.amplitude[solid], np.zeros(where.size))[0]
     else:
         damping, frequency = _ends_of_bent(bent)
+        damping_std = frequency_std = 0.0
         span = np.array([bent.amplitude, bent.amplitude * _END_OF_EFFECT])
     changes = tuple(float((v[1] - v[0]) / max(abs(v.mean()), 1e-12)) for v in (damping, frequency))
-    matters = abs(changes[0]) > _DAMPING_EFFECT, abs(changes[1]) > _FREQUENCY_EFFECT
+    matters = (
+        abs(changes[0]) > _DAMPING_EFFECT and abs(damping[1] - damping[0]) > _STANDS_OUT * damping_std,
+        abs(changes[1]) > max(_FREQUENCY_EFFECT, _LEANS * abs(float(damping[1] - damping[0])))
+        and abs(frequency[1] - frequency[0]) > _STANDS_OUT * frequency_std,
+    )
     exponential = not (p_value < SIGNIFICANCE and any(matters))
     reason = _praise(changes, p_value) if exponential else _blame(damping, frequency, matters, span, unit)
     return DecayShape(exponential, reason, p_value, *changes)
 
 
-def _ends(where: Array, values: Array, std: Array) -> Array:
-    """Return the weighted means over the first and last quarter of the range of ln amplitude, shape (2,)."""
+def _ends(where: Array, values: Array, std: Array) -> tuple[Array, float]:
+    """Return the weighted means over the first and last quarter of the range of ln amplitude, shape (2,), and the
+    standard deviation of their difference, as if windows that overlap were one."""
     reach = 0.25 * float(where[0] - where[-1])
     weight = 1.0 / (std**2 + (0.01 * values) ** 2)
     quarters = (where >= where[0] - reach), (where <= where[-1] + reach)
-    return np.array([float(np.average(values[q], weights=weight[q])) for q in quarters])
+    ends = np.array([float(np.average(values[q], weights=weight[q])) for q in quarters])
+    early, late = (float(np.average(std[q], weights=weight[q])) for q in quarters)
+    return ends, math.hypot(early, late)
 
 
 def bend_p_value(bent: DecayFit) -> float:
@@ -247,14 +226,14 @@ def _ends_of_bent(bent: DecayFit) -> tuple[Array, Array]:
 
 
 def _praise(changes: tuple[float, ...], p_value: float) -> str:
-    why = (
-        "less than the 10 % and 1 % that count"
-        if p_value < SIGNIFICANCE
-        else f"no more than the residual of the fit explains (p = {p_value:.2g})"
-    )
+    if p_value >= SIGNIFICANCE:
+        return (
+            "damping and frequency change with the amplitude by no more than the residual of the fit explains "
+            f"(p = {p_value:.2g}): one exponential describes the decay"
+        )
     return (
         f"damping changes by {100 * changes[0]:+.1f} % and frequency by {100 * changes[1]:+.2f} % as the amplitude "
-        f"falls, {why}: one exponential describes the decay"
+        "falls, less than the 10 % and 1 % that count: one exponential describes the decay"
     )
 
 
@@ -264,13 +243,18 @@ def _blame(damping: Array, frequency: Array, matters: tuple[bool, bool], span: A
     if matters[0]:
         rises = damping[1] > damping[0]
         parts.append(f"damping {'rises' if rises else 'falls'} from {damping[0]:.3g} to {damping[1]:.3g}")
-        causes.append("dry friction" if rises else "losses that grow with amplitude")
+        moved = [abs(float(np.log(max(v[1], 1e-12) / max(v[0], 1e-12)))) for v in (damping, frequency)]
+        if not matters[1] or moved[0] > _OWN * moved[1]:
+            causes.append("dry friction" if rises else "losses that grow with amplitude, or a second mode near by")
     if matters[1]:
         rises = frequency[1] > frequency[0]
         parts.append(f"frequency {'rises' if rises else 'falls'} from {frequency[0]:.4g} to {frequency[1]:.4g} Hz")
         causes.append(f"{'softening' if rises else 'hardening'} at large amplitude")
+    if span[0] < _TELLING_FALL * span[1]:
+        causes = []
     fall = f"as the amplitude falls from {span[0] * factor:.3g} to {span[1] * factor:.3g} {shown}"
-    return f"{' and '.join(parts)} {fall}: {' and '.join(causes)}; a single exponential is wrong"
+    named = f": {' and '.join(causes)}" if causes else ""
+    return f"{' and '.join(parts)} {fall}{named}; a single exponential is wrong"
 
 
 DECAY_FROM_PERIODS = 1.0
@@ -281,23 +265,54 @@ DECAY_WINDOWS = (0.0, 0.1, 0.5, 1.0, 1.5, 2.0)
 """Starts after the stop, in drive periods, from which the paper's method reads a planned ring-down beside."""
 
 
+class Parts(NamedTuple):
+    """What the interval of one quantity is made of, in its unit.
+
+    noise: value with standard deviation and 90 % interval by the scatter of the samples alone. misfit: standard
+    deviation that the model's disagreement with the record adds.
+    """
+
+    noise: Estimate
+    misfit: float
+
+    @property
+    def together(self) -> Estimate:
+        """Return the estimate with both; the misfit is taken as known (Welch and Satterthwaite)."""
+        one = self.noise
+        std = math.hypot(one.std, self.misfit)
+        if not (self.misfit > 0 and math.isfinite(one.high - one.low)):
+            return one
+        if not one.std > 0:
+            return Estimate.normal(one.value, std)
+        # between Student's quantile of the noise alone and the normal one of a known misfit
+        share = (one.std / std) ** 2
+        quantile = NORMAL_90 + (0.5 * (one.high - one.low) / one.std - NORMAL_90) * share
+        return Estimate(one.value, std, one.value - quantile * std, one.value + quantile * std)
+
+
 @dataclass(frozen=True)
 class RingDown:
     """One analysed ring-down.
 
     frequency_hz: damped frequency ω_d/2π [Hz]; natural_frequency_hz: undamped, sqrt(ω_d² + λ²)/2π [Hz].
     damping_ratio: λ/sqrt(ω_d² + λ²); decay_rate_per_s: λ [1/s]; quality: 1/(2·damping_ratio).
-    All by the direct time-domain fit. Of a decay that is not exponential, whose one sinusoid would fall out of step and
-    take that for damping, the fit is the bent one (rate and frequency change linearly with time), λ and ω_d are its
-    means over the window weighted by the amplitude, ∫ λ A dt / ∫ A dt, and the rest follows from these two. Where the
-    same means of the peaks differ from them by more than noise, the difference is in the intervals.
+    All by the direct time-domain fit, of the strongest mode where there are several. Where rate and frequency move
+    with the amplitude, one sinusoid would fall out of step and take that for damping; size and phase are then smooth
+    functions of time (`sinew.analysis.decay.course`), λ and ω_d their means over the window weighted by the amplitude,
+    ∫ λ A dt / ∫ A dt, and the rest follows from these two. The intervals hold the noise and the misfit together.
+    parts: the two by name of the quantity. misfit: a sentence on where it comes from, empty without any. Its parts:
+    early and late half of the decay differ by more than their noise (the 90 % interval then reaches one and a half
+    times as far: of a value that drifts evenly, the intervals of both halves, read alone, then meet), the same means of
+    the peaks differ beyond theirs, the residual grows with the amplitude, or swings at the oscillation's frequency.
     rest_drift: change of the rest position from start_s to stop_s, unit of the response (a rate's: of its bias).
-    paper: the paper's method, Eq. 7-10 with the damped frequency as printed.
+    paper: the paper's method, Eq. 7-10 with the damped frequency as printed; withheld: why it should not be believed.
     shape: exponential or not; dependence: frequency and damping against amplitude.
+    modes: where several swing in the record, all of them, the one of most energy first; else empty.
     start_s, stop_s: the free decay that was used, in the time of the record.
     fit: the direct fit, bent where the decay is not exponential, for its curve.
     peak_time_s, peak_value: shape (h,), both-sided peaks about the rest position.
     unit: of the response; peak_unit: of peaks and amplitudes (of the angle where the response is a rate).
+    remarks: what was found in the samples and done about it, a sentence each.
     """
 
     frequency_hz: Estimate
@@ -305,10 +320,14 @@ class RingDown:
     damping_ratio: Estimate
     decay_rate_per_s: Estimate
     quality: Estimate
+    parts: dict[str, Parts]
+    misfit: str
     rest_drift: Estimate
     paper: Envelope
+    withheld: str
     shape: DecayShape
     dependence: AmplitudeDependence
+    modes: tuple[DecayMode, ...]
     start_s: float
     stop_s: float
     fit: DecayFit
@@ -316,6 +335,7 @@ class RingDown:
     peak_value: Array
     unit: str
     peak_unit: str
+    remarks: tuple[str, ...]
 
 
 def analyse_ring_down(
@@ -335,38 +355,348 @@ def analyse_ring_down(
         fitted as it is; peaks and amplitudes are those of its integral.
     inertia_kg_m2: I, for the paper's d and k. free_from_s: time from which the decay is known to be free [s].
 
-    The drive tells when it stopped; without it, the start is sought in the response. Window: six time constants. The
+    The drive tells when it stopped; without it, the start is sought in the response, and where that finds nothing that
+    explains the record, in the band of each line of its spectrum. Window: six time constants. The
     direct fit's standard deviations hold for coloured noise; intervals are Student's with effective degrees of freedom.
     Raises RecordingError (TimeError for time stamps) where the record holds no ring-down that can be analysed.
     """
-    t, x, lever, clock = evenly(*checked_record(time_s, response, drive))
-    fit, t, x, peaks = free_decay(t, x, lever, free_from_s)
+    samples = read_samples(time_s, response, drive, unit)
+    sought = _seek(samples, free_from_s)
+    read = _read(samples, sought)
+    strongest = max(range(len(read.course.model.bases)), key=read.course.energy)
+    if strongest and free_from_s is None:
+        hz = float(read.course.poles(mode=strongest)[0][1]) / (2.0 * np.pi)
+        again = _in_band(samples, hz)
+        if again is not None:
+            sought, read = again, _read(samples, again)
+            strongest = max(range(len(read.course.model.bases)), key=read.course.energy)
+    fit, times, heights = sought.fit, read.peak_time_s, read.height
+    peaks = sought.peaks
     if is_rate:
+        inside = (samples.even_s >= fit.start_s - 1e-9) & (samples.even_s <= fit.stop_s + 1e-9)
+        t, x = block_means(samples.even_s[inside], samples.even[inside], peaks.half_period_s)
         peaks = find_peaks(t, _angle(t, x, fit))
-    times, heights = _heights(peaks, fit, is_rate)
-    bent = fit_bent(t, x, fit, times, np.abs(heights))
-    rest = bent if bend_p_value(bent) < SIGNIFICANCE else fit
-    times, heights = _heights(peaks, rest, is_rate)
+        times, heights = _heights(peaks, fit, True)
     table = amplitude_dependence(times, heights, peaks.value_std)
     peak_unit = _integrated(unit) if is_rate else unit
-    shape = judge_shape(bent, table, peak_unit)
-    poles = np.array([fit.decay_rate_per_s, fit.omega_rad_s]), fit.pole_covariance()
-    if not shape.exponential:
-        fit, poles = bent, mean_poles(bent, times, np.abs(heights), peaks.value_std)
+    shape = judge_shape(read.bent, table, peak_unit, read.p_value)
+    poles, by_noise, by_misfit, why = _poles(read, sought, strongest)
+    parts = _parts(poles, by_noise, by_misfit, read.degrees_of_freedom, samples.clock_std)
+    found = {name: one.together for name, one in parts.items()}
+    frequency = found["frequency_hz"]
+    if frequency.low <= 0:
+        raise RecordingError(
+            f"no frequency can be told: the oscillation has {frequency.shown('Hz')}; record more of it, with less noise"
+        )
+    rest = read.bent if read.p_value < SIGNIFICANCE else fit
+    paper = fit_envelope(times, np.abs(heights), inertia_kg_m2)
+    by_period = 1.0 / (frequency.value * float(np.median(np.diff(samples.time_s))))
     return RingDown(
-        **_estimates(*poles, fit.degrees_of_freedom, clock),
+        **found,
+        quality=_quality(found["damping_ratio"]),
+        parts=parts,
+        misfit=_misfit_said(parts, why),
         rest_drift=Estimate.student(*rest.drift(), rest.degrees_of_freedom),
-        paper=fit_envelope(times, np.abs(heights), inertia_kg_m2),
+        paper=paper,
+        withheld=_withheld(paper, found, by_period, strongest > 0),
         shape=shape,
         dependence=table,
+        modes=_modes(read.course, samples.clock_std) if len(read.course.model.bases) > 1 else (),
         start_s=fit.start_s,
-        stop_s=fit.stop_s,
-        fit=fit,
+        stop_s=read.stop_s,
+        fit=fit if shape.exponential else read.bent,
         peak_time_s=times,
         peak_value=heights,
         unit=unit,
         peak_unit=peak_unit,
+        remarks=samples.remarks,
     )
+
+
+# What is sought: the start of the decay, and which oscillation it is.
+
+_EXPLAINED = 0.7  # share of the motion that the oscillation found first should make
+_SURE_OF_BAND = 60.0  # fall of n ln(residual²) that an oscillation sought in a band must bring
+_SURE_SHARE, _SURE_OF_SHARE = 0.5, 15.0  # the same of one that makes so much of the motion
+_OFF_BAND = 1.5  # times the band's frequency, either way, that its fit may have
+_AS_STRONG = 0.5  # of the energy of the strongest: then what was found without a band stays
+_OVERDAMPED = 0.7
+
+
+class _Sought(NamedTuple):
+    """A free decay in a record: its fit, the samples of that, (n,) each, its peaks, and whether these are about zero,
+    for they were found in a band."""
+
+    fit: DecayFit
+    t: Array
+    x: Array
+    peaks: Peaks
+    centred: bool
+
+    @property
+    def energy(self) -> float:
+        """Return the energy of the oscillation in the window, unit of the response squared times seconds."""
+        swing = self.fit.model(self.t) - self.fit.rest(self.t)
+        return float(np.mean(swing**2)) * self.fit.window_s
+
+    @property
+    def explained(self) -> float:
+        """Return which share of the motion about the rest position the oscillation makes."""
+        motion = float(np.sum((self.x - self.fit.rest(self.t)) ** 2))
+        return 1.0 - float(np.sum(self.fit.residual**2)) / motion if motion > 0 else 1.0
+
+
+def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
+    """Return the free decay that explains a record: the one its peaks show, else the strongest of its spectrum."""
+    given = None if samples.is_even else (samples.time_s, samples.values)
+    first: _Sought | None = None
+    refusal: RecordingError | None = None
+    try:
+        found = free_decay(
+            samples.even_s, samples.even, samples.drive, free_from_s, samples=given, floor=samples.resolution
+        )
+        first = _filled(samples, _Sought(*found, False))
+        _heights(first.peaks, first.fit, False)
+    except RecordingError as error:
+        first, refusal = None, error
+    if first is not None and (free_from_s is not None or first.explained > _EXPLAINED):
+        return first
+    lines = spectral_lines(samples.even_s, samples.even) if free_from_s is None else []
+    others = [one for one in (_in_band(samples, hz) for hz in lines) if one is not None]
+    best = max(others, key=lambda one: one.energy, default=None)
+    if first is not None and (best is None or first.energy > _AS_STRONG * best.energy):
+        return first
+    if best is None:
+        assert refusal is not None
+        if not samples.missing.any() or free_from_s is not None:
+            raise refusal
+        raise RecordingError(
+            f"what is left of the samples does not show three half cycles of a decay: {'; '.join(samples.remarks)}; "
+            "choose a stretch without that (--start, --stop)"
+        ) from refusal
+    return best
+
+
+def _filled(samples: Samples, sought: _Sought) -> _Sought:
+    """Return a free decay with the peaks that its fit has where samples are missing; they were interpolated before."""
+    if not samples.missing.any():
+        return sought
+    fit, half = sought.fit, sought.peaks.half_period_s
+    inside = (samples.even_s >= fit.start_s - 0.5 * half) & (samples.even_s <= fit.stop_s)
+    t, x = samples.even_s[inside], samples.even[inside]
+    x = np.where(samples.missing[inside], fit.model(t), x)
+    return sought._replace(peaks=find_peaks(t, x).between(fit.start_s - 0.05 * half, fit.stop_s))
+
+
+def _in_band(samples: Samples, frequency_hz: float) -> _Sought | None:
+    """Return the free decay of the oscillation near a frequency, or None where there is none for sure."""
+    given = None if samples.is_even else (samples.time_s, samples.values)
+    band = band_passed(samples.even_s, samples.even, frequency_hz)
+    try:
+        found = free_decay(
+            samples.even_s, samples.even, samples.drive, samples=given, sought=band, floor=samples.resolution
+        )
+        one = _Sought(*found, True)
+        _heights(one.peaks, one.fit, True)
+    except RecordingError:
+        return None
+    fit, still = one.fit, np.polynomial.Polynomial.fit(one.t, one.x, 1)
+    before = float(np.sum((one.x - still(one.t)) ** 2))
+    effective = fit.degrees_of_freedom + fit.parameters.size
+    after = max(float(fit.residual @ fit.residual), 1e-300)
+    rate, _ = fit.mean_rate_per_s()
+    off = abs(math.log(max(fit.omega_rad_s, 1e-300) / (2.0 * np.pi * frequency_hz)))
+    enough = _SURE_OF_BAND if one.explained < _SURE_SHARE else _SURE_OF_SHARE
+    if effective * math.log(max(before, 1e-300) / after) < enough or off > math.log(_OFF_BAND):
+        return None
+    return one if rate < _OVERDAMPED * fit.omega_rad_s else None
+
+
+# What is read from it: the course of its size and phase, and what else swings.
+
+_SUSPECT = 0.15  # p value from which on halves are compared, though one exponential is not refuted
+_BEYOND = 2.0  # standard deviations by which halves, or fit and peaks, differ beyond noise
+_REACH = 1.5  # times the difference of the halves: of a value that drifts evenly, those of each half just meet at 1
+_PLAIN_BETTER = 10.0  # fall of Akaike's criterion that a smooth course must bring where there are several modes
+_PLAINLY_BENT = 50.0  # of twice the logarithm of the likelihood ratio of two parameters
+_FEWEST_PER_PERIOD = 12  # samples, for the paper's peaks
+_SCATTERS, _WITHIN = 3.0, 0.03  # by which the paper's numbers may differ from the direct fit's
+
+
+class _Read(NamedTuple):
+    """What the samples of one free decay say.
+
+    bent: its bent fit; p_value: that a plain one is as good. course: of its size and phase, and of further modes;
+    halves: one whose early and late half can differ, where that is suspected. is_plain: the course is one exponential
+    alone, whose numbers are the fit's own. peak_time_s, height: shape (h,), of the response about its rest position;
+    height_std: noise of one. stop_s: end of the window.
+    """
+
+    fit: DecayFit
+    bent: DecayFit
+    p_value: float
+    course: Course
+    halves: Course | None
+    is_plain: bool
+    peak_time_s: Array
+    height: Array
+    height_std: float
+    stop_s: float
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """Return those of the numbers."""
+        return self.fit.degrees_of_freedom if self.is_plain else self.course.degrees_of_freedom
+
+
+def _read(samples: Samples, sought: _Sought) -> _Read:
+    fit, t, x, peaks = sought.fit, sought.t, sought.x, sought.peaks
+    times, heights = _heights(peaks, fit, sought.centred)
+    bent = fit_bent(t, x, fit, times, np.abs(heights))
+    p_value = bend_p_value(bent)
+    if p_value < SIGNIFICANCE and not sought.centred:
+        times, heights = _heights(peaks, bent, False)
+    moves = p_value < SIGNIFICANCE or fit.bending
+    plain = exponential_course(t, x, fit)
+    course, stop = plain, fit.stop_s
+    halves = smooth_course(t, x, bent, times, heights, functions=3) if p_value < _SUSPECT and not moves else None
+    if moves:
+        size = np.abs(peaks.value - (0.0 if sought.centred else bent.rest(peaks.time_s)))
+        large = size > max(5.0 * peaks.value_std, 0.02 * float(size.max()))
+        last = float(peaks.time_s[np.flatnonzero(large)[-1]]) + 0.5 * peaks.half_period_s
+        inside = t <= max(last, float(times[-1]))
+        if np.count_nonzero(inside) >= 32:
+            t, x = t[inside], x[inside]
+        course, stop = smooth_course(t, x, bent, times, heights), float(t[-1])
+        two = close_modes(t, x, course)
+        course = course if two is None else two
+    several = with_further_modes(t, x, course)
+    if len(several.model.bases) > 1 and several.functions > 2:
+        simple = with_further_modes(t, x, exponential_course(t, x, fit))
+        if not clearly_better(simple, several, _PLAIN_BETTER):
+            several = simple
+    if len(several.model.bases) > 1 and several.functions == 2:
+        p_value = 1.0
+    elif moves and _likelihood_ratio(plain, bent) > _PLAINLY_BENT:
+        p_value = 0.0  # the F test's covariance is of no use where the residual is mostly misfit
+    alone = several.functions == 2 and len(several.model.bases) == 1 and not fit.bending
+    if len(several.model.bases) > 1 or moves:
+        halves = several if several.functions > 2 else None
+    return _Read(fit, bent, p_value, several, halves, alone, times, heights, peaks.value_std, stop)
+
+
+def _likelihood_ratio(plain: Course, bent: DecayFit) -> float:
+    """Return twice the logarithm of the likelihood ratio of a bent fit, in independent samples of its residual."""
+    effective = bent.degrees_of_freedom + bent.parameters.size
+    after = float(bent.residual @ bent.residual)
+    return effective * math.log(plain.left_over / after) if after > 0 and plain.left_over > 0 else 0.0
+
+
+def _poles(read: _Read, sought: _Sought, mode: int) -> tuple[Array, Array, Array, list[str]]:
+    """Return (λ, ω) of a mode, the covariance of both by noise and by misfit, (2, 2) each, and where that is from."""
+    course, why = read.course, []
+    if read.is_plain:
+        fit = read.fit
+        poles, noise = np.array([fit.decay_rate_per_s, fit.omega_rad_s]), fit.pole_covariance()
+        _, gradient = course.poles()
+        grown = gradient @ (course.grown - course.covariance) @ gradient.T
+    else:
+        poles, gradient = course.poles(mode=mode)
+        noise = gradient @ course.covariance @ gradient.T
+        grown = gradient @ (course.grown - course.covariance) @ gradient.T
+    misfit = np.diag(np.maximum(np.diag(grown), 0.0))
+    if np.any(np.diag(misfit) > 0.2 * np.diag(noise)):
+        why.append("the residual grows with the amplitude")
+    louder = louder_line(course, float(poles[1]))
+    if louder > 1.0:
+        misfit = misfit + (louder - 1.0) * noise
+        why.append("the residual still swings near the oscillation's frequency")
+    if read.halves is None or mode:
+        return poles, noise, misfit, why
+    first, last = float(read.peak_time_s[0]), float(read.peak_time_s[-1])
+    off, std = differing_halves(read.halves, 0.5 * (first + last), last)
+    beyond = np.abs(off) > _BEYOND * std
+    excess = np.where(beyond, np.sign(off) * np.sqrt(np.maximum(off**2 - std**2, 0.0)), 0.0) * _REACH / NORMAL_90
+    if beyond.any():
+        why.append("its early half, of large swings, and its late one, of small swings, differ beyond their noise")
+    misfit = misfit + np.outer(excess, excess)
+    if course.functions < 3:
+        return poles, noise, misfit, why
+    window = course.stop_s - course.start_s
+    edges = np.clip((np.array([first, last]) - course.start_s) / window, 0.0, 1.0)
+    if edges[1] - edges[0] > 0.3:
+        by_peaks, scatter = _means_by_peaks(read.peak_time_s, np.abs(read.height), read.height_std)
+        apart = course.poles(float(edges[0]), float(edges[1]))[0] - by_peaks
+        apart = np.where(np.abs(apart) > _BEYOND * scatter, apart, 0.0)
+        if np.any(apart**2 > 0.2 * np.diag(noise + misfit)):
+            why.append("its peaks say otherwise than the fit")
+        misfit = misfit + np.diag(apart**2)
+    return poles, noise, misfit, why
+
+
+def _parts(poles: Array, noise: Array, misfit: Array, freedom: float, clock_std: float) -> dict[str, Parts]:
+    """Return the parts of every quantity that follows from (λ, ω)."""
+    alone = pole_estimates(poles, noise, freedom, clock_std)
+    beside = pole_estimates(poles, misfit, freedom)
+    return {name: Parts(one, beside[name].std) for name, one in alone.items()}
+
+
+def _quality(ratio: Estimate) -> Estimate:
+    """Return Q = 1/(2 D)."""
+    least = 0.5 / ratio.low if ratio.low > 0 else np.inf
+    return Estimate(0.5 / ratio.value, 0.5 * ratio.std / ratio.value**2, 0.5 / ratio.high, least)
+
+
+def _misfit_said(parts: dict[str, Parts], why: list[str]) -> str:
+    """Return a sentence on how much of the intervals of frequency and damping ratio is misfit; empty without any."""
+    if not why:
+        return ""
+    shares = []
+    for name, words, unit in (("frequency_hz", "frequency", " Hz"), ("damping_ratio", "damping ratio", "")):
+        one = parts[name]
+        if one.misfit > 0.3 * one.noise.std:
+            shares.append(f"{words} ±{number(one.noise.std, 2)} by noise and ±{number(one.misfit, 2)}{unit} by misfit")
+    return f"{'; '.join(shares)}: {' and '.join(why)}" if shares else ""
+
+
+def _withheld(paper: Envelope, found: dict[str, Estimate], by_period: float, of_other: bool) -> str:
+    """Return why the paper's method is not to be believed here, or an empty text."""
+    if of_other:
+        return "the peaks are those of another mode than the strongest"
+    if by_period < _FEWEST_PER_PERIOD:
+        return (
+            f"{number(by_period, 2)} samples in a period are too few for its peaks; expected {_FEWEST_PER_PERIOD} or "
+            "more"
+        )
+    direct = found["decay_rate_per_s"], found["frequency_hz"].times(2.0 * np.pi)
+    own = (paper.decay_rate_per_s, paper.decay_rate_std_per_s), (paper.omega_rad_s, paper.omega_std_rad_s)
+    for one, (value, std), words in zip(direct, own, ("decay rate", "angular frequency"), strict=True):
+        scatter = math.hypot(one.std, 0.0 if math.isnan(std) else std)
+        if abs(value - one.value) > _SCATTERS * scatter + _WITHIN * abs(one.value):
+            return (
+                f"its {words} of {number(value, 3)} is {number(abs(value - one.value) / max(scatter, 1e-300), 2)} "
+                f"standard deviations from the direct fit's {number(one.value, 3)}"
+            )
+    return ""
+
+
+def _modes(course: Course, clock_std: float) -> tuple[DecayMode, ...]:
+    """Return all modes of a course, the one of most energy first."""
+    found = []
+    for m in sorted(range(len(course.model.bases)), key=lambda m: -course.energy(m)):
+        poles, gradient = course.poles(mode=m)
+        first, freedom = course.model.mode(m).start, course.degrees_of_freedom
+        begin = course.at(np.array([course.start_s]), m)[0]
+        stds = np.sqrt(np.maximum(np.diag(course.grown)[first : first + 2], 0.0))
+        size = course.scale * math.exp(float(begin.real))
+        found.append(
+            DecayMode(
+                **pole_estimates(poles, gradient @ course.grown @ gradient.T, freedom, clock_std),
+                amplitude=Estimate.student(size, size * float(stds[0]), freedom),
+                phase_rad=Estimate.student(math.remainder(begin.imag, 2.0 * math.pi), float(stds[1]), freedom),
+            )
+        )
+    return tuple(found)
 
 
 def _angle(t: Array, rate: Array, fit: DecayFit) -> Array:
@@ -382,24 +712,22 @@ def _angle(t: Array, rate: Array, fit: DecayFit) -> Array:
     return np.asarray(angle - basis[:, 2:] @ drift, dtype=float)
 
 
-def _heights(peaks: Peaks, fit: DecayFit, is_rate: bool) -> tuple[Array, Array]:
-    """Return (times, heights about the rest position) of the peaks of the free decay."""
-    rest = np.zeros(peaks.time_s.size) if is_rate else fit.rest(peaks.time_s)
+def _heights(peaks: Peaks, fit: DecayFit, centred: bool) -> tuple[Array, Array]:
+    """Return (times, heights about the rest position) of the peaks of the free decay; centred: that is zero."""
+    rest = np.zeros(peaks.time_s.size) if centred else fit.rest(peaks.time_s)
     times, heights = large_peaks(peaks, rest)
-    if times.size < 3:
+    if times.size >= 3:
+        return times, heights
+    half = peaks.half_period_s
+    if fit.stop_s - fit.start_s < 4.0 * half:
         raise RecordingError(
             f"ring-down too short: {times.size} peaks of the free decay stand out of the noise, at least 3 are needed; "
             "start from a larger amplitude or record longer"
         )
-    return times, heights
-
-
-def _estimates(poles: Array, covariance: Array, freedom: float, clock_std: float) -> dict[str, Estimate]:
-    """Return the estimates that follow from (λ, ω), with Q = 1/(2 D)."""
-    found = pole_estimates(poles, covariance, freedom, clock_std)
-    ratio = found["damping_ratio"]
-    least = 0.5 / ratio.low if ratio.low > 0 else np.inf
-    return found | {"quality": Estimate(0.5 / ratio.value, 0.5 * ratio.std / ratio.value**2, 0.5 / ratio.high, least)}
+    raise RecordingError(
+        f"too few peaks: {times.size} in a row of the free decay stand out of the noise, at least 3 are needed; start "
+        "from a larger amplitude, or measure with less noise"
+    )
 
 
 def _integrated(unit: str) -> str:
@@ -410,18 +738,26 @@ def ring_down_json(result: RingDown) -> dict[str, Any]:
     """Return the document of `sinew analyse --kind ring-down`, of plain numbers, lists and texts.
 
     Amplitudes are in `peak_unit`, `rest_drift` in `unit`. `omega_rad_s` and `lehr_damping` of the paper's method use
-    the damped frequency, as Eq. 7 does; `damping_ratio` is by the undamped one.
+    the damped frequency, as Eq. 7 does; `damping_ratio` is by the undamped one. The paper's numbers are null where they
+    are withheld.
     """
-    table = result.dependence
-    return {
+    table, paper = result.dependence, result.paper
+    believed = math.nan if result.withheld else 1.0
+    document: dict[str, Any] = {
         "kind": "ring-down",
         "frequency_hz": result.frequency_hz.to_json(),
         "damping_ratio": result.damping_ratio.to_json(),
         "decay_rate_per_s": result.decay_rate_per_s.to_json(),
+        "interval_parts": {
+            name: {"noise": result.parts[name].noise.to_json(), "misfit_std": finite(result.parts[name].misfit)}
+            for name in ("frequency_hz", "damping_ratio", "decay_rate_per_s")
+        },
+        "misfit": result.misfit,
         "paper_method": {
-            "decay_rate_per_s": result.paper.decay_rate_per_s,
-            "omega_rad_s": result.paper.omega_rad_s,
-            "lehr_damping": result.paper.lehr_damping,
+            "decay_rate_per_s": finite(believed * paper.decay_rate_per_s),
+            "omega_rad_s": finite(believed * paper.omega_rad_s),
+            "lehr_damping": finite(believed * paper.lehr_damping),
+            "withheld": result.withheld,
         },
         "exponential": result.shape.exponential,
         "reason": result.shape.reason,
@@ -431,7 +767,13 @@ def ring_down_json(result: RingDown) -> dict[str, Any]:
             "frequency_hz": table.frequency_hz.tolist(),
             "damping_ratio": table.damping_ratio.tolist(),
         },
+        "start_s": result.start_s,
+        "stop_s": result.stop_s,
+        "remarks": list(result.remarks),
     }
+    if result.modes:
+        document["modes"] = modes_json(result.modes)
+    return document
 
 
 def analyse_ring_downs(recording: xr.Dataset | Signals, inertia_kg_m2: float | None = None) -> xr.Dataset:
@@ -497,8 +839,8 @@ def _window_columns(
     columns = {name: np.full((*shape, len(DECAY_WINDOWS)), np.nan) for name in _WINDOW_NUMBERS}
     for segment, read in windows:
         place = int(np.searchsorted(pretension, segment.pretension_mm)), segment.repeat
-        for name, number in _WINDOW_NUMBERS.items():
-            columns[name][place] = [np.nan if one is None else number(one) for one in read]
+        for name, number_of in _WINDOW_NUMBERS.items():
+            columns[name][place] = [np.nan if one is None else number_of(one) for one in read]
     rows = {name: RESULT_VARIABLES[name] for name in columns}
     return {
         "window_start_periods": result_axis("window_start_periods", np.array(DECAY_WINDOWS)),
@@ -559,7 +901,7 @@ def read_windows(time_s: ArrayLike, response: ArrayLike, result: RingDown, perio
     stop = float(t[0])
     is_rate = result.unit != result.peak_unit
     t, x = block_means(t, x, np.pi / result.fit.omega_rad_s)
-    t, x = t[t <= result.stop_s], x[t <= result.stop_s]
+    t, x = t[t <= result.fit.stop_s], x[t <= result.fit.stop_s]
     peaks = find_peaks(t, _angle(t, x, result.fit) if is_rate else x)
     margin = 0.05 * np.pi / result.fit.omega_rad_s
     read: list[Envelope | None] = []

@@ -97,10 +97,11 @@ def _best_order(lags: Array, n: int) -> tuple[Array, float]:
     return chosen
 
 
-def sandwich(jacobian: Array, residual: Array) -> tuple[Array, float]:
+def sandwich(jacobian: Array, residual: Array, loudness: Array | None = None) -> tuple[Array, float]:
     """Return (covariance, degrees of freedom) of parameters fitted by least squares under coloured noise.
 
     jacobian: shape (n, m), derivatives of the model at the solution; residual: shape (n,).
+    loudness: shape (n,), standard deviation of the noise at each sample over its root mean square; None for one size.
     No variance is smaller than that for white noise of the same size: a spectrum from few samples that happens to dip
     at the oscillation's frequency is no reason for confidence.
     The degrees of freedom are those of the variance estimate, n γ₀² / Σ γ² less m, at least one; γ at all lags.
@@ -116,9 +117,10 @@ def sandwich(jacobian: Array, residual: Array) -> tuple[Array, float]:
         return np.zeros((m, m)), float(max(n - m, 1))
     effective = n * variance**2 / float(weight @ spectrum**2)
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
-    waves = np.fft.rfft(scaled, size, axis=0)
+    loud = scaled if loudness is None else scaled * loudness[:, None]
+    waves = np.fft.rfft(loud, size, axis=0)
     middle = np.real((waves.conj().T * (weight * spectrum)) @ waves)
     covariance = inverse @ middle @ inverse
-    white = variance * np.diag(inverse)
+    white = variance * np.diag(inverse if loudness is None else inverse @ (loud.T @ loud) @ inverse)
     larger = np.sqrt(np.maximum(1.0, white / np.maximum(np.diag(covariance), 1e-300))) / scale
     return np.asarray(covariance * np.outer(larger, larger), dtype=float), max(effective - m, 1.0)

@@ -7,7 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate, special
 
-from sinew.analysis.decay.decay_fit import FreeOscillation, LikelihoodFit, fit_oscillation, lehr_damping, polynomials
+from sinew.analysis.decay.decay_fit import (
+    FreeOscillation,
+    LikelihoodFit,
+    fit_oscillation,
+    lehr_damping,
+    polynomials,
+    smooth_functions,
+)
 from sinew.analysis.decay.free_decay import Peaks, block_means, checked_record, evenly, free_decay
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -104,15 +111,6 @@ def fit_backbone(
     return _read(*fits[count], window, count, peaks.noise)
 
 
-def _basis(s: Array, count: int) -> Array:
-    """Return `count` B-splines at s, shape (n, count), the knots at even distances from 0 to 1."""
-    if count <= 4:
-        return polynomials(s, count)
-    knots = np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, count - 2), np.ones(3)])
-    inside = np.clip(s, 0.0, 1.0)
-    return np.asarray(interpolate.BSpline.design_matrix(inside, knots, 3).toarray(), dtype=float)
-
-
 def _slopes(s: Array, count: int, order: int) -> Array:
     """Return derivatives of the basis by s, shape (n, count)."""
     if count <= 4:
@@ -129,9 +127,9 @@ def _fit(
     """Return model and fit, started from sizes and times of the peaks: ln A through the sizes, π of phase a peak."""
     window = float(t[-1] - t[0])
     s = (t - t[0]) / window
-    model = FreeOscillation(s, (_basis(s, count),), polynomials(s, 2), creeps, harmonics)
+    model = FreeOscillation(s, (smooth_functions(s, count),), polynomials(s, 2), creeps, harmonics)
     height = peaks.value - rest
-    at = _basis((peaks.time_s - t[0]) / window, count)
+    at = smooth_functions((peaks.time_s - t[0]) / window, count)
     phase = np.arange(height.size) * math.pi + (0.0 if height[0] > 0 else math.pi)
     weight = np.abs(height)[:, None]
     start = np.zeros(model.width)
@@ -145,7 +143,7 @@ def _fit(
 def _read(model: FreeOscillation, fit: LikelihoodFit, t: Array, count: int, scatter: float) -> Backbone:
     window, c = float(t[-1] - t[0]), fit.parameters[model.mode(0)]
     fine = np.linspace(0.0, 1.0, 2001)
-    functions, place = _basis(fine, count), model.mode(0)
+    functions, place = smooth_functions(fine, count), model.mode(0)
     log = functions @ c[0::2]
     spread = fit.covariance[place, place][0::2, 0::2]
     known = np.einsum("ij,jk,ik->i", functions, spread, functions) < _KNOWN**2
@@ -156,7 +154,7 @@ def _read(model: FreeOscillation, fit: LikelihoodFit, t: Array, count: int, scat
     one, two = _slopes(s, count, 1), _slopes(s, count, 2)
     rate, omega = -(one @ c[0::2]), one @ c[1::2]
     # At a given amplitude: δs = -δ ln A / (ln A)', and with it every slope moves.
-    moved = _basis(s, count) / rate[:, None]
+    moved = smooth_functions(s, count) / rate[:, None]
     by_real = np.zeros((s.size, fit.parameters.size)), np.zeros((s.size, fit.parameters.size))
     by_real[0][:, place][:, 0::2] = -one - (two @ c[0::2])[:, None] * moved
     by_real[1][:, place][:, 0::2] = (two @ c[1::2])[:, None] * moved

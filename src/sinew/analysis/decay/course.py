@@ -1,0 +1,393 @@
+"""Course of a decay: size and phase as smooth functions of time, beside whatever else swings in the record."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize
+
+from sinew.analysis.decay.decay_fit import DecayFit, FreeOscillation, polynomials, smooth_functions, with_rest
+from sinew.analysis.decay.modes import Poles, split_poles
+from sinew.analysis.signal.coloured_noise import noise_spectrum, sandwich
+from sinew.measure.arrays import Array, Complexes
+
+_COUNTS = (3, 4, 5, 6, 8, 11, 15)  # functions of time that size and phase may take
+_CYCLES_EACH = 1.5  # half cycles of the record that one more of them needs
+_BETTER = 4.0  # fall of n ln(residual²) beyond twice the added parameters that lets them in,
+_MODE_BETTER = 20.0  # and a further mode
+_RESOLVED = 1.0  # sums of their decay rates between two modes that are told apart
+_NEAR = 0.25  # relative distance of modes whose beat a smooth course might imitate
+_HARMONIC = 0.04  # relative distance from a multiple of the first mode that is its own waveform
+_SURE = 4.0  # amplitude of a further mode by its standard deviation,
+_SMALLEST = 0.02  # and by the first one's
+_MOST_MODES = 4
+_PENCIL_SAMPLES = 6000
+_OUTSTANDING = 20.0  # power of a residual's line over the median
+_GRID = 2001
+_GROWS = 3.0  # standard deviations by which the residual's square grows with the amplitude's
+_LOUDER, _FEWEST_LINES = 2.5, 4.0
+_LARGEST = 50.0
+
+
+@dataclass(frozen=True)
+class Course:
+    """A fit of Σ Re[exp(S_m)] (the first with its harmonics) and a rest position to the samples of one decay.
+
+    model: see `FreeOscillation`; time is counted in units of the window from start_s to stop_s.
+    parameters: shape (m,); the samples were divided by scale. covariance: shape (m, m), for coloured noise;
+    grown: the same where the noise grows with the amplitude as the residual does, else equal to it.
+    degrees_of_freedom: of the scale of both. residual: shape (n,), unit of the data.
+    """
+
+    model: FreeOscillation
+    start_s: float
+    stop_s: float
+    scale: float
+    parameters: Array
+    covariance: Array
+    grown: Array
+    degrees_of_freedom: float
+    residual: Array
+
+    @property
+    def functions(self) -> int:
+        """Return how many functions of time describe the first mode's size and phase; two are an exponential."""
+        return int(self.model.bases[0].shape[1])
+
+    @property
+    def left_over(self) -> float:
+        """Return the sum of squares of the residual."""
+        return float(self.residual @ self.residual)
+
+    @property
+    def effective(self) -> float:
+        """Return how many independent samples the residual is worth."""
+        return self.degrees_of_freedom + self.parameters.size
+
+    def at(self, time_s: Array, mode: int = 0) -> Complexes:
+        """Return S of a mode at times, shape (n,)."""
+        place = self.model.mode(mode)
+        c = self.parameters[place]
+        functions = smooth_functions((time_s - self.start_s) / (self.stop_s - self.start_s), c.size // 2)
+        return np.asarray(functions @ (c[0::2] + 1j * c[1::2]), dtype=complex)
+
+    def energy(self, mode: int) -> float:
+        """Return the energy of a mode over the window, in units of the data squared times time over two."""
+        return float(np.mean(np.abs(np.exp(self.model.exponent(self.parameters, mode))) ** 2)) * self.scale**2
+
+    def poles(self, low: float = 0.0, high: float = 1.0, mode: int = 0) -> tuple[Array, Array]:
+        """Return ((λ, ω) [1/s], their gradient by the parameters (2, m)), as means between two times in windows.
+
+        Means weighted by the amplitude A, half the swing from crest to crest, its own third harmonic included:
+        ⟨λ⟩ = -∫ dA / ∫ A dt, ⟨ω⟩ = ∫ ω A dt / ∫ A dt. Of an exponential they are its rate and frequency.
+        """
+        place, window = self.model.mode(mode), self.stop_s - self.start_s
+        c, s = self.parameters[place], np.linspace(low, high, _GRID)
+        functions = smooth_functions(s, c.size // 2)
+        slopes = np.gradient(functions, s, axis=0, edge_order=2)
+        size = np.exp(np.minimum(functions @ c[0::2], _LARGEST))
+        third = self.model.overtones(self.parameters)[1].real if self.model.harmonics and mode == 0 else 0.0
+        half_swing, by_log = size * (1.0 + third * size**2), size * (1.0 + 3.0 * third * size**2)
+        omega = slopes @ c[1::2]
+        weight = np.full(_GRID, (high - low) / (_GRID - 1))
+        weight[[0, -1]] *= 0.5
+        area = float(weight @ half_swing)
+        means = np.array([float(half_swing[0] - half_swing[-1]), float(weight @ (half_swing * omega))]) / area
+        gradient = np.zeros((2, self.parameters.size))
+        ends = by_log[0] * functions[0] - by_log[-1] * functions[-1]
+        real, imaginary = gradient[:, place][:, 0::2], gradient[:, place][:, 1::2]
+        real[0] = (ends - means[0] * ((weight * by_log) @ functions)) / area
+        real[1] = ((weight * by_log * (omega - means[1])) @ functions) / area
+        imaginary[1] = ((weight * half_swing) @ slopes) / area
+        if self.model.harmonics and mode == 0:
+            cube, first = size**3, self.model.rest_start - 5
+            gradient[0, first + 2] = (cube[0] - cube[-1] - means[0] * float(weight @ cube)) / area
+            gradient[1, first + 2] = float((weight * cube) @ (omega - means[1])) / area
+        return means / window, gradient / window
+
+
+def exponential_course(t: Array, x: Array, fit: DecayFit, further: Poles | None = None) -> Course:
+    """Return the course of one exponential, started from a plain or bent fit, with further modes beside it.
+
+    t, x: shape (n,), samples of the window. further: (pole [1/s], amplitude at its begin) each.
+    """
+    rate, _ = fit.mean_rate_per_s()
+    bend = fit.bend_per_s2
+    omega = fit.omega_rad_s + (bend[1] * fit.window_s if bend else 0.0)
+    amplitude = complex(fit.parameters[2], -fit.parameters[3])
+    return _of_modes(t, x, [(complex(-rate, omega), amplitude), *(further or [])], fit.relaxing)
+
+
+def _of_modes(t: Array, x: Array, poles: Poles, relaxing: bool) -> Course:
+    window = float(t[-1] - t[0])
+    s = (t - t[0]) / window
+    model = FreeOscillation(s, (polynomials(s, 2),) * len(poles), polynomials(s, 2), relaxing)
+    scale = float(np.std(x)) or 1.0
+    start = np.zeros(model.width)
+    for m, (pole, amplitude) in enumerate(poles):
+        c = math.log(max(abs(amplitude) / scale, 1e-12)), np.angle(amplitude), pole.real * window, pole.imag * window
+        start[model.mode(m)] = c
+    if relaxing:
+        start[-1] = math.log(0.3)
+    return _solved(model, t, x, scale, [start])
+
+
+def _solved(model: FreeOscillation, t: Array, x: Array, scale: float, starts: list[Array]) -> Course:
+    """Return the least-squares fit from the start that leaves least."""
+    y = x / scale
+    placed = [with_rest(model, start, y) for start in starts]
+    start = min(placed, key=lambda p: float(np.sum((model.values(p) - y) ** 2)))
+
+    def deviation(p: Array) -> Array:
+        return np.nan_to_num(model.values(p) - y, nan=1e60, posinf=1e60, neginf=-1e60)
+
+    def slope(p: Array) -> Array:
+        return np.nan_to_num(model.jacobian(p), nan=0.0, posinf=0.0, neginf=0.0)
+
+    found = optimize.least_squares(
+        deviation, start, jac=slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-9, max_nfev=60
+    )
+    p, jacobian, residual = np.asarray(found.x), np.asarray(found.jac), -np.asarray(found.fun)
+    covariance, freedom = sandwich(jacobian, residual)
+    size = np.abs(np.exp(model.exponent(p)))
+    loudness = growing_noise(residual, size, freedom + p.size)
+    grown = covariance if loudness is None else sandwich(jacobian, residual, loudness)[0]
+    return Course(model, float(t[0]), float(t[-1]), scale, p, covariance, grown, freedom, residual * scale)
+
+
+def growing_noise(residual: Array, amplitude: Array, effective: float) -> Array | None:
+    """Return the size of the noise at each sample over its root mean square, or None where it does not grow.
+
+    residual, amplitude: shape (n,); effective: how many independent samples they are worth. The square of the residual
+    is fitted by c + g A²; g must stand out by three standard deviations.
+    """
+    square, power = residual**2, amplitude**2
+    mean = float(square.mean())
+    if mean <= 0 or not np.ptp(power) > 0:
+        return None
+    centred = power - power.mean()
+    growth = float(centred @ square) / float(centred @ centred)
+    spread = float(np.std(square - mean - growth * centred)) / math.sqrt(float(centred @ centred))
+    if growth < _GROWS * spread * math.sqrt(max(residual.size / effective, 1.0)):
+        return None
+    fitted = np.maximum(mean + growth * centred, 0.05 * mean)
+    return np.asarray(np.sqrt(fitted / fitted.mean()), dtype=float)
+
+
+def louder_line(course: Course, omega: float) -> float:
+    """Return how many times more power the residual has around a frequency [rad/s] than its noise explains, 1 or more.
+
+    The noise is a short autoregression, which sees no narrow line; the band is from 0.5 to 2 of the frequency. What is
+    within two and a half standard deviations of an average over so many lines is noise.
+    """
+    residual, n = course.residual / course.scale, course.residual.size
+    spectrum = noise_spectrum(residual, course.model.jacobian(course.parameters))
+    power = np.abs(np.fft.rfft(residual, 2 * (spectrum.size - 1))) ** 2 / n
+    cycles = np.arange(spectrum.size) * (n - 1) / (spectrum.size - 1) / 2.0  # in the window
+    middle = omega * (course.stop_s - course.start_s) / (2.0 * math.pi)
+    band = (cycles > 0.5 * middle) & (cycles < 2.0 * middle)
+    lines = 1.5 * middle - 2.0 * course.functions
+    expected = float(spectrum[band].mean()) if band.any() else 0.0
+    if lines < _FEWEST_LINES or expected <= 0:
+        return 1.0
+    ratio = float(power[band].mean()) / expected * 1.5 * middle / lines
+    return ratio if ratio > 1.0 + _LOUDER / math.sqrt(lines) else 1.0
+
+
+def smooth_course(
+    t: Array, x: Array, fit: DecayFit, peak_time_s: Array, height: Array, functions: int | None = None
+) -> Course:
+    """Return the course whose size and phase change as the samples ask for.
+
+    t, x: shape (n,); fit: a plain or bent fit to them, to start from; peak_time_s, height: shape (h,), alternating
+    peaks about the rest position, to start from as well. functions: 3 for a rate and a frequency that change linearly,
+    None for as many as the samples ask for.
+
+    Logarithm of size and phase are three to fifteen functions of time, one for one and a half half cycles at most:
+    powers up to four, then cubic splines. More of them, and a second and third harmonic, are taken where Akaike's
+    criterion falls by more than four, in samples as independent as the richer fit's residual has them.
+    """
+    window, scale = float(t[-1] - t[0]), float(np.std(x)) or 1.0
+    s, places = (t - t[0]) / window, (peak_time_s - t[0]) / window
+    log, phase = np.log(np.abs(height) / scale), np.arange(height.size) * math.pi + (0.0 if height[0] > 0 else math.pi)
+    most = max(3.0, 1.0 + height.size / _CYCLES_EACH) if functions is None else float(functions)
+
+    def fitted(count: int, harmonics: bool, before: Course | None) -> Course:
+        model = FreeOscillation(s, (smooth_functions(s, count),), polynomials(s, 2), fit.relaxing, harmonics)
+        seeds = [(places, log + 1j * phase, np.abs(height)), _seed_of(before) if before else _seed_of_fit(fit, scale)]
+        starts = [_started(model, *seed) for seed in seeds]
+        if before and harmonics == before.model.harmonics and harmonics:
+            starts[1][model.rest_start - 5 : model.rest_start] = before.parameters[
+                before.model.rest_start - 5 : before.model.rest_start
+            ]
+        return _solved(model, t, x, scale, starts)
+
+    best = fitted(3, False, None)
+    waited = 0
+    for count in _COUNTS[1:]:
+        if count > most or 4 * (2 * count + 9) > t.size or waited > 1:
+            break
+        more = fitted(count, best.model.harmonics, best)
+        waited += 1
+        if _gain(best, more) > _BETTER:
+            best, waited = more, 0
+        if not best.model.harmonics and (count == _COUNTS[1] or not waited):
+            waved = fitted(best.functions, True, best)
+            if _gain(best, waved) > _BETTER:
+                best, waited = waved, 0
+    return best
+
+
+def _seed_of(course: Course) -> tuple[Array, Complexes, Array]:
+    s = np.linspace(0.0, 1.0, 400)
+    exponent = course.at(course.start_s + s * (course.stop_s - course.start_s))
+    return s, exponent, np.exp(np.clip(exponent.real, -_LARGEST, _LARGEST))
+
+
+def _seed_of_fit(fit: DecayFit, scale: float) -> tuple[Array, Complexes, Array]:
+    s, p = np.linspace(0.0, 1.0, 400), fit.parameters
+    exponent = np.log(complex(p[2], -p[3]) / scale) + (1j * p[1] - p[0]) * s
+    if fit.bending:
+        exponent = exponent + (1j * p[-1] - p[-2]) * s**2
+    return s, exponent, np.exp(np.clip(exponent.real, -_LARGEST, _LARGEST))
+
+
+def _started(model: FreeOscillation, places: Array, exponent: Complexes, weight: Array) -> Array:
+    """Return a start whose first mode goes through given exponents at given places."""
+    count = int(model.bases[0].shape[1])
+    table = smooth_functions(places, count) * weight[:, None]
+    start = np.zeros(model.width)
+    for offset, values in ((0, exponent.real), (1, exponent.imag)):
+        start[offset : 2 * count : 2] = np.linalg.lstsq(table, values * weight, rcond=1e-8)[0]
+    if model.relaxing:
+        start[-1] = math.log(0.3)
+    return start
+
+
+def _gain(plain: Course, rich: Course) -> float:
+    """Return by how much Akaike's criterion falls from one fit to a richer one of the same samples."""
+    if not rich.left_over > 0 or not np.isfinite(rich.parameters).all():
+        return -math.inf
+    added = rich.parameters.size - plain.parameters.size
+    return rich.effective * math.log(max(plain.left_over, 1e-300) / rich.left_over) - 2.0 * added
+
+
+def clearly_better(plain: Course, rich: Course, by: float) -> bool:
+    """Return whether Akaike's criterion falls by so much from one fit to a richer one of the same samples."""
+    return _gain(plain, rich) > by
+
+
+def close_modes(t: Array, x: Array, single: Course) -> Course | None:
+    """Return two modes near one another where they explain the samples better than one whose course is smooth.
+
+    t, x: shape (n,), even or nearly; single: of the same samples. They must be further apart than their decay rates
+    add up to, and beat once at least in the window: closer ones cannot be told from a bent course.
+    """
+    window = float(t[-1] - t[0])
+    even = np.linspace(t[0], t[-1], t.size)
+    values = np.interp(even, t, x)[:_PENCIL_SAMPLES]
+    best: Course | None = None
+    for poles in split_poles(values - values.mean(), window / (t.size - 1), (4, 6, 8)):
+        pair = poles[:2]
+        if len(pair) < 2 or not _are_apart(pair[0][0], pair[1][0], window):
+            continue
+        if abs(math.log(pair[0][0].imag / pair[1][0].imag)) > _NEAR or not all(_swings(p, window) for p, _ in pair):
+            continue
+        two = _of_modes(t, x, pair, single.model.relaxing)
+        if (best is None or two.left_over < best.left_over) and _are_sure(two):
+            best = two
+    return best if best is not None and _gain(single, best) > _MODE_BETTER else None
+
+
+def with_further_modes(t: Array, x: Array, course: Course) -> Course:
+    """Return the course with the further modes that its residual holds, one at a time.
+
+    A further mode is far from the others and their multiples, decays, and lowers Akaike's criterion by twenty.
+    """
+    while len(course.model.bases) < _MOST_MODES:
+        grown = _with_one_more(t, x, course)
+        if grown is None:
+            break
+        course = grown
+    return course
+
+
+def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
+    window, n = float(t[-1] - t[0]), t.size
+    if n < 3 * (course.parameters.size + 4):
+        return None
+    residual = np.interp(np.linspace(t[0], t[-1], n), t, course.residual)[:_PENCIL_SAMPLES]
+    power = np.abs(np.fft.rfft(residual)) ** 2
+    if not power.max() > _OUTSTANDING * float(np.median(power)):
+        return None
+    known = [course.poles(mode=m)[0] for m in range(len(course.model.bases))]
+    largest = math.sqrt(course.energy(0))
+    for poles in split_poles(residual, window / (n - 1), (2, 4, 6)):
+        for pole, amplitude in poles[:2]:
+            new = all(_is_new(pole, other, window, course.functions > 2) for other in known)
+            if not (new and _swings(pole, window)):
+                continue
+            added = _extended(course, t, x, pole, amplitude)
+            last = len(added.model.bases) - 1
+            large = math.sqrt(max(added.energy(last), 0.0)) > _SMALLEST * largest
+            if large and _are_sure(added) and _gain(course, added) > _MODE_BETTER:
+                return added
+    return None
+
+
+def _extended(course: Course, t: Array, x: Array, pole: complex, amplitude: complex) -> Course:
+    window, old = course.stop_s - course.start_s, course.model
+    s = (t - t[0]) / window
+    model = replace(old, s=s, bases=(*old.bases, polynomials(s, 2)))
+    here = old.mode(len(old.bases) - 1).stop
+    c = np.array(
+        [
+            math.log(max(abs(amplitude) / course.scale, 1e-12)),
+            float(np.angle(amplitude)),
+            pole.real * window,
+            pole.imag * window,
+        ]
+    )
+    start = np.concatenate([course.parameters[:here], c, course.parameters[here:]])
+    return _solved(model, t, x, course.scale, [start])
+
+
+def _swings(pole: complex, window: float) -> bool:
+    return pole.real < 0 and pole.imag * window > 3.0 * math.pi and pole.imag > -pole.real
+
+
+def _are_apart(one: complex, other: complex, window: float) -> bool:
+    distance = abs(one.imag - other.imag)
+    return distance > _RESOLVED * -(one.real + other.real) and distance * window > 2.0 * math.pi
+
+
+def _is_new(pole: complex, other: Array, window: float, smooth: bool) -> bool:
+    rate, omega = (float(one) for one in other)
+    near = smooth and abs(math.log(pole.imag / omega)) < _NEAR  # what is left of a course may be its own
+    own = any(abs(pole.imag / (multiple * omega) - 1.0) < _HARMONIC for multiple in (2, 3, 4, 5))
+    return not near and not own and _are_apart(pole, complex(-rate, omega), window)
+
+
+def _are_sure(course: Course) -> bool:
+    """Return whether every mode but the first decays, swings, and has an amplitude that stands out of its deviation."""
+    model, p = course.model, course.parameters
+    for m in range(len(model.bases)):
+        place = model.mode(m)
+        log_std = math.sqrt(max(float(course.covariance[place.start, place.start]), 0.0))
+        if m and not (log_std < 1.0 / _SURE and p[place.start + 2] < 0 and p[place.start + 3] > 2.0 * math.pi):
+            return False
+    return True
+
+
+def differing_halves(course: Course, middle_s: float, end_s: float) -> tuple[Array, Array]:
+    """Return (late less early means of (λ, ω), their standard deviations), shape (2,) each.
+
+    middle_s: where the early half of the decay ends [s]; end_s: where its late half does.
+    """
+    window = course.stop_s - course.start_s
+    middle, end = ((time - course.start_s) / window for time in (middle_s, end_s))
+    early, by_early = course.poles(0.0, middle)
+    late, by_late = course.poles(middle, min(end, 1.0))
+    gradient = by_late - by_early
+    variance = np.einsum("ij,jk,ik->i", gradient, course.grown, gradient)
+    return late - early, np.sqrt(np.maximum(variance, 0.0))
