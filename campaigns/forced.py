@@ -2,9 +2,10 @@
 
 Two oscillators with viscous damping and quadratic drag, one whose spring hardens and one whose spring softens, are made
 by scipy's integrator. Of each trial three free decays are known, from three amplitudes, with noise, and one forced
-motion at the middle of three levels of the drive, on the flank of its resonance, with an error of its amplitude. The decays are identified, the gain is taken from the point, and the maxima at all three levels are held
-against those that a stepped sine by the same integrator has: error of the amplitude, and whether the truth lies in the
-90 % interval. What the drive does to the motion is never told.
+motion at the middle of three levels of the drive, on the flank of its resonance, with an error of its amplitude. The
+decays are identified, the gain is taken from the point, and the maxima at all three levels are held against those that
+a stepped sine by the same integrator has: error of the amplitude, and whether the truth lies in the 90 % interval. What
+the drive does to the motion is never told.
 """
 
 import argparse
@@ -157,22 +158,22 @@ def run_trial(one: Oscillator, seed: int, draws: int = 100) -> Trial:
 
 def table(one: Oscillator, trials: list[Trial]) -> str:
     """Return a row for each level: true maximum, largest and root mean square error, share inside, median width."""
-    truth, value, low, high = (
-        np.array([getattr(t, name) for t in trials]) for name in ("truth", "value", "low", "high")
-    )
-    error, inside = value / truth - 1, (low <= truth) & (truth <= high)
-    count = len(trials)
+    columns = ("truth", "value", "low", "high")
+    truth, value, low, high = (np.array([getattr(each, name) for each in trials]) for name in columns)
+    error, inside, count = value / truth - 1, (low <= truth) & (truth <= high), len(trials)
+    half = 50 * np.median(high - low, axis=0) / truth[0]
+    rms, most = 100 * np.sqrt(np.mean(error**2, axis=0)), 100 * np.abs(error).max(axis=0)
     lines = [f"{one.name}: {count} trials, {np.median([t.seconds for t in trials]):.1f} s each"]
     for k, push in enumerate(one.pushes):
         lines.append(
-            f"  level {push / one.pushes[1]:4g}: true maximum {truth[0, k]:.5f} rad, error rms "
-            f"{100 * np.sqrt(np.mean(error[:, k] ** 2)):.2f} %, largest {100 * np.abs(error[:, k]).max():.2f} %, inside "
-            f"{inside[:, k].sum()} of {count}, half width {100 * np.median(high[:, k] - low[:, k]) / truth[0, k] / 2:.2f} %"
+            f"  level {push / one.pushes[1]:4g}: true maximum {truth[0, k]:.5f} rad, error rms {rms[k]:.2f} %, largest "
+            f"{most[k]:.2f} %, inside {inside[:, k].sum()} of {count}, half width {half[k]:.2f} %"
         )
     ends = stats.binom.interval(0.95, count, 0.9)
+    close = int(np.all(np.abs(error) <= ERROR, axis=1).sum())
     lines.append(
-        f"  within {100 * ERROR:g} % at all levels: {int(np.all(np.abs(error) <= ERROR, axis=1).sum())} of {count}; inside "
-        f"in all: {100 * inside.mean():.1f} % (of one level 90 % intervals give {ends[0]:.0f} to {ends[1]:.0f})"
+        f"  within {100 * ERROR:g} % at all levels: {close} of {count}; inside in all: {100 * inside.mean():.1f} % (of one "
+        f"level 90 % intervals give {ends[0]:.0f} to {ends[1]:.0f})"
     )
     return "\n".join(lines)
 
@@ -190,9 +191,8 @@ def main() -> None:
         for seed in range(asked.first, asked.first + asked.seeds):
             trials.append(run_trial(OSCILLATORS[name], seed, asked.draws))
             last = trials[-1]
-            errors = ", ".join(
-                f"{100 * e:+.2f} %{'' if ok else '!'}" for e, ok in zip(last.error, last.inside, strict=True)
-            )
+            rows = zip(last.error, last.inside, strict=True)
+            errors = ", ".join(f"{100 * error:+.2f} %{'' if ok else '!'}" for error, ok in rows)
             print(f"{name}, seed {seed}: {errors}, {last.seconds:.1f} s", flush=True)
         print(table(OSCILLATORS[name], trials), flush=True)
 

@@ -152,7 +152,7 @@ def test_a_unit_that_is_no_angle_changes_nothing_but_the_words() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("one", [HARDENING, SOFTENING], ids=lambda one: one.name)
 def test_other_levels_follow_from_decays_and_one_point(one: Oscillator) -> None:
-    """Near every maximum, where a sweep comes to it; that the maxima themselves are right is counted by the campaign."""
+    """Near every maximum, where a sweep comes to it; whether the maxima are right is counted by the campaign."""
     found = predicted(one, seed=0, draws=20)
     side = -1 if one is HARDENING else 1
     for level, push in zip(found.levels, one.pushes, strict=True):
