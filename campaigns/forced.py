@@ -172,8 +172,8 @@ def table(one: Oscillator, trials: list[Trial]) -> str:
     ends = stats.binom.interval(0.95, count, 0.9)
     close = int(np.all(np.abs(error) <= ERROR, axis=1).sum())
     lines.append(
-        f"  within {100 * ERROR:g} % at all levels: {close} of {count}; inside in all: {100 * inside.mean():.1f} % (of one "
-        f"level 90 % intervals give {ends[0]:.0f} to {ends[1]:.0f})"
+        f"  within {100 * ERROR:g} % at all levels: {close} of {count}; inside in all: {100 * inside.mean():.1f} % "
+        f"(of one level 90 % intervals give {ends[0]:.0f} to {ends[1]:.0f})"
     )
     return "\n".join(lines)
 

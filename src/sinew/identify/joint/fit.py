@@ -111,6 +111,31 @@ def settled_covariance(jacobian: Array, residual: Array, settings: Sequence[tupl
     return np.asarray(plain * np.outer(larger, larger))
 
 
+_READINGS = 24
+
+
+def lever_covariance(problem: JointProblem, solution: Solution, progress: Callable[[int], None]) -> Array:
+    """Return the covariance of the coordinates that is from the rounding of the lever's encoder, shape (m, m).
+
+    progress: called with the number of readings that are done.
+
+    The lever is what the joint is driven by in the fit, so its errors are errors of the input. In a steady motion they
+    repeat with it: their share at the drive's frequency is larger than that of independent ones by the root of the
+    periods, it does not fall with a longer record, and as gain and phase of a few frequencies are what the parameters
+    are from, it goes into these and hardly shows in what the fit leaves. So the lever is read again, by an encoder
+    whose zero is elsewhere, and the fit moved along by its Jacobian.
+    """
+    rng = np.random.default_rng(0)
+    back = np.linalg.pinv(solution.jacobian.T @ solution.jacobian, hermitian=True) @ solution.jacobian.T
+    moved = []
+    for done in range(_READINGS):
+        there = problem.read_again(rng).problem().residual(solution.values)
+        moved.append(back @ (there - solution.residual))
+        progress(done + 1)
+    steps = np.array(moved)
+    return np.asarray(steps.T @ steps / _READINGS)
+
+
 def _power(symmetric: Array, exponent: float) -> Array:
     """Return a power of a positive matrix; eigenvalues that rounding has made tiny or negative count as small."""
     values, vectors = np.linalg.eigh(symmetric)

@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -16,7 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_toeplitz
+from scipy.ndimage import convolve1d
 
 from sinew.identify.joint.coordinates import Coordinates, Numbers
 from sinew.identify.joint.swing import Sieve, Swing, make_sieve
@@ -315,6 +317,12 @@ class JointProblem:
         far = np.full(2 * len(self.pairs), 20.0)
         return np.concatenate([self.coordinates.low, -far]), np.concatenate([self.coordinates.high, far])
 
+    def read_again(self, rng: np.random.Generator) -> "JointProblem":
+        """Return the problem with errors added to the lever's angle that are as likely as those its encoder made."""
+        lsb = 2 * np.pi / self.coordinates.rig.drive.counts_per_turn.value
+        swings = [_read_again(swing, sieve, lsb, rng) for swing, sieve in zip(self.swings, self.sieves, strict=True)]
+        return replace(self, swings=tuple(swings))
+
     def settings(self) -> list[tuple[tuple[float, str, float], slice]]:
         """Return of every swing its setting (pretension, kind, frequency), and its rows in residual and Jacobian."""
         found: list[tuple[tuple[float, str, float], slice]] = []
@@ -360,6 +368,18 @@ class JointProblem:
 
     def _scales(self) -> Array:
         return np.array([*[1.0] * self.shared, *self.repeatability])
+
+
+def _read_again(swing: Swing, sieve: Sieve, lsb: float, rng: np.random.Generator) -> Swing:
+    """Return a swing whose lever has the errors of rounding of an encoder whose zero is elsewhere.
+
+    A motion that repeats at whole samples has the same errors in every period. So it is the low-passed motion that is
+    rounded, not the samples that get errors of their own; where samples are too few to be low-passed those have to do.
+    """
+    time = swing.lever.x
+    read = np.asarray(swing.lever(time))
+    at = convolve1d(read, sieve.taps, mode="nearest") / lsb + rng.random(1 if sieve.taps.size > 1 else read.size)
+    return replace(swing, lever=CubicSpline(time, read + lsb * (np.round(at) - at), bc_type="natural"))
 
 
 def _spread(rows: Array, columns: NDArray[np.intp], size: int) -> Array:
