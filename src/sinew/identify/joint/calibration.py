@@ -301,6 +301,7 @@ def calibrate_rig(
     together = with_ties(calibrated, sought, followed, own)
     record = calibrated_together([*sought, *followed], together, sources, fit.pretension_mm)
     calibrated = calibrated.model_copy(update={"calibration": record})
+    remarks.append(scatter_between_repeats(fit, rig))
     if kept:
         remarks.append(
             f"not determined by these recordings, so with old value and origin: {', '.join(kept)}; "
@@ -308,6 +309,20 @@ def calibrate_rig(
         )
     remarks += [sentence for sentence in (fit.message, *fit.unidentifiable) if sentence]
     return Calibration(rig, calibrated, found, followed, tuple(kept), fit, tuple(sources), tuple(remarks))
+
+
+def scatter_between_repeats(fit: JointFit, rig: RigSpec) -> str:
+    """Return a sentence on what the intervals take the settings of the tendons to scatter by, and where that is from."""
+    stated = (rig.repeatability.pretension.value, rig.repeatability.guide_friction.value)
+    found, told = (
+        f"pretension {1e3 * a:.2g} mm, guide friction {100 * b:.2g} %" for a, b in (fit.repeatability, stated)
+    )
+    if fit.repeats < 2:
+        return (
+            f"every pretension was set once, so how far settings scatter is not in the recordings; the intervals take "
+            f"the rig's repeatability ({told}); record repeats to have it estimated"
+        )
+    return f"the intervals hold the scatter over {fit.repeats} repeats: {found} (the rig says {told})"
 
 
 def other_geometry(rig: RigSpec, recording: xr.Dataset, file: str) -> list[str]:

@@ -114,10 +114,8 @@ def settled_covariance(jacobian: Array, residual: Array, settings: Sequence[tupl
 _READINGS = 24
 
 
-def lever_covariance(problem: JointProblem, solution: Solution, progress: Callable[[int], None]) -> Array:
+def lever_covariance(problem: JointProblem, solution: Solution) -> Array:
     """Return the covariance of the coordinates that is from the rounding of the lever's encoder, shape (m, m).
-
-    progress: called with the number of readings that are done.
 
     The lever is what the joint is driven by in the fit, so its errors are errors of the input. In a steady motion they
     repeat with it: their share at the drive's frequency is larger than that of independent ones by the root of the
@@ -127,12 +125,8 @@ def lever_covariance(problem: JointProblem, solution: Solution, progress: Callab
     """
     rng = np.random.default_rng(0)
     back = np.linalg.pinv(solution.jacobian.T @ solution.jacobian, hermitian=True) @ solution.jacobian.T
-    moved = []
-    for done in range(_READINGS):
-        there = problem.read_again(rng).problem().residual(solution.values)
-        moved.append(back @ (there - solution.residual))
-        progress(done + 1)
-    steps = np.array(moved)
+    read = [problem.read_again(rng).problem().residual(solution.values) for _ in range(_READINGS)]
+    steps = np.array([back @ (there - solution.residual) for there in read])
     return np.asarray(steps.T @ steps / _READINGS)
 
 
@@ -191,6 +185,8 @@ class JointFit:
         the torsion amplitude `amplitude_rad`; `cubic_n_m_rad3` (of the static restoring torque), and the shares of the
         energy lost in a cycle, `silicone_share`, `guide_friction_share`, `viscous_share`.
     pretension_mm: that were fitted, increasing. repeats: repetitions at each, over all recordings.
+    repeatability: standard deviations between repetitions of pretension [m] and guide friction [1], estimated where
+        there are repeats, else the rig's.
     deviations: of each repetition, the random effects.
     names, covariance: first those of `parameters` in their units, then the deviations (of pretension [m] and of guide
         friction [1], in the order of `deviations`).
@@ -204,6 +200,7 @@ class JointFit:
     derived: dict[str, Estimate]
     pretension_mm: tuple[float, ...]
     repeats: int
+    repeatability: tuple[float, float]
     deviations: tuple[Deviation, ...]
     names: tuple[str, ...]
     covariance: Covariance
@@ -281,11 +278,38 @@ def _search(
     x = np.concatenate([x[: first.shared], np.zeros(2 * len(problem.pairs))])
     for leg, tolerance in enumerate((_ROUGH, _ROUGH, _FINE), start=2):
         if leg > 2:
-            problem = replace(problem, whitenings=whitening_of(problem.residuals(x), _QUIET))
+            scatter = _scatter(problem, solution)
+            x[first.shared :] *= np.tile(_over(problem.repeatability, scatter), len(problem.pairs))
+            problem = replace(problem, whitenings=whitening_of(problem.residuals(x), _QUIET), repeatability=scatter)
         solution = _solved(problem, x, tolerance)
         x = solution.values
         _report(progress, leg)
     return problem, solution
+
+
+def _over(before: tuple[float, float], after: tuple[float, float]) -> Array:
+    return np.array([one / other if other > 0 else 1.0 for one, other in zip(before, after, strict=True)])
+
+
+def _scatter(problem: JointProblem, solution: Solution) -> tuple[float, float]:
+    """Return the standard deviations of pretension [m] and guide friction [1] between settings.
+
+    They are the rig's where every pretension was set once. Where there are repeats they are estimated: the mean square
+    of a deviation and its own uncertainty, the rig's counting as much as `_STATED` settings.
+    """
+    stated = problem.coordinates.rig.repeatability
+    known = (stated.pretension.value, stated.guide_friction.value)
+    if _repeats(problem) < 2:
+        return known
+    gram = solution.jacobian.T @ solution.jacobian
+    own = solution.values**2 + np.diag(np.linalg.pinv(gram, hermitian=True))
+    squares = own[problem.shared :].reshape(-1, 2).sum(axis=0) * np.square(problem.repeatability)
+    weight = _STATED + len(problem.pairs)
+    found = [float(np.sqrt((_STATED * k**2 + s) / weight)) for k, s in zip(known, squares, strict=True)]
+    return found[0], found[1]
+
+
+_STATED = 4
 
 
 def _easy(swings: Sequence[Swing]) -> list[Swing]:
@@ -309,6 +333,7 @@ def _report(progress: Progress | None, leg: int) -> None:
 def _tell(problem: JointProblem, solution: Solution) -> JointFit:
     x, coordinates, shared = solution.values, problem.coordinates, problem.shared
     covariance = settled_covariance(solution.jacobian, solution.residual, problem.settings())
+    covariance = covariance + lever_covariance(problem, solution)
     own = covariance[:shared, :shared]
     segments = _segments(problem, x)
     scales = np.concatenate([coordinates.slopes(x[:shared]), np.tile(problem.repeatability, len(problem.pairs))])
@@ -323,6 +348,7 @@ def _tell(problem: JointProblem, solution: Solution) -> JointFit:
         derive(problem.swings, coordinates, x[:shared], own),
         tuple(sorted({swing.pretension_mm for swing in problem.swings})),
         _repeats(problem),
+        problem.repeatability,
         deviations,
         (*coordinates.names, *names),
         Covariance(covariance * np.outer(scales, scales), freedom),
@@ -390,7 +416,9 @@ def _message(problem: JointProblem, solution: Solution) -> str:
     for name, value, one, other in zip(problem.coordinates.names, solution.values, low, high, strict=False):
         if min(value - one, other - value) < _NEAR:
             told.append(f"{name} lies at a bound of the rig, so its interval cannot be trusted; widen the bounds")
-    off = solution.values[problem.shared :]
+    stated = problem.coordinates.rig.repeatability
+    widened = _over(problem.repeatability, (stated.pretension.value, stated.guide_friction.value))
+    off = solution.values[problem.shared :] * np.tile(widened, len(problem.pairs))
     largest = float(np.abs(off).max(initial=0.0))
     if largest > 4:
         told.append(
