@@ -11,6 +11,7 @@ import xarray as xr
 
 from sinew.identify.joint.coordinates import make_coordinates, replaced
 from sinew.identify.joint.fit import FREE, JointFit, fit_joint
+from sinew.identify.joint.motion import stated_repeatability
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, NORMAL_95, UNKNOWN, Estimate, interval, number
@@ -312,11 +313,9 @@ def calibrate_rig(
 
 
 def scatter_between_repeats(fit: JointFit, rig: RigSpec) -> str:
-    """Return a sentence on what the intervals take the settings of the tendons to scatter by, and where that is from."""
-    stated = (rig.repeatability.pretension.value, rig.repeatability.guide_friction.value)
-    found, told = (
-        f"pretension {1e3 * a:.2g} mm, guide friction {100 * b:.2g} %" for a, b in (fit.repeatability, stated)
-    )
+    """Return a sentence on what the intervals take the tendons' settings to scatter by, and where that is from."""
+    both = (fit.repeatability, stated_repeatability(rig))
+    found, told = (f"pretension {1e3 * a:.2g} mm, guide friction {100 * b:.2g} %" for a, b in both)
     if fit.repeats < 2:
         return (
             f"every pretension was set once, so how far settings scatter is not in the recordings; the intervals take "

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sinew.identify.joint.coordinates import Coordinates, make_coordinates
-from sinew.identify.joint.motion import JointProblem, make_problem, steps_per_sample, whitening_of
+from sinew.identify.joint.motion import JointProblem, make_problem, stated_repeatability, steps_per_sample, whitening_of
 from sinew.identify.joint.swing import Swing, is_enough, swings_of
 from sinew.identify.oscillator.least_squares import Covariance, Solution, correlation, find_unidentifiable, solve
 from sinew.measure.arrays import Array
@@ -276,13 +276,14 @@ def _search(
     _report(progress, 1)
     problem = make_problem(swings, coordinates, steps)
     x = np.concatenate([x[: first.shared], np.zeros(2 * len(problem.pairs))])
-    for leg, tolerance in enumerate((_ROUGH, _ROUGH, _FINE), start=2):
-        if leg > 2:
-            scatter = _scatter(problem, solution)
-            x[first.shared :] *= np.tile(_over(problem.repeatability, scatter), len(problem.pairs))
-            problem = replace(problem, whitenings=whitening_of(problem.residuals(x), _QUIET), repeatability=scatter)
+    solution = _solved(problem, x, _ROUGH)
+    _report(progress, 2)
+    for leg, tolerance in enumerate((_ROUGH, _FINE), start=3):
+        x, scatter = solution.values.copy(), _scatter(problem, solution)
+        whitenings = whitening_of(problem.residuals(x), _QUIET)
+        x[first.shared :] *= np.tile(_over(problem.repeatability, scatter), len(problem.pairs))
+        problem = replace(problem, whitenings=whitenings, repeatability=scatter)
         solution = _solved(problem, x, tolerance)
-        x = solution.values
         _report(progress, leg)
     return problem, solution
 
@@ -297,8 +298,7 @@ def _scatter(problem: JointProblem, solution: Solution) -> tuple[float, float]:
     They are the rig's where every pretension was set once. Where there are repeats they are estimated: the mean square
     of a deviation and its own uncertainty, the rig's counting as much as `_STATED` settings.
     """
-    stated = problem.coordinates.rig.repeatability
-    known = (stated.pretension.value, stated.guide_friction.value)
+    known = stated_repeatability(problem.coordinates.rig)
     if _repeats(problem) < 2:
         return known
     gram = solution.jacobian.T @ solution.jacobian
@@ -416,8 +416,7 @@ def _message(problem: JointProblem, solution: Solution) -> str:
     for name, value, one, other in zip(problem.coordinates.names, solution.values, low, high, strict=False):
         if min(value - one, other - value) < _NEAR:
             told.append(f"{name} lies at a bound of the rig, so its interval cannot be trusted; widen the bounds")
-    stated = problem.coordinates.rig.repeatability
-    widened = _over(problem.repeatability, (stated.pretension.value, stated.guide_friction.value))
+    widened = _over(problem.repeatability, stated_repeatability(problem.coordinates.rig))
     off = solution.values[problem.shared :] * np.tile(widened, len(problem.pairs))
     largest = float(np.abs(off).max(initial=0.0))
     if largest > 4:

@@ -27,7 +27,7 @@ from sinew.measure.arrays import Array
 from sinew.mechanics.joint import State, axial_omega, derivative, head_forces, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import total_tension
-from sinew.plan.rig import LIMIT_RESERVE_N
+from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
 
@@ -388,6 +388,11 @@ def _spread(rows: Array, columns: NDArray[np.intp], size: int) -> Array:
     return wide
 
 
+def stated_repeatability(rig: RigSpec) -> tuple[float, float]:
+    """Return the standard deviations of pretension [m] and guide friction [1] between repeats, as the rig has them."""
+    return rig.repeatability.pretension.value, rig.repeatability.guide_friction.value
+
+
 def make_problem(swings: Sequence[Swing], coordinates: Coordinates, steps: int) -> JointProblem:
     """Return the problem of a first search: a fifth of every swing's rate counts as noise."""
     rig = coordinates.rig
@@ -395,7 +400,7 @@ def make_problem(swings: Sequence[Swing], coordinates: Coordinates, steps: int) 
     measured = tuple(sieve.passed(swing.gyro) for sieve, swing in zip(sieves, swings, strict=True))
     floor = max(rig.imu.gyro_noise.value, 1e-4)
     rough = [Whitening(np.zeros(0), _ROUGH * float(np.sqrt(np.mean(m**2))) + floor) for m in measured]
-    repeatability = (rig.repeatability.pretension.value, rig.repeatability.guide_friction.value)
+    repeatability = stated_repeatability(rig)
     pairs = tuple(dict.fromkeys(swing.pair for swing in swings))
     currents = _current_std(swings, rig.tendons.current_lsb.value)
     return JointProblem(
