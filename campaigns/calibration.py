@@ -70,8 +70,8 @@ def table(trials: Sequence[Trial]) -> str:
         inside, width = sum(row[1] for row in rows), float(np.median([row[2] for row in rows]))
         spread = float(np.sqrt(np.mean([row[0] ** 2 for row in rows])))
         lines.append(
-            f"{name:32} {inside:4d} of {len(rows):<4d} {100 * inside / len(rows):5.1f} %   median std {100 * width:6.2f} %"
-            f"   error over std, rms {spread:.2f}"
+            f"{name:32} {inside:4d} of {len(rows):<4d} {100 * inside / len(rows):5.1f} %   median std "
+            f"{100 * width:6.2f} %   error over std, rms {spread:.2f}"
         )
     every = [row[1] for trial in trials for row in trial.found.values()]
     low, high = stats.binom.interval(0.95, len(trials), 0.9)
