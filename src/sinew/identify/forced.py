@@ -277,7 +277,7 @@ def predict_fit(
     kind, levels = _asked(torque, base)
     point = None if through is None else _checked(Through(*through), levels)
     model = _model_of(known)
-    numbers = _numbers_of(known, kind, point)
+    numbers = _numbers_of(known, model, wanted=_gain_from(known, kind, point) == "fit")
     natural = math.sqrt(numbers.value("stiffness")) / (2 * np.pi)
     band = (natural / 3, 2 * natural) if band_hz is None else (float(band_hz[0]), float(band_hz[1]))
     if not 0 < band[0] < band[1] < np.inf:
@@ -285,7 +285,7 @@ def predict_fit(
     if draws < _FEWEST_DRAWS:
         raise SpecError(f"found {draws} draws, expected {_FEWEST_DRAWS} or more: a 90 % band is of their quantiles")
     rng = np.random.default_rng(seed)
-    drawn, remarks = _drawn(numbers, model, draws, rng)
+    drawn, remarks = _drawn(numbers, draws, rng)
     values = np.concatenate([numbers.values[None], drawn])
     normal = _Normal.of(numbers, model)
     gains, said = _gains(normal, values, kind, point, rng)
@@ -367,9 +367,13 @@ def _gain_from(known: Mechanics, kind: Kind, point: Through | None) -> Literal["
     )
 
 
-def _numbers_of(known: Mechanics, kind: Kind, point: Through | None) -> Mechanics:
-    """Return the fit with the numbers that matter, sound. Raises SpecError where one is not known, or cannot be."""
-    wanted = _gain_from(known, kind, point) == "fit"
+def _numbers_of(known: Mechanics, model: Model, *, wanted: bool) -> Mechanics:
+    """Return the fit with the numbers that matter, sound. wanted: whether the gain does.
+
+    A loss beside another one may have come out below zero by chance: then it is not there, as far as the record tells.
+    Raises SpecError where a number is not known, or cannot be.
+    """
+    lost = {number.name for term in model.law.losses.terms for number in term.numbers}
     kept = [k for k, name in enumerate(known.names) if name != "gain" or wanted]
     values = known.values[kept].copy()
     covariance = known.covariance[np.ix_(kept, kept)]
@@ -379,8 +383,8 @@ def _numbers_of(known: Mechanics, kind: Kind, point: Through | None) -> Mechanic
         if not (np.isfinite(values[k]) and np.isfinite(covariance[k, k])):
             raise SpecError(f"this fit does not determine the {word}, so no response follows from it; record more")
         if name in NUMBERS and NUMBERS[name].positive and values[k] <= 0:
-            if NUMBERS[name].absent and values[k] + 2 * math.sqrt(covariance[k, k]) > 0:
-                values[k] = 0.0  # it is not there, as far as the record tells
+            if len(lost) > 1 and name in lost and values[k] + 2 * math.sqrt(covariance[k, k]) > 0:
+                values[k] = 0.0
             else:
                 raise SpecError(
                     f"the {word} of this fit is {values[k]:.3g}, which nothing has; identify with another model"
@@ -388,7 +392,7 @@ def _numbers_of(known: Mechanics, kind: Kind, point: Through | None) -> Mechanic
     return replace(known, names=names, values=values, covariance=covariance)
 
 
-def _drawn(known: Mechanics, model: Model, count: int, rng: np.random.Generator) -> tuple[Array, list[str]]:
+def _drawn(known: Mechanics, count: int, rng: np.random.Generator) -> tuple[Array, list[str]]:
     """Return laws as likely as the fit says, (count, k), and what to know of them."""
     factor, kept, tried = factor_of(known.covariance), np.zeros((0, known.values.size)), 0
     positive = np.array([name in NUMBERS and NUMBERS[name].positive for name in known.names])
