@@ -120,9 +120,17 @@ def _with_settle(rows: Sequence[tuple[int, Segment, slice]], k: int) -> slice:
 
 
 def _step(stamps: Array) -> float:
-    """Return the time between samples by the line through the stamps, gaps left out."""
-    index = np.round((stamps - stamps[0]) / np.median(np.diff(stamps)))
-    return float(np.polyfit(index, stamps, 1)[0])
+    """Return the time between samples by the line through the stamps, gaps left out.
+
+    Samples are counted from one to the next: the median difference of jittering stamps is off by a thousandth, which
+    over a thousand samples is one too many.
+    """
+    steps = np.diff(stamps)
+    index = np.concatenate([[0.0], np.cumsum(np.round(steps / np.median(steps)))])
+    for _ in range(2):
+        slope, begin = np.polyfit(index, stamps, 1)
+        index = np.round((stamps - begin) / slope)
+    return float(slope)
 
 
 def _swing(
