@@ -48,7 +48,7 @@ class Oscillator:
     at_hz: float
     band_hz: tuple[float, float]
     noise: float = 0.004
-    point_noise: float = 0.01
+    point_noise: float = 0.005
 
     def rate(self, t: float, y: Array, push: float, omega: float) -> list[float]:
         """Return the rates of motion and speed."""
@@ -134,7 +134,7 @@ class Trial:
 
 def predicted(one: Oscillator, seed: int, draws: int = 100) -> Forced:
     """Return the prediction of a trial. seed: of all noise."""
-    rng = np.random.default_rng([seed, len(one.name)])
+    rng = np.random.default_rng([seed, list(OSCILLATORS).index(one.name)])
     records = []
     for start in one.starts:
         time, motion = clean_decay(one, start)

@@ -206,7 +206,9 @@ def predict(
     """
     if rig is not None and predict_fit.is_fit(rig):
         given = [*joint.given, *Further(against=against, fitted_mm=fitted).given]
-        given += [name for name, value in (("--oscillator", oscillator), ("--backbone", backbone)) if value]
+        rigs = {"--pretension-mm": pretension != "0,4,8,12", "--amplitude-deg": amplitude != 20.0, "--without": without}
+        rigs |= {"--mode": mode != "position", "--oscillator": oscillator, "--backbone": backbone}
+        given += [name for name, value in rigs.items() if value]
         if given:
             raise SpecError(f"{given[0]} does not go with a fit; leave it out")
         _predict_fit(predict_fit.AskedOfFit(rig, torque, base, through, start, stop, bands, seed), out, json=json)

@@ -119,15 +119,30 @@ def lever_covariance(problem: JointProblem, solution: Solution) -> Array:
 
     The lever is what the joint is driven by in the fit, so its errors are errors of the input. In a steady motion they
     repeat with it: their share at the drive's frequency is larger than that of independent ones by the root of the
-    periods, it does not fall with a longer record, and as gain and phase of a few frequencies are what the parameters
-    are from, it goes into these and hardly shows in what the fit leaves. So the lever is read again, by an encoder
-    whose zero is elsewhere, and the fit moved along by its Jacobian.
+    periods, and of twice as many where both halves of a period are alike. It does not fall with a longer record, and as
+    gain and phase of a few frequencies are what the parameters are from, it goes into these and hardly shows in what
+    the fit leaves. So the lever is read again, and the fit moved along by its Jacobian. Widened by Student's factor for
+    the number of readings.
     """
     rng = np.random.default_rng(0)
     back = np.linalg.pinv(solution.jacobian.T @ solution.jacobian, hermitian=True) @ solution.jacobian.T
     read = [problem.read_again(rng).problem().residual(solution.values) for _ in range(_READINGS)]
     steps = np.array([back @ (there - solution.residual) for there in read])
-    return np.asarray(steps.T @ steps / _READINGS)
+    widened = float(special.stdtrit(_READINGS, 0.95)) / NORMAL_90
+    return np.asarray(widened**2 * steps.T @ steps / _READINGS)
+
+
+def whole_covariance(problem: JointProblem, solution: Solution) -> Array:
+    """Return the covariance of the coordinates, shape (m, m): of the residuals' noise and of the lever's rounding.
+
+    No standard deviation is smaller than what the settings' scatter says (`settled_covariance`), which holds whatever
+    else the model misses.
+    """
+    jacobian = solution.jacobian
+    known = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True) + lever_covariance(problem, solution)
+    settled = settled_covariance(jacobian, solution.residual, problem.settings())
+    larger = np.sqrt(np.maximum(np.diag(settled) / np.maximum(np.diag(known), 1e-300), 1.0))
+    return np.asarray(known * np.outer(larger, larger))
 
 
 def _power(symmetric: Array, exponent: float) -> Array:
@@ -332,8 +347,7 @@ def _report(progress: Progress | None, leg: int) -> None:
 
 def _tell(problem: JointProblem, solution: Solution) -> JointFit:
     x, coordinates, shared = solution.values, problem.coordinates, problem.shared
-    covariance = settled_covariance(solution.jacobian, solution.residual, problem.settings())
-    covariance = covariance + lever_covariance(problem, solution)
+    covariance = whole_covariance(problem, solution)
     own = covariance[:shared, :shared]
     segments = _segments(problem, x)
     scales = np.concatenate([coordinates.slopes(x[:shared]), np.tile(problem.repeatability, len(problem.pairs))])

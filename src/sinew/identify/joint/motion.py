@@ -370,15 +370,20 @@ class JointProblem:
         return np.array([*[1.0] * self.shared, *self.repeatability])
 
 
-def _read_again(swing: Swing, sieve: Sieve, lsb: float, rng: np.random.Generator) -> Swing:
-    """Return a swing whose lever has the errors of rounding of an encoder whose zero is elsewhere.
+_APART = 0.02  # of the lever's angle: several LSB at most of what a swing passes through
 
-    A motion that repeats at whole samples has the same errors in every period. So it is the low-passed motion that is
-    rounded, not the samples that get errors of their own; where samples are too few to be low-passed those have to do.
+
+def _read_again(swing: Swing, sieve: Sieve, lsb: float, rng: np.random.Generator) -> Swing:
+    """Return a swing whose lever has errors of rounding beside its own: those of a motion larger or smaller by a hair.
+
+    A motion that repeats at whole samples has the same errors in every period, and one that is the same to both sides
+    of the encoder's zero the opposite ones in each half. So the low-passed motion is rounded, and not each sample for
+    itself; where samples are too few to be low-passed that has to do.
     """
     time = swing.lever.x
     read = np.asarray(swing.lever(time))
-    at = convolve1d(read, sieve.taps, mode="nearest") / lsb + rng.random(1 if sieve.taps.size > 1 else read.size)
+    smooth = convolve1d(read, sieve.taps, mode="nearest")
+    at = smooth / lsb * (1 + rng.uniform(-_APART, _APART)) if sieve.taps.size > 1 else rng.random(read.size)
     return replace(swing, lever=CubicSpline(time, read + lsb * (np.round(at) - at), bc_type="natural"))
 
 
