@@ -206,8 +206,9 @@ def predict(
     """
     if rig is not None and predict_fit.is_fit(rig):
         given = [*joint.given, *Further(against=against, fitted_mm=fitted).given]
-        rigs = {"--pretension-mm": pretension != "0,4,8,12", "--amplitude-deg": amplitude != 20.0, "--without": without}
-        rigs |= {"--mode": mode != "position", "--oscillator": oscillator, "--backbone": backbone}
+        rigs = {"--pretension-mm": pretension != "0,4,8,12", "--amplitude-deg": amplitude != 20.0}
+        rigs |= {"--mode": mode != "position", "--without": bool(without)}
+        rigs |= {"--oscillator": oscillator is not None, "--backbone": backbone}
         given += [name for name, value in rigs.items() if value]
         if given:
             raise SpecError(f"{given[0]} does not go with a fit; leave it out")

@@ -320,7 +320,9 @@ class JointProblem:
     def read_again(self, rng: np.random.Generator) -> "JointProblem":
         """Return the problem with errors added to the lever's angle that are as likely as those its encoder made."""
         lsb = 2 * np.pi / self.coordinates.rig.drive.counts_per_turn.value
-        swings = [_read_again(swing, sieve, lsb, rng) for swing, sieve in zip(self.swings, self.sieves, strict=True)]
+        swings = [
+            lever_read_again(swing, sieve, lsb, rng) for swing, sieve in zip(self.swings, self.sieves, strict=True)
+        ]
         return replace(self, swings=tuple(swings))
 
     def settings(self) -> list[tuple[tuple[float, str, float], slice]]:
@@ -373,7 +375,7 @@ class JointProblem:
 _APART = 0.02  # of the lever's angle: several LSB at most of what a swing passes through
 
 
-def _read_again(swing: Swing, sieve: Sieve, lsb: float, rng: np.random.Generator) -> Swing:
+def lever_read_again(swing: Swing, sieve: Sieve, lsb: float, rng: np.random.Generator) -> Swing:
     """Return a swing whose lever has errors of rounding beside its own: those of a motion larger or smaller by a hair.
 
     A motion that repeats at whole samples has the same errors in every period, and one that is the same to both sides
