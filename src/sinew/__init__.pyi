@@ -3,6 +3,8 @@
 from sinew.analysis.analysed import Analysed as Analysed
 from sinew.analysis.analysed import analyse as analyse
 from sinew.figures import plot as plot
+from sinew.identify.forced import Forced as Forced
+from sinew.identify.forced import Through as Through
 from sinew.identify.identified import Identified as Identified
 from sinew.identify.identified import identify as identify
 from sinew.identify.joint.calibration import Calibration as Calibration

@@ -25,6 +25,7 @@ DOCUMENT = (
     "converged",
     "message",
     "unidentifiable",
+    "mechanics",
     "compared",
 )
 

@@ -50,6 +50,8 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             fitted_rig=fitted,
             covariance=SimpleNamespace(matrix=np.diag([one.std**2 for one in mine.values()])),
             pretension_mm=(0.0, 4.0),
+            repeats=1,
+            repeatability=(1e-4, 0.03),
             converged=True,
             message="",
             unidentifiable=(),

@@ -27,7 +27,8 @@ def known_joint(rig: RigSpec) -> JointFit:
     parameters = {name: Estimate.normal(value, 0.01 * value) for name, value in values.items()}
     matrix = np.diag([one.std**2 for one in parameters.values()])
     return JointFit(
-        rig, rig, parameters, {}, (0.0, 12.0), 1, (), tuple(parameters), Covariance(matrix, 1e3), (), {}, True, "", ()
+        rig, rig, parameters, {}, (0.0, 12.0), 1, (1e-4, 0.03), (), tuple(parameters), Covariance(matrix, 1e3), (), {},
+        True, "", (),
     )  # fmt: skip
 
 

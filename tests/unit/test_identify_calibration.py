@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -115,7 +116,7 @@ def test_of_many_recordings_three_are_named_and_the_rest_counted() -> None:
 Fits = Callable[..., Any]
 
 
-def stand_in_fit(asked: list[list[str]], **estimates: Estimate) -> Fits:
+def stand_in_fit(asked: list[list[str]], repeats: int = 1, **estimates: Estimate) -> Fits:
     """Return a joint fit with these estimates, by the last word of the name; it notes what was free each time."""
 
     def fit(recordings: Sequence[xr.Dataset], rig: RigSpec, *, free: Sequence[str], progress: object) -> Any:
@@ -126,7 +127,8 @@ def stand_in_fit(asked: list[list[str]], **estimates: Estimate) -> Fits:
         more = SimpleNamespace(
             covariance=spread, pretension_mm=(0.0, 4.0), converged=True, message="", unidentifiable=()
         )
-        return SimpleNamespace(parameters=mine, fitted_rig=fitted, **vars(more))
+        settings = {"repeats": repeats, "repeatability": (1e-4, 0.03) if repeats == 1 else (2e-4, 0.05)}
+        return SimpleNamespace(parameters=mine, fitted_rig=fitted, **settings, **vars(more))
 
     return fit
 
@@ -145,6 +147,21 @@ def test_what_the_recordings_do_not_determine_is_held_and_the_rest_fitted_beside
     assert (list(done.found), done.kept) == ([TENSION], (RADIUS,))
     assert found(done.rig, RADIUS) == found(RIG, RADIUS)
     assert any("not determined" in sentence and RADIUS in sentence for sentence in done.remarks)
+
+
+@pytest.mark.parametrize(
+    ("repeats", "sentence"),
+    [
+        (1, r"set once.* the rig's repeatability \(pretension 0\.1 mm, guide friction 3 %\); record repeats"),
+        (3, r"scatter over 3 repeats: pretension 0\.2 mm, guide friction 5 % \(the rig says pretension 0\.1 mm"),
+    ],
+)
+def test_it_is_said_where_the_scatter_between_settings_is_from(
+    repeats: int, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(calibration, "fit_joint", stand_in_fit([], repeats, first_contact_tension=SURE))
+    done = calibrate_rig([recording_of(RIG)], [MONDAY], RIG, name="mine", free=[TENSION])
+    assert [re.search(sentence, one) is not None for one in done.remarks] == [True]
 
 
 @pytest.mark.parametrize("vague", [VAGUE, Estimate(0.03, math.nan, math.nan, math.nan)])

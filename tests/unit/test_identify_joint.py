@@ -3,10 +3,13 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from sinew.identify.identified import identified_joint
 from sinew.identify.joint.coordinates import numbers_of
 from sinew.identify.joint.fit import JointFit, fit_joint
+from sinew.identify.joint.motion import lever_read_again
+from sinew.identify.joint.swing import Swing, make_sieve, step_between
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.parameters import POSITION
 from sinew.plan.plan import Group, Plan, Pretension, RingDown, Sweep
@@ -147,3 +150,50 @@ def test_the_prediction_of_a_segment_lies_on_its_measurement() -> None:
     for segment in quiet_fit().segments:
         kept = segment.residual[segment.kept]
         assert np.sqrt(np.mean(kept**2)) < 0.01 * np.sqrt(np.mean(segment.measured**2))
+
+
+# What its intervals hold
+
+
+def test_jitter_of_the_stamps_moves_the_time_between_samples_by_what_a_line_through_them_does() -> None:
+    rng, size = np.random.default_rng(1), 1200
+    off = []
+    for _ in range(200):
+        stamps = np.arange(size) * 5e-3 + 1e-4 * rng.standard_normal(size)
+        off.append(step_between(np.delete(stamps, slice(400, 403))) - 5e-3)
+    expected = 1e-4 * np.sqrt(12 / size**3)  # of a slope through independent errors
+    assert np.std(off) == pytest.approx(expected, rel=0.2)
+    assert np.abs(off).max() < 5 * expected
+
+
+def test_a_lever_that_is_read_again_errs_alike_in_every_period_and_oppositely_in_each_half() -> None:
+    lsb, period, count = 2 * np.pi / 4096, 80, 400
+    angle = lsb * np.round(np.radians(20) * np.sin(2 * np.pi * np.arange(count) / period) / lsb)
+    time = np.arange(count) * 5e-3
+    still = np.zeros(count)
+    swing = Swing(
+        0, 0, "steady", 4.0, 2.5, 0, POSITION, 5e-3, CubicSpline(time, angle, bc_type="natural"), still, still == 0, 0,
+        np.nan, np.nan,
+    )  # fmt: skip
+    again = lever_read_again(swing, make_sieve(swing, 3), lsb, np.random.default_rng(2))
+    error = again.lever(time) - angle
+    inside = error[period : 4 * period]  # the low-pass reaches beyond the ends
+    own = angle - np.radians(20) * np.sin(2 * np.pi * np.arange(count) / period)
+    assert np.abs(inside).max() <= 0.5 * lsb * (1 + 1e-9)
+    assert inside.std() == pytest.approx(lsb / np.sqrt(12), rel=0.15)
+    assert inside[period:] == pytest.approx(inside[:-period], abs=0.05 * lsb)
+    assert inside[period // 2 :] == pytest.approx(-inside[: -period // 2], abs=0.05 * lsb)
+    assert abs(np.corrcoef(inside, own[period : 4 * period])[0, 1]) < 0.5
+
+
+@pytest.mark.slow
+def test_the_scatter_over_repeats_is_estimated_from_them() -> None:
+    """A rig that states a fifth of its scatter: with six settings the rig's word counts four of ten."""
+    rig = load_rig("paper")
+    plan = small_plan(2, 6, 10)
+    sweep = plan.sweep.model_copy(update={"repeats": 2})  # type: ignore[union-attr]
+    recording = simulate(plan.model_copy(update={"sweep": sweep}), rig, seed=3)
+    stated = rig.with_values({"repeatability.pretension": 2e-5})
+    found = fit_joint([recording], stated)
+    assert found.repeats == 2
+    assert 2.5 * 2e-5 < found.repeatability[0] < 2e-4

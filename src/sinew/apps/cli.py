@@ -44,7 +44,10 @@ _command(epilog="Example: sinew identify a.csv --time t_s --input u:N*m --output
 _command(epilog="Example: sinew calibrate rigs/paper.toml monday.nc tuesday.nc --out rigs/mine.toml")(
     calibrate.calibrate
 )
-_command(epilog="Example: sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json")(predict.predict)
+_command(
+    epilog="Example: sinew predict fit/fit.json --torque 1,2,4:V --through 3.1:12+-0.2:deg@2"
+    "\n\nExample: sinew predict rigs/paper.toml --pretension-mm 0,6,12 --json"
+)(predict.predict)
 _command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat")(
     transfer.transfer
 )

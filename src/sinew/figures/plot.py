@@ -20,9 +20,10 @@ from matplotlib.axes import Axes
 
 from sinew.analysis.analysed import Analysed, analyse_recording
 from sinew.figures.decay import draw_envelope
-from sinew.figures.predicted import curves_of, draw_gains, draw_phases
+from sinew.figures.predicted import curves_of, draw_gains, draw_levels, draw_phases
 from sinew.figures.response import draw_coherence, draw_gain, draw_lag, draw_lag_lines, draw_lines
 from sinew.figures.style import ACCENT, GREY, INK, RED, in_style
+from sinew.identify.forced import Forced
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.predict.predicted import Predicted
 
@@ -91,8 +92,13 @@ def decay(found: Analysed, axes: Axes | None = None, pretension_mm: float = 0.0)
 
 
 @in_style
-def prediction(found: Predicted, axes: Axes | None = None) -> Axes:
-    """Return axes with the predicted gain over frequency: dotted where unstable, rings at peaks, diamonds at folds."""
+def prediction(found: Predicted | Forced, axes: Axes | None = None) -> Axes:
+    """Return axes with the predicted gain over frequency: dotted where unstable, rings at peaks, diamonds at folds.
+
+    Of a fit the amplitude at every level of its drive, with 90 % bands.
+    """
+    if isinstance(found, Forced):
+        return draw_levels(_axes(axes), found)
     return draw_gains(_axes(axes), curves_of(found))
 
 

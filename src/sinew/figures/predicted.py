@@ -30,6 +30,7 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
+from sinew.identify.forced import Forced
 from sinew.measure.arrays import Array
 from sinew.predict.against import Comparison, Reading, error_of
 from sinew.predict.band import Band, Tube
@@ -208,6 +209,96 @@ def _draw_tube(axes: Axes, frequency_hz: Array, tube: Tube, colour: Array, facto
     axes.plot(frequency_hz, factor * tube.median, color=colour, linewidth=0.9)
 
 
+# The forced response of a fit is drawn: a curve with its band for each level of the drive, and the measured point.
+
+
+@in_style
+def draw_forced(found: Forced) -> Figure:
+    """Return amplitude and lag over frequency, a line and its 90 % band for each level of the drive."""
+    figure = new_figure(3.5)
+    left, right = figure.subplots(1, 2)
+    draw_levels(left, found)
+    for one, colour in zip(found.levels, _colours_of(found), strict=True):
+        _draw_tube(right, one.band.frequency_hz, one.band.up[1], colour, 180 / np.pi)
+        _draw_line(right, one.branch, np.degrees(one.branch.phase), colour)
+    right.axhline(90.0, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
+    right.set(xlabel="drive frequency in Hz", ylabel="lag of the motion behind the drive in degrees")
+    right.set_yticks(range(0, 181, 45))
+    right.margins(x=0)
+    note_panel(left, "a", "amplitude")
+    note_panel(right, "b", "phase")
+    return figure
+
+
+def draw_levels(axes: Axes, found: Forced) -> Axes:
+    """Draw the amplitude over frequency at every level with its band, the peaks and the measured point."""
+    factor, unit = found.motion.factor, found.motion.unit
+    for one, colour in zip(found.levels, _colours_of(found), strict=True):
+        _draw_tube(axes, one.band.frequency_hz, one.band.up[0], colour, factor)
+        if one.band.folded:
+            for edge in (one.band.down[0].low, one.band.down[0].high):
+                axes.plot(one.band.frequency_hz, factor * edge, color=colour, linewidth=0.7, linestyle=(0, (3, 2)))
+        _draw_line(axes, one.branch, factor * one.branch.amplitude, colour)
+        axes.plot([], [], color=colour, label=found.drive.of(one.level))
+        if one.branch.peak is not None:
+            at = (one.branch.peak.frequency_hz, factor * one.branch.peak.amplitude)
+            axes.plot(*at, "o", markersize=3, color="white", markeredgecolor=INK, zorder=5)
+    if (point := found.through) is not None:
+        size, error = factor * point.amplitude, factor * point.std
+        axes.errorbar(point.frequency_hz, size, error, color=RED, marker="s", markersize=4, zorder=6, label="measured")
+    axes.set(xlabel="drive frequency in Hz", ylabel="amplitude" if unit == "1" else f"amplitude in {unit}")
+    axes.set_ylim(0, None)
+    axes.margins(x=0)
+    axes.legend(title=found.kind, loc="upper right")
+    return axes
+
+
+def _colours_of(found: Forced) -> Array:
+    return pretension_colours([one.level for one in found.levels])
+
+
+def write_forced_page(
+    path: Path,
+    document: Mapping[str, Any],
+    *,
+    figures: Sequence[Path] = (),
+    rebuild: str = "",
+    origins: Sequence[tuple[str, str]] = (),
+) -> Path:
+    """Write the page of a fit's forced response, atomically, and return its path; the rest as of a rig's page.
+
+    document: of `sinew predict FIT.json`. Raises FileError where the folder cannot be written.
+    """
+    unit, drive = ("" if one == "1" else f" in {one}" for one in (document["unit"], document["drive"]["unit"]))
+    head = [
+        f"{document['drive']['kind']}{drive}",
+        "peak in Hz",
+        "90 % from",
+        "to",
+        f"amplitude{unit}",
+        "90 % from",
+        "to",
+    ]
+    rows = []
+    for one in document["levels"]:
+        peak = one["band"]["peak"] or {}
+        cells = [peak.get(name, {}) for name in ("frequency_hz", "amplitude")]
+        numbers = [[each.get("value"), *(each.get("interval90") or (None, None))] for each in cells]
+        rows.append([number(one["level"]), *(number(value, 5) for each in numbers for value in each)])
+    return write_page(
+        path,
+        "prediction.html",
+        title=f"Forced response of a fit, model {document['model']}",
+        about="Steady response of the fitted law to levels of a drive.",
+        lead=". ".join(f"{sentence[:1].upper()}{sentence[1:]}" for sentence in document["remarks"]),
+        tables=[Table("", head, rows, f"Bands and intervals are of {document['draws']['count']} draws.")],
+        pictures=pictures(figures, PREDICTION_CAPTIONS),
+        validity=[],
+        rebuild=rebuild,
+        origins=list(origins),
+    )
+
+
 # The predicted responses of several rigs are drawn beside each other.
 
 _COLOURS = (ACCENT, RED, GREEN, "#7a4fa3", "#b8690b", "#4d4d4d", "#008b8b")
@@ -381,6 +472,14 @@ PREDICTION_CAPTIONS = {
         "sweep with growing frequency meets; dashed edges, where there are folds, what one with falling frequency "
         "meets. (c) Half the width of the gain's band over its median. Assumed parameters do not vary.",
         "Gain, lag and the half width of the gain's band over drive frequency, a tube for each pretension.",
+    ),
+    "forced_response": Caption(
+        "Forced response",
+        "(a) Half of peak to peak of the motion, a colour for each level of the drive, with 90 % bands of what a sweep "
+        "with growing frequency meets; dashed edges, where draws have folds, what one with falling frequency meets. "
+        "Solid lines are stable, dotted ones are not, rings mark the peaks, the red square the measured point. "
+        "(b) Lag of the motion's fundamental behind the drive's.",
+        "Amplitude and lag over drive frequency, a line with a band for each level of the drive.",
     ),
     "predicted_against": Caption(
         "Against the recording",

@@ -15,6 +15,7 @@ from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
 from sinew.identify.choice.held_out import HeldOut, Split, split_record
 from sinew.identify.choice.input_noise import warn_of_noise, widen, window_force
 from sinew.identify.choice.stretch import cut_to, free_part, unwrapped
+from sinew.identify.forced import Forced, Through, mechanics_of, predict_fit
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.identify.oscillator.bootstrap import bootstrap_repeats
 from sinew.identify.oscillator.fitted import Fit, Fitted
@@ -90,6 +91,34 @@ class Identified(Told):
             f"- residuals{unit}: {number(train)} rms where it was fitted{held}",
         ]
         return told + [f"- {sentence}" for sentence in (*rest, *document["unidentifiable"])]
+
+    def predict(
+        self,
+        *,
+        torque: float | Sequence[float] | None = None,
+        base: float | Sequence[float] | None = None,
+        through: Through | Sequence[float] | None = None,
+        band_hz: tuple[float, float] | None = None,
+        draws: int = 100,
+        seed: int = 0,
+        progress: "Progress | None" = None,
+    ) -> Forced:
+        """Return the steady response to levels of a drive, with 90 % bands, as `sinew.identify.forced.predict_fit`.
+
+        torque: levels of what pushes; base: by how much the base moves instead. through: (frequency [Hz], amplitude,
+        its standard deviation, level) of one measured steady motion, without which a free decay tells nothing of a
+        push; the last two may be left out. band_hz: frequencies. draws, seed: of the bands.
+        """
+        return predict_fit(
+            self.document,
+            torque=torque,
+            base=base,
+            through=through,
+            band_hz=band_hz,
+            draws=draws,
+            seed=seed,
+            progress=progress,
+        )
 
 
 def _quantities(title: str, quantities: Mapping[str, Mapping[str, Any]]) -> Table:
@@ -393,6 +422,7 @@ def _fit_part(best: Fitted, rmse_test: float | None, told: Sequence[str]) -> dic
         "converged": best.converged,
         "message": "; ".join(told),
         "unidentifiable": list(best.unidentifiable),
+        "mechanics": mechanics_of(best).to_json(),
     }
 
 

@@ -253,7 +253,7 @@ def draw_rigs(rig: RigSpec, count: int, seed: int) -> Draws:
     centre = np.array([table[name].value for name in names])
     low, high = (np.array([table[name].bounds[i] for name in names]) for i in (0, 1))
     rng = np.random.default_rng(seed)
-    factor, kept, tried = _factor(covariance), np.zeros((0, len(names))), 0
+    factor, kept, tried = factor_of(covariance), np.zeros((0, len(names))), 0
     room = 1e-9 * (high - low)
     while len(kept) < count:
         tried += count
@@ -294,7 +294,7 @@ def carried_over(base: RigSpec, rig: RigSpec) -> tuple[RigSpec, tuple[str, ...]]
     return rig.model_copy(update=parts), certain
 
 
-def _factor(covariance: Array) -> Array:
+def factor_of(covariance: Array) -> Array:
     """Return F with F Fᵀ = covariance, (k, k); what rounding made negative counts as zero."""
     std = np.sqrt(np.diag(covariance))
     safe = np.where(std > 0, std, 1.0)

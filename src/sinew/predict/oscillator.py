@@ -158,9 +158,15 @@ def oscillator_problem(oscillators: list[Oscillator], band_hz: tuple[float, floa
 
 
 def resolution_of(oscillators: list[Oscillator]) -> Resolution:
-    """Return the waves that oscillators need: finer samples where dry friction turns round within few of them."""
-    half = 1 if equations_of(oscillators) is SYMMETRIC else 2
+    """Return the waves that oscillators need."""
     dry = any(one.coulomb > 0 for one in oscillators)
+    return resolution_for(dry=dry, lopsided=equations_of(oscillators) is not SYMMETRIC)
+
+
+def resolution_for(*, dry: bool, lopsided: bool) -> Resolution:
+    """Return the waves of one degree of freedom. dry: with friction that turns round within few samples, which need to
+    be finer. lopsided: whether both sides of its spring differ."""
+    half = 2 if lopsided else 1
 
     def pair(harmonics: int) -> tuple[Size, Size]:
         fine = 2 * harmonics + 1

@@ -1,4 +1,4 @@
-"""`sinew predict` and `sinew compare`: the steady response over frequency, of a rig, an oscillator, or several rigs."""
+"""`sinew predict` and `sinew compare`: the steady response over frequency, of a rig, an oscillator, a fit, or rigs."""
 
 import shlex
 from collections.abc import Callable, Mapping, Sequence
@@ -9,7 +9,7 @@ import typer
 
 from sinew.apps import console
 from sinew.apps.console import Json, flag, option
-from sinew.apps.joints import predict_against
+from sinew.apps.joints import predict_against, predict_fit
 from sinew.apps.joints.options import (
     BASE_RIG,
     Amplitude,
@@ -159,10 +159,13 @@ _NEEDED = ("inertia_kg_m2", "frequency_hz", "damping_ratio")
 
 @with_joint_options
 def predict(
-    rig: Annotated[str | None, typer.Argument(metavar="RIG", help=console.RIG_HELP)] = None,
+    rig: Annotated[
+        str | None, typer.Argument(metavar="RIG|FIT.json", help="A rig, file or name; or a fit of sinew identify.")
+    ] = None,
     oscillator: Annotated[str | None, option("KEY=VALUE,...", f"Instead of a rig: {', '.join(_KEYS)}.")] = None,
-    torque: Annotated[float | None, option("NM", "Oscillator: amplitude of the torque on it.", "--torque-n-m")] = None,
-    base: Annotated[float | None, option("DEG", "Oscillator: amplitude by which its base turns.", "--base-deg")] = None,
+    torque: predict_fit.Torque = None,
+    base: predict_fit.Base = None,
+    through: predict_fit.Point = None,
     pretension: Pretension = "0,4,8,12",
     amplitude: Amplitude = 20.0,
     mode: Mode = "position",
@@ -175,10 +178,11 @@ def predict(
         bool, flag("--backbone", "Also where it resonates, over the drive's amplitude up to the asked one.")
     ] = False,
     out: Annotated[
-        Path | None, option("DIR|RIG.toml", "Rig: write figures and page, or the joint's rig alone.")
+        Path | None, option("DIR|RIG.toml", "Rig, fit: write figures and page, or the joint's rig alone.")
     ] = None,
     bands: Annotated[
-        int | None, option("N", "Calibrated rig: 90 % bands from N draws of what is known of it.", min=20)
+        int | None,
+        option("N", "Calibrated rig, fit: 90 % bands from N draws of what is known; of a fit 100.", min=20),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of --bands.")] = 0,
     against: predict_against.Against = None,
@@ -193,7 +197,25 @@ def predict(
     fundamental behind the drive: the torque, the base's motion, or the rig's lever.
 
     A joint that is not built yet is a RIG, else the paper's, in which what is said of the joint is changed.
+
+    Of a fit the unit is the record's. A free decay does not tell what a push does; one measured point does:
+
+    \b
+      sinew identify decay.csv --time t --output phi:deg --model drag-cubic --out fit
+      sinew predict fit/fit.json --torque 1,2,4:V --through 3.1:12+-0.2:deg@2 --out forced
     """
+    if rig is not None and predict_fit.is_fit(rig):
+        given = [*joint.given, *Further(against=against, fitted_mm=fitted).given]
+        rigs = {"--pretension-mm": pretension != "0,4,8,12", "--amplitude-deg": amplitude != 20.0}
+        rigs |= {"--mode": mode != "position", "--without": bool(without)}
+        rigs |= {"--oscillator": oscillator is not None, "--backbone": backbone}
+        given += [name for name, value in rigs.items() if value]
+        if given:
+            raise SpecError(f"{given[0]} does not go with a fit; leave it out")
+        _predict_fit(predict_fit.AskedOfFit(rig, torque, base, through, start, stop, bands, seed), out, json=json)
+        return
+    if through is not None:
+        raise SpecError("--through is for a fit, FIT.json of sinew identify; leave it out")
     from sinew.predict.predicted import prediction_document
 
     further = Further(bands, seed, against, fitted, start, stop)
@@ -228,8 +250,23 @@ def predict(
         print(f"written: {out}")
 
 
+def _predict_fit(asked: predict_fit.AskedOfFit, out: Path | None, *, json: bool) -> None:
+    if out is not None:
+        console.require_folder(out)
+    found = predict_fit.predicted_fit(asked)
+    document = {"fit": asked.file, **found.document()}
+    if out is not None:
+        predict_fit.write_forced(found, document, out, shlex.join([*asked.words(), "--out", str(out)]))
+    if json:
+        console.print_json(document)
+        return
+    console.print_told(found.told())
+    if out is not None:
+        print(f"written: {out}")
+
+
 def _oscillator(
-    text: str, torque: float | None, base: float | None, start: float | None, stop: float | None
+    text: str, torque: str | None, base: str | None, start: float | None, stop: float | None
 ) -> "tuple[Prediction, list[float], Backbones]":
     import math
     from functools import partial
@@ -251,7 +288,10 @@ def _oscillator(
     if (torque is None) == (base is None):
         raise SpecError("say what drives the oscillator: either --torque-n-m or --base-deg")
     configure()
-    one = Oscillator(**values, torque=torque or 0.0, base=math.radians(base or 0.0)).checked()
+    given = "--torque-n-m" if base is None else "--base-deg"
+    level = console.number_list(given, str(torque if base is None else base), "a finite number", between="\n")[0]
+    drive = {"torque": level} if base is None else {"base": math.radians(level)}
+    one = Oscillator(**values, **drive).checked()
     band_hz = console.checked_band(
         (one.frequency_hz / 3 if start is None else start, 2 * one.frequency_hz if stop is None else stop)
     )

@@ -11,6 +11,7 @@ import xarray as xr
 
 from sinew.identify.joint.coordinates import make_coordinates, replaced
 from sinew.identify.joint.fit import FREE, JointFit, fit_joint
+from sinew.identify.joint.motion import stated_repeatability
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, NORMAL_95, UNKNOWN, Estimate, interval, number
@@ -301,6 +302,7 @@ def calibrate_rig(
     together = with_ties(calibrated, sought, followed, own)
     record = calibrated_together([*sought, *followed], together, sources, fit.pretension_mm)
     calibrated = calibrated.model_copy(update={"calibration": record})
+    remarks.append(scatter_between_repeats(fit, rig))
     if kept:
         remarks.append(
             f"not determined by these recordings, so with old value and origin: {', '.join(kept)}; "
@@ -308,6 +310,18 @@ def calibrate_rig(
         )
     remarks += [sentence for sentence in (fit.message, *fit.unidentifiable) if sentence]
     return Calibration(rig, calibrated, found, followed, tuple(kept), fit, tuple(sources), tuple(remarks))
+
+
+def scatter_between_repeats(fit: JointFit, rig: RigSpec) -> str:
+    """Return a sentence on what the intervals take the tendons' settings to scatter by, and where that is from."""
+    both = (fit.repeatability, stated_repeatability(rig))
+    found, told = (f"pretension {1e3 * a:.2g} mm, guide friction {100 * b:.2g} %" for a, b in both)
+    if fit.repeats < 2:
+        return (
+            f"every pretension was set once, so how far settings scatter is not in the recordings; the intervals take "
+            f"the rig's repeatability ({told}); record repeats to have it estimated"
+        )
+    return f"the intervals hold the scatter over {fit.repeats} repeats: {found} (the rig says {told})"
 
 
 def other_geometry(rig: RigSpec, recording: xr.Dataset, file: str) -> list[str]:

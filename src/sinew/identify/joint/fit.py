@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from sinew.identify.joint.coordinates import Coordinates, make_coordinates
-from sinew.identify.joint.motion import JointProblem, make_problem, steps_per_sample, whitening_of
+from sinew.identify.joint.motion import JointProblem, make_problem, stated_repeatability, steps_per_sample, whitening_of
 from sinew.identify.joint.swing import Swing, is_enough, swings_of
 from sinew.identify.oscillator.least_squares import Covariance, Solution, correlation, find_unidentifiable, solve
 from sinew.measure.arrays import Array
@@ -111,6 +111,40 @@ def settled_covariance(jacobian: Array, residual: Array, settings: Sequence[tupl
     return np.asarray(plain * np.outer(larger, larger))
 
 
+_READINGS = 24
+
+
+def lever_covariance(problem: JointProblem, solution: Solution) -> Array:
+    """Return the covariance of the coordinates that is from the rounding of the lever's encoder, shape (m, m).
+
+    The lever is what the joint is driven by in the fit, so its errors are errors of the input. In a steady motion they
+    repeat with it: their share at the drive's frequency is larger than that of independent ones by the root of the
+    periods, and of twice as many where both halves of a period are alike. It does not fall with a longer record, and as
+    gain and phase of a few frequencies are what the parameters are from, it goes into these and hardly shows in what
+    the fit leaves. So the lever is read again, and the fit moved along by its Jacobian. Widened by Student's factor for
+    the number of readings.
+    """
+    rng = np.random.default_rng(0)
+    back = np.linalg.pinv(solution.jacobian.T @ solution.jacobian, hermitian=True) @ solution.jacobian.T
+    read = [problem.read_again(rng).problem().residual(solution.values) for _ in range(_READINGS)]
+    steps = np.array([back @ (there - solution.residual) for there in read])
+    widened = float(special.stdtrit(_READINGS, 0.95)) / NORMAL_90
+    return np.asarray(widened**2 * steps.T @ steps / _READINGS)
+
+
+def whole_covariance(problem: JointProblem, solution: Solution) -> Array:
+    """Return the covariance of the coordinates, shape (m, m): of the residuals' noise and of the lever's rounding.
+
+    No standard deviation is smaller than what the settings' scatter says (`settled_covariance`), which holds whatever
+    else the model misses.
+    """
+    jacobian = solution.jacobian
+    known = np.linalg.pinv(jacobian.T @ jacobian, hermitian=True) + lever_covariance(problem, solution)
+    settled = settled_covariance(jacobian, solution.residual, problem.settings())
+    larger = np.sqrt(np.maximum(np.diag(settled) / np.maximum(np.diag(known), 1e-300), 1.0))
+    return np.asarray(known * np.outer(larger, larger))
+
+
 def _power(symmetric: Array, exponent: float) -> Array:
     """Return a power of a positive matrix; eigenvalues that rounding has made tiny or negative count as small."""
     values, vectors = np.linalg.eigh(symmetric)
@@ -166,6 +200,8 @@ class JointFit:
         the torsion amplitude `amplitude_rad`; `cubic_n_m_rad3` (of the static restoring torque), and the shares of the
         energy lost in a cycle, `silicone_share`, `guide_friction_share`, `viscous_share`.
     pretension_mm: that were fitted, increasing. repeats: repetitions at each, over all recordings.
+    repeatability: standard deviations between repetitions of pretension [m] and guide friction [1], estimated where
+        there are repeats, else the rig's.
     deviations: of each repetition, the random effects.
     names, covariance: first those of `parameters` in their units, then the deviations (of pretension [m] and of guide
         friction [1], in the order of `deviations`).
@@ -179,6 +215,7 @@ class JointFit:
     derived: dict[str, Estimate]
     pretension_mm: tuple[float, ...]
     repeats: int
+    repeatability: tuple[float, float]
     deviations: tuple[Deviation, ...]
     names: tuple[str, ...]
     covariance: Covariance
@@ -254,13 +291,40 @@ def _search(
     _report(progress, 1)
     problem = make_problem(swings, coordinates, steps)
     x = np.concatenate([x[: first.shared], np.zeros(2 * len(problem.pairs))])
-    for leg, tolerance in enumerate((_ROUGH, _ROUGH, _FINE), start=2):
-        if leg > 2:
-            problem = replace(problem, whitenings=whitening_of(problem.residuals(x), _QUIET))
+    solution = _solved(problem, x, _ROUGH)
+    _report(progress, 2)
+    for leg, tolerance in enumerate((_ROUGH, _FINE), start=3):
+        x, scatter = solution.values.copy(), _scatter(problem, solution)
+        whitenings = whitening_of(problem.residuals(x), _QUIET)
+        x[first.shared :] *= np.tile(_over(problem.repeatability, scatter), len(problem.pairs))
+        problem = replace(problem, whitenings=whitenings, repeatability=scatter)
         solution = _solved(problem, x, tolerance)
-        x = solution.values
         _report(progress, leg)
     return problem, solution
+
+
+def _over(before: tuple[float, float], after: tuple[float, float]) -> Array:
+    return np.array([one / other if other > 0 else 1.0 for one, other in zip(before, after, strict=True)])
+
+
+def _scatter(problem: JointProblem, solution: Solution) -> tuple[float, float]:
+    """Return the standard deviations of pretension [m] and guide friction [1] between settings.
+
+    They are the rig's where every pretension was set once. Where there are repeats they are estimated: the mean square
+    of a deviation and its own uncertainty, the rig's counting as much as `_STATED` settings.
+    """
+    known = stated_repeatability(problem.coordinates.rig)
+    if _repeats(problem) < 2:
+        return known
+    gram = solution.jacobian.T @ solution.jacobian
+    own = solution.values**2 + np.diag(np.linalg.pinv(gram, hermitian=True))
+    squares = own[problem.shared :].reshape(-1, 2).sum(axis=0) * np.square(problem.repeatability)
+    weight = _STATED + len(problem.pairs)
+    found = [float(np.sqrt((_STATED * k**2 + s) / weight)) for k, s in zip(known, squares, strict=True)]
+    return found[0], found[1]
+
+
+_STATED = 4
 
 
 def _easy(swings: Sequence[Swing]) -> list[Swing]:
@@ -283,7 +347,7 @@ def _report(progress: Progress | None, leg: int) -> None:
 
 def _tell(problem: JointProblem, solution: Solution) -> JointFit:
     x, coordinates, shared = solution.values, problem.coordinates, problem.shared
-    covariance = settled_covariance(solution.jacobian, solution.residual, problem.settings())
+    covariance = whole_covariance(problem, solution)
     own = covariance[:shared, :shared]
     segments = _segments(problem, x)
     scales = np.concatenate([coordinates.slopes(x[:shared]), np.tile(problem.repeatability, len(problem.pairs))])
@@ -298,6 +362,7 @@ def _tell(problem: JointProblem, solution: Solution) -> JointFit:
         derive(problem.swings, coordinates, x[:shared], own),
         tuple(sorted({swing.pretension_mm for swing in problem.swings})),
         _repeats(problem),
+        problem.repeatability,
         deviations,
         (*coordinates.names, *names),
         Covariance(covariance * np.outer(scales, scales), freedom),
@@ -365,7 +430,8 @@ def _message(problem: JointProblem, solution: Solution) -> str:
     for name, value, one, other in zip(problem.coordinates.names, solution.values, low, high, strict=False):
         if min(value - one, other - value) < _NEAR:
             told.append(f"{name} lies at a bound of the rig, so its interval cannot be trusted; widen the bounds")
-    off = solution.values[problem.shared :]
+    widened = _over(problem.repeatability, stated_repeatability(problem.coordinates.rig))
+    off = solution.values[problem.shared :] * np.tile(widened, len(problem.pairs))
     largest = float(np.abs(off).max(initial=0.0))
     if largest > 4:
         told.append(

@@ -8,7 +8,7 @@ import math
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -16,7 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_toeplitz
+from scipy.ndimage import convolve1d
 
 from sinew.identify.joint.coordinates import Coordinates, Numbers
 from sinew.identify.joint.swing import Sieve, Swing, make_sieve
@@ -25,7 +27,7 @@ from sinew.measure.arrays import Array
 from sinew.mechanics.joint import State, axial_omega, derivative, head_forces, state_at_rest
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import total_tension
-from sinew.plan.rig import LIMIT_RESERVE_N
+from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
 
@@ -315,6 +317,14 @@ class JointProblem:
         far = np.full(2 * len(self.pairs), 20.0)
         return np.concatenate([self.coordinates.low, -far]), np.concatenate([self.coordinates.high, far])
 
+    def read_again(self, rng: np.random.Generator) -> "JointProblem":
+        """Return the problem with errors added to the lever's angle that are as likely as those its encoder made."""
+        lsb = 2 * np.pi / self.coordinates.rig.drive.counts_per_turn.value
+        swings = [
+            lever_read_again(swing, sieve, lsb, rng) for swing, sieve in zip(self.swings, self.sieves, strict=True)
+        ]
+        return replace(self, swings=tuple(swings))
+
     def settings(self) -> list[tuple[tuple[float, str, float], slice]]:
         """Return of every swing its setting (pretension, kind, frequency), and its rows in residual and Jacobian."""
         found: list[tuple[tuple[float, str, float], slice]] = []
@@ -362,10 +372,32 @@ class JointProblem:
         return np.array([*[1.0] * self.shared, *self.repeatability])
 
 
+_APART = 0.02  # of the lever's angle: several LSB at most of what a swing passes through
+
+
+def lever_read_again(swing: Swing, sieve: Sieve, lsb: float, rng: np.random.Generator) -> Swing:
+    """Return a swing whose lever has errors of rounding beside its own: those of a motion larger or smaller by a hair.
+
+    A motion that repeats at whole samples has the same errors in every period, and one that is the same to both sides
+    of the encoder's zero the opposite ones in each half. So the low-passed motion is rounded, and not each sample for
+    itself; where samples are too few to be low-passed that has to do.
+    """
+    time = swing.lever.x
+    read = np.asarray(swing.lever(time))
+    smooth = convolve1d(read, sieve.taps, mode="nearest")
+    at = smooth / lsb * (1 + rng.uniform(-_APART, _APART)) if sieve.taps.size > 1 else rng.random(read.size)
+    return replace(swing, lever=CubicSpline(time, read + lsb * (np.round(at) - at), bc_type="natural"))
+
+
 def _spread(rows: Array, columns: NDArray[np.intp], size: int) -> Array:
     wide = np.zeros((rows.shape[0], size))
     wide[:, columns] = rows
     return wide
+
+
+def stated_repeatability(rig: RigSpec) -> tuple[float, float]:
+    """Return the standard deviations of pretension [m] and guide friction [1] between repeats, as the rig has them."""
+    return rig.repeatability.pretension.value, rig.repeatability.guide_friction.value
 
 
 def make_problem(swings: Sequence[Swing], coordinates: Coordinates, steps: int) -> JointProblem:
@@ -375,7 +407,7 @@ def make_problem(swings: Sequence[Swing], coordinates: Coordinates, steps: int) 
     measured = tuple(sieve.passed(swing.gyro) for sieve, swing in zip(sieves, swings, strict=True))
     floor = max(rig.imu.gyro_noise.value, 1e-4)
     rough = [Whitening(np.zeros(0), _ROUGH * float(np.sqrt(np.mean(m**2))) + floor) for m in measured]
-    repeatability = (rig.repeatability.pretension.value, rig.repeatability.guide_friction.value)
+    repeatability = stated_repeatability(rig)
     pairs = tuple(dict.fromkeys(swing.pair for swing in swings))
     currents = _current_std(swings, rig.tendons.current_lsb.value)
     return JointProblem(

@@ -95,7 +95,7 @@ def _swings(index: int, recording: xr.Dataset, rig: RigSpec) -> list[Swing]:
     moving = [(row[0], row[1], _with_settle(rows, k)) for k, row in enumerate(rows) if _is_wanted(row)]
     if not moving:
         return []
-    sample_s = float(np.median([_step(stamps[where]) for _, _, where in moving]))
+    sample_s = float(np.median([step_between(stamps[where]) for _, _, where in moving]))
     late = rig.bus.drive_delay.value
     return [_swing(recording, index, number, segment, rows[number][2].start, where, mode, sample_s, late)
             for number, segment, where in moving]  # fmt: skip
@@ -119,10 +119,18 @@ def _with_settle(rows: Sequence[tuple[int, Segment, slice]], k: int) -> slice:
     return slice(settle.start, where.stop) if before.kind == "settle" and alike else where
 
 
-def _step(stamps: Array) -> float:
-    """Return the time between samples by the line through the stamps, gaps left out."""
-    index = np.round((stamps - stamps[0]) / np.median(np.diff(stamps)))
-    return float(np.polyfit(index, stamps, 1)[0])
+def step_between(stamps: Array) -> float:
+    """Return the time between samples by the line through the stamps, gaps left out.
+
+    Samples are counted from one to the next: the median difference of jittering stamps is off by a thousandth, which
+    over a thousand samples is one too many.
+    """
+    steps = np.diff(stamps)
+    index = np.concatenate([[0.0], np.cumsum(np.round(steps / np.median(steps)))])
+    for _ in range(2):
+        slope, begin = np.polyfit(index, stamps, 1)
+        index = np.round((stamps - begin) / slope)
+    return float(slope)
 
 
 def _swing(

@@ -266,7 +266,7 @@ def swing_of(fit: Fit, largest: float | None = None) -> Swing | None:
     """
     x = fit.solution.values
     if largest is None:
-        largest = max(_reached(fit, i) for i in range(len(fit.records)))
+        largest = max(reached(fit, i) for i in range(len(fit.records)))
     amplitude = np.geomspace(_SMALLEST, 1.0, _POINTS) * largest
     value = _curves(fit, x, amplitude)
     known = np.asarray(np.isfinite(value).all(axis=0))
@@ -305,7 +305,7 @@ def _entries(fit: Fit) -> list[int]:
     return [k for k, entry in enumerate(fit.layout.entries) if entry.local in names and entry.group in ("", group)]
 
 
-def _reached(fit: Fit, i: int) -> float:
+def reached(fit: Fit, i: int) -> float:
     """Return the largest amplitude of the motion in a record: of a rate or acceleration over its frequency."""
     record = fit.records[i]
     fast = (2 * np.pi * fit.natural_frequency_hz.value) ** derivative_order(record.output_unit)

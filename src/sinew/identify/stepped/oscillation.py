@@ -21,13 +21,14 @@ from sinew.mechanics.laws import DryFriction, Law, LossFactor, Pendulum, Quadrat
 from sinew.mechanics.silicone import relaxation_times
 from sinew.solve.balance import Coordinate, Equations, Lane, Size, orders
 from sinew.solve.curves import Problem, Resolution, first_curves
-from sinew.solve.examination import evaluate, phasors
+from sinew.solve.examination import evaluate, half_range, phasors
 from sinew.solve.steady import at_frequency, steady
 from sinew.twin.cache import configure
 
 _TIMES = tuple(float(tau) for tau in relaxation_times())
 _FREE_STEPS, _FREE_TOLERANCE = 40, 1e-12
 _STORAGE_ROUNDS = 4
+_LONGEST_STEP, _CLOSE, _SETTLED = 0.3, 1e-4, 1e-9  # of a motion's size: steps of Newton's method, longest and last
 
 
 class Laws(NamedTuple):
@@ -159,16 +160,57 @@ def oscillate(numbers: Array, omega: Array, drive: Drive, laws: Laws, start: Com
     return Oscillations(fundamentals(found.x, laws), slopes, found.found)
 
 
+def _weakened(p: _Numbers, share: float) -> _Numbers:
+    return p._replace(push=p.push * share)
+
+
+def driven(numbers: Array, push: Array, power: int, laws: Laws, scale: Array) -> Problem:
+    """Return the problem of n lanes over frequency, each under push (Ω/ω_r)^power sin Ωt.
+
+    numbers: shape (n, l). push: in normal form, shape (n,). scale: about how far each of them swings, in A, shape (n,).
+    """
+    lane = _lane(numbers, Drive(0.0, power), laws, scale)
+    sine = np.stack([np.zeros_like(push), -push], axis=1)
+    lane = lane._replace(p=lane.p._replace(push=sine), scale=scale[:, None])  # type: ignore[arg-type]
+    return Problem(laws.equations, lane, np.zeros((len(numbers), 1)), _weakened)
+
+
+def push_needed(numbers: Array, omega: float, amplitude: Array, laws: Laws) -> tuple[Array, Array, Lane]:
+    """Return (push, unknowns (n, m + 1), lanes): how large a push holds motions of given sizes at a frequency.
+
+    numbers: shape (n, l). omega: in ω_r. amplitude: half of peak to peak, in A, shape (n,). push: in normal form, shape
+    (n,); NaN where no such motion was found.
+
+    A push has a fundamental only. So the balance of all other harmonics says what the motion of that size is, and what
+    the fundamental's balance then lacks is the push: one answer, where the amplitude to a push may have three.
+    """
+    configure()
+    equations, size, fast = laws.equations, laws.size, laws.natural**2
+    lane, h = _lane(numbers, Drive(0.0, 0), laws, omega * amplitude), laws.orders
+    x = _written(amplitude[:, None] * (h == 1) + 0j, np.full(amplitude.size, omega), laws)
+    both = np.array(laws.first)
+    sought = np.delete(np.arange(x.shape[1] - 1), both[1])
+    others = np.delete(np.arange(x.shape[1] - 1), both)
+    off = np.full(amplitude.size, np.inf)
+    for _ in range(_FREE_STEPS):
+        seen, reach = evaluate(x, lane, equations, size), half_range(x, equations, size.harmonics)
+        left = np.concatenate([seen.left[:, others] / fast, (reach.value - amplitude)[:, None]], axis=1)
+        rows = [seen.slope[:, others][:, :, sought] / fast, reach.gradient[:, None, sought]]
+        step = np.linalg.solve(np.concatenate(rows, axis=1), left[:, :, None])[:, :, 0]
+        off = np.linalg.norm(step, axis=1) / amplitude
+        x[:, sought] -= step * np.minimum(1.0, _LONGEST_STEP / np.maximum(off, 1e-300))[:, None]
+        if np.all(off < _SETTLED):
+            break
+    lacking = np.linalg.norm(evaluate(x, lane, equations, size).left[:, both], axis=1) / fast
+    return np.where(off < _CLOSE, lacking, np.nan), x, lane
+
+
 def swept(numbers: Array, laws: Laws, drive: Drive, low: float, high: float) -> Array:
     """Return the unknowns x (n, m + 1), the last of them Ω in ω_r, along the curve between two frequencies, through its
     folds; numbers: shape (l,)."""
     configure()
     lane = _lane(numbers[None], drive, laws, np.ones(1))
-
-    def weakened(p: _Numbers, share: float) -> _Numbers:
-        return p._replace(push=p.push * share)
-
-    problem = Problem(laws.equations, lane, np.zeros((1, 1)), weakened)
+    problem = Problem(laws.equations, lane, np.zeros((1, 1)), _weakened)
     curve = first_curves(problem, np.array([low, high]), Resolution((), 0.0), laws.size)
     return np.asarray(curve.points)[0, : int(curve.number[0])]
 
