@@ -165,6 +165,11 @@ def test_records_of_unequal_length_are_refused() -> None:
         response_of(np.ones(4000), np.ones(3999), SAMPLE_HZ)
 
 
+def test_records_of_several_columns_are_refused() -> None:
+    with pytest.raises(RecordingError, match="one column"):
+        response_of(np.ones((4000, 2)), np.ones((4000, 2)), SAMPLE_HZ)
+
+
 def test_a_record_of_one_segment_is_refused() -> None:
     with pytest.raises(RecordingError, match="at least 2"):
         response_of(*records(12, size=4000), SAMPLE_HZ, segment_s=20.0)
