@@ -169,7 +169,23 @@ def write_fast(path: Path, seconds: float, speed: float, ready: threading.Event)
                 journal.append(synthetic(index, rig.tendons.count))
                 if index % int(RATE_HZ) == 0:
                     at = index / RATE_HZ
-                    journal.event(Health("running", index, 0, 0, 0.0, 0.0, {}, None, {}, at, seconds, 0, 1))
+                    journal.event(
+                        Health(
+                            state="running",
+                            cycles=index,
+                            missed=0,
+                            incomplete=0,
+                            worst_late_ms=0.0,
+                            busy_ms=0.0,
+                            temperature_c={},
+                            supply_v=None,
+                            bus={},
+                            done_s=at,
+                            total_s=seconds,
+                            group=0,
+                            groups=1,
+                        )
+                    )
             written = max(written, due)
             time.sleep(0.02)
 
