@@ -81,6 +81,8 @@ class Analysed(Told):
             ]
             columns = ("pretension/mm", *_DECAY_COLUMNS.values())
             told.append(Table(columns, rows, "ring-downs: mean ± standard deviation of it"))
+            if moved := _misfit_of_decays(document["ring_down"]):
+                told.append(moved)
         return told
 
 
@@ -451,25 +453,27 @@ def _of_mean(value: float, std: float, low: float, high: float, repeats: int) ->
 def decay_rows(results: xr.Dataset) -> list[dict[str, Any]]:
     """Return one row for each pretension: mean over the repeats, standard deviation and 90 % interval of that mean.
 
-    Where one repeat is left, the direct fit's own standard deviation and a normal interval.
+    Where one repeat is left, the direct fit's own standard deviation by noise and a normal interval. Decays of one plan
+    begin alike, so their means are compared by scatter; what one number leaves out of each decay stands beside it, as
+    `misfit_std`, the root mean square over the repeats.
     """
     rows: list[dict[str, Any]] = [{"pretension_mm": float(p)} for p in results["pretension_mm"].values]
-    for name, own in _DECAY.items():
+    for name, (own, misfit) in _DECAY.items():
         values = results[name].values
         mean = combine_repeats(values, results[own].values if own else np.full(values.shape, np.nan))
-        for row, numbers in zip(
-            rows, zip(mean.value, mean.std_of_value, mean.low, mean.high, strict=True), strict=True
-        ):
+        beside = np.sqrt(mean_of_known(results[misfit].values ** 2)) if misfit in results else None
+        for i, numbers in enumerate(zip(mean.value, mean.std_of_value, mean.low, mean.high, strict=True)):
             if np.isfinite(numbers[0]):
-                row[name] = Estimate(*map(float, numbers)).to_json()
+                rows[i][name] = Estimate(*map(float, numbers)).to_json()
+                rows[i][name] |= {} if beside is None else {"misfit_std": finite(float(beside[i]))}
     return rows
 
 
 _DECAY = {
-    "decay_frequency_hz": "decay_frequency_std_hz",
-    "decay_rate_per_s": "decay_rate_std_per_s",
-    "damping_ratio": "damping_ratio_std",
-    "paper_decay_rate_per_s": "",
+    "decay_frequency_hz": ("decay_frequency_std_hz", "decay_frequency_misfit_hz"),
+    "decay_rate_per_s": ("decay_rate_std_per_s", "decay_rate_misfit_per_s"),
+    "damping_ratio": ("damping_ratio_std", "damping_ratio_misfit"),
+    "paper_decay_rate_per_s": ("", ""),
 }
 
 
@@ -479,6 +483,21 @@ _DECAY_COLUMNS = {
     "damping_ratio": "damping ratio",
     "paper_decay_rate_per_s": "paper's rate/(1/s)",
 }
+
+
+def _misfit_of_decays(rows: list[dict[str, Any]]) -> str:
+    """Return a sentence on how far one frequency and one damping ratio describe the decays; empty where they do."""
+    told = []
+    for name, words, unit in (("damping_ratio", "damping ratio", ""), ("decay_frequency_hz", "frequency", " Hz")):
+        parts = [row[name]["misfit_std"] or 0.0 for row in rows if "misfit_std" in row.get(name, {})]
+        if max(parts, default=0.0) > 0:
+            told.append(f"{words} by up to ±{number(max(parts), 2)}{unit}")
+    if not told:
+        return ""
+    return (
+        f"within a decay it is not one number: {' and '.join(told)} (standard deviation); these means are over windows "
+        "that begin alike, and compare with one another"
+    )
 
 
 def _response_table(rows: list[dict[str, Any]], results: xr.Dataset) -> Table:

@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import optimize
 
 from sinew.analysis.decay.decay_fit import DecayFit, FreeOscillation, polynomials, smooth_functions, with_rest
 from sinew.analysis.decay.modes import Poles, split_poles
-from sinew.analysis.signal.coloured_noise import noise_spectrum, sandwich
+from sinew.analysis.signal.coloured_noise import independent, noise_spectrum, sandwich, unit_columns
 from sinew.measure.arrays import Array, Complexes
 
 _COUNTS = (3, 4, 5, 6, 8, 11, 15)  # functions of time that size and phase may take
@@ -19,7 +20,8 @@ _RESOLVED = 1.0  # sums of their decay rates between two modes that are told apa
 _NEAR = 0.25  # relative distance of modes whose beat a smooth course might imitate
 _HARMONIC = 0.04  # relative distance from a multiple of the first mode that is its own waveform
 _SURE = 4.0  # amplitude of a further mode by its standard deviation,
-_SMALLEST = 0.02  # and by the first one's
+_SMALLEST = 0.02  # and by the first one's,
+_OF_SMALLEST = 0.2  # of which the residual holds so much at least
 _MOST_MODES = 4
 _PENCIL_SAMPLES = 6000
 _OUTSTANDING = 20.0  # power of a residual's line over the median
@@ -34,9 +36,8 @@ class Course:
     """A fit of Σ Re[exp(S_m)] (the first with its harmonics) and a rest position to the samples of one decay.
 
     model: see `FreeOscillation`; time is counted in units of the window from start_s to stop_s.
-    parameters: shape (m,); the samples were divided by scale. covariance: shape (m, m), for coloured noise;
-    grown: the same where the noise grows with the amplitude as the residual does, else equal to it.
-    degrees_of_freedom: of the scale of both. residual: shape (n,), unit of the data.
+    parameters: shape (m,); the samples were divided by scale. jacobian: shape (n, m), at the parameters, of the samples
+    as divided. residual: shape (n,), unit of the data.
     """
 
     model: FreeOscillation
@@ -44,9 +45,7 @@ class Course:
     stop_s: float
     scale: float
     parameters: Array
-    covariance: Array
-    grown: Array
-    degrees_of_freedom: float
+    jacobian: Array
     residual: Array
 
     @property
@@ -59,10 +58,32 @@ class Course:
         """Return the sum of squares of the residual."""
         return float(self.residual @ self.residual)
 
-    @property
+    @cached_property
+    def spectrum(self) -> Array:
+        """Return the power spectrum of the noise, see `noise_spectrum`, of the samples divided by scale."""
+        return noise_spectrum(self.residual / self.scale, unit_columns(self.jacobian)[0])
+
+    @cached_property
     def effective(self) -> float:
         """Return how many independent samples the residual is worth."""
         return self.degrees_of_freedom + self.parameters.size
+
+    @cached_property
+    def degrees_of_freedom(self) -> float:
+        """Return those of the noise's scale."""
+        return max(independent(self.spectrum, self.residual.size) - self.parameters.size, 1.0)
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Return that of the parameters, shape (m, m), for coloured noise."""
+        return sandwich(self.jacobian, self.residual / self.scale, spectrum=self.spectrum)[0]
+
+    @cached_property
+    def grown(self) -> Array:
+        """Return the same where the noise grows with the amplitude as the residual does, else the covariance."""
+        residual, size = self.residual / self.scale, np.abs(np.exp(self.model.exponent(self.parameters)))
+        loudness = growing_noise(residual, size, self.effective)
+        return self.covariance if loudness is None else sandwich(self.jacobian, residual, loudness, self.spectrum)[0]
 
     def at(self, time_s: Array, mode: int = 0) -> Complexes:
         """Return S of a mode at times, shape (n,)."""
@@ -147,12 +168,8 @@ def _solved(model: FreeOscillation, t: Array, x: Array, scale: float, starts: li
     found = optimize.least_squares(
         deviation, start, jac=slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-9, max_nfev=60
     )
-    p, jacobian, residual = np.asarray(found.x), np.asarray(found.jac), -np.asarray(found.fun)
-    covariance, freedom = sandwich(jacobian, residual)
-    size = np.abs(np.exp(model.exponent(p)))
-    loudness = growing_noise(residual, size, freedom + p.size)
-    grown = covariance if loudness is None else sandwich(jacobian, residual, loudness)[0]
-    return Course(model, float(t[0]), float(t[-1]), scale, p, covariance, grown, freedom, residual * scale)
+    p = np.asarray(found.x)
+    return Course(model, float(t[0]), float(t[-1]), scale, p, np.asarray(found.jac), -np.asarray(found.fun) * scale)
 
 
 def growing_noise(residual: Array, amplitude: Array, effective: float) -> Array | None:
@@ -180,8 +197,7 @@ def louder_line(course: Course, omega: float) -> float:
     The noise is a short autoregression, which sees no narrow line; the band is from 0.5 to 2 of the frequency. What is
     within two and a half standard deviations of an average over so many lines is noise.
     """
-    residual, n = course.residual / course.scale, course.residual.size
-    spectrum = noise_spectrum(residual, course.model.jacobian(course.parameters))
+    residual, n, spectrum = course.residual / course.scale, course.residual.size, course.spectrum
     power = np.abs(np.fft.rfft(residual, 2 * (spectrum.size - 1))) ** 2 / n
     cycles = np.arange(spectrum.size) * (n - 1) / (spectrum.size - 1) / 2.0  # in the window
     middle = omega * (course.stop_s - course.start_s) / (2.0 * math.pi)
@@ -313,15 +329,14 @@ def with_further_modes(t: Array, x: Array, course: Course) -> Course:
 
 
 def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
-    window, n = float(t[-1] - t[0]), t.size
-    if n < 3 * (course.parameters.size + 4):
+    window, n, largest = float(t[-1] - t[0]), t.size, math.sqrt(course.energy(0))
+    if n < 3 * (course.parameters.size + 4) or float(np.std(course.residual)) < _OF_SMALLEST * _SMALLEST * largest:
         return None
     residual = np.interp(np.linspace(t[0], t[-1], n), t, course.residual)[:_PENCIL_SAMPLES]
     power = np.abs(np.fft.rfft(residual)) ** 2
     if not power.max() > _OUTSTANDING * float(np.median(power)):
         return None
     known = [course.poles(mode=m)[0] for m in range(len(course.model.bases))]
-    largest = math.sqrt(course.energy(0))
     for poles in split_poles(residual, window / (n - 1), (2, 4, 6)):
         for pole, amplitude in poles[:2]:
             new = all(_is_new(pole, other, window, course.functions > 2) for other in known)

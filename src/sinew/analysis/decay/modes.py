@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import linalg
 
 from sinew.analysis.decay.decay_fit import (
     FreeOscillation,
@@ -217,7 +218,8 @@ def split_poles(values: Array, step_s: float, orders: tuple[int, ...]) -> list[P
     n = values.size
     columns = min(n // 2, _LONGEST)
     hankel = np.lib.stride_tricks.sliding_window_view(values, columns + 1)
-    vectors = np.linalg.eigh(hankel.T @ hankel)[1][:, ::-1]  # right singular vectors, the largest first
+    kept = columns + 1 - min(max(orders), columns), columns
+    vectors = linalg.eigh(hankel.T @ hankel, subset_by_index=kept)[1][:, ::-1]  # right singular vectors, largest first
     found = []
     for order in orders:
         basis = vectors[:, : min(order, columns)]

@@ -784,8 +784,9 @@ def analyse_ring_downs(recording: xr.Dataset | Signals, inertia_kg_m2: float | N
     The response is the gyroscope's x axis (a rate), else torsion_rad, else response. Behind a settle segment of
     the same group the drive was told to stop where the ring-down begins, so nothing is sought: the first drive period,
     in which the lever settles on its servo, is left out. A start that depended on how far the lever recoils would jump
-    with pretension and take Lehr's damping with it. A ring-down that cannot be analysed is NaN, and the attribute
-    `ring_down_notes` says why.
+    with pretension and take Lehr's damping with it. Planned ring-downs begin alike, so the means over their windows are
+    compared by their noise, which the standard deviations hold; what one number leaves out of each decay is the misfit
+    beside them. A ring-down that cannot be analysed is NaN, and the attribute `ring_down_notes` says why.
     Raises RecordingError where there is no ring-down, or none can be analysed.
     """
     signals = read_signals(recording)
@@ -921,6 +922,7 @@ def read_windows(time_s: ArrayLike, response: ArrayLike, result: RingDown, perio
 
 def _numbers(result: RingDown, begins_s: float) -> dict[str, float]:
     paper = result.paper
+    rate, frequency, ratio = (result.parts[name] for name in ("decay_rate_per_s", "frequency_hz", "damping_ratio"))
     return {
         "paper_decay_rate_per_s": paper.decay_rate_per_s,
         "paper_omega_rad_s": paper.omega_rad_s,
@@ -929,12 +931,15 @@ def _numbers(result: RingDown, begins_s: float) -> dict[str, float]:
         "paper_damping_n_m_s_rad": paper.damping_n_m_s_rad,
         "paper_stiffness_n_m_rad": paper.stiffness_n_m_rad,
         "decay_start_s": result.start_s - begins_s,
-        "decay_rate_per_s": result.decay_rate_per_s.value,
-        "decay_rate_std_per_s": result.decay_rate_per_s.std,
-        "decay_frequency_hz": result.frequency_hz.value,
-        "decay_frequency_std_hz": result.frequency_hz.std,
-        "damping_ratio": result.damping_ratio.value,
-        "damping_ratio_std": result.damping_ratio.std,
+        "decay_rate_per_s": rate.noise.value,
+        "decay_rate_std_per_s": rate.noise.std,
+        "decay_rate_misfit_per_s": rate.misfit,
+        "decay_frequency_hz": frequency.noise.value,
+        "decay_frequency_std_hz": frequency.noise.std,
+        "decay_frequency_misfit_hz": frequency.misfit,
+        "damping_ratio": ratio.noise.value,
+        "damping_ratio_std": ratio.noise.std,
+        "damping_ratio_misfit": ratio.misfit,
         "rest_drift": result.rest_drift.value,
         "exponential": float(result.shape.exponential),
     }

@@ -71,12 +71,10 @@ def _unbiased_lags(residual: Array, basis: Array, order: int) -> Array:
         moved[:-k] += 0.5 * basis[k:]
         moved[k:] += 0.5 * basis[:-k]
         shifted.append(moved)
-    inner = [basis.T @ moved for moved in shifted]
-    expected = np.empty((order + 1, order + 1))
-    for k in range(order + 1):
-        for j in range(order + 1):
-            lost = float(np.sum(shifted[k] * shifted[j])), float(np.sum(inner[k] * inner[j].T))
-            expected[k, j] = (1.0 if j == 0 else 2.0) * (lost[1] - 2.0 * lost[0]) + (n - k if j == k else 0.0)
+    inner = np.array([basis.T @ moved for moved in shifted])
+    flat = np.array(shifted).reshape(order + 1, -1)
+    lost = np.einsum("kab,jba->kj", inner, inner) - 2.0 * flat @ flat.T
+    expected = lost * np.where(np.arange(order + 1) == 0, 1.0, 2.0) + np.diag(n - np.arange(order + 1.0))
     return np.asarray(np.linalg.solve(expected, sums), dtype=float)
 
 
@@ -97,25 +95,39 @@ def _best_order(lags: Array, n: int) -> tuple[Array, float]:
     return chosen
 
 
-def sandwich(jacobian: Array, residual: Array, loudness: Array | None = None) -> tuple[Array, float]:
+def independent(spectrum: Array, n: int) -> float:
+    """Return how many independent samples n samples of noise of a spectrum are worth, n γ₀² / Σ γ², γ at all lags."""
+    weight = _circle(spectrum)
+    variance = float(weight @ spectrum)
+    return n * variance**2 / float(weight @ spectrum**2) if variance > 0 else float(n)
+
+
+def _circle(spectrum: Array) -> Array:
+    size = 2 * (spectrum.size - 1)
+    weight = np.full(spectrum.size, 2.0 / size)  # both halves of the circle
+    weight[[0, -1]] = 1.0 / size
+    return weight
+
+
+def sandwich(
+    jacobian: Array, residual: Array, loudness: Array | None = None, spectrum: Array | None = None
+) -> tuple[Array, float]:
     """Return (covariance, degrees of freedom) of parameters fitted by least squares under coloured noise.
 
     jacobian: shape (n, m), derivatives of the model at the solution; residual: shape (n,).
     loudness: shape (n,), standard deviation of the noise at each sample over its root mean square; None for one size.
+    spectrum: of `noise_spectrum`, where it is known already.
     No variance is smaller than that for white noise of the same size: a spectrum from few samples that happens to dip
     at the oscillation's frequency is no reason for confidence.
-    The degrees of freedom are those of the variance estimate, n γ₀² / Σ γ² less m, at least one; γ at all lags.
+    The degrees of freedom are those of the variance estimate, the independent samples less m, at least one.
     """
     n, m = jacobian.shape
     scaled, scale = unit_columns(jacobian)
-    spectrum = noise_spectrum(residual, scaled)
-    size = 2 * (spectrum.size - 1)
-    weight = np.full(spectrum.size, 2.0 / size)  # both halves of the circle
-    weight[[0, -1]] = 1.0 / size
+    spectrum = noise_spectrum(residual, scaled) if spectrum is None else spectrum
+    size, weight = 2 * (spectrum.size - 1), _circle(spectrum)
     variance = float(weight @ spectrum)
     if variance <= 0:
         return np.zeros((m, m)), float(max(n - m, 1))
-    effective = n * variance**2 / float(weight @ spectrum**2)
     inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
     loud = scaled if loudness is None else scaled * loudness[:, None]
     waves = np.fft.rfft(loud, size, axis=0)
@@ -123,4 +135,4 @@ def sandwich(jacobian: Array, residual: Array, loudness: Array | None = None) ->
     covariance = inverse @ middle @ inverse
     white = variance * np.diag(inverse if loudness is None else inverse @ (loud.T @ loud) @ inverse)
     larger = np.sqrt(np.maximum(1.0, white / np.maximum(np.diag(covariance), 1e-300))) / scale
-    return np.asarray(covariance * np.outer(larger, larger), dtype=float), max(effective - m, 1.0)
+    return np.asarray(covariance * np.outer(larger, larger), dtype=float), max(independent(spectrum, n) - m, 1.0)
