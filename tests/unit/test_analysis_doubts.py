@@ -8,15 +8,17 @@ import pytest
 import xarray as xr
 from campaigns.doubted import changed, doubts, expected_of, frozen, scaled_gyro, swapped_axes, the_plan
 
-from sinew.analysis.analysed import analyse_recording
+from sinew.analysis.analysed import analyse_recording, results_document
 from sinew.analysis.doubts import Doubt, find_doubts, group_doubts, possible_damping
 from sinew.analysis.signal.signals import read_signals
+from sinew.measure.estimate import NORMAL_90
 from sinew.measure.recording import iterate_segments
 from sinew.plan.toml import dump_rig, load_rig
 from sinew.twin.simulate import simulate
 
 RIG = load_rig("paper")
 PLAN = the_plan()
+BESIDE = ("damping_ratio_std", "damping_ratio_misfit")
 
 
 @pytest.fixture(scope="module")
@@ -113,6 +115,17 @@ def test_a_damping_that_the_rig_cannot_give_is_doubted(good: xr.Dataset) -> None
     for factor in (0.1, 10.0):
         spoilt = results.assign(damping_ratio=factor * results["damping_ratio"])
         assert "silicone and guides" in by_kind(find_doubts(spoilt, read_signals(good, RIG)))["damping"].sentence
+
+
+def test_what_one_damping_leaves_out_of_a_decay_stands_beside_its_noise(good: xr.Dataset) -> None:
+    # damping falls with the swing in the guides: what another start reads is beyond the noise, within the misfit
+    results = analyse_recording(good, RIG)
+    ratio, noise, misfit = (results[name].values[..., None] for name in ("damping_ratio", *BESIDE))
+    apart = np.abs(results["window_lehr_damping"].values - ratio)
+    assert (apart.max(axis=-1) > 3 * NORMAL_90 * noise[..., 0]).all()
+    assert (apart < NORMAL_90 * np.hypot(noise, misfit)).all()
+    told = [row["damping_ratio"] for row in results_document(results)["ring_down"]]
+    assert [one["misfit_std"] for one in told] == pytest.approx(misfit[:, 0, 0])
 
 
 def test_results_carry_their_doubts(good: xr.Dataset) -> None:
