@@ -390,6 +390,13 @@ def analyse_ring_down(
         )
     rest = read.bent if read.p_value < SIGNIFICANCE else fit
     paper = fit_envelope(times, np.abs(heights), inertia_kg_m2)
+    remarks = samples.remarks
+    if strongest:
+        of_peaks = float(read.course.poles()[0][1]) / (2.0 * np.pi)
+        remarks = (
+            *remarks,
+            f"peaks and shape are told of the mode at {number(of_peaks, 3)} Hz, the easier one to follow",
+        )
     by_period = 1.0 / (frequency.value * float(np.median(np.diff(samples.time_s))))
     return RingDown(
         **found,
@@ -409,7 +416,7 @@ def analyse_ring_down(
         peak_value=heights,
         unit=unit,
         peak_unit=peak_unit,
-        remarks=samples.remarks,
+        remarks=remarks,
     )
 
 
