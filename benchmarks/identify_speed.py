@@ -72,7 +72,7 @@ def table_of(case: Case, seed: int = 0) -> Array:
         lost = 2 * DAMPING * OMEGA * v + dry * math.tanh(v / _SLIDING) + hysteresis * w
         return v, push(t) - lost - OMEGA**2 * r - cubic * r**3, v / yields * (1 - (w * w if v * w > 0 else 0.0))
 
-    state = (SWING if case.free else 0.0, 0.0, 0.0)
+    state: tuple[float, ...] = (SWING if case.free else 0.0, 0.0, 0.0)
     rows = np.empty((case.samples, 3))
     for n in range(case.samples):
         t = n / case.rate_hz
