@@ -211,6 +211,8 @@ def test_a_stretch_of_an_imported_recording_is_analysed_as_that_of_the_table(
     stretch = ("--start", "1", "--stop", "4")
     run(capsys, "import", decay, *COLUMNS, "--out", tmp_path / "decay.nc")
     assert run(capsys, "analyse", tmp_path / "decay.nc", *stretch) == run(capsys, "analyse", decay, *COLUMNS, *stretch)
+    assert main(["analyse", str(tmp_path / "decay.nc"), "--gaps", "split"]) == 2
+    assert "--gaps are for tables" in capsys.readouterr().err
 
 
 def test_the_rate_of_a_single_decay_keeps_the_fits_own_uncertainty() -> None:

@@ -36,6 +36,8 @@ def test_an_imported_recording_is_asked_what_drives_it(
 
 @command_lines("""
     --time t => knows its columns
+    --gaps bridge => --gaps are for tables
+    --kind stepped --run 2 => knows its columns
     --model tendon => names none
     --pretension 4 --excitation force => imported
     --bootstrap 50 --excitation force => imported

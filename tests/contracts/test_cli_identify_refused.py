@@ -126,6 +126,7 @@ def test_a_damaged_file_is_refused_in_one_line(
     --time t --excitation none => --output COL is missing (output=) and u or y may be it; there are t, u, y
     --time t --input u:V --output y:V --excitation force --gaps bridge => what the input did in a gap is not known
     --time t --input u:V --output y:V --excitation force --gaps split --train 0:99 => leave one of them out
+    --time t --output y --gaps bridge --train 0:99 => leave one of them out
     --time t --output y --run 2 => has no run '2'; it holds 1
     --time t:mm --input u:V --output y:V --excitation force => 'mm'
     --time t --input u:furlongg --output y:V --excitation force => furlongg

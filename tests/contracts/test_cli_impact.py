@@ -58,7 +58,7 @@ def test_a_person_reads_the_hits_and_the_modes(table: Path, capsys: pytest.Captu
 def test_a_kind_of_a_recording_of_a_table_can_be_said(
     table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["import", str(table), *COLUMNS, "--kind", "auto", "--out", str(tmp_path / "a.nc")]) == 0
+    assert main(["import", str(table), *COLUMNS, "--out", str(tmp_path / "a.nc")]) == 0
     capsys.readouterr()
     documents = []
     for more in ((), ("--kind", "impact")):

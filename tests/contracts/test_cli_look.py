@@ -68,6 +68,16 @@ def test_a_ring_down_with_several_bridged_gaps_keeps_its_frequency_and_rate(
     assert found["decay_rate_per_s"]["value"] == pytest.approx(0.5, rel=1e-2)
 
 
+def test_of_a_sweep_the_clean_drive_is_not_taken_for_the_response(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(0, 60, 0.01)
+    phase = 2 * np.pi * np.cumsum(np.repeat([2.0, 2.5, 4.0], 2000)) / 100
+    noisy = np.sin(phase - 0.4) + np.random.default_rng(3).normal(0, 0.05, t.size)
+    (tmp_path / "a.csv").write_text("\n".join(["t_s,lever_deg,angle_deg", *rows(t, np.sin(phase), noisy)]) + "\n")
+    assert pasted(capsys, tmp_path / "a.csv")["kind"] == "sweep"
+
+
 def test_a_file_of_several_runs_is_listed_and_the_chosen_one_shown(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -81,6 +81,13 @@ def test_auto_answers_as_the_kind_would_and_says_why() -> None:
     assert found.notes[0].startswith("taken for a sweep of steady stretches: the drive holds")
 
 
+def test_bridged_gaps_are_refused_where_the_kind_that_is_found_needs_even_samples() -> None:
+    table = record(next(manner for manner in MANNERS if MANNERS[manner] == "sweep"), 1)
+    bridged = read(table.drop(index=range(1000, 1008)), gaps="bridge")
+    with pytest.raises(sn.RecordingError, match="a sweep needs even samples, its gaps cannot be bridged"):
+        sn.analyse(bridged)
+
+
 def test_a_record_of_which_two_kinds_are_possible_is_refused_with_both() -> None:
     # a sine that is held for a third of the time and runs away from there
     t = np.arange(0, 60, 0.01)

@@ -139,6 +139,19 @@ def test_empty_cells_are_missing_samples_where_gaps_are_not_refused(swing: Path,
     assert "3 rows with an empty cell taken for missing samples" in recording.attrs["import_notes"]
 
 
+def test_a_row_without_a_time_below_the_data_is_left_out(swing: Path) -> None:
+    swing.write_text(swing.read_text(encoding="utf-8") + "\n,109.5,,,,\n", encoding="utf-8")
+    recording = import_csv(swing, time="t_s", response="angle_deg")
+    assert recording.sizes["sample"] == 200
+    assert "1 row without a time left out" in recording.attrs["import_notes"]
+
+
+def test_a_row_without_a_time_inside_the_stretch_is_a_missing_sample_where_gaps_are_bridged(swing: Path) -> None:
+    swing.write_text(swing.read_text(encoding="utf-8").replace("\n0.5,60,", "\n,60,"), encoding="utf-8")
+    recording = import_csv(swing, time="t_s", response="angle_deg", gaps="bridge")
+    assert recording["time_s"].values == pytest.approx(np.delete(np.arange(200), 50) / 100)
+
+
 def test_gaps_of_a_sweep_are_not_bridged(swing: Path) -> None:
     with pytest.raises(RecordingError, match="cannot be bridged; split it"):
         import_csv(swing, time="t_s", response="angle_deg", drive="lever", kind="sweep", gaps="bridge")

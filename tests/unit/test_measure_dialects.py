@@ -5,7 +5,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit.dialects import BINARIES, DIALECTS, STEP, TEXTS, Dialect, N
+from tests.unit.dialects import (
+    BINARIES,
+    DIALECTS,
+    LVM,
+    LVM_END,
+    SMALL,
+    STEP,
+    SWING,
+    TEXTS,
+    TIME,
+    Dialect,
+    N,
+    lvm_segment,
+    rows,
+)
 
 from sinew.measure.errors import SinewError
 from sinew.measure.files.csv import import_csv, read_table
@@ -68,6 +82,68 @@ def test_names_for_all_columns_must_be_as_many_as_there_are(tmp_path: Path) -> N
     (tmp_path / "a.csv").write_text("".join(f"{i / 100},{i}\n" for i in range(9)))
     with pytest.raises(SinewError, match="a name of its own for each of the 2 columns: 1, 2"):
         read_table(tmp_path / "a.csv", columns="t,x,y")
+
+
+def without_samples(path: Path, hole: str) -> Path:
+    """Write the swing without a column of times, four samples missing: their lines are empty, or hold a word."""
+    cells = [hole if 100 <= k < 104 else f"{x:.4f}" for k, x in enumerate(SWING)]
+    if path.suffix == ".xlsx":
+        openpyxl = pytest.importorskip("openpyxl")
+        book = openpyxl.Workbook()
+        for row, cell in enumerate(cells, start=2):
+            book.active.cell(row, 1, cell if cell in ("", "nan") else float(cell))
+        book.active.cell(1, 1, "angle_deg")
+        book.save(path)
+    elif path.suffix == ".lvm":
+        lines = [*LVM, "Decimal_Separator\t.", "X_Columns\tNo", LVM_END, *lvm_segment(".", "deg"), "X_Value\tAngle"]
+        path.write_text("\n".join([*lines, *(f"\t{cell}" for cell in cells)]) + "\n")
+    else:
+        path.write_text("\n".join(["angle_deg", *cells]) + "\n\n\n")
+    return path
+
+
+@pytest.mark.parametrize("hole", ["", "nan"])
+@pytest.mark.parametrize("name", ["a.txt", "a.lvm", "a.xlsx"])
+def test_missing_samples_keep_their_place_where_the_time_is_counted(tmp_path: Path, name: str, hole: str) -> None:
+    rate = None if name == "a.lvm" else 1 / STEP
+    recording = import_csv(without_samples(tmp_path / name, hole), rate_hz=rate, gaps="split")
+    kept = np.delete(np.arange(N), slice(100, 104))
+    assert recording["time_s"].values == pytest.approx(kept * STEP)
+    assert recording["torsion_rad"].values == pytest.approx(np.radians(SWING[kept]))
+
+
+def test_an_empty_line_below_every_line_is_no_missing_sample(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_bytes("\r\r\n".join(["angle_deg", *rows(SWING)]).encode())
+    assert import_csv(tmp_path / "a.txt", rate_hz=1 / STEP)["time_s"].values == pytest.approx(TIME)
+
+
+@pytest.mark.parametrize(("name", "step_s"), [("millis", 4e-3), ("micros()", 4e-6)])
+def test_the_clock_of_a_microcontroller_states_its_unit_by_its_name(tmp_path: Path, name: str, step_s: float) -> None:
+    lines = [f"{name},angle_deg", *rows(4.0 * np.arange(N), SWING)]
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    assert import_csv(tmp_path / "a.csv")["time_s"].values == pytest.approx(step_s * np.arange(N))
+
+
+def test_whole_stamps_without_a_unit_are_said_to_be_taken_for_seconds(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("\n".join(["stamp,angle_deg", *rows(4.0 * np.arange(N), SWING)]))
+    notes = import_csv(tmp_path / "a.csv").attrs["import_notes"]
+    assert "whole numbers 4 apart, taken for seconds, for no unit is stated; where they are ms, say it" in notes
+
+
+def test_runs_below_one_another_are_told_by_a_time_that_is_named_without_its_bracket(tmp_path: Path) -> None:
+    twice = rows(np.concatenate([TIME, TIME]), np.concatenate([SWING, SMALL]))
+    (tmp_path / "a.csv").write_text("\n".join(["Time (s),angle_deg", *twice]))
+    recording = import_csv(tmp_path / "a.csv", time="Time", run=2)
+    assert recording["torsion_rad"].values == pytest.approx(np.radians(SMALL))
+
+
+def test_lines_that_are_one_decimal_or_two_numbers_are_read_by_how_many_names_there_are(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("\n".join(f"{x:.2f}".replace(".", ",") for x in SWING))
+    with pytest.raises(SinewError, match=r"lines as '20,00'.*--columns NAME for one, --columns NAME,NAME for two"):
+        import_csv(tmp_path / "a.txt", rate_hz=1 / STEP, response="1")
+    one = import_csv(tmp_path / "a.txt", rate_hz=1 / STEP, columns="angle_deg")
+    assert one["torsion_rad"].values == pytest.approx(np.radians(SWING), abs=1e-4)
+    assert list(read_table(tmp_path / "a.txt", columns="a,b").columns) == ["a", "b"]
 
 
 @pytest.mark.parametrize("run", [0, 3, "third"])

@@ -63,3 +63,5 @@ def test_a_recording_is_not_told_its_columns(tmp_path: Path) -> None:
     save_recording(sample_recording((0.0,), np.array([2.6, 3.0, 3.6])), tmp_path / "a.nc")
     with pytest.raises(SpecError, match="knows its columns"):
         read(tmp_path / "a.nc", time="t")
+    with pytest.raises(SpecError, match="gaps are for tables"):
+        read(tmp_path / "a.nc", gaps="split")

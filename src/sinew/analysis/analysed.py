@@ -38,6 +38,7 @@ from sinew.measure.estimate import (
     shown_interval,
     span,
 )
+from sinew.measure.files.csv import refuse_bridge
 from sinew.measure.files.netcdf import content_hash, load_recording, provenance
 from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
 from sinew.measure.told import Table, Told
@@ -106,7 +107,7 @@ def analyse(
     before it is measured [s]; else its half. kind: what a foreign record holds; None for what it was read as, "auto" to
     find out, which puts the reason into the document (`kind_reason`) and the notes. band_hz, segment_s: of a broadband
     record or hammer blows, see `sinew.analysis.broadband.{broadband, impact}`. modes: how many are sought in them, or
-    in a foreign ring-down, which else is taken for one.
+    in a foreign ring-down, which else has those that stand out of its noise.
 
     A foreign ring-down is one record: its longest part is analysed. Raises RecordingError where there is nothing to
     analyse, SpecError where the recording does not take what is asked.
@@ -136,6 +137,8 @@ def analyse(
         found = find_kind(recording)
         asked, told = found.kind, {"kind_reason": found.reason}
         notes = [f"taken for {_KIND_WORDS[asked]}: {found.reason}; its kind can be said", *notes]
+    if recording.attrs.get("import_gaps") == "bridge":
+        refuse_bridge(asked)
     recording = as_kind(recording, asked)
     if asked in ("broadband", "impact"):
         if settle_s is not None or rig is not None:

@@ -1,5 +1,6 @@
 """A first look into somebody's file: format, runs, columns with units, rate, gaps, and the command to go on with."""
 
+import re
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from sinew.measure.errors import RecordingError, SinewError, UnitError
 from sinew.measure.estimate import finite, number
 from sinew.measure.files.csv import ColumnNames, Table, import_csv, opened_table, read_table, read_time
 from sinew.measure.files.netcdf import load_dataset
-from sinew.measure.files.runs import RunChoice, notes_of, number_columns, time_columns
+from sinew.measure.files.runs import RunChoice, bare_name, notes_of, number_columns, time_columns
 from sinew.measure.read import is_recording
 from sinew.measure.timing import Gaps, diagnose_times
 from sinew.measure.told import Table as ShownTable
@@ -24,6 +25,11 @@ from sinew.measure.units import unit_in_name
 _BARS = "▁▂▃▄▅▆▇█"
 _BINS = 40
 _SHOWN = 40  # columns in the printed table
+_DRIVE = re.compile(
+    r"(?<![^\W_])(drive|force|torque|input|command|cmd|set ?point|excitation|shaker|hammer|lever|base|antrieb|anregung|"
+    r"kraft|u)(?![^\W_])",
+    re.IGNORECASE,
+)
 _SLOWEST_MS = 200  # whole numbers further apart are microseconds rather than milliseconds: below 5 samples a second
 
 
@@ -65,9 +71,10 @@ def look(
 
     path: of any file that `sn.read` takes. run: which of several to look at, else the first. columns: names for all
     columns instead of the file's. rate_hz: samples per second, where no column holds the time.
-    The command names the time (by its name, else the column that rises evenly), the response (the column that swings
-    most clearly) and what else is needed; it was tried as far as the import. Where a number is missing that nobody but
-    you knows, `missing` says which, and the command has a word in capitals in its place.
+    The command names the time (by its name, else the column that rises evenly), the drive (by its name), the response
+    (of the others the column that swings most clearly) and what else is needed; it was tried as far as the import.
+    Where a number is missing that nobody but you knows, `missing` says which, and the command has a word in capitals in
+    its place.
     Raises FileError where the file cannot be read, SinewError where run or columns do not fit it.
 
     >>> import tempfile, pathlib
@@ -192,11 +199,11 @@ def _guess(path: Path, table: Table, asked: _Asked) -> _Guess:
         if time is None:
             missing.append("--rate HZ")
             notes.append("no column holds times: write the samples per second for HZ")
-    response = _response_of(table, time, notes)
+    response, drive = _motions_of(table, time, notes)
     if response is None:
         return _Guess(None, (), None, (*notes, "no column of numbers that changes: there is nothing to go on with"))
     timing = _timing(table, time)
-    gaps, refusal = _tried(path, table, time, response, asked)
+    gaps, refusal = _tried(path, time, response, drive, asked)
     if refusal:
         return _Guess(None, tuple(missing), timing, (*notes, refusal))
     words = ["sinew", "analyse", asked.file]
@@ -204,7 +211,7 @@ def _guess(path: Path, table: Table, asked: _Asked) -> _Guess:
     if asked.columns is not None:
         words += ["--columns", asked.columns if isinstance(asked.columns, str) else ",".join(asked.columns)]
     words += ["--rate", "HZ" if asked.rate_hz is None else f"{asked.rate_hz:g}"] if time is None else ["--time", time]
-    words += ["--response", response]
+    words += ["--response", response, *(() if drive is None else ("--drive", drive))]
     words += [] if gaps == "refuse" else ["--gaps", gaps]
     return _Guess(shlex.join(words), tuple(missing), timing, tuple(notes))
 
@@ -247,8 +254,11 @@ def _with_units(table: Table, name: str) -> list[str]:
     return [f"{name}:{'ms' if float(np.median(steps)) <= _SLOWEST_MS else 'us'}"]
 
 
-def _response_of(table: Table, time: str | None, notes: list[str]) -> str | None:
-    """Return the column that swings most clearly, None where none changes."""
+def _motions_of(table: Table, time: str | None, notes: list[str]) -> tuple[str | None, str | None]:
+    """Return (response, drive): of the columns that change the one that swings most clearly, and a drive by its name.
+
+    None where there is none.
+    """
     names = [name for name in number_columns(table) if time is None or name not in (time, time.rpartition(":")[0])]
     places = list(map(str, table.columns))
     scores = {}
@@ -261,11 +271,16 @@ def _response_of(table: Table, time: str | None, notes: list[str]) -> str | None
         if values.size > 8 and np.ptp(values) > 0:
             scores[name] = _clearness(values)
     if not scores:
-        return None
-    best = max(scores, key=lambda name: scores[name])
-    if len(scores) > 1:
-        notes.append(f"{best!r} swings most clearly and is taken for the response; choose with --response")
-    return best
+        return None, None
+    others = [name for name in scores if not _DRIVE.search(bare_name(name))] or list(scores)
+    drive = next((name for name in scores if name not in others), None)
+    best = max(others, key=lambda name: scores[name])
+    if drive is not None:
+        notes.append(f"{drive!r} is taken for the drive, by its name; choose with --drive")
+    if len(others) > 1:
+        driven = "" if drive is not None else "; where another column drove it, name that too: --drive COL"
+        notes.append(f"{best!r} swings most clearly and is taken for the response; choose with --response{driven}")
+    return best, drive
 
 
 def _clearness(values: Array) -> float:
@@ -283,6 +298,7 @@ def _timing(table: Table, time: str | None) -> dict[str, Any] | None:
         return None
     try:
         stamps, _ = read_time(table, time, None)
+        stamps = stamps[np.isfinite(stamps)]
         found = diagnose_times(stamps)
     except RecordingError as error:
         return {"column": time, "rate_hz": None, "duration_s": None, "gaps": [], "sentence": str(error)}
@@ -296,15 +312,22 @@ def _timing(table: Table, time: str | None) -> dict[str, Any] | None:
     }
 
 
-def _tried(path: Path, table: Table, time: str | None, response: str, asked: _Asked) -> tuple[Gaps, str]:
+def _tried(path: Path, time: str | None, response: str, drive: str | None, asked: _Asked) -> tuple[Gaps, str]:
     """Return how gaps must be taken for the import to do well, and why it cannot where it does not."""
     refusal = ""
-    ways: tuple[Gaps, ...] = ("refuse", "bridge", "split")
+    ways: tuple[Gaps, ...] = ("refuse", "bridge", "split") if drive is None else ("refuse", "split")
     for gaps in ways:
         rate = None if time is not None else asked.rate_hz or 1.0
         try:
             recording = import_csv(
-                path, time=time, response=response, gaps=gaps, run=asked.run, columns=asked.columns, rate_hz=rate
+                path,
+                time=time,
+                response=response,
+                drive=drive,
+                gaps=gaps,
+                run=asked.run,
+                columns=asked.columns,
+                rate_hz=rate,
             )
         except (RecordingError, UnitError) as error:
             refusal = refusal or str(error)

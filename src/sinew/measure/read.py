@@ -51,10 +51,10 @@ def read(
     50
     """
     if isinstance(path, (str, Path)) and is_recording(as_path(path)):
-        if any(given is not None for given in (time, response, drive, run, columns, rate_hz)):
+        if gaps != "refuse" or any(given is not None for given in (time, response, drive, run, columns, rate_hz)):
             raise SpecError(
-                "a recording knows its columns; time, response, drive, run, columns and rate_hz are for tables; leave "
-                "them out"
+                "a recording knows its columns and its gaps; time, response, drive, run, columns, rate_hz and gaps are "
+                "for tables; leave them out"
             )
         try:
             return cut_recording(load_recording(path), start_s, stop_s)

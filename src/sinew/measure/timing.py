@@ -360,9 +360,8 @@ def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of:
         raise TimeError(f"found start {low:g} s and stop {high:g} s, expected start before stop")
     inside = (time >= low) & (time <= high)
     if not inside.any():
-        raise TimeError(
-            f"no samples from {low:g} s to {high:g} s; the {of} runs from {time.min():g} s to {time.max():g} s"
-        )
+        first, last = np.nanmin(time), np.nanmax(time)
+        raise TimeError(f"no samples from {low:g} s to {high:g} s; the {of} runs from {first:g} s to {last:g} s")
     return np.asarray(inside)
 
 

@@ -72,6 +72,7 @@ _SUFFIXES = {
     "hz": "Hz",
     "dps": "deg/s",
 }
+_CLOCKS = {"millis": "ms", "micros": "us"}  # functions of the Arduino; loggers write their numbers under their names
 # What pint raises on text that is no unit, besides its own errors.
 _UNREADABLE = (tokenize.TokenError, ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError)
 _WORD = re.compile(r"(?<!\w)[^\W\d_]+(?!\w)")
@@ -227,12 +228,15 @@ def unit_in_name(column: str) -> str | None:
     ("t_ms", "Tip-1_x_m", "gyro_deg_s"). A bracket that holds no unit is a remark and states nothing.
     """
     bracket = re.search(r"[\[(]([^\[\]()]*)[\])]\s*$", column)
+    clock = _CLOCKS.get(column[: bracket.start() if bracket else None].strip().lower().removeprefix("time_"))
     if bracket:
         try:
             canonical_unit(bracket[1])
         except UnitError:
-            return None
-        return bracket[1].strip() or None
+            return clock
+        return bracket[1].strip() or clock
+    if clock:
+        return clock
     for suffix in sorted(_SUFFIXES, key=len, reverse=True):
         if column.lower().endswith(f"_{suffix}"):
             return _SUFFIXES[suffix]

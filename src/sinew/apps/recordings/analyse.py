@@ -43,7 +43,7 @@ def analyse(
     settle: Settle = None,
     from_hz: Annotated[float | None, option("HZ", "Broadband, impact: seek modes from here on; else found.")] = None,
     to_hz: Annotated[float | None, option("HZ", "Broadband, impact: seek modes up to here; else found.")] = None,
-    modes: Annotated[int | None, option("N", "How many modes; else one of a ring-down, else as many as show.")] = None,
+    modes: Annotated[int | None, option("N", "How many modes; else as many as show.")] = None,
     segment: Annotated[
         float | None, option("S", "Broadband, impact: length of a segment, or behind a hit [s]; else by the record.")
     ] = None,
@@ -74,7 +74,7 @@ def analyse(
     if out is not None:
         console.require_folder(out)
     if is_recording(file):
-        _refuse_columns(time, response, drive, run, columns, rate)
+        _refuse_columns(time, response, drive, run, columns, rate, None if gaps == "refuse" else gaps)
         recording = cut_recording(load_recording(file), start, stop)
     else:
         recording = console.read_csv(file, kind or "auto", time, response, drive, start, stop, gaps, run, columns, rate)
@@ -108,7 +108,8 @@ def _band(from_hz: float | None, to_hz: float | None) -> tuple[float, float] | N
 def _refuse_columns(*given: object) -> None:
     if any(value is not None for value in given):
         raise SpecError(
-            "a recording knows its columns; --time, --response, --drive, --run, --columns and --rate are for tables"
+            "a recording knows its columns and its gaps; --time, --response, --drive, --run, --columns, --rate and "
+            "--gaps are for tables"
         )
 
 

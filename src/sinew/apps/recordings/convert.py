@@ -27,7 +27,7 @@ def import_(
     time: ColumnTime = None,
     response: ColumnResponse = None,
     drive: ColumnDrive = None,
-    kind: Annotated[str, option(console.KINDS, "What was recorded.")] = "ring-down",
+    kind: Annotated[str, option(console.KINDS, "What was recorded; auto leaves it to analyse to find out.")] = "auto",
     start: Start = None,
     stop: Stop = None,
     gaps: Gaps = "refuse",

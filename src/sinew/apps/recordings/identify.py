@@ -177,7 +177,7 @@ class _Asked:
         options = {
             "--run": self.run,
             "--columns": self.columns,
-            "--gaps": None if self.gaps == "refuse" else self.gaps,
+            "--gaps": _said(self.gaps),
             "--time": self.time,
             "--rate": None if self.rate_hz is None else f"{self.rate_hz:g}",
             "--input": self.input,
@@ -194,6 +194,11 @@ class _Asked:
         }
         words = [word for name, value in options.items() if value is not None for word in (name, value)]
         return shlex.join(["sinew", "identify", str(self.file), *words, *self.more(), "--out", str(out)])
+
+
+def _said(gaps: str) -> str | None:
+    """Return the word of --gaps, None where it is the default."""
+    return None if gaps == "refuse" else gaps
 
 
 def _range(flag: str, text: str | None) -> tuple[int, int] | None:
@@ -217,15 +222,18 @@ def _find(asked: _Asked) -> "Identified":
     with console.progress_bar("models compared" if asked.model == "auto" else "fit") as progress:
         if is_recording(asked.file):
             identify_input.refuse_columns(
-                asked.time, asked.input, asked.output, asked.rate_hz, asked.run, asked.columns
+                asked.time, asked.input, asked.output, asked.rate_hz, asked.run, asked.columns, _said(asked.gaps)
             )
             record = load_recording(asked.file)
         else:
             identify_input.refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, asked.bootstrap)
             if asked.excitation is None and asked.input is not None:
                 raise SpecError(f"say what the input is: --excitation {'|'.join(EXCITATIONS[:-1])}")
-            if asked.gaps == "split" and (train is not None or test is not None):
-                raise SpecError("--train and --test choose samples, and --gaps split a part; leave one of them out")
+            if asked.gaps != "refuse" and (train is not None or test is not None):
+                what = "a part" if asked.gaps == "split" else "leaves some out"
+                raise SpecError(
+                    f"--train and --test choose samples, and --gaps {asked.gaps} {what}; leave one of them out"
+                )
             judged = None if train is None else _hull(train, test)
             record = identify_input.table_record(
                 asked.file,
@@ -279,7 +287,7 @@ def _find_stepped(asked: _Asked) -> "Identified":
     given |= {
         "--start": asked.start_s,
         "--stop": asked.stop_s,
-        "--gaps": None if asked.gaps == "refuse" else asked.gaps,
+        "--gaps": _said(asked.gaps),
     }
     given |= dict.fromkeys(asked.more(), "")
     for name, value in given.items():
@@ -289,7 +297,8 @@ def _find_stepped(asked: _Asked) -> "Identified":
         raise SpecError("model tendon is fitted to samples of a rig's recording; leave --kind stepped out")
     chain = _chain(asked.chain)
     if is_recording(asked.file):
-        identify_input.refuse_columns(asked.input, asked.output, asked.frequency, asked.phase)
+        of_table = (asked.input, asked.output, asked.frequency, asked.phase, asked.run, asked.columns)
+        identify_input.refuse_columns(*of_table)
         points = identify_input.recording_points(asked.file, asked.excitation, asked.pretension_mm, asked.rig)
     else:
         identify_input.refuse_rig_options(asked.model, asked.pretension_mm, asked.rig, None)

@@ -21,7 +21,8 @@ def refuse_columns(*given: object) -> None:
     """Raise SpecError where a recording was given columns."""
     if any(value is not None for value in given):
         raise SpecError(
-            "a recording knows its columns; --time, --input, --output, --rate, --run and --columns are for tables"
+            "a recording knows its columns and its gaps; --time, --input, --output, --frequency, --phase, --rate, "
+            "--run, --columns and --gaps are for tables"
         )
 
 

@@ -81,19 +81,32 @@ def read_table(
 
 def opened_table(path: Path, columns: ColumnNames = None, time: str | None = None) -> Opened:
     """Return the runs of a file, their columns named anew where names are given; arguments as of `read_table`."""
-    opened = open_file(path)
+    opened = open_file(path, None if columns is None else len(_split(columns)))
     if columns is not None:
         runs = tuple(Run(one.name, partial(_renamed_run, one, columns)) for one in opened.runs)
         opened = Opened(opened.form, runs)
-    return with_restarts(opened, time)
+    return with_restarts(opened, partial(_stamp_column, spec=time))
+
+
+def _stamp_column(table: Table, spec: str | None) -> str | None:
+    """Return the column of the time, by its specification or its name; None where there is not just one."""
+    try:
+        found = time_columns(table) if spec is None else find_columns(table, spec)[0]
+    except RecordingError:
+        return None  # whoever reads it says what is missing
+    return found[0] if len(found) == 1 else None
 
 
 def _renamed_run(run: Run, columns: str | Sequence[str]) -> Table:
     return _renamed(run.load(), columns)
 
 
+def _split(columns: str | Sequence[str]) -> list[str]:
+    return [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
+
+
 def _renamed(table: Table, columns: str | Sequence[str]) -> Table:
-    names = [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
+    names = _split(columns)
     if len(names) != table.shape[1] or len(set(names)) < len(names) or not all(names):
         raise SpecError(
             f"columns names {', '.join(names)}, expected a name of its own for each of the {table.shape[1]} columns: "
@@ -172,12 +185,17 @@ def numbers(table: Table, name: str, rows: slice = slice(None)) -> NDArray[np.fl
             hint = "; if this row holds units, delete it and write COLUMN:unit instead" if row == 1 else ""
             raise RecordingError(f"column {name!r} holds {cell!r} in data row {row}, expected a number{hint}")
         what = "infinity" if np.isinf(values[bad[0]]) else "NaN or an empty cell"
-        raise RecordingError(
-            f"column {name!r} holds {what} in data row {row} ({bad.size} such rows in all); "
-            "fill in or remove them, or select the rows without them by start and stop, or take them for missing "
-            "samples (--gaps bridge)"
-        )
+        raise RecordingError(_hole(column, ~np.isfinite(values), what))
     return values
+
+
+def _hole(column: "pd.Series", missing: NDArray[np.bool_], what: str) -> str:
+    """Return what to say of a column that lacks numbers."""
+    return (
+        f"column {column.name!r} holds {what} in data row {_rows(column)[missing][0]} ({missing.sum()} such rows in "
+        "all); fill in or remove them, or select the rows without them by start and stop, or take them for missing "
+        "samples (--gaps bridge)"
+    )
 
 
 def _rows(table: "Table | pd.Series") -> NDArray[np.int64]:
@@ -247,8 +265,15 @@ def read_stretch(
     stamps, told = read_time(table, time, rate_hz)
     inside = np.flatnonzero(choose_stretch(stamps, start_s, stop_s))
     inside = np.arange(inside[0], inside[-1] + 1)
+    stampless = np.isnan(stamps)
+    if outside := int(stampless.sum() - stampless[inside].sum()):
+        notes.append(f"{outside} row{'s' if outside > 1 else ''} without a time left out")
     if samples is not None and (samples[1] is None or samples[1] <= inside.size):
         inside = inside[slice(*samples)]
+    if gaps == "refuse" and stampless[inside].any():
+        assert stamp is not None
+        raise RecordingError(_hole(table[stamp].iloc[inside], stampless[inside], "NaN or an empty cell"))
+    empty = empty | stampless
     holes = int(empty[inside].sum())
     if holes and gaps != "refuse":
         notes.append(f"{holes} row{'s' if holes > 1 else ''} with an empty cell taken for missing samples")
@@ -310,13 +335,19 @@ def _unit_of(names: Sequence[str], stated: str | None, default: str) -> str:
 
 
 def read_time(table: Table, spec: str | None, rate_hz: float | None) -> tuple[Array, list[str]]:
-    """Return (time stamps of the whole table [s], shape (n,), notes)."""
+    """Return (time stamps of the whole table [s], shape (n,), NaN where some cells are empty; notes)."""
     if rate_hz is not None and not 0 < rate_hz < math.inf:
         raise SpecError(f"--rate is {rate_hz:g}, expected a positive number of samples per second (rate_hz)")
     if spec is None:
         assert rate_hz is not None
-        return np.arange(len(table)) / rate_hz, []
+        rows = _rows(table)  # those that hold nothing were left out, and are missing samples
+        return (rows - rows[:1]) / rate_hz, []
     (name, *_), stated = find_columns(table, spec)
+    stamped = table[name].notna().to_numpy()
+    if stamped.any() and not stamped.all():
+        stamps = np.full(len(table), math.nan)
+        stamps[stamped], notes = read_time(table[stamped], spec, None)
+        return stamps, notes
     column, unit = table[name], stated or unit_in_name(name)
     if _holds_dates(column) or _holds_stamps(column):
         if stated is not None:
@@ -342,12 +373,17 @@ def _read_unitless(table: Table, name: str) -> tuple[Array, list[str]]:
         return np.asarray(since, dtype=float) * convert(unit, "s"), [said]
     steps = np.diff(values)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
-    if usual >= _SUSPECT_STEP_S and bool((values == np.rint(values)).all()):
+    if usual < 1.0 or not bool((values == np.rint(values)).all()):
+        return values, []
+    if usual >= _SUSPECT_STEP_S:
         raise UnitError(
             f"the stamps in {name!r} are whole numbers {usual:g} apart and no unit is stated: are they seconds, ms or "
             f"us? say it, as --time '{name}:us' (time='{name}:us')"
         )
-    return values, []
+    return values, [
+        f"the stamps in {name!r} are whole numbers {usual:g} apart, taken for seconds, for no unit is stated; where "
+        f"they are ms, say it, as --time '{name}:ms' (time='{name}:ms')"
+    ]
 
 
 def _first_text(column: "pd.Series") -> str | None:
@@ -441,8 +477,8 @@ def import_csv(
         )
     if kind not in IMPORT_SEGMENTS:
         raise RecordingError(f"unknown kind {kind!r}, expected one of {', '.join(IMPORT_SEGMENTS)}")
-    if gaps == "bridge" and IMPORT_SEGMENTS[kind] != "ring-down":
-        raise RecordingError(f"a {kind} needs even samples, its gaps cannot be bridged; split it (--gaps split)")
+    if gaps == "bridge":
+        refuse_bridge(kind)
     roles = {"response": response} | ({"drive": drive} if drive else {})
     found = read_stretch(
         path,
@@ -480,6 +516,12 @@ def import_csv(
     if gaps == "bridge" and timeline.diagnosis.gaps:
         recording = recording.assign_attrs(import_gaps="bridge")
     return recording if kind in ("ring-down", "sweep") else recording.assign_attrs(import_kind=kind)
+
+
+def refuse_bridge(kind: ReadKind) -> None:
+    """Raise RecordingError where a record of a kind whose analysis needs even samples is bridged over its gaps."""
+    if IMPORT_SEGMENTS[kind] != "ring-down":
+        raise RecordingError(f"a {kind} needs even samples, its gaps cannot be bridged; split it (--gaps split)")
 
 
 def export_csv(recording: xr.Dataset, path: Path | str) -> None:

@@ -38,8 +38,8 @@ _RATES = re.compile(r"fs|fsample|samplerate|samplingrate|samplefrequency|samplin
 _STEPS = re.compile(r"dt|ts|timestep|sampletime|samplingtime|deltat|deltax", re.I)
 
 
-def open_file(path: Path) -> Opened:
-    """Return what somebody's file of measurements holds, whatever its format.
+def open_file(path: Path, width: int | None = None) -> Opened:
+    """Return what somebody's file of measurements holds, whatever its format. width: as in `open_text`.
 
     Raises FileError where the file is absent, its format is not known or it cannot be read, or the library that reads
     it is missing.
@@ -62,7 +62,7 @@ def open_file(path: Path) -> Opened:
                     "it, or read it on a computer with more"
                 )
             return opener(path)
-    return open_text(path)
+    return open_text(path, width)
 
 
 def _library(path: Path, module: str, package: str, what: str) -> Any:

@@ -85,7 +85,7 @@ _LABELS = (
 _TIME_NAME = re.compile(
     r"t|times?|zeit(en)?|tempo|temps|tiempo|tid|czas|sec(ond)?s?|xvalue|timestamps?|stamp|elapsed(time)?|timeelapsed|"
     r"rel(ative)?time|hosttime|logtime|headerstamp|clock|uhrzeit|datetime|zeitstempel|sys(tem)?time|abs(olute)?time|"
-    r"unixtime|epoch(time)?|millis|micros|time(sec|seconds)"
+    r"unixtime|epoch(time)?|(time)?(millis|micros)|time(sec|seconds)"
 )
 
 
@@ -211,17 +211,15 @@ def split_restarts(table: Table, time: str | None) -> list[Table]:
     return [table.iloc[a:b] for a, b in pairwise(edges)]
 
 
-def with_restarts(opened: Opened, time: str | None) -> Opened:
+def with_restarts(opened: Opened, time_of: Callable[[Table], str | None]) -> Opened:
     """Return what a file holds, its one run taken apart where its time starts anew.
 
-    time: specification of the time column, None where it is to be told by its name.
+    time_of: names the column of the times of a table, None where that is not known.
     """
     if len(opened.runs) != 1:
         return opened
     table = opened.runs[0].load()
-    named = [name for name in map(str, table.columns) if time is not None and name in (time, time.rpartition(":")[0])]
-    found = named[:1] if time is not None else time_columns(table)
-    parts = split_restarts(table, found[0] if len(found) == 1 else None)
+    parts = split_restarts(table, time_of(table))
     if len(parts) == 1:
         return Opened(opened.form, (Run(opened.runs[0].name, lambda: table),))
     note = f"its time starts anew {len(parts) - 1} times"
@@ -284,8 +282,11 @@ def _table_of(columns: Sequence[Column]) -> Table:
 
 
 def with_time(table: Table, step_s: float, start_s: float = 0.0) -> Table:
-    """Return a table with a column of times before the others, of even steps as the file states them [s]."""
-    made = pd.Series(start_s + step_s * np.arange(len(table)), index=table.index, name=MADE_TIME)
+    """Return a table with a column of times before the others, of even steps as the file states them [s].
+
+    Its index counts the samples, of those too that were left out.
+    """
+    made = pd.Series(start_s + step_s * table.index.to_numpy(), index=table.index, name=MADE_TIME)
     whole = pd.concat([made, table], axis=1)
     whole.attrs = dict(table.attrs)
     return noted(whole, f"time made from the step of {step_s:.6g} s that the file states")

@@ -48,7 +48,8 @@ _FEWEST_ROWS = 4  # of a table that does not begin with its header: fewer lines 
 _LONGEST_PREAMBLE = 500  # lines
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*|,\d+)?|[.,]\d+)([eE][-+]?\d+)?")
 _LETTER = re.compile(r"[^\W\d_]|[°%]")
-_NO_NUMBER = frozenset(("nan", "inf", "-inf", "+inf", "null", "na", "n/a"))  # stand for one
+_NO_VALUE = frozenset(("nan", "null", "na", "n/a"))
+_NO_NUMBER = _NO_VALUE | {"inf", "-inf", "+inf"}  # stand for one
 _RULE = re.compile(r"[\s\-=_+|*~.,;]+")  # a line drawn under a header
 _TIME_UNITS = frozenset(["s", "ms", "us", "µs", "μs", "ns", "sec", "secs", "seconds", "min", "h"])
 _WORDS_OF_UNITS = frozenset(("g", "G", "mg", "°C", "degC", "dB", "-", "--", "1", "counts", "count", "LSB", "raw"))
@@ -60,9 +61,10 @@ STAMP = re.compile(
 """A date, a date with a time, or the time of a clock."""
 
 
-def open_text(path: Path) -> Opened:
+def open_text(path: Path, width: int | None = None) -> Opened:
     """Return what a text file holds: one table, or its runs.
 
+    width: how many columns it has, where that is known: whether "0,12" is one number or two may not be told else.
     Raises FileError for a file that is absent, empty, binary, or holds no table.
     """
     text = _decoded(path)
@@ -73,7 +75,7 @@ def open_text(path: Path) -> Opened:
     if forced:
         text = rest
     lines = text[:_HEAD_SIZE].splitlines(keepends=True)
-    layout, refusal = _find_layout(path, lines, forced[1] if forced else None)
+    layout, refusal = _find_layout(path, lines, forced[1] if forced else None, width)
     if layout is None:
         raise refusal
     body = text[sum(map(len, lines[: layout.start])) :]
@@ -132,7 +134,9 @@ def _decoded(path: Path) -> str:
     raise FileError(f"{path} is not a text table (it holds binary data); expected CSV with a header line")
 
 
-def _find_layout(path: Path, lines: Sequence[str], forced: str | None) -> tuple[_Layout | None, FileError]:
+def _find_layout(
+    path: Path, lines: Sequence[str], forced: str | None, width: int | None
+) -> tuple[_Layout | None, FileError]:
     """Return the layout, or None, and what to say where there is none."""
     refusal = FileError(f"{path} holds no table; expected a header line and rows of numbers below it")
     fallback = None
@@ -149,7 +153,17 @@ def _find_layout(path: Path, lines: Sequence[str], forced: str | None) -> tuple[
     found = [one for one in sought if one is not None]
     if not found:
         return fallback, refusal  # text all through: whoever reads a column says in which row
-    return max(found, key=lambda one: one[0])[1], refusal  # the first of equals
+    best = max(found, key=lambda one: one[0])[1]  # the first of equals
+    if forced is None and _may_be_decimals(best, lines):
+        if width == 1:
+            return next(one for _, one in found if one.delimiter != ","), refusal
+        if width is None:
+            line = lines[best.start].strip()
+            raise FileError(
+                f"{path} holds lines as {line!r}, which is one number with a decimal comma or two whole ones; say it "
+                "by a name for each column: --columns NAME for one, --columns NAME,NAME for two (columns=)"
+            )
+    return best, refusal
 
 
 # A table that begins with its header.
@@ -279,6 +293,21 @@ def _sought_layout(lines: Sequence[str], delimiter: str | None) -> tuple[_Score,
     body = [line for line in head[start:] if line.strip()]
     layout = _Layout(start, names, delimiter, _decimal(body, delimiter), header, labels, notes, at is not None)
     return (round(share, 2), at is not None, len(numeric)), layout
+
+
+def _may_be_decimals(layout: _Layout, lines: Sequence[str]) -> bool:
+    """Return whether two nameless columns of whole numbers may be one of numbers with a decimal comma.
+
+    Where the first of them rises in every line it counts, and is no part of a number that swings.
+    """
+    if layout.named or layout.delimiter != "," or len(layout.names) != 2:
+        return False
+    near = [line.strip() for line in lines[layout.start :][:_SCANNED_LINES] if not _is_comment(line)]
+    held = [line for line in near if line and line.lower() not in _NO_NUMBER]
+    if not all(re.fullmatch(r"[-+]?\d+(,\d+)?", line) for line in held):
+        return False
+    whole = [int(line.partition(",")[0]) for line in held]
+    return not all(a < b for a, b in pairwise(whole))
 
 
 def _is_comment(line: str) -> bool:
@@ -479,6 +508,8 @@ def _parts(body: str, layout: _Layout) -> list[str]:
 def _parse(path: Path, text: str, layout: _Layout) -> Table:
     width = len(layout.names)
     options: dict[str, Any] = {"sep": layout.delimiter or r"\s+", "decimal": layout.decimal, "skipinitialspace": True}
+    if text.startswith(("\n", "\r\n")) or text.endswith(("\n\n", "\n\r\n")):
+        text = text.strip("\r\n")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
@@ -489,6 +520,7 @@ def _parse(path: Path, text: str, layout: _Layout) -> Table:
                 index_col=False,
                 low_memory=False,
                 comment="#",
+                skip_blank_lines=False,
                 **options,
             )
         except (pd.errors.ParserError, pd.errors.ParserWarning, pd.errors.EmptyDataError, ValueError) as error:
@@ -497,12 +529,24 @@ def _parse(path: Path, text: str, layout: _Layout) -> Table:
     frame.columns = pd.Index(layout.names)
     if not layout.named:
         frame.attrs["named"] = False
-    held = frame.notna().any(axis=1).to_numpy()
-    if not held.all():
-        frame = noted(frame[held], f"{int((~held).sum())} rows without a value left out")
+    frame = _held_rows(frame)
     nameless = np.array([not name or (not layout.named and name.isdecimal()) for name in layout.names])
     empty = nameless & frame.isna().all().to_numpy()
     return noted(frame.loc[:, ~empty], *layout.notes)
+
+
+def _held_rows(frame: Table) -> Table:
+    """Return a table without its rows that hold nothing. The others keep their numbers, by which samples are counted.
+
+    Where no two rows stand next to one another, the empty lines are no samples but spacing.
+    """
+    held = frame.notna().any(axis=1).to_numpy()
+    if held.all() or not held.any():
+        return frame[held]
+    kept, empty = frame[held], int((~held[: np.flatnonzero(held)[-1]]).sum())
+    if len(kept) > 1 and not (held[1:] & held[:-1]).any():
+        return kept.reset_index(drop=True)
+    return noted(kept, f"{empty} row{'s' if empty > 1 else ''} without a value left out") if empty else kept
 
 
 def _not_a_table(path: Path, width: int, reason: str) -> FileError:
@@ -524,15 +568,17 @@ def table_of_cells(rows: Sequence[Sequence[str]], source: str) -> list[tuple[str
         )
     start, numeric, _ = found
     names, labels, notes, _ = name_columns(rows[:start], rows[start:], numeric)
-    frame = pd.DataFrame([[cell or None for cell in row] for row in rows[start:]])
+    frame = pd.DataFrame(
+        [[None if cell.lower() in _NO_VALUE else cell or None for cell in row] for row in rows[start:]]
+    )
     for column in frame.columns:
         values = pd.to_numeric(frame[column], errors="coerce")
         if values.notna().sum() == frame[column].notna().sum():
             frame[column] = values
     frame.columns = pd.Index(names)
-    kept = frame.loc[:, frame.notna().any().to_numpy()]
-    labels = None if labels is None else tuple(np.array(labels)[frame.notna().any().to_numpy()])
-    return split_labels(noted(kept, *notes), labels)
+    filled = frame.notna().any().to_numpy()
+    labels = None if labels is None else tuple(np.array(labels)[filled])
+    return split_labels(noted(_held_rows(frame.loc[:, filled]), *notes), labels)
 
 
 # LabVIEW's own text files: a header of keys and values, then one for each segment.
@@ -549,10 +595,12 @@ def _open_labview(path: Path, text: str) -> Opened:
         parts = [head, *parts]
     about = _labview_keys(parts[0], delimiter)
     for part in parts[1:]:
-        lines = [line for line in part.splitlines() if line.strip()]
+        lines = part.splitlines()
         ends = next((k for k, line in enumerate(lines) if line.startswith(f"Channels{delimiter}")), len(lines))
-        if ends > 1:
-            runs.append((f"part {len(runs) + 1}", _labview_table(path, lines[:ends], about, delimiter, decimal)))
+        held = [k for k, line in enumerate(lines[:ends]) if line.strip()]  # empty lines between them are samples too
+        if len(held) > 1:
+            rows = lines[held[0] : held[-1] + 1]
+            runs.append((f"part {len(runs) + 1}", _labview_table(path, rows, about, delimiter, decimal)))
         about = _labview_keys("\n".join(lines[ends:]), delimiter)
     if not runs:
         raise FileError(f"{path} is a LabVIEW file with no rows below its header; record again or choose another file")
