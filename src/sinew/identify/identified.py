@@ -14,7 +14,7 @@ from sinew.identify.choice.comparison import Comparison, compare, compare_laws, 
 from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
 from sinew.identify.choice.held_out import HeldOut, Split, split_record
 from sinew.identify.choice.input_noise import warn_of_noise, widen, window_force
-from sinew.identify.choice.stretch import cut_to, free_part, unwrapped
+from sinew.identify.choice.stretch import cut_to, free_part, telling, unwrapped
 from sinew.identify.forced import Forced, Through, mechanics_of, predict_fit
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.identify.oscillator.bootstrap import bootstrap_repeats
@@ -205,7 +205,8 @@ def identify(
     if chain:
         raise SpecError("chain is for steady states, these are samples over time; leave it out")
     if foreign:
-        records = [unwrapped(one) for one in records]
+        counted = train is not None or test is not None
+        records = [telling(unwrapped(one), counted=counted) for one in records]
     if foreign and len(records) == 1 and not any(one is not None for one in (start_s, stop_s, train, test)):
         records = [free_part(records[0])]
     remarks = (*unit_remarks(records[0]), *records[0].notes)
