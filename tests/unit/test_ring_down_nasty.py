@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from tests.unit.ring_down_signals import FREQUENCY_HZ, Decay, times
 
 from sinew.analysis.analysed import analyse
+from sinew.analysis.decay.free_decay import Peaks, large_peaks
 from sinew.analysis.decay.ring_down import RingDown, analyse_ring_down, ring_down_json
 from sinew.measure.errors import RecordingError, TimeError
 from sinew.measure.estimate import Estimate
@@ -67,6 +68,23 @@ def test_rounded_crests_are_not_called_clipped() -> None:
 def test_a_hold_is_not_called_frozen_or_clipped() -> None:
     t = times(duration_s=3.0, sample_hz=200.0, before_s=1.0)
     assert analyse_ring_down(t, np.round(20 * Decay(0.05).held_until_zero(t)), unit="deg").remarks == ()
+
+
+def row_of_crests(*left_out: int, late: float = 0.0) -> int:
+    """Return how many of twelve alternating crests are taken for regular; the fifth is late, in half periods."""
+    times_s, value = np.arange(12.0), 0.9 ** np.arange(12) * (-1.0) ** np.arange(12)
+    times_s[4] += late
+    peaks = Peaks(np.delete(times_s, left_out), np.delete(value, left_out), 1.0, 1e-3, 1e-3)
+    return large_peaks(peaks, np.zeros(peaks.value.size))[0].size
+
+
+@pytest.mark.parametrize("late", [-0.45, 0.45, 0.7])
+def test_a_crest_that_its_sensor_moved_does_not_end_the_row(late: float) -> None:
+    assert row_of_crests(late=late) == 12
+
+
+def test_the_row_of_crests_ends_where_two_are_missing() -> None:
+    assert row_of_crests(6, 7) == 6
 
 
 def frozen() -> RingDown:

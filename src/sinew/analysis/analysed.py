@@ -389,6 +389,7 @@ def _foreign_ring_down(
             time,
             response.values[longest],
             drive=None if drive is None else drive.values[longest],
+            unit=response.unit,
             free_from_s=result.start_s,
             modes=checked_count(modes),
         )

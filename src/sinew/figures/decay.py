@@ -102,8 +102,18 @@ def _nearest_decay(
         return None
     p = int(np.argmin(np.abs(results["pretension_mm"].values - group.segment.pretension_mm)))
     here = results.isel(pretension_mm=p, repeat=min(group.segment.repeat, results.sizes["repeat"] - 1))
-    numbers = float(here["paper_decay_rate_per_s"]), float(here["paper_omega_rad_s"]), float(here["decay_start_s"])
+    numbers = _linear_numbers(here)
     return (group, here, numbers) if np.isfinite(numbers).all() else None
+
+
+def _linear_numbers(here: xr.Dataset) -> Numbers:
+    """Return rate [1/s], ω [rad/s] and start [s] by the paper's method, or by the direct fit where that is withheld."""
+    by_fit = "decay_rate_per_s", "decay_frequency_hz"
+    names = (
+        by_fit if np.isnan(float(here["paper_decay_rate_per_s"])) else ("paper_decay_rate_per_s", "paper_omega_rad_s")
+    )
+    rate, omega = (float(here[name]) for name in names)
+    return rate, omega * (2.0 * np.pi if names == by_fit else 1.0), float(here["decay_start_s"])
 
 
 def _draw_free(axes: Axes, recording: xr.Dataset, group: Group, here: xr.Dataset, numbers: Numbers) -> None:
@@ -164,6 +174,9 @@ def _peaks(motion: Motion, model: LinearDecay) -> tuple[Array, Array]:
 
 def _quantities(here: xr.Dataset) -> str:
     """Return the derived quantities of one decay, a line each; d and k only where the inertia was known."""
+    if np.isnan(float(here["paper_decay_rate_per_s"])):
+        rate, omega, _ = _linear_numbers(here)
+        return f"λ = {rate:.3g} 1/s\nω = {omega:.4g} rad/s\nD = {float(here['damping_ratio']):.3g}\n(direct fit)"
     lines = [
         f"λ = {float(here['paper_decay_rate_per_s']):.3g} 1/s",
         f"⟨ω⟩ = {float(here['paper_omega_rad_s']):.4g} rad/s",
@@ -255,7 +268,7 @@ def _draw_one(axes: Axes, recording: xr.Dataset, groups: list[Group], here: xr.D
     group = nearest(groups, float(here["pretension_mm"]))
     assert group is not None
     first = here.isel(repeat=min(group.segment.repeat, here.sizes["repeat"] - 1))
-    numbers = tuple(float(first[name]) for name in ("paper_decay_rate_per_s", "paper_omega_rad_s", "decay_start_s"))
+    numbers = _linear_numbers(first)
     motion = released_motion(recording, group)
     model = None
     if np.isfinite(numbers).all():

@@ -29,6 +29,7 @@ from sinew.analysis.broadband.broadband import (
 from sinew.analysis.broadband.poles import LineErrors, PoleFit, fit_poles
 from sinew.analysis.broadband.spectra import FrequencyResponse, Segmentation, Spectra
 from sinew.analysis.decay.free_decay import noise_level
+from sinew.analysis.signal.limits import overloads
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import finite, number
@@ -93,34 +94,6 @@ def _reach(quiet: NDArray[np.bool_], first: int, last: int) -> tuple[int, int]:
     """Return the samples [begin, end) around first and last up to where the force is quiet."""
     before, after = np.flatnonzero(quiet[:first]), np.flatnonzero(quiet[last:])
     return int(before[-1]) + 1 if before.size else 0, last + int(after[0]) if after.size else quiet.size
-
-
-# A sensor at the end of its range repeats one value, where the signal goes on.
-
-_FLAT = 3  # samples of one value at the end of the range
-_LOOKED = 16  # samples before and after, at most
-_CUT = 16.0  # steps of the digits by which the signal comes down within as many samples as it stood
-
-
-def overloads(values: Array) -> NDArray[np.bool_]:
-    """Return which samples stand at the largest or smallest value of a signal as a sensor at its end does, (n,).
-
-    Of a smooth top that is rounded the row of equal values is left by some steps of the digits within its own length;
-    of a top that is cut off by eight times what was cut (a parabola). More than two steps cut off are told.
-    """
-    found = np.zeros(values.size, dtype=bool)
-    distinct = np.unique(values)
-    if distinct.size < 2:
-        return found
-    step = float(np.diff(distinct).min())
-    for level in distinct[[0, -1]]:
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], (values == level).astype(np.int8), [0]])))
-        for begin, end in zip(edges[0::2], edges[1::2], strict=True):
-            reach = min(int(end - begin), _LOOKED)
-            around = values[[max(0, begin - reach), min(values.size - 1, end - 1 + reach)]]
-            if end - begin >= _FLAT and float(np.abs(around - level).max()) > _CUT * step:
-                found[begin:end] = True
-    return found
 
 
 # Hits become blocks of one length under windows.

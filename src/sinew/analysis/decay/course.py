@@ -344,6 +344,9 @@ def _with_one_more(t: Array, x: Array, course: Course) -> Course | None:
                 continue
             added = _extended(course, t, x, pole, amplitude)
             last = len(added.model.bases) - 1
+            rate, omega = added.poles(mode=last)[0]
+            if not all(_is_new(complex(-rate, omega), other, window, course.functions > 2) for other in known):
+                continue
             large = math.sqrt(max(added.energy(last), 0.0)) > _SMALLEST * largest
             if large and _are_sure(added) and _gain(course, added) > _MODE_BETTER:
                 return added

@@ -553,7 +553,8 @@ def _won_back(t: Array, x: Array, fit: DecayFit, earliest: float, peaks: Peaks) 
 
 _NOISE_SHARE = 5.0  # a peak is used while it is this many times its own uncertainty,
 _SMALLEST_PEAK = 0.02  # and this share of the largest
-_SPACING = (0.6, 1.6)  # of the spacing before; outside it a peak is missing or was made by noise
+_SPACING = (0.6, 1.6)  # of the spacings before; outside it a peak is missing, displaced or made by noise
+_DISPLACED = 0.25  # of a spacing: by less do two of them differ from their usual mean around a peak that is displaced
 
 
 @dataclass(frozen=True)
@@ -610,7 +611,7 @@ def large_peaks(peaks: Peaks, rest: Array) -> tuple[Array, Array]:
     """Return (times, heights about the rest position) of the regular peaks that stand well out of the noise.
 
     rest: shape (h,), rest position at the peaks. The row ends at the first peak that is small, on the wrong side or
-    out of step.
+    out of step with those before and after it.
     """
     height = peaks.value - rest
     size = np.abs(height)
@@ -619,12 +620,24 @@ def large_peaks(peaks: Peaks, rest: Array) -> tuple[Array, Array]:
     while end < size.size and size[end] > floor:
         if end > 0 and height[end] * height[end - 1] > 0:
             break
-        if end > 1:
-            ratio = (peaks.time_s[end] - peaks.time_s[end - 1]) / (peaks.time_s[end - 1] - peaks.time_s[end - 2])
-            if not _SPACING[0] < ratio < _SPACING[1]:
-                break
+        if end > 1 and not _keeps_step(np.diff(peaks.time_s), end - 1):
+            break
         end += 1
     return peaks.time_s[:end], height[:end]
+
+
+def _keeps_step(spacing: Array, at: int) -> bool:
+    """Return whether a spacing of peaks is like the three before it, or one peak between two of them is displaced.
+
+    A sensor that sticks at a turning point moves its peak: one spacing is long by what the next is short, or the other
+    way round. Where a peak is missing, or noise made some, neither makes up for the other.
+    """
+    usual = float(np.median(spacing[max(0, at - 3) : at]))
+    if _SPACING[0] < spacing[at] / usual < _SPACING[1]:
+        return True
+    off = spacing[at] / usual - 1.0
+    beside = spacing[[other for other in (at - 1, at + 1) if other < spacing.size]] / usual - 1.0
+    return bool(np.any((off * beside < 0) & (np.abs(off + beside) < 2.0 * _DISPLACED)))
 
 
 def fit_envelope(time_s: Array, size: Array, inertia_kg_m2: float | None = None) -> Envelope:

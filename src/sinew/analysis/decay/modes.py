@@ -16,7 +16,8 @@ from sinew.analysis.decay.decay_fit import (
     pole_estimates,
     polynomials,
 )
-from sinew.analysis.decay.free_decay import block_means, checked_record, evenly, find_peaks, free_decay
+from sinew.analysis.decay.free_decay import block_means, find_peaks, free_decay
+from sinew.analysis.decay.samples import read_samples
 from sinew.analysis.signal.coloured_noise import solve_scaled
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import RecordingError
@@ -75,6 +76,7 @@ def fit_modes(
     response: ArrayLike,
     *,
     drive: ArrayLike | None = None,
+    unit: str = "",
     free_from_s: float | None = None,
     modes: int | None = None,
     most: int = 4,
@@ -82,17 +84,24 @@ def fit_modes(
 ) -> ModalDecay:
     """Return the modes of the free decay in a record, each with its intervals.
 
-    time_s, response, drive: shape (n,); free_from_s: where the decay is known to be free, else its start is sought.
+    time_s, response, drive: shape (n,), even or nearly, the response in `unit`; free_from_s: where the decay is known
+    to be free, else its start is sought.
     modes: how many; None lets Bayes' criterion choose up to `most`: one more must lower it by 10 and stand out of its
     own deviation four times. creeps: give the rest position an exponential relaxation beside its line.
 
     Start: matrix pencil at several orders; then maximum likelihood under autoregressive noise for all modes at once,
     so that the intervals know how alike two close modes are.
-    Raises RecordingError where there is no free decay or no mode is found in it.
+    Raises RecordingError where there is no free decay, samples of it are missing, or no mode is found in it.
     """
-    t, x, lever, clock = evenly(*checked_record(time_s, response, drive))
-    begin = free_from_s if free_from_s is not None else free_decay(t, x, lever)[0].start_s
+    samples = read_samples(time_s, response, drive, unit)
+    t, x, clock = samples.even_s, samples.even, samples.clock_std
+    begin = free_from_s if free_from_s is not None else free_decay(t, x, samples.drive)[0].start_s
     inside = t >= begin - 1e-9
+    if samples.missing[inside].any():
+        raise RecordingError(
+            f"a decay is split into modes by all its samples, found: {'; '.join(samples.remarks)}; choose a stretch "
+            "without that (--start, --stop), or leave the number of modes out"
+        )
     if np.count_nonzero(inside) < 32:
         raise RecordingError(f"{np.count_nonzero(inside)} samples of free decay are too few for modes; record longer")
     half = find_peaks(t[inside], x[inside]).half_period_s

@@ -390,6 +390,13 @@ def analyse_ring_down(
         )
     rest = read.bent if read.p_value < SIGNIFICANCE else fit
     paper = fit_envelope(times, np.abs(heights), inertia_kg_m2)
+    remarks = samples.remarks
+    if strongest:
+        of_peaks = float(read.course.poles()[0][1]) / (2.0 * np.pi)
+        remarks = (
+            *remarks,
+            f"peaks and shape are told of the mode at {number(of_peaks, 3)} Hz, the easier one to follow",
+        )
     by_period = 1.0 / (frequency.value * float(np.median(np.diff(samples.time_s))))
     return RingDown(
         **found,
@@ -409,7 +416,7 @@ def analyse_ring_down(
         peak_value=heights,
         unit=unit,
         peak_unit=peak_unit,
-        remarks=samples.remarks,
+        remarks=remarks,
     )
 
 
@@ -786,11 +793,12 @@ def analyse_ring_downs(recording: xr.Dataset | Signals, inertia_kg_m2: float | N
     in which the lever settles on its servo, is left out. A start that depended on how far the lever recoils would jump
     with pretension and take Lehr's damping with it. Planned ring-downs begin alike, so the means over their windows are
     compared by their noise, which the standard deviations hold; what one number leaves out of each decay is the misfit
-    beside them. A ring-down that cannot be analysed is NaN, and the attribute `ring_down_notes` says why.
+    beside them. Of other records the paper's numbers are NaN where they are withheld. A ring-down that cannot be
+    analysed is NaN, and the attribute `ring_down_notes` says why.
     Raises RecordingError where there is no ring-down, or none can be analysed.
     """
     signals = read_signals(recording)
-    found: list[tuple[Segment, RingDown, float]] = []
+    found: list[tuple[Segment, RingDown, dict[str, float]]] = []
     windows: list[tuple[Segment, list[Envelope | None]]] = []
     notes: list[str] = []
     asked = [segment for segment, _ in signals.of_kind("ring-down")]
@@ -801,7 +809,10 @@ def analyse_ring_downs(recording: xr.Dataset | Signals, inertia_kg_m2: float | N
             continue
         try:
             result, read = _analyse_segment(signals, index, inertia_kg_m2)
-            found.append((segment, result, float(signals.time_s[where.start])))
+            numbers = _numbers(result, float(signals.time_s[where.start]))
+            if result.withheld and not read:
+                numbers |= {name: np.nan for name in numbers if name.startswith("paper_")}
+            found.append((segment, result, numbers))
             if read:
                 windows.append((segment, read))
         except RecordingError as error:
@@ -810,10 +821,10 @@ def analyse_ring_downs(recording: xr.Dataset | Signals, inertia_kg_m2: float | N
         raise RecordingError(notes[0])
     pretension = np.unique([segment.pretension_mm for segment in asked])
     shape = pretension.size, max(segment.repeat for segment in asked) + 1
-    columns = {name: np.full(shape, np.nan) for name in _numbers(*found[0][1:])}
-    for segment, result, begins_s in found:
+    columns = {name: np.full(shape, np.nan) for name in found[0][2]}
+    for segment, _, numbers in found:
         place = int(np.searchsorted(pretension, segment.pretension_mm)), segment.repeat
-        for name, value in _numbers(result, begins_s).items():
+        for name, value in numbers.items():
             columns[name][place] = value
     rows = {name: RESULT_VARIABLES[name] for name in columns}
     units = {name: found[0][1].unit if row.unit == "*" else row.unit for name, row in rows.items()}

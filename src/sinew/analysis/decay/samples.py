@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import interpolate
 
 from sinew.analysis.decay.free_decay import LARGEST_GAP, checked_record, evenly, first_half_period, noise_level
+from sinew.analysis.signal.limits import is_cut_off, resolution, rows_of_one_value
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError, TimeError
 from sinew.measure.estimate import number
@@ -14,7 +15,6 @@ from sinew.measure.estimate import number
 _TURNS = {"deg": 360.0, "rad": 2.0 * np.pi}
 _WITHIN = 1.02  # turns that a sensor shows which wraps
 _STEADY = 0.25  # of a turn from one sample to the next: a motion that is sampled well enough
-_FEWEST_CLIPPED, _BESIDE = 3, 0.3  # samples at the limit; share of them beside it in a crest that is not cut off
 _HELD = 0.2  # share of samples in rows of one value, of a sensor slower than its record
 _SHORTER = 0.9  # half periods: a crest's plateau is shorter, a hold longer
 _FEWEST_FROZEN, _STUCK = 6, 2.0  # samples of one value; times as long as rounding rests on a crest
@@ -83,7 +83,7 @@ def read_samples(time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
             "samples there"
         )
     told = np.ones(t.size, dtype=bool) if half is None else _telling(t, x, half / step, remarks)
-    q = _resolution(x)
+    q = resolution(x)
     coarse = q if noise_level(x) < _COARSE * q else 0.0
     if told.all() and not gaps.size:
         even_s, even, lever, clock = evenly(t, x, lever)
@@ -135,21 +135,15 @@ def _half_period(t: Array, x: Array, gaps: NDArray[np.intp]) -> float | None:
     return None
 
 
-def _resolution(x: Array) -> float:
-    """Return the smallest step between different values."""
-    steps = np.diff(np.unique(x))
-    return float(steps[steps > 1e-9 * np.ptp(x)].min(initial=np.ptp(x)))
-
-
 def _telling(t: Array, x: Array, half: float, remarks: list[str]) -> NDArray[np.bool_]:
     """Return which samples tell of the motion; half: half period in samples."""
-    q = _resolution(x)
-    rows = _rows_of_one_value(x)
+    q = resolution(x)
+    rows = rows_of_one_value(x)
     clipped, frozen = np.zeros(x.size, dtype=bool), np.zeros(x.size, dtype=bool)
     inner = sum(stop - first for first, stop in rows if first and stop < x.size and x.min() < x[first] < x.max())
     held = inner > _HELD * x.size  # every value stays for some samples: a row of them is no limit
     for first, stop in rows:
-        if not held and _is_cut_off(x, first, stop, q, half):
+        if not held and stop - first <= _SHORTER * half and is_cut_off(x, first, stop, q):
             clipped[first:stop] = True
         elif _is_frozen(x, first, stop, q, half):
             frozen[first + 1 : stop] = True
@@ -167,29 +161,6 @@ def _telling(t: Array, x: Array, half: float, remarks: list[str]) -> NDArray[np.
             "left out"
         )
     return ~(clipped | frozen)
-
-
-def _rows_of_one_value(x: Array) -> list[tuple[int, int]]:
-    """Return (first, stop) of all rows of at least three equal samples."""
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(x) != 0) + 1, [x.size]])
-    long = np.flatnonzero(np.diff(edges) >= _FEWEST_CLIPPED)
-    return [(int(edges[k]), int(edges[k + 1])) for k in long]
-
-
-def _is_cut_off(x: Array, first: int, stop: int, q: float, half: float) -> bool:
-    """Return whether a row of equal samples is a crest that a limit cut off.
-
-    The rounded crest of a sine has three tenths of its samples, or more, within two and a half steps beside its top.
-    """
-    if first == 0 or stop == x.size or stop - first > _SHORTER * half:
-        return False
-    top = x[first]
-    side = 1.0 if top > x[first - 1] else -1.0
-    if top not in (x.max(), x.min()) or side * (top - x[stop]) <= 0:
-        return False
-    reach = stop - first
-    around = np.concatenate([x[max(0, first - reach) : first], x[stop : stop + reach]])
-    return bool(np.count_nonzero(side * (top - around) < 2.5 * q) < _BESIDE * reach)
 
 
 def _is_frozen(x: Array, first: int, stop: int, q: float, half: float) -> bool:

@@ -1,1 +1,1 @@
-"""What every record goes through: sensors, groups, repeats, harmonics, coloured noise, power."""
+"""What every record goes through: sensors, their limits, groups, repeats, harmonics, coloured noise, power."""

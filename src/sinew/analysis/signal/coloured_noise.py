@@ -12,6 +12,7 @@ import numpy as np
 from sinew.measure.arrays import Array
 
 _MAX_ORDER = 8
+_MANY = 10_000  # samples for each parameter
 
 
 def unit_columns(design: Array) -> tuple[Array, Array]:
@@ -65,6 +66,8 @@ def orthonormal(jacobian: Array) -> Array:
 def _unbiased_lags(residual: Array, basis: Array, order: int) -> Array:
     n = residual.size
     sums = np.array([float(residual[: n - k] @ residual[k:]) for k in range(order + 1)])
+    if n > _MANY * basis.shape[1]:  # the fit took a share of m/n
+        return np.asarray(sums / (n - np.arange(order + 1.0)), dtype=float)
     shifted = [basis]
     for k in range(1, order + 1):
         moved = np.zeros_like(basis)
@@ -72,8 +75,8 @@ def _unbiased_lags(residual: Array, basis: Array, order: int) -> Array:
         moved[k:] += 0.5 * basis[:-k]
         shifted.append(moved)
     inner = np.array([basis.T @ moved for moved in shifted])
-    flat = np.array(shifted).reshape(order + 1, -1)
-    lost = np.einsum("kab,jba->kj", inner, inner) - 2.0 * flat @ flat.T
+    flat = [moved.ravel() for moved in shifted]
+    lost = np.einsum("kab,jba->kj", inner, inner) - 2.0 * np.array([[one @ other for other in flat] for one in flat])
     expected = lost * np.where(np.arange(order + 1) == 0, 1.0, 2.0) + np.diag(n - np.arange(order + 1.0))
     return np.asarray(np.linalg.solve(expected, sums), dtype=float)
 

@@ -6,11 +6,11 @@ joint long after the true motion has died, and a term that keeps small motions f
 fits better for that reason alone. So the silent force is taken as its mean (the force window of modal testing, Ewins,
 Modal Testing, 2000), unless the measured one predicts the output better: then it was a force.
 
-The noise inside a pulse that is short beside the period changes what the joint feels of it in two numbers, how strong
-it was and when. Both are errors in variables: they are fitted with the mechanics of a linear joint, held by what the
-noise may have done, and the force is put right by them, so that two strokes agree with one joint, and the intervals
-are those of a fit that did not know them. How strong all of them were together no residual shows; that goes into the
-interval of the gain.
+The noise inside a pulse is an error in variables: of the noise of its samples the part that is slow enough to move the
+joint is fitted with the mechanics of a linear joint, held by how strong noise is, and the force is put right by it, so
+that two strokes agree with one joint, and the intervals are those of a fit that did not know it. (Of a pulse that is
+short beside the period that comes to two numbers, how strong it was and when; of a longer one the motion within tells
+more.) How strong all of them were together no residual shows; that goes into the interval of the gain.
 """
 
 import math
@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
+from scipy import fft, signal
 
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit, mechanical_parameters, oscillation
@@ -43,6 +43,7 @@ _BETWEEN = 0.3  # over the square of its samples: the share of a half sine that 
 _STROKE = 0.05  # of the strongest pulse: what is weaker is none
 _ROUNDS = 3
 _FURTHEST = 3.0  # standard deviations that a pulse is put right by
+_FOLLOWS = 8.0  # natural frequencies: what is faster moves a joint by less than a sixtieth
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,8 @@ class Windowed:
     """A record whose silent force is its mean.
 
     noise: standard deviation of a sample of the silent force, in its unit. gain_std: of the gain, relative, by the
-    noise inside the pulses. wider: by name, how much wider the other numbers of a fit are for not knowing how strong
-    the pulses were and when. sentence: what was done, in words.
+    noise inside the pulses. wider: by name, how much wider the other numbers of a fit are for not knowing what the
+    pulses were. sentence: what was done, in words.
     """
 
     record: Record
@@ -122,19 +123,14 @@ def _stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 
 def _put_right(found: Fit, loud: NDArray[np.bool_], mean: float, noise: float) -> tuple[Record, dict[str, float]]:
-    """Return the record with its pulses as strong and as late as the output says, as far as noise can have done it, and
-    how much wider each number is for it.
+    """Return the record with its pulses as the output says they were, as far as noise can have done it, and how much
+    wider each number is for it.
 
-    One step of Gauss and Newton for the mechanics and both numbers of every stroke together, held by their priors.
+    One step of Gauss and Newton for the mechanics and the errors of the pulses together, held by their priors.
     """
     record = found.records[0]
     assert record.input is not None
-    force, pulses = record.input - mean, _stretches(loud)
-    own = [np.where((np.arange(force.size) >= a) & (np.arange(force.size) < b), force, 0.0) for a, b in pulses]
-    strongest = max(abs(float(one.sum())) for one in own)
-    own = [one for one in own if abs(float(one.sum())) > _STROKE * strongest]
-    shapes = [*own, *(-np.gradient(one, record.time_s) for one in own)]
-    std = np.array([*(_strength(one, noise) for one in own), *(_lateness(record, one, noise) for one in own)])
+    shapes, std = _errors(found, record.input - mean, loud, noise)
     responses = np.stack([_response(found, shape) for shape in shapes], axis=1) * std
     seen = found.kept[0]  # a stroke behind these samples moves none of them, so it stays as it was measured
     jacobian = np.concatenate([found.solution.jacobian * found.layout.parts[0].unit_size, responses[seen]], axis=1)
@@ -152,7 +148,30 @@ def _put_right(found: Fit, loud: NDArray[np.bool_], mean: float, noise: float) -
     together = np.linalg.norm(np.linalg.pinv(table, rcond=1e-12), axis=1)[: -std.size]
     names = [entry.local for entry in found.layout.entries]
     wider = {name: max(1.0, float(b / a)) for name, a, b in zip(names, alone, together, strict=True) if name != "gain"}
-    return replace(record, input=record.input + np.tensordot(moved * std, np.stack(shapes), 1)), wider
+    return replace(record, input=record.input + np.tensordot(moved * std, shapes, 1)), wider
+
+
+def _errors(found: Fit, force: Array, loud: NDArray[np.bool_], noise: float) -> tuple[Array, Array]:
+    """Return the errors that the pulses of a force may have, shape (e, n), and the standard deviation of each, (e,).
+
+    The noise of a loud stretch is white, so its cosine transform is white, too; of that the joint follows the slow
+    part. Between its samples a stroke may have been stronger, and later, than a spline through them.
+    """
+    record, pulses = found.records[0], _stretches(loud)
+    index = np.arange(force.size)
+    own = [np.where((index >= a) & (index < b), force, 0.0) for a, b in pulses]
+    strongest = max(abs(float(one.sum())) for one in own)
+    own = [one for one in own if abs(float(one.sum())) > _STROKE * strongest]
+    between = [_BETWEEN / (float(np.sum(np.abs(one))) / float(np.abs(one).max())) ** 2 for one in own]
+    late = [_BETWEEN * record.step_s * 0.1] * len(own)
+    shapes, std = [*own, *(-np.gradient(one, record.time_s) for one in own)], [*between, *late]
+    hertz = found.layout.parts[0].scales.omega / (2 * np.pi)
+    for first, end in pulses:
+        waves = min(end - first, 2 + math.ceil(2 * _FOLLOWS * hertz * (end - first) * record.step_s))
+        rows = np.zeros((waves, force.size))
+        rows[:, first:end] = fft.idct(np.eye(end - first)[:waves], norm="ortho", axis=1)
+        shapes, std = [*shapes, *rows], [*std, *([noise] * waves)]
+    return np.stack(shapes), np.array(std)
 
 
 def _response(found: Fit, force: Array) -> Array:
@@ -162,20 +181,6 @@ def _response(found: Fit, force: Array) -> Array:
     pushed = make_part(replace(record, input=record.input + force), found.model, part.scales, found.frame, part.kept)
     layout = replace(found.layout, parts=(pushed,))
     return np.asarray(layout.outputs(found.solution.values)[0] * part.unit_size - found.predicted[0])
-
-
-def _strength(pulse: Array, noise: float) -> float:
-    """Return the relative standard deviation of a pulse's area: by noise, and by what passes between its samples."""
-    inside = pulse != 0
-    steps = float(np.sum(np.abs(pulse))) / float(np.abs(pulse).max())
-    return float(np.hypot(noise * math.sqrt(np.count_nonzero(inside)) / abs(float(pulse.sum())), _BETWEEN / steps**2))
-
-
-def _lateness(record: Record, pulse: Array, noise: float) -> float:
-    """Return the standard deviation of a pulse's centre [s]."""
-    area = float(pulse.sum())
-    since = record.time_s - float(record.time_s @ pulse) / area
-    return noise * float(np.linalg.norm(since[pulse != 0])) / abs(area) + _BETWEEN * record.step_s * 0.1
 
 
 def _strength_std(force: Array, loud: NDArray[np.bool_], noise: float) -> float:
