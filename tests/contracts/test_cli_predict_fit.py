@@ -77,6 +77,25 @@ def test_angles_are_degrees_and_a_driven_fit_takes_levels_in_its_inputs_unit(
     assert one["peak"]["amplitude"] == pytest.approx(np.degrees(8.0 / (0.1 * OMEGA**2)), rel=3e-3)
 
 
+@pytest.mark.parametrize(("said", "size"), [("mm", 1e-3), ("%", 0.01)])
+def test_numbers_without_a_unit_are_in_that_of_the_decay(
+    said: str, size: float, fits: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(0, 3, 0.01)
+    swing = 8 * np.exp(-1.2 * t) * np.cos(OMEGA * t) + np.random.default_rng(0).normal(0, 0.05, t.size)
+    Path("decay.csv").write_text("t,x\n" + "\n".join(f"{a:.2f},{b:.4f}" for a, b in zip(t, swing, strict=True)))
+    found = answered(capsys, "identify", "decay.csv", "--time", "t", "--output", f"x:{said}", "--model", "linear")
+    Path("fit.json").write_text(json.dumps(found), encoding="utf-8")
+    pushed = answered(capsys, "predict", "fit.json", "--torque", "1", "--through", "2.8:5", *FEW)
+    assert (pushed["unit"], pushed["through"]["amplitude"]) == (said, pytest.approx(5.0))
+    moved = answered(capsys, "predict", "fit.json", "--base", "0.5", *FEW)
+    assert (moved["drive"]["unit"], moved["levels"][0]["level"]) == (said, pytest.approx(0.5))
+    omega, damping = (found["parameters"][name]["value"] for name in ("stiffness_per_s2", "damping_per_s"))
+    at = (2 * np.pi * 2.8) ** 2
+    gain = 5.0 * size * np.hypot(omega - at, damping * np.sqrt(at))
+    assert pushed["drive"]["gain"]["value"] == pytest.approx(gain, rel=1e-3)
+
+
 @command_lines("""
     angle.json => --torque, the levels
     angle.json --torque 1 --base 1 => --torque, the levels

@@ -154,3 +154,8 @@ def test_the_intervals_of_the_modes_hold_what_they_say() -> None:
     share, count = coverage(rows)
     assert count >= 100
     assert share >= 0.8
+
+
+def test_a_response_that_stands_still_under_the_blows_is_refused_in_words() -> None:
+    with pytest.raises(sn.RecordingError, match="answers the drive at no frequency"):
+        analysed(noisy().assign(phi=1.0), band_hz=(1.0, 5.0))

@@ -1,8 +1,12 @@
 """The forced response of a fit: what is known in closed form or by time integration, and what a fit cannot tell."""
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaigns.forced import ERROR, HARDENING, SOFTENING, Oscillator, predicted, swing
+from scipy import signal
 from scipy.integrate import solve_ivp
 
 import sinew as sn
@@ -169,3 +173,28 @@ def test_other_levels_follow_from_decays_and_one_point(one: Oscillator) -> None:
         state = np.array([waves.sum().real, (1j * turn * waves).sum().real])
         truth, _ = swing(one, push, float(branch.frequency_hz[at]), state)
         assert branch.amplitude[at] == pytest.approx(truth, rel=ERROR)
+
+
+def test_a_rate_without_a_spring_has_a_document_and_no_resonance() -> None:
+    t = np.arange(0, 10, 0.01)
+    volts = np.sin(2 * np.pi * (0.2 * t + 0.1 * t**2))
+    rate = signal.lsim(([40.0], [1.0, 4.0]), volts, t)[1] + np.random.default_rng(1).normal(0, 0.02, t.size)
+    found = sn.identify(
+        sn.make_record(t, rate, volts, excitation="torque", output_unit="rad/s", input_unit="V"), "linear"
+    )
+    assert json.loads(json.dumps(found.document, allow_nan=False))["natural_frequency_hz"]["value"] is None
+    with pytest.raises(sn.SpecError, match="does not say how far its motion went"):
+        found.predict(torque=1.0)
+
+
+def test_a_sentence_on_the_measured_point_has_the_unit_of_the_record() -> None:
+    known = replace(law("linear", unit="m"), unit_said="mm")
+    with pytest.raises(sn.SpecError, match="amplitude is 4 mm with a standard deviation of 3 mm"):
+        predict_fit(known, torque=1.0, through=(2.8, 0.004, 0.003))
+
+
+@pytest.mark.parametrize(
+    ("said", "unit", "motion"), [("mm", "m", "mm"), ("mm/s", "m/s", "mm"), ("%", "1", "%"), ("dps", "rad/s", "")]
+)
+def test_the_unit_of_a_motion_is_told_by_that_of_its_rate(said: str, unit: str, motion: str) -> None:
+    assert replace(decay(), output_unit=unit, output_said=said).motion_said == motion

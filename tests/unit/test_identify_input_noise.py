@@ -8,6 +8,7 @@ import pytest
 from campaigns.impulses import Struck, struck_record
 
 from sinew.identify.choice.input_noise import warn_of_noise, widen, window_force
+from sinew.identify.identified import identify
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.record import Record, make_record
 
@@ -93,3 +94,14 @@ def test_noise_on_a_drive_that_never_rests_is_warned_of() -> None:
     loud = replace(clean, input=drive + 0.05 * rng.standard_normal(t.size))
     assert warn_of_noise(fit(clean, "linear")) == []
     assert any("noise of the input" in one for one in warn_of_noise(fit(loud, "linear")))
+
+
+def test_strokes_are_put_right_without_the_output_that_is_held_out() -> None:
+    record = struck(pulses=((0.3, 0.03, 1.0), (2.3, 0.03, 0.8)))
+    held = record.time_s >= 2.0
+    other = replace(record, output=np.where(held, 1.2 * record.output, record.output))
+    one, two = (identify(x, "linear", train=(0, 800), test=(800, 1600)).split for x in (record, other))
+    assert one is not None
+    assert two is not None
+    assert np.ptp(one.record.input[held & (record.time_s > 2.5)]) == 0  # it is silent there, too
+    assert one.record.input == pytest.approx(two.record.input, abs=1e-6 * np.ptp(record.input))

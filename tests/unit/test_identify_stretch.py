@@ -1,11 +1,13 @@
 """Which stretch of a record is fitted: between two times, an angle unwrapped, the free part of a decay."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.unit.identify_signals import OMEGA, motion, noisy, viscous
 
 import sinew as sn
-from sinew.identify.choice.stretch import cut_to, find_decays, free_part, unwrapped
+from sinew.identify.choice.stretch import cut_to, find_decays, free_part, telling, unwrapped
 from sinew.identify.oscillator.record import Record, make_record
 from sinew.measure.errors import RecordingError, TimeError
 
@@ -90,3 +92,24 @@ def test_what_does_not_jump_by_a_turn_stays_as_it_is(unit: str) -> None:
         TIME, 2.0 * np.cos(OMEGA * TIME) if unit == "rad" else 40 * np.sign(TIME - 3), output_unit=unit
     )
     assert unwrapped(record) is record
+
+
+def test_an_angle_is_unwrapped_though_the_sensor_makes_its_turn_two_per_cent_too_large() -> None:
+    wrapped = 1.018 * np.angle(np.exp(1j * (decay(1.2) + 2.5)))
+    assert np.ptp(wrapped) > 1.005 * 2 * np.pi
+    assert np.abs(np.diff(unwrapped(make_record(TIME, wrapped, output_unit="rad")).output)).max() < 1.0
+
+
+def test_clipped_samples_of_a_decay_are_left_out_and_said() -> None:
+    record = record_of(decay(0.5))
+    found = sn.identify(replace(record, output=np.clip(record.output, -0.3, 0.3)), "linear")
+    assert found.fit is not None
+    assert found.fit.damping_ratio.value == pytest.approx(0.05, rel=0.01)
+    assert "the response is clipped at -0.3 and 0.3" in found.document["message"]
+
+
+def test_clipped_samples_that_are_counted_stay_with_a_remark() -> None:
+    record = record_of(decay(0.5))
+    clipped = telling(replace(record, output=np.clip(record.output, -0.3, 0.3)), counted=True)
+    assert clipped.size == record.size
+    assert "samples are clipped or frozen, and fitted" in clipped.notes[-1]

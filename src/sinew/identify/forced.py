@@ -32,6 +32,7 @@ from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError, RecordingError, SpecError
 from sinew.measure.estimate import Estimate, finite, interval, number
 from sinew.measure.told import Table, Told
+from sinew.measure.units import convert
 from sinew.mechanics.laws import NUMBERS, Cycle, LossFactor
 from sinew.mechanics.silicone import relaxation_times
 from sinew.predict.band import Band, Marked, Tube, band_of, estimate_of_deviations, factor_of
@@ -55,7 +56,7 @@ class Mechanics:
     model: its name in `sn.MODELS`. excitation: of the record. unit: of the motion; input_unit: of the input, of a base
     or lever that of its motion. names: of the law's numbers, and gain where there is one; values: SI, shape (k,);
     covariance: shape (k, k), infinite where the record tells nothing. degrees_of_freedom: behind it. largest: amplitude
-    of the motion that was seen.
+    of the motion that was seen. unit_said, input_unit_said: what people have both in; "" where nobody said.
     """
 
     model: str
@@ -67,6 +68,8 @@ class Mechanics:
     covariance: Array
     degrees_of_freedom: float
     largest: float
+    unit_said: str = ""
+    input_unit_said: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Return it as a document holds it; what is not finite is null."""
@@ -77,7 +80,9 @@ class Mechanics:
             "numbers": {name: finite(value) for name, value in zip(self.names, self.values, strict=True)},
             "covariance": [[finite(one) for one in row] for row in self.covariance],
             "degrees_of_freedom": self.degrees_of_freedom,
-            "largest": self.largest,
+            "largest": finite(self.largest),
+            "unit_said": self.unit_said,
+            "input_unit_said": self.input_unit_said,
         }
 
     def value(self, name: str) -> float:
@@ -105,6 +110,8 @@ def mechanics_of(fit: Fitted) -> Mechanics:
         covariance,
         float(fit.covariance.degrees_of_freedom),
         _largest(fit),
+        record.motion_said,
+        record.input_motion_said,
     )
 
 
@@ -142,6 +149,11 @@ def read_mechanics(source: Mapping[str, Any] | str | Path) -> Mechanics:
     held = document.get("mechanics")
     if held is None:
         raise SpecError(f"{name} does not hold its mechanics with their covariance; identify anew")
+    if held["largest"] is None:
+        raise SpecError(
+            f"{name} does not say how far its motion went: a rate was recorded, and no spring gives it a frequency; "
+            "no resonance follows from it"
+        )
     unknown = [[np.inf if one is None else one for one in row] for row in held["covariance"]]
     return Mechanics(
         document["model"],
@@ -153,6 +165,8 @@ def read_mechanics(source: Mapping[str, Any] | str | Path) -> Mechanics:
         np.array(unknown, dtype=float),
         float(held["degrees_of_freedom"]),
         float(held["largest"]),
+        held.get("unit_said", ""),
+        held.get("input_unit_said", ""),
     )
 
 
@@ -189,9 +203,21 @@ class Shown(NamedTuple):
         return number(self.factor * value, unit="" if self.unit == "1" else self.unit)
 
 
-def shown_in(unit: str) -> Shown:
-    """Return how numbers in an SI unit are shown where nobody said: angles in degrees."""
+def shown_in(unit: str, said: str = "") -> Shown:
+    """Return how numbers in an SI unit are shown: in the unit that was said; where nobody said, angles in degrees."""
+    if said:
+        return Shown(1 / convert(said, unit), said)
     return Shown(math.degrees(1.0), "deg") if unit == "rad" else Shown(1.0, unit)
+
+
+def drive_shown(known: Mechanics, kind: Kind, unit: str = "", *, through: bool) -> Shown:
+    """Return how levels of a drive are said and shown: with a measured point in any unit, else in that of the record's
+    input, or of its motion; unless `unit` is given, an angle of a base in degrees (`--base-deg`)."""
+    if through:
+        return Shown(1.0, unit or "1")
+    alike = known.excitation in (("base", "lever") if kind == "base" else ("force", "torque"))
+    own, said = (known.input_unit, known.input_unit_said) if alike else (known.unit, known.unit_said)
+    return shown_in(own, unit or ("" if kind == "base" and own == "rad" else said))
 
 
 @dataclass(frozen=True, repr=False)
@@ -275,7 +301,9 @@ def predict_fit(
     configure()
     known = fit if isinstance(fit, Mechanics) else read_mechanics(fit)
     kind, levels = _asked(torque, base)
-    point = None if through is None else _checked(Through(*through), levels)
+    shown = motion or shown_in(known.unit, known.unit_said)
+    at = drive or drive_shown(known, kind, through=through is not None)
+    point = None if through is None else _checked(Through(*through), levels, shown)
     model = _model_of(known)
     numbers = _numbers_of(known, model, wanted=_gain_from(known, kind, point) == "fit")
     natural = math.sqrt(numbers.value("stiffness")) / (2 * np.pi)
@@ -288,10 +316,9 @@ def predict_fit(
     drawn, remarks = _drawn(numbers, draws, rng)
     values = np.concatenate([numbers.values[None], drawn])
     normal = _Normal.of(numbers, model)
-    gains, said = _gains(normal, values, kind, point, rng)
+    gains, said = _gains(normal, values, kind, point, rng, shown)
     values, gains = values[np.isfinite(gains)], gains[np.isfinite(gains)]
     found = _levels(normal, values, gains, kind, levels, band, progress)
-    shown, at = motion or shown_in(known.unit), drive or _drive_shown(known, kind, point)
     told = (*_undetermined(known, kind, point, gains), *remarks, *said)
     told += tuple(_extrapolated(known, one, shown, at) for one in found.levels if _reach(one) > _BEYOND * known.largest)
     return Forced(
@@ -325,15 +352,15 @@ def _asked(torque: float | Sequence[float] | None, base: float | Sequence[float]
     return kind, levels
 
 
-def _checked(point: Through, levels: Array) -> Through:
+def _checked(point: Through, levels: Array, motion: Shown) -> Through:
     level = float(levels[0]) if point.level is None else float(point.level)
     for name, value in (("frequency", point.frequency_hz), ("amplitude", point.amplitude), ("level", level)):
         if not (math.isfinite(value) and value > 0):
             raise SpecError(f"the measured point has a {name} of {value:g}, expected a positive number")
     if not 0 <= point.std < 0.5 * point.amplitude:
         raise SpecError(
-            f"the measured amplitude is {point.amplitude:g} with a standard deviation of {point.std:g}, expected one "
-            "from zero to half of it"
+            f"the measured amplitude is {motion.of(point.amplitude)} with a standard deviation of "
+            f"{motion.of(point.std)}, expected one from zero to half of it"
         )
     return point._replace(level=level)
 
@@ -465,7 +492,7 @@ class _Normal:
 
 
 def _gains(
-    normal: _Normal, values: Array, kind: Kind, point: Through | None, rng: np.random.Generator
+    normal: _Normal, values: Array, kind: Kind, point: Through | None, rng: np.random.Generator, motion: Shown
 ) -> tuple[Array, list[str]]:
     """Return the gain of each law, (n,), NaN where a drawn one does not reach the point, and sentences."""
     known = normal.known
@@ -479,8 +506,8 @@ def _gains(
     push, x, lane = push_needed(normal.numbers(values), omega, amplitude / normal.size, normal.laws)
     if not np.isfinite(push[0]) or push[0] <= 0:
         raise RecordingError(
-            f"the law of this fit has no steady motion of {point.amplitude:g} at {point.frequency_hz:g} Hz; check the "
-            "point's unit, or measure one nearer to the amplitudes of the record"
+            f"the law of this fit has no steady motion of {motion.of(point.amplitude)} at {point.frequency_hz:g} Hz; "
+            "check the point's unit, or measure one nearer to the amplitudes of the record"
         )
     per = normal.size * normal.omega**2 / cast(float, point.level)
     gains = push * per / ((2 * np.pi * point.frequency_hz) ** 2 if kind == "base" else 1.0)
@@ -570,14 +597,6 @@ def _physical(branch: Branch, hertz: float, size: float) -> Branch:
 
 
 # What it is worth, in words.
-
-
-def _drive_shown(known: Mechanics, kind: Kind, point: Through | None) -> Shown:
-    if point is not None:
-        return Shown(1.0, "1")
-    if kind == "base" and known.excitation not in ("base", "lever"):
-        return shown_in(known.unit)
-    return shown_in(known.input_unit)
 
 
 def _undetermined(known: Mechanics, kind: Kind, point: Through | None, gains: Array) -> tuple[str, ...]:

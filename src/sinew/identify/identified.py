@@ -13,8 +13,8 @@ from sinew.analysis.signal.signals import read_signals, torsion_delay
 from sinew.identify.choice.comparison import Comparison, compare, compare_laws, compare_segments, impossible_numbers
 from sinew.identify.choice.diagnosis import refuse_hopeless, suspicions
 from sinew.identify.choice.held_out import HeldOut, Split, split_record
-from sinew.identify.choice.input_noise import warn_of_noise, widen, window_force
-from sinew.identify.choice.stretch import cut_to, free_part, unwrapped
+from sinew.identify.choice.input_noise import silenced, warn_of_noise, widen, window_force
+from sinew.identify.choice.stretch import cut_to, free_part, telling, unwrapped
 from sinew.identify.forced import Forced, Through, mechanics_of, predict_fit
 from sinew.identify.joint.fit import JointFit, fit_joint
 from sinew.identify.oscillator.bootstrap import bootstrap_repeats
@@ -205,7 +205,8 @@ def identify(
     if chain:
         raise SpecError("chain is for steady states, these are samples over time; leave it out")
     if foreign:
-        records = [unwrapped(one) for one in records]
+        counted = train is not None or test is not None
+        records = [telling(unwrapped(one), counted=counted) for one in records]
     if foreign and len(records) == 1 and not any(one is not None for one in (start_s, stop_s, train, test)):
         records = [free_part(records[0])]
     remarks = (*unit_remarks(records[0]), *records[0].notes)
@@ -251,10 +252,11 @@ def find_mechanics(
         if len(records) > 2:
             return _of_segments(records, wanted, remarks, progress)
         remarks = [*remarks, "of two segments the first was fitted; three and more are fitted together"]
-    windowed = window_force(records[0])
-    if windowed is not None:
-        records, remarks = [windowed.record], [*remarks, windowed.sentence]
     split = split_record(records[0], train, test)
+    windowed = window_force(split.record, None if split.interleaved else split.kept)
+    if windowed is not None:
+        apart = None if split.apart is None else silenced(split.apart)
+        split, remarks = replace(split, record=windowed.record, apart=apart), [*remarks, windowed.sentence]
     taught = [int(k) for k in split.kept.nonzero()[0][[0, -1]]]
     refuse_hopeless(split.record.cut(taught[0], taught[1] + 1))
     compared = compare_laws(split, progress) if wanted is None else compare(split, [wanted])

@@ -237,9 +237,13 @@ def lines_in(response: FrequencyResponse, band: tuple[float, float]) -> Bools:
 
 
 def refuse_empty(response: FrequencyResponse, band: tuple[float, float]) -> None:
-    """Raise RecordingError where the drive excites no line of a band."""
+    """Raise RecordingError where the drive excites no line of a band, or nothing answers it at any."""
     if not lines_in(response, band).any():
         f = response.frequency_hz[_excited(response)]
+        if not f.size:
+            raise RecordingError(
+                "the response answers the drive at no frequency; does it move, and are these the right columns?"
+            )
         raise RecordingError(
             f"the drive excites nothing from {band[0]:g} to {band[1]:g} Hz; choose a band between {f[0]:.4g} and "
             f"{f[-1]:.4g} Hz"

@@ -13,7 +13,8 @@ from sinew.measure.errors import RecordingError, TimeError
 from sinew.measure.estimate import number
 
 _TURNS = {"deg": 360.0, "rad": 2.0 * np.pi}
-_WRAPPED = 0.75  # of a turn from one sample to the next: no motion that is sampled well enough
+_WITHIN = 1.02  # turns that a sensor shows which wraps
+_STEADY = 0.25  # of a turn from one sample to the next: a motion that is sampled well enough
 _HELD = 0.2  # share of samples in rows of one value, of a sensor slower than its record
 _SHORTER = 0.9  # half periods: a crest's plateau is shorter, a hold longer
 _FEWEST_FROZEN, _STUCK = 6, 2.0  # samples of one value; times as long as rounding rests on a crest
@@ -62,7 +63,9 @@ def read_samples(time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
     """
     t, x, lever = checked_record(time_s, response, drive, bridging=True)
     remarks: list[str] = []
-    x = _unwrapped(x, unit, remarks)
+    x, turns = unwrapped_angle(x, unit)
+    if turns:
+        remarks.append("the angle jumps by a turn where its sensor wraps; it was unwrapped")
     steps = np.diff(t)
     step = float(np.median(steps))
     gaps = np.flatnonzero(steps > LARGEST_GAP * step)
@@ -102,12 +105,20 @@ def read_samples(time_s: ArrayLike, response: ArrayLike, drive: ArrayLike | None
     return Samples(t[told], x[told], even_s, even, False, nearest > 0.6 * step, lever, 0.0, coarse, tuple(remarks))
 
 
-def _unwrapped(x: Array, unit: str, remarks: list[str]) -> Array:
+def unwrapped_angle(values: Array, unit: str) -> tuple[Array, int]:
+    """Return an angle without the jumps of a sensor that wraps, shape (n,), and how many there were.
+
+    It stays as it is in a unit other than deg and rad, where it is seen beyond one turn, and where it would move by
+    more than a quarter of a turn between two samples without its jumps: then they were none.
+    """
     turn = _TURNS.get(unit)
-    if turn is None or np.ptp(x) > 1.02 * turn or not (np.abs(np.diff(x)) > _WRAPPED * turn).any():
-        return x
-    remarks.append("the angle jumps by a turn where its sensor wraps; it was unwrapped")
-    return np.asarray(np.unwrap(x, period=turn), dtype=float)
+    if turn is None or np.ptp(values) > _WITHIN * turn:
+        return values, 0
+    jumps = int(np.count_nonzero(np.abs(np.diff(values)) > 0.5 * turn))
+    whole = np.unwrap(values, period=turn) if jumps else values
+    if not jumps or np.abs(np.diff(whole)).max() > _STEADY * turn:
+        return values, 0
+    return np.asarray(whole, dtype=float), jumps
 
 
 def _half_period(t: Array, x: Array, gaps: NDArray[np.intp]) -> float | None:

@@ -9,7 +9,7 @@ from sinew.apps.console import option
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
-    from sinew.identify.forced import Forced, Mechanics, Shown
+    from sinew.identify.forced import Forced, Kind, Mechanics
 
 Torque = Annotated[
     str | None,
@@ -71,7 +71,7 @@ class AskedOfFit(NamedTuple):
 
 def predicted_fit(asked: AskedOfFit) -> "Forced":
     """Return the forced response. Raises SinewError where something cannot be meant."""
-    from sinew.identify.forced import Through, predict_fit, read_mechanics
+    from sinew.identify.forced import Through, drive_shown, predict_fit, read_mechanics, shown_in
 
     known = read_mechanics(asked.file)
     if (asked.torque is None) == (asked.base is None):
@@ -80,12 +80,13 @@ def predicted_fit(asked: AskedOfFit) -> "Forced":
     assert text is not None
     words, _, unit = text.partition(":")
     levels = console.number_list(name, words, "positive amplitudes, as 0.1,0.2", low=0, above=True)
-    drive = _shown_drive(known, unit.strip(), base=asked.base is not None, through=asked.through is not None)
+    kind: Kind = "torque" if asked.base is None else "base"
+    drive = drive_shown(known, kind, unit.strip(), through=asked.through is not None)
     levels = [one / drive.factor for one in levels]
     point, motion = None, None
     if asked.through is not None:
         found = _point(asked.through)
-        motion = _shown_motion(known, (found["unit"] or "").strip())
+        motion = shown_in(known.unit, (found["unit"] or "").strip() or known.unit_said)
         hertz, size = (_number(found[part]) for part in ("hertz", "size"))
         std = _number(found["std"]) if found["std"] else 0.0
         level = _number(found["level"]) / drive.factor if found["level"] else None
@@ -115,25 +116,6 @@ def _point(text: str) -> "re.Match[str]":
 
 def _number(text: str) -> float:
     return console.number_list("--through", text.strip(), "a positive number", between="\n", low=0)[0]
-
-
-def _shown_motion(known: "Mechanics", unit: str) -> "Shown":
-    from sinew.identify.forced import Shown, shown_in
-    from sinew.measure.units import convert
-
-    return Shown(1 / convert(unit, known.unit), unit) if unit else shown_in(known.unit)
-
-
-def _shown_drive(known: "Mechanics", unit: str, *, base: bool, through: bool) -> "Shown":
-    """Return how levels are said: with a measured point in any unit, else in one of the input's, or the motion's."""
-    from sinew.identify.forced import Shown, shown_in
-    from sinew.measure.units import convert
-
-    if through:
-        return Shown(1.0, unit or "1")
-    alike = known.excitation in (("base", "lever") if base else ("force", "torque"))
-    own = known.input_unit if alike else known.unit
-    return Shown(1 / convert(unit, own), unit) if unit else shown_in(own)
 
 
 def _band(known: "Mechanics", start: float | None, stop: float | None) -> tuple[float, float] | None:

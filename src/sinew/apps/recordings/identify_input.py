@@ -98,7 +98,8 @@ def table_record(
         _check_bridges(record)
     longest = f"the longest part, {stamps[0]:g} to {stamps[-1]:g} s, is taken"
     notes = [f"time: {note}" for note in timeline.notes] if timeline.changed else []
-    return replace(record, notes=(*found.notes, *notes, *((longest,) if len(timeline.pieces) > 1 else ())))
+    told = (*found.notes, *notes, *((longest,) if len(timeline.pieces) > 1 else ()))
+    return replace(record, notes=told, output_said=found.said["output"], input_said=found.said.get("input", ""))
 
 
 def _check_bridges(record: "Record") -> None:
@@ -116,16 +117,17 @@ def _check_bridges(record: "Record") -> None:
         )
 
 
-def _column(table: "Table", spec: str) -> "tuple[Array, str]":
-    """Return a column, or the mean of several, in the SI unit that comes with it."""
+def _column(table: "Table", spec: str) -> "tuple[Array, str, str]":
+    """Return a column, or the mean of several, in SI, the SI unit, and the unit that it came in."""
     import numpy as np
 
     from sinew.measure.files.csv import find_columns, numbers
     from sinew.measure.units import canonical_unit, unit_in_name
 
     names, stated = find_columns(table, spec)
-    unit, factor = canonical_unit(stated or unit_in_name(names[0]) or "1")
-    return np.mean([numbers(table, name) for name in names], axis=0) * factor, unit
+    said = stated or unit_in_name(names[0]) or "1"
+    unit, factor = canonical_unit(said)
+    return np.mean([numbers(table, name) for name in names], axis=0) * factor, unit, said
 
 
 def table_points(
@@ -152,12 +154,12 @@ def table_points(
     names, stated = find_columns(table, frequency or "frequency_hz")
     if (stated or "Hz").lower() != "hz":
         raise SpecError(f"--frequency is in {stated}, expected Hz")
-    angle, angle_unit = _column(table, phase or "phase_deg")
+    angle, angle_unit, _ = _column(table, phase or "phase_deg")
     if angle_unit not in ("rad", "1"):
         raise SpecError(f"--phase is in {angle_unit}, expected degrees or radians: COL:deg or COL:rad")
-    response, response_unit = _column(table, output)
-    drive, drive_unit = _column(table, given)
-    return points_of_table(
+    response, response_unit, output_said = _column(table, output)
+    drive, drive_unit, input_said = _column(table, given)
+    points = points_of_table(
         numbers(table, names[0]),
         response,
         angle,
@@ -166,6 +168,7 @@ def table_points(
         output_unit=response_unit,
         input_unit=drive_unit,
     )
+    return tuple(replace(one, output_said=output_said, input_said=input_said) for one in points)
 
 
 def recording_points(

@@ -62,8 +62,19 @@ class Windowed:
     sentence: str
 
 
-def window_force(record: Record) -> Windowed | None:
-    """Return the record with its silent force taken as its mean; None where it is not silent, or better as measured."""
+def silenced(record: Record) -> Record:
+    """Return the record with its silent force taken as its mean; as it is where that is not silent."""
+    loud = None if record.input is None else _loud(record.input)
+    if record.input is None or loud is None:
+        return record
+    return replace(record, input=np.where(loud, record.input, record.input[~loud].mean()))
+
+
+def window_force(record: Record, kept: NDArray[np.bool_] | None = None) -> Windowed | None:
+    """Return the record with its silent force taken as its mean; None where it is not silent, or better as measured.
+
+    kept: which samples of the output may be looked at, shape (n,); all where it is None.
+    """
     if record.input is None or record.excitation not in ("force", "torque"):
         return None
     loud = _loud(record.input)
@@ -71,9 +82,9 @@ def window_force(record: Record) -> Windowed | None:
         return None
     mean = float(record.input[~loud].mean())
     noise = float(record.input[~loud].std())
-    windowed = replace(record, input=np.where(loud, record.input, mean))
+    windowed, seen = silenced(record), None if kept is None else [kept]
     try:
-        found, before = fit(windowed, MODELS["linear"]), fit(record, MODELS["linear"]).rmse
+        found, before = fit(windowed, MODELS["linear"], kept=seen), fit(record, MODELS["linear"], kept=seen).rmse
     except RecordingError:
         return None
     left = found.rmse
@@ -121,9 +132,11 @@ def _put_right(found: Fit, loud: NDArray[np.bool_], mean: float, noise: float) -
     assert record.input is not None
     shapes, std = _errors(found, record.input - mean, loud, noise)
     responses = np.stack([_response(found, shape) for shape in shapes], axis=1) * std
-    jacobian = np.concatenate([found.solution.jacobian * found.layout.parts[0].unit_size, responses], axis=1)
+    seen = found.kept[0]  # a stroke behind these samples moves none of them, so it stays as it was measured
+    jacobian = np.concatenate([found.solution.jacobian * found.layout.parts[0].unit_size, responses[seen]], axis=1)
     size = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-    residual, moved = found.residuals()[0], np.zeros(std.size)
+    size[-std.size :] = np.hypot(size[-std.size :], found.rmse)  # a stroke that moves nothing has its prior alone
+    residual, moved = found.residuals()[0][seen], np.zeros(std.size)
     left, held = max(found.rmse, 1e-300), np.zeros((std.size, jacobian.shape[1]))
     for _ in range(_ROUNDS):  # the less they leave, the less the noise of the output holds them
         held[:, -std.size :] = left * np.eye(std.size)

@@ -1,11 +1,13 @@
-"""The stretch of a record that is fitted: between two times, an angle unwrapped, and of a free decay its free part."""
+"""The stretch of a record that is fitted: between two times, an angle unwrapped, what no sensor saw left out, and of a
+free decay its free part."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from sinew.analysis.decay.free_decay import Peaks, evenly, find_peaks, free_decay
+from sinew.analysis.decay.free_decay import Peaks, find_peaks, free_decay
+from sinew.analysis.decay.samples import read_samples, unwrapped_angle
 from sinew.identify.oscillator.record import FEWEST, Record
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -33,30 +35,39 @@ def cut_to(record: Record, start_s: float | None, stop_s: float | None) -> Recor
 def unwrapped(record: Record) -> Record:
     """Return the record with angles that jump by a whole turn between two samples made continuous, and a note on it."""
     notes = []
-    output, turns = _unwrapped(record.output, record.output_unit)
+    output, turns = unwrapped_angle(record.output, record.output_unit)
     if turns:
         notes.append(f"the output jumps by a whole turn {_times(turns)}; it was unwrapped")
     given = record.input
     if given is not None:
-        given, turns = _unwrapped(given, record.input_unit)
+        given, turns = unwrapped_angle(given, record.input_unit)
         if turns:
             notes.append(f"the input jumps by a whole turn {_times(turns)}; it was unwrapped")
     return replace(record, output=output, input=given, notes=(*record.notes, *notes)) if notes else record
 
 
-def _unwrapped(values: Array, unit: str) -> tuple[Array, int]:
-    """Return an angle without jumps of a turn, and how many there were; as it is where it never was within one turn."""
-    if unit != "rad" or np.ptp(values) > 2 * np.pi * 1.001:
-        return values, 0
-    turns = int(np.count_nonzero(np.abs(np.diff(values)) > np.pi))
-    if not turns:
-        return values, 0
-    whole = np.unwrap(values)
-    return (whole, turns) if np.abs(np.diff(whole)).max() < 0.5 * np.pi else (values, 0)
-
-
 def _times(count: int) -> str:
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def telling(record: Record, *, counted: bool = False) -> Record:
+    """Return a free decay without samples that are clipped or frozen, as `analyse` leaves them out, and a note on them.
+
+    counted: samples were asked for by their index, so none is left out and the note says that they are there.
+    """
+    if record.excitation != "none":
+        return record
+    try:
+        samples = read_samples(record.time_s, record.output, None, record.output_unit)
+    except RecordingError:
+        return record
+    if lost := record.size - samples.time_s.size:
+        notes = [one for one in samples.remarks if one.endswith("left out")]
+        if counted:
+            notes = [f"{lost} samples are clipped or frozen, and fitted; without train and test they are left out"]
+            return replace(record, notes=(*record.notes, *notes))
+        return replace(record, time_s=samples.time_s, output=samples.values, notes=(*record.notes, *notes))
+    return record
 
 
 def free_part(record: Record) -> Record:
@@ -68,8 +79,8 @@ def free_part(record: Record) -> Record:
     if record.excitation != "none":
         return record
     try:
-        t, x, _, _ = evenly(record.time_s, record.output, None)
-        decays = find_decays(t, x)
+        samples = read_samples(record.time_s, record.output, None, record.output_unit)
+        decays = find_decays(samples.even_s, samples.even)
     except RecordingError:
         return record
     if not decays:

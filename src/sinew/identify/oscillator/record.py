@@ -11,7 +11,8 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from sinew.identify.oscillator.track import LOCAL, Grid
 from sinew.measure.arrays import Array
 from sinew.measure.doors import as_numbers, as_seconds
-from sinew.measure.errors import RecordingError, SpecError
+from sinew.measure.errors import RecordingError, SpecError, UnitError
+from sinew.measure.units import convert
 from sinew.mechanics.laws import Law, LossFactor
 from sinew.mechanics.silicone import BAND_HZ, relaxation_times
 
@@ -33,6 +34,7 @@ class Record:
     output_unit, input_unit: SI and radians. A rate or acceleration is fitted as such.
     output_delay_s: how much later than the input's the output's stamps are [s].
     group: name of the condition (a pretension, a length) that the stretch was recorded under.
+    output_said, input_said: the units that people have them in, in which numbers are shown; "" where nobody said.
     """
 
     time_s: Array
@@ -44,6 +46,8 @@ class Record:
     output_delay_s: float = 0.0
     group: str = ""
     notes: tuple[str, ...] = field(default=())
+    output_said: str = ""
+    input_said: str = ""
 
     @property
     def size(self) -> int:
@@ -66,6 +70,17 @@ class Record:
         moved = self.excitation in ("base", "lever")
         return _MOTIONS.get(self.input_unit, self.input_unit) if moved else self.input_unit
 
+    @property
+    def motion_said(self) -> str:
+        """Return the unit that people have the motion in; "" where nobody said."""
+        return _motion_said(self.output_said, self.output_unit)
+
+    @property
+    def input_motion_said(self) -> str:
+        """Return the unit that people have the input in, for a base or lever its motion; "" where nobody said."""
+        moved = self.excitation in ("base", "lever")
+        return _motion_said(self.input_said, self.input_unit) if moved else self.input_said
+
     def cut(self, start: int, stop: int) -> "Record":
         """Return the samples start to stop - 1."""
         kept = slice(start, stop)
@@ -76,6 +91,18 @@ class Record:
 def derivative_order(unit: str) -> int:
     """Return 0 for a motion, 1 for a rate, 2 for an acceleration, by its unit."""
     return _ORDERS.get(unit, 0)
+
+
+def _motion_said(said: str, unit: str) -> str:
+    """Return the unit of a motion by that of the motion, its rate or its acceleration: "mm" of "mm/s"."""
+    if unit not in _MOTIONS:
+        return said
+    stem = said.partition("/s")[0].strip()
+    try:
+        convert(stem, _MOTIONS[unit])
+    except UnitError:
+        return ""
+    return stem
 
 
 def make_record(

@@ -25,7 +25,8 @@ class ResponsePoints:
     frequency_hz: shape (n,). response: complex, fundamental of the output over that of the input, output_unit per
     input_unit, positive time convention exp(+jΩt), shape (n,). covariance: of its real and imaginary part,
     shape (n, 2, 2). input_amplitude: of the input's fundamental, shape (n,), in input_unit.
-    excitation, output_unit, input_unit: as of a `Record`. group: name of the condition (a pretension, a level).
+    excitation, output_unit, input_unit, output_said, input_said: as of a `Record`. group: name of the condition (a
+    pretension, a level).
     scatter_freedom: degrees of freedom of each point's scatter, infinity where it is known.
     """
 
@@ -39,6 +40,8 @@ class ResponsePoints:
     group: str = ""
     scatter_freedom: float = np.inf
     notes: tuple[str, ...] = field(default=())
+    output_said: str = ""
+    input_said: str = ""
 
     @property
     def size(self) -> int:
@@ -49,7 +52,8 @@ class ResponsePoints:
     def signals(self) -> Record:
         """Return a record without samples that carries excitation, units and group, whose rules hold for points too."""
         nothing = np.empty(0)
-        return Record(nothing, nothing, nothing, self.excitation, self.output_unit, self.input_unit, group=self.group)
+        record = Record(nothing, nothing, nothing, self.excitation, self.output_unit, self.input_unit, group=self.group)
+        return replace(record, output_said=self.output_said, input_said=self.input_said)
 
     def at(self, frequency_hz: float, input_amplitude: float) -> "ResponsePoints":
         """Return one point of the same kind at a frequency and drive, its response unknown."""

@@ -216,7 +216,8 @@ class Stretch:
     """Columns of a table over a stretch of time.
 
     timeline: its time [s], the pieces that its gaps make and what was found. values: by role, shape (n,), in SI units
-    and radians; units: of them. specs: which columns these are, by role and "time". notes: what was done.
+    and radians; units: of them. specs: which columns these are, by role and "time". notes: what was done. said: the
+    units that the columns came in, by role.
     """
 
     timeline: Timeline
@@ -224,6 +225,7 @@ class Stretch:
     units: dict[str, str]
     specs: dict[str, str]
     notes: tuple[str, ...]
+    said: dict[str, str]
 
 
 def read_stretch(
@@ -282,12 +284,13 @@ def read_stretch(
     if time is not None and rate_hz is not None:
         _check_rate(rate_hz, timeline.time_s, time)
     part = table.iloc[inside]
-    values, units = {}, {}
+    values, units, said = {}, {}, {}
     for role, (names, stated) in found.items():
-        units[role], factor = canonical_unit(_unit_of(names, stated, "1"))
+        said[role] = _unit_of(names, stated, "1")
+        units[role], factor = canonical_unit(said[role])
         values[role] = np.mean([numbers(part, name) for name in names], axis=0) * factor
     specs = named | {"time": time if time is not None else f"{rate_hz:g} Hz"}
-    return Stretch(timeline, values, units, specs, (*notes_of(table), *notes, *told))
+    return Stretch(timeline, values, units, specs, (*notes_of(table), *notes, *told), said)
 
 
 def _choose_columns(
