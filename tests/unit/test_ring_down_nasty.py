@@ -98,7 +98,7 @@ def test_a_sensor_that_freezes_for_a_while_leaves_the_damping() -> None:
 
 
 def test_a_sensor_that_freezes_is_remarked_with_its_time() -> None:
-    assert "stands still while the body should move, first at 0.755 s" in frozen().remarks[0]
+    assert "stands still where the body should move, first at 0.755 s" in frozen().remarks[0]
 
 
 @pytest.mark.parametrize(("unit", "turn"), [("deg", 360.0), ("rad", 2 * np.pi)])

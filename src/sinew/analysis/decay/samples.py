@@ -156,9 +156,9 @@ def _telling(t: Array, x: Array, half: float, remarks: list[str]) -> NDArray[np.
         )
     if frozen.any():
         at = np.flatnonzero(frozen)
+        why = "friction holds the body, or its sensor froze" if frozen[-1] else "the body should move"
         remarks.append(
-            f"the response stands still while the body should move, first at {t[at[0]]:.4g} s; {at.size} samples are "
-            "left out"
+            f"the response stands still where {why}, first at {t[at[0]]:.4g} s; {at.size} samples are left out"
         )
     return ~(clipped | frozen)
 

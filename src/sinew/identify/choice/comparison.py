@@ -129,8 +129,6 @@ def compare_laws(split: Split, progress: Callable[[float, float], None] | None =
     for _ in range(_REFINEMENTS):  # of a law that comes near, the spring and the rest position
         if not race.add([model for row in _near(race.rows) for model in _neighbours(row, tried)]):
             break
-    near = [id(row) for row in _near(race.rows) if row.model.law.sticks]
-    race.rows = [_followed(split, row) if id(row) in near else row for row in race.rows]
     best = choose(race.rows).best
     if best.model.law.sticks or ask_fit(best.held_out.fit).white_p < SIGNIFICANT:
         race.add(_hysteresis(best))
@@ -225,12 +223,6 @@ def _neighbours(row: Row, tried: Sequence[Model]) -> Iterable[Model]:
         yield ladder[at + 1].resting(model.rest)
     if model.rest == "creep" and not surely("drift"):
         yield model.resting("offset")
-
-
-def _followed(split: Split, row: Row) -> Row:
-    """Return the row of a fit that was sought beside its minimum, too."""
-    found = fit_and_predict(split, row.model, guess=row.held_out.fit)
-    return row if found.fit.rmse > row.held_out.fit.rmse else _row(row.model, found)
 
 
 def laws_to_try() -> tuple[Model, ...]:
