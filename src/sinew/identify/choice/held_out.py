@@ -94,12 +94,12 @@ def _blocks(record: Record) -> Mask:
     return np.asarray(block % _EVERY == _EVERY - 1)
 
 
-def fit_and_predict(split: Split, model: Model | str, guess: Fit | None = None, smaller: Fit | None = None) -> HeldOut:
+def fit_and_predict(split: Split, model: Model | str, smaller: Fit | None = None) -> HeldOut:
     """Return the fit to the training samples, and what it leaves of the held-out ones.
 
-    guess, smaller: fits to the same samples of the same model, or of a smaller one, at which the search begins.
+    smaller: a fit of a smaller model to the same samples, at which the search begins.
     """
-    found = fit(split.record, model, kept=[split.kept], guess=guess, smaller=smaller)
+    found = fit(split.record, model, kept=[split.kept], smaller=smaller)
     if split.apart is not None:
         return HeldOut(found, split.apart.output - predict(found, split.apart))
     return HeldOut(found, found.residuals()[0][split.tested])
