@@ -17,10 +17,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.signals import Signals
-from sinew.measure.arrays import Array, mean_of_known
+from sinew.measure.arrays import Array, Mask, mean_of_known
 from sinew.measure.errors import SinewError
 from sinew.measure.estimate import finite, number
 from sinew.measure.recording import Segment
@@ -590,7 +589,7 @@ def _moving(signals: Signals) -> Iterator[tuple[Segment, slice]]:
             yield segment, slice(where.start, min(where.stop, where.start + round(signals.budget.sample_hz)))
 
 
-def _same_as_before(values: Array) -> NDArray[np.bool_]:
+def _same_as_before(values: Array) -> Mask:
     """Return whether each sample equals the one before it on all axes, shape (n,); readings that were brought onto
     other times by interpolation are equal but for their last bits."""
     tolerance = _SAME * np.abs(values).max(axis=0, initial=0.0)
@@ -599,7 +598,7 @@ def _same_as_before(values: Array) -> NDArray[np.bool_]:
     return same
 
 
-def _longest_run(same: NDArray[np.bool_]) -> int:
+def _longest_run(same: Mask) -> int:
     """Return how many True stand in a row at most."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int8), [0]])))
     return int((edges[1::2] - edges[::2]).max(initial=0))

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from sinew.analysis.sweep.energy import cost_of_swing, fit_swing_trend
@@ -30,7 +29,7 @@ from sinew.figures.style import (
     pretension_bar,
     pretension_colours,
 )
-from sinew.measure.arrays import Array, mean_and_spread
+from sinew.measure.arrays import Array, Mask, mean_and_spread
 from sinew.measure.estimate import shown
 
 
@@ -524,7 +523,7 @@ def _is_compared(document: dict[str, Any]) -> bool:
     return bool(np.isfinite(_column(document, "coherence")).any())
 
 
-def _coherent(document: dict[str, Any]) -> NDArray[np.bool_]:
+def _coherent(document: dict[str, Any]) -> Mask:
     """Return which lines are worth seeing: those of the band, and where half the response is due to the drive."""
     frequency, (low, high) = _column(document, "frequency_hz"), document["band_hz"]
     return np.asarray((_column(document, "coherence") > 0.5) | ((frequency >= low) & (frequency <= high)))

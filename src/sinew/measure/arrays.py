@@ -1,4 +1,4 @@
-"""Arrays: the types of real and complex ones, mean and spread that leave out what was not measured."""
+"""Arrays: the types of real and complex ones and of masks, mean and spread that leave out what was not measured."""
 
 from typing import Any
 
@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
+Mask = NDArray[np.bool_]
 
 
 def namespace_of(value: Any) -> Any:
@@ -34,3 +35,8 @@ def mean_and_spread(values: ArrayLike) -> tuple[Array, Array]:
     count, mean = known.sum(axis=-1), mean_of_known(array)
     squares = np.where(known, (array - mean[..., None]) ** 2, 0.0).sum(axis=-1)
     return mean, np.sqrt(squares / np.where(count > 1, count - 1, np.nan))
+
+
+def robust_std(deviations: ArrayLike) -> float:
+    """Return the standard deviation of normal noise whose deviations have this median size; outliers hardly move it."""
+    return 1.4826 * float(np.median(np.abs(deviations)))

@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import TimeError
 
 Gaps: TypeAlias = Literal["refuse", "split", "bridge"]
@@ -350,7 +350,7 @@ def _refuse_nonsense(stamps: Array, rows: Rows) -> None:
         raise TimeError(f"all {stamps.size} time stamps are {stamps[0]:.6g} s; is this the time column?")
 
 
-def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of: str = "file") -> NDArray[np.bool_]:
+def choose_stretch(time: Array, start_s: float | None, stop_s: float | None, of: str = "file") -> Mask:
     """Return which times [s] lie from start_s to stop_s, both included, shape (n,); None leaves an end open.
 
     of: what the times are of, for the sentence. Raises TimeError where start is not before stop, or nothing is left.

@@ -10,14 +10,13 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 from scipy.signal import find_peaks
 
 from sinew.analysis.decay.free_decay import fit_envelope
 from sinew.analysis.decay.ring_down import DECAY_FROM_PERIODS
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.solve.march import Track
@@ -109,7 +108,7 @@ def misfit(observed: Array) -> Array:
     return np.asarray((observed - value) * _MOST_DEVIATIONS / tolerance)
 
 
-def is_met(observed: Array) -> NDArray[np.bool_]:
+def is_met(observed: Array) -> Mask:
     """Return whether all of the paper's numbers are met within their tolerance, over the leading axes."""
     return np.asarray((np.abs(misfit(observed)) <= _MOST_DEVIATIONS).all(axis=-1))
 

@@ -24,7 +24,7 @@ from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.torsion import LeverMotion, measure_lever
 from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, estimate_resonance
 from sinew.analysis.sweep.response import Response, estimate_response, wrapped_lag
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.plan.plan import TendonMode
@@ -91,7 +91,7 @@ class Comparison:
 
     pretension_mm: Array
     frequency_hz: Array
-    fitted: NDArray[np.bool_]
+    fitted: Mask
     points: dict[str, Reading]
     readings: dict[str, Reading]
 
@@ -271,7 +271,7 @@ def scores_of(comparison: Comparison) -> dict[Subset, dict[str, Score]]:
     """Return the scores of all numbers: over all pretensions, over those that the rig was calibrated to, and over the
     others. A subset without a place is left out."""
     found: dict[Subset, dict[str, Score]] = {}
-    subsets: dict[Subset, NDArray[np.bool_]] = {
+    subsets: dict[Subset, Mask] = {
         "all": np.ones_like(comparison.fitted),
         "fitted": comparison.fitted,
         "others": ~comparison.fitted,
@@ -295,7 +295,7 @@ def estimate_at(name: str, reading: Reading, place: tuple[int, ...]) -> tuple[Es
     )
 
 
-def _score(name: str, reading: Reading, rows: NDArray[np.bool_]) -> Score:
+def _score(name: str, reading: Reading, rows: Mask) -> Score:
     error, std = (part[rows] for part in error_of(name, reading)[:2])
     low, high, predicted = reading.low[rows], reading.high[rows], reading.predicted[rows]
     known = np.isfinite(error)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from sinew.measure.arrays import Array, Complexes
+from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.solve.landmark import interpolated_peak
 
 _FEWEST = 7  # points of a curve about its peak
@@ -53,7 +53,7 @@ class Branch:
     message: str
 
     @property
-    def stable(self) -> NDArray[np.bool_]:
+    def stable(self) -> Mask:
         """Return which points are stable, (n,)."""
         return np.asarray(self.multiplier < 1 + _NEUTRAL)
 

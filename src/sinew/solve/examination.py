@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.measure.arrays import Array, Complexes
+from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.solve.balance import Equations, Lane, Size, balance, embedded, is_symmetric, orders, size_of, slices, solve
 
 # The size of steady motions is measured: half of peak to peak, fundamental, phase behind the drive.
@@ -193,7 +193,7 @@ class Examination(NamedTuple):
     range_change: Array
     frequency_change: Array
     maps: Array
-    settled: NDArray[np.bool_]
+    settled: Mask
 
 
 def rows_of(tree: Any, index: NDArray[np.intp]) -> Any:

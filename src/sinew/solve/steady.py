@@ -11,9 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from numpy.typing import NDArray
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.solve.balance import Equations, Lane, Size, balance, slices, solve
 from sinew.solve.examination import in_blocks
 
@@ -28,7 +27,7 @@ class Steady(NamedTuple):
 
     x: Array
     slopes: Array
-    found: NDArray[np.bool_]
+    found: Mask
 
 
 class _Search(NamedTuple):

@@ -12,11 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from sinew import __version__
 from sinew.analysis.analysed import analyse_recording
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError, how_to_install
 from sinew.measure.estimate import Estimate, finite, number
 from sinew.measure.told import Table, Told
@@ -67,7 +66,7 @@ class Found(NamedTuple):
     objectives: Array
     pretension: Array
     lever: Array
-    feasible: NDArray[np.bool_]
+    feasible: Mask
     excess: Array
 
 
@@ -204,7 +203,7 @@ def _once(plan: Plan) -> Plan:
 # Candidates are compared in several objectives: who is dominated, and which few stand for the rest.
 
 
-def nondominated(objectives: Array) -> NDArray[np.bool_]:
+def nondominated(objectives: Array) -> Mask:
     """Return which rows (n, k) no other row is at least as small as in every objective and smaller in one, (n,).
 
     Of equal rows the first stays.
@@ -333,7 +332,7 @@ class Designed(Told):
     candidates: int
     feasible: int
     evaluated: tuple[Proposal, ...]
-    front: NDArray[np.bool_]
+    front: Mask
     chosen: tuple[int, ...]
     confirmed: tuple[tuple[Confirmed, ...], ...]
     search_s: float
@@ -510,7 +509,7 @@ def drafts_of(found: Sequence[Found], text: str, target: DesignTarget, count: in
     return drafts
 
 
-def select(evaluated: Sequence[Proposal], count: int) -> tuple[NDArray[np.bool_], list[int]]:
+def select(evaluated: Sequence[Proposal], count: int) -> tuple[Mask, list[int]]:
     """Return (which are feasible and not dominated, indices of at most `count` distinct proposals).
 
     Distinct: another shape, another silicone, or a length that differs by half. The front's come first, then others

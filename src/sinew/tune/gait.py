@@ -21,7 +21,7 @@ from scipy.signal import butter, sosfiltfilt
 from scipy.special import stdtr
 from vqf import offlineVQF
 
-from sinew.measure.arrays import Array, Complexes
+from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate
 from sinew.measure.files.walk_file import Imu, MarkerPair, WalkRecord
@@ -172,8 +172,6 @@ def mean_of_strides(values: Array) -> Estimate:
     half = float(brentq(lambda z: float(weight @ stdtr(n - 1, z / scale)) - 0.95, 0.0, 50.0 * float(scale.max())))
     return Estimate(plain, spread * std, plain - spread * half, plain + spread * half)
 
-
-Mask = NDArray[np.bool_]
 
 FEWEST_STRIDES, SHORTEST_STRIDES = 5, 1.5
 _WINDOW_S, _HOP_S = 5.0, 0.25

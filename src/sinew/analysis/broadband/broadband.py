@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy import fft, interpolate
 
 from sinew.analysis.broadband.poles import PoleFit, fit_poles_of
@@ -16,12 +15,12 @@ from sinew.analysis.broadband.spectra import FrequencyResponse, Segmentation, av
 from sinew.analysis.decay.free_decay import evenly
 from sinew.analysis.signal.signals import drive_channel, response_channel
 from sinew.analysis.sweep.response import wrapped_lag
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate, finite
 from sinew.measure.recording import segment_slices
 
-Bools = NDArray[np.bool_]
+Bools = Mask
 MOST_MODES = 8
 """Modes that may be asked for at once."""
 

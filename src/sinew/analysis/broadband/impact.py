@@ -30,7 +30,7 @@ from sinew.analysis.broadband.poles import LineErrors, PoleFit, fit_poles
 from sinew.analysis.broadband.spectra import FrequencyResponse, Segmentation, Spectra
 from sinew.analysis.decay.free_decay import noise_level
 from sinew.analysis.signal.limits import overloads
-from sinew.measure.arrays import Array, Complexes
+from sinew.measure.arrays import Array, Complexes, Mask, robust_std
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import finite, number
 
@@ -64,7 +64,7 @@ def struck_force(drive: Array) -> tuple[Array, float]:
     """Return the force about its rest, positive in the direction in which it is largest, (n,), and its noise."""
     about = drive - np.median(drive)
     force = about if about.max() >= -about.min() else -about
-    return np.asarray(force, dtype=float), max(1.4826 * float(np.median(np.abs(about))), noise_level(drive))
+    return np.asarray(force, dtype=float), max(robust_std(about), noise_level(drive))
 
 
 def find_blows(drive: Array) -> list[Blow]:
@@ -90,7 +90,7 @@ def find_blows(drive: Array) -> list[Blow]:
     return blows
 
 
-def _reach(quiet: NDArray[np.bool_], first: int, last: int) -> tuple[int, int]:
+def _reach(quiet: Mask, first: int, last: int) -> tuple[int, int]:
     """Return the samples [begin, end) around first and last up to where the force is quiet."""
     before, after = np.flatnonzero(quiet[:first]), np.flatnonzero(quiet[last:])
     return int(before[-1]) + 1 if before.size else 0, last + int(after[0]) if after.size else quiet.size
@@ -276,7 +276,7 @@ def _strike(hit: Hit, end: int, guard: int, block: slice, drive: Array, response
     at_rest = force[window == 0]
     known = at_rest.size >= _FEWEST
     rest = float(np.median(at_rest if known else drive))
-    noise = 1.4826 * float(np.median(np.abs(at_rest - rest))) if known else 0.0
+    noise = robust_std(at_rest - rest) if known else 0.0
     return _Strike(
         hit,
         force - rest,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, signal
 
-from sinew.measure.arrays import Array, Complexes
+from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.measure.errors import RecordingError
 
 Pair = tuple[NDArray[np.floating], NDArray[np.floating]]
@@ -213,7 +213,7 @@ class FrequencyResponse:
     lag_window: Array
     spectra: Spectra
 
-    def between(self, low_hz: float, high_hz: float) -> NDArray[np.bool_]:
+    def between(self, low_hz: float, high_hz: float) -> Mask:
         """Return which bins lie in a band and were excited, shape (f,)."""
         inside = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
         return np.asarray(inside & np.isfinite(self.h1) & np.isfinite(self.relative_std))

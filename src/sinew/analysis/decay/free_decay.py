@@ -13,7 +13,7 @@ from sinew.analysis.decay.decay_fit import (
     fit_decay_and_rest,
     printed_lehr_damping,
 )
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask, robust_std
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import RecordingError, TimeError
 
@@ -62,7 +62,7 @@ def noise_level(values: Array) -> float:
     if values.size < 4 * _DIFFERENCES:
         return resolution
     gain = np.sqrt(252.0)  # root of the sum of squared binomials of the fifth difference
-    white = 1.4826 * float(np.median(np.abs(np.diff(values, _DIFFERENCES)))) / gain
+    white = robust_std(np.diff(values, _DIFFERENCES)) / gain
     return float(max(white, resolution))
 
 
@@ -89,7 +89,7 @@ def find_peaks(time_s: Array, values: Array) -> Peaks:
         step /= finer
     window = min(2 * int(0.3 * half_period / step) + 1, time_s.size - (1 - time_s.size % 2))
     smooth, slope, curve = (signal.savgol_filter(values, window, 3, deriv=k, delta=step) for k in range(3))
-    rough = 1.4826 * float(np.median(np.abs(values - smooth)))
+    rough = robust_std(values - smooth)
     noise = max(noise, rough)
     value_std = noise * min(1.0, 1.5 / np.sqrt(window / finer))
     index = _alternating(smooth, max(5.0 * value_std, _SMALL_SWING * span))
@@ -443,7 +443,7 @@ def spectral_lines(t: Array, x: Array) -> list[float]:
     return lines[:_MOST_LINES]
 
 
-def _within(t: Array, start: float, stop: float) -> NDArray[np.bool_]:
+def _within(t: Array, start: float, stop: float) -> Mask:
     return np.asarray((t >= start - 1e-9) & (t <= stop + 1e-9))
 
 

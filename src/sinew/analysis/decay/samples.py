@@ -8,7 +8,7 @@ from scipy import interpolate
 
 from sinew.analysis.decay.free_decay import LARGEST_GAP, checked_record, evenly, first_half_period, noise_level
 from sinew.analysis.signal.limits import is_cut_off, resolution, rows_of_one_value
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError, TimeError
 from sinew.measure.estimate import number
 
@@ -45,7 +45,7 @@ class Samples:
     even_s: Array
     even: Array
     is_even: bool
-    missing: NDArray[np.bool_]
+    missing: Mask
     drive: Array | None
     clock_std: float
     resolution: float
@@ -135,7 +135,7 @@ def _half_period(t: Array, x: Array, gaps: NDArray[np.intp]) -> float | None:
     return None
 
 
-def _telling(t: Array, x: Array, half: float, remarks: list[str]) -> NDArray[np.bool_]:
+def _telling(t: Array, x: Array, half: float, remarks: list[str]) -> Mask:
     """Return which samples tell of the motion; half: half period in samples."""
     q = resolution(x)
     rows = rows_of_one_value(x)

@@ -1,9 +1,8 @@
 """A sensor at the end of its range: rows of one value where the signal goes on."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 
 _FEWEST = 3  # samples of one value
 _NEAR, _BESIDE = 2.5, 0.3  # steps; share of the samples so near to the limit beside a crest that is not cut off
@@ -39,7 +38,7 @@ def is_cut_off(values: Array, first: int, stop: int, step: float) -> bool:
     return bool(np.count_nonzero(side * (top - around) < _NEAR * step) < _BESIDE * reach)
 
 
-def overloads(values: Array) -> NDArray[np.bool_]:
+def overloads(values: Array) -> Mask:
     """Return which samples belong to crests that a limit of the range cut off, (n,)."""
     found = np.zeros(values.size, dtype=bool)
     step = resolution(values)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
 from sinew.analysis.sweep.response import wrapped_lag
-from sinew.measure.arrays import Array, Complexes
+from sinew.measure.arrays import Array, Complexes, Mask
 
 _FULL = np.ones(8, dtype=bool)
 _PLAIN = np.array([True, True, True, True, True, True, False, False])
@@ -103,7 +103,7 @@ def fit_curve(frequency_hz: Array, response: Complexes, size_std: Array, angle_s
     return None
 
 
-def _start(points: _Points, active: NDArray[np.bool_]) -> Array:
+def _start(points: _Points, active: Mask) -> Array:
     """Return the parameters of the linearised problem H·D - N = 0, reweighted by 1/|D| four times."""
     v, response = points.v, points.response
     columns: list[NDArray[Any]] = [response, 1j * (1.0 + points.w * v) * response]
@@ -118,7 +118,7 @@ def _start(points: _Points, active: NDArray[np.bool_]) -> Array:
     return parameters
 
 
-def _jacobian(parameters: Array, points: _Points, active: NDArray[np.bool_]) -> Array:
+def _jacobian(parameters: Array, points: _Points, active: Mask) -> Array:
     """Return the derivatives of the weighted curve, shape (2n, active parameters)."""
     denominator = _denominator(parameters, points.v, points.w)
     bent = -evaluate_curve(parameters, points.v, points.w) / denominator
@@ -132,7 +132,7 @@ def _residual(parameters: Array, points: _Points) -> Array:
     return points.weighted(points.response - evaluate_curve(parameters, points.v, points.w))
 
 
-def _refine(parameters: Array, points: _Points, active: NDArray[np.bool_]) -> Array:
+def _refine(parameters: Array, points: _Points, active: Mask) -> Array:
     """Return the parameters of the least weighted residual, by Levenberg-Marquardt from a start."""
     damping, residual = 1e-6, _residual(parameters, points)
     for _ in range(_STEPS):
@@ -154,9 +154,7 @@ def _refine(parameters: Array, points: _Points, active: NDArray[np.bool_]) -> Ar
     return parameters
 
 
-def _covariance_roots(
-    parameters: Array, points: _Points, active: NDArray[np.bool_]
-) -> tuple[Array, tuple[float, float]]:
+def _covariance_roots(parameters: Array, points: _Points, active: Mask) -> tuple[Array, tuple[float, float]]:
     """Return roots of the covariance from sizes and from angles, (8, 16), and the degrees of freedom of each.
 
     Sizes and angles are scaled each by their own residual, for jitter of the stamps is in the angles alone.

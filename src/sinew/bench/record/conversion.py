@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sinew.bench.record.journal_reader import JournalReader, Stretch
 from sinew.bench.record.sample import Sample
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, robust_std
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import provenance, save_recording
 from sinew.measure.recording import REGISTERS_ATTRIBUTE, Segment, build_recording
@@ -99,7 +99,7 @@ def _line(x: Array, y: Array) -> tuple[float, float]:
         slope = float((weight * dx * dy).sum() / max((weight * dx * dx).sum(), 1e-300))
         offset = float(mean_y - slope * mean_x)
         off = np.abs(y - offset - slope * x)
-        scale = 1.4826 * float(np.median(off)) + 1e-9
+        scale = robust_std(off) + 1e-9
         # Absolute values first, which no outlier can lead astray.
         weight = scale / np.maximum(off, scale) if step < 8 else np.clip(1 - (off / (4.685 * scale)) ** 2, 0, None) ** 2
     return offset, slope

@@ -10,7 +10,6 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, few, in_style, new_figure, note_panel
 from sinew.identify.choice.held_out import HeldOut, Split
@@ -21,7 +20,7 @@ from sinew.identify.oscillator.record import Record, derivative_order
 from sinew.identify.oscillator.start import dominant_omega
 from sinew.identify.stepped.curves import backbone_of_response, response_curve
 from sinew.identify.stepped.fit import ResponseFit
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.estimate import pair, typeset
 from sinew.mechanics.laws import NUMBERS
 from sinew.solve.curves import wrapped_lag
@@ -97,7 +96,7 @@ class Trace:
     time_s: Array
     measured: Array
     fitted: Array
-    held: NDArray[np.bool_]
+    held: Mask
     unit: str
     title: str = ""
 
@@ -206,7 +205,7 @@ def _draw(axes: Axes, trace: Trace, where: slice, zero: float, *, dense: bool) -
     axes.margins(x=0)
 
 
-def _stretches(held: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _stretches(held: Mask) -> list[tuple[int, int]]:
     """Return begin and end (not included) of each run of samples that were held out."""
     steps = np.diff(np.concatenate([[False], held, [False]]).astype(int))
     return list(zip(np.flatnonzero(steps == 1).tolist(), np.flatnonzero(steps == -1).tolist(), strict=True))

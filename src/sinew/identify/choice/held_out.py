@@ -8,7 +8,6 @@ ranges are named, blocks all over the record are left out of the sum of squares 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sinew.identify.oscillator.fit import fit
 from sinew.identify.oscillator.fitted import Fit
@@ -17,10 +16,8 @@ from sinew.identify.oscillator.model import Model, make_layout, make_part
 from sinew.identify.oscillator.record import FEWEST, Record
 from sinew.identify.oscillator.start import dominant_omega
 from sinew.identify.oscillator.track import PLACE
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError, SpecError
-
-Mask = NDArray[np.bool_]
 
 _BLOCKS = 40
 _EVERY = 4  # block of them is held out

@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, signal
 
 from sinew.identify.oscillator.fit import fit
@@ -26,7 +25,7 @@ from sinew.identify.oscillator.fitted import Fit, mechanical_parameters, oscilla
 from sinew.identify.oscillator.least_squares import Covariance
 from sinew.identify.oscillator.model import MODELS, make_part
 from sinew.identify.oscillator.record import Record, derivative_order
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask, robust_std
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import number
 
@@ -70,7 +69,7 @@ def silenced(record: Record) -> Record:
     return replace(record, input=np.where(loud, record.input, record.input[~loud].mean()))
 
 
-def window_force(record: Record, kept: NDArray[np.bool_] | None = None) -> Windowed | None:
+def window_force(record: Record, kept: Mask | None = None) -> Windowed | None:
     """Return the record with its silent force taken as its mean; None where it is not silent, or better as measured.
 
     kept: which samples of the output may be looked at, shape (n,); all where it is None.
@@ -103,10 +102,10 @@ def window_force(record: Record, kept: NDArray[np.bool_] | None = None) -> Windo
     )
 
 
-def _loud(force: Array) -> NDArray[np.bool_] | None:
+def _loud(force: Array) -> Mask | None:
     """Return where there is a force, with its skirts, shape (n,); None where it is not silent most of the time."""
     off = np.abs(force - np.median(force))
-    noise = 1.4826 * float(np.median(off))
+    noise = robust_std(off)
     if not 0 < _PEAK * noise < float(off.max()):
         return None
     found = np.zeros(force.size, dtype=bool)
@@ -116,13 +115,13 @@ def _loud(force: Array) -> NDArray[np.bool_] | None:
     return found if float(np.mean(~found)) >= _SILENT else None
 
 
-def _stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _stretches(mask: Mask) -> list[tuple[int, int]]:
     """Return begin and end, half open, of every stretch of a mask that is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def _put_right(found: Fit, loud: NDArray[np.bool_], mean: float, noise: float) -> tuple[Record, dict[str, float]]:
+def _put_right(found: Fit, loud: Mask, mean: float, noise: float) -> tuple[Record, dict[str, float]]:
     """Return the record with its pulses as the output says they were, as far as noise can have done it, and how much
     wider each number is for it.
 
@@ -151,7 +150,7 @@ def _put_right(found: Fit, loud: NDArray[np.bool_], mean: float, noise: float) -
     return replace(record, input=record.input + np.tensordot(moved * std, shapes, 1)), wider
 
 
-def _errors(found: Fit, force: Array, loud: NDArray[np.bool_], noise: float) -> tuple[Array, Array]:
+def _errors(found: Fit, force: Array, loud: Mask, noise: float) -> tuple[Array, Array]:
     """Return the errors that the pulses of a force may have, shape (e, n), and the standard deviation of each, (e,).
 
     The noise of a loud stretch is white, so its cosine transform is white, too; of that the joint follows the slow
@@ -183,7 +182,7 @@ def _response(found: Fit, force: Array) -> Array:
     return np.asarray(layout.outputs(found.solution.values)[0] * part.unit_size - found.predicted[0])
 
 
-def _strength_std(force: Array, loud: NDArray[np.bool_], noise: float) -> float:
+def _strength_std(force: Array, loud: Mask, noise: float) -> float:
     """Return the relative standard deviation of the gain that pulses, each as strong as its area, tell by their noise:
     of areas A_p of n_p samples the slope of least squares has the variance σ² Σ n_p A_p² / (Σ A_p²)²."""
     pulses = _stretches(loud)

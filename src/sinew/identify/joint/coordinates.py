@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from numpy.typing import NDArray
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import NORMAL_95
 from sinew.mechanics.parameters import Parameters
@@ -60,7 +59,7 @@ class Coordinates:
     names: tuple[str, ...]
     origin: Array
     width: Array
-    logarithmic: NDArray[np.bool_]
+    logarithmic: Mask
     low: Array
     high: Array
 

@@ -11,14 +11,13 @@ from functools import partial
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy import special
 
 from sinew.identify.joint.coordinates import Coordinates, make_coordinates
 from sinew.identify.joint.motion import JointProblem, make_problem, stated_repeatability, steps_per_sample, whitening_of
 from sinew.identify.joint.swing import Swing, is_enough, swings_of
 from sinew.identify.oscillator.least_squares import Covariance, Solution, correlation, find_unidentifiable, solve
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.plan.rig import RigSpec
@@ -178,7 +177,7 @@ class JointSegment:
     time_s: Array
     measured: Array
     predicted: Array
-    kept: NDArray[np.bool_]
+    kept: Mask
     predicted_current_a: float
 
     @property

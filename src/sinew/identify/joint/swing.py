@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import signal
 from scipy.interpolate import CubicSpline
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.schema import SegmentKind
@@ -45,7 +45,7 @@ class Swing:
     sample_s: float
     lever: CubicSpline
     gyro: Array
-    present: NDArray[np.bool_]
+    present: Mask
     recorded: int
     current_a: float
     current_swing_a: float

@@ -34,12 +34,12 @@ from sinew.identify.oscillator.record import (
 )
 from sinew.identify.oscillator.start import dominant_omega, regress_together, ringing, ringing_misfit
 from sinew.identify.oscillator.track import LOCAL
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.laws import HISTORIES, LossFactor, Pendulum, Term
 from sinew.twin.cache import configure
 
-Masks = Sequence[NDArray[np.bool_]]
+Masks = Sequence[Mask]
 
 _COLOURED = 0.2  # correlation of neighbouring residuals from which on their scores are asked too
 
@@ -287,7 +287,7 @@ def _sum_of_squares(residual: Array) -> float:
         return float(residual @ residual) if np.isfinite(residual).all() else np.inf
 
 
-def _large(part: Part) -> NDArray[np.bool_]:
+def _large(part: Part) -> Mask:
     """Return the samples up to the last at which the output is a tenth of its largest."""
     output = part.record.output - np.median(part.record.output)
     last = int(np.flatnonzero(np.abs(output) > _LARGE * np.abs(output).max())[-1])

@@ -3,14 +3,13 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from sinew.identify.oscillator.least_squares import Covariance, Solution, correlation, estimates, find_unidentifiable
 from sinew.identify.oscillator.model import Layout, Model, free_mechanics, parameter_name
 from sinew.identify.oscillator.record import Frame, Record, derivative_order
 from sinew.identify.oscillator.track import LOCAL
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.estimate import Estimate
 from sinew.mechanics.laws import HISTORIES, NUMBERS, Cycle, Law, LossFactor
 
@@ -160,7 +159,7 @@ class Fit(Fitted):
 
     records: tuple[Record, ...]
     predicted: tuple[Array, ...]
-    kept: tuple[NDArray[np.bool_], ...]
+    kept: tuple[Mask, ...]
     layout: Layout
 
     @property

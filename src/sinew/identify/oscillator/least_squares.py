@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from sinew.analysis.signal.coloured_noise import sandwich
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 
@@ -28,7 +28,7 @@ class Problem:
     jacobian: Callable[[Array], Array]
 
 
-def restricted(problem: Problem, x: Array, free: NDArray[np.bool_] | NDArray[np.intp]) -> Problem:
+def restricted(problem: Problem, x: Array, free: Mask | NDArray[np.intp]) -> Problem:
     """Return the problem of the free ones among the parameters, a mask or indices, the others being as in x."""
 
     def whole(values: Array) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sinew.identify.oscillator.least_squares import Problem
 from sinew.identify.oscillator.record import Excitation, Frame, Record, Scales, derivative_order, grid_of
 from sinew.identify.oscillator.track import LOCAL, PLACE, Grid, track, track_slopes
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError
 from sinew.mechanics.laws import (
     HISTORIES,
@@ -137,7 +137,7 @@ class Part:
     scales: Scales
     grid: Grid
     samples: NDArray[np.intp]
-    kept: NDArray[np.bool_]
+    kept: Mask
     order: int
     unit_size: float
     fixed: Array
@@ -187,7 +187,7 @@ class Layout:
         found = track(self.local(x, i), part.grid, self.model.law, part.order, int(samples[-1]))
         return np.asarray(found[samples])
 
-    def problem(self, seen: Sequence[NDArray[np.bool_]]) -> Problem:
+    def problem(self, seen: Sequence[Mask]) -> Problem:
         """Return the least-squares problem over the samples that are seen, one mask for each part."""
         ends = [int(np.flatnonzero(mask)[-1]) + 1 if mask.any() else 1 for mask in seen]
         masks = [mask[:end] for mask, end in zip(seen, ends, strict=True)]
@@ -210,7 +210,7 @@ class Layout:
         return found
 
 
-def make_part(record: Record, model: Model, scales: Scales, frame: Frame, kept: NDArray[np.bool_]) -> Part:
+def make_part(record: Record, model: Model, scales: Scales, frame: Frame, kept: Mask) -> Part:
     """Return a record ready to be simulated with a model."""
     grid, samples = grid_of(record, scales, frame, model.law)
     order = derivative_order(record.output_unit)

@@ -21,13 +21,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special, stats
 
 from sinew.identify.oscillator.fitted import Fit, number_names, physical_numbers
 from sinew.identify.oscillator.model import Layout, Part
 from sinew.identify.oscillator.track import LOCAL, Grid, traced_slopes, traced_track
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError, how_to_install
 from sinew.measure.estimate import Estimate
 from sinew.mechanics.laws import Law
@@ -141,7 +140,7 @@ def _stretch(fit: Fit, widths: Array, variance: float) -> tuple[Array, Array]:
     return turned, robust
 
 
-def _stacks(layout: Layout, kept: tuple[NDArray[np.bool_], ...]) -> tuple[tuple[int, ...], tuple[_Stack, ...]]:
+def _stacks(layout: Layout, kept: tuple[Mask, ...]) -> tuple[tuple[int, ...], tuple[_Stack, ...]]:
     alike: dict[tuple[int, int, int], list[_Stack]] = {}
     for i, (part, mask) in enumerate(zip(layout.parts, kept, strict=True)):
         key = part.order, part.grid.step.size, layout.index[i].size
@@ -151,7 +150,7 @@ def _stacks(layout: Layout, kept: tuple[NDArray[np.bool_], ...]) -> tuple[tuple[
     )
 
 
-def _one(layout: Layout, part: Part, i: int, mask: NDArray[np.bool_]) -> _Stack:
+def _one(layout: Layout, part: Part, i: int, mask: Mask) -> _Stack:
     target, weight = np.zeros(part.grid.time.size), np.zeros(part.grid.time.size)
     target[part.samples] = part.record.output / part.unit_size
     weight[part.samples] = mask

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
@@ -29,7 +28,7 @@ from sinew.identify.oscillator.record import Frame, Scales, derivative_order, fr
 from sinew.identify.oscillator.track import LOCAL, Grid
 from sinew.identify.stepped.oscillation import Drive, Laws, number_names, oscillate
 from sinew.identify.stepped.points import ResponsePoints
-from sinew.measure.arrays import Array, Complexes
+from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.mechanics.laws import Cubic, LossFactor, Pendulum, Term
 from sinew.mechanics.silicone import relaxation_times
@@ -56,7 +55,7 @@ class Predicted:
 
     response: Complexes
     slopes: Complexes
-    found: NDArray[np.bool_]
+    found: Mask
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from sinew.measure.arrays import Array, Complexes
+from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.mechanics.laws import DryFriction, Law, LossFactor, Pendulum, Quadratic
 from sinew.mechanics.silicone import relaxation_times
 from sinew.solve.balance import Coordinate, Equations, Lane, Size, orders
@@ -93,7 +93,7 @@ class Oscillations(NamedTuple):
 
     fundamental: Complexes
     slopes: Complexes
-    found: NDArray[np.bool_]
+    found: Mask
 
 
 class _Numbers(NamedTuple):
@@ -236,9 +236,7 @@ def lag_of(x: Array, laws: Laws, drive: Drive) -> float:
     return float(-np.angle(fundamentals(x[None], laws)[0] / push)) % (2 * np.pi)
 
 
-def lagging(
-    numbers: Array, lag: Array, laws: Laws, drive: Drive, near: Array
-) -> tuple[Array, Complexes, NDArray[np.bool_]]:
+def lagging(numbers: Array, lag: Array, laws: Laws, drive: Drive, near: Array) -> tuple[Array, Complexes, Mask]:
     """Return (frequency in ω_r, harmonics, whether they were found) of the oscillations that lag by given angles.
 
     numbers: shape (n, l). lag: of the fundamental behind j^power, shape (n,) [rad]. near: unknowns of a neighbour,

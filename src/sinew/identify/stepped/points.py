@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sinew.analysis.sweep.response import Response
 from sinew.identify.oscillator.record import Excitation, Record, derivative_order, input_derivative
-from sinew.measure.arrays import Array, Complexes
+from sinew.measure.arrays import Array, Complexes, Mask
 from sinew.measure.errors import RecordingError, SpecError
 
 _FIVE_PERIODS = 12.0  # degrees of freedom of the scatter of a stretch of five periods: three pairs of sidebands
@@ -66,7 +66,7 @@ class ResponsePoints:
             input_amplitude=input_amplitude * one,
         )
 
-    def only(self, chosen: NDArray[np.bool_] | NDArray[np.intp]) -> "ResponsePoints":
+    def only(self, chosen: Mask | NDArray[np.intp]) -> "ResponsePoints":
         """Return the chosen points: a mask of shape (n,) or indices."""
         return replace(
             self,

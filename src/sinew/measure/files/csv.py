@@ -24,7 +24,7 @@ import pandas as pd  # type: ignore[import-untyped,unused-ignore]
 import xarray as xr
 from numpy.typing import NDArray
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.doors import as_path, as_seconds
 from sinew.measure.errors import RecordingError, SpecError, UnitError
 from sinew.measure.files.formats import open_file
@@ -189,7 +189,7 @@ def numbers(table: Table, name: str, rows: slice = slice(None)) -> NDArray[np.fl
     return values
 
 
-def _hole(column: "pd.Series", missing: NDArray[np.bool_], what: str) -> str:
+def _hole(column: "pd.Series", missing: Mask, what: str) -> str:
     """Return what to say of a column that lacks numbers."""
     return (
         f"column {column.name!r} holds {what} in data row {_rows(column)[missing][0]} ({missing.sum()} such rows in "

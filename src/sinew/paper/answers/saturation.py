@@ -10,11 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from sinew.analysis.signal.repeats import Trend, fit_trend, ratio_interval
 from sinew.analysis.sweep.saturation import FEWEST_PRETENSIONS, fit_saturation
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import CANNOT_TELL, Answer, Cell, cannot_tell, in_words
 
@@ -118,7 +117,7 @@ def _threshold(pretension: Array, gain: Array) -> tuple[Estimate, str]:
     )
 
 
-def _lines(table: dict[str, Array], above: NDArray[np.bool_]) -> _Lines:
+def _lines(table: dict[str, Array], above: Mask) -> _Lines:
     x = table["pretension_mm"][above]
 
     def line(name: str, *, log: bool = True) -> Trend:

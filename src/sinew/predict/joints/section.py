@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ellipe
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import FileError, SpecError
 
 _TOUCH = 1e-9
@@ -75,7 +75,7 @@ def segments(drawn: Outline) -> tuple[Array, Array]:
     return np.concatenate(drawn.rings), np.concatenate([np.roll(ring, -1, axis=0) for ring in drawn.rings])
 
 
-def inside(points: Array, drawn: Outline) -> NDArray[np.bool_]:
+def inside(points: Array, drawn: Outline) -> Mask:
     """Return which points (n, 2) lie in the material, by the number of edges to the right of them."""
     begin, end = segments(drawn)
     x, y = points[:, :1], points[:, 1:]

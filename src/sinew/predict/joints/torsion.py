@@ -17,7 +17,7 @@ from scipy.spatial import Delaunay, cKDTree
 from skfem import Basis, ElementTriP2, FacetBasis, LinearForm, MeshTri
 from skfem.models.poisson import laplace, mass, unit_load
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError
 from sinew.predict.joints.section import Moments, Outline, centred, corner_turns, inside, moments
 
@@ -69,7 +69,7 @@ def _divided(ring: Array, size: float) -> Array:
     return np.concatenate(pieces)
 
 
-def _halved(ring: Array, lost: NDArray[np.bool_]) -> Array:
+def _halved(ring: Array, lost: Mask) -> Array:
     middle = 0.5 * (ring + np.roll(ring, -1, axis=0))
     pairs = np.stack([ring, middle], axis=1)
     keep = np.stack([np.ones_like(lost), lost], axis=1)
@@ -86,7 +86,7 @@ def _grid(drawn: Outline, size: float) -> Array:
     return points[inside(points, drawn)]
 
 
-def _missing(triangles: NDArray[np.int64], rings: list[Array], count: int) -> list[NDArray[np.bool_]]:
+def _missing(triangles: NDArray[np.int64], rings: list[Array], count: int) -> list[Mask]:
     pairs = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     known = pairs[:, 0] * count + pairs[:, 1]
     found, start = [], 0
