@@ -40,3 +40,8 @@ def mean_and_spread(values: ArrayLike) -> tuple[Array, Array]:
 def robust_std(deviations: ArrayLike) -> float:
     """Return the standard deviation of normal noise whose deviations have this median size; outliers hardly move it."""
     return 1.4826 * float(np.median(np.abs(deviations)))
+
+
+def wrapped_lag(ratio: Complexes) -> Array:
+    """Return the lag of a complex response over its drive, (-π/2, 3π/2] [rad]: 0 and π lie well inside."""
+    return np.asarray(1.5 * np.pi - np.mod(1.5 * np.pi + np.angle(ratio), 2.0 * np.pi))

@@ -23,8 +23,8 @@ from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.torsion import LeverMotion, measure_lever
 from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, estimate_resonance
-from sinew.analysis.sweep.response import Response, estimate_response, wrapped_lag
-from sinew.measure.arrays import Array, Mask
+from sinew.analysis.sweep.response import Response, estimate_response
+from sinew.measure.arrays import Array, Mask, wrapped_lag
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.plan.plan import TendonMode

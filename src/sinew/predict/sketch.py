@@ -13,13 +13,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, wrapped_lag
 from sinew.predict.band import crest
 from sinew.predict.joint import RESOLUTION
 from sinew.solve.balance import Equations, Lane, Size, orders
 from sinew.solve.branch import Branch, Mark, Prediction
 from sinew.solve.continuation import OUTSIDE, Stride
-from sinew.solve.curves import ENDS, Problem, first_curves, wrapped_lag
+from sinew.solve.curves import ENDS, Problem, first_curves
 from sinew.solve.examination import (
     drive_phasor,
     half_range,
@@ -68,7 +68,7 @@ def _branch(points: Array, tangents: Array, lane: Lane, equations: Equations, st
     for guess in guesses(points, tangents, height, product) if count > 2 else []:
         at = guess.point[None]
         size = float(half_range(at, equations, harmonics).value[0] * response)
-        lag = float(wrapped_lag(lag_product(at, equations, harmonics)[0])[0])
+        lag = float(wrapped_lag(np.conj(lag_product(at, equations, harmonics)[0]))[0])
         mark = Mark(float(at[0, -1]) * hertz, size, lag)
         if guess.kind == FOLD:
             folds.append(mark)
@@ -77,7 +77,7 @@ def _branch(points: Array, tangents: Array, lane: Lane, equations: Equations, st
     branch = Branch(
         frequency_hz=points[:, -1] * hertz,
         amplitude=height * response,
-        phase=wrapped_lag(product),
+        phase=wrapped_lag(np.conj(product)),
         orders=orders(equations.coordinates[equations.response], harmonics),
         harmonics=phasors(points, equations, harmonics, equations.response) * response,
         drive=drive_phasor(points, equations, harmonics) * drive,

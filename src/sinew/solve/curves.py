@@ -7,9 +7,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, wrapped_lag
 from sinew.solve.balance import Equations, Lane, Size, embedded, orders, slices, unknowns
 from sinew.solve.branch import Branch, Mark, Prediction
 from sinew.solve.continuation import LIMIT, LOST, OUTSIDE, POINTS, STUCK, Curve, Stride, follow
@@ -126,11 +125,6 @@ def _located(found: list[tuple[int, Guess]], problem: Problem, search: Search, s
     return [Located(*(row[i] for row in done)) for i in range(len(found))]
 
 
-def wrapped_lag(product: NDArray[np.complex128]) -> Array:
-    """Return the argument of drive times conjugate response [rad], from -π/2 to 3π/2."""
-    return np.asarray(np.mod(np.angle(product) + np.pi / 2, 2 * np.pi) - np.pi / 2)
-
-
 def _branch(
     lane: int,
     problem: Problem,
@@ -155,11 +149,13 @@ def _branch(
     for guess, at in marks:
         if float(at.error) < enough and abs(float(at.points[-1] - guess.point[-1])) < _NEAR:
             mark = Mark(
-                float(at.points[-1]) * hertz, float(at.half_range * response), float(wrapped_lag(np.asarray(at.lag)))
+                float(at.points[-1]) * hertz, float(at.half_range * response), float(wrapped_lag(np.conj(at.lag)))
             )
             kept[guess.kind].append(mark)
         elif guess.kind == PEAK and not missing:
-            where = interpolated_peak(seen.frequency * hertz, seen.half_range * response, wrapped_lag(seen.product))
+            where = interpolated_peak(
+                seen.frequency * hertz, seen.half_range * response, wrapped_lag(np.conj(seen.product))
+            )
             kept[PEAK].append(Mark(*where))
             told.append("its peak was interpolated")
         else:
@@ -169,7 +165,7 @@ def _branch(
     return Branch(
         frequency_hz=seen.frequency * hertz,
         amplitude=seen.half_range * response,
-        phase=wrapped_lag(seen.product),
+        phase=wrapped_lag(np.conj(seen.product)),
         orders=orders(equations.coordinates[equations.response], fine.harmonics),
         harmonics=seen.response * response,
         drive=seen.drive * drive,

@@ -14,8 +14,7 @@ from sinew.analysis.broadband.poles import PoleFit, fit_poles_of
 from sinew.analysis.broadband.spectra import FrequencyResponse, Segmentation, average_pieces, response_of_spectra
 from sinew.analysis.decay.free_decay import evenly
 from sinew.analysis.signal.signals import drive_channel, response_channel
-from sinew.analysis.sweep.response import wrapped_lag
-from sinew.measure.arrays import Array, Mask
+from sinew.measure.arrays import Array, Mask, wrapped_lag
 from sinew.measure.errors import RecordingError, SpecError
 from sinew.measure.estimate import Estimate, finite
 from sinew.measure.recording import segment_slices

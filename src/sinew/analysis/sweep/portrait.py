@@ -8,7 +8,7 @@ import xarray as xr
 from sinew.analysis.signal.harmonics import fit_harmonics
 from sinew.analysis.signal.signals import Signals, read_signals, torsion_chain
 from sinew.analysis.signal.torsion import steady_motion
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, wrapped_lag
 from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate
 from sinew.plan.rig import RigSpec
@@ -106,17 +106,12 @@ def lissajous_phase(drive: Array, torsion: Array, step_rad: Array, periods: Arra
     x = drive - drive.mean(axis=1, keepdims=True)
     y = torsion - torsion.mean(axis=1, keepdims=True)
     area = _shoelace(x, y) * (step_rad / np.sin(step_rad)) / periods
-    return _wrapped(np.arctan2(area / np.pi, 2.0 * (x * y).mean(axis=1)))
+    return wrapped_lag(2.0 * (x * y).mean(axis=1) - 1j * area / np.pi)
 
 
 def _shoelace(x: Array, y: Array) -> Array:
     """Return ∮ x dy over closed polygons, shape (s,): positive counter-clockwise, as torsion behind drive runs."""
     return np.asarray(0.5 * (x * np.roll(y, -1, axis=1) - y * np.roll(x, -1, axis=1)).sum(axis=1))
-
-
-def _wrapped(lag: Array) -> Array:
-    """Return a lag moved into (-π/2, 3π/2], so that 0 and π both lie well inside."""
-    return np.asarray(1.5 * np.pi - np.mod(1.5 * np.pi - lag, 2.0 * np.pi))
 
 
 def fit_ellipse(motion: xr.Dataset) -> Ellipse:

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.analysis.signal.coloured_noise import solve_scaled, unit_columns
-from sinew.analysis.sweep.response import wrapped_lag
-from sinew.measure.arrays import Array, Complexes, Mask
+from sinew.measure.arrays import Array, Complexes, Mask, wrapped_lag
 
 _FULL = np.ones(8, dtype=bool)
 _PLAIN = np.array([True, True, True, True, True, True, False, False])

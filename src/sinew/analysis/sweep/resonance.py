@@ -16,8 +16,8 @@ from scipy.interpolate import Akima1DInterpolator, CubicSpline
 
 from sinew.analysis.signal.repeats import Interval, combine_repeats
 from sinew.analysis.sweep.rational import RationalCurve, fit_curve, read_curve
-from sinew.analysis.sweep.response import Response, wrapped_lag
-from sinew.measure.arrays import Array, Complexes, mean_of_known
+from sinew.analysis.sweep.response import Response
+from sinew.measure.arrays import Array, Complexes, mean_of_known, wrapped_lag
 from sinew.measure.estimate import Estimate
 from sinew.measure.schema import RESULT_VARIABLES, companions
 

@@ -13,7 +13,7 @@ from sinew.analysis.signal.power import power_columns, read_power
 from sinew.analysis.signal.signals import Signals, drive_chain, hidden_quantisation, read_signals, torsion_chain
 from sinew.analysis.signal.torsion import steady_torsion
 from sinew.analysis.sweep.portrait import lissajous_phase
-from sinew.measure.arrays import Array, Complexes
+from sinew.measure.arrays import Array, Complexes, wrapped_lag
 from sinew.measure.errors import RecordingError
 from sinew.measure.recording import Segment
 from sinew.measure.schema import POWER_COLUMNS, RESULT_VARIABLES, result_axis
@@ -53,11 +53,6 @@ class Response:
     nominal_gain_std: Array
     nominal_phase_std: Array
     power_per_inertia: Array | None = None
-
-
-def wrapped_lag(ratio: Complexes) -> Array:
-    """Return the lag of a complex response torsion/drive in (-π/2, 3π/2] [rad]: 0 and π lie well inside."""
-    return np.asarray(1.5 * np.pi - np.mod(1.5 * np.pi + np.angle(ratio), 2.0 * np.pi))
 
 
 @dataclass(frozen=True)

@@ -88,9 +88,9 @@ def transfer(
 def _ratio(ratio: Any) -> dict[str, list[float]]:
     import numpy as np
 
-    from sinew.solve.curves import wrapped_lag
+    from sinew.measure.arrays import wrapped_lag
 
-    return {"gain": np.abs(ratio).tolist(), "lag_deg": np.degrees(wrapped_lag(np.conj(ratio))).tolist()}
+    return {"gain": np.abs(ratio).tolist(), "lag_deg": np.degrees(wrapped_lag(ratio)).tolist()}
 
 
 def _describing(

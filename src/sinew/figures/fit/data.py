@@ -20,10 +20,9 @@ from sinew.identify.oscillator.record import Record, derivative_order
 from sinew.identify.oscillator.start import dominant_omega
 from sinew.identify.stepped.curves import backbone_of_response, response_curve
 from sinew.identify.stepped.fit import ResponseFit
-from sinew.measure.arrays import Array, Mask
+from sinew.measure.arrays import Array, Mask, wrapped_lag
 from sinew.measure.estimate import pair, typeset
 from sinew.mechanics.laws import NUMBERS
-from sinew.solve.curves import wrapped_lag
 
 # What a fit found gets the words and units that a figure shows.
 
@@ -371,8 +370,8 @@ def draw_response_fit(fit: ResponseFit) -> Figure:
         look = {"color": colour, "marker": marker, "linestyle": "none", "markerfacecolor": "none"}
         label = points.group.replace("*", " ") or "measured"
         left.plot(points.frequency_hz, factor * drive * np.abs(points.response), label=label, **look)
-        right.plot(frequency, np.degrees(wrapped_lag(np.conj(response))), color=colour)
-        right.plot(points.frequency_hz, np.degrees(wrapped_lag(np.conj(points.response))), **look)
+        right.plot(frequency, np.degrees(wrapped_lag(response)), color=colour)
+        right.plot(points.frequency_hz, np.degrees(wrapped_lag(points.response)), **look)
     if not derivative_order(unit) and fit.frame == "relative":
         largest = int(np.argmax([np.max(np.abs(p.response) * p.input_amplitude) for p in fit.points]))
         backbone = backbone_of_response(fit, part=largest)
