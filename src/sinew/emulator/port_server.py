@@ -16,6 +16,7 @@ import sys
 import tempfile
 import termios
 import tty
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -68,7 +69,7 @@ def make_link(link: Path, terminal: str) -> None:
         link.symlink_to(terminal)
 
 
-class _Named:
+class _Named(ABC):
     """What stands behind a link. terminal: where the link leads to.
 
     Raises FileError where something stands there that is no stale link, or where the folder takes no link.
@@ -96,8 +97,8 @@ class _Named:
                 self.link.unlink()
         self._close_ends()
 
-    def _close_ends(self) -> None:
-        raise NotImplementedError
+    @abstractmethod
+    def _close_ends(self) -> None: ...
 
 
 class _Listener(_Named):

@@ -7,6 +7,7 @@ stores and what it loses in a swing, and of its numbers the names, the normal fo
 form time counts in 1/ω_r and motion in amplitudes A, so that all numbers are near one.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -75,7 +76,7 @@ class Cycle(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Term:
+class Term(ABC):
     """One term of a law. What a class says of itself:
 
     numbers: in the order of a search. history: what it saw before a record, a number of each record that has one;
@@ -98,9 +99,9 @@ class Term:
     def __add__(self, other: "Term | Law") -> "Law":
         return Law((self,)) + other
 
+    @abstractmethod
     def force(self, p: Values, r: Any, v: Any, z: Any) -> Any:
         """Return the force over the inertia against a motion r of the rate v; z: the term's own states, () if none."""
-        raise NotImplementedError
 
     def prepared(self, p: Values) -> dict[str, Any]:
         """Return what the force needs and does not change in time."""

@@ -1,5 +1,6 @@
 """A test bed: every parameter with value, unit, origin and bounds."""
 
+from abc import abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
@@ -383,9 +384,9 @@ class BusSensor(Settings):
     id: Id
     noise: Parameter
 
+    @abstractmethod
     def true_value(self, tension_n: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return what it would tell without noise, (...), where the tendons carry such tensions [N], (..., tendon)."""
-        raise NotImplementedError
 
     def told(self, tension_n: NDArray[np.float64], rng: np.random.Generator | None) -> NDArray[np.float64]:
         """Return what it tells [unit]: the true value; with an rng, noisy and in whole counts of its register."""
