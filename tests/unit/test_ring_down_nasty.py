@@ -49,6 +49,19 @@ def test_a_single_mode_has_no_list_of_modes() -> None:
     assert analyse_ring_down(T, Decay(0.05).angle(T) + noise(T.size)).modes == ()
 
 
+@pytest.mark.parametrize("share", [0.3, 0.5])
+def test_modes_that_beat_for_four_beats_are_both_read_from_the_begin(share: float) -> None:
+    t = np.linspace(0.0, 1.82, 1144)
+    slow, fast = (
+        np.exp(-rate * t) * np.cos(2 * np.pi * hz * t + phase)
+        for rate, hz, phase in ((0.62, 7.97, 1), (0.96, 10.459, 2))
+    )
+    found = analyse_ring_down(t, 5.4 * (fast + share * slow) - 8.0 + noise(t.size, 0.03), unit="mm")
+    assert holds(found.decay_rate_per_s, 0.96)
+    assert holds(found.frequency_hz, 10.459)
+    assert len(found.modes) == 2
+
+
 def clipped() -> RingDown:
     return analyse_ring_down(T, np.clip(Decay(0.05).angle(T) + noise(T.size), -12.0, 12.0), unit="deg")
 

@@ -338,6 +338,7 @@ def free_decay(
     samples: tuple[Array, Array] | None = None,
     sought: Array | None = None,
     floor: float = 0.0,
+    may_beat: bool = False,
 ) -> tuple[DecayFit, Array, Array, Peaks]:
     """Return (direct fit, times and samples it was fitted to, peaks of the same stretch).
 
@@ -345,7 +346,7 @@ def free_decay(
     free_from_s: where the decay is known to be free; None to seek it.
     samples: times and values to fit, shape (k,) each, where they are not those of the even base. sought: x in the band
     of one oscillation, shape (n,), in which start and peaks are sought instead. floor: amplitude at which the window
-    ends, for a record that is rounded to steps of this size.
+    ends, for a record that is rounded to steps of this size. may_beat: one exponential need not be seen to decay.
     The fit is bent where the peaks fall out of step with one frequency.
     Raises RecordingError where the free decay is too short, or is none.
     """
@@ -377,7 +378,7 @@ def free_decay(
     inside = _within(t, start, stop)
     fit = _in_step(t[inside], x[inside], _from_guesses(t[inside], x[inside], guess), peaks.between(start, stop))
     fit = _won_back(t, x, fit, earliest, peaks)
-    _check_decay(fit, peaks, first)
+    _check_decay(fit, peaks, first, may_beat)
     inside, margin = _within(t, fit.start_s, stop), 0.05 * half
     return fit, t[inside], x[inside], peaks.between(min(fit.start_s, start) - margin, stop + margin)
 
@@ -494,7 +495,7 @@ def _check_length(t: Array, peaks: Peaks, first: int, start: float) -> None:
     )
 
 
-def _check_decay(fit: DecayFit, peaks: Peaks, first: int) -> None:
+def _check_decay(fit: DecayFit, peaks: Peaks, first: int, may_beat: bool) -> None:
     rate, std = fit.mean_rate_per_s()
     ratio = peaks.swing[-1] / peaks.swing[first]
     if rate <= 0 and ratio > 1.1:
@@ -506,7 +507,7 @@ def _check_decay(fit: DecayFit, peaks: Peaks, first: int) -> None:
             "ring-down too short: the oscillation is steady until shortly before the end; record at least "
             f"{_HALF_CYCLES:.0f} half cycles after the drive stopped"
         )
-    if rate <= 2.0 * std:
+    if rate <= 2.0 * std and not may_beat:
         raise RecordingError(
             f"no decay found: the oscillation has λ = {rate:.3g} ± {std:.2g} 1/s; a ring-down needs the part after its "
             "drive stopped"

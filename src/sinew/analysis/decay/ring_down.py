@@ -32,6 +32,7 @@ from sinew.analysis.decay.free_decay import (
     fit_envelope,
     free_decay,
     large_peaks,
+    noise_level,
     spectral_lines,
 )
 from sinew.analysis.decay.modes import DecayMode, modes_json
@@ -428,6 +429,9 @@ _SURE_SHARE, _SURE_OF_SHARE = 0.5, 15.0  # the same of one that makes so much of
 _OFF_BAND = 1.5  # times the band's frequency, either way, that its fit may have
 _AS_STRONG = 0.5  # of the energy of the strongest: then what was found without a band stays
 _OVERDAMPED = 0.7
+_LATE = 0.25  # of the record: a decay that begins later may be that of modes that beat before
+_ALL_OF_IT = 1.5  # times the noise is what such modes leave of the record
+_SURE_TO_DECAY = 4.0  # standard deviations of the rate of a mode that beats with another
 
 
 class _Sought(NamedTuple):
@@ -466,6 +470,11 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
         _heights(first.peaks, first.fit, False)
     except RecordingError as error:
         first, refusal = None, error
+    late = first is not None and first.fit.start_s - samples.even_s[0] > _LATE * np.ptp(samples.even_s)
+    if late and free_from_s is None and samples.drive is None:
+        whole = _beating(samples, None)
+        if whole is not None:
+            return whole
     if first is not None and (free_from_s is not None or first.explained > _EXPLAINED):
         return first
     lines = spectral_lines(samples.even_s, samples.even) if free_from_s is None else []
@@ -473,6 +482,7 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
     best = max(others, key=lambda one: one.energy, default=None)
     if first is not None and (best is None or first.energy > _AS_STRONG * best.energy):
         return first
+    best = best or _beating(samples, free_from_s)
     if best is None:
         assert refusal is not None
         if not samples.missing.any() or free_from_s is not None:
@@ -482,6 +492,35 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
             "choose a stretch without that (--start, --stop)"
         ) from refusal
     return best
+
+
+def _beating(samples: Samples, free_from_s: float | None) -> _Sought | None:
+    """Return the free decay of modes that beat and explain the whole record to its noise, or None.
+
+    One exponential does not see that they decay, or finds a start late in the record, behind the largest beat.
+    """
+    if free_from_s is None and samples.drive is None:  # no start is seen where the swing comes and goes
+        free_from_s = float(samples.even_s[0])
+    given = None if samples.is_even else (samples.time_s, samples.values)
+    try:
+        found = free_decay(
+            samples.even_s,
+            samples.even,
+            samples.drive,
+            free_from_s,
+            samples=given,
+            floor=samples.resolution,
+            may_beat=True,
+        )
+        sought = _filled(samples, _Sought(*found, False))
+        course = _read(samples, sought).course
+    except RecordingError:
+        return None
+    if len(course.model.bases) < 2 or float(np.std(course.residual)) > _ALL_OF_IT * noise_level(sought.x):
+        return None
+    poles, gradient = course.poles(mode=max(range(len(course.model.bases)), key=course.energy))
+    std = math.sqrt(max(float(gradient[0] @ course.grown @ gradient[0]), 0.0))
+    return sought if poles[0] > _SURE_TO_DECAY * std else None
 
 
 def _filled(samples: Samples, sought: _Sought) -> _Sought:
