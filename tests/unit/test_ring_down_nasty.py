@@ -228,3 +228,7 @@ def test_two_decays_of_every_nasty_kind_break_nothing_and_name_no_false_reason(k
     outcomes = [try_one((kind, seed)) for seed in (1000, 1001)]
     assert [one.fault for one in outcomes] == ["", ""]
     assert [reason for one in outcomes for reason in one.false] == []
+
+
+def test_a_further_mode_that_turns_backwards_breaks_nothing() -> None:
+    assert not try_one(("dry friction", 30018)).fault  # its fit goes below zero frequency

@@ -381,6 +381,8 @@ def _are_apart(one: complex, other: complex, window: float) -> bool:
 
 def _is_new(pole: complex, other: Array, window: float, smooth: bool) -> bool:
     rate, omega = (float(one) for one in other)
+    if not (pole.imag > 0 and omega > 0):
+        return False
     near = smooth and abs(math.log(pole.imag / omega)) < _NEAR  # what is left of a course may be its own
     own = any(abs(pole.imag / (multiple * omega) - 1.0) < _HARMONIC for multiple in (2, 3, 4, 5))
     return not near and not own and _are_apart(pole, complex(-rate, omega), window)
