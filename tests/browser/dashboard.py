@@ -6,7 +6,6 @@ import re
 import select
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.contracts.serving import free_port
 
 SINEW = Path(sys.executable).with_name("sinew")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -97,25 +97,11 @@ def edit_plan(page: Any, before: str, after: str) -> None:
     text.fill(re.sub(before, after, text.input_value(), count=1))
 
 
-def two_ports() -> int:
-    """Return a port that is free, as is the next one."""
-    for _ in range(100):
-        with socket.socket() as one, socket.socket() as other:
-            one.bind(("127.0.0.1", 0))
-            port = int(one.getsockname()[1])
-            try:
-                other.bind(("127.0.0.1", port + 1))
-            except OSError:
-                continue
-            return port
-    raise AssertionError("no two ports in a row are free")
-
-
 @contextmanager
 def served(runs: Path, *options: str) -> Iterator[Served]:
     """Give a dashboard whose pages are up; it is over at the end, whatever happens."""
     runs.mkdir(parents=True, exist_ok=True)
-    command = [str(SINEW), "serve", "--runs", str(runs), "--http", f"127.0.0.1:{two_ports()}", *options]
+    command = [str(SINEW), "serve", "--runs", str(runs), "--http", f"127.0.0.1:{free_port()}", *options]
     with (runs / "serve.err").open("w") as err:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=err, text=True, start_new_session=True)
     try:

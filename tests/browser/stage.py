@@ -9,8 +9,7 @@ from pathlib import Path
 
 import httpx
 from tests.browser import played_run
-from tests.browser.dashboard import two_ports
-from tests.contracts.serving import PATIENCE, Bench, until
+from tests.contracts.serving import PATIENCE, Bench, free_port, until
 from tests.unit.bench_journal import RIG_TEXT
 
 from sinew.apps.dashboard.access import Access, new_token
@@ -74,7 +73,7 @@ def played(*words: str) -> list[str]:
 def staged(runs: Path, *, bench: str | None = "emulator", access: dict[str, object] | None = None) -> Iterator[Stage]:
     """Give a dashboard with played runs; what it began is over at the end. bench: what the pages take it for."""
     runs.mkdir(parents=True, exist_ok=True)
-    port, resting = two_ports(), Bench()
+    port, resting = free_port(), Bench()
     resting.gate.set()
     told = Access(new_token(), "127.0.0.1", port, **(access or {}))  # type: ignore[arg-type]
     settings = Settings(

@@ -1,5 +1,6 @@
 """The dashboard's steward for tests: real sockets on loopback, runs and pages that are cheap, a bench that notes."""
 
+import os
 import socket
 import sys
 import threading
@@ -39,17 +40,30 @@ def fake_command(*words: str) -> list[str]:
     return [sys.executable, "-S", str(fake_run.__file__), words[words.index("--out") + 1]]
 
 
+_FIRST_PORT, _PORTS = 20_000, 10_000  # below those that the kernel gives to connections
+_reserved: list[socket.socket] = []
+
+
 def free_port() -> int:
-    """Return a port that is free, like the one after it."""
-    while True:
-        with socket.socket() as one, socket.socket() as two:
-            one.bind(("127.0.0.1", 0))
-            port = int(one.getsockname()[1])
-            try:
-                two.bind(("127.0.0.1", port + 1))
-            except (OSError, OverflowError):
-                continue
+    """Return a port that is free, like the one after it, and that no other test gets while this process lives.
+
+    A server binds it seconds later, when a number that the kernel gave could be another's again. So it is reserved by a
+    name of a Unix socket (Linux's abstract ones), which goes with the process.
+    """
+    for place in range(0, _PORTS, 2):
+        port = _FIRST_PORT + (os.getpid() * 38 + place) % _PORTS
+        name = socket.socket(socket.AF_UNIX)
+        try:
+            name.bind(f"\0sinew-tests-{port}")
+            for number in (port, port + 1):
+                with socket.socket() as one:
+                    one.bind(("127.0.0.1", number))
+        except OSError:
+            name.close()
+        else:
+            _reserved.append(name)
             return port
+    raise OSError("found no two free ports side by side")
 
 
 @dataclass

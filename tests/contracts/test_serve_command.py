@@ -40,7 +40,9 @@ def served(runs: Path, token: Path, *options: str) -> Iterator[tuple["subprocess
         try:
             assert process.stdout is not None
             assert comes(process.stdout), "it does not get ready"
-            yield process, json.loads(process.stdout.readline())
+            ready = process.stdout.readline()
+            assert ready, process.communicate()[1]
+            yield process, json.loads(ready)
         finally:
             process.kill()
 
