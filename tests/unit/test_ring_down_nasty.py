@@ -232,3 +232,8 @@ def test_two_decays_of_every_nasty_kind_break_nothing_and_name_no_false_reason(k
 
 def test_a_further_mode_that_turns_backwards_breaks_nothing() -> None:
     assert not try_one(("dry friction", 30018)).fault  # its fit goes below zero frequency
+
+
+def test_a_decay_that_froze_for_most_of_a_period_is_read_from_behind_that() -> None:
+    outcome = try_one(("frozen sensor", 40020))
+    assert (outcome.refusal, outcome.stated) == ("", (True, True))

@@ -53,6 +53,7 @@ _FEWEST = 4  # peaks of a window
 _FAST = 0.15  # relative difference of the half cycles of such a window that makes one mean amplitude meaningless
 _VERTEX = 1.23  # std of a vertex's phase by that of its relative height, for the filter of `peaks`
 SIGNIFICANCE = 0.01
+_TOLD = 0.001  # significance from which on one exponential is called wrong: of many records none should be for nothing
 _DAMPING_EFFECT = 0.10  # relative change of the damping ratio that counts,
 _FREQUENCY_EFFECT = 0.01  # and of the frequency
 _STANDS_OUT = 3.0  # standard deviations of either change, for it to be told
@@ -164,7 +165,7 @@ def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str, p_value: 
     bent: from `fit_bent`; p_value: that it is no better, where that is known otherwise; table: from
     `amplitude_dependence`; unit: of the amplitude, for the sentence.
 
-    Rule: the decay is not exponential where (1) the bent fit's two added terms differ from zero at the 1 % level (F
+    Rule: the decay is not exponential where (1) the bent fit's two added terms differ from zero at the 0.1 % level (F
     test, covariance for coloured noise, effective degrees of freedom), and (2) the change matters: between the first
     and the last quarter of the range of ln amplitude the damping ratio changes by more than 10 % or the frequency by
     more than 1 % (weighted means of the windows whose damping is known to 20 %; with fewer than three such windows, the
@@ -188,7 +189,7 @@ def judge_shape(bent: DecayFit, table: AmplitudeDependence, unit: str, p_value: 
         abs(changes[1]) > max(_FREQUENCY_EFFECT, _LEANS * abs(float(damping[1] - damping[0])))
         and abs(frequency[1] - frequency[0]) > _STANDS_OUT * frequency_std,
     )
-    exponential = not (p_value < SIGNIFICANCE and any(matters))
+    exponential = not (p_value < _TOLD and any(matters))
     reason = _praise(changes, p_value) if exponential else _blame(damping, frequency, matters, span, unit)
     return DecayShape(exponential, reason, p_value, *changes)
 
@@ -227,7 +228,7 @@ def _ends_of_bent(bent: DecayFit) -> tuple[Array, Array]:
 
 
 def _praise(changes: tuple[float, ...], p_value: float) -> str:
-    if p_value >= SIGNIFICANCE:
+    if p_value >= _TOLD:
         return (
             "damping and frequency change with the amplitude by no more than the residual of the fit explains "
             f"(p = {p_value:.2g}): one exponential describes the decay"
@@ -424,6 +425,7 @@ def analyse_ring_down(
 # What is sought: the start of the decay, and which oscillation it is.
 
 _EXPLAINED = 0.7  # share of the motion that the oscillation found first should make
+_RISE, _RISEN = 3.0, 0.25  # times the swing before, and of the largest one, that begin a decay anew
 _SURE_OF_BAND = 60.0  # fall of n ln(residual²) that an oscillation sought in a band must bring
 _SURE_SHARE, _SURE_OF_SHARE = 0.5, 15.0  # the same of one that makes so much of the motion
 _OFF_BAND = 1.5  # times the band's frequency, either way, that its fit may have
@@ -469,7 +471,7 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
         first = _filled(samples, _Sought(*found, False))
         _heights(first.peaks, first.fit, False)
     except RecordingError as error:
-        first, refusal = None, error
+        first, refusal = _behind_a_rise(samples, free_from_s), error
     late = first is not None and first.fit.start_s - samples.even_s[0] > _LATE * np.ptp(samples.even_s)
     if late and free_from_s is None and samples.drive is None:
         whole = _beating(samples, None)
@@ -492,6 +494,26 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
             "choose a stretch without that (--start, --stop)"
         ) from refusal
     return best
+
+
+def _behind_a_rise(samples: Samples, free_from_s: float | None) -> _Sought | None:
+    """Return the free decay behind the last sudden rise of the swings, as of a body that was held, or None."""
+    if free_from_s is not None or samples.drive is not None:
+        return None
+    given = None if samples.is_even else (samples.time_s, samples.values)
+    try:
+        peaks = find_peaks(samples.even_s, samples.even)
+        before, swing = peaks.swing[:-1], peaks.swing[1:]
+        rises = np.flatnonzero((swing > _RISE * before) & (swing > _RISEN * peaks.swing.max(initial=0.0)))
+        if not rises.size:
+            return None
+        start = float(peaks.time_s[rises[-1] + 2])  # the release takes half a cycle
+        found = free_decay(samples.even_s, samples.even, None, start, samples=given, floor=samples.resolution)
+        sought = _filled(samples, _Sought(*found, False))
+        _heights(sought.peaks, sought.fit, False)
+    except RecordingError:
+        return None
+    return sought if sought.explained > _EXPLAINED else None
 
 
 def _beating(samples: Samples, free_from_s: float | None) -> _Sought | None:
