@@ -123,3 +123,8 @@ def test_a_search_that_is_cut_short_says_so() -> None:
 def test_fewer_samples_than_parameters_are_refused() -> None:
     with pytest.raises(RecordingError, match="1 samples for 2 parameters"):
         solve(Problem(lambda b: b[:1], lambda b: np.eye(1, 2)), np.zeros(2))
+
+
+def test_a_start_whose_squares_have_no_sum_is_left_out_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
+    solution = solve(line_problem(X), np.full(2, 1e200), np.zeros(2))
+    assert (solution.start, [str(one.message) for one in recwarn]) == (1, [])

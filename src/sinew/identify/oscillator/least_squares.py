@@ -101,7 +101,7 @@ def solve(
             raise RecordingError(
                 f"found {first.size} samples for {np.size(start)} parameters; record longer or fit a smaller model"
             )
-        if np.isfinite(first).all():
+        if _has_a_sum(first):
             found.append(_descend(problem, np.asarray(start, dtype=float), first, bounds, tolerance, max_evaluations))
             found[-1] = replace(found[-1], start=index)
     if not found:
@@ -111,6 +111,12 @@ def solve(
     best = min(found, key=lambda solution: solution.sum_of_squares)
     agreeing = sum(solution.sum_of_squares <= best.sum_of_squares * (1 + 1e-6) for solution in found)
     return replace(best, agreeing=agreeing, evaluations=sum(solution.evaluations for solution in found))
+
+
+def _has_a_sum(residual: Array) -> bool:
+    """Return whether the sum of squares is a number: a model that runs away may stay finite and yet have none."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(residual @ residual))
 
 
 def _descend(
@@ -125,7 +131,7 @@ def _descend(
 
     def residual(x: Array) -> Array:
         r = problem.residual(x)
-        return r if np.isfinite(r).all() else np.full(r.shape, huge)
+        return r if _has_a_sum(r) else np.full(r.shape, huge)
 
     def jacobian(x: Array) -> Array:
         return np.nan_to_num(problem.jacobian(x), nan=0.0, posinf=0.0, neginf=0.0)
