@@ -10,10 +10,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from sinew.bench.errors import LostError
 from sinew.bench.loop import Loop
 from sinew.bench.record.sample import Sample
 from sinew.hardware.rig import Rig
+from sinew.measure.errors import LostError
 from sinew.measure.events import Pretensioned
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from sinew.hardware.bus import Bus, Outcome, Reply
-from sinew.hardware.errors import DeviceError, RegisterError
 from sinew.hardware.registers import (
     CURRENT_MODE,
     CURRENT_POSITION_MODE,
@@ -23,6 +22,7 @@ from sinew.hardware.registers import (
     encode_raw,
     lay_out,
 )
+from sinew.measure.errors import DeviceError, RegisterError
 from sinew.plan.plan import TendonMode
 from sinew.plan.servo import COUNTS_PER_TURN, SERVOS
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from struct import Struct
 
-from sinew.hardware.errors import RegisterError
+from sinew.measure.errors import RegisterError
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import BusSensor
 from sinew.plan.servo import (
