@@ -284,7 +284,7 @@ class TendonServo(Motor):
         self.goal_angle = GoalEncoder(name, table["goal_position"], pull)
         self.goal_current = GoalEncoder(name, row, pull, low=-most, high=most)
         servo = SERVOS[table.model]
-        self._stall_current = servo.stall_current * supply / servo.nominal_voltage
+        self._stall_current = servo.stall_current * servo.supply_share(supply)
 
     def angle(self) -> float:
         """Return the angle of the horn [rad], from the encoder's zero and over all turns. Raises DeviceError."""
