@@ -24,7 +24,6 @@ import numpy as np
 from benchmarks.sdk_bus import SdkMaster
 from sinew.apps.bench.bench_run import open_rig
 from sinew.apps.bench.run_control import keeping_time
-from sinew.bench.errors import BenchError
 from sinew.bench.group import Swing
 from sinew.bench.guard import Guard, Watch
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
@@ -34,9 +33,9 @@ from sinew.bench.record.sample import Sample
 from sinew.bench.stops import stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.bus import MonotonicClock
-from sinew.hardware.errors import HardwareError
 from sinew.hardware.rig import Rig
 from sinew.measure.arrays import Array
+from sinew.measure.errors import BenchError, HardwareError
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec

@@ -6,7 +6,6 @@ computed as the draws are, lies inside the 90 % band, and its marked points insi
 a calibration does not look for it.
 """
 
-import argparse
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from campaigns.options import asked_seeds, trial_parser
 from campaigns.recovery import draw_rig, plans
 from sinew.identify.joint.calibration import Source, calibrate_rig
 from sinew.plan.rig import RigSpec
@@ -104,13 +104,11 @@ def table(trials: list[Trial]) -> str:
 
 def main() -> None:
     """Run trials and print the shares."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20, help="number of trials")
-    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser = trial_parser("bands", __doc__, count=20, of="trials")
     parser.add_argument("--draws", type=int, default=40, help="draws of each band")
     asked = parser.parse_args()
     trials = []
-    for seed in range(asked.first, asked.first + asked.seeds):
+    for seed in asked_seeds(asked):
         trials.append(run_trial(seed, asked.draws))
         last = trials[-1]
         inside = np.concatenate([last.amplitude, last.phase, last.marks])

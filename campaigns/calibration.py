@@ -5,17 +5,15 @@ that recording alone, as the tutorial does. Counted is, parameter by parameter, 
 true value. With `--hidden` every trial has another rig (`campaigns.recovery`), and the search begins at the paper's.
 """
 
-import argparse
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 from time import perf_counter
 
 import numpy as np
 from scipy import stats
 
+from campaigns.options import asked_seeds, spread_trials, trial_parser
 from campaigns.recovery import draw_rig
 from sinew.identify.joint.calibration import Source, calibrate_rig
 from sinew.plan.toml import load_plan, load_rig
@@ -51,16 +49,6 @@ def run_trial(seed: int, plan: str = PLAN, *, hidden: bool = False) -> Trial:
     return Trial(seed, found, done.kept, perf_counter() - begin)
 
 
-def run_trials(seeds: Sequence[int], plan: str, *, hidden: bool, workers: int) -> Iterator[Trial]:
-    """Yield the trials of seeds, in order, spread over processes."""
-    each = partial(run_trial, plan=plan, hidden=hidden)
-    if workers <= 1:
-        yield from map(each, seeds)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(each, seeds)
-
-
 def table(trials: Sequence[Trial]) -> str:
     """Return a row for each parameter, and one for all: how many intervals hold the truth, and how wide they are."""
     names = dict.fromkeys(name for trial in trials for name in trial.found)
@@ -84,17 +72,13 @@ def table(trials: Sequence[Trial]) -> str:
 
 def main() -> None:
     """Run the trials and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=50, help="number of recordings")
-    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser = trial_parser("calibration", __doc__, count=50, of="recordings", workers=1)
     parser.add_argument("--plan", default=PLAN, help="the plan that is recorded")
     parser.add_argument("--hidden", action="store_true", help="another rig in every trial")
-    parser.add_argument("--workers", type=int, default=1, help="processes")
     asked = parser.parse_args()
     trials = []
-    for trial in run_trials(
-        range(asked.first, asked.first + asked.seeds), asked.plan, hidden=asked.hidden, workers=asked.workers
-    ):
+    each = partial(run_trial, plan=asked.plan, hidden=asked.hidden)
+    for trial in spread_trials(each, asked_seeds(asked), workers=asked.workers):
         trials.append(trial)
         marks = " ".join(
             f"{name.split('.')[1]} {error:+.1f}{'' if ok else '!'}" for name, (error, ok, _) in trial.found.items()

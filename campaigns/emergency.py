@@ -24,7 +24,6 @@ from typing import get_args
 import numpy as np
 
 from campaigns.options import campaign_parser
-from sinew.bench.errors import StartError
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
 from sinew.emulator.faults import Faults, parse_fault
@@ -33,6 +32,7 @@ from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
+from sinew.measure.errors import StartError
 from sinew.plan.plan import Plan, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan

@@ -6,7 +6,6 @@ lanes that were recorded, which shows what the measuring adds; and of the rig wi
 should hold nine in ten.
 """
 
-import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from campaigns.balance import Balance, balance_lanes
+from campaigns.options import asked_seeds, trial_parser
 from sinew.analysis.signal.signals import read_signals
 from sinew.analysis.sweep.energy import energy_of_repeat, estimate_energy, fit_line_trend, fit_swing_trend
 from sinew.analysis.sweep.resonance import read_resonances
@@ -238,15 +238,13 @@ def table(trials: Sequence[Trial]) -> str:
 
 def main() -> None:
     """Run trials and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20, help="number of trials")
-    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser = trial_parser("energy", __doc__, count=20, of="trials")
     parser.add_argument("--pretension-mm", type=float, nargs="*", default=[], help="some of the paper's; all of them")
     asked = parser.parse_args()
     plan, rig = paper_sweep(asked.pretension_mm), load_rig("paper")
     steady = steady_truth(plan, rig)
     trials = []
-    for seed in range(asked.first, asked.first + asked.seeds):
+    for seed in asked_seeds(asked):
         trials.append(run_trial(seed, plan, rig, steady))
         last = trials[-1]
         share = f"{last.inside.sum()} of {last.inside.size} inside"

@@ -8,7 +8,6 @@ a stepped sine by the same integrator has: error of the amplitude, and whether t
 the drive does to the motion is never told.
 """
 
-import argparse
 from dataclasses import dataclass
 from functools import cache
 from time import perf_counter
@@ -18,6 +17,7 @@ from scipy import stats
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from campaigns.options import asked_seeds, trial_parser
 from sinew.identify.forced import Forced, Through
 from sinew.identify.identified import identify
 from sinew.identify.oscillator.record import make_record
@@ -180,15 +180,13 @@ def table(one: Oscillator, trials: list[Trial]) -> str:
 
 def main() -> None:
     """Run the trials and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20, help="number of trials of each oscillator")
-    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser = trial_parser("forced", __doc__, count=20, of="trials of each oscillator")
     parser.add_argument("--draws", type=int, default=100, help="draws of each band")
     parser.add_argument("--oscillator", choices=[*OSCILLATORS], help="one of them; both without it")
     asked = parser.parse_args()
     for name in [asked.oscillator] if asked.oscillator else OSCILLATORS:
         trials = []
-        for seed in range(asked.first, asked.first + asked.seeds):
+        for seed in asked_seeds(asked):
             trials.append(run_trial(OSCILLATORS[name], seed, asked.draws))
             last = trials[-1]
             rows = zip(last.error, last.inside, strict=True)

@@ -6,11 +6,8 @@ often the 90 % intervals of natural frequency and damping hold the truth, with t
 that number is found where it is not said. Printed by hits and modes. Seeded.
 """
 
-import argparse
 import math
-import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
 
@@ -18,6 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy import signal
 
+from campaigns.options import TWO, spread_trials, trial_parser
 from sinew.analysis.broadband.impact import Impact, analyse_impacts
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -155,15 +153,18 @@ def table(rows: Sequence[Row]) -> str:
 
 def main() -> None:
     """Run the trials and print the table."""
-    parser = argparse.ArgumentParser(
-        prog="python -m campaigns.impacts", description="Coverage of modes of hammer blows."
+    about = "Coverage of modes of hammer blows."
+    parser = trial_parser(
+        "impacts",
+        about,
+        count=60,
+        of="records of each number of hits and modes",
+        trials="trials",
+        first="seed",
+        workers=TWO,
     )
-    parser.add_argument("--trials", type=int, default=60, help="records of each number of hits and modes")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     chosen = parser.parse_args()
-    with ProcessPoolExecutor(chosen.workers) as pool:
-        rows = list(pool.map(run_trial, jobs(chosen.trials, chosen.seed), chunksize=5))
+    rows = list(spread_trials(run_trial, jobs(chosen.trials, chosen.seed), workers=chosen.workers))
     print(table(rows))
     for row in rows:
         if row.refused:

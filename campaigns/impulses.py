@@ -7,18 +7,16 @@ preferred for a linear joint, where at most five in a hundred are right, how oft
 and inertia hold the truth, and how often the law of a nonlinear joint (dry friction, a hardening spring) is found.
 """
 
-import argparse
 import math
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from multiprocessing import get_context
 from typing import Literal, get_args
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from campaigns.options import asked_seeds, spread_trials, trial_parser
 from sinew.identify.identified import identify
 from sinew.identify.oscillator.record import Record, make_record
 from sinew.mechanics.laws import Cubic, DryFriction
@@ -128,15 +126,6 @@ def run_trial(joint: Joint, seed: int) -> Outcome:
     return Outcome(truth, seed, fit.model.name, nonlinear, law.has(wanted), inside)
 
 
-def run_trials(trials: Sequence[tuple[Joint, int]], workers: int) -> Iterator[Outcome]:
-    """Yield what comes of each (joint, seed), in order; workers: how many processes."""
-    if workers == 1:
-        yield from (run_trial(*one) for one in trials)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(run_trial, *zip(*trials, strict=True))
-
-
 def table(outcomes: Sequence[Outcome]) -> str:
     """Return the counts as a Markdown table."""
     lines = ["| joint | records | a nonlinear law is preferred | its own law | inside: frequency, damping, inertia |"]
@@ -153,16 +142,13 @@ def table(outcomes: Sequence[Outcome]) -> str:
 
 def main() -> None:
     """Run the trials and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m campaigns.impulses", description="Noise on a hammer's force.")
-    parser.add_argument("--seeds", type=int, default=100, help="records of every joint")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    # each process uses all cores by itself
+    parser = trial_parser("impulses", "Noise on a hammer's force.", count=100, of="records of every joint", workers=1)
     parser.add_argument("--joint", choices=JOINTS, action="append", help="only this joint")
-    parser.add_argument("--workers", type=int, default=1, help="processes; each uses all cores by itself")
     chosen = parser.parse_args()
-    seeds = range(chosen.first, chosen.first + chosen.seeds)
-    trials = [(joint, seed) for joint in chosen.joint or JOINTS for seed in seeds]
+    trials = [(joint, seed) for joint in chosen.joint or JOINTS for seed in asked_seeds(chosen)]
     outcomes = []
-    for one in run_trials(trials, chosen.workers):
+    for one in spread_trials(run_trial, *zip(*trials, strict=True), workers=chosen.workers):
         outcomes.append(one)
         t = one.truth
         print(

@@ -6,10 +6,7 @@ several. Frequency, damping, length, sample rate, noise, offset and jitter are d
 found, how often it is refused, and how often it is wrong. Seeded.
 """
 
-import argparse
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +14,7 @@ import pandas as pd
 from scipy import signal
 
 from campaigns.impacts import Mode, Pulse, struck
+from campaigns.options import TWO, spread_trials, trial_parser
 from sinew.analysis.kinds import find_kind
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -233,14 +231,13 @@ def _is_right(row: Row) -> bool:
 
 def main() -> None:
     """Run the trials and print the table, and what was not right."""
-    parser = argparse.ArgumentParser(prog="python -m campaigns.kinds", description="How often a kind is found.")
-    parser.add_argument("--trials", type=int, default=40, help="records of each manner")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    about = "How often a kind is found."
+    parser = trial_parser(
+        "kinds", about, count=40, of="records of each manner", trials="trials", first="seed", workers=TWO
+    )
     chosen = parser.parse_args()
     jobs = [(k, seed) for k in range(len(MANNERS)) for seed in range(chosen.seed, chosen.seed + chosen.trials)]
-    with ProcessPoolExecutor(chosen.workers) as pool:
-        rows = list(pool.map(run_trial, jobs, chunksize=5))
+    rows = list(spread_trials(run_trial, jobs, workers=chosen.workers))
     print(table(rows))
     for row, (_, seed) in zip(rows, jobs, strict=True):
         if not _is_right(row):

@@ -8,13 +8,9 @@ the law can be told; below 2 it cannot; what lies between is counted apart. Dry 
 no law of its own: there the viscous law with a bound on the friction is right, where the bound holds the truth.
 """
 
-import argparse
 import math
-import os
-from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
 from typing import Literal
 
 import numpy as np
@@ -29,6 +25,7 @@ from campaigns.law_signals import (
     draw_truth,
     noisy_record,
 )
+from campaigns.options import TWO, asked_seeds, spread_trials, trial_parser
 from sinew.identify.choice.comparison import Comparison, compare_laws, laws_to_try
 from sinew.identify.choice.held_out import split_record
 from sinew.identify.oscillator.fit import fit
@@ -121,15 +118,6 @@ def run_trial(law: DampingLaw, kind: Kind, cubic: bool, seed: int) -> Outcome:
     )  # fmt: skip
 
 
-def run_trials(trials: Sequence[tuple[DampingLaw, Kind, bool, int]], workers: int) -> Iterator[Outcome]:
-    """Yield what comes of each (law, excitation, cubic, seed), in order; workers: how many processes."""
-    if workers == 1:
-        yield from (run_trial(*one) for one in trials)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(run_trial, *zip(*trials, strict=True))
-
-
 def _verdict(found: Comparison, truth: Truth) -> Verdict:
     if not found.decided:
         return "cannot tell"
@@ -166,23 +154,21 @@ def _counts(outcomes: Sequence[Outcome], margin: Margin) -> list[int]:
 
 def main() -> None:
     """Run the trials and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m campaigns.laws", description="Is the damping law found?")
-    parser.add_argument("--seeds", type=int, default=20, help="oscillations for each law, excitation and spring")
-    parser.add_argument("--first", type=int, default=0, help="the first seed")
+    each = "oscillations for each law, excitation and spring"
+    parser = trial_parser("laws", "Is the damping law found?", count=20, of=each, workers=TWO)
     parser.add_argument("--law", choices=LAWS, action="append", help="only this law")
     parser.add_argument("--excitation", choices=EXCITATIONS, action="append", help="only this excitation")
     parser.add_argument("--verbose", action="store_true", help="print every trial")
-    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
     chosen = parser.parse_args()
     trials = [
         (law, kind, cubic, seed)
-        for seed in range(chosen.first, chosen.first + chosen.seeds)
+        for seed in asked_seeds(chosen)
         for law in chosen.law or LAWS
         for kind in chosen.excitation or EXCITATIONS
         for cubic in (False, True)
     ]
     outcomes = []
-    for outcome in run_trials(trials, chosen.workers):
+    for outcome in spread_trials(run_trial, *zip(*trials, strict=True), workers=chosen.workers):
         outcomes.append(outcome)
         if chosen.verbose:
             print(_line(outcome), flush=True)

@@ -6,18 +6,16 @@ mechanics. Printed by mode and pretension: pretension or current reached against
 the standard deviation over the trials. Virtual time, seeded.
 """
 
-import argparse
 import math
-import os
 import tempfile
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
+from campaigns.options import TWO, spread_trials, trial_parser
 from sinew.analysis.analysed import analyse_recording
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal import Journal
@@ -146,14 +144,14 @@ def _spread(values: Sequence[float], digits: int) -> str:
 
 def main() -> None:
     """Run the trials and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m campaigns.modes", description="The three motor modes, compared.")
-    parser.add_argument("--trials", type=int, default=5, help="trials for each mode")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
+    about = "The three motor modes, compared."
+    parser = trial_parser(
+        "modes", about, count=5, of="trials for each mode", trials="trials", first="seed", workers=TWO
+    )
     chosen = parser.parse_args()
     jobs = [(mode, chosen.seed + trial) for trial in range(chosen.trials) for mode in MODES]
-    with ProcessPoolExecutor(chosen.workers) as pool:
-        rows = [row for part in pool.map(run_trial, *zip(*jobs, strict=True)) for row in part]
+    parts = spread_trials(run_trial, *zip(*jobs, strict=True), workers=chosen.workers)
+    rows = [row for part in parts for row in part]
     print(table(rows))
 
 

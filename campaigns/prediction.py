@@ -6,7 +6,6 @@ are all thirteen pretensions; counted are the nine others, by the resonance and 
 at most 1 %, of the gain at most 3 %.
 """
 
-import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from time import perf_counter
 import numpy as np
 import xarray as xr
 
+from campaigns.options import asked_seeds, trial_parser
 from campaigns.recovery import draw_rig
 from sinew.identify.joint.calibration import Calibration, Source, calibrate_rig
 from sinew.plan.plan import Plan
@@ -108,13 +108,11 @@ def table(outcome: Outcome) -> str:
 
 def main() -> None:
     """Run trials and print them."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=1, help="number of trials")
-    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser = trial_parser("prediction", __doc__, count=1, of="trials")
     parser.add_argument("--plan", default="paper", help="a plan, with 0, 4, 8 and 12 mm among others")
     asked = parser.parse_args()
     kept = 0
-    for seed in range(asked.first, asked.first + asked.seeds):
+    for seed in asked_seeds(asked):
         outcome = run(load_plan(asked.plan), seed, seed + 500)
         print(f"seed {seed}, {outcome.seconds:.0f} s; not determined: {', '.join(outcome.calibration.kept) or 'none'}")
         print(table(outcome), flush=True)

@@ -4,17 +4,14 @@ Each trial draws a rig around the paper's, runs a modest plan on the twin with e
 joint from the paper's rig. Counted is how often the truth lies inside the 90 % interval.
 """
 
-import argparse
-import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
 from time import perf_counter
 
 import numpy as np
 from scipy import stats
 
+from campaigns.options import TWO, asked_seeds, spread_trials, trial_parser
 from sinew.identify.joint.fit import fit_joint
 from sinew.plan.plan import Plan, Pretension, RingDown, Sweep
 from sinew.plan.rig import RigSpec
@@ -131,15 +128,6 @@ def run_trial(seed: int) -> Trial:
     )
 
 
-def run_trials(seeds: Sequence[int], workers: int) -> Iterator[Trial]:
-    """Yield the trials of seeds, in order, spread over processes."""
-    if workers <= 1:
-        yield from map(run_trial, seeds)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(run_trial, seeds)
-
-
 def covered(trials: Sequence[Trial]) -> float:
     """Return the share of cases, quantities and trials together, whose truth is inside the 90 % interval."""
     return float(np.mean([trial.inside for trial in trials]))
@@ -176,13 +164,9 @@ def table(trials: Sequence[Trial]) -> str:
 
 def main() -> None:
     """Run the trials and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m campaigns.recovery", description="Hidden rigs, recovered.")
-    parser.add_argument("--seeds", type=int, default=20, help="number of hidden rigs")
-    parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))
-    chosen = parser.parse_args()
+    asked = trial_parser("recovery", "Hidden rigs, recovered.", count=20, of="hidden rigs", workers=TWO).parse_args()
     trials = []
-    for trial in run_trials(range(chosen.first, chosen.first + chosen.seeds), chosen.workers):
+    for trial in spread_trials(run_trial, asked_seeds(asked), workers=asked.workers):
         trials.append(trial)
         marks = " ".join(
             f"{(v - t) / s:+.2f}{'' if ok else '!'}"

@@ -30,7 +30,6 @@ from campaigns.options import campaign_parser
 from sinew.analysis.analysed import analyse_recording
 from sinew.analysis.doubts import doubts_of
 from sinew.bench.doctor import apply_fixes, call_roll, examine_motors, list_fixes
-from sinew.bench.errors import StartError
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner, RunReport
@@ -42,7 +41,7 @@ from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.configuration import KNOWN_STATE
 from sinew.hardware.registers import XH430_W350, Register
 from sinew.hardware.rig import Rig
-from sinew.measure.errors import SinewError
+from sinew.measure.errors import SinewError, StartError
 from sinew.plan.plan import Plan, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan

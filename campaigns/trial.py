@@ -18,9 +18,9 @@ from typing import Any
 from campaigns.comparison import Comparison, compare
 from campaigns.faulty_bench import JOURNAL, FaultyBench, timeline_of
 from campaigns.scenario import Scenario
-from sinew.bench.errors import StartError
 from sinew.bench.run import RunReport
 from sinew.emulator.rig import MotorState
+from sinew.measure.errors import StartError
 
 
 @dataclass(slots=True)

@@ -65,7 +65,8 @@ def test_a_term_of_ones_own_is_refused_with_those_there_are() -> None:
     from sinew.mechanics.laws import Term
 
     class Own(Term):
-        pass
+        def force(self, *_: object) -> float:
+            return 0.0
 
     with pytest.raises(sn.SpecError, match="Viscous"):
         sn.Linear() + Own()

@@ -7,12 +7,14 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests import patience
 from tests.contracts.commands import command_lines, refused
+from tests.contracts.virtual_run import spoken
 from tests.patience import await_end, comes, communicate, until
 
 from sinew.apps.cli import main
@@ -53,89 +55,65 @@ def link(tmp_path: Path) -> Path:
     return tmp_path / "bench"
 
 
-def test_when_it_has_said_its_line_the_devices_answer(link: Path) -> None:
-    with started("--unloaded", "--link", str(link)):
+@dataclass(frozen=True)
+class Served:
+    """What one emulator said and did from its first line until a signal ended it.
+
+    answered: devices that answered a ping. second, refusal: status and words of another one on its link. left: whether
+    the link was there behind it. ended: its status and both of its streams. truth: the file that it left.
+    """
+
+    link: Path
+    line: str
+    answered: list[int]
+    second: int
+    refusal: str
+    ended: tuple[int, str, str]
+    left: bool
+    truth: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Served:
+    folder = tmp_path_factory.mktemp("served")
+    link, truth = folder / "bench", folder / "truth.json"
+    options = ("--unloaded", "--link", str(link), "--seed", "7", "--fault", "unplug@600", "--truth", str(truth))
+    with started(*options) as (process, line):
         master = bus(link)
         answered = [device for device in (1, 2, 3, 4, 5, 200) if master.ping(device).ok]
-        master.close()
-    assert answered == [1, 2, 3, 4, 5, 200]
-
-
-def test_its_line_says_where_what_and_how(link: Path) -> None:
-    options = ("--unloaded", "--link", str(link), "--seed", "7", "--fault", "unplug@60")
-    with started(*options) as (_, line):
-        pass
-    assert all(word in line for word in (str(link), "rig paper", "1000000 baud", "seed 7", "unplug@60", "Ctrl-C"))
-
-
-def test_its_line_as_json_has_the_keys_of_the_reference(link: Path) -> None:
-    with started("--unloaded", "--link", str(link), "--json") as (_, line):
-        said = json.loads(line)
-    assert set(said) == {
-        "link",
-        "terminal",
-        "rig",
-        "plant",
-        "baud",
-        "devices",
-        "seed",
-        "speed",
-        "tilt_deg",
-        "slack_mm",
-        "faults",
-        "clock",
-    }
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_with_status_0_and_without_a_word(link: Path, number: signal.Signals) -> None:
-    with started("--unloaded", "--link", str(link)) as (process, _):
-        process.send_signal(number)
-        out, err = communicate(process, PATIENCE)
-    assert (process.returncode, out, err) == (0, "", "")
-
-
-def test_the_link_is_gone_at_the_end(link: Path) -> None:
-    finished("--unloaded", "--link", str(link), "--for", "0.1")
-    assert not link.is_symlink()
-
-
-def test_it_ends_after_the_emulated_time_asked_for(link: Path, tmp_path: Path) -> None:
-    truth = tmp_path / "truth.json"
-    finished("--unloaded", "--link", str(link), "--for", "3", "--speed", "10", "--truth", str(truth))
-    assert 3.0 <= json.loads(truth.read_text())["time_s"] < 3.5
-
-
-@pytest.mark.slow
-def test_after_a_kill_the_next_one_turns_the_link_over(link: Path) -> None:
-    with started("--unloaded", "--link", str(link)) as (process, _):
-        process.kill()
-        await_end(process, PATIENCE)
-    left = link.is_symlink()
-    assert (left, finished("--unloaded", "--link", str(link), "--for", "0.1").returncode) == (True, 0)
-
-
-def truth_after(link: Path, tmp_path: Path, *options: str, torque: tuple[int, ...] = ()) -> dict[str, Any]:
-    """Return the truth at the end of a run in which some motors were given torque."""
-    truth = tmp_path / "truth.json"
-    with started("--unloaded", "--link", str(link), "--truth", str(truth), *options) as (process, _):
-        master = bus(link)
-        for device in torque:
+        for device in (2, 5):
             assert master.write(device, XH430_W350["torque_enable"].address, b"\1").ok
         master.close()
-        process.terminate()
-        await_end(process, PATIENCE)
-    return dict(json.loads(truth.read_text()))
+        second, _, refusal = spoken("emulate", "--unloaded", "--link", str(link))
+        process.send_signal(signal.SIGTERM)
+        out, err = communicate(process, PATIENCE)
+    told = json.loads(truth.read_text())
+    return Served(link, line, answered, second, refusal, (process.returncode, out, err), link.is_symlink(), told)
 
 
-def test_the_truth_tells_which_motors_had_torque(link: Path, tmp_path: Path) -> None:
-    motors = truth_after(link, tmp_path, torque=(2, 5))["motors"]
-    assert [motor["id"] for motor in motors if motor["torque"]] == [2, 5]
+def test_when_it_has_said_its_line_the_devices_answer(served: Served) -> None:
+    assert served.answered == [1, 2, 3, 4, 5, 200]
 
 
-def test_the_truth_has_the_keys_of_the_reference(link: Path, tmp_path: Path) -> None:
-    told = truth_after(link, tmp_path)
-    assert set(told) == {
+def test_its_line_says_where_what_and_how(served: Served) -> None:
+    words = (str(served.link), "rig paper", "1000000 baud", "seed 7", "unplug@600", "Ctrl-C")
+    assert [word for word in words if word not in served.line] == []
+
+
+def test_a_link_that_another_emulator_serves_is_refused(served: Served) -> None:
+    assert (served.second, "is another emulator running" in served.refusal) == (2, True)
+
+
+def test_sigterm_ends_it_with_status_0_without_a_word_and_without_its_link(served: Served) -> None:
+    assert (served.ended, served.left) == ((0, "", ""), False)
+
+
+def test_the_truth_tells_which_motors_had_torque(served: Served) -> None:
+    assert [motor["id"] for motor in served.truth["motors"] if motor["torque"]] == [2, 5]
+
+
+def test_the_truth_has_the_keys_of_the_reference(served: Served) -> None:
+    assert set(served.truth) == {
         "rig",
         "seed",
         "time_s",
@@ -157,12 +135,50 @@ def test_the_truth_has_the_keys_of_the_reference(link: Path, tmp_path: Path) -> 
     }
 
 
-def test_the_truth_lists_what_the_faults_did(link: Path, tmp_path: Path) -> None:
+def test_its_line_as_json_has_the_keys_of_the_reference(link: Path) -> None:
+    with started("--unloaded", "--link", str(link), "--json") as (_, line):
+        said = json.loads(line)
+    assert set(said) == {
+        "link",
+        "terminal",
+        "rig",
+        "plant",
+        "baud",
+        "devices",
+        "seed",
+        "speed",
+        "tilt_deg",
+        "slack_mm",
+        "faults",
+        "clock",
+    }
+
+
+def test_ctrl_c_ends_it_with_status_0_and_without_a_word(link: Path) -> None:
+    with started("--unloaded", "--link", str(link)) as (process, _):
+        process.send_signal(signal.SIGINT)
+        out, err = communicate(process, PATIENCE)
+    assert (process.returncode, out, err) == (0, "", "")
+
+
+def test_it_ends_after_the_emulated_time_asked_for_and_its_truth_lists_what_the_faults_did(
+    link: Path, tmp_path: Path
+) -> None:
     truth = tmp_path / "truth.json"
     fault = ("--fault", "imu-freeze@0.5-0.75")
-    finished("--unloaded", "--link", str(link), "--for", "1", *fault, "--truth", str(truth))
-    faults = json.loads(truth.read_text())["faults"]
-    assert [(each["time_s"], each["what"]) for each in faults] == [(0.5, "begins"), (0.75, "ends")]
+    finished("--unloaded", "--link", str(link), "--for", "3", "--speed", "10", *fault, "--truth", str(truth))
+    told = json.loads(truth.read_text())
+    assert 3.0 <= told["time_s"] < 3.5
+    assert [(each["time_s"], each["what"]) for each in told["faults"]] == [(0.5, "begins"), (0.75, "ends")]
+
+
+@pytest.mark.slow
+def test_after_a_kill_the_next_one_turns_the_link_over(link: Path) -> None:
+    with started("--unloaded", "--link", str(link)) as (process, _):
+        process.kill()
+        await_end(process, PATIENCE)
+    left = link.is_symlink()
+    assert (left, finished("--unloaded", "--link", str(link), "--for", "0.1").returncode) == (True, 0)
 
 
 def test_a_watchdog_that_trips_when_its_master_leaves_is_in_the_truth(link: Path, tmp_path: Path) -> None:
@@ -222,12 +238,6 @@ def test_a_file_in_the_place_of_the_link_is_refused_and_kept(link: Path, capsys:
     link.write_text("kept")
     status = main(["emulate", "--unloaded", "--link", str(link)])
     assert (status, "is no link" in capsys.readouterr().err, link.read_text()) == (2, True, "kept")
-
-
-def test_a_link_that_another_emulator_serves_is_refused(link: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with started("--unloaded", "--link", str(link)):
-        status = main(["emulate", "--unloaded", "--link", str(link)])
-    assert (status, "is another emulator running" in capsys.readouterr().err) == (2, True)
 
 
 @pytest.mark.slow

@@ -142,17 +142,12 @@ def test_a_command_before_anything_moves_keeps_the_run_from_starting(
     assert (out.exists(), any(torques(bench.rig))) == (False, False)
 
 
-def test_while_it_goes_on_a_run_tells_its_state(
+def test_while_it_goes_on_a_run_tells_its_state_and_behind_it_nobody_listens(
     ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     answers = ask((0.0, "status"), (PULLED_S, "status"), (PULLED_S, "stop"))
     run(capsys, plan, out)
     assert [answer["state"]["state"] for answer in answers[:2]] == ["preparing", "pulling the tendons"]
-
-
-def test_after_a_run_nobody_listens(ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    ask((PULLED_S, "stop"))
-    run(capsys, plan, out)
     with pytest.raises(ControlError, match="no run in"):
         send_control(out, "status")
 

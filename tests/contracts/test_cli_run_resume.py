@@ -51,18 +51,13 @@ def test_resuming_with_another_plan_is_refused(
     assert all(word in told.err for word in ("begun with another plan", "periods = 4", "periods = 3", "use the same"))
 
 
-def test_resuming_with_another_rig_is_refused(
-    held: tuple[WatchedPort, str], plan: str, out: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    told = run(capsys, plan, out, "--resume")
-    assert (told.status, told.err.count("\n")) == (2, 1)
-    assert all(word in told.err for word in ("begun with another rig", "safe_state", "use the same"))
-
-
-def test_a_refused_resume_leaves_the_journal_as_it_was(
+def test_resuming_with_another_rig_or_without_a_motor_is_refused_and_leaves_the_journal_as_it_was(
     held: tuple[WatchedPort, str], plan: str, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = (out / "journal.sqlite").read_bytes()
+    told = run(capsys, plan, out, "--resume")
+    assert (told.status, told.err.count("\n")) == (2, 1)
+    assert all(word in told.err for word in ("begun with another rig", "safe_state", "use the same"))
     without_motor(held[0].rig)
     told = run(capsys, plan, out, "--rig", held[1], "--resume")
     assert (told.status, (out / "journal.sqlite").read_bytes() == before) == (2, True)

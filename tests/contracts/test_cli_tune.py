@@ -56,6 +56,7 @@ def test_a_design_leaves_a_rig_a_plan_and_a_page_that_go_on_from_there(
     tune paper --resonance-hz 3 --bands 9 => holds no intervals
     design --yaw-deg 7 => --stride-hz LOW:HIGH with --yaw-deg
     design --stride-hz 0.7 --yaw-deg 7 => --stride-hz is '0.7'
+    design --stride-hz 0.7:1.1 --yaw-deg 7 --torso-centre-mm 200 => belongs to --torso-kg
     design --stride-hz 0.7:1.1 --yaw-deg 7 --envelope-mm big => --envelope-mm is 'big'
     design --stride-hz 0.7:1.1 --yaw-deg 7 --shape star => the section 'star'
     design --stride-hz 0.7:1.1 --yaw-deg 7 --material dragon-skin-31 => did you mean dragon-skin-30

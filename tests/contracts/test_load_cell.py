@@ -11,10 +11,9 @@ from tests.contracts.virtual_run import spoken
 from tests.unit.bench_virtual import virtual_bench
 
 from sinew.apps.dashboard.hub import LiveChannels
-from sinew.bench.errors import LostError
 from sinew.bench.guard import Guard, Watch
 from sinew.emulator.plant import Unloaded
-from sinew.measure.errors import SpecError
+from sinew.measure.errors import LostError, SpecError
 from sinew.measure.files.netcdf import load_recording
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_plan, parse_rig

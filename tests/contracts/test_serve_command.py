@@ -66,11 +66,6 @@ def begin_run(ready: dict[str, Any]) -> int:
     return int(status(ready)["run"]["pid"])
 
 
-def test_the_address_holds_the_token_where_no_server_sees_it(tmp_path: Path, token_file: Path) -> None:
-    with served(tmp_path / "runs", token_file) as (_, ready):
-        assert ready["url"].endswith(f"/#token={TOKEN}")
-
-
 def test_a_killed_steward_leaves_its_run_going_and_the_next_one_finds_it(tmp_path: Path, token_file: Path) -> None:
     runs = tmp_path / "runs"
     with served(runs, token_file, "--port-bench", "/dev/bench") as (process, ready):
@@ -95,10 +90,13 @@ def test_ctrl_c_leaves_a_run_on_a_bench_going_and_says_how_to_stop_it(tmp_path: 
     assert [fact for fact in ("run monday goes on", "`sinew serve`", f"`kill -INT {run.pid}`") if fact not in err] == []
 
 
-def test_the_page_ends_with_a_killed_steward(tmp_path: Path, token_file: Path) -> None:
+def test_the_address_holds_the_token_where_no_server_sees_it_and_the_page_ends_with_a_killed_steward(
+    tmp_path: Path, token_file: Path
+) -> None:
     with served(tmp_path / "runs", token_file) as (process, ready):
         process.kill()
         await_end(process)
+    assert ready["url"].endswith(f"/#token={TOKEN}")
     port = int(ready["url"].split(":")[2].split("/")[0])
     until(lambda: not _listens(port))
 
@@ -121,18 +119,15 @@ def _listens(port: int) -> bool:
     return True
 
 
-def test_an_address_for_all_needs_a_token_to_look(tmp_path: Path, token_file: Path) -> None:
+def test_an_address_for_all_needs_a_token_to_look_and_comes_with_a_word_on_tunnels(
+    tmp_path: Path, token_file: Path
+) -> None:
     port = free_port()
-    with served(tmp_path / "runs", token_file, "--http", f"0.0.0.0:{port}") as (_, _ready):
+    with served(tmp_path / "runs", token_file, "--http", f"0.0.0.0:{port}") as (process, _):
         answer = httpx.get(f"http://127.0.0.1:{port + 1}/status", verify=False, timeout=PATIENCE)
-    assert answer.status_code == 401
-
-
-def test_an_address_for_all_comes_with_a_word_on_tunnels(tmp_path: Path, token_file: Path) -> None:
-    with served(tmp_path / "runs", token_file, "--http", f"0.0.0.0:{free_port()}") as (process, _):
         process.send_signal(signal.SIGTERM)
         _, err = communicate(process)
-    assert "ssh -L" in err
+    assert (answer.status_code, "ssh -L" in err) == (401, True)
 
 
 @pytest.mark.slow

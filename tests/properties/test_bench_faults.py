@@ -20,7 +20,7 @@ from sinew.hardware.imu import ClockTrack
 from sinew.hardware.motor import Motor
 from sinew.plan.toml import load_rig
 
-SAMPLE = 60
+SAMPLE = 40  # every kind of fault is in two runs or more; `python -m campaigns.faults --runs 500` makes the whole proof
 
 
 @pytest.fixture(scope="module")

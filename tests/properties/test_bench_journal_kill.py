@@ -1,4 +1,7 @@
-"""Whatever moment a run is killed at: its journal is sound, misses half a second at most, and the run goes on."""
+"""Whatever moment a run is killed at: its journal is sound, misses half a second at most, and the run goes on.
+
+Twice here; `python -m campaigns.kills --runs 50` kills whole runs on a bench, over and over.
+"""
 
 import random
 import sqlite3
@@ -8,7 +11,6 @@ import time
 from contextlib import closing
 from pathlib import Path
 
-import pytest
 from tests.patience import comes
 from tests.unit.bench_journal import PLAN, RIG
 
@@ -72,8 +74,3 @@ def kill_often(path: Path, times: int, seed: int) -> list[tuple[str, bool, bool]
 
 def test_a_run_that_is_killed_twice_loses_half_a_second_at_most(tmp_path: Path) -> None:
     assert kill_often(tmp_path / "journal.sqlite", 2, 1) == [("ok", True, True)] * 2
-
-
-@pytest.mark.slow
-def test_a_run_that_is_killed_twenty_times_loses_half_a_second_at_most(tmp_path: Path) -> None:
-    assert kill_often(tmp_path / "journal.sqlite", 20, 2) == [("ok", True, True)] * 20

@@ -29,7 +29,7 @@ from sinew.hardware.codec import (
     sync_write,
     writes_of,
 )
-from sinew.hardware.errors import PacketError
+from sinew.measure.errors import PacketError
 
 # Bytes as they come near a header, three times as often as any byte.
 nasty = st.lists(st.sampled_from([0xFF, 0xFF, 0xFD, 0xFD, 0x00, 0x55]) | st.integers(0, 255), max_size=40).map(bytes)

@@ -46,7 +46,7 @@ def test_one_motor_at_another_baud_is_to_be_set_like_the_others(ward: Ward) -> N
 
 
 def test_a_port_that_does_not_know_a_baud_is_no_trouble() -> None:
-    from sinew.hardware.errors import PortError
+    from sinew.measure.errors import PortError
 
     @contextmanager
     def open_bus(baud: int) -> Iterator[Bus]:

@@ -7,11 +7,11 @@ from typing import Any, cast
 
 import pytest
 
-from sinew.bench.errors import LimitError, LostError
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
 from sinew.bench.loop import Loop
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import Climate, MotorReading, Reading
+from sinew.measure.errors import LimitError, LostError
 from sinew.plan.toml import load_rig
 
 SPEC = load_rig("paper")

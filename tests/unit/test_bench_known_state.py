@@ -11,15 +11,14 @@ from tests.unit.bench_virtual import VirtualBench, virtual_bench
 from tests.unit.emulator_stand_in import StandIn
 
 from sinew.bench.doctor import call_roll, examine_motors
-from sinew.bench.errors import StartError
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.journal_reader import JournalReader
 from sinew.bench.run import Runner
 from sinew.bench.stops import stop
 from sinew.hardware.configuration import KNOWN_STATE, Post, read_counts, unfit_settings
-from sinew.hardware.errors import DeviceError
 from sinew.hardware.registers import Register
 from sinew.hardware.rig import Reading
+from sinew.measure.errors import DeviceError, StartError
 from sinew.measure.events import Event, Pretensioned
 from sinew.measure.recording import read_registers
 from sinew.plan.plan import TendonMode

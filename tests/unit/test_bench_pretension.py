@@ -9,9 +9,9 @@ from typing import Any, cast
 import pytest
 from campaigns.modes import MODES, Row, run_trial
 
-from sinew.bench.errors import LostError
 from sinew.bench.pretension import GOOD_ENOUGH_DEG, Contact, MotorMap, level
 from sinew.bench.record.sample import MISSING
+from sinew.measure.errors import LostError
 from sinew.plan.plan import TendonMode
 from sinew.plan.toml import load_rig
 

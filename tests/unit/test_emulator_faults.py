@@ -11,9 +11,8 @@ from sinew.emulator.found import VirtualPort
 from sinew.emulator.plant import Unloaded
 from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.errors import PortError
 from sinew.hardware.registers import OPENCR_NODE, XH430_W350, Register, encode_raw
-from sinew.measure.errors import SpecError
+from sinew.measure.errors import PortError, SpecError
 from sinew.plan.toml import load_rig
 
 BRIEF = {

@@ -209,7 +209,7 @@ def test_unplugging_takes_the_link_away(served: Served) -> None:
 
 
 def test_our_own_port_notices_that_it_is_unplugged(served: Served) -> None:
-    from sinew.hardware.errors import PortError
+    from sinew.measure.errors import PortError
 
     clock = MonotonicClock()
     port = SerialPort(str(served.link), 1_000_000, clock)

@@ -6,7 +6,7 @@ from tests.unit.emulator_stand_in import Bench
 from sinew.emulator.found import VirtualPort
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import encode
-from sinew.hardware.errors import PortError
+from sinew.measure.errors import PortError
 
 BYTE = 10e-6
 

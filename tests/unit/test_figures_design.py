@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from tests.unit.figures_panels import labelled
 
-from sinew.figures.design_page import EndCurves, draw_design_curves, draw_design_front
+from sinew.figures.tuned import EndCurves, draw_design_curves, draw_design_front
 from sinew.solve.branch import Branch
 
 

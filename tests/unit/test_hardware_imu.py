@@ -8,9 +8,9 @@ from tests.unit.emulator_stand_in import Bench, paper_rig
 from tests.unit.hardware_line import Line, ManualClock, Slave
 
 from sinew.hardware.bus import Bus, BusTiming, Outcome, Reply
-from sinew.hardware.errors import DeviceError
 from sinew.hardware.imu import ClockTrack, Imu
 from sinew.hardware.registers import OPENCR_NODE, TURTLEBOT3
+from sinew.measure.errors import DeviceError
 
 GYRO = math.radians(2000) / 32768
 FORCE = 2 * 9.80665 / 32768

@@ -6,13 +6,13 @@ from tests.unit.hardware_line import Line, ManualClock, Slave
 
 from sinew.emulator.devices.motor import Motor as EmulatedMotor
 from sinew.hardware.bus import Bus, BusTiming
-from sinew.hardware.errors import DeviceError, RegisterError
 from sinew.hardware.motor import RETRIES, Motor, name_hardware_errors
 from sinew.hardware.registers import (
     XH430_W350,
     XM430_W350,
     lay_out,
 )
+from sinew.measure.errors import DeviceError, RegisterError
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import pytest
 
-from sinew.hardware.errors import RegisterError
 from sinew.hardware.registers import (
     BAUD_RATES,
     IMUS,
@@ -21,6 +20,7 @@ from sinew.hardware.registers import (
     decode_raw,
     encode_raw,
 )
+from sinew.measure.errors import RegisterError
 
 TABLES = [*MOTORS.values(), *IMUS.values()]
 ROWS = [(table, row) for table in TABLES for row in table]

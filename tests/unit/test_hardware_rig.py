@@ -8,9 +8,9 @@ from tests.unit.emulator_stand_in import Bench, paper_rig
 
 from sinew.emulator.plant import Law
 from sinew.hardware.codec import BULK_READ, BULK_WRITE, SYNC_WRITE, WRITE
-from sinew.hardware.errors import DeviceError, RegisterError
 from sinew.hardware.registers import XH430_W350
 from sinew.hardware.rig import Reading, Rig
+from sinew.measure.errors import DeviceError, RegisterError
 
 COUNT = math.tau / 4096
 PERIOD = 5e-3

@@ -10,8 +10,8 @@ import pytest
 from tests.patience import LONG_S
 
 from sinew.hardware.bus import MonotonicClock
-from sinew.hardware.errors import PortError
 from sinew.hardware.serial_port import SerialPort
+from sinew.measure.errors import PortError
 
 pytest.importorskip("serial", reason="pyserial is not installed")
 CLOCK = MonotonicClock()

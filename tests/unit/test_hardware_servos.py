@@ -5,9 +5,9 @@ import math
 import pytest
 from tests.unit.emulator_stand_in import Bench, paper_rig
 
-from sinew.hardware.errors import RegisterError
 from sinew.hardware.motor import TENDON_MODES, DriveServo, TendonServo
 from sinew.hardware.registers import MOTORS, XH430_W350, XM430_W350
+from sinew.measure.errors import RegisterError
 from sinew.plan.plan import TendonMode
 from sinew.plan.servo import SERVOS
 

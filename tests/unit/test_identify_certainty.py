@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+from sinew.analysis.signal.coloured_noise import autoregression
 from sinew.identify.oscillator.least_squares import (
     Problem,
     correlation,
@@ -27,6 +29,16 @@ def slow_noise(generator: np.random.Generator) -> np.ndarray:
     for i in range(1, noise.size):
         noise[i] += 0.8 * noise[i - 1]
     return noise[200:]
+
+
+@pytest.mark.parametrize("samples", [9_999, 10_001])
+def test_noise_that_goes_together_is_told_from_few_samples_for_a_parameter_and_from_many(samples: int) -> None:
+    shocks = np.random.default_rng(2).normal(size=samples)
+    noise = lfilter([1.0], [1.0, -0.8], shocks)
+    column = np.ones((samples, 1))
+    coefficients, innovation = autoregression(noise - noise.mean(), column)
+    assert coefficients[0] == pytest.approx(0.8, abs=3 * np.sqrt((1 - 0.8**2) / samples))
+    assert innovation == pytest.approx(1.0, abs=3 * np.sqrt(2 / samples))
 
 
 @pytest.mark.parametrize("kind", ["coloured", "hac"])

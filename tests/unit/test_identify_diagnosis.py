@@ -1,5 +1,6 @@
 """What a fit is suspected of, and what a record is refused for: steps, hands, and models that do not describe it."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -128,8 +129,13 @@ def test_a_reversed_sensor_is_asked_after(turned: str) -> None:
 
 def test_a_base_that_is_measured_the_wrong_way_round_is_asked_after() -> None:
     base = 0.05 * np.sin(2 * np.pi * (1.5 * TIME + 0.4 * TIME**2))
-    pull = np.gradient(np.gradient(base, TIME), TIME)
-    x = motion(viscous(0.1), lambda t: -float(np.interp(t, TIME, pull)), TIME)[0] + base
+
+    def pull(t: float) -> float:
+        """Return what the base's acceleration, θ'' = 0.05 (ψ'' cos ψ - ψ'² sin ψ), asks of the joint."""
+        phase, rate, bend = 2 * math.pi * (1.5 * t + 0.4 * t**2), 2 * math.pi * (1.5 + 0.8 * t), 1.6 * math.pi
+        return -0.05 * (bend * math.cos(phase) - rate**2 * math.sin(phase))
+
+    x = motion(viscous(0.1), pull, TIME)[0] + base
     given = {"excitation": "base", "output_unit": "m", "input_unit": "m"}
     sound, turned = (make_record(TIME, noisy(x, 1e-4, 3), side * base, **given) for side in (1.0, -1.0))
     assert any("with the input's sign reversed" in s for s in suspicions(fit(turned, "linear")))

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from sinew.apps.joints.design import _torso
 from sinew.measure.errors import SpecError
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.toml import load_rig
@@ -93,7 +92,7 @@ def test_without_a_mass_it_is_said_that_the_weight_is_left_out() -> None:
 
 
 def test_with_a_mass_it_is_said_where_its_centre_is_taken_to_be() -> None:
-    told = assumptions(target(_torso(30.0, None)))[0]
+    told = assumptions(target(Torso(30.0)))[0]
     assert "30 kg" in told
     assert "centre 250 mm above the head plate" in told
     assert "press with 294 N" in told
@@ -103,8 +102,3 @@ def test_with_a_mass_it_is_said_where_its_centre_is_taken_to_be() -> None:
 def test_a_torso_that_cannot_be_meant_is_refused(torso: Torso) -> None:
     with pytest.raises(SpecError, match="expected above 0 and up to 500 kg"):
         target(torso)
-
-
-def test_a_centre_without_a_mass_is_refused() -> None:
-    with pytest.raises(SpecError, match="belongs to --torso-kg"):
-        _torso(None, 200.0)

@@ -1,5 +1,7 @@
 """Decays as others record them: several modes, blows, clipped and frozen sensors, gaps, few samples, many swings."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from campaigns.decays import KINDS, try_one
@@ -160,6 +162,7 @@ def test_two_and_a_half_swings_hold_the_truth() -> None:
     assert holds(result.damping_ratio, 0.05)
 
 
+@cache
 def swing_from(degrees: float) -> RingDown:
     t = times(duration_s=30.0)
     found = solve_ivp(

@@ -11,10 +11,9 @@ from tests.unit.test_emulator_pty import Bench
 from sinew.emulator import port_server
 from sinew.emulator.port_server import ClockSocket, Port, PtyPort, PtyServer, SocketPort
 from sinew.hardware.bus import MonotonicClock, Transport
-from sinew.hardware.errors import PortError
 from sinew.hardware.serial_port import LocalPort, SerialPort
 from sinew.hardware.shared_clock import SharedClock, SharedPort, shared_clock
-from sinew.measure.errors import FileError
+from sinew.measure.errors import FileError, PortError
 
 KINDS: dict[str, Callable[[Path], Port]] = {"terminal": PtyPort, "socket": lambda link: SocketPort(link, 1_000_000)}
 

@@ -9,9 +9,8 @@ from tests.patience import LONG_S, until
 
 from sinew.emulator.port_server import SocketPort
 from sinew.hardware.bus import MonotonicClock
-from sinew.hardware.errors import PortError
 from sinew.hardware.serial_port import LocalPort
-from sinew.measure.errors import FileError
+from sinew.measure.errors import FileError, PortError
 
 BAUD = 1_000_000
 

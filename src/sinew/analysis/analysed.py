@@ -376,11 +376,12 @@ def _foreign_ring_down(
     rig = None if named is None else recording_rig(recording, named)
     signals = read_signals(recording)
     longest = max((where for _, where in signals.segments), key=lambda where: where.stop - where.start)
-    time, response, drive = signals.time_s[longest], signals.response, signals.drive
+    time, response = signals.time_s[longest], signals.response
+    values, drive = response.values[longest], None if signals.drive is None else signals.drive.values[longest]
     result = analyse_ring_down(
         time,
-        response.values[longest],
-        drive=None if drive is None else drive.values[longest],
+        values,
+        drive=drive,
         is_rate=response.is_rate,
         unit=response.unit,
         inertia_kg_m2=_inertia(rig),
@@ -388,14 +389,8 @@ def _foreign_ring_down(
     document = dict(ring_down_json(result))
     notes = result.remarks
     if modes is not None:
-        several = fit_modes(
-            time,
-            response.values[longest],
-            drive=None if drive is None else drive.values[longest],
-            unit=response.unit,
-            free_from_s=result.start_s,
-            modes=checked_count(modes),
-        )
+        count = checked_count(modes)
+        several = fit_modes(time, values, drive=drive, unit=response.unit, free_from_s=result.start_s, modes=count)
         document["modes"] = modes_json(several.modes)
         notes = (*notes, several.message) if several.message else notes
     if len(signals.segments) == 1:

@@ -500,8 +500,7 @@ def possible_damping(rig: RigSpec, frequency_hz: float) -> tuple[float, float]:
     total = max(0.0, stiffness - bare) / tendons.stiffness(1.0, 0.0)
     total += tendons.count * tendons.first_contact_tension.value
     swing = np.geomspace(0.1, 100.0, 200) * tendons.guides.reach
-    loops = tendons.guides.loss(total, swing)
-    by_guides = float((loops / (2.0 * math.pi * stiffness * swing**2)).max())
+    by_guides = float(tendons.damping(total, stiffness, swing).max())
     by_dashpot = silicone.viscous.value / (2.0 * inertia * omega)
     return by_silicone + by_dashpot, 0.5 * silicone.loss_factor.value + by_guides + by_dashpot
 

@@ -17,7 +17,7 @@ from sinew import __version__
 from sinew.apps.bench import check, doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
 from sinew.apps.joints import calibrate, design, joint, predict, transfer, tune
-from sinew.apps.recordings import analyse, convert, gait, identify, look, reproduce, simulate
+from sinew.apps.recordings import analyse, convert, gait, identify, reproduce, simulate
 from sinew.measure.errors import SinewError
 
 app = typer.Typer(
@@ -33,7 +33,7 @@ _command(epilog="Example: sinew check plans/paper.toml --rig rigs/paper.toml")(c
 _command(epilog="Example: sinew simulate short --rig paper --out run/recording.nc --without guide_friction")(
     simulate.simulate
 )
-_command(epilog="Example: sinew look swing.csv")(look.look)
+_command(epilog="Example: sinew look swing.csv")(convert.look)
 _command(
     epilog="Example: sinew analyse chirp.csv --kind broadband --time t_s --response phi:deg --drive u:N*m --out chirp"
     "\n\nExample: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json"

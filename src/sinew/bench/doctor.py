@@ -11,12 +11,12 @@ import numpy as np
 
 from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
-from sinew.hardware.errors import TROUBLES, DeviceError, HardwareError, PortError
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.motor import Identity, Motor, name_hardware_errors
 from sinew.hardware.registers import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
+from sinew.measure.errors import TROUBLES, DeviceError, HardwareError, PortError
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import Limits
 

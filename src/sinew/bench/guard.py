@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sinew.bench.errors import LimitError, LostError
 from sinew.hardware.rig import MotorReading, Reading
+from sinew.measure.errors import LimitError, LostError
 from sinew.plan.rig import RigSpec
 
 LOST_AFTER_S = 0.05

@@ -5,13 +5,13 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from sinew.bench.errors import LostError, PauseError, StoppedError
 from sinew.bench.guard import Guard, Watch
 from sinew.bench.record.sample import MISSING, Sample
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.bus import Clock
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.rig import Reading, Rig
+from sinew.measure.errors import LostError, PauseError, StoppedError
 from sinew.plan.rig import Limits
 
 WATCHDOG_S = 0.08

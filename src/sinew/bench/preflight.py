@@ -3,12 +3,11 @@
 import math
 from collections.abc import Iterator, Sequence
 
-from sinew.bench.errors import StartError
 from sinew.hardware.bus import Clock, Outcome, Reply
-from sinew.hardware.errors import TROUBLES, PortError
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.motor import Motor
 from sinew.hardware.rig import Rig
+from sinew.measure.errors import TROUBLES, PortError, StartError
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.plan import Plan
 from sinew.plan.rig import Limits

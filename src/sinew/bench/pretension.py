@@ -10,10 +10,10 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from sinew.bench.errors import LostError
 from sinew.bench.loop import Loop
 from sinew.bench.record.sample import Sample
 from sinew.hardware.rig import Rig
+from sinew.measure.errors import LostError
 from sinew.measure.events import Pretensioned
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
@@ -146,17 +146,15 @@ class MotorMap:
         self._servo = tendons.servo_stiffness.value
         self._contact_tension = tendons.first_contact_tension.value
         # The current comes in whole counts, so the pull stopped a little beside the tension of first contact. Take-up
-        # per newton in each tendon: cable and servo in series, and the silicone, axial stiffness 3 G A/L, under all.
+        # per newton in each tendon: cable and servo in series, and the silicone under all.
         series = 1 / tendons.cable_stiffness.value + 1 / tendons.servo_stiffness.value
-        torsional = spec.silicone.stiffness(0.0)
-        axial = 3 * torsional * spec.area_over_torsion_constant
         missing = self._contact_tension - contact.current / self.newton
-        self._first = missing * (series + tendons.count / axial) - missing / self._servo
+        self._first = missing * (series + tendons.count / spec.axial_stiffness) - missing / self._servo
         turns = [math.tau * i / tendons.count for i in range(tendons.count)]
         r = tendons.head_radius.value
         self._points = tuple((r * math.cos(turn), r * math.sin(turn)) for turn in turns)
         # By current, unequal tensions level against the silicone's bending stiffness.
-        self._bending = spec.bending_over_torsional_rigidity * torsional
+        self._bending = spec.bending_over_torsional_rigidity * spec.silicone.stiffness(0.0)
 
     @property
     def by_current(self) -> bool:

@@ -9,7 +9,6 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from sinew.analysis.doubts import group_doubts
-from sinew.bench.errors import BenchError, LostError, PauseError, StartError, StoppedError
 from sinew.bench.group import DriveLaw, Levelled, Mover, SettleRule, pause, run_group, run_tracking
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
@@ -23,12 +22,20 @@ from sinew.bench.stops import Steering, StopReport, stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.bus import Bus, Clock
 from sinew.hardware.configuration import prepare_goal
-from sinew.hardware.errors import TROUBLES, HardwareError
 from sinew.hardware.motor import Motor
 from sinew.hardware.registers import WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.measure import events
-from sinew.measure.errors import FileError
+from sinew.measure.errors import (
+    TROUBLES,
+    BenchError,
+    FileError,
+    HardwareError,
+    LostError,
+    PauseError,
+    StartError,
+    StoppedError,
+)
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 from sinew.plan.plan import Group, Plan

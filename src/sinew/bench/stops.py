@@ -14,12 +14,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal
 
-from sinew.bench.errors import StoppedError
 from sinew.hardware.bus import Clock
-from sinew.hardware.errors import TROUBLES, DeviceError, HardwareError, PortError
 from sinew.hardware.motor import Motor, TendonServo
 from sinew.hardware.registers import CURRENT_MODE, CURRENT_POSITION_MODE, WATCHDOG_TRIPPED, encode_raw
 from sinew.hardware.rig import Rig
+from sinew.measure.errors import TROUBLES, DeviceError, HardwareError, PortError, StoppedError
 
 # All motors are told at once to stay where they are: the first stage of every stop.
 #

@@ -48,7 +48,6 @@ class TiltEstimator:
         self._rate: Vector | None = None
         self._time = math.nan
         self._tilt = (0.0, 0.0)
-        self._sleeping = True
 
     @property
     def components(self) -> tuple[float, float]:

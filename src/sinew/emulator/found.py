@@ -9,7 +9,7 @@ import numpy as np
 from sinew.emulator.faults import Faults, FaultSpec, FaultyRig
 from sinew.emulator.plant import Plant, Unloaded
 from sinew.emulator.rig import EmulatedRig
-from sinew.hardware.errors import PortError
+from sinew.measure.errors import PortError
 from sinew.plan.rig import RigSpec
 
 _WARM_UP = 0.02  # s of emulated time, before a master can open the port

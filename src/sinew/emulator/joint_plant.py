@@ -224,7 +224,7 @@ class JointPlant:
     def _order_tendon(self, tendon: int) -> None:
         law, held, radius = self._laws[tendon], self._stuck[tendon], self._radius
         servo = SERVOS[self.spec.wiring.tendon_model]
-        share = self._supply / servo.nominal_voltage
+        share = servo.supply_share(self._supply)
         stall = max(1e-9, servo.stall_torque * share / radius)
         fastest = servo.no_load_speed * share * radius
         speed_limit = min(_FAR, law.speed_limit * radius)

@@ -23,9 +23,8 @@ from typing import NamedTuple
 
 from sinew.emulator.faults import FaultyRig
 from sinew.hardware.bus import Clock
-from sinew.hardware.errors import PortError
 from sinew.hardware.shared_clock import ANSWER, ASK, HELLO, PATIENCE_S, READ, SUFFIX, WROTE
-from sinew.measure.errors import FileError
+from sinew.measure.errors import FileError, PortError
 
 
 def refuse_taken(link: Path) -> None:

@@ -108,12 +108,10 @@ def _nearest_decay(
 
 def _linear_numbers(here: xr.Dataset) -> Numbers:
     """Return rate [1/s], ω [rad/s] and start [s] by the paper's method, or by the direct fit where that is withheld."""
-    by_fit = "decay_rate_per_s", "decay_frequency_hz"
-    names = (
-        by_fit if np.isnan(float(here["paper_decay_rate_per_s"])) else ("paper_decay_rate_per_s", "paper_omega_rad_s")
-    )
-    rate, omega = (float(here[name]) for name in names)
-    return rate, omega * (2.0 * np.pi if names == by_fit else 1.0), float(here["decay_start_s"])
+    rate, omega = float(here["paper_decay_rate_per_s"]), float(here["paper_omega_rad_s"])
+    if np.isnan(rate):
+        rate, omega = float(here["decay_rate_per_s"]), 2.0 * np.pi * float(here["decay_frequency_hz"])
+    return rate, omega, float(here["decay_start_s"])
 
 
 def _draw_free(axes: Axes, recording: xr.Dataset, group: Group, here: xr.Dataset, numbers: Numbers) -> None:

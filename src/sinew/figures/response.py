@@ -454,8 +454,7 @@ def _no_load_speed(results: xr.Dataset) -> float | None:
     rig = rig_of(results)
     if rig is None:
         return None
-    drive = rig.drive
-    return float(drive.no_load_speed.value * drive.supply_voltage.value / drive.nominal_voltage.value)
+    return float(rig.drive.no_load_speed.value * rig.drive.supply_share)
 
 
 # A broadband record, or one of hammer blows, is drawn: gain by H1 and H2, lag and coherence, with the modes in them.

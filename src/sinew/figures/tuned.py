@@ -1,13 +1,19 @@
-"""Figures of what a joint is tuned to: motions that were tracked in resonance, and a gait's yaw."""
+"""Figures of what a joint is tuned to: motions tracked in resonance, a gait's yaw, and designed joints as a page."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
+from sinew.figures.page import Caption, Table, pictures, write_page
+from sinew.figures.predicted import label_outer, shortened
 from sinew.figures.style import (
+    ACCENT,
+    GREEN,
     GREY,
     INK,
     MARKERS,
@@ -18,6 +24,7 @@ from sinew.figures.style import (
     note_panel,
     pretension_colours,
 )
+from sinew.solve.branch import Branch
 from sinew.tune.gait import BoutGait, GaitTarget
 
 _PHASE_DEG = 15.0
@@ -161,3 +168,236 @@ def _draw_amplitude(axes: Axes, bout: BoutGait, colour: tuple[float, ...], marke
             linewidth=1.0,
         )
     axes.plot([f.value], [yaw.value], marker=marker, color=colour, linestyle="none")
+
+
+# Designed joints become one HTML page.
+
+_SIZES = [
+    "proposal",
+    "silicone",
+    "length in mm",
+    "circle in mm",
+    "lever in kg m²",
+    "envelope in mm",
+    "energy in mJ",
+    "tension in N",
+]
+_ENDS = [
+    "proposal",
+    "stride in Hz",
+    "p in mm",
+    "command in °",
+    "yaw in °",
+    "D",
+    "tension in N",
+    "drive in A",
+    "twin in Hz",
+    "off by",
+]
+
+_CAPTIONS = {
+    "design_front": Caption(
+        "What is traded",
+        "Every joint that was computed exactly. Full marks are not dominated in energy, size and tension; numbers are "
+        "the proposals.",
+        "Drive energy over volume and over tension for the computed joints, proposals numbered.",
+    ),
+    "design_curves": Caption(
+        "Proposals at both ends of the band",
+        "Predicted torsion at the command of the proposal's plan; rings are where the full twin lags by 90°, at its "
+        "peak's height.",
+        "Torsion over frequency of each proposal at two pretensions.",
+    ),
+}
+
+
+def write_design_page(
+    path: Path,
+    document: Mapping[str, Any],
+    *,
+    figures: Sequence[Path] = (),
+    rebuild: str = "",
+    origins: Sequence[tuple[str, str]] = (),
+) -> Path:
+    """Write the page of a document of `sinew design`, atomically, and return its path.
+
+    figures: the PNGs among them are put into the page. rebuild: the command that makes all of this again.
+    Raises FileError where the folder cannot be written.
+    """
+    target, proposals = document["target"], document["proposals"]
+    low, high = target["stride_band_hz"]
+    asked = f"±{target['yaw_deg']:g}° and {target['inertia_kg_m2']:g} kg m²"
+    return write_page(
+        path,
+        "prediction.html",
+        title="Joints for a gait",
+        about=f"Resonant from {low:g} to {high:g} Hz with {asked}.",
+        lead=" ".join(f"{sentence[:1].upper()}{sentence[1:]}." for sentence in document["sentences"]),
+        tables=[
+            Table(
+                "Sizes",
+                _SIZES,
+                [_size_row(i, one) for i, one in enumerate(proposals, 1)],
+                "Energy: electrical, a cycle.",
+            ),
+            Table(
+                "Both ends of the band",
+                _ENDS,
+                [row for i, one in enumerate(proposals, 1) for row in _end_rows(i, one)],
+                "",
+            ),
+        ],
+        pictures=pictures(figures, _CAPTIONS),
+        validity=[{"title": one["name"], "checks": one["validity"]} for one in proposals],
+        rebuild=rebuild,
+        origins=list(origins),
+    )
+
+
+def _size_row(number: int, one: Mapping[str, Any]) -> list[str]:
+    return [
+        f"{number}: {one['section']}",
+        str(one["material"]),
+        f"{one['length_mm']:g}",
+        f"{one['tendon_circle_mm']:g}",
+        f"{one['lever_inertia_kg_m2']:.4f}",
+        f"{one['diameter_mm']:.0f} × {one['envelope_length_mm']:.0f}",
+        f"{1e3 * one['energy_j']:.0f}",
+        f"{one['tension_n']:.0f}",
+    ]
+
+
+def _end_rows(number: int, one: Mapping[str, Any]) -> list[list[str]]:
+    rows = []
+    for end, found in zip(one["ends"], one["confirmed"], strict=True):
+        measured, error = found["measured_hz"]["value"], found["error"]
+        rows.append(
+            [
+                str(number),
+                f"{end['wanted_hz']:g}",
+                f"{end['pretension_mm']:.2f}",
+                f"{end['command_deg']:.1f}",
+                f"{end['torsion_deg']:.2f}",
+                f"{end['damping_ratio']:.4f}",
+                f"{end['tension_n']:.0f}",
+                f"{end['current_a']:.2f}",
+                "-" if measured is None else f"{measured:.4f}",
+                "-" if error is None else f"{error:+.1%}",
+            ]
+        )
+    return rows
+
+
+# Proposals are drawn at both ends of their band: predicted torsion, with the twin beside it.
+
+_ACROSS = 2
+
+
+class EndCurves(NamedTuple):
+    """One proposal: its document, and its predicted curves at both ends of the band, at its plan's command."""
+
+    document: Mapping[str, Any]
+    branches: tuple[Branch, ...]
+
+
+@in_style
+def draw_design_curves(proposals: Sequence[EndCurves], yaw_deg: float) -> Figure:
+    """Return torsion over frequency, a panel for each proposal: lines predicted, rings where the twin lags by 90°."""
+    rows = -(-len(proposals) // _ACROSS)
+    figure = new_figure(0.5 + 2.2 * rows)
+    panels = figure.subplots(rows, _ACROSS, sharex=True, sharey=True, squeeze=False).ravel()
+    for i, (axes, one) in enumerate(zip(panels, proposals, strict=False)):
+        _draw(axes, one, yaw_deg)
+        axes.set(xlabel="drive frequency in Hz", ylabel="torsion in degrees")
+        note_panel(axes, chr(ord("a") + i), f"{i + 1}: {shortened(str(one.document['name']), _ACROSS)[:44]}")
+    panels[0].set_ylim(0, None)
+    panels[0].margins(x=0)
+    label_outer(list(panels), len(proposals), _ACROSS)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _draw(axes: Axes, one: EndCurves, yaw_deg: float) -> None:
+    ends = one.document["ends"]
+    for branch, end, colour, name in zip(one.branches, ends, (ACCENT, RED), ("lower", "upper"), strict=True):
+        axes.plot(branch.frequency_hz, np.degrees(branch.amplitude), color=colour, label=f"{name} end, predicted")
+        axes.axvline(end["wanted_hz"], color=colour, linewidth=0.8, linestyle=(0, (2, 2)), zorder=1)
+        top = float(np.degrees(branch.amplitude).max())
+        axes.annotate(
+            f"{end['pretension_mm']:.1f} mm", (end["wanted_hz"], top), (8, 5), textcoords="offset points", fontsize=8
+        )
+    for i, found in enumerate(one.document["confirmed"]):
+        measured = found["measured_hz"]["value"]
+        if measured is None:
+            continue
+        label = "90° of lag on the twin" if i == 0 else None
+        axes.plot(measured, found["yaw_deg"], "o", color="white", markeredgecolor=INK, zorder=5, label=label)
+    label = f"±{yaw_deg:g}° wanted"
+    axes.axhline(yaw_deg, color=GREY, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1, label=label)
+
+
+# Designed joints are drawn in what is traded: the drive's energy against size and tension.
+
+_COLOURS = (ACCENT, RED, GREEN, "#7a4fa3", "#b8690b")
+
+
+@in_style
+def draw_design_front(evaluated: Sequence[Mapping[str, Any]], proposals: Sequence[Mapping[str, Any]]) -> Figure:
+    """Return energy over size and over tension of every exactly computed joint.
+
+    evaluated, proposals: as in the document of `sinew design`. Full marks are not dominated, empty ones are, grey ones
+    break a limit; numbers are those of the proposals.
+    """
+    figure = new_figure(3.4)
+    left, right = figure.subplots(1, 2, sharey=True)
+    shapes = list(dict.fromkeys(str(one["shape"]) for one in evaluated))
+    for axes, key in ((left, "volume_cm3"), (right, "tension_n")):
+        for one in evaluated:
+            _draw_candidate(axes, one, key, shapes.index(one["shape"]))
+        for number, one in enumerate(proposals, start=1):
+            at = (one[key], 1e3 * one["energy_j"])
+            axes.annotate(str(number), at, (5, 4), textcoords="offset points", fontsize=9, fontweight="bold", color=INK)
+        axes.margins(0.08, 0.12)
+    left.set(xlabel="volume of joint and guides in cm³", ylabel="drive energy in mJ a cycle", xscale="log")
+    right.set(xlabel="tension of a tendon in N")
+    if evaluated:
+        left.set_xticks(_ticks([float(one["volume_cm3"]) for one in evaluated]))
+        left.xaxis.set_major_formatter(lambda x, _: f"{x:g}")
+        left.minorticks_off()
+    left.set_ylim(0, None)
+    note_panel(left, "a", "against size")
+    note_panel(right, "b", "against tension")
+    keys = [_key(i, name) for i, name in enumerate(shapes)]
+    keys.append(Line2D([], [], linestyle="none", marker="o", color="white", markeredgecolor=INK, label="dominated"))
+    if any(not one["feasible"] for one in evaluated):
+        keys.append(Line2D([], [], linestyle="none", marker="o", color=GREY, label="breaks a limit"))
+    figure.legend(handles=keys, loc="outside lower center", ncols=len(keys))
+    return figure
+
+
+def _draw_candidate(axes: Axes, one: Mapping[str, Any], key: str, shape: int) -> None:
+    colour = _COLOURS[shape % len(_COLOURS)] if one["feasible"] else GREY
+    full = one["on_front"] or not one["feasible"]
+    axes.plot(
+        one[key],
+        1e3 * one["energy_j"],
+        linestyle="none",
+        marker=MARKERS[shape % len(MARKERS)],
+        color=colour if full else "white",
+        markeredgecolor="white" if full else colour,
+        markersize=6 if full else 4.5,
+        zorder=4 if full else 3,
+    )
+
+
+def _key(shape: int, name: str) -> Line2D:
+    marker = MARKERS[shape % len(MARKERS)]
+    return Line2D([], [], linestyle="none", marker=marker, color=_COLOURS[shape % len(_COLOURS)], label=name)
+
+
+def _ticks(values: list[float]) -> list[float]:
+    """Return one, two and five times powers of ten around values."""
+    decades = 10.0 ** np.arange(np.floor(np.log10(min(values))), np.ceil(np.log10(max(values))) + 1)
+    every = np.outer(decades, (1, 2, 5)).ravel()
+    kept = every[(every >= 0.7 * min(values)) & (every <= 1.4 * max(values))]
+    return [float(x) for x in kept]

@@ -17,7 +17,7 @@ from functools import cache
 from struct import unpack_from
 from typing import NamedTuple
 
-from sinew.hardware.errors import PacketError
+from sinew.measure.errors import PacketError
 
 HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE

@@ -12,9 +12,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from sinew.hardware.errors import DeviceError
 from sinew.hardware.motor import DriveServo, Motor
 from sinew.hardware.registers import CURRENT_MODE, SHUTDOWN
+from sinew.measure.errors import DeviceError
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, SERVOS
 

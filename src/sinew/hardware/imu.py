@@ -6,7 +6,6 @@ from statistics import median_high
 
 from sinew.hardware.bus import Bus, Reply
 from sinew.hardware.codec import Read
-from sinew.hardware.errors import DeviceError
 from sinew.hardware.motor import RETRIES, Identity, check_identity
 from sinew.hardware.registers import (
     EMULATED_FIRMWARE,
@@ -21,6 +20,7 @@ from sinew.hardware.registers import (
     lay_out,
     sensor_table,
 )
+from sinew.measure.errors import DeviceError
 from sinew.plan.rig import BusSensor
 
 # A device's own clock is held against the host's, so that an old answer is not taken for a new one.

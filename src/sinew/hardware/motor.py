@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from sinew.hardware.bus import Bus, Outcome, Reply
-from sinew.hardware.errors import DeviceError, RegisterError
 from sinew.hardware.registers import (
     CURRENT_MODE,
     CURRENT_POSITION_MODE,
@@ -23,6 +22,7 @@ from sinew.hardware.registers import (
     encode_raw,
     lay_out,
 )
+from sinew.measure.errors import DeviceError, RegisterError
 from sinew.plan.plan import TendonMode
 from sinew.plan.servo import COUNTS_PER_TURN, SERVOS
 
@@ -284,7 +284,7 @@ class TendonServo(Motor):
         self.goal_angle = GoalEncoder(name, table["goal_position"], pull)
         self.goal_current = GoalEncoder(name, row, pull, low=-most, high=most)
         servo = SERVOS[table.model]
-        self._stall_current = servo.stall_current * supply / servo.nominal_voltage
+        self._stall_current = servo.stall_current * servo.supply_share(supply)
 
     def angle(self) -> float:
         """Return the angle of the horn [rad], from the encoder's zero and over all turns. Raises DeviceError."""

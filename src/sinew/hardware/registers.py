@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from struct import Struct
 
-from sinew.hardware.errors import RegisterError
+from sinew.measure.errors import RegisterError
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import BusSensor
 from sinew.plan.servo import (
@@ -195,7 +195,7 @@ BAUD_RATES = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000
 CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE, PWM_MODE = 0, 1, 3, 4, 5, 16
 # Bits of the registers hardware_error_status and shutdown.
 HARDWARE_ERRORS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
-VOLTAGE, OVERHEATING, ENCODER, ELECTRICAL_SHOCK, OVERLOAD = (1 << bit for bit in HARDWARE_ERRORS)
+VOLTAGE, OVERHEATING, _, ELECTRICAL_SHOCK, OVERLOAD = (1 << bit for bit in HARDWARE_ERRORS)
 SHUTDOWN = OVERHEATING | ELECTRICAL_SHOCK | OVERLOAD
 # What bus_watchdog reads after it has stopped the motor; only writing 0 clears it.
 WATCHDOG_TRIPPED = -1

@@ -19,10 +19,10 @@ from sinew.hardware.configuration import (
     refuse_unfit,
     registers_read,
 )
-from sinew.hardware.errors import DeviceError, RegisterError
 from sinew.hardware.imu import ClockTrack, Imu, ImuReading, SensorReader
 from sinew.hardware.motor import TENDON_MODES, DriveServo, Motor, TendonServo
 from sinew.hardware.registers import CURRENT_POSITION_MODE, IMUS, MOTORS, POSITION_MODE, lay_out
+from sinew.measure.errors import DeviceError, RegisterError
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import SERVOS

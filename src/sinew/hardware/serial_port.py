@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sinew.hardware.bus import Clock
-from sinew.hardware.errors import PortError
+from sinew.measure.errors import PortError
 
 _AT_ONCE = 4096  # bytes
 _OPENS_S = 5.0  # on a busy computer

@@ -23,7 +23,7 @@ from pathlib import Path
 from time import monotonic
 
 from sinew.hardware.bus import MonotonicClock, Transport
-from sinew.hardware.errors import PortError
+from sinew.measure.errors import PortError
 
 SUFFIX = ".clock"
 """What the clock's socket is called behind the name of the port."""

@@ -449,6 +449,6 @@ def _slowest_decay(rig: RigSpec, amplitude_rad: float, tension_n: float) -> floa
     total = tendons.count * tension_n
     stiffness = silicone.stiffness(0.0) + tendons.stiffness(total, 0.0)
     inertia = rig.inertia.head.value + rig.inertia.lever.value
-    loop = float(tendons.guides.loss(total, amplitude_rad))
-    ratio = silicone.loss_factor.value / 2 + loop / (2 * math.pi * stiffness * amplitude_rad**2)
+    by_guides = float(tendons.damping(total, stiffness, np.asarray(amplitude_rad)))
+    ratio = silicone.loss_factor.value / 2 + by_guides
     return ratio * math.sqrt(stiffness / inertia) + silicone.viscous.value / (2 * inertia)

@@ -1,5 +1,6 @@
 """A test bed: every parameter with value, unit, origin and bounds."""
 
+import math
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, Field, model_validator
 
+from sinew.measure.arrays import Array
 from sinew.mechanics.guides import GUIDE_LAWS, GuideFriction, GuideLaw
 from sinew.plan.parameter import NotNegative, Parameter, Positive, Settings, not_negative, positive, signed
 from sinew.plan.servo import MOST_TURN_COUNTS, PAPER_DRIVE, PAPER_TENDON, SERVOS, winding_resistance
@@ -228,6 +230,13 @@ class Tendons(Settings):
         """Return the friction of the guides."""
         return GUIDE_LAWS[self.guide_law](self.guide_friction.value, self.presliding_angle.value)
 
+    def damping(self, tension: float, stiffness: float, swing: Array) -> Array:
+        """Return Lehr's damping that the guides' loop gives a joint, loop/(2π k a²), at amplitudes a [rad].
+
+        tension: of all tendons together [N]. stiffness: k of the joint [N m/rad].
+        """
+        return np.asarray(self.guides.loss(tension, swing) / (2.0 * math.pi * stiffness * swing**2))
+
     def stiffness(self, tension: _Amount, shortening: _Amount) -> _Amount:
         """Return the torsional stiffness at small angles [N m/rad]: ΣT r_b r_h/(ℓ - x).
 
@@ -273,10 +282,14 @@ class Drive(Settings):
     # The torque line goes through stall torque and no-load speed at nominal voltage, its friction taken out already.
 
     @property
+    def supply_share(self) -> float:
+        """Return the supply over the voltage that stall torque, current and no-load speed belong to [1]."""
+        return self.supply_voltage.value / self.nominal_voltage.value
+
+    @property
     def duty_torque(self) -> float:
         """Return the torque of the whole supply's current at standstill [N m], friction not taken out."""
-        supply = self.supply_voltage.value / self.nominal_voltage.value
-        return (self.stall_torque.value + self.friction.value) * supply
+        return (self.stall_torque.value + self.friction.value) * self.supply_share
 
     @property
     def speed_slope(self) -> float:
@@ -491,6 +504,11 @@ class RigSpec(Settings):
         if self.section is None:
             return 8 / self.silicone.diameter.value**2
         return self.section.area.value / self.section.torsion_constant.value
+
+    @property
+    def axial_stiffness(self) -> float:
+        """Return the axial stiffness of the untwisted incompressible silicone [N/m]: 3 G A/L."""
+        return 3 * self.silicone.stiffness(0.0) * self.area_over_torsion_constant
 
     @property
     def bending_over_torsional_rigidity(self) -> float:

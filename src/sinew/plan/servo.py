@@ -62,6 +62,10 @@ class Servo:
     current_lsb: float
     brown_out: float
 
+    def supply_share(self, supply: float) -> float:
+        """Return a supply [V] over the voltage at which the numbers hold [1]."""
+        return supply / self.nominal_voltage
+
     @property
     def resistance(self) -> float:
         """Return that of winding, brushes and bridge [Ω]."""

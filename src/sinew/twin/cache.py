@@ -28,7 +28,7 @@ def configure() -> None:
     Loops of small steps are compiled whole. XLA does that by itself up to 1024 bytes in a turn, and calls every
     operation of a larger one by itself: the derivatives of a simulated oscillation took ten times as long. The option
     has no other door than the environment; XLA reads it when it first computes, and a version that does not know it
-    passes it over.
+    passes it over. Several lists of such options add up, so a user's own stays beside ours.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if _WHOLE_LOOP not in flags:

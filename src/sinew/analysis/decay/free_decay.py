@@ -584,12 +584,6 @@ class Envelope:
         return printed_lehr_damping(self.decay_rate_per_s, self.omega_rad_s)
 
     @property
-    def lehr_damping_std(self) -> float:
-        """Return the standard deviation of D from those of λ and ⟨ω⟩."""
-        relative = np.hypot(self.decay_rate_std_per_s / self.decay_rate_per_s, self.omega_std_rad_s / self.omega_rad_s)
-        return self.lehr_damping * float(relative)
-
-    @property
     def quality(self) -> float:
         """Return Q = 1/(2 D) (paper Eq. 8)."""
         return 0.5 / self.lehr_damping

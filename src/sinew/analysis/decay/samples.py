@@ -140,10 +140,11 @@ def _telling(t: Array, x: Array, half: float, remarks: list[str]) -> Mask:
     q = resolution(x)
     rows = rows_of_one_value(x)
     clipped, frozen = np.zeros(x.size, dtype=bool), np.zeros(x.size, dtype=bool)
-    inner = sum(stop - first for first, stop in rows if first and stop < x.size and x.min() < x[first] < x.max())
+    ends = float(x.min()), float(x.max())
+    inner = sum(stop - first for first, stop in rows if first and stop < x.size and ends[0] < x[first] < ends[1])
     held = inner > _HELD * x.size  # every value stays for some samples: a row of them is no limit
     for first, stop in rows:
-        if not held and stop - first <= _SHORTER * half and is_cut_off(x, first, stop, q):
+        if not held and stop - first <= _SHORTER * half and is_cut_off(x, first, stop, q, ends):
             clipped[first:stop] = True
         elif _is_frozen(x, first, stop, q, half):
             frozen[first + 1 : stop] = True

@@ -21,17 +21,17 @@ def rows_of_one_value(values: Array) -> list[tuple[int, int]]:
     return [(int(edges[k]), int(edges[k + 1])) for k in long]
 
 
-def is_cut_off(values: Array, first: int, stop: int, step: float) -> bool:
+def is_cut_off(values: Array, first: int, stop: int, step: float, ends: tuple[float, float]) -> bool:
     """Return whether a row of equal samples is a crest that a limit of the range cut off.
 
-    step: of the values, from `resolution`. The rounded crest of a sine has three tenths of its samples, or more, within
-    two and a half steps beside its top.
+    step: of the values, from `resolution`. ends: their smallest and largest. The rounded crest of a sine has three
+    tenths of its samples, or more, within two and a half steps beside its top.
     """
     if first == 0 or stop == values.size:
         return False
     top = values[first]
     side = 1.0 if top > values[first - 1] else -1.0
-    if top not in (values.max(), values.min()) or side * (top - values[stop]) <= 0:
+    if top not in ends or side * (top - values[stop]) <= 0:
         return False
     reach = stop - first
     around = np.concatenate([values[max(0, first - reach) : first], values[stop : stop + reach]])
@@ -41,7 +41,7 @@ def is_cut_off(values: Array, first: int, stop: int, step: float) -> bool:
 def overloads(values: Array) -> Mask:
     """Return which samples belong to crests that a limit of the range cut off, (n,)."""
     found = np.zeros(values.size, dtype=bool)
-    step = resolution(values)
+    step, ends = resolution(values), (float(values.min()), float(values.max()))
     for first, stop in rows_of_one_value(values):
-        found[first:stop] = is_cut_off(values, first, stop, step)
+        found[first:stop] = is_cut_off(values, first, stop, step, ends)
     return found

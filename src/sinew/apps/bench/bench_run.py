@@ -110,9 +110,8 @@ def run_journal(
 
     attrs: what else the recording shall carry, such as its source where that is no real bench.
     """
-    from sinew.bench.errors import StartError
     from sinew.bench.record.journal import Journal
-    from sinew.measure.errors import FileError
+    from sinew.measure.errors import FileError, StartError
     from sinew.plan.toml import dump_plan, dump_rig
 
     texts = (dump_plan(plan), dump_rig(spec))

@@ -18,8 +18,7 @@ from sinew.bench.stops import StopReport, stop
 from sinew.hardware import serial_port as _local_port  # noqa: F401 - open_rig imports it late
 from sinew.hardware import serial_port as _serial_port  # noqa: F401
 from sinew.hardware import shared_clock as _shared_clock  # noqa: F401
-from sinew.hardware.errors import PortError
-from sinew.measure.errors import SinewError
+from sinew.measure.errors import PortError, SinewError
 from sinew.plan.rig import RigSpec
 
 CONFIRM_S = 0.15

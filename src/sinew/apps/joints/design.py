@@ -12,7 +12,7 @@ from sinew.apps.joints.options import BASE_RIG
 from sinew.measure.errors import FileError, SpecError
 
 if TYPE_CHECKING:
-    from sinew.figures.design_page import EndCurves
+    from sinew.figures.tuned import EndCurves
     from sinew.plan.plan import Plan
     from sinew.predict.joints.validity import Torso
     from sinew.tune.candidate import DesignTarget
@@ -154,8 +154,8 @@ def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebu
 
     document: gets the paths of rigs and plans. Raises FileError where the folder cannot be written.
     """
-    from sinew.figures.design_page import draw_design_curves, draw_design_front, write_design_page
     from sinew.figures.style import save_figure
+    from sinew.figures.tuned import draw_design_curves, draw_design_front, write_design_page
     from sinew.measure.files.netcdf import provenance
     from sinew.plan.toml import save_plan, save_rig
     from sinew.tune.proposal import plan_of
@@ -187,7 +187,7 @@ def write_design(found: "Designed", document: dict[str, Any], folder: Path, rebu
 
 
 def _curves(one: "Proposal", plan: "Plan", row: dict[str, Any]) -> "EndCurves":
-    from sinew.figures.design_page import EndCurves
+    from sinew.figures.tuned import EndCurves
     from sinew.predict.band import COARSE
     from sinew.predict.joint import joint_problem
     from sinew.solve.curves import predict

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from sinew.predict.linear import Gear
     from sinew.twin.parameters import Effects
 
-_GEARS = ("sliding", "creeping")
-
 
 def transfer(
     rig: RigArgument,
@@ -24,7 +22,7 @@ def transfer(
         str, option("MM,...", "Pretensions, one linear joint for each.", "--pretension-mm")
     ] = "0,4,8,12",
     gear: Annotated[
-        str, option("|".join(_GEARS), "Friction of the gear: the lever slides, or hardly moves.")
+        str, option("sliding|creeping", "Friction of the gear: the lever slides, or hardly moves.")
     ] = "sliding",
     amplitude: Annotated[
         str | None, option("DEG,...", "Also the describing function at these commands.", "--amplitude-deg")
@@ -51,17 +49,17 @@ def transfer(
         )
     console.checked_band((start, stop))
     console.check_choice("--mode", mode, MODES)
-    console.check_choice("--gear", gear, _GEARS)
     if out is not None:
         if out.suffix not in ("", ".json", ".mat"):
             raise SpecError(f"--out is {out}, expected a name that ends with .json or .mat, or a folder")
         (console.require_file if out.suffix else console.require_folder)(out)
 
     from sinew.plan.toml import load_rig
-    from sinew.predict.linear import joint_document, linear_joints, write_transfer
+    from sinew.predict.linear import GEARS, joint_document, linear_joints, write_transfer
     from sinew.predict.predicted import refuse_pretensions
     from sinew.twin.parameters import Effects
 
+    console.check_choice("--gear", gear, GEARS)
     spec = load_rig(rig)
     refuse_pretensions(spec, pretensions)
     effects = Effects().without(*(without or []))

@@ -15,8 +15,7 @@ from typing import cast
 
 import numpy as np
 
-from sinew.emulator.devices.control_table import ControlTable
-from sinew.emulator.devices.device import Board
+from sinew.emulator.devices.device import Board, ControlTable
 from sinew.emulator.plant import Mechanics
 from sinew.hardware.registers import EMULATED_FIRMWARE, OPENCR_NODE, sensor_table
 from sinew.plan.rig import BusSensor, Imu

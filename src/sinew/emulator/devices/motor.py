@@ -10,8 +10,17 @@ torque on leaves them there: a master that wants a gentle start writes them firs
 import math
 from dataclasses import dataclass
 
-from sinew.emulator.devices.control_table import ACCESS, DATA_LENGTH, DATA_LIMIT, DATA_RANGE, ControlTable, Part
-from sinew.emulator.devices.device import INSTRUCTION, RESULT_FAIL, Device
+from sinew.emulator.devices.device import (
+    ACCESS,
+    DATA_LENGTH,
+    DATA_LIMIT,
+    DATA_RANGE,
+    INSTRUCTION,
+    RESULT_FAIL,
+    ControlTable,
+    Device,
+    Part,
+)
 from sinew.emulator.devices.servo import MODES, Servo, goal_of, reset_for_mode
 from sinew.emulator.plant import Horn
 from sinew.hardware import codec as ask

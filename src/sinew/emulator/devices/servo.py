@@ -4,7 +4,7 @@ import math
 import struct
 from dataclasses import dataclass
 
-from sinew.emulator.devices.control_table import ControlTable
+from sinew.emulator.devices.device import ControlTable
 from sinew.emulator.plant import Horn, Law
 from sinew.hardware.registers import (
     CURRENT_MODE,

@@ -173,12 +173,6 @@ class Fit(Fitted):
         return correlation(self.covariance.matrix)
 
     @property
-    def condition(self) -> float:
-        """Return the condition number of the Jacobian, columns scaled to one."""
-        scaled = self.solution.jacobian / np.maximum(np.linalg.norm(self.solution.jacobian, axis=0), 1e-300)
-        return float(np.linalg.cond(scaled))
-
-    @property
     def effective_samples(self) -> float:
         """Return how many independent residuals the fitted samples are worth."""
         return min(self.covariance.degrees_of_freedom + self.solution.values.size, float(self.solution.residual.size))

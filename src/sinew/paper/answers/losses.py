@@ -48,9 +48,6 @@ from sinew.twin.simulate import lane_parameters, read_gyro, simulate_tracks
 # lost (`sinew.mechanics.guides`); and the position loop of the servo is a spring on the lever: only back-EMF and gear
 # friction take energy.
 
-LOSSES = ("silicone", "guides", "servo")
-"""Who takes the energy; the silicone with the dashpot in parallel to it."""
-
 _STEP_S = 1.25e-3
 
 
