@@ -2,9 +2,10 @@
 
 A joint is struck once or twice and rings; measured are the force, with noise of 0.1 to 1 % of its peak, and the angle,
 with noise of 0.05 to 0.5 % of its own. Frequency, damping, length of the strokes and noise are drawn anew for every
-seed. Each record goes through what `sinew identify --model auto` does. Counted is how often a nonlinear law is
-preferred for a linear joint, where at most five in a hundred are right, how often the intervals of frequency, damping
-and inertia hold the truth, and how often the law of a nonlinear joint (dry friction, a hardening spring) is found.
+seed. Each record goes through what `sinew identify --model auto` does, or with `--model linear` through that one fit.
+Counted is how often a nonlinear law is preferred for a linear joint, where at most five in a hundred are right, how
+often the intervals of frequency, damping and inertia hold the truth, apart for strokes that are long beside the period,
+and how often the law of a nonlinear joint (dry friction, a hardening spring) is found.
 """
 
 import argparse
@@ -28,6 +29,7 @@ JOINTS: tuple[Joint, ...] = get_args(Joint)
 
 INERTIA, SWING = 12.74e-3, 0.35  # kg m²; rad
 _RATE_HZ, _LASTS_S = 400.0, 4.0
+_LONG = 0.15  # periods that a stroke lasts
 _DRY, _HARDENING = 0.15, 0.3  # friction over the spring at the largest swing; of the spring's torque there
 
 
@@ -111,10 +113,10 @@ class Outcome:
     inside: tuple[bool, ...]
 
 
-def run_trial(joint: Joint, seed: int) -> Outcome:
+def run_trial(joint: Joint, seed: int, model: str = "auto") -> Outcome:
     """Return what comes of one record."""
     truth = draw(joint, seed)
-    found = identify(struck_record(truth, seed))
+    found = identify(struck_record(truth, seed), model)
     fit = found.fit
     assert fit is not None
     law = fit.model.law
@@ -128,8 +130,8 @@ def run_trial(joint: Joint, seed: int) -> Outcome:
     return Outcome(truth, seed, fit.model.name, nonlinear, law.has(wanted), inside)
 
 
-def run_trials(trials: Sequence[tuple[Joint, int]], workers: int) -> Iterator[Outcome]:
-    """Yield what comes of each (joint, seed), in order; workers: how many processes."""
+def run_trials(trials: Sequence[tuple[Joint, int, str]], workers: int) -> Iterator[Outcome]:
+    """Yield what comes of each (joint, seed, model), in order; workers: how many processes."""
     if workers == 1:
         yield from (run_trial(*one) for one in trials)
         return
@@ -144,11 +146,20 @@ def table(outcomes: Sequence[Outcome]) -> str:
     for joint in JOINTS:
         mine = [one for one in outcomes if one.truth.joint == joint]
         if mine:
-            told = np.array([one.inside for one in mine if one.inside])
-            inside = " / ".join(f"{100 * share:.0f} %" for share in told.mean(axis=0)) if told.size else ""
             own = sum(one.found for one in mine) if joint != "linear" else sum(not one.nonlinear for one in mine)
-            lines.append(f"| {joint} | {len(mine)} | {sum(one.nonlinear for one in mine)} | {own} | {inside} |")
+            counts = f"{len(mine)} | {sum(one.nonlinear for one in mine)} | {own}"
+            lines.append(f"| {joint} | {counts} | {_held(mine)} |")
+    linear = [one for one in outcomes if one.inside]
+    for words, long in (("up to", False), ("more than", True)):
+        part = [one for one in linear if (one.truth.pulses[0][1] * one.truth.frequency_hz > _LONG) == long]
+        if part:
+            lines.append(f"| linear, strokes of {words} {_LONG:g} periods | {len(part)} | | | {_held(part)} |")
     return "\n".join(lines)
+
+
+def _held(outcomes: Sequence[Outcome]) -> str:
+    told = np.array([one.inside for one in outcomes if one.inside])
+    return " / ".join(f"{100 * share:.1f} %" for share in told.mean(axis=0)) if told.size else ""
 
 
 def main() -> None:
@@ -157,10 +168,11 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=100, help="records of every joint")
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--joint", choices=JOINTS, action="append", help="only this joint")
+    parser.add_argument("--model", default="auto", help="of sinew identify; linear counts intervals fast")
     parser.add_argument("--workers", type=int, default=1, help="processes; each uses all cores by itself")
     chosen = parser.parse_args()
     seeds = range(chosen.first, chosen.first + chosen.seeds)
-    trials = [(joint, seed) for joint in chosen.joint or JOINTS for seed in seeds]
+    trials = [(joint, seed, chosen.model) for joint in chosen.joint or JOINTS for seed in seeds]
     outcomes = []
     for one in run_trials(trials, chosen.workers):
         outcomes.append(one)
