@@ -2,9 +2,10 @@
 
 A joint is struck once or twice and rings; measured are the force, with noise of 0.1 to 1 % of its peak, and the angle,
 with noise of 0.05 to 0.5 % of its own. Frequency, damping, length of the strokes and noise are drawn anew for every
-seed. Each record goes through what `sinew identify --model auto` does. Counted is how often a nonlinear law is
-preferred for a linear joint, where at most five in a hundred are right, how often the intervals of frequency, damping
-and inertia hold the truth, and how often the law of a nonlinear joint (dry friction, a hardening spring) is found.
+seed. Each record goes through what `sinew identify --model auto` does, or with `--model linear` through that one fit.
+Counted is how often a nonlinear law is preferred for a linear joint, where at most five in a hundred are right, how
+often the intervals of frequency, damping and inertia hold the truth, apart for strokes that are long beside the period,
+and how often the law of a nonlinear joint (dry friction, a hardening spring) is found.
 """
 
 import math
@@ -26,6 +27,7 @@ JOINTS: tuple[Joint, ...] = get_args(Joint)
 
 INERTIA, SWING = 12.74e-3, 0.35  # kg m²; rad
 _RATE_HZ, _LASTS_S = 400.0, 4.0
+_LONG = 0.15  # periods that a stroke lasts
 _DRY, _HARDENING = 0.15, 0.3  # friction over the spring at the largest swing; of the spring's torque there
 
 
@@ -109,10 +111,10 @@ class Outcome:
     inside: tuple[bool, ...]
 
 
-def run_trial(joint: Joint, seed: int) -> Outcome:
+def run_trial(joint: Joint, seed: int, model: str = "auto") -> Outcome:
     """Return what comes of one record."""
     truth = draw(joint, seed)
-    found = identify(struck_record(truth, seed))
+    found = identify(struck_record(truth, seed), model)
     fit = found.fit
     assert fit is not None
     law = fit.model.law
@@ -133,11 +135,20 @@ def table(outcomes: Sequence[Outcome]) -> str:
     for joint in JOINTS:
         mine = [one for one in outcomes if one.truth.joint == joint]
         if mine:
-            told = np.array([one.inside for one in mine if one.inside])
-            inside = " / ".join(f"{100 * share:.0f} %" for share in told.mean(axis=0)) if told.size else ""
             own = sum(one.found for one in mine) if joint != "linear" else sum(not one.nonlinear for one in mine)
-            lines.append(f"| {joint} | {len(mine)} | {sum(one.nonlinear for one in mine)} | {own} | {inside} |")
+            counts = f"{len(mine)} | {sum(one.nonlinear for one in mine)} | {own}"
+            lines.append(f"| {joint} | {counts} | {_held(mine)} |")
+    linear = [one for one in outcomes if one.inside]
+    for words, long in (("up to", False), ("more than", True)):
+        part = [one for one in linear if (one.truth.pulses[0][1] * one.truth.frequency_hz > _LONG) == long]
+        if part:
+            lines.append(f"| linear, strokes of {words} {_LONG:g} periods | {len(part)} | | | {_held(part)} |")
     return "\n".join(lines)
+
+
+def _held(outcomes: Sequence[Outcome]) -> str:
+    told = np.array([one.inside for one in outcomes if one.inside])
+    return " / ".join(f"{100 * share:.1f} %" for share in told.mean(axis=0)) if told.size else ""
 
 
 def main() -> None:
@@ -145,8 +156,9 @@ def main() -> None:
     # each process uses all cores by itself
     parser = trial_parser("impulses", "Noise on a hammer's force.", count=100, of="records of every joint", workers=1)
     parser.add_argument("--joint", choices=JOINTS, action="append", help="only this joint")
+    parser.add_argument("--model", default="auto", help="of sinew identify; linear counts intervals fast")
     chosen = parser.parse_args()
-    trials = [(joint, seed) for joint in chosen.joint or JOINTS for seed in asked_seeds(chosen)]
+    trials = [(joint, seed, chosen.model) for joint in chosen.joint or JOINTS for seed in asked_seeds(chosen)]
     outcomes = []
     for one in spread_trials(run_trial, *zip(*trials, strict=True), workers=chosen.workers):
         outcomes.append(one)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from campaigns.impulses import Struck, struck_record
 
+from sinew.identify.choice.held_out import split_record
 from sinew.identify.choice.input_noise import warn_of_noise, widen, window_force
 from sinew.identify.identified import identify
 from sinew.identify.oscillator.fit import fit
@@ -105,3 +106,17 @@ def test_strokes_are_put_right_without_the_output_that_is_held_out() -> None:
     assert two is not None
     assert np.ptp(one.record.input[held & (record.time_s > 2.5)]) == 0  # it is silent there, too
     assert one.record.input == pytest.approx(two.record.input, abs=1e-6 * np.ptp(record.input))
+
+
+def test_blocks_that_are_held_out_put_right_the_force_of_the_last_fit_alone() -> None:
+    record = struck()
+    blocks = split_record(record, None, None)
+    other = replace(record, output=np.where(blocks.tested, 1.05 * record.output, record.output))
+    one, two = (identify(x, "linear").split for x in (record, other))
+    assert one is not None
+    assert two is not None
+    assert (one.tested == two.tested).all()
+    assert one.record.input == pytest.approx(two.record.input, abs=1e-6 * np.ptp(record.input))
+    assert one.whole is not None
+    assert two.whole is not None
+    assert np.abs(one.whole.input - two.whole.input).max() > 1e-3 * np.ptp(record.input)

@@ -253,12 +253,16 @@ def find_mechanics(
             return _of_segments(records, wanted, remarks, progress)
         remarks = [*remarks, "of two segments the first was fitted; three and more are fitted together"]
     split = split_record(records[0], train, test)
-    windowed = window_force(split.record, None if split.interleaved else split.kept)
+    measured, windowed = split.record, window_force(split.record, split.kept)
     if windowed is not None:
         apart = None if split.apart is None else silenced(split.apart)
-        split, remarks = replace(split, record=windowed.record, apart=apart), [*remarks, windowed.sentence]
-    taught = [int(k) for k in split.kept.nonzero()[0][[0, -1]]]
-    refuse_hopeless(split.record.cut(taught[0], taught[1] + 1))
+        split = replace(split, record=windowed.record, apart=apart)
+        if split.interleaved:  # the last fit is to all samples, so they all put its force right
+            windowed = window_force(measured) or windowed
+            split = replace(split, whole=windowed.record)
+        remarks = [*remarks, windowed.sentence]
+    first, last = (int(k) for k in split.kept.nonzero()[0][[0, -1]])
+    refuse_hopeless(split.record.cut(first, last + 1))
     compared = compare_laws(split, progress) if wanted is None else compare(split, [wanted])
     if windowed is None:
         remarks = [*remarks, *warn_of_noise(compared.best)]

@@ -287,7 +287,7 @@ def _finish(split: Split, rows: Sequence[Row]) -> Comparison:
     choice = choose(rows)
     final = choice.best.held_out.fit
     if split.interleaved:
-        final = fit(split.record, choice.best.model, guess=final)
+        final = fit(split.whole or split.record, choice.best.model, guess=final)
     return conclude(choice, final)
 
 

@@ -30,6 +30,7 @@ class Split:
 
     record: from the first sample that is used on. kept, tested: shape (n,). apart: the record of a test range that
     comes before the training range, else None (then `tested` is empty). interleaved: whether blocks were chosen here.
+    whole: of those the record as all samples tell it, for the fit to all of them, where it is not `record`; else None.
     """
 
     record: Record
@@ -37,6 +38,7 @@ class Split:
     tested: Mask
     apart: Record | None = None
     interleaved: bool = False
+    whole: Record | None = None
 
 
 @dataclass(frozen=True)
