@@ -110,13 +110,14 @@ def rough_rows(one: ExpectedBackbone, seed: int, command_deg: float = 12.0) -> I
         yield _row(what, tracked(plan, [one], faults, seed=seed), one.pretension_mm, 0.9, seed, [])
 
 
-def moving_rows(expected: Sequence[ExpectedBackbone], seed: int) -> Iterator[Row]:
-    """Yield rows of the way from the first expected pretension to the last in 30 s, and back."""
+def moving(expected: Sequence[ExpectedBackbone], seed: int) -> Iterator[tuple[Row, Tracked]]:
+    """Yield row and motion of the way from the first expected pretension to the last in 30 s, and back."""
     for ends in ((0, -1), (-1, 0)):
         begin, end = expected[ends[0]], expected[ends[1]]
         plan = track_plan(begin.pretension_mm, None, 30.0, pretension_to_mm=end.pretension_mm, lead_s=_LEAD_S)
         what = f"{begin.pretension_mm:g} to {end.pretension_mm:g} mm in 30 s"
-        yield _row(what, tracked(plan, expected, seed=seed), begin.pretension_mm, 1.0, seed, [])
+        found = tracked(plan, expected, seed=seed)
+        yield _row(what, found, begin.pretension_mm, 1.0, seed, []), found
 
 
 def follow_rows(expected: Sequence[ExpectedBackbone], seed: int) -> Iterator[Row]:
@@ -211,7 +212,11 @@ def main() -> int:
     expected = expected_at(PRETENSIONS_MM)
     rows = list(lock_rows(expected, seeds))
     for seed in seeds:
-        rows += [*rough_rows(expected[2], seed), *moving_rows(expected, seed), *follow_rows(expected, seed)]
+        rows += [
+            *rough_rows(expected[2], seed),
+            *(row for row, _ in moving(expected, seed)),
+            *follow_rows(expected, seed),
+        ]
     print(table(rows))
     print(_time_told())
     wrong = broken(rows)

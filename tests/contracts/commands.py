@@ -33,7 +33,15 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> str:
 
 def answered(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> dict[str, Any]:
     """Return the document of a command line that does well and says nothing on stderr."""
+    document, err = answered_with_remarks(capsys, *arguments)
+    assert err == ""
+    return document
+
+
+def answered_with_remarks(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[dict[str, Any], str]:
+    """Return the document of a command line that does well, and what it says on stderr."""
+    capsys.readouterr()
     status = main([*map(str, arguments), "--json"])
     out, err = capsys.readouterr()
-    assert (status, err) == (0, "")
-    return dict(json.loads(out))
+    assert status == 0
+    return dict(json.loads(out)), err

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from tests.contracts.commands import answered_with_remarks
 from tests.unit.broadband_signals import chirp, shaken
 
 from sinew.apps.cli import main
@@ -22,8 +23,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_document_has_the_keys_of_the_reference_and_the_folder_holds_it_with_its_figure(
     table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["analyse", str(table), *COLUMNS, "--out", str(tmp_path / "out"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found, _ = answered_with_remarks(capsys, "analyse", table, *COLUMNS, "--out", tmp_path / "out")
     (mode,) = found["modes"]
     section = REFERENCE.read_text(encoding="utf-8").split("### A broadband record")[1].split("###")[0]
     keys = {*found, *mode, *found["frequency_response"][0]}
@@ -37,12 +37,8 @@ def test_an_imported_chirp_is_analysed_as_its_table_would_be(
     table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["import", str(table), *COLUMNS, "--out", str(tmp_path / "chirp.nc")]) == 0
-    capsys.readouterr()
-    documents = []
-    for line in ([str(tmp_path / "chirp.nc")], [str(table), *COLUMNS]):
-        assert main(["analyse", *line, "--json"]) == 0
-        documents.append(json.loads(capsys.readouterr().out))
-    assert documents[0] == documents[1]
+    imported, _ = answered_with_remarks(capsys, "analyse", tmp_path / "chirp.nc")
+    assert imported == answered_with_remarks(capsys, "analyse", table, *COLUMNS)[0]
 
 
 def test_a_person_reads_frequency_and_damping_of_each_mode(table: Path, capsys: pytest.CaptureFixture[str]) -> None:

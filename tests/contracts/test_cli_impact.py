@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from campaigns.impacts import Pulse, struck
-from tests.contracts.commands import refused
+from tests.contracts.commands import answered_with_remarks, refused
 
 from sinew.apps.cli import main
 
@@ -26,9 +26,8 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_document_has_the_keys_of_the_reference_and_the_folder_holds_it_with_its_figure(
     table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    line = ["analyse", str(table), *COLUMNS, "--kind", "impact", "--out", str(tmp_path / "out"), "--json"]
-    assert main(line) == 0
-    found = json.loads(capsys.readouterr().out)
+    line = ("analyse", table, *COLUMNS, "--kind", "impact", "--out", tmp_path / "out")
+    found, _ = answered_with_remarks(capsys, *line)
     page = REFERENCE.read_text(encoding="utf-8")
     sections = page.split("### A broadband record")[1].split("### A recording of Sinew")[0]
     keys = {*found, *found["modes"][0], *found["frequency_response"][0], *found["hits"][0], *found["window"]}
@@ -39,10 +38,9 @@ def test_the_document_has_the_keys_of_the_reference_and_the_folder_holds_it_with
 
 
 def test_without_a_kind_it_is_found_and_said_with_its_reason(table: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["analyse", str(table), *COLUMNS, "--json"]) == 0
-    out, err = capsys.readouterr()
-    assert json.loads(out)["kind"] == "impact"
-    assert json.loads(out)["kind_reason"].startswith("the drive rests but for 3 hits of at most")
+    found, err = answered_with_remarks(capsys, "analyse", table, *COLUMNS)
+    assert found["kind"] == "impact"
+    assert found["kind_reason"].startswith("the drive rests but for 3 hits of at most")
     assert "taken for a record of hammer blows: the drive rests but for 3 hits" in err
     assert "`kind_reason`" in REFERENCE.read_text(encoding="utf-8")
 
@@ -59,13 +57,10 @@ def test_a_kind_of_a_recording_of_a_table_can_be_said(
     table: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["import", str(table), *COLUMNS, "--out", str(tmp_path / "a.nc")]) == 0
-    capsys.readouterr()
-    documents = []
-    for more in ((), ("--kind", "impact")):
-        assert main(["analyse", str(tmp_path / "a.nc"), *more, "--json"]) == 0
-        documents.append(json.loads(capsys.readouterr().out))
-    assert documents[0].pop("kind_reason")
-    assert documents[0] == documents[1]
+    found, _ = answered_with_remarks(capsys, "analyse", tmp_path / "a.nc")
+    said, _ = answered_with_remarks(capsys, "analyse", tmp_path / "a.nc", "--kind", "impact")
+    assert found.pop("kind_reason")
+    assert found == said
 
 
 def test_a_kind_that_there_is_not_is_refused_with_those_that_there_are(

@@ -12,11 +12,12 @@ from campaigns.tracking import (
     MOST_BACKBONE,
     MOST_ERROR_DEG,
     MOST_TURNS,
+    Row,
     broken,
     expected_at,
     follow_rows,
     lock_rows,
-    moving_rows,
+    moving,
     rough_rows,
     sweep_seconds,
 )
@@ -70,8 +71,14 @@ def test_a_weak_drive_is_tracked_on_the_same_backbone(expected: Expected) -> Non
     assert found.frequency_hz[late].mean() == pytest.approx(predicted, rel=MOST_BACKBONE)
 
 
-def test_it_keeps_the_lock_from_0_to_12_mm_and_back(expected: Expected) -> None:
-    rows = list(moving_rows(expected, SEED))
+@pytest.fixture(scope="module")
+def moved(expected: Expected) -> list[tuple[Row, Tracked]]:
+    """Return row and motion of the way from 0 to 12 mm, and of the way back."""
+    return list(moving(expected, SEED))
+
+
+def test_it_keeps_the_lock_from_0_to_12_mm_and_back(moved: list[tuple[Row, Tracked]]) -> None:
+    rows = [row for row, _ in moved]
     assert broken(rows) == []
     assert [row.losses for row in rows] == [0, 0]
 
@@ -107,16 +114,16 @@ def test_whatever_ends_it_the_motors_are_safe(expected: Expected, fault: str, se
     assert found.is_safe
 
 
-def test_the_whole_curve_takes_less_than_a_fifth_of_a_stepped_sweeps_time(expected: Expected) -> None:
+def test_the_whole_curve_takes_less_than_a_fifth_of_a_stepped_sweeps_time(
+    expected: Expected, moved: list[tuple[Row, Tracked]]
+) -> None:
     sweep = load_plan("paper").sweep
     assert sweep is not None
-    plan = track_plan(0.0, None, 30.0, pretension_to_mm=12.0)
-    found = tracked(plan, expected, seed=SEED)
+    (_, found), _ = moved
     curve = _curve(found, [one.pretension_mm for one in expected])
     predicted = [float(one.frequency_hz[-1]) for one in expected]
     assert curve == pytest.approx(predicted, rel=MOST_BACKBONE)
-    assert plan.track is not None
-    assert 5 * plan.track.motion_s < len(expected) * sweep_seconds(sweep)
+    assert 5 * np.ptp(found.time_s) < len(expected) * sweep_seconds(sweep)
 
 
 def _curve(found: Tracked, pretension_mm: Sequence[float]) -> list[float]:
