@@ -240,3 +240,8 @@ def test_a_further_mode_that_turns_backwards_breaks_nothing() -> None:
 def test_a_decay_that_froze_for_most_of_a_period_is_read_from_behind_that() -> None:
     outcome = try_one(("frozen sensor", 40020))
     assert (outcome.refusal, outcome.stated) == ("", (True, True))
+
+
+def test_modes_that_beat_once_and_leave_a_short_rest_are_read_from_the_begin() -> None:
+    outcome = try_one(("two modes", 60037))
+    assert (outcome.refusal, outcome.stated, outcome.false) == ("", (True, True), ())

@@ -472,9 +472,10 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
         _heights(first.peaks, first.fit, False)
     except RecordingError as error:
         first, refusal = _behind_a_rise(samples, free_from_s), error
+    sought_freely = free_from_s is None and samples.drive is None
     late = first is not None and first.fit.start_s - samples.even_s[0] > _LATE * np.ptp(samples.even_s)
-    if late and free_from_s is None and samples.drive is None:
-        whole = _beating(samples, None)
+    if first is None or (late and sought_freely):
+        whole = _beating(samples, free_from_s)
         if whole is not None:
             return whole
     if first is not None and (free_from_s is not None or first.explained > _EXPLAINED):
@@ -484,7 +485,6 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
     best = max(others, key=lambda one: one.energy, default=None)
     if first is not None and (best is None or first.energy > _AS_STRONG * best.energy):
         return first
-    best = best or _beating(samples, free_from_s)
     if best is None:
         assert refusal is not None
         if not samples.missing.any() or free_from_s is not None:
