@@ -471,7 +471,7 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
         first = _filled(samples, _Sought(*found, False))
         _heights(first.peaks, first.fit, False)
     except RecordingError as error:
-        first, refusal = _behind_a_rise(samples, free_from_s), error
+        first, refusal = None, error
     sought_freely = free_from_s is None and samples.drive is None
     late = first is not None and first.fit.start_s - samples.even_s[0] > _LATE * np.ptp(samples.even_s)
     if first is None or (late and sought_freely):
@@ -485,6 +485,7 @@ def _seek(samples: Samples, free_from_s: float | None) -> _Sought:
     best = max(others, key=lambda one: one.energy, default=None)
     if first is not None and (best is None or first.energy > _AS_STRONG * best.energy):
         return first
+    best = best or _behind_a_rise(samples, free_from_s)
     if best is None:
         assert refusal is not None
         if not samples.missing.any() or free_from_s is not None:
