@@ -198,6 +198,29 @@ class Inertia(Settings):
     head_mass: Annotated[Parameter, positive("kg")]
 
 
+class Spatial(Settings):
+    """What a joint that bends needs beside torsion and compression; none of it matters while it stands straight.
+
+    density: of the silicone. rest_bend_deg, rest_azimuth_deg: the bend at which it was cast, and its direction from y
+    towards z; zero for a straight joint.
+    head_height: of the centre of mass of what is fixed to the head plate, above the plate; its mass is
+    `inertia.head_mass` less the lever's. head_across: its moment about its centre, across the axis; along it,
+    `inertia.head`. lever_mass, lever_height: of the lever with its weights. lever_along: its moment about its arms;
+    about both other axes, `inertia.lever`.
+    routing: chord, tendons run straight from plate to plate; channel, in channels of the silicone that they follow.
+    """
+
+    density: Annotated[Parameter, positive("kg/m^3")]
+    rest_bend_deg: Annotated[float, Field(ge=-60, le=60)] = 0.0
+    rest_azimuth_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    head_height: Annotated[Parameter, not_negative("m")]
+    head_across: Annotated[Parameter, positive("kg*m^2")]
+    lever_mass: Annotated[Parameter, positive("kg")]
+    lever_height: Annotated[Parameter, not_negative("m")]
+    lever_along: Annotated[Parameter, positive("kg*m^2")]
+    routing: Literal["chord", "channel"] = "chord"
+
+
 class Tendons(Settings):
     """Straight tendons between base and head, each pulled by its own motor.
 
@@ -428,8 +451,8 @@ class LoadCell(BusSensor):
 class RigSpec(Settings):
     """A whole test bed, as data.
 
-    section: of a silicone that is no solid circle; None where the diameter says it all. load_cell: None where no
-    tendon has one.
+    section: of a silicone that is no solid circle; None where the diameter says it all. space: masses and routing of a
+    joint that bends; None where a rig only twists. load_cell: None where no tendon has one.
     calibration: how the calibrated parameters vary together; None where that is not known. As the intervals it is left
     out of `model_dump`: a rig with other values was not calibrated to them.
     """
@@ -438,6 +461,7 @@ class RigSpec(Settings):
     silicone: Silicone
     section: CrossSection | None = None
     inertia: Inertia
+    space: Spatial | None = None
     tendons: Tendons
     drive: Drive
     imu: Imu

@@ -7,8 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from sinew.measure.errors import SpecError
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.parameters import POSITION, Parameters
+from sinew.mechanics.rod import SHEAR_FACTOR, TERMS, Rod
 from sinew.mechanics.silicone import prony_shares
+from sinew.mechanics.space import Space
 from sinew.mechanics.tendons import guide_directions
 from sinew.plan.rig import RigSpec
 
@@ -56,6 +59,68 @@ def from_rig(rig: RigSpec) -> Parameters:
         "low_pass_omega": 2 * np.pi * rig.imu.low_pass.value,
     }
     return jax.tree.map(lambda value: np.asarray(value, dtype=float), Parameters(**values))  # type: ignore[arg-type,no-any-return]
+
+
+def space_from_rig(rig: RigSpec) -> Space:
+    """Return the parameters of a rig's joint in space, at rest: tendons slack, drive idle.
+
+    Raises SpecError for a rig that does not tell its masses.
+    """
+    if rig.space is None:
+        raise SpecError(
+            f"rig {rig.name} has no [space], expected the masses and the routing of a joint that bends; "
+            "take the table [space] of the rig paper as a start"
+        )
+    joint, spatial, tendons = from_rig(rig), rig.space, rig.tendons.count
+    if rig.section is None:
+        least = greatest = rig.silicone.torsional_rigidity.value / 2
+    else:
+        shear_modulus = rig.silicone.torsional_rigidity.value / rig.section.torsion_constant.value
+        least, greatest = (shear_modulus * m.value for m in (rig.section.least_moment, rig.section.greatest_moment))
+    area = float(joint.axial_rigidity) / _shear_modulus(rig)
+    moments = least / _shear_modulus(rig), greatest / _shear_modulus(rig)
+    density = spatial.density.value
+    bend, azimuth = np.radians(spatial.rest_bend_deg), np.radians(spatial.rest_azimuth_deg)
+    lever_mass = spatial.lever_mass.value
+    if lever_mass >= rig.inertia.head_mass.value:
+        raise SpecError(
+            f"rig {rig.name}: found a lever of {lever_mass:g} kg on a head of {rig.inertia.head_mass.value:g} kg with "
+            "it, expected less; raise inertia.head_mass or lower space.lever_mass"
+        )
+    rod = Rod(
+        joint=joint,
+        # A bend towards azimuth a turns about the axis across it: y to -sin a, z to cos a.
+        rest_bend=(-bend * np.sin(azimuth), bend * np.cos(azimuth)),  # type: ignore[arg-type]
+        bending=(least, greatest),  # type: ignore[arg-type]
+        shear=SHEAR_FACTOR * joint.axial_rigidity,
+        line_mass=density * area,  # type: ignore[arg-type]
+        line_inertia=tuple(density * m for m in (sum(moments), *moments)),  # type: ignore[arg-type]
+    )
+    across, lever = spatial.head_across.value, rig.inertia.lever.value
+    space = Space(
+        rod=rod,
+        head_mass=rig.inertia.head_mass.value - lever_mass,  # type: ignore[arg-type]
+        head_height=spatial.head_height.value,  # type: ignore[arg-type]
+        head_tensor=np.array([rig.inertia.head.value, across, across]),  # type: ignore[arg-type]
+        lever_mass=lever_mass,  # type: ignore[arg-type]
+        lever_height=spatial.lever_height.value,  # type: ignore[arg-type]
+        lever_tensor=np.array([lever, spatial.lever_along.value, lever]),  # type: ignore[arg-type]
+        weight=np.array([-STANDARD_GRAVITY, 0.0, 0.0]),  # type: ignore[arg-type]
+        channel=float(spatial.routing == "channel"),  # type: ignore[arg-type]
+        cable_end=np.full(tendons, 1e3),  # type: ignore[arg-type]
+        held_tension=np.zeros(tendons),  # type: ignore[arg-type]
+        pulls=np.zeros(tendons),  # type: ignore[arg-type]
+        blow=np.zeros(3),  # type: ignore[arg-type]
+        added=np.zeros((6 * TERMS, 6 * TERMS)),  # type: ignore[arg-type]
+    )
+    return jax.tree.map(lambda value: np.asarray(value, dtype=float), space)  # type: ignore[no-any-return]
+
+
+def _shear_modulus(rig: RigSpec) -> float:
+    """Return G [Pa], from G·J."""
+    if rig.section is None:
+        return float(rig.silicone.torsional_rigidity.value / (np.pi * rig.silicone.diameter.value**4 / 32))
+    return rig.silicone.torsional_rigidity.value / rig.section.torsion_constant.value
 
 
 def _warping_rigidity(rig: RigSpec) -> float:
