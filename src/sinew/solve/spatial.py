@@ -10,7 +10,7 @@ import scipy.linalg
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.parameters import CURRENT, POSITION
-from sinew.mechanics.rod import TERMS, memory_energy, rod_energy, straight
+from sinew.mechanics.rod import memory_energy, rod_energy, straight
 from sinew.mechanics.silicone import branch_stiffness, glassy_factor, relaxation_times
 from sinew.mechanics.space import Space, head_motion, motion_of, tendon_spans, weight_energy
 from sinew.mechanics.tendons import tendon_energy, tendon_tension
