@@ -1,5 +1,6 @@
 """Lanes of the joint in space in time: small batches on every core, compiled once for all lengths."""
 
+import itertools
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
@@ -80,7 +81,7 @@ _SIZES = (9, 3, 3, 3, 3, 3, 3)
 
 def _split(rows: Array) -> Swing:
     edges = [0, *np.cumsum(_SIZES)]
-    vectors = [rows[a:b] for a, b in zip(edges, edges[1:], strict=False)]
+    vectors = [rows[a:b] for a, b in itertools.pairwise(edges)]
     rest = rows[edges[-1] :]
     tendons = (rest.shape[0] - 3) // 2
     return Swing(*vectors, *rest[:3], rest[3 : 3 + tendons], rest[3 + tendons :])
