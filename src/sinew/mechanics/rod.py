@@ -62,9 +62,7 @@ def grid(terms: int = TERMS, nodes: int = NODES) -> _Grid:
     ends = np.concatenate([[-1.0], roots, [1.0]])
     middle, half = 0.5 * (ends[1:] + ends[:-1]), 0.5 * np.diff(ends)
     points = middle[:, None] + half[:, None] * np.array([-1.0, 1.0]) / np.sqrt(3.0)
-    return _Grid(
-        0.5 * weights, legendre.legvander(roots, terms - 1), half, legendre.legvander(points, terms - 1)
-    )
+    return _Grid(0.5 * weights, legendre.legvander(roots, terms - 1), half, legendre.legvander(points, terms - 1))
 
 
 def rest_strains(rod: Rod) -> jax.Array:
