@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
+from sinew.measure.arrays import Array
 from sinew.mechanics.drive import commanded_angle, duty, horn_torque
 from sinew.mechanics.joint import LOCKING_TIME
 from sinew.mechanics.parameters import Parameters
@@ -40,16 +41,18 @@ class Space(NamedTuple):
     lever_tensor: jax.Array
     weight: jax.Array
     channel: jax.Array
-    cable_end: jax.Array
-    held_tension: jax.Array
+    cable_end: jax.Array | Array
+    held_tension: jax.Array | Array
     pulls: jax.Array
     blow: jax.Array
-    added: jax.Array
+    added: jax.Array | Array
 
     @property
     def joint(self) -> Parameters:
         """The numbers of the torsional joint, its tendons set one by one."""
-        return self.rod.joint._replace(cable_end=self.cable_end, held_tension=self.held_tension)
+        return self.rod.joint._replace(
+            cable_end=jnp.asarray(self.cable_end), held_tension=jnp.asarray(self.held_tension)
+        )
 
 
 BLOW_S = 5e-3
@@ -125,10 +128,10 @@ def tendon_spans(q: jax.Array, space: Space) -> jax.Array:
 
 
 def cable_ends(time_s: jax.Array, space: Space) -> jax.Array:
-    """Return the length at which each tendon goes slack [m], (tendon,), while motors drive it in time with the drive."""
+    """Return the length at which each tendon goes slack [m], (tendon,), its motor driving it in time with the drive."""
     p = space.rod.joint
     driven = jnp.where(time_s < p.stop_s, jnp.sin(p.omega * time_s), 0.0)
-    return space.cable_end - space.pulls * driven
+    return jnp.asarray(space.cable_end - space.pulls * driven)
 
 
 def tensions(q: jax.Array, space: Space, cable_end: jax.Array | None = None) -> jax.Array:
@@ -204,7 +207,8 @@ def motion_of(q: jax.Array, q_rate: jax.Array, lever: jax.Array, lever_rate: jax
     by_turn, by_place = jax.vmap(push)(jnp.eye(count))  # (coordinate, body, 3, 3), (coordinate, body, 3)
 
     def velocity(at: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return jax.jvp(place, (at,), (speed,))[1]
+        rates: tuple[jax.Array, jax.Array] = jax.jvp(place, (at,), (speed,))[1]
+        return rates
 
     _, (turn_bias, place_bias) = jax.jvp(velocity, (flat,), (speed,))
     # Rᵀ dR is the cross product with the angular velocity in the body's axes.
@@ -219,15 +223,12 @@ def motion_of(q: jax.Array, q_rate: jax.Array, lever: jax.Array, lever_rate: jax
     rod_tensor = share[:, None, None] * jnp.diag(line)
     rod_mass = share * space.rod.line_mass
 
-    head = turned[-1]
     arms = jnp.stack([space.head_height, space.lever_height])
     masses = jnp.stack([space.head_mass, space.lever_mass])
-    along = head[:, 0]
     axis_by = by_turn[:, -1, :, 0]  # of the head's x axis, by coordinates
     axis_bias = turn_bias[-1][:, 0]
     centre_by = by_place[:, -1, None, :] + arms[:, None] * axis_by[:, None, :]  # (coordinate, body, 3)
     centre_bias = place_bias[-1] + arms[:, None] * axis_bias
-    del along
 
     lever_tensor = _lever_tensor(lever, space)
     tensor = jnp.diag(space.head_tensor) + lever_tensor
@@ -356,7 +357,7 @@ def space_energy(time_s: jax.Array, state: SpaceState, space: Space) -> jax.Arra
 
 
 def space_dissipation(time_s: jax.Array, state: SpaceState, space: Space) -> tuple[jax.Array, jax.Array]:
-    """Return (power lost in silicone, damper and guides, power of drive and tendon motors) [W]; a blow's is not told."""
+    """Return (power lost in silicone, damper and guides, power of drive and tendon motors) [W], not a blow's."""
     p = space.rod.joint
     felt = pull_of(time_s, state, space)
     lost = p.viscous * felt.torsion_rate**2 + felt.friction * felt.torsion_rate

@@ -1,6 +1,6 @@
 """The joint in space at rest and near it: rest poses, take-ups that bend it, its linear equations and modes."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -32,16 +32,16 @@ class Around(NamedTuple):
     length at which each cable goes slack [J/m]. torsion, tilt (2,) [rad]; by_torsion (18,), by_tilt (2, 18).
     """
 
-    energy: Array
-    slope: Array
-    stiffness: Array
-    spans: Array
-    tension: Array
-    by_end: Array
-    torsion: Array
-    tilt: Array
-    by_torsion: Array
-    by_tilt: Array
+    energy: Any
+    slope: Any
+    stiffness: Any
+    spans: Any
+    tension: Any
+    by_end: Any
+    torsion: Any
+    tilt: Any
+    by_torsion: Any
+    by_tilt: Any
 
 
 @jax.jit
