@@ -1,4 +1,4 @@
-"""Modes of a joint in space: where their energy is, what moves beside the torsion, what the guides lose, what is drawn."""
+"""Modes of a joint in space: where their energy is, what else moves, what the guides lose, what is drawn."""
 
 import math
 

@@ -422,9 +422,11 @@ def sentence_of(one: Condition, rig: RigSpec) -> str:
     sway = f"{KINDS[one.group]} at {one.bend_deg:g}°"
     if not math.isfinite(one.pretension_mm.value):
         low, high = rig.limits.pretension_mm
+        drawn = one.pretension_mm
+        where = f"; draws meet it at {number(drawn.low, 3)} to {number(drawn.high, 3)} mm (90 %)"
         return (
-            f"{sway}: {one.ratio:g}:1 is not met from {low:g} to {high:g} mm; the ratio goes from "
-            f"{number(one.ends[0], 3)} to {number(one.ends[1], 3)}"
+            f"{sway}: {one.ratio:g}:1 is not met from {low:g} to {high:g} mm, the ratio goes from "
+            f"{number(one.ends[0], 3)} to {number(one.ends[1], 3)}{where if math.isfinite(drawn.low) else ''}"
         )
     if one.steps:
         return (
@@ -561,8 +563,9 @@ def _veerings(finder: Finder, tracks: dict[float, tuple[PoseModes, ...]]) -> tup
 def draw_spatial(rig: RigSpec, count: int, seed: int) -> tuple[list[RigSpec], tuple[str, ...], tuple[str, ...]]:
     """Return (drawn rigs, names of the parameters that vary, sentences on them).
 
-    Assumed masses, heights and moments, on which the torsion of a straight joint does not depend: evenly between their
-    bounds; a head whose moments no body has (I_x above I_y + I_z), or with less mass than its lever, is drawn again.
+    Assumed masses, heights and moments, on which the torsion of a straight joint does not depend: as often below as
+    above the value, evenly to the bound there. The head's moment across is at least half of that along the axis, as of
+    any body; a head with less mass than its lever is drawn again.
     What a calibration told, as it told it; without one, silicone and tendons stay at their values, for drawn one by one
     they would contradict the torsion that they were calibrated to.
     """
@@ -575,7 +578,7 @@ def draw_spatial(rig: RigSpec, count: int, seed: int) -> tuple[list[RigSpec], tu
         and (name.startswith("space.") or name == "inertia.head_mass")
     ]
     remarks = [
-        f"drawn evenly between their bounds, as nothing more is known of them: {', '.join(varied)}; a bench that "
+        f"drawn to both sides of their values, evenly to their bounds, as no more is known of them: {', '.join(varied)}; a bench that "
         "weighs its head narrows the intervals"
     ]
     known = rig.calibration is not None or any(one.interval90 is not None for one in table.values())
@@ -592,11 +595,17 @@ def draw_spatial(rig: RigSpec, count: int, seed: int) -> tuple[list[RigSpec], tu
     rng = np.random.default_rng((seed, 1))
     rigs = []
     for base in bases:
+        now = {name: one.value for name, one in base.parameters()}
         for _ in range(1000):
-            values = {name: float(rng.uniform(*table[name].bounds)) for name in varied}
-            now = {name: one.value for name, one in base.parameters()} | values
-            is_body = now["inertia.head"] <= 2 * now["space.head_across"]
-            if is_body and now["space.lever_mass"] < now["inertia.head_mass"]:
+            values = {}
+            for name in varied:
+                low, high = table[name].bounds
+                if name == "space.head_across":
+                    low = min(max(low, 0.5 * now["inertia.head"]), now[name])
+                values[name] = float(
+                    rng.uniform(low, now[name]) if rng.random() < 0.5 else rng.uniform(now[name], high)
+                )
+            if (now | values)["space.lever_mass"] < (now | values)["inertia.head_mass"]:
                 break
         rigs.append(base.with_values(values))
     return rigs, names, tuple(remarks)
@@ -701,7 +710,14 @@ def _with_bands(nominal: Modes, bands: int, seed: int, progress: Progress | None
     for i in straight:
         one = conditions[i]
         there = np.array([x for x in met[i] if math.isfinite(x[0])]).reshape(-1, 2)
-        if math.isfinite(one.pretension_mm.value) and len(there):
+        if math.isnan(one.pretension_mm.value) and len(there) > 1:
+            off_mm, off_hz = (estimate_of_deviations(0.0, there[:, k]) for k in (0, 1))
+            nan = math.nan
+            conditions[i] = one._replace(
+                pretension_mm=Estimate(nan, off_mm.std, off_mm.low, off_mm.high),
+                frequency_hz=Estimate(nan, off_hz.std, off_hz.low, off_hz.high),
+            )
+        elif len(there):
             conditions[i] = one._replace(
                 pretension_mm=estimate_of_deviations(one.pretension_mm.value, there[:, 0] - one.pretension_mm.value),
                 frequency_hz=estimate_of_deviations(one.frequency_hz.value, there[:, 1] - one.frequency_hz.value),
