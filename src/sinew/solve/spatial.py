@@ -129,6 +129,7 @@ def settle(q: Array, space: Space) -> tuple[Array, Around]:
     """
     scale = _metric(space, q.shape[1])
     root = np.sqrt(scale)
+    space = jax.tree.map(jnp.asarray, space)  # moved once: three quarters of a call went into it
     here, damping = _numbers(q, space), 0.0
     for _ in range(_MOST_STEPS):
         if np.max(np.abs(here.slope) / root) < _TOLERANCE * np.sqrt(scale.max()):
@@ -191,17 +192,20 @@ def rest(space: Space, contact: float, take_up: Array, start: Array | None = Non
     return there, _rest(*settle(q if start is None else start, there), there, ends)
 
 
-def bend(space: Space, contact: float, pretension: float, tilt: Array) -> tuple[Space, Rest]:
+def bend(space: Space, contact: float, pretension: float, tilt: Array, start: Rest | None = None) -> tuple[Space, Rest]:
     """Return (parameters with motors that hold positions, the rest pose) of a joint whose head is tilted.
 
     contact: tension of every tendon at first contact [N]. pretension: mean take-up from there [m]. tilt: of the head,
     rotation vector about y and z of B (2,) [rad]. The tendons are taken up alike and by two patterns across, the
-    cosine and the sine of their direction; how much is found by Newton's method, the joint settling at each step.
-    Where the tilt cannot be reached the rest is not `found`; whether tendons are taut is the caller's to ask.
+    cosine and the sine of their direction; how much is found by Newton's method, the joint settling at each step,
+    from first contact or from a rest pose nearby (start). Where the tilt cannot be reached the rest is not `found`;
+    whether tendons are taut is the caller's to ask.
     """
     q, ends = first_contact(space, contact)
     pattern, held = patterns(space), in_mode(space, POSITION)
     across, best = np.zeros(2), np.inf
+    if start is not None:
+        q, across = start.q, np.linalg.lstsq(pattern.T, start.take_up, rcond=None)[0][1:]
     last = (q, across)
     limit = 0.25 * float(space.rod.joint.head_radius)
     for _ in range(_MOST_BENDS):
