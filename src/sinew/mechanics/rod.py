@@ -7,14 +7,13 @@ constant twist of 0.1 rad is 0.1.
 """
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import legendre
 
-from sinew.measure.arrays import Array
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import relaxation_times, twist_rigidity
 
@@ -49,10 +48,10 @@ class Rod(NamedTuple):
 
 
 class _Grid(NamedTuple):
-    weights: Array  # of the nodes; they add up to one
-    at_nodes: Array  # polynomials at the nodes (node, term)
-    steps: Array  # length of the way to each node and from the last one to the end (way,)
-    within: Array  # polynomials at the two points of Gauss in each of these ways (way, 2, term)
+    weights: Any  # of the nodes; they add up to one
+    at_nodes: Any  # polynomials at the nodes (node, term)
+    steps: Any  # length of the way to each node and from the last one to the end (way,)
+    within: Any  # polynomials at the two points of Gauss in each of these ways (way, 2, term)
 
 
 @cache

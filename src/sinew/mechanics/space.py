@@ -54,16 +54,18 @@ class Space(NamedTuple):
     lever_tensor: jax.Array
     weight: jax.Array
     channel: jax.Array
-    cable_end: jax.Array
-    held_tension: jax.Array
+    cable_end: jax.Array | Array
+    held_tension: jax.Array | Array
     pulls: jax.Array
     blow: jax.Array
-    added: jax.Array
+    added: jax.Array | Array
 
     @property
     def joint(self) -> Parameters:
         """The numbers of the torsional joint, its tendons set one by one."""
-        return self.rod.joint._replace(cable_end=self.cable_end, held_tension=self.held_tension)
+        return self.rod.joint._replace(
+            cable_end=jnp.asarray(self.cable_end), held_tension=jnp.asarray(self.held_tension)
+        )
 
 
 BLOW_S = 5e-3
@@ -159,7 +161,7 @@ def cable_ends(time_s: jax.Array, space: Space) -> jax.Array:
     """Return the length at which each tendon goes slack [m], (tendon,), driven in time with the lever."""
     p = space.rod.joint
     driven = jnp.where(time_s < p.stop_s, jnp.sin(p.omega * time_s), 0.0)
-    return space.cable_end - space.pulls * driven
+    return jnp.asarray(space.cable_end - space.pulls * driven)
 
 
 def tensions(q: jax.Array, space: Space, cable_end: jax.Array | None = None) -> jax.Array:

@@ -205,6 +205,8 @@ _FILE_UNITS = {
     "section.warping_constant": "mm^6",
     "section.perimeter": "mm",
     "section.shear_arm": "mm",
+    "space.head_height": "mm",
+    "space.lever_height": "mm",
     "tendons.base_radius": "mm",
     "tendons.head_radius": "mm",
     "tendons.free_span": "mm",
@@ -230,6 +232,9 @@ _FILE_UNITS = {
 """Units that read better in a file than those that the model keeps."""
 
 _FILE_REMARKS = {
+    "space.rest_bend_deg": "at which the silicone was cast",
+    "space.rest_azimuth_deg": "of that bend, from y towards z",
+    "space.routing": "chord: tendons straight from plate to plate; channel: they follow the silicone",
     "pose.azimuth_deg": "from y of the base towards z; the lever at rest lies along y",
     "limits.tendon_travel_mm": "of a tendon motor about its first contact, as length of cable; pulling is positive",
     "limits.drive_window_deg": "of the lever about its zero, either way",
