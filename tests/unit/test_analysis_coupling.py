@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from tests.unit.bent_signals import RATE_HZ, Motion, Rates, arc, bent_recording, body_rates, orientation, sensed
 
@@ -64,6 +66,20 @@ def test_the_gyroscope_under_reads_the_torsion_of_an_arc_as_its_share_says(bend_
     read = fundamental(body_rates(motion, time)[:, 0], time, 2.0) / (2j * np.pi * 2.0)
     assert abs(read / torsion) == pytest.approx(gyro_share(math.radians(bend_deg)), rel=1e-3)
     assert 1 - abs(read / torsion) == pytest.approx(loss, abs=6e-4)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.0, 35.0), st.floats(-180.0, 180.0), st.floats(0.5, 8.0))
+def test_whatever_the_bend_its_direction_and_the_swing_the_share_is_that_of_an_arc(
+    bend_deg: float, azimuth_deg: float, swing_deg: float
+) -> None:
+    time = np.arange(200) / 200.0
+    bend = math.radians(bend_deg)
+    motion = twisting(swing_deg, 2.0, bend, math.radians(azimuth_deg))
+    torsion = fundamental(torsion_of(orientation(motion, time)), time, 2.0)
+    read = fundamental(body_rates(motion, time)[:, 0], time, 2.0) / (2j * np.pi * 2.0)
+    # What is left is of second order: the twist changes the bend by at most (swing²/8) of it.
+    assert abs(read / torsion) == pytest.approx(gyro_share(bend), abs=math.radians(swing_deg) ** 2 / 8 + 1e-6)
 
 
 def test_a_bend_about_two_axes_has_no_torsion_though_eulers_yaw_is_not_zero() -> None:
