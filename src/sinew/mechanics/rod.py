@@ -36,8 +36,8 @@ class Rod(NamedTuple):
     """What a continuum is made of, in SI; each leaf is a scalar or has a leading lane axis.
 
     joint: its numbers in torsion and compression. rest_bend: curvatures about y and z at which it was cast, times the
-    length [rad]. bending: G·I_y, G·I_z [N m²]. shear: k·G·A [N]. line_mass: ρA [kg/m]. line_inertia: ρ(I_y + I_z), ρI_y,
-    ρI_z [kg m].
+    length [rad]. bending: G·I_y, G·I_z [N m²]. shear: k·G·A [N]. line_mass: ρA [kg/m]. line_inertia: ρ(I_y + I_z),
+    ρI_y, ρI_z [kg m].
     """
 
     joint: Parameters

@@ -125,7 +125,7 @@ def tendon_spans(q: jax.Array, space: Space) -> jax.Array:
 
 
 def cable_ends(time_s: jax.Array, space: Space) -> jax.Array:
-    """Return the length at which each tendon goes slack [m], (tendon,), while motors drive it in time with the drive."""
+    """Return the length at which each tendon goes slack [m], (tendon,), while motors move it in time with the drive."""
     p = space.rod.joint
     driven = jnp.where(time_s < p.stop_s, jnp.sin(p.omega * time_s), 0.0)
     return space.cable_end - space.pulls * driven
@@ -356,7 +356,7 @@ def space_energy(time_s: jax.Array, state: SpaceState, space: Space) -> jax.Arra
 
 
 def space_dissipation(time_s: jax.Array, state: SpaceState, space: Space) -> tuple[jax.Array, jax.Array]:
-    """Return (power lost in silicone, damper and guides, power of drive and tendon motors) [W]; a blow's is not told."""
+    """Return (power lost in silicone, damper and guides, power of drive and tendon motors) [W], a blow left out."""
     p = space.rod.joint
     felt = pull_of(time_s, state, space)
     lost = p.viscous * felt.torsion_rate**2 + felt.friction * felt.torsion_rate

@@ -10,7 +10,7 @@ import scipy.linalg
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.parameters import CURRENT, POSITION
-from sinew.mechanics.rod import TERMS, memory_energy, rod_energy, straight
+from sinew.mechanics.rod import memory_energy, rod_energy, straight
 from sinew.mechanics.silicone import branch_stiffness, glassy_factor, relaxation_times
 from sinew.mechanics.space import Space, head_motion, motion_of, tendon_spans, weight_energy
 from sinew.mechanics.tendons import tendon_energy, tendon_tension
@@ -273,8 +273,8 @@ def steer(
 def rest_at(space: Space, q: Array, first_ends: Array) -> Rest:
     """Return the rest pose at coordinates where the joint rests, with the motors as they are set.
 
-    first_ends: cable ends at first contact (tendon,) [m]. The take-ups of motors that hold currents are those that would
-    hold the same tensions by position.
+    first_ends: cable ends at first contact (tendon,) [m]. The take-ups of motors that hold currents are those that
+    would hold the same tensions by position.
     """
     found = _rest(q, _numbers(q, space), space, first_ends)
     if float(space.rod.joint.mode) != CURRENT:
