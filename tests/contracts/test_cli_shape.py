@@ -17,7 +17,7 @@ SINEW = Path(sys.executable).with_name("sinew")
 COMMANDS = (
     "analyse", "answer", "calibrate", "check", "compare", "design", "doctor", "emulate", "export", "gait", "identify",
     "import", "joint", "look", "pose", "predict", "report", "reproduce", "run", "serve", "simulate", "stop", "track",
-    "transfer", "tune",
+    "transfer", "tune", "workspace",
 )  # fmt: skip
 
 

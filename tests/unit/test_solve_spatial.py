@@ -60,7 +60,8 @@ def test_slope_and_stiffness_are_the_differences_of_energy_and_slope(index: int)
 
 def test_slopes_by_the_motors_are_differences_too() -> None:
     here = around(BENT, HELD)
-    by_end = (around(BENT, HELD._replace(cable_end=HELD.cable_end + [1e-7, 0, 0, 0])).slope - here.slope) / 1e-7
+    longer = HELD._replace(cable_end=HELD.cable_end + 1e-7 * np.eye(4)[0])
+    by_end = (around(BENT, longer).slope - here.slope) / 1e-7
     assert np.asarray(here.by_end)[:, 0] == pytest.approx(np.asarray(by_end), rel=1e-4, abs=1e-2)
     ahead = np.asarray(around(shifted(6, STEP), HELD).spans - around(shifted(6, -STEP), HELD).spans) / (2 * STEP)
     assert np.asarray(here.by_span)[:, 6] == pytest.approx(ahead, rel=1e-6)
@@ -92,7 +93,7 @@ def test_a_wanted_tilt_is_reached_and_stays() -> None:
 
 @pytest.mark.parametrize(("pretension_mm", "low", "high"), [(0, 5.2, 6.2), (6, 22.1, 36.9), (12, 41.0, 75.0)])
 def test_a_tendon_goes_slack_at_the_bend_of_the_table(pretension_mm: float, low: float, high: float) -> None:
-    # 5.7°, 29.5°, 55-60°: of the spatial prototype, the last two within 25 %, which the tension is not known better than
+    # 5.7°, 29.5°, 55-60° of a prototype of its own; the last two within 25 %, as the tension is not known better
     taut = bend(SPACE, CONTACT, 1e-3 * pretension_mm, swing(low))[1]
     slack = bend(SPACE, CONTACT, 1e-3 * pretension_mm, swing(high))[1]
     assert taut.found

@@ -5,12 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from sinew.figures.style import ACCENT, GREY, INK, RED, in_style, new_figure, note_panel
 
 if TYPE_CHECKING:
     from sinew.predict.poses.pose import Posed
+    from sinew.predict.poses.workspace import Workspace
 
 
 @in_style
@@ -67,3 +70,46 @@ def _draw_pulls(axes: Axes, posed: "Posed") -> None:
         )
     axes.set(xlabel="tendon", ylabel="tension in N", ylim=(0, 1.3 * max(float(np.max(tension)), 1.0)))
     note_panel(axes, "b", "tension and take-up")
+
+
+_COLOURS = ("#bfe3c6", "#f4e3a1", "#f2b28c", "#c9b5dc", "#e59aa0", "#9a9a9a", "#4d4d4d")
+_COLUMNS = 3
+
+
+@in_style
+def draw_workspace(found: "Workspace") -> Figure:
+    """Return the maps of a joint's poses over roll and pitch, one panel for each pretension, with lines of the highest
+    tension in newtons."""
+    from sinew.predict.poses.workspace import OUTSIDE, VERDICTS
+
+    count = len(found.pretension_mm)
+    columns = min(count, _COLUMNS)
+    rows = math.ceil(count / columns)
+    figure = new_figure(0.6 + 2.5 * rows)
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    colours, norm = ListedColormap(_COLOURS), BoundaryNorm(np.arange(len(_COLOURS) + 1) - 0.5, len(_COLOURS))
+    for index, axes in enumerate(panels.flat):
+        if index >= count:
+            axes.set_axis_off()
+            continue
+        verdict = np.ma.masked_equal(found.verdict[index], OUTSIDE)
+        axes.pcolormesh(found.roll_deg, found.pitch_deg, verdict, cmap=colours, norm=norm, shading="nearest")
+        if np.isfinite(found.highest[index]).sum() > 3:
+            lines = axes.contour(
+                found.roll_deg, found.pitch_deg, found.highest[index], levels=6, colors=INK, linewidths=0.6
+            )
+            axes.clabel(lines, fmt="%.0f", fontsize=8.0)
+        axes.set_aspect("equal")
+        axes.grid(visible=False)
+        if index % columns == 0:
+            axes.set_ylabel("pitch in degrees")
+        if index // columns == rows - 1:
+            axes.set_xlabel("roll in degrees")
+        note_panel(axes, "abcdefghijkl"[index % 12], f"{found.pretension_mm[index]:g} mm")
+    seen = [code for code in range(len(VERDICTS)) if (found.verdict == code).any()]
+    figure.legend(
+        handles=[Patch(facecolor=_COLOURS[code], label=VERDICTS[code]) for code in seen],
+        loc="outside upper center",
+        ncols=len(seen),
+    )
+    return figure

@@ -73,3 +73,39 @@ def _check_picture(out: Path | None) -> None:
     if out.suffix[1:] not in _FORMATS:
         raise SpecError(f"--out is {out}, expected a name that ends with .png, .pdf or .svg")
     console.require_file(out)
+
+
+def workspace(
+    rig: RigArgument,
+    pretension: Annotated[str, option("MM,...", "Pretensions, one map for each.", "--pretension-mm")] = "0,6,12",
+    step: Annotated[float, option("DEG", "From one pose to the next.", "--step-deg")] = 2.0,
+    mode: Mode = "position",
+    out: Annotated[Path | None, option("FILE.png", "Draw the maps into this file (png, pdf, svg).")] = None,
+    json: Json = False,
+) -> None:
+    """Map the poses that a joint reaches, over pitch and roll: where tendons go slack, what breaks a limit.
+
+    The map goes as far as the rig may bend (limits.bend_deg, else 40°).
+    """
+    console.check_choice("--mode", mode, MODES)
+    console.checked_number("--step-deg", step, "0.1 to 40", low=0.1, high=40)
+    pretensions = console.number_list(
+        "--pretension-mm", pretension, "zero or more: cables cannot push", low=0, high=100
+    )
+    _check_picture(out)
+    from sinew.plan.toml import load_rig
+    from sinew.predict.poses.workspace import map_workspace
+
+    with console.progress_bar("map") as progress:
+        found = map_workspace(load_rig(rig), pretensions, step_deg=step, mode=mode, progress=progress)
+    if out is not None:
+        from sinew.figures.pose import draw_workspace
+        from sinew.figures.style import save_figure
+
+        save_figure(draw_workspace(found), out.parent, out.stem, (out.suffix[1:],))
+    if json:
+        console.print_json(found.document())
+        return
+    console.print_told(found.told())
+    if out is not None:
+        print(f"written: {out}")
