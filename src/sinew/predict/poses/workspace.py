@@ -184,8 +184,7 @@ class _Plane:
             for j, at in self._walk([(middle, j) for j in self._outwards(middle, way)], self.start):
                 known[j[1]] = at
         columns = [j for j in range(len(self.axis)) if (self.verdict[:, j] != OUTSIDE).any()]
-        for count in workers.map(lambda j: self._column(j, middle, known.get(j)), columns):
-            yield count
+        yield from workers.map(lambda j: self._column(j, middle, known.get(j)), columns)
 
     def _outwards(self, middle: int, way: int) -> range:
         return range(middle, len(self.axis)) if way > 0 else range(middle, -1, -1)
