@@ -114,7 +114,7 @@ class Posed:
     strain: largest principal strain of the silicone's surface [1]. clearance: least distance of each chord to the
     silicone's surface, negative inside [m] (tendon,); sagitta: how far each leaves its place in the straight joint [m]
     (tendon,). slack: on the way to this azimuth at this pretension; buckling: of this pose with growing pretension;
-    both None where take-ups or tensions were given.
+    both None where take-ups or tensions were given. coordinates (6, term): also of a pose that does not stay.
     """
 
     rig: RigSpec
@@ -129,6 +129,7 @@ class Posed:
     slack: Slack | None
     buckling: Buckling | None
     findings: tuple[Finding, ...]
+    coordinates: Array | None = None
 
     @property
     def ok(self) -> bool:
@@ -253,18 +254,21 @@ def find_pose(rig: RigSpec, asked: PoseAsked, *, outlook: bool = True) -> Posed:
     configure()
     space, contact = space_from_rig(rig), rig.tendons.first_contact_tension.value
     there, found, why = _rest_of(space, contact, asked)
+    coordinates = None if found is None else found.q
     slack = buckling = None
     if outlook and asked.wants_tilt:
         slack = slack_bend(space, contact, asked)
         buckling = buckling_pretension(space, contact, asked, rig.limits.tendon_travel_mm[1])
-    if found is None:
+    if found is None or why:
         nothing = np.zeros(rig.tendons.count)
         refusals = (Finding("refuse", why), *_asked_findings(rig, asked))
-        return Posed(rig, asked, there, None, why, None, math.nan, nothing, nothing, slack, buckling, refusals)
+        return Posed(
+            rig, asked, there, None, why, None, math.nan, nothing, nothing, slack, buckling, refusals, coordinates
+        )
     shape = shape_of(found.q, there)
     clearance, sagitta = chord_clearance(found.q, there, rig.silicone.diameter.value / 2)
     strain = surface_strain(found.q, there, rig.silicone.diameter.value / 2)
-    posed = Posed(rig, asked, there, found, "", shape, strain, clearance, sagitta, slack, buckling, ())
+    posed = Posed(rig, asked, there, found, "", shape, strain, clearance, sagitta, slack, buckling, (), coordinates)
     findings = (*_asked_findings(rig, asked), *_findings(posed, found))
     return Posed(**{**posed.__dict__, "findings": findings})
 
@@ -289,7 +293,7 @@ def _check(rig: RigSpec, asked: PoseAsked) -> None:
 
 
 def _rest_of(space: Space, contact: float, asked: PoseAsked) -> tuple[Space, Rest | None, str]:
-    """Return (parameters, rest or None, why there is none)."""
+    """Return (parameters, rest or None, why it is refused); one that is found and does not stay comes with a why."""
     if asked.tension_n is not None:
         there, found = rest_by_tension(space, contact, np.array(asked.tension_n))
     elif asked.take_up_mm is not None:
@@ -315,7 +319,7 @@ def _rest_of(space: Space, contact: float, asked: PoseAsked) -> tuple[Space, Res
         held = "currents" if asked.mode == "current" else "positions"
         return (
             there,
-            None,
+            found,
             f"the joint does not stay in {asked.words()} where the motors hold {held}: it buckles (stiffness of the "
             f"softest way out {found.softest:.2g} of the unloaded silicone's); lower the pretension",
         )
