@@ -337,7 +337,8 @@ def linear_joints(
 _SYSTEMS = ("drive", "lever")
 
 
-def _pole(pole: Pole) -> dict[str, float]:
+def pole_document(pole: Pole) -> dict[str, float]:
+    """Return a pole or zero as JSON holds it."""
     return {
         "real_per_s": pole.s.real,
         "imag_per_s": pole.s.imag,
@@ -350,7 +351,7 @@ def _channel(channel: Channel) -> dict[str, Any]:
     return {
         "input": channel.input,
         "output": channel.output,
-        "zeros": [_pole(zero) for zero in channel.zeros],
+        "zeros": [pole_document(zero) for zero in channel.zeros],
         "gain": channel.gain,
         "static_gain": channel.static,
     }
@@ -361,7 +362,7 @@ def system_document(system: StateSpace) -> dict[str, Any]:
     return {
         **{name: getattr(system, name).tolist() for name in ("a", "b", "c", "d")},
         **{name: list(getattr(system, name)) for name in ("states", "inputs", "outputs")},
-        "poles": [_pole(pole) for pole in system.poles()],
+        "poles": [pole_document(pole) for pole in system.poles()],
         "channels": [_channel(system.channel(o, i)) for i in system.inputs for o in system.outputs],
     }
 
