@@ -384,22 +384,25 @@ def _cells(values: Sequence[Any]) -> Any:
     return cells
 
 
-def _matlab(joints: Sequence[LinearJoint]) -> dict[str, Any]:
+def _matlab(joints: Sequence[LinearJoint], space: Sequence[StateSpace]) -> dict[str, Any]:
     """Return the variables of a MAT file: `pretension_mm`, a column, and for each system a struct with the cells A, B,
     C, D, a row for each pretension, and the names of states, inputs and outputs."""
     content: dict[str, Any] = {"pretension_mm": np.array([[joint.pretension_mm] for joint in joints])}
-    for name in _SYSTEMS:
-        systems: list[StateSpace] = [getattr(joint, name) for joint in joints]
+    kinds: dict[str, Sequence[StateSpace]] = {name: [getattr(one, name) for one in joints] for name in _SYSTEMS}
+    for name, systems in (kinds | ({"space": space} if space else {})).items():
         content[name] = {key.upper(): _cells([getattr(s, key) for s in systems]) for key in ("a", "b", "c", "d")}
         content[name] |= {key: _cells(list(getattr(systems[0], key))) for key in ("states", "inputs", "outputs")}
     return content
 
 
-def write_transfer(joints: Sequence[LinearJoint], document: Any, path: Path) -> tuple[Path, ...]:
+def write_transfer(
+    joints: Sequence[LinearJoint], document: Any, path: Path, space: Sequence[StateSpace] = ()
+) -> tuple[Path, ...]:
     """Write linear joints, atomically, and return the files.
 
     path: ends with .mat or .json for one file; else a folder, for `transfer.json` and `transfer.mat`.
-    document: what the JSON file holds. Raises SpecError for another ending, FileError where nothing can be written.
+    document: what the JSON file holds. space: systems of the same pretensions in space, where wanted. Raises SpecError
+    for another ending, FileError where nothing can be written.
     """
     if path.suffix and path.suffix not in (".mat", ".json"):
         raise SpecError(f"--out is {path}, expected a name that ends with .json or .mat, or a folder")
@@ -409,7 +412,7 @@ def write_transfer(joints: Sequence[LinearJoint], document: Any, path: Path) -> 
         temporary.write_text(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
 
     def write_mat(temporary: Path) -> None:
-        io.savemat(str(temporary), _matlab(joints), appendmat=False, format="5", long_field_names=True)
+        io.savemat(str(temporary), _matlab(joints, space), appendmat=False, format="5", long_field_names=True)
 
     for file in files:
         write_atomically(file, write_mat if file.suffix == ".mat" else write_json)
