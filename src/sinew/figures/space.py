@@ -239,7 +239,7 @@ def draw_shapes(found: Modes) -> Figure | None:
     pose = shown_pose(found)
     if pose is None:
         return None
-    figure = new_figure(2.9)
+    figure = new_figure(2.4)
     count = min(_SHAPES, len(pose.modes))
     panels = figure.subplots(1, count, squeeze=False, sharex=True, sharey=True)[0]
     for axes, mode in zip(panels, pose.modes, strict=False):
@@ -253,7 +253,7 @@ def draw_shapes(found: Modes) -> Figure | None:
                 axes.plot(*_flat(line.points), color=colour, alpha=alpha, linewidth=width if own else 0.8)
         axes.set_aspect("equal")
         axes.axis("off")
-        note_panel(axes, "", f"{mode.frequency_hz:.3g} Hz, {mode.kind}")
+        note_panel(axes, "", f"{mode.frequency_hz:.3g} Hz\n{mode.kind}")
     bent = f"bent by {pose.bend_deg:g}°" if pose.bend_deg else "straight"
     figure.suptitle(f"{pose.pretension_mm:g} mm, {bent}", fontsize=8.5, x=0.01, ha="left")
     handles = [Line2D([], [], color=_COLOURS[part], label=part) for part in _COLOURS]

@@ -489,12 +489,18 @@ def _crossing(track: Sequence[PoseModes], at: Callable[[float], float], wanted: 
     jump = math.nan
     for i in range(len(track) - 1):
         a, b = ratios[i] - wanted, ratios[i + 1] - wanted
-        if math.isfinite(a * b) and a * b <= 0:
-            low, high = track[i].pretension_mm, track[i + 1].pretension_mm
+        if not (math.isfinite(a * b) and a * b <= 0):
+            continue
+        low, high = track[i].pretension_mm, track[i + 1].pretension_mm
+        try:
             where = low if a == 0 else float(brentq(lambda p: at(p) - wanted, low, high, xtol=1e-3))
-            if abs(at(where) - wanted) < _OFF:
-                return where, False
-            jump = where if math.isnan(jump) else jump
+        except ValueError:  # modes that veer: between them neither is the torsion
+            continue
+        if abs(at(where) - wanted) < _OFF:
+            return where, False
+        slack = [one.tension_n > 0 for one in track[i : i + 2]]
+        if math.isnan(jump) and np.any(slack[0] != slack[1]):
+            jump = where
     return jump, math.isfinite(jump)
 
 
@@ -578,8 +584,8 @@ def draw_spatial(rig: RigSpec, count: int, seed: int) -> tuple[list[RigSpec], tu
         and (name.startswith("space.") or name == "inertia.head_mass")
     ]
     remarks = [
-        f"drawn to both sides of their values, evenly to their bounds, as no more is known of them: {', '.join(varied)}; a bench that "
-        "weighs its head narrows the intervals"
+        f"drawn to both sides of their values, evenly to their bounds, as no more is known: {', '.join(varied)}; a "
+        "bench that weighs its head narrows the intervals"
     ]
     known = rig.calibration is not None or any(one.interval90 is not None for one in table.values())
     bases, names = [rig] * count, tuple(varied)
