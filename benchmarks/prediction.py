@@ -4,18 +4,17 @@ The reference is a hardening oscillator whose peak and folds are known to seven 
 beside it, in an interpreter of its own.
 """
 
-import json
 import os
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.peer_marks import marks
+from benchmarks.peers import PeerSilentError, told_by
 from sinew.plan.toml import load_rig
 from sinew.predict.joint import RESOLUTION, joint_problem
 from sinew.predict.oscillator import Oscillator, oscillator_problem, resolution_of
@@ -28,8 +27,6 @@ SHOT_PEAK_RAD = 0.7937292
 """Largest rotation that shooting finds (tests/peers); the published one is 2.2e-6 lower, as on a mesh of the period."""
 
 PRETENSIONS = np.arange(13.0)
-ROOT = Path(__file__).resolve().parents[1]
-PEERS = ROOT / ".venv-peers" / "bin" / "python"
 PEER_SETTINGS = [{"harmonics": 7, "samples": 32, "step": step} for step in (0.3, 0.1, 0.02)]
 """Of pyHarm-os: odd harmonics, samples over a period, largest step of the dimensionless arc length. With the last one
 its folds come within 1e-6, as ours; more harmonics change nothing there."""
@@ -107,21 +104,15 @@ def _peer_told(settings: list[dict[str, Any]], runs: int) -> tuple[dict[str, Any
         "runs": runs,
     }
     start = time.perf_counter()
-    command = [str(PEERS), str(ROOT / "benchmarks" / "pyharm_curve.py"), json.dumps(asked)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=300)
-    return json.loads(done.stdout), time.perf_counter() - start
+    return told_by("pyharm_curve.py", asked), time.perf_counter() - start
 
 
 def _peer(one_curve_s: float) -> None:
-    if not PEERS.exists():
-        print(f"  pyHarm-os: skipped, found no {PEERS.relative_to(ROOT)}; make it with `make peers`")
-        return
     try:
         first = [_peer_told(PEER_SETTINGS[:1], 1)[1] for _ in range(2)]
         told, _ = _peer_told(PEER_SETTINGS, 5)
-    except subprocess.CalledProcessError as error:
-        last = error.stderr.strip().splitlines()[-1:]
-        print(f"  pyHarm-os: skipped, it ended with status {error.returncode}: {' '.join(last)}; try `make peers`")
+    except PeerSilentError as error:
+        print(f"  pyHarm-os: skipped, {error}")
         return
     print("  pyHarm-os beside it: 7 harmonics; time of its continuation alone, without stability;")
     print("    peak and folds read off its points by quartics")

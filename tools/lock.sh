@@ -37,7 +37,9 @@ compile requirements-serve.txt --python-version 3.11 --extra dashboard --constra
 
 scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
-echo 'notebook ; python_version < "3"' >"$scratch/override" # a server of pages, some hundred packages, not imported
+# A server of pages, some hundred packages, not imported; and one JAX for all peers: pyHarm-os bounds it below 0.6 and
+# runs with 0.10, which SoRoMoX needs.
+printf '%s\n' 'notebook ; python_version < "3"' 'jax>=0.10' >"$scratch/override"
 peers requirements-peers.txt --python-version 3.11 ${UPGRADE:+--upgrade}
 for version in 3.12 3.13; do
     compile "$scratch/dev" --python-version "$version" --extra dev --constraint requirements-dev.txt

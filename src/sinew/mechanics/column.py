@@ -15,8 +15,6 @@ says half of what the exact incremental solution does. This one is within 2.3 % 
 
 from typing import Any
 
-import numpy as np
-
 from sinew.measure.arrays import namespace_of
 from sinew.mechanics.rod import SHEAR_FACTOR
 from sinew.mechanics.silicone import compressive_load

@@ -10,7 +10,7 @@ import scipy.linalg
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.mechanics.parameters import CURRENT, POSITION
-from sinew.mechanics.rod import memory_energy, rod_energy, straight
+from sinew.mechanics.rod import STRAINS, memory_energy, rod_energy, straight
 from sinew.mechanics.silicone import branch_stiffness, glassy_factor, relaxation_times
 from sinew.mechanics.space import Space, head_motion, motion_of, tendon_spans, weight_energy
 from sinew.mechanics.tendons import tendon_energy, tendon_tension
@@ -156,6 +156,12 @@ def _softest(here: Around, scale: Array) -> float:
     return float(np.linalg.eigvalsh(here.stiffness / np.outer(root, root))[0])
 
 
+def softest_of(here: Around, space: Space) -> float:
+    """Return the least eigenvalue of a pose's stiffness over the unloaded silicone's; at most zero where it is not
+    stable."""
+    return _softest(here, _metric(space, here.slope.size // len(STRAINS)))
+
+
 def _rest(q: Array, here: Around, space: Space, first_ends: Array, reached: bool = True) -> Rest:
     scale = _metric(space, q.shape[1])
     residual = float(np.max(np.abs(here.slope) / np.sqrt(scale)) / np.sqrt(scale.max()))
@@ -277,8 +283,8 @@ def steer(
 def rest_at(space: Space, q: Array, first_ends: Array) -> Rest:
     """Return the rest pose at coordinates where the joint rests, with the motors as they are set.
 
-    first_ends: cable ends at first contact (tendon,) [m]. The take-ups of motors that hold currents are those that would
-    hold the same tensions by position.
+    first_ends: cable ends at first contact (tendon,) [m]. The take-ups of motors that hold currents are those that
+    would hold the same tensions by position.
     """
     found = _rest(q, _numbers(q, space), space, first_ends)
     if float(space.rod.joint.mode) != CURRENT:

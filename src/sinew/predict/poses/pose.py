@@ -41,7 +41,7 @@ FURTHEST_DEG = 60.0
 """Bend up to which it is looked for where a tendon goes slack."""
 
 _BEND_STEP = math.radians(2.5)
-_PRETENSION_STEP = 4e-3
+_PRETENSION_STEP, _LEAST_STEP = 4e-3, 2e-4
 _CHORD_POINTS = np.linspace(0.0, 1.0, 41)
 
 
@@ -113,8 +113,8 @@ class Posed:
 
     strain: largest principal strain of the silicone's surface [1]. clearance: least distance of each chord to the
     silicone's surface, negative inside [m] (tendon,); sagitta: how far each leaves its place in the straight joint [m]
-    (tendon,). slack: on the way to this azimuth at this pretension; buckling: of this pose with growing pretension; both
-    None where take-ups or tensions were given.
+    (tendon,). slack: on the way to this azimuth at this pretension; buckling: of this pose with growing pretension;
+    both None where take-ups or tensions were given. coordinates (6, term): also of a pose that does not stay.
     """
 
     rig: RigSpec
@@ -129,6 +129,7 @@ class Posed:
     slack: Slack | None
     buckling: Buckling | None
     findings: tuple[Finding, ...]
+    coordinates: Array | None = None
 
     @property
     def ok(self) -> bool:
@@ -229,8 +230,8 @@ class Posed:
         buckling = self.buckling
         if buckling is not None and buckling.pretension_mm is not None:
             yield (
-                f"the pose would buckle at {fixed(buckling.pretension_mm, 1)} mm of pretension, where the tendons press "
-                f"with {number(buckling.load_n)} N"
+                f"the pose would buckle at {fixed(buckling.pretension_mm, 1)} mm of pretension, where the tendons "
+                f"press with {number(buckling.load_n)} N"
             )
         elif buckling is not None and self.rest is not None:
             yield f"it does not buckle up to {buckling.up_to_mm:g} mm of pretension, as far as it was followed"
@@ -253,18 +254,21 @@ def find_pose(rig: RigSpec, asked: PoseAsked, *, outlook: bool = True) -> Posed:
     configure()
     space, contact = space_from_rig(rig), rig.tendons.first_contact_tension.value
     there, found, why = _rest_of(space, contact, asked)
+    coordinates = None if found is None else found.q
     slack = buckling = None
     if outlook and asked.wants_tilt:
         slack = slack_bend(space, contact, asked)
         buckling = buckling_pretension(space, contact, asked, rig.limits.tendon_travel_mm[1])
-    if found is None:
+    if found is None or why:
         nothing = np.zeros(rig.tendons.count)
         refusals = (Finding("refuse", why), *_asked_findings(rig, asked))
-        return Posed(rig, asked, there, None, why, None, math.nan, nothing, nothing, slack, buckling, refusals)
+        return Posed(
+            rig, asked, there, None, why, None, math.nan, nothing, nothing, slack, buckling, refusals, coordinates
+        )
     shape = shape_of(found.q, there)
     clearance, sagitta = chord_clearance(found.q, there, rig.silicone.diameter.value / 2)
     strain = surface_strain(found.q, there, rig.silicone.diameter.value / 2)
-    posed = Posed(rig, asked, there, found, "", shape, strain, clearance, sagitta, slack, buckling, ())
+    posed = Posed(rig, asked, there, found, "", shape, strain, clearance, sagitta, slack, buckling, (), coordinates)
     findings = (*_asked_findings(rig, asked), *_findings(posed, found))
     return Posed(**{**posed.__dict__, "findings": findings})
 
@@ -289,7 +293,7 @@ def _check(rig: RigSpec, asked: PoseAsked) -> None:
 
 
 def _rest_of(space: Space, contact: float, asked: PoseAsked) -> tuple[Space, Rest | None, str]:
-    """Return (parameters, rest or None, why there is none)."""
+    """Return (parameters, rest or None, why it is refused); one that is found and does not stay comes with a why."""
     if asked.tension_n is not None:
         there, found = rest_by_tension(space, contact, np.array(asked.tension_n))
     elif asked.take_up_mm is not None:
@@ -315,7 +319,7 @@ def _rest_of(space: Space, contact: float, asked: PoseAsked) -> tuple[Space, Res
         held = "currents" if asked.mode == "current" else "positions"
         return (
             there,
-            None,
+            found,
             f"the joint does not stay in {asked.words()} where the motors hold {held}: it buckles (stiffness of the "
             f"softest way out {found.softest:.2g} of the unloaded silicone's); lower the pretension",
         )
@@ -352,8 +356,8 @@ def _findings(posed: Posed, found: Rest) -> Iterator[Finding]:
     if (current := float(rig.tendons.current(tension))) > limits.tendon_current_a:
         yield Finding(
             "refuse",
-            f"motor {worst + 1} draws {current:.2f} A, the rig allows {limits.tendon_current_a:g} A; bend less or lower "
-            "the pretension",
+            f"motor {worst + 1} draws {current:.2f} A, the rig allows {limits.tendon_current_a:g} A; bend less or "
+            "lower the pretension",
         )
     low, high = limits.tendon_travel_mm
     for i, take_up in enumerate(1e3 * found.take_up):
@@ -389,7 +393,7 @@ def _chord_findings(posed: Posed) -> Iterator[Finding]:
     if circle < radius:
         yield Finding(
             "warn",
-            f"the guides' circle of {1e3 * circle:.1f} mm lies inside the silicone of {1e3 * radius:.1f} mm radius, and "
+            f"the guides' circle of {1e3 * circle:.1f} mm lies inside the silicone of {1e3 * radius:.1f} mm radius: "
             f"the chords are taken to cut through it, up to {1e3 * far:.1f} mm away from where they run straight; in "
             "channels of the silicone they could not: set space.routing",
         )
@@ -528,11 +532,11 @@ class _Way:
         return np.asarray(pull)
 
 
-def buckling_pretension(space: Space, contact: float, asked: PoseAsked, up_to_mm: float) -> Buckling:
+def buckling_pretension(space: Space, contact: float, asked: PoseAsked, up_to_mm: float) -> Buckling | None:
     """Return where a tilt stops being stable as the pretension rises, with the motors in their mode.
 
-    The pose is followed by position, stable or not, from the pretension that is asked: upwards where it is stable there,
-    else downwards. Currents hold its tensions.
+    The pose is followed by position, stable or not, from the pretension that is asked: upwards where it is stable
+    there, else downwards. Currents hold its tensions. None where it cannot be followed.
     """
     ends, held = first_contact(space, contact)[1], in_mode(space, POSITION)
     pattern, mode = patterns(space)[1:], TENDON_MODES[asked.mode]
@@ -552,21 +556,24 @@ def buckling_pretension(space: Space, contact: float, asked: PoseAsked, up_to_mm
 
     here = pose_at(begin, start) if first.reached else None
     if here is None:
-        return Buckling(None, None, asked.pretension_mm)
+        return None
     upwards = here[0] > 0
-    step = _PRETENSION_STEP if upwards else -_PRETENSION_STEP
+    way, size = (1 if upwards else -1), _PRETENSION_STEP
     pretension, most = begin, 1e-3 * up_to_mm
-    while 0 <= (beyond := pretension + step) <= most + 1e-9:
-        after = pose_at(beyond, here[2])
-        if after is None:
-            break
+    while 0 <= pretension + way * size <= most + 1e-9:
+        after = pose_at(pretension + way * size, here[2])
+        if after is None:  # let go so far at once, all tendons are slack where Newton's method begins
+            size /= 2
+            if size < _LEAST_STEP:
+                break
+            continue
         if (after[0] > 0) != upwards:
-            share = brentq(_stiffness_along, 0.0, 1.0, (pose_at, pretension, step, here[2]), xtol=1e-3)
-            found_at = pretension + share * step
+            known = (pose_at, pretension, way * size, here[2])
+            found_at = pretension + way * size * brentq(_stiffness_along, 0.0, 1.0, known, xtol=1e-3)
             at_limit = pose_at(found_at, here[2])
             return Buckling(1e3 * found_at, None if at_limit is None else at_limit[1], up_to_mm)
-        pretension, here = beyond, after
-    return Buckling(None, None, 1e3 * pretension) if upwards else Buckling(0.0, None, up_to_mm)
+        pretension, here = pretension + way * size, after
+    return Buckling(None, None, round(1e3 * pretension, 6)) if upwards else None
 
 
 def _stiffness_along(share: float, pose_at: Callable[..., Any], begin: float, step: float, known: Any) -> float:
