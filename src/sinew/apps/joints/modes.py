@@ -27,7 +27,7 @@ def modes(
     ] = 10.0,
     bands: Annotated[
         int, option("N", "Draws of what is assumed, for 90 % intervals; 0 for none.", "--bands", min=0)
-    ] = 24,
+    ] = 16,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws.")] = 0,
     out: Annotated[
         Path | None, option("FILE", "A figure, .png, .pdf or .svg, or a page with moving shapes, .html.")
@@ -75,7 +75,7 @@ def modes(
         from sinew.paper.answers.bent import answer_bent
 
         with console.progress_bar("answer") as progress:
-            answered = answer_bent(found.rig, draws=max(bands, 2), seed=seed, progress=progress)
+            answered = answer_bent(found.rig, azimuth_deg=azimuth, draws=max(bands, 2), seed=seed, progress=progress)
         document["answers"] = [one.to_json() for one in answered]
         for one in answered:
             told += [f"\n{one.question}\n{one.verdict}", *(f"- {sentence}" for sentence in one.sentences)]

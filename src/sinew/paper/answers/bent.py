@@ -33,14 +33,20 @@ Progress = Callable[[float, float], None]
 
 
 def answer_bent(
-    rig: RigSpec, *, draws: int = 12, seed: int = 0, progress: Progress = lambda _done, _total: None
+    rig: RigSpec,
+    *,
+    azimuth_deg: float = 0.0,
+    draws: int = 12,
+    seed: int = 0,
+    progress: Progress = lambda _done, _total: None,
 ) -> list[Answer]:
     """Return the answers on resonance, coupling and spinal engine of a rig's bent joint.
 
-    draws: of what is assumed, for the intervals; at least 2. progress: called with (done, total) rigs.
+    azimuth_deg: direction of the bend, from y towards z. draws: of what is assumed, for the intervals; at least 2.
+    progress: called with (done, total) rigs.
     Raises SpecError for a rig that does not tell its masses.
     """
-    asked = Asked(_PRETENSION_MM, _BEND_DEG, swing_deg=_SWING_DEG)
+    asked = Asked(_PRETENSION_MM, _BEND_DEG, azimuth_deg, swing_deg=_SWING_DEG)
     nominal = Finder(rig, asked)
     rigs, names, _ = draw_spatial(rig, draws, seed)
     drawn = [(one, Finder(one, asked, nominal)) for one in rigs]
@@ -53,17 +59,19 @@ def answer_bent(
         couplings.append(_couplings(finder))
         engines.append(_engines(one, finder))
         progress(done + 2, len(drawn) + 1)
-    curved = Finder(_curved(rig), asked)
+    curved = Finder(_curved(rig, azimuth_deg), asked)
+    aside = Finder(rig, asked._replace(azimuth_deg=azimuth_deg + 90))
     return [
         _resonance(nominal, shifts, names),
-        _coupling(nominal, couplings, names),
-        _engine(rig, nominal, engines, curved, names),
+        _coupling(nominal, aside, couplings, names),
+        _engine(rig, nominal, aside, engines, curved, names),
     ]
 
 
-def _curved(rig: RigSpec) -> RigSpec:
+def _curved(rig: RigSpec, azimuth_deg: float) -> RigSpec:
     assert rig.space is not None
-    return rig.model_copy(update={"space": rig.space.model_copy(update={"rest_bend_deg": _CURVED_DEG})})
+    update = {"rest_bend_deg": _CURVED_DEG, "rest_azimuth_deg": azimuth_deg}
+    return rig.model_copy(update={"space": rig.space.model_copy(update=update)})
 
 
 def _poses() -> list[tuple[float, float]]:
@@ -116,8 +124,8 @@ def _resonance(nominal: Finder, shifts: Sequence[Array], names: Sequence[str]) -
         "Small swings; guides hold, silicone at the mode's own frequency. Large swings soften the guides and stiffen "
         "the tendons as in the straight joint.",
         _rests(names),
-        "To test it: plans/bent.toml sweeps the lever at 0, 10, 20 and 30°; a shift of 2 % is three times the scatter "
-        "of the pretension.",
+        "To test it: plans/bent.toml sweeps the lever at one bend; sweep at several (bend_deg), and at none, at the "
+        "same pretensions, and compare the resonances of each with their intervals.",
     ]
     return Answer(
         RESONANCE,
@@ -148,7 +156,7 @@ def _couplings(finder: Finder) -> Array:
     return np.array(rows).T
 
 
-def _coupling(nominal: Finder, couplings: Sequence[Array], names: Sequence[str]) -> Answer:
+def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names: Sequence[str]) -> Answer:
     rows: list[dict[str, Cell]] = []
     ratios = {}
     for i, (p, b) in enumerate(_poses()):
@@ -166,7 +174,9 @@ def _coupling(nominal: Finder, couplings: Sequence[Array], names: Sequence[str])
         )
     top = max(_PRETENSION_MM), max(b for p, b in _poses() if p == max(_PRETENSION_MM) and nominal.at(p, b).taut)
     at = _poses().index(top)
-    quasi = 0.5 * math.sin(math.radians(top[1]))
+    mode = aside.at(*top).of("torsion")
+    other = math.nan if mode is None else mode.tilt_across / mode.torsion
+    quasi, less = 0.5 * math.sin(math.radians(top[1])), 50 * (1 - math.cos(math.radians(top[1])))
     return Answer(
         COUPLING,
         "What else moves with the torsion of a bent joint? (sections 5.2.2 and 5.3)",
@@ -175,12 +185,11 @@ def _coupling(nominal: Finder, couplings: Sequence[Array], names: Sequence[str])
             f"At {top[0]:g} mm and {top[1]:g}° the head tilts across the plane of the bend by "
             f"{in_words(ratios[top])} of its torsion, {math.degrees(couplings[0][1][at]):.2g}° off its phase; a rod "
             f"that is twisted slowly has ½ sin β = {quasi:.3g}.",
-            "The difference is inertia: the sway across is some two and a half times as fast as the torsion, not "
-            "infinitely, and heavier heads differ more.",
+            f"The difference is inertia, and hangs on how the lever lies: bent towards {aside.asked.azimuth_deg:g}° from "
+            f"y, along which its arms are, instead of {nominal.asked.azimuth_deg:g}°, it is {other:.3g}.",
             "In the plane of the bend nothing moves to first order; to second order the head nods at twice the "
             "frequency, which is not in these numbers, and more where that sway is at 2:1 (sinew modes tells where).",
-            f"A gyroscope on the head under-reads the torsion's rate by {50 * (1 - math.cos(math.radians(top[1]))):.2g} "
-            "% there, for its axis leans.",
+            f"A gyroscope on the head under-reads the torsion's rate by {less:.2g} % there, for its axis leans.",
             _rests(names),
             "To test it: pitch and roll of the recordings of plans/bent.toml against the torsion, at the resonance.",
         ),
@@ -222,7 +231,7 @@ def _engines(rig: RigSpec, finder: Finder) -> Array:
 def _engine(rig: RigSpec, nominal: Finder, engines: Sequence[Array], curved: Finder, names: Sequence[str]) -> Answer:
     p = max(_PRETENSION_MM)
     rows: list[dict[str, Cell]] = []
-    bent = _engines(_curved(rig), curved)
+    bent = _engines(_curved(rig, curved.asked.azimuth_deg), curved)
     for i, b in enumerate(_ENGINE_BENDS):
         best = _best(nominal, rig, p, b)
         twist, hz, per, slow = (_over([one[k] for one in engines], i) for k in range(4))
@@ -244,6 +253,7 @@ def _engine(rig: RigSpec, nominal: Finder, engines: Sequence[Array], curved: Fin
             }
         )
     last = rows[-1]
+    other = _best(aside, rig, p, _ENGINE_BENDS[-1])
     twist, per, slow = (last[name] for name in ("twist_deg", "twist_per_tilt", "twist_per_tilt_slow"))
     assert isinstance(twist, Estimate)
     assert isinstance(per, Estimate)
@@ -254,6 +264,8 @@ def _engine(rig: RigSpec, nominal: Finder, engines: Sequence[Array], curved: Fin
     there = "at the torsion's resonance, not below it" if twist.value > _FEELS else "hardly"
     if twist.low < _FEELS < twist.high:
         there += "; how much hangs on the head's masses"
+    elif max(math.degrees(other.torsion), twist.value) > 2 * min(math.degrees(other.torsion), twist.value):
+        there += "; how much hangs on how the lever lies"
     return Answer(
         ENGINE,
         "Is there a spinal engine, and how much twist does it give? (section 5.1)",
@@ -267,6 +279,9 @@ def _engine(rig: RigSpec, nominal: Finder, engines: Sequence[Array], curved: Fin
             f"The motors take up {1e3 * speed:.3g} mm/s under the tendons' tension, by the torque line at 12 V; "
             f"that is {last['take_up_mm']:.2g} mm at the resonance. The guides' friction is in it at that twist; the "
             "losses of tendons that run through guides while the head tilts are not known and not in it.",
+            f"How the lever lies decides: bent towards {aside.asked.azimuth_deg:g}° from y, along which its arms are, "
+            f"instead of {nominal.asked.azimuth_deg:g}°, it is {math.degrees(other.torsion):.2g}° at "
+            f"{other.frequency_hz:.4g} Hz, {other.per_tilt:.2g} degrees a degree.",
             f"A joint cast with a bend of {_CURVED_DEG:g}° and held at the same {_ENGINE_BENDS[-1]:g}° gives "
             f"{last['curved_twist_deg']:.2g}° at {last['curved_frequency_hz']:.4g} Hz, and slowly "
             f"{last['curved_twist_per_tilt_slow']:.2g}° a degree: a curve at rest couples side bend and yaw more when "
