@@ -64,10 +64,10 @@ def test_a_link_to_an_absent_page_and_to_an_absent_heading_are_found(tmp_path: P
     assert len(check_links.broken_links(page)) == 2
 
 
-@pytest.mark.parametrize("name", sorted(write_reference.reference_pages()))
-def test_the_committed_reference_page_is_what_the_schema_says(name: str) -> None:
-    written = (ROOT / name).read_text(encoding="utf-8")
-    assert written == write_reference.reference_pages()[name], "run `make reference`"
+def test_every_committed_reference_page_is_what_the_schema_says() -> None:
+    pages = write_reference.reference_pages()
+    written = {name: (ROOT / name).read_text(encoding="utf-8") for name in pages}
+    assert [name for name in pages if written[name] != pages[name]] == [], "run `make reference`"
 
 
 def locked(name: str) -> dict[str, str]:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.contracts.commands import answered, command_lines, refused
+from tests.unit.analysis_sweep import Joint, sweep
 
 from sinew.identify.joint.calibration import Source, calibrated_together
 from sinew.measure.files.netcdf import save_recording
@@ -18,15 +19,22 @@ TENSION = "tendons.first_contact_tension"
 
 
 @pytest.fixture(scope="module")
-def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a rig that is calibrated at 0 mm as far as it says, and a recording of it at 0 and 6 mm."""
-    folder = tmp_path_factory.mktemp("bench")
+def rigs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with two rigs, one of them calibrated at 0 mm as far as it says, and a recording of another joint."""
+    folder = tmp_path_factory.mktemp("rigs")
     rig = load_rig("paper")
     record = calibrated_together([TENSION], np.array([[0.3**2]]), [Source("monday.nc", "0" * 64)], [0.0])
     (folder / "mine.toml").write_text(dump_rig(rig.model_copy(update={"calibration": record})), encoding="utf-8")
     (folder / "plain.toml").write_text(dump_rig(rig), encoding="utf-8")
-    save_recording(simulate(PLAN, rig, seed=3), folder / "tuesday.nc")
+    save_recording(sweep([Joint()], SWEEP.frequency_hz), folder / "other.nc")
     return folder
+
+
+@pytest.fixture(scope="module")
+def bench(rigs: Path) -> Path:
+    """The same folder with a recording of the rig at 0 and 6 mm."""
+    save_recording(simulate(PLAN, load_rig("paper"), seed=3), rigs / "tuesday.nc")
+    return rigs
 
 
 @pytest.mark.slow
@@ -77,17 +85,17 @@ def test_against_a_recording_has_the_keys_of_the_reference_and_the_figure(
     mine.toml --bands 3 => --bands
     --oscillator inertia_kg_m2=1,frequency_hz=1,damping_ratio=0.1 --torque-n-m 1 --bands 20 => --bands is for a rig
     mine.toml --fitted-mm '0, 4' => name one with --against
-    mine.toml --against tuesday.nc --fitted-mm zero => zero or more, as 0,4,8
+    mine.toml --against other.nc --fitted-mm zero => zero or more, as 0,4,8
     mine.toml --against plain.toml => is not a NetCDF file
     mine.toml --against sunday.nc => sunday.nc
-    mine.toml --against tuesday.nc --to-hz 4 => goes from 2.6 to 4.4 Hz
+    mine.toml --against other.nc --to-hz 4 => goes from 2.6 to 4.4 Hz
 """)
 def test_what_cannot_be_meant_is_refused(
     arguments: tuple[str, ...],
     sentence: str,
-    bench: Path,
+    rigs: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(bench)
+    monkeypatch.chdir(rigs)
     assert sentence in refused(capsys, "predict", *arguments)

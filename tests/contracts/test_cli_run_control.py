@@ -53,21 +53,13 @@ def events(out: Path) -> list[tuple[str, str]]:
 
 
 @pytest.mark.slow
-def test_a_paused_run_goes_on_and_is_complete(
+def test_a_paused_run_goes_on_and_is_complete_and_samples_of_its_pause_belong_to_no_group(
     ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ask((PULLED_S, "pause"), (14.0, "resume"))
     told = run(capsys, plan, out)
     kinds = [kind for kind, _ in events(out) if kind in ("paused", "resumed", "end")]
     assert (told.status, kinds) == (0, ["paused", "resumed", "end"])
-
-
-@pytest.mark.slow
-def test_samples_of_a_pause_belong_to_no_group(
-    ask: Ask, plan: str, out: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    ask((PULLED_S, "pause"), (14.0, "resume"))
-    run(capsys, plan, out)
     with JournalReader(out / "journal.sqlite") as journal:
         (rest,) = [stretch for stretch in journal.stretches() if stretch.kind == "pause"]
     assert rest.group is None

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
+from importlib.util import find_spec
 from pathlib import Path
 
 import httpx
@@ -16,7 +17,7 @@ from tests.patience import LONG_S, Patience
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-pytest.importorskip("nicegui", reason="the dashboard needs the extra")
+pytestmark = pytest.mark.skipif(find_spec("nicegui") is None, reason="the dashboard needs the extra")
 
 TOKEN = "a-token-for-the-tests-of-pages"
 PATIENCE = 60.0

@@ -1,15 +1,16 @@
 """What viewers cost, on a smaller scale than `python -m campaigns.viewers --hours 2 --cycles 60`."""
 
 from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
 from typing import Any
 
 import pytest
-
-pytest.importorskip("nicegui", reason="the dashboard needs the extra")
-
 from campaigns.viewers import stream_hours
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("nicegui") is None, reason="the dashboard needs the extra"),
+]
 
 
 def streamed() -> dict[str, Any]:

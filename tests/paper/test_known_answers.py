@@ -109,7 +109,7 @@ def test_gain_and_phase_of_a_linear_joint_come_back_through_the_sensors(damping_
     np.testing.assert_allclose(np.degrees(lag), -np.degrees(np.angle(truth)), atol=0.3)
 
 
-@pytest.mark.parametrize("damping_ratio", [0.03, 0.1, 0.25])
+@pytest.mark.parametrize("damping_ratio", [0.1, *SLOWLY])
 def test_damping_ratio_of_a_linear_joint_comes_back_from_its_ring_down(damping_ratio: float) -> None:
     joint = Joint(damping_ratio)
     plan = _plan(joint, repeats=1, ring_downs=1)

@@ -82,7 +82,6 @@ def greedy(tmp_path_factory: pytest.TempPathFactory) -> tuple[VirtualBench, RunR
 Run = tuple[VirtualBench, RunReport, Greedy, xr.Dataset, Path]
 
 
-@pytest.mark.slow
 def test_the_whole_motion_is_one_tracking_segment_of_the_recording(greedy: Run) -> None:
     recording = greedy[3]
     (segment,) = np.flatnonzero(recording["kind"].values == "tracking")

@@ -74,7 +74,6 @@ def pulled(tmp_path_factory: pytest.TempPathFactory) -> Pulled:
     return Pulled(report, last_byte, goal, tripped, travel, bench)
 
 
-@pytest.mark.slow
 def test_the_cable_went_in_the_middle_of_a_swing(pulled: Pulled) -> None:
     assert abs(pulled.goal) > math.radians(3.0)
 

@@ -74,7 +74,6 @@ def page(figures: list[Path], tmp_path_factory: pytest.TempPathFactory) -> str:
     return path.read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
 def test_every_tag_that_opens_is_closed(page: str) -> None:
     assert outline(page).open == []
 

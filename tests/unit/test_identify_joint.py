@@ -114,6 +114,7 @@ def test_one_pretension_without_currents_leaves_the_diameter_open_and_says_so() 
     assert quiet_fit().unidentifiable == ()
 
 
+@pytest.mark.slow
 def test_the_document_has_the_keys_of_every_identification() -> None:
     document = identified_joint(quiet_fit()).document
     assert {"model", "parameters", "natural_frequency_hz", "damping_ratio", "rmse", "unit", "converged"} <= set(
@@ -139,6 +140,7 @@ def test_a_recording_without_a_gyroscope_is_refused() -> None:
         fit_joint([blind], load_rig("paper"))
 
 
+@pytest.mark.slow
 def test_the_shares_of_the_damping_add_up_to_all_of_it() -> None:
     found = quiet_fit()
     names = ("silicone_share", "guide_friction_share", "viscous_share")
@@ -146,6 +148,7 @@ def test_the_shares_of_the_damping_add_up_to_all_of_it() -> None:
         assert sum(found.at_pretension(name, pretension).value for name in names) == pytest.approx(1, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_prediction_of_a_segment_lies_on_its_measurement() -> None:
     for segment in quiet_fit().segments:
         kept = segment.residual[segment.kept]

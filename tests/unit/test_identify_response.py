@@ -147,7 +147,6 @@ def hardening_fit(seed: int = 0, noise: float = np.deg2rad(0.05)):
     return fit_response(response_points(hardening(seed, noise)), "cubic")
 
 
-@pytest.mark.slow
 def test_the_cubic_stiffness_comes_back_from_steady_states_that_scipy_integrated() -> None:
     assert hardening_fit().parameters["cubic_n_m_per_rad3"].value == pytest.approx(6.0, rel=5e-3)
 

@@ -60,6 +60,7 @@ def test_the_held_out_error_of_the_right_model_is_the_noise() -> None:
     assert compared().rows[0].rmse_test == pytest.approx(0.002, rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_verdict_tells_of_the_recording_and_of_the_residuals() -> None:
     assert "residuals are" in compared().verdict
 

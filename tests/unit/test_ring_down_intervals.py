@@ -55,12 +55,14 @@ def test_the_90_percent_interval_of_the_damping_covers_it_85_to_95_times_in_100(
     assert 0.85 <= np.mean([trials.inside for trials in all_trials.values()]) <= 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", DAMPINGS)
 def test_the_bias_of_the_damping_is_below_a_quarter_of_its_standard_deviation(all_trials, damping: float) -> None:
     values = all_trials[damping].values
     assert abs(values.mean() - damping) < 0.25 * values.std()
 
 
+@pytest.mark.slow
 def test_the_90_percent_interval_of_the_frequency_covers_it(all_trials) -> None:
     found = [
         result.frequency_hz.low <= 3.0 * np.sqrt(1 - damping**2) <= result.frequency_hz.high
@@ -70,6 +72,7 @@ def test_the_90_percent_interval_of_the_frequency_covers_it(all_trials) -> None:
     assert 0.85 <= np.mean(found) <= 0.95
 
 
+@pytest.mark.slow
 def test_a_linear_decay_is_called_not_exponential_at_most_3_times_in_100(all_trials) -> None:
     verdicts = [result.shape.exponential for trials in all_trials.values() for result in trials.results]
     assert np.mean(verdicts) >= 0.97

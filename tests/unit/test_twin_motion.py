@@ -1,5 +1,7 @@
 """Motion of the twin: energy balance, step size, damping and hardening, switches."""
 
+from functools import cache
+
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
@@ -102,6 +104,7 @@ def _lehr(track: Track, group: Group) -> float:
     return float(-slope / np.pi)
 
 
+@cache
 def _lehr_over_pretension(rig: RigSpec, effects: Effects) -> list[float]:
     groups = [_ring_down(p, 3.0 + 1.3 * p / 12, amplitude_deg=6.0) for p in (0.0, 6.0, 12.0)]
     tracks = simulate_tracks(lane_parameters(groups, rig, effects=effects), groups, SAMPLE_HZ)
@@ -116,6 +119,7 @@ def test_with_lossy_silicone_alone_damping_falls_with_pretension(rig: RigSpec) -
     assert damping[2] < 0.9 * damping[0]
 
 
+@pytest.mark.slow
 def test_guide_friction_adds_damping_that_grows_with_pretension(rig: RigSpec) -> None:
     lossy = _lehr_over_pretension(rig, Effects().without("guide_friction", "drive_dynamics"))
     both = _lehr_over_pretension(rig, Effects().without("drive_dynamics"))

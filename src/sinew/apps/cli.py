@@ -16,7 +16,7 @@ import typer
 from sinew import __version__
 from sinew.apps.bench import check, doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
-from sinew.apps.joints import calibrate, design, joint, predict, transfer, tune
+from sinew.apps.joints import calibrate, design, joint, modes, pose, predict, transfer, tune
 from sinew.apps.recordings import analyse, convert, gait, identify, reproduce, simulate
 from sinew.measure.errors import SinewError
 
@@ -51,9 +51,16 @@ _command(
 _command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat")(
     transfer.transfer
 )
+_command(epilog="Example: sinew modes rigs/paper.toml --pretension-mm 0,6,12 --bend-deg 0,20 --out out/modes.html")(
+    modes.modes
+)
 _command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(joint.joint)
 _command(epilog="Example: sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared")(predict.compare)
 _command(epilog="Example: sinew tune rigs/paper.toml --resonance-hz 3.2,3.6,4 --yaw-deg 7 --json")(tune.tune)
+_command(epilog="Example: sinew pose paper --pretension-mm 6 --bend-deg 20 --azimuth-deg 90 --out bent.png")(pose.pose)
+_command(epilog="Example: sinew workspace paper --pretension-mm 0,6,12 --step-deg 4 --out workspace.png")(
+    pose.workspace
+)
 _command(epilog="Example: sinew gait slow.npz fast.npz --speed-m-s 0.8,1.4 --out out/gait")(gait.gait)
 _command(epilog="Example: sinew design --stride-hz 0.7:1.1 --yaw-deg 7 --inertia-kg-m2 0.25 --out out/torso")(
     design.design

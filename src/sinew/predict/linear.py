@@ -337,7 +337,8 @@ def linear_joints(
 _SYSTEMS = ("drive", "lever")
 
 
-def _pole(pole: Pole) -> dict[str, float]:
+def pole_document(pole: Pole) -> dict[str, float]:
+    """Return a pole or zero as JSON holds it."""
     return {
         "real_per_s": pole.s.real,
         "imag_per_s": pole.s.imag,
@@ -350,7 +351,7 @@ def _channel(channel: Channel) -> dict[str, Any]:
     return {
         "input": channel.input,
         "output": channel.output,
-        "zeros": [_pole(zero) for zero in channel.zeros],
+        "zeros": [pole_document(zero) for zero in channel.zeros],
         "gain": channel.gain,
         "static_gain": channel.static,
     }
@@ -361,7 +362,7 @@ def system_document(system: StateSpace) -> dict[str, Any]:
     return {
         **{name: getattr(system, name).tolist() for name in ("a", "b", "c", "d")},
         **{name: list(getattr(system, name)) for name in ("states", "inputs", "outputs")},
-        "poles": [_pole(pole) for pole in system.poles()],
+        "poles": [pole_document(pole) for pole in system.poles()],
         "channels": [_channel(system.channel(o, i)) for i in system.inputs for o in system.outputs],
     }
 
@@ -383,22 +384,25 @@ def _cells(values: Sequence[Any]) -> Any:
     return cells
 
 
-def _matlab(joints: Sequence[LinearJoint]) -> dict[str, Any]:
+def _matlab(joints: Sequence[LinearJoint], space: Sequence[StateSpace]) -> dict[str, Any]:
     """Return the variables of a MAT file: `pretension_mm`, a column, and for each system a struct with the cells A, B,
     C, D, a row for each pretension, and the names of states, inputs and outputs."""
     content: dict[str, Any] = {"pretension_mm": np.array([[joint.pretension_mm] for joint in joints])}
-    for name in _SYSTEMS:
-        systems: list[StateSpace] = [getattr(joint, name) for joint in joints]
+    kinds: dict[str, Sequence[StateSpace]] = {name: [getattr(one, name) for one in joints] for name in _SYSTEMS}
+    for name, systems in (kinds | ({"space": space} if space else {})).items():
         content[name] = {key.upper(): _cells([getattr(s, key) for s in systems]) for key in ("a", "b", "c", "d")}
         content[name] |= {key: _cells(list(getattr(systems[0], key))) for key in ("states", "inputs", "outputs")}
     return content
 
 
-def write_transfer(joints: Sequence[LinearJoint], document: Any, path: Path) -> tuple[Path, ...]:
+def write_transfer(
+    joints: Sequence[LinearJoint], document: Any, path: Path, space: Sequence[StateSpace] = ()
+) -> tuple[Path, ...]:
     """Write linear joints, atomically, and return the files.
 
     path: ends with .mat or .json for one file; else a folder, for `transfer.json` and `transfer.mat`.
-    document: what the JSON file holds. Raises SpecError for another ending, FileError where nothing can be written.
+    document: what the JSON file holds. space: systems of the same pretensions in space, where wanted. Raises SpecError
+    for another ending, FileError where nothing can be written.
     """
     if path.suffix and path.suffix not in (".mat", ".json"):
         raise SpecError(f"--out is {path}, expected a name that ends with .json or .mat, or a folder")
@@ -408,7 +412,7 @@ def write_transfer(joints: Sequence[LinearJoint], document: Any, path: Path) -> 
         temporary.write_text(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
 
     def write_mat(temporary: Path) -> None:
-        io.savemat(str(temporary), _matlab(joints), appendmat=False, format="5", long_field_names=True)
+        io.savemat(str(temporary), _matlab(joints, space), appendmat=False, format="5", long_field_names=True)
 
     for file in files:
         write_atomically(file, write_mat if file.suffix == ".mat" else write_json)

@@ -90,11 +90,11 @@ def space_from_rig(rig: RigSpec) -> Space:
     rod = Rod(
         joint=joint,
         # A bend towards azimuth a turns about the axis across it: y to -sin a, z to cos a.
-        rest_bend=(-bend * np.sin(azimuth), bend * np.cos(azimuth)),  # type: ignore[arg-type]
+        rest_bend=(-bend * np.sin(azimuth), bend * np.cos(azimuth)),
         bending=(least, greatest),  # type: ignore[arg-type]
         shear=SHEAR_FACTOR * joint.axial_rigidity,
         line_mass=density * area,  # type: ignore[arg-type]
-        line_inertia=tuple(density * m for m in (sum(moments), *moments)),  # type: ignore[arg-type]
+        line_inertia=(density * sum(moments), density * moments[0], density * moments[1]),  # type: ignore[arg-type]
     )
     across, lever = spatial.head_across.value, rig.inertia.lever.value
     space = Space(
@@ -107,11 +107,11 @@ def space_from_rig(rig: RigSpec) -> Space:
         lever_tensor=np.array([lever, spatial.lever_along.value, lever]),  # type: ignore[arg-type]
         weight=np.array([-STANDARD_GRAVITY, 0.0, 0.0]),  # type: ignore[arg-type]
         channel=float(spatial.routing == "channel"),  # type: ignore[arg-type]
-        cable_end=np.full(tendons, 1e3),  # type: ignore[arg-type]
-        held_tension=np.zeros(tendons),  # type: ignore[arg-type]
+        cable_end=np.full(tendons, 1e3),
+        held_tension=np.zeros(tendons),
         pulls=np.zeros(tendons),  # type: ignore[arg-type]
         blow=np.zeros(3),  # type: ignore[arg-type]
-        added=np.zeros((6 * TERMS, 6 * TERMS)),  # type: ignore[arg-type]
+        added=np.zeros((6 * TERMS, 6 * TERMS)),
     )
     return jax.tree.map(lambda value: np.asarray(value, dtype=float), space)  # type: ignore[no-any-return]
 

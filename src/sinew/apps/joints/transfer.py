@@ -12,6 +12,7 @@ from sinew.measure.estimate import fixed, number
 if TYPE_CHECKING:
     from sinew.plan.plan import TendonMode
     from sinew.plan.rig import RigSpec
+    from sinew.predict.bent import BentJoint
     from sinew.predict.linear import Gear
     from sinew.twin.parameters import Effects
 
@@ -30,6 +31,10 @@ def transfer(
     start: Annotated[float, option("HZ", "Its lowest frequency.", "--from-hz")] = 1.0,
     stop: Annotated[float, option("HZ", "Its highest frequency.", "--to-hz")] = 6.0,
     mode: Annotated[str, option("|".join(MODES), "Mode of the motors.")] = "position",
+    bend: Annotated[
+        float | None, option("DEG", "Also in space, the head bent by this: from lever and tendons.", "--bend-deg")
+    ] = None,
+    azimuth: Annotated[float, option("DEG", "Direction of the bend, from y towards z.", "--azimuth-deg")] = 0.0,
     without: Without = None,
     out: Annotated[Path | None, option("PATH", "FILE.json, FILE.mat, or a folder for both.")] = None,
     json: Json = False,
@@ -39,6 +44,8 @@ def transfer(
     Linear: state space, poles, zeros and gains, from command, lever and torque on the head to torsion, for
     python-control and MATLAB. Where linear is not enough, --amplitude-deg gives gain and lag of the fundamental, and
     the joint's equivalent stiffness and damping, at each amplitude of the command.
+    With --bend-deg, zero for a straight joint, also the joint in space: from the lever's angle, from what the motors
+    take up of the tendons in pitch, roll and alike, and from a torque, to torsion, pitch, roll and axial motion.
     """
     pretensions = console.number_list("--pretension-mm", pretension, "zero or more: cables cannot push", low=0)
     expected = f"positive angles up to {console.LARGEST_DEG:g}°"
@@ -49,6 +56,12 @@ def transfer(
         )
     console.checked_band((start, stop))
     console.check_choice("--mode", mode, MODES)
+    if bend is not None:
+        console.checked_number("--bend-deg", bend, "0 to 60°; turn it by --azimuth-deg", low=0, high=60)
+        if without:
+            raise SpecError(f"found --without {without[0]} with --bend-deg; in space all effects act, leave one out")
+    elif azimuth:
+        raise SpecError("found --azimuth-deg without --bend-deg; say how far the head is bent")
     if out is not None:
         if out.suffix not in ("", ".json", ".mat"):
             raise SpecError(f"--out is {out}, expected a name that ends with .json or .mat, or a folder")
@@ -74,8 +87,14 @@ def transfer(
     }
     if amplitudes:
         document["describing"] = _describing(spec, pretensions, amplitudes, (start, stop), held, effects)
+    bent: tuple[BentJoint, ...] = ()
+    if bend is not None:
+        from sinew.predict.bent import bent_document, bent_joints
+
+        bent = bent_joints(spec, pretensions, bend, azimuth_deg=azimuth, mode=held)
+        document["space"] = [bent_document(joint) for joint in bent]
     if out is not None:
-        files = write_transfer(joints, document, out)
+        files = write_transfer(joints, document, out, [joint.system for joint in bent])
         document["files"] = [str(file) for file in files]
     if json:
         console.print_json(document)
@@ -147,6 +166,8 @@ def _print(document: dict[str, Any]) -> None:
     console.print_table(columns, rows, "linear at rest: undamped frequency and damping ratio of the poles that swing")
     if "describing" in document:
         _print_describing(document["describing"])
+    if "space" in document:
+        _print_space(document["space"])
     for note in document["joints"][0]["notes"]:
         print(f"- at {document['joints'][0]['pretension_mm']:g} mm {note}")
     for file in document.get("files", []):
@@ -180,3 +201,29 @@ def _print_describing(describing: list[dict[str, Any]]) -> None:
     for one in describing:
         if not one["complete"]:
             print(f"- at {one['pretension_mm']:g} mm and {one['command_deg']:g}° {one['message']}")
+
+
+def _print_space(joints: list[dict[str, Any]]) -> None:
+    rows = []
+    for one in joints:
+        swung = [pole for pole in one["poles"] if pole["imag_per_s"] > 0 and pole["damping_ratio"] < 1]
+        slow = "; ".join(
+            f"{number(p['frequency_hz'], unit='Hz')}, D {number(p['damping_ratio'], 2)}" for p in swung[:3]
+        )
+        gain = one["static_gain"]
+        rows.append(
+            (
+                f"{one['pretension_mm']:g}",
+                f"{one['bend_deg']:g}" + ("" if one["taut"] else " (slack)"),
+                number(1 / gain["torque_n_m"]["torsion_rad"]),
+                number(1e-3 * 57.29578 * gain["pitch_take_up_m"]["pitch_rad"], 3),
+                number(1e-3 * 57.29578 * gain["roll_take_up_m"]["roll_rad"], 3),
+                slow,
+                f"{100 * one['cut']:.2g}",
+            )
+        )
+    columns = (
+        *("pretension/mm", "bend/°", "static stiffness/(N m/rad)", "pitch/(°/mm)", "roll/(°/mm)"),
+        *("slowest poles", "cut/%"),
+    )
+    console.print_table(columns, rows, "in space: lever and tendons to torsion, pitch, roll and axial motion")

@@ -1,0 +1,111 @@
+"""`sinew pose` and `sinew workspace`: where a joint rests that bends, and how far it may be bent."""
+
+from pathlib import Path
+from typing import Annotated
+
+from sinew.apps import console
+from sinew.apps.console import Json, RigArgument, option
+from sinew.apps.joints.options import MODES, Mode
+from sinew.measure.errors import SpecError
+
+_FORMATS = ("png", "pdf", "svg")
+
+
+def pose(
+    rig: RigArgument,
+    pretension: Annotated[float, option("MM", "Mean take-up of the tendons.", "--pretension-mm")] = 6.0,
+    bend: Annotated[float, option("DEG", "How far the head is to be bent.", "--bend-deg")] = 0.0,
+    azimuth: Annotated[
+        float, option("DEG", "Where to: from y, where the lever lies at rest, towards z.", "--azimuth-deg")
+    ] = 0.0,
+    mode: Mode = "position",
+    take_up: Annotated[
+        str | None, option("MM,...", "Instead: the take-up of each tendon from first contact.", "--take-up-mm")
+    ] = None,
+    tension: Annotated[
+        str | None, option("N,...", "Instead: the tension that each current holds.", "--tension-n")
+    ] = None,
+    out: Annotated[Path | None, option("FILE.png", "Draw the bent joint into this file (png, pdf, svg).")] = None,
+    json: Json = False,
+) -> None:
+    """Find where a joint rests that bends: take-ups, tensions and currents that hold it, and what speaks against it.
+
+    A pose that cannot be reached, does not stay or breaks a limit is no error: the answer says why, and the exit
+    status is 0.
+    """
+    console.check_choice("--mode", mode, MODES)
+    console.checked_number("--bend-deg", bend, "0 to 90; turn the azimuth for the other side", low=0, high=90)
+    console.checked_number("--azimuth-deg", azimuth, "-360 to 360", low=-360, high=360)
+    console.checked_number("--pretension-mm", pretension, "0 to 100: cables cannot push", low=0, high=100)
+    _check_picture(out)
+    given = [
+        None if text is None else tuple(console.number_list(flag, text, expected))
+        for flag, text, expected in (
+            ("--take-up-mm", take_up, "one length for each tendon, as 8,6,4,6"),
+            ("--tension-n", tension, "one tension for each tendon, as 50,40,30,40"),
+        )
+    ]
+    from sinew.plan.toml import load_rig
+    from sinew.predict.poses.pose import PoseAsked, find_pose
+
+    found = find_pose(load_rig(rig), PoseAsked(pretension, bend, azimuth, mode, *given))
+    if out is not None:
+        from sinew.figures.pose import draw_pose
+        from sinew.figures.style import save_figure
+
+        figure = draw_pose(found)
+        if figure is None:
+            console.remark("there is no pose to draw")
+            out = None
+        else:
+            save_figure(figure, out.parent, out.stem, (out.suffix[1:],))
+    if json:
+        console.print_json(found.document())
+        return
+    console.print_told(found.told())
+    if out is not None:
+        print(f"written: {out}")
+
+
+def _check_picture(out: Path | None) -> None:
+    if out is None:
+        return
+    if out.suffix[1:] not in _FORMATS:
+        raise SpecError(f"--out is {out}, expected a name that ends with .png, .pdf or .svg")
+    console.require_file(out)
+
+
+def workspace(
+    rig: RigArgument,
+    pretension: Annotated[str, option("MM,...", "Pretensions, one map for each.", "--pretension-mm")] = "0,6,12",
+    step: Annotated[float, option("DEG", "From one pose to the next.", "--step-deg")] = 2.0,
+    mode: Mode = "position",
+    out: Annotated[Path | None, option("FILE.png", "Draw the maps into this file (png, pdf, svg).")] = None,
+    json: Json = False,
+) -> None:
+    """Map the poses that a joint reaches, over pitch and roll: where tendons go slack, what breaks a limit.
+
+    The map goes as far as the rig may bend (limits.bend_deg, else 40°).
+    """
+    console.check_choice("--mode", mode, MODES)
+    console.checked_number("--step-deg", step, "0.1 to 40", low=0.1, high=40)
+    pretensions = console.number_list(
+        "--pretension-mm", pretension, "zero or more: cables cannot push", low=0, high=100
+    )
+    _check_picture(out)
+    from sinew.plan.toml import load_rig
+    from sinew.predict.poses.workspace import map_workspace
+
+    with console.progress_bar("map") as progress:
+        found = map_workspace(load_rig(rig), pretensions, step_deg=step, mode=mode, progress=progress)
+    if out is not None:
+        from sinew.figures.pose import draw_workspace
+        from sinew.figures.style import save_figure
+
+        save_figure(draw_workspace(found), out.parent, out.stem, (out.suffix[1:],))
+    if json:
+        console.print_json(found.document())
+        return
+    console.print_told(found.told())
+    if out is not None:
+        print(f"written: {out}")

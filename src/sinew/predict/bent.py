@@ -1,0 +1,290 @@
+"""The bent joint linear: from lever and tendons to torsion, pitch, roll and axial motion, and the spinal engine.
+
+With x the 18 coordinates of `sinew.solve.spatial` about a rest pose, z_i those of the silicone's dashpots,
+
+    M x¨ + m θ¨ + d t tᵀ x˙ + (K + k_g t tᵀ) x + Σ g_i K_0 (x - z_i) = P u + t τ,        z˙_i = (x - z_i)/τ_i,
+
+θ the lever's angle against the head, u what motors take up of the tendons in patterns P, t the slope of the torsion by
+the coordinates, τ a torque on the head about its torsion, k_g of guides that hold. Tendon motors keep to their mode: in
+current mode they do not feel what they take up, so u does nothing.
+
+The state space keeps a few shapes: the slowest modes, and what each input brings about when it comes slowly, so that
+statics are exact; `cut` says how far the response is off from that of all coordinates.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+import scipy.linalg
+
+from sinew.measure.arrays import Array, Complexes
+from sinew.measure.errors import SpecError
+from sinew.mechanics.rod import rod_poses
+from sinew.mechanics.silicone import glassy_factor, relaxation_times
+from sinew.mechanics.space import Space
+from sinew.plan.plan import TendonMode
+from sinew.plan.rig import RigSpec
+from sinew.plan.servo import PAPER_TENDON, SERVOS
+from sinew.predict.linear import StateSpace, pole_document
+from sinew.predict.modes import Asked, Finder
+from sinew.predict.predicted import refuse_pretensions
+from sinew.solve.spatial import Linear, patterns
+
+INPUTS = ("lever_rad", "pitch_take_up_m", "roll_take_up_m", "common_take_up_m", "torque_n_m")
+"""The lever's angle against the head; how much of its tendons each motor takes up, cosine-like about y and about z, and
+all alike; a torque on the head."""
+
+OUTPUTS = ("torsion_rad", "pitch_rad", "roll_rad", "axial_m")
+"""Of the head: torsion, tilt about y and z of frame B by swing and twist, and rise of the plate along x of B."""
+
+SHAPES = 8
+"""Modes that a state space keeps, beside the shapes of its inputs: those below some 40 Hz."""
+
+CHECKED_HZ = (0.3, 12.0)
+
+
+@cache
+def _reach() -> Any:
+    """Return the compiled slope of the plate's place along x by the coordinates, (18,)."""
+
+    def of(q: jax.Array, space: Space) -> jax.Array:
+        return jax.grad(lambda flat: rod_poses(flat.reshape(q.shape), space.rod)[1][-1, 0])(q.ravel())
+
+    return jax.jit(of)
+
+
+class _Seen(NamedTuple):
+    """Slopes of the outputs by the coordinates (4, 18); forces of the inputs but the lever's (18, 4); the force of the
+    lever's acceleration (18,)."""
+
+    outputs: Array
+    forces: Array
+    lever: Array
+
+
+def _seen(linear: Linear, space: Space, q: Array) -> _Seen:
+    at = linear.around
+    outputs = np.vstack([at.by_torsion, at.by_tilt, np.asarray(_reach()(q, space))])
+    common, pitch, roll = patterns(space)
+    # Taking up shortens the cable between its ends: the slack length falls.
+    pulled = [at.by_end @ pattern for pattern in (pitch, roll, common)]
+    return _Seen(outputs, np.stack([*pulled, at.by_torsion], axis=1), -linear.lever_row)
+
+
+@dataclass(frozen=True)
+class BentJoint:
+    """One joint at one pose, linear. system: its state space. cut: largest deviation of its response from that of all
+    coordinates, over `CHECKED_HZ`, of the largest response from the same input to the same output."""
+
+    pretension_mm: float
+    bend_deg: float
+    azimuth_deg: float
+    system: StateSpace
+    tension_n: Array
+    taut: bool
+    guide_stiffness: float
+    cut: float
+
+
+def response(
+    linear: Linear,
+    space: Space,
+    q: Array,
+    frequency_hz: Array | Sequence[float],
+    swing: float | None = None,
+) -> Complexes:
+    """Return outputs by inputs of all coordinates at frequencies [Hz], (f, output, input).
+
+    swing: amplitude of the torsion [rad] at which the guides slip, with spring and loss of their fundamental; where
+    None they hold.
+    """
+    seen, at = _seen(linear, space, q), linear.around
+    twist = np.outer(at.by_torsion, at.by_torsion)
+    guides = 0j
+    if swing is not None:
+        spring, loss = space.rod.joint.guides.fundamental(float(at.tension.sum()), np.asarray(swing))
+        guides = complex(float(spring) - linear.guides, float(loss))
+    found = []
+    for hz in np.atleast_1d(frequency_hz):
+        omega = 2 * math.pi * float(hz)
+        storage, loss_ = linear.stiffness(omega, space)
+        dynamic = storage + 1j * loss_ + guides * twist - omega**2 * linear.mass
+        forces = np.column_stack([-(omega**2) * seen.lever, seen.forces])
+        found.append(seen.outputs @ np.linalg.solve(dynamic, forces))
+    return np.array(found)
+
+
+def state_space(linear: Linear, space: Space, q: Array, shapes: int = SHAPES) -> StateSpace:
+    """Return the state space of a pose. shapes: how many modes it keeps; 18 keeps all coordinates.
+
+    States: amplitudes of the shapes less what the lever moves of them at once, their rates, and those of the dashpots.
+    """
+    seen, at = _seen(linear, space, q), linear.around
+    twist = np.outer(at.by_torsion, at.by_torsion)
+    held = at.stiffness + linear.guides * twist
+    glassy = held + (float(glassy_factor(space.rod.joint)) - 1) * linear.memory
+    basis = _basis(glassy, held, linear.mass, np.column_stack([seen.lever, seen.forces]), shapes)
+    n = basis.shape[1]
+    p = space.rod.joint
+    shares = np.array([float(g) for g in p.prony_shares])
+    times = relaxation_times()
+    memory = basis.T @ linear.memory @ basis
+    # Shapes are orthonormal by the mass, so their mass matrix is one.
+    a = np.zeros(((2 + times.size) * n, (2 + times.size) * n))
+    a[:n, n : 2 * n] = np.eye(n)
+    a[n : 2 * n, :n] = -(basis.T @ held @ basis + shares.sum() * memory)
+    a[n : 2 * n, n : 2 * n] = -float(p.viscous) * (basis.T @ twist @ basis)
+    for i, (share, time) in enumerate(zip(shares, times, strict=True)):
+        mine = slice((2 + i) * n, (3 + i) * n)
+        a[n : 2 * n, mine] = share * memory
+        a[mine, :n] = np.eye(n) / time
+        a[mine, mine] = -np.eye(n) / time
+    c = np.zeros((len(OUTPUTS), len(a)))
+    c[:, :n] = seen.outputs @ basis
+    forces = np.zeros((len(a), len(INPUTS) - 1))
+    forces[n : 2 * n] = basis.T @ seen.forces
+    e = np.zeros(len(a))
+    e[n : 2 * n] = basis.T @ seen.lever
+    # The lever acts by its acceleration; see `sinew.predict.linear` for how its angle becomes the input.
+    b = np.column_stack([a @ a @ e, forces])
+    d = np.column_stack([c @ a @ e, np.zeros((len(OUTPUTS), forces.shape[1]))])
+    names = (
+        *(f"shape_{i + 1}_less_lever" for i in range(n)),
+        *(f"shape_{i + 1}_rate_less_lever" for i in range(n)),
+        *(f"memory_{k + 1}_of_shape_{i + 1}" for k in range(times.size) for i in range(n)),
+    )
+    return StateSpace(a, b, c, d, names, INPUTS, OUTPUTS)
+
+
+def _basis(glassy: Array, held: Array, mass: Array, forces: Array, shapes: int) -> Array:
+    """Return shapes (18, n), orthonormal by the mass: the slowest modes and the static shapes of forces."""
+    slow = scipy.linalg.eigh(glassy, mass)[1]
+    if shapes >= len(mass):
+        return np.asarray(slow)
+    few = np.column_stack([slow[:, :shapes], np.linalg.solve(held, forces)])
+    size = few / np.sqrt(np.einsum("ij,ik,kj->j", few, mass, few))
+    left, kept, _ = np.linalg.svd(scipy.linalg.cholesky(mass) @ size, full_matrices=False)
+    good = left[:, kept > 1e-9 * kept[0]]
+    spanned = np.linalg.solve(scipy.linalg.cholesky(mass), good)
+    turned = scipy.linalg.eigh(spanned.T @ glassy @ spanned)[1]
+    return np.asarray(spanned @ turned)
+
+
+def bent_joints(
+    rig: RigSpec,
+    pretension_mm: Sequence[float],
+    bend_deg: float,
+    *,
+    azimuth_deg: float = 0.0,
+    mode: TendonMode = "position",
+    shapes: int = SHAPES,
+) -> tuple[BentJoint, ...]:
+    """Return the linear joint at each pretension [mm], its head bent. Raises SpecError where there is no such pose."""
+    refuse_pretensions(rig, pretension_mm)
+    finder = Finder(rig, Asked(tuple(pretension_mm), (bend_deg,), azimuth_deg, mode))
+    joints = []
+    at = np.geomspace(*CHECKED_HZ, 60)
+    for mm in pretension_mm:
+        linear, space = finder.linear(mm, bend_deg)
+        q = finder.at(mm, bend_deg).coordinates
+        system = state_space(linear, space, q, shapes)
+        whole, cut = response(linear, space, q, at), system.response(at)
+        largest = np.abs(whole).max(axis=0)
+        heard = largest > 1e-9 * largest.max(axis=0)
+        off = np.abs(cut - whole).max(axis=0)[heard] / largest[heard]
+        tension = linear.around.tension
+        joints.append(
+            BentJoint(
+                mm,
+                bend_deg,
+                azimuth_deg,
+                system,
+                tension,
+                bool(np.all(tension > 0)),
+                linear.guides,
+                float(off.max(initial=0.0)),
+            )
+        )
+    return tuple(joints)
+
+
+def bent_document(joint: BentJoint) -> dict[str, Any]:
+    """Return a bent joint as numbers and lists: matrices, names, poles and static gains."""
+    system = joint.system
+    static = system.d - system.c @ np.linalg.solve(system.a, system.b)
+    return {
+        "pretension_mm": joint.pretension_mm,
+        "bend_deg": joint.bend_deg,
+        "azimuth_deg": joint.azimuth_deg,
+        "tension_n": joint.tension_n.tolist(),
+        "taut": joint.taut,
+        "guide_stiffness_n_m_rad": joint.guide_stiffness,
+        "cut": joint.cut,
+        **{name: getattr(system, name).tolist() for name in ("a", "b", "c", "d")},
+        **{name: list(getattr(system, name)) for name in ("states", "inputs", "outputs")},
+        "poles": [pole_document(pole) for pole in system.poles()],
+        "static_gain": {
+            source: {output: float(static[o, i]) for o, output in enumerate(system.outputs)}
+            for i, source in enumerate(system.inputs)
+        },
+    }
+
+
+# The spinal engine: tendons drive a bent head sideways, and it twists.
+
+
+class Engine(NamedTuple):
+    """What sideways drive of the tendons gives at one frequency. take_up: of each tendon, largest amplitude that the
+    motors' speed allows [m]; torsion, tilt: amplitudes of the head's torsion and of its tilt across [rad]; per_tilt:
+    torsion over tilt; lag: of the torsion behind the tilt [rad]."""
+
+    frequency_hz: float
+    take_up: float
+    torsion: float
+    tilt: float
+    per_tilt: float
+    lag: float
+
+
+def servo_speed(rig: RigSpec, tension: float) -> float:
+    """Return how fast a tendon's motor takes up cable under a tension [N] [m/s]: its torque line at 12 V."""
+    servo = SERVOS.get(rig.wiring.tendon_model, SERVOS[PAPER_TENDON])
+    radius = rig.tendons.pulley_radius.value
+    return max(0.0, servo.no_load_speed * (1 - tension * radius / servo.stall_torque)) * radius
+
+
+def spinal_engine(finder: Finder, rig: RigSpec, pretension_mm: float, bend_deg: float, frequency_hz: float) -> Engine:
+    """Return what the tendons give that drive a bent head sideways, as fast as their motors can.
+
+    The motors move their cable ends by A sin Ωt in the pattern across the bend; A is that at which the fastest of them
+    reaches the speed that its torque line leaves at its rest tension. Guides slip at the torsion that comes of it.
+    """
+    linear, space = finder.linear(pretension_mm, bend_deg)
+    q = finder.at(pretension_mm, bend_deg).coordinates
+    if finder.asked.mode != "position":
+        raise SpecError(f"the tendons are in mode {finder.asked.mode}, expected position: else they cannot be driven")
+    lean = math.radians(finder.asked.azimuth_deg)
+    # Tilt across: about the axis across that of the bend, (-cos a, -sin a) of (y, z).
+    across = np.array([-math.cos(lean), -math.sin(lean)])
+    pattern = across @ patterns(space)[1:]
+    limits = [
+        servo_speed(rig, float(tension)) / abs(float(share))
+        for tension, share in zip(linear.around.tension, pattern, strict=True)
+        if abs(share) > 1e-9
+    ]
+    take_up = min(limits) / (2 * math.pi * frequency_hz)
+    torsion = 0.0
+    for _ in range(20):
+        whole = response(linear, space, q, [frequency_hz], torsion)[0]
+        moved = whole[:, 1:3] @ across
+        before, torsion = torsion, float(abs(moved[0]) * take_up)
+        if abs(torsion - before) <= 1e-6 * torsion:
+            break
+    tilt = complex(across @ moved[1:3])
+    ratio = complex(moved[0]) / tilt
+    return Engine(frequency_hz, take_up, torsion, abs(tilt) * take_up, abs(ratio), float(-np.angle(ratio)))

@@ -1,0 +1,85 @@
+"""The bent joint linear: against all coordinates, the torsional joint, and a simulation; the spinal engine."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sinew.plan.toml import load_rig
+from sinew.predict.bent import INPUTS, OUTPUTS, response, servo_speed, spinal_engine, state_space
+from sinew.predict.linear import linear_joints
+from sinew.predict.modes import Asked, Finder
+
+FREQUENCIES = np.array([0.5, 2.0, 4.0, 6.0, 9.3, 11.0])
+MM = 12.0
+
+
+@pytest.fixture(scope="module")
+def finder() -> Finder:
+    """Return the paper's rig at 12 mm, straight and bent by 30°."""
+    return Finder(load_rig("paper"), Asked((MM,), (0.0, 30.0)))
+
+
+def test_a_state_space_of_all_shapes_is_the_response_of_the_linear_equations(finder: Finder) -> None:
+    linear, space = finder.linear(MM, 30)
+    q = finder.at(MM, 30).coordinates
+    whole = response(linear, space, q, FREQUENCIES)
+    found = state_space(linear, space, q, shapes=18).response(FREQUENCIES)
+    assert np.abs(found - whole).max(axis=0) == pytest.approx(np.zeros((4, 5)), abs=1e-7 * np.abs(whole).max())
+
+
+def test_few_shapes_are_right_to_a_hundredth_below_the_sways(finder: Finder) -> None:
+    linear, space = finder.linear(MM, 30)
+    q = finder.at(MM, 30).coordinates
+    low = FREQUENCIES[:4]
+    whole, found = response(linear, space, q, low), state_space(linear, space, q).response(low)
+    largest = np.abs(whole).max(axis=0)
+    heard = largest > 1e-6 * largest.max(axis=0)
+    assert (np.abs(found - whole).max(axis=0)[heard] / largest[heard]).max() < 0.01
+
+
+def test_a_straight_joint_without_weight_is_the_torsional_one(finder: Finder) -> None:
+    rig = load_rig("paper")
+    light = Finder(rig, finder.asked)
+    light.space = light.space._replace(weight=np.zeros(3))
+    linear, space = light.linear(MM, 0)
+    system = state_space(linear, space, light.at(MM, 0).coordinates)
+    (plain,) = linear_joints(rig, [MM])
+    mine, other = (next(p for p in one.poles() if p.s.imag > 0 and p.frequency_hz < 6) for one in (system, plain.lever))
+    # The rod's own inertia, a third of its moment, is in the joint in space only.
+    rod = float(space.rod.line_inertia[0]) * float(space.rod.joint.length) / 3
+    slower = 1 / math.sqrt(1 + rod / (rig.inertia.head.value + rig.inertia.lever.value))
+    assert mine.frequency_hz == pytest.approx(other.frequency_hz * slower, rel=5e-4)
+    assert mine.damping_ratio == pytest.approx(other.damping_ratio, rel=5e-3)
+    static = plain.lever.channel("torsion_rad", "torque_n_m").static
+    found = system.response([1e-4])[0, OUTPUTS.index("torsion_rad"), INPUTS.index("torque_n_m")]
+    assert found.real == pytest.approx(static, rel=2e-3)
+
+
+def test_the_engine_is_what_a_simulation_of_the_same_drive_gives(finder: Finder) -> None:
+    # Runge and Kutta on `mechanics.space.space_rate`, 8 s from rest at steps of 1.25 ms, tendons driven by 1 mm in
+    # pitch at 2.6597187460006673 Hz: 0.2045° of torsion and 2.4234° of pitch over the last four periods; by
+    # 0.2 mm at 4.388535930901101 Hz: 1.6404° and 0.5072°.
+    linear, space = finder.linear(MM, 30)
+    q = finder.at(MM, 30).coordinates
+    for hz, pull, torsion_deg, pitch_deg in ((2.6597, 1e-3, 0.2045, 2.4234), (4.38854, 2e-4, 1.6404, 0.5072)):
+        moved = np.abs(response(linear, space, q, [hz], math.radians(torsion_deg))[0, :, 1]) * pull
+        assert np.degrees(moved[0]) == pytest.approx(torsion_deg, rel=0.02)
+        assert np.degrees(moved[1]) == pytest.approx(pitch_deg, rel=0.02)
+
+
+def test_a_motor_takes_up_cable_as_its_torque_line_says() -> None:
+    rig = load_rig("paper")
+    free, half = servo_speed(rig, 0.0), servo_speed(rig, 0.5 * 3.4 / 0.0125)
+    assert free == pytest.approx(math.pi * 0.0125)
+    assert half == pytest.approx(0.5 * free)
+
+
+def test_tendons_twist_a_bent_head_at_resonance_and_hardly_when_slow(finder: Finder) -> None:
+    rig = load_rig("paper")
+    torsion = finder.at(MM, 30).of("torsion")
+    assert torsion is not None
+    slow, resonant = (spinal_engine(finder, rig, MM, 30, hz) for hz in (0.05, torsion.frequency_hz))
+    assert slow.per_tilt < 2e-3
+    assert resonant.per_tilt > 100 * slow.per_tilt
+    assert resonant.take_up * 2 * math.pi * torsion.frequency_hz < servo_speed(rig, 0.0)
