@@ -55,7 +55,9 @@ def recording_page() -> str:
     return f"""{_NOTE}
 # Recording
 
-A recording is an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{schema.RECORDING_SCHEMA}"`.
+A recording is an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{schema.RECORDING_SCHEMA}"`, or
+`"{schema.SPATIAL_SCHEMA}"` where the head bends, sways, or has its orientation recorded. The second is the first with
+what is marked below; both are read, and one of an upright head that only turns is still written as the first.
 It holds samples and segments as a contiguous ragged array in the CF sense: the samples of segment *i* are the
 `row_size[i]` samples after those of the segments before it. The twin, the emulated bench, the real bench and imported
 files give the same thing.
@@ -64,8 +66,10 @@ It is checked when it is made, written and read. Besides the tables below:
 
 - it has at least one response: `torsion_rad`, `gyro_rad_s` or `response`;
 - no sample is NaN or infinite, and `time_s` increases inside each segment (segments may lie apart in time);
-- every segment has at least one sample, its `kind` is settle, steady, ring-down or idle, and its pretension is not
-  negative.
+- every segment has at least one sample, its `kind` is settle, steady, ring-down, idle or tracking, and its pretension
+  is not negative;
+- the segments tell all of {", ".join(f"`{name}`" for name in schema.SPATIAL_SEGMENTS)}, or none of it; they and
+  `orientation` are of schema `{schema.SPATIAL_SCHEMA}`.
 
 ## Samples
 
@@ -79,7 +83,7 @@ What belongs to which kind of segment: [decision 5](../decisions/0005-segments.m
 
 | attribute | meaning |
 |---|---|
-| `schema` | `{schema.RECORDING_SCHEMA}` |
+| `schema` | `{schema.RECORDING_SCHEMA}` or `{schema.SPATIAL_SCHEMA}` |
 | `source` | twin, emulator, bench or import; an emulated bench says so itself, whoever opened its port |
 | `expected` | what the twin foretold of the plan, as JSON, for `sinew.analysis.doubts`; empty where nothing was |
 | `rig`, `plan` | their TOML texts, whole; empty where there is none |
@@ -90,7 +94,8 @@ What belongs to which kind of segment: [decision 5](../decisions/0005-segments.m
 | `content_hash` | SHA-256 over names, dimensions, values and attributes, checked on reading |
 | `Conventions`, `featureType` | what CF readers look for |
 
-The dimension `axis` counts x, y, z of the head's frame H ([conventions](../explanation/conventions.md)); `tendon`
+The dimension `axis` counts x, y, z of the head's frame H ([conventions](../explanation/conventions.md)), `quaternion`
+w, x, y, z of the turn from B to H; `tendon`
 counts the tendons in the order of the rig. No dimension of a recording has a coordinate: places are positions from 0,
 so take them by `isel`. The first tendon is `isel(tendon=0)` here and `tendon_1` in exported tables; `repeat` counts
 from 0 here and from 1 in [results](results.md). `sinew.measure.recording.segment_slices`

@@ -24,7 +24,7 @@ PLAN_TEXT = (ROOT / "plans" / "paper.toml").read_text(encoding="utf-8")
 
 
 def test_shipped_rigs_and_plans_are_listed_by_name() -> None:
-    assert (list_shipped("rigs"), list_shipped("plans")) == (["paper"], ["beyond", "first", "paper", "short"])
+    assert (list_shipped("rigs"), list_shipped("plans")) == (["paper"], ["bent", "beyond", "first", "paper", "short"])
 
 
 @pytest.mark.parametrize("name", ["paper", "paper.toml", "rigs/paper.toml", ROOT / "rigs" / "paper.toml"])
@@ -180,7 +180,9 @@ def test_a_rig_in_place_of_a_plan_is_called_a_rig() -> None:
 
 
 def test_a_name_that_nearly_matches_is_suggested() -> None:
-    with pytest.raises(SpecError, match=r"no plan shrt: .*ships beyond, first, paper, short; did you mean short\?"):
+    with pytest.raises(
+        SpecError, match=r"no plan shrt: .*ships bent, beyond, first, paper, short; did you mean short\?"
+    ):
         load_plan("shrt")
 
 

@@ -1,6 +1,7 @@
 """Recordings, put together and taken apart into segments."""
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +12,16 @@ from numpy.typing import ArrayLike
 
 from sinew.measure.doors import as_numbers, as_seconds
 from sinew.measure.errors import SchemaError, SpecError
-from sinew.measure.schema import RECORDING_SCHEMA, SAMPLE_VARIABLES, SEGMENT_VARIABLES, SegmentKind, validate_recording
+from sinew.measure.schema import (
+    RECORDING_SCHEMA,
+    SAMPLE_VARIABLES,
+    SEGMENT_VARIABLES,
+    SPATIAL_SCHEMA,
+    SPATIAL_SEGMENTS,
+    Excitation,
+    SegmentKind,
+    validate_recording,
+)
 from sinew.measure.timing import choose_stretch
 
 REGISTERS_ATTRIBUTE = "registers"
@@ -27,6 +37,8 @@ class Segment:
     frequency_hz, amplitude_deg: of the drive; NaN where there is none (idle, foreign ring-down). Tracking has no
     frequency of its own, and its amplitude is the one that was to be held.
     repeat: index of the repetition, from 0.
+    bend_deg, azimuth_deg: the pose; see `sinew.plan.pose`. excitation: what moves the head. amplitude_mm: of tendons
+    that drive it, NaN where they hold still. impulse_n_m_s: of a blow; NaN where there is none.
     """
 
     kind: SegmentKind
@@ -34,6 +46,16 @@ class Segment:
     frequency_hz: float
     amplitude_deg: float
     repeat: int
+    bend_deg: float = 0.0
+    azimuth_deg: float = 0.0
+    excitation: Excitation = "lever"
+    amplitude_mm: float = math.nan
+    impulse_n_m_s: float = math.nan
+
+    @property
+    def is_spatial(self) -> bool:
+        """Whether the head is bent, or moved by something else than the lever."""
+        return self.bend_deg != 0.0 or self.excitation != "lever"
 
 
 def build_recording(
@@ -67,6 +89,11 @@ def build_recording(
         "amplitude_deg": np.asarray([s.amplitude_deg for s in segments], dtype=float),
         "repeat": np.asarray([s.repeat for s in segments], dtype=np.int64),
     }
+    spatial = any(s.is_spatial for s in segments)
+    if spatial:
+        for name in SPATIAL_SEGMENTS:
+            kind: Any = object if name == "excitation" else float
+            columns[name] = np.asarray([getattr(s, name) for s in segments], dtype=kind)
     for name, values in columns.items():
         row = SEGMENT_VARIABLES[name]
         variables[name] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})
@@ -75,7 +102,9 @@ def build_recording(
     except ValueError as error:
         raise SchemaError(f"samples do not fit together: {error}") from error
     dataset["row_size"].attrs["sample_dimension"] = "sample"
-    dataset.attrs = {"Conventions": "CF-1.11", "featureType": "timeSeries", **attrs, "schema": RECORDING_SCHEMA}
+    # A straight recording without an orientation is what it always was: readers of the first schema read it.
+    schema = SPATIAL_SCHEMA if spatial or "orientation" in samples else RECORDING_SCHEMA
+    dataset.attrs = {"Conventions": "CF-1.11", "featureType": "timeSeries", **attrs, "schema": schema}
     return validate_recording(dataset)
 
 
@@ -94,10 +123,14 @@ def segment_slices(recording: xr.Dataset) -> list[slice]:
 
 def iterate_segments(recording: xr.Dataset, kind: SegmentKind | None = None) -> Iterator[tuple[int, Segment, slice]]:
     """Yield (index, segment, sample slice) of every segment, or of those of one kind."""
-    columns = [recording[name].values for name in ("kind", "pretension_mm", "frequency_hz", "amplitude_deg", "repeat")]
+    names = ["kind", "pretension_mm", "frequency_hz", "amplitude_deg", "repeat"]
+    if all(name in recording for name in SPATIAL_SEGMENTS):
+        names += SPATIAL_SEGMENTS
+    columns = [recording[name].values.tolist() for name in names]
     for index, (where, row) in enumerate(zip(segment_slices(recording), zip(*columns, strict=True), strict=True)):
         if kind is None or row[0] == kind:
-            yield index, Segment(row[0], float(row[1]), float(row[2]), float(row[3]), int(row[4])), where
+            told = dict(zip(names, row, strict=True))
+            yield index, Segment(**told | {"repeat": int(told["repeat"])}), where
 
 
 def read_registers(recording: xr.Dataset) -> list[dict[str, Any]]:

@@ -17,6 +17,11 @@ from sinew.measure.doors import as_dataset
 from sinew.measure.errors import SchemaError
 
 RECORDING_SCHEMA = "sinew-recording-1"
+SPATIAL_SCHEMA = "sinew-recording-2"
+"""The schema of a recording in which the head bends or sways; of an upright head that only turns it is the first."""
+
+Excitation = Literal["lever", "pitch", "roll", "impulse-torsion", "impulse-pitch", "impulse-roll"]
+"""What moves the head: the lever, the tendons in antagonism about y (pitch) or z (roll) of frame B, or a blow."""
 
 SegmentKind = Literal["settle", "steady", "ring-down", "idle", "tracking"]
 
@@ -64,6 +69,9 @@ SAMPLE_VARIABLES: dict[str, Variable] = {
     "acceleration_m_s2": Variable(("sample", "axis"), "m/s2", "accelerometer on the head plate, axes of frame H"),
     "torsion_rad": Variable(("sample",), "rad", "torsion of the head, where an angle was measured directly"),
     "tilt_rad": Variable(("sample",), "rad", "tilt of the head plate against the base plate"),
+    "orientation": Variable(
+        ("sample", "quaternion"), "1", "orientation of the head H against the base B: unit quaternion w, x, y, z"
+    ),
     "response": Variable(("sample",), "*", "response that is not an angle; its unit is the attribute `units`"),
     "drive": Variable(("sample",), "*", "drive that is not an angle; its unit is the attribute `units`"),
 }
@@ -84,7 +92,21 @@ SEGMENT_VARIABLES: dict[str, Variable] = {
         ("segment",), "deg", "commanded drive amplitude, of tracking the held one; NaN where there is none", True
     ),
     "repeat": Variable(("segment",), "1", "index of the repetition, from 0", True),
+    "bend_deg": Variable(("segment",), "deg", "bend of the head in the pose that was asked for"),
+    "azimuth_deg": Variable(("segment",), "deg", "direction of that bend, from y to z of frame B"),
+    "excitation": Variable(
+        ("segment",), "", "what moves the head: lever, pitch, roll, impulse-torsion, impulse-pitch or impulse-roll"
+    ),
+    "amplitude_mm": Variable(
+        ("segment",), "mm", "commanded amplitude of the tendons' antagonism; NaN where they hold still"
+    ),
+    "impulse_n_m_s": Variable(
+        ("segment",), "N*m*s", "angular impulse of the blow on the head; NaN where there is none"
+    ),
 }
+
+SPATIAL_SEGMENTS = ("bend_deg", "azimuth_deg", "excitation", "amplitude_mm", "impulse_n_m_s")
+"""What the segments of a recording say only where the head bends or sways, all of it or nothing."""
 
 _RESPONSES = ("torsion_rad", "gyro_rad_s", "response")
 
@@ -95,13 +117,16 @@ def validate_recording(recording: xr.Dataset) -> xr.Dataset:
     Raises SchemaError with one sentence: what was found, what was expected.
     """
     schema = as_dataset(recording, "recording").attrs.get("schema")
-    if schema != RECORDING_SCHEMA:
-        raise SchemaError(f"this is not a recording of schema {RECORDING_SCHEMA!r} (found {schema!r})")
+    if schema not in (RECORDING_SCHEMA, SPATIAL_SCHEMA):
+        raise SchemaError(
+            f"this is not a recording of schema {RECORDING_SCHEMA!r} or {SPATIAL_SCHEMA!r} (found {schema!r})"
+        )
     for name, variable in {**SAMPLE_VARIABLES, **SEGMENT_VARIABLES}.items():
         _check_variable(recording, name, variable)
     if not any(name in recording for name in _RESPONSES):
         raise SchemaError(f"recording has no response: expected one of {', '.join(_RESPONSES)}")
     _check_segments(recording)
+    _check_space(recording)
     _check_times(recording)
     return recording
 
@@ -120,7 +145,7 @@ def _check_variable(recording: xr.Dataset, name: str, variable: Variable) -> Non
             raise SchemaError(f"recording variable {name!r} needs its unit in the attribute 'units'")
     elif unit != variable.unit:
         raise SchemaError(f"recording variable {name!r} has unit {unit!r}, expected {variable.unit!r}")
-    if name != "kind" and found.dtype.kind not in "fiu":
+    if variable.unit and found.dtype.kind not in "fiu":
         raise SchemaError(f"recording variable {name!r} holds {found.dtype} values, expected numbers")
     if variable.dims[0] == "sample":
         fine = ~np.isinf(found.values) if variable.may_be_unknown else np.isfinite(found.values)
@@ -141,6 +166,41 @@ def _check_segments(recording: xr.Dataset) -> None:
         raise SchemaError(f"unknown segment kind {unknown[0]!r}, expected one of {', '.join(get_args(SegmentKind))}")
     if not (recording["pretension_mm"].values >= 0).all():
         raise SchemaError("recording has a negative or missing pretension_mm; it counts from first contact, 0 mm")
+
+
+_UNIT_WITHIN = 1e-3
+
+
+def _check_space(recording: xr.Dataset) -> None:
+    """Check what only a head that bends or sways has: pose and excitation of each segment, orientation."""
+    here = [name for name in SPATIAL_SEGMENTS if name in recording]
+    if 0 < len(here) < len(SPATIAL_SEGMENTS):
+        missing = next(name for name in SPATIAL_SEGMENTS if name not in recording)
+        raise SchemaError(f"recording lacks the variable {missing!r}, which belongs beside {here[0]!r}")
+    new = [*here, *(name for name in ("orientation",) if name in recording)]
+    if new and recording.attrs["schema"] != SPATIAL_SCHEMA:
+        raise SchemaError(
+            f"recording of schema {RECORDING_SCHEMA!r} has {new[0]!r}, expected schema {SPATIAL_SCHEMA!r}"
+        )
+    if here:
+        for name in ("bend_deg", "azimuth_deg"):
+            if not np.isfinite(recording[name].values).all():
+                raise SchemaError(f"recording variable {name!r} holds NaN or infinity; a straight pose is 0")
+        bend = recording["bend_deg"].values
+        if not ((bend >= 0) & (bend < 180)).all():
+            raise SchemaError(f"recording has a bend of {bend[np.argmax(np.abs(bend - 90))]:g}°, expected 0° to 180°")
+        unknown = sorted(set(map(str, recording["excitation"].values)) - set(get_args(Excitation)))
+        if unknown:
+            expected = ", ".join(get_args(Excitation))
+            raise SchemaError(f"unknown excitation {unknown[0]!r}, expected one of {expected}")
+    if "orientation" in recording:
+        size = np.linalg.norm(recording["orientation"].values.astype(float), axis=-1)
+        if recording.sizes["quaternion"] != 4 or np.abs(size - 1.0).max() > _UNIT_WITHIN:
+            worst = float(size[np.argmax(np.abs(size - 1.0))])
+            raise SchemaError(
+                f"recording variable 'orientation' has {recording.sizes['quaternion']} components and a length of "
+                f"{worst:g}, expected unit quaternions w, x, y, z"
+            )
 
 
 def _check_times(recording: xr.Dataset) -> None:

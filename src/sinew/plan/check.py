@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from sinew.measure.attitude import sway_of_torsion
 from sinew.measure.errors import SpecError
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
@@ -186,8 +187,9 @@ def check_plan(
     likewise. Raises ValueError where a length does not match.
     """
     tensions, torsions = _each_pretension(plan, tension_n), _each_pretension(plan, torsion_deg)
-    frequencies = plan.sweep.frequency_hz if plan.sweep else ()
-    amplitude = plan.sweep.amplitude_deg if plan.sweep else 0.0
+    by_lever = plan.sweep if plan.sweep is not None and plan.sweep.drive == "lever" else None
+    frequencies = by_lever.frequency_hz if by_lever else ()
+    amplitude = by_lever.amplitude_deg if by_lever else 0.0
     reach = [drive_reach(rig, math.radians(amplitude), frequency) for frequency in frequencies]
     reached_deg = [math.degrees(r.amplitude_rad) for r in reach]
     groups = plan.groups()
@@ -196,6 +198,8 @@ def check_plan(
         *_current_findings(plan, rig, reach),
         *_tension_findings(plan, rig, tensions),
         *_torsion_findings(plan, rig, torsions),
+        *_pose_findings(plan, rig, torsions),
+        *_sway_findings(plan, rig),
         *_reach_findings(plan, rig, reached_deg),
         *_time_findings(plan, rig, tensions),
         *_servo_findings(rig),
@@ -257,7 +261,7 @@ def _setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
             "change pretension.pretension_mm",
         )
     for part, amplitude, frequency in _drives(plan):
-        if amplitude > limits.drive_amplitude_deg:
+        if amplitude is not None and amplitude > limits.drive_amplitude_deg:
             yield Finding(
                 "refuse",
                 f"{part} asks for {amplitude:g}°, the rig allows {limits.drive_amplitude_deg:g}°; "
@@ -280,12 +284,14 @@ def _setting_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
         yield Finding("refuse", f"drive.supply_voltage is {supply:g} V, the rig allows {low:g} to {high:g} V")
 
 
-def _drives(plan: Plan) -> Iterator[tuple[str, float, float]]:
-    """Yield (section, amplitude [deg], highest frequency [Hz]) of each driven part of a plan."""
-    if plan.sweep is not None:
-        yield "sweep", plan.sweep.amplitude_deg, max(plan.sweep.frequency_hz)
-    if plan.ring_down is not None:
-        yield "ring_down", plan.ring_down.amplitude_deg, max(plan.ring_down.frequency_hz)
+def _drives(plan: Plan) -> Iterator[tuple[str, float | None, float]]:
+    """Yield (section, amplitude of the lever [deg], highest frequency [Hz]) of each driven part of a plan.
+
+    The amplitude is None where the tendons drive.
+    """
+    for name, part in (("sweep", plan.sweep), ("ring_down", plan.ring_down)):
+        if part is not None:
+            yield name, part.amplitude_deg if part.drive == "lever" else None, max(part.frequency_hz)
     if (track := plan.track) is not None:
         yield "track", max(track.amplitude_deg) if track.held != "torsion" else 0.0, track.high_hz
 
@@ -333,6 +339,67 @@ def _torsion_findings(plan: Plan, rig: RigSpec, torsion_deg: Sequence[float]) ->
             f"the head twists by {max(torsion_deg):.0f}° at {where:g} mm, the rig allows {rig.limits.torsion_deg:g}°; "
             "lower amplitude_deg or leave out the frequencies around the resonance",
         )
+
+
+# The pose is judged twice. What is asked for must not bend the head further than limits.bend_deg, and the tendons must
+# have the cable for it. limits.tilt_deg is the limit of what nobody asked for: how far the head may lean away from its
+# pose, which is where a bench stops. A torsion τ of a head that is bent by β brings some of that with it, by
+# asin(sin β sin(τ/2)) out of the plane of the bend, and so does a drive of the tendons.
+
+
+def _pose_findings(plan: Plan, rig: RigSpec, torsion_deg: Sequence[float]) -> Iterator[Finding]:
+    """Yield which limits the pose breaks, and what leans out of it as the head twists."""
+    pose, limits = plan.rest_pose, rig.limits
+    if pose.is_straight:
+        return
+    bend = math.degrees(pose.bend_rad)
+    if bend > limits.most_bend_deg:
+        yield Finding(
+            "refuse",
+            f"plan asks for {pose.words()}, the rig allows {limits.most_bend_deg:g}°; change [pose]",
+        )
+    low, high = limits.tendon_travel_mm
+    cable_mm = rig.tendons.head_radius.value * 1e3 * pose.bend_rad
+    for pretension in (min(plan.pretension.pretension_mm), max(plan.pretension.pretension_mm)):
+        if not low <= pretension - cable_mm or not pretension + cable_mm <= high:
+            yield Finding(
+                "refuse",
+                f"{pose.words()} at {pretension:g} mm takes a tendon from {pretension - cable_mm:.1f} to "
+                f"{pretension + cable_mm:.1f} mm, the rig allows {low:g} to {high:g} mm; bend less in [pose]",
+            )
+            break
+    if torsion_deg:
+        away = math.degrees(sway_of_torsion(math.radians(max(torsion_deg)), pose.bend_rad))
+        if away > limits.tilt_deg:
+            yield Finding(
+                "refuse",
+                f"with {max(torsion_deg):.0f}° of torsion the bent head leans {away:.1f}° out of its pose, the rig "
+                f"allows {limits.tilt_deg:g}°; bend less in [pose], or lower amplitude_deg",
+            )
+
+
+def _sway_findings(plan: Plan, rig: RigSpec) -> Iterator[Finding]:
+    """Yield what a drive of the tendons asks for beyond the limits, or beyond the speed of their motors."""
+    servo, tendons, limits = SERVOS[rig.wiring.tendon_model], rig.tendons, rig.limits
+    speed = servo.no_load_speed * rig.drive.supply_voltage.value / servo.nominal_voltage * tendons.pulley_radius.value
+    for name, part in (("sweep", plan.sweep), ("ring_down", plan.ring_down)):
+        if part is None or part.amplitude_mm is None:
+            continue
+        tilt = math.degrees(part.amplitude_mm * 1e-3 / tendons.head_radius.value)
+        if tilt > limits.tilt_deg:
+            yield Finding(
+                "refuse",
+                f"{name} asks for {part.amplitude_mm:g} mm of cable, which tilts the head by {tilt:.1f}° where it does "
+                f"not resonate, the rig allows {limits.tilt_deg:g}°; lower {name}.amplitude_mm",
+            )
+        frequency = max(part.frequency_hz)
+        most = 1e3 * speed / (2 * math.pi * frequency)
+        if part.amplitude_mm > most:
+            yield Finding(
+                "warn",
+                f"{name} asks for {part.amplitude_mm:g} mm of cable at {frequency:g} Hz, the tendon motors are fast "
+                f"enough for {most:.2g} mm there",
+            )
 
 
 _SERVO_FACTOR = 1.25
@@ -387,7 +454,7 @@ def _full_amplitude_hz(frequencies: Sequence[float], reached: Sequence[float], n
 
 def _reach_findings(plan: Plan, rig: RigSpec, reached: Sequence[float]) -> Iterator[Finding]:
     """Yield where the drive falls short: an outcome to know of, not a fault, for the response is measured anyway."""
-    if (sweep := plan.sweep) is not None:
+    if (sweep := plan.sweep) is not None and reached:
         short = [
             (f, a) for f, a in zip(sweep.frequency_hz, reached, strict=True) if a < REACHED_SHARE * sweep.amplitude_deg
         ]
@@ -400,7 +467,7 @@ def _reach_findings(plan: Plan, rig: RigSpec, reached: Sequence[float]) -> Itera
                 f"sweep asks for {sweep.amplitude_deg:g}° at {frequency:g} Hz, against a held head the drive reaches "
                 f"{amplitude:.1f}° there; it reaches {sweep.amplitude_deg:g}° (within {1 - REACHED_SHARE:.0%}) {up_to}",
             )
-    if (ring := plan.ring_down) is not None:
+    if (ring := plan.ring_down) is not None and ring.drive == "lever":
         frequency = max(ring.frequency_hz)
         amplitude = math.degrees(drive_reach(rig, math.radians(ring.amplitude_deg), frequency).amplitude_rad)
         if amplitude < REACHED_SHARE * ring.amplitude_deg:
@@ -417,7 +484,7 @@ def _time_findings(plan: Plan, rig: RigSpec, tension_n: Sequence[float]) -> Iter
         decay = _slowest_decay(rig, math.radians(sweep.amplitude_deg), min(tension_n, default=0.0))
         name = "settle_s" if sweep.settle == "fixed" else "settle_most_s"
         left = math.exp(-decay * sweep.longest_settle_s)
-        if left > _TRANSIENT_LEFT:
+        if left > _TRANSIENT_LEFT and sweep.drive == "lever":  # how fast a bending dies is not known here
             enough = (
                 f"{-math.log(_TRANSIENT_LEFT) / decay:.1f} s would leave {_TRANSIENT_LEFT:.0%}"
                 if decay > 0

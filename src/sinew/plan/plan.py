@@ -4,16 +4,20 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from sinew.measure.errors import SpecError
 from sinew.measure.recording import Segment
-from sinew.measure.schema import SegmentKind
+from sinew.measure.schema import Excitation, SegmentKind
 from sinew.plan.parameter import NotNegative, Positive, Settings
+from sinew.plan.pose import STRAIGHT, Pose
 
 TendonMode = Literal["position", "position-with-current-limit", "current"]
 Held = Literal["command", "lever", "torsion"]
+Drive = Literal["lever", "pitch", "roll"]
+"""What is driven: the lever, or the tendons against one another: they tilt it about y (pitch) or z (roll) of B."""
 Duration = Annotated[float, Field(gt=0, le=3600)]
 Count = Annotated[int, Field(ge=1, le=100_000)]
 
@@ -66,11 +70,31 @@ class Pretension(Settings):
         return self
 
 
+LEVER_DEG = 20.0
+"""The paper's amplitude of the lever θ_d [deg]."""
+
+
+# What a sweep or a ring-down drives: the lever, which turns by A sin Ωt, or the tendons against one another, while the
+# lever is held at its zero. Then each takes up A sin Ωt times (y_i roll - z_i pitch)/r of cable, at (y_i, z_i) on its
+# circle r: the amplitude is that of a tendon furthest from the axis of the tilt.
+
+
+def _refuse_other_amplitude(part: "Sweep | RingDown") -> None:
+    """Raise ValueError where the amplitude is not of what is driven."""
+    if part.drive == "lever" and part.amplitude_mm is not None:
+        raise ValueError('amplitude_mm is of the tendons; write drive = "pitch" or "roll", or leave it out')
+    if part.drive != "lever" and part.amplitude_mm is None:
+        raise ValueError(f'drive = "{part.drive}" needs amplitude_mm, how much cable the tendons take up')
+    if part.drive != "lever" and part.amplitude_deg != LEVER_DEG:
+        raise ValueError(f'amplitude_deg is of the lever, which is held with drive = "{part.drive}"; leave it out')
+
+
 class Sweep(Settings):
     """Frequency groups (paper, section 4.1): at each frequency settle, then record whole periods.
 
     frequency_hz: drive frequencies [Hz], increasing.
-    amplitude_deg: nominal drive amplitude θ_d [deg].
+    drive: the lever, or the tendons in pitch or roll. amplitude_deg: nominal amplitude of the lever θ_d [deg];
+    amplitude_mm: of the tendons, where these drive [mm].
     settle_s: transient delay before each group [s] (paper: 3 s).
     periods: recorded periods in a group (paper: 5).
     repeats: measurements of each group n_m (paper: 3).
@@ -80,7 +104,9 @@ class Sweep(Settings):
     """
 
     frequency_hz: Annotated[tuple[Positive, ...], Field(min_length=1), _few(MOST_FREQUENCIES, "frequencies")]
-    amplitude_deg: Positive = 20.0
+    drive: Drive = "lever"
+    amplitude_deg: Positive = LEVER_DEG
+    amplitude_mm: Positive | None = None
     settle_s: Annotated[float, Field(ge=0, le=3600)] = 3.0
     periods: Count = 5
     repeats: Count = 3
@@ -102,6 +128,11 @@ class Sweep(Settings):
             )
         return self
 
+    @model_validator(mode="after")
+    def _amplitude_of_the_drive(self) -> "Sweep":
+        _refuse_other_amplitude(self)
+        return self
+
     @property
     def longest_settle_s(self) -> float:
         """Longest transient delay before a group [s]."""
@@ -112,15 +143,36 @@ class RingDown(Settings):
     """Free decays (paper, section 4.2): drive, stop the drive at its zero crossing, record.
 
     frequency_hz: drive frequency [Hz] at the first and at the last pretension of the plan, linear between.
-    amplitude_deg: nominal drive amplitude [deg].
+    drive, amplitude_deg, amplitude_mm: as of a sweep; the tendons driven in pitch or roll give a decay in bending.
     drive_s: how long the drive runs before it stops, at least [s].
     record_s: how long the free decay is recorded [s].
     repeats: number of decays at each pretension.
     """
 
     frequency_hz: tuple[Positive, Positive]
-    amplitude_deg: Positive = 20.0
+    drive: Drive = "lever"
+    amplitude_deg: Positive = LEVER_DEG
+    amplitude_mm: Positive | None = None
     drive_s: Duration = 3.0
+    record_s: Duration = 3.0
+    repeats: Count = 3
+
+    @model_validator(mode="after")
+    def _amplitude_of_the_drive(self) -> "RingDown":
+        _refuse_other_amplitude(self)
+        return self
+
+
+class Impulse(Settings):
+    """Blows: the head at rest in its pose gets an angular impulse, and rings down.
+
+    about: torsion (about the head's x axis), pitch or roll (about y or z of frame B). impulse_n_m_s: of the blow
+    [N m s]; that of a hammer is its impulse [N s] times its distance from the axis. record_s: length of the record [s].
+    repeats: number of blows at each pretension.
+    """
+
+    about: Literal["torsion", "pitch", "roll"]
+    impulse_n_m_s: Positive
     record_s: Duration = 3.0
     repeats: Count = 3
 
@@ -176,6 +228,7 @@ class Group:
     pretension_mm, frequency_hz, amplitude_deg, repeat: as in `sinew.measure.recording.Segment`.
     settle_s: how long the drive runs before the record [s]; a ring-down's drive stops at its end.
     record_s: length of the record [s].
+    excitation, amplitude_mm, impulse_n_m_s: as in that Segment. pose: of the head at rest.
     """
 
     kind: SegmentKind
@@ -185,6 +238,10 @@ class Group:
     repeat: int
     settle_s: float
     record_s: float
+    excitation: Excitation = "lever"
+    amplitude_mm: float = math.nan
+    impulse_n_m_s: float = math.nan
+    pose: Pose = STRAIGHT
 
     @property
     def duration_s(self) -> float:
@@ -193,7 +250,17 @@ class Group:
 
     def segment(self, kind: SegmentKind) -> Segment:
         """Return what a recording says of this group's settle or record."""
-        return Segment(kind, self.pretension_mm, self.frequency_hz, self.amplitude_deg, self.repeat)
+        return Segment(
+            kind,
+            self.pretension_mm,
+            self.frequency_hz,
+            self.amplitude_deg,
+            self.repeat,
+            *self.pose.bend_and_azimuth_deg,
+            self.excitation,
+            self.amplitude_mm,
+            self.impulse_n_m_s,
+        )
 
     def sample_counts(self, sample_hz: float) -> tuple[int, int]:
         """Return the numbers of samples in settle and record at a sample rate [Hz]."""
@@ -206,19 +273,24 @@ class Plan(Settings):
 
     name: for titles and file names.
     sample_hz: rate at which motors and IMU are recorded [Hz].
+    pose: of the head at rest, in all of the campaign; None: upright.
     """
 
     name: str = Field(min_length=1)
     sample_hz: Positive = 200.0
+    pose: Pose | None = None
     pretension: Pretension
     sweep: Sweep | None = None
     ring_down: RingDown | None = None
+    impulse: Impulse | None = None
     track: Track | None = None
 
     @model_validator(mode="after")
     def _something_to_do(self) -> "Plan":
-        if self.sweep is None and self.ring_down is None and self.track is None:
-            raise ValueError("a plan needs a [sweep], a [ring_down] or both, or a [track]")
+        if self.sweep is None and self.ring_down is None and self.impulse is None and self.track is None:
+            raise ValueError("a plan needs a [sweep], a [ring_down] or both, an [impulse], or a [track]")
+        if self.track is not None and self.is_spatial:
+            raise ValueError("a [track] follows the torsion of an upright head; leave [pose] and other drives out")
         moves = self.track is not None and self.track.pretension_to_mm is not None
         if moves and self.pretension.mode != "position":
             raise ValueError(f"found mode {self.pretension.mode}, a pretension that moves needs the mode position")
@@ -228,6 +300,7 @@ class Plan(Settings):
     def _not_endless(self) -> "Plan":
         sweep = len(self.sweep.frequency_hz) * self.sweep.repeats if self.sweep is not None else 0
         decays = self.ring_down.repeats if self.ring_down is not None else 0
+        decays += self.impulse.repeats if self.impulse is not None else 0
         tracks = len(self.track.amplitude_deg) if self.track is not None else 0
         groups = len(self.pretension.pretension_mm) * (1 + sweep + decays + tracks)
         if groups > MOST_GROUPS:
@@ -251,32 +324,90 @@ class Plan(Settings):
             total += sweep.repeats * (recorded + len(sweep.frequency_hz) * sweep.longest_settle_s)
         if (ring := self.ring_down) is not None:
             total += ring.repeats * (ring.drive_s + 1 / min(ring.frequency_hz) + ring.record_s)
+        if self.impulse is not None:
+            total += self.impulse.repeats * self.impulse.record_s
         if self.track is not None:
             total += len(self.track.amplitude_deg) * self.track.motion_s
         return total
+
+    @property
+    def rest_pose(self) -> Pose:
+        """Return the pose of the head at rest, upright where the plan says nothing."""
+        return self.pose or STRAIGHT
+
+    @property
+    def is_spatial(self) -> bool:
+        """Whether the head is bent, or moved by something else than the lever: the joint does more than turn."""
+        parts = (self.sweep, self.ring_down)
+        sways = any(part is not None and part.drive != "lever" for part in parts)
+        return not self.rest_pose.is_straight or sways or self.impulse is not None
 
     def groups(self) -> list[Group]:
         """Return the whole campaign as groups, in the order in which they are run."""
         return [group for index in range(len(self.pretension.pretension_mm)) for group in self._groups_at(index)]
 
     def _groups_at(self, index: int) -> Iterator[Group]:
-        pretension = self.pretension.pretension_mm[index]
-        yield Group("idle", pretension, math.nan, math.nan, 0, 0.0, self.pretension.rest_s)
+        pretension, pose = self.pretension.pretension_mm[index], self.rest_pose
+        yield Group("idle", pretension, math.nan, math.nan, 0, 0.0, self.pretension.rest_s, pose=pose)
         if (sweep := self.sweep) is not None:
+            driven = _driven(sweep, pose)
             for repeat in range(sweep.repeats):
                 for frequency in sweep.frequency_hz:
-                    record = sweep.periods / frequency
-                    yield Group("steady", pretension, frequency, sweep.amplitude_deg, repeat, sweep.settle_s, record)
+                    times: dict[str, Any] = {"settle_s": sweep.settle_s, "record_s": sweep.periods / frequency}
+                    yield Group("steady", pretension, frequency, repeat=repeat, **times, **driven)
         if (ring := self.ring_down) is not None:
             first, last = self.pretension.pretension_mm[0], self.pretension.pretension_mm[-1]
             share = (pretension - first) / (last - first) if last != first else 0.0
             frequency = ring.frequency_hz[0] + share * (ring.frequency_hz[1] - ring.frequency_hz[0])
-            stop = _crossing_after(ring.drive_s, frequency)
+            stop, driven = _crossing_after(ring.drive_s, frequency), _driven(ring, pose)
             for repeat in range(ring.repeats):
-                yield Group("ring-down", pretension, frequency, ring.amplitude_deg, repeat, stop, ring.record_s)
+                yield Group(
+                    "ring-down", pretension, frequency, repeat=repeat, settle_s=stop, record_s=ring.record_s, **driven
+                )
+        if (blow := self.impulse) is not None:
+            for repeat in range(blow.repeats):
+                yield Group(
+                    "ring-down",
+                    pretension,
+                    math.nan,
+                    math.nan,
+                    repeat,
+                    0.0,
+                    blow.record_s,
+                    _BLOWS[blow.about],
+                    impulse_n_m_s=blow.impulse_n_m_s,
+                    pose=pose,
+                )
         if (track := self.track) is not None:
             for amplitude in track.amplitude_deg:
                 yield Group("tracking", pretension, math.nan, amplitude, 0, 0.0, track.motion_s)
+
+
+_BLOWS: dict[str, Excitation] = {"torsion": "impulse-torsion", "pitch": "impulse-pitch", "roll": "impulse-roll"}
+
+
+def _driven(part: Sweep | RingDown, pose: Pose) -> dict[str, Any]:
+    """Return what a group says of its drive and its pose."""
+    if part.amplitude_mm is None:
+        return {"amplitude_deg": part.amplitude_deg, "pose": pose}
+    return {"amplitude_deg": math.nan, "excitation": part.drive, "amplitude_mm": part.amplitude_mm, "pose": pose}
+
+
+def require_straight(plan: Plan, who: str) -> None:
+    """Raise SpecError for a plan that bends or sways the head, where `who` knows only a head that turns.
+
+    The one refusal of such plans: who has learnt to bend leaves out the call.
+    """
+    if not plan.is_spatial:
+        return
+    asked = [] if plan.rest_pose.is_straight else [plan.rest_pose.words()]
+    driven = (("sweep", plan.sweep), ("ring_down", plan.ring_down))
+    asked += [f"a {name} driven in {part.drive}" for name, part in driven if part is not None and part.drive != "lever"]
+    asked += [f"blows about {plan.impulse.about}"] if plan.impulse is not None else []
+    raise SpecError(
+        f"plan {plan.name} asks for {' and '.join(asked)}, {who} knows an upright head that the lever turns; "
+        "`sinew check` judges such a plan, and without [pose], [impulse] and other drives it can be run"
+    )
 
 
 def _crossing_after(time_s: float, frequency_hz: float) -> float:

@@ -370,11 +370,17 @@ class Repeatability(Settings):
     guide_friction: Annotated[Parameter, not_negative("1")]
 
 
+TORSO_ROLL_DEG = 40.0
+"""How far the paper's torso rolls, either way (Fig. 11) [deg]."""
+
+
 class Limits(Settings):
     """What the rig must not exceed; a plan is refused, and a bench stops, beyond them.
 
     tendon_travel_mm: how far a tendon motor may be from its first contact, as length of cable; pulling is positive.
     drive_window_deg: how far the lever may be from its zero, either way.
+    tilt_deg: how far the head may lean away from the pose that was asked for, level where none was.
+    bend_deg: how far that pose may be bent; None: 40°, as far as the paper's torso rolls.
     resumes_after_pause: how often a run goes on by itself after the computer paused for longer than the motors wait;
     None: three times where the rig declares release, never where it declares hold.
     """
@@ -393,6 +399,12 @@ class Limits(Settings):
     drive_window_deg: Positive = 90.0
     safe_state: Annotated[str, Field(pattern="^(hold|release)$")] = "release"
     resumes_after_pause: Annotated[int, Field(ge=0, le=100)] | None = None
+    bend_deg: Positive | None = None
+
+    @property
+    def most_bend_deg(self) -> float:
+        """How far the head may be asked to bend [deg]."""
+        return TORSO_ROLL_DEG if self.bend_deg is None else self.bend_deg
 
     @property
     def most_resumes(self) -> int:

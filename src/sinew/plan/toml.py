@@ -235,6 +235,7 @@ _FILE_REMARKS = {
     "space.rest_bend_deg": "at which the silicone was cast",
     "space.rest_azimuth_deg": "of that bend, from y towards z",
     "space.routing": "chord: tendons straight from plate to plate; channel: they follow the silicone",
+    "pose.azimuth_deg": "from y of the base towards z; the lever at rest lies along y",
     "limits.tendon_travel_mm": "of a tendon motor about its first contact, as length of cable; pulling is positive",
     "limits.drive_window_deg": "of the lever about its zero, either way",
     "limits.safe_state": "release: let the tension go, then torque off; hold: stay, with little current",
@@ -252,7 +253,7 @@ _FILE_REMARKS = {
 }
 """What a key that is no parameter, and has no note therefore, means; it stands behind it in the file."""
 
-_UNSAID = ("sweep.settle", "sweep.settle_tolerance", "sweep.settle_most_s")
+_UNSAID = ("sweep.settle", "sweep.settle_tolerance", "sweep.settle_most_s", "sweep.drive", "ring_down.drive")
 """Keys that a file leaves out while they keep their default: the texts in older recordings stay as they are written."""
 
 
@@ -367,6 +368,8 @@ def _table(model: BaseModel, prefix: str = "") -> str:
         for name, field in type(model).model_fields.items()
         if prefix + name not in _UNSAID or getattr(model, name) != field.default
     }
+    if values.get("amplitude_mm") is not None:
+        del values["amplitude_deg"]  # of the lever, which does not move where the tendons drive
     plain = [_plain(k, v, prefix + k) for k, v in values.items() if v is not None and not isinstance(v, BaseModel)]
     rows = [_parameter_cells(k, v, prefix + k) for k, v in values.items() if isinstance(v, Parameter)]
     lines = plain + _aligned(rows)

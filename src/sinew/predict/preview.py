@@ -1,11 +1,12 @@
 """The preview of a plan: its check with the twin's tensions and torsions, and what its recording should say."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sinew.measure.errors import RecordingError
-from sinew.plan.check import Preview, check_plan
+from sinew.plan.check import Finding, Preview, check_plan
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.twin.simulate import foresee, peak_torsion, rest_tension
@@ -19,7 +20,12 @@ def preview_plan(plan: Plan, rig: RigSpec, *, swing: bool = False) -> Preview:
 
     swing: run one repeat of the plan for its torsions, unless a limit is broken already or the plan is longer than
     `LONGEST_PREVIEW_S`, or tracks, which no plan foretells. What runs on the twin next hurts nobody and does not ask.
+    A plan that bends or sways the head is checked without the twin, whose head stands upright, and says so.
     """
+    if plan.is_spatial:
+        preview = check_plan(plan, rig)
+        unforeseen = Finding("warn", "the twin foretells neither tension nor torsion of a head that bends or sways")
+        return replace(preview, findings=(*preview.findings, unforeseen))
     tension = rest_tension(plan.pretension.pretension_mm, rig).tolist()
     preview = check_plan(plan, rig, tension)
     if not swing or preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
@@ -37,7 +43,7 @@ def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
     from sinew.analysis.doubts import foretold
 
     preview = preview_plan(plan, rig)
-    if preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
+    if preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None or plan.is_spatial:
         return preview, ""
     torsion, recording = foresee(plan, rig)
     preview = check_plan(plan, rig, preview.tension_n, np.degrees(torsion).tolist())
@@ -50,11 +56,13 @@ def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
 def told_preview(plan: Plan, rig: RigSpec, preview: Preview) -> dict[str, Any]:
     """Return the preview of a plan on a rig as JSON holds it."""
     drive = zip(preview.frequency_hz, preview.drive_amplitude_deg, preview.drive_current_a, strict=True)
-    tension = zip(plan.pretension.pretension_mm, preview.tension_n, strict=True)
-    torsion = zip(plan.pretension.pretension_mm, preview.torsion_deg, strict=False)  # empty where not previewed
+    tension = zip(plan.pretension.pretension_mm, preview.tension_n, strict=False)  # empty where not previewed
+    torsion = zip(plan.pretension.pretension_mm, preview.torsion_deg, strict=False)
+    pose = {} if plan.rest_pose.is_straight else {"pose": plan.rest_pose.to_json()}
     return {
         "plan": plan.name,
         "rig": rig.name,
+        **pose,
         "ok": not preview.refusals,
         "duration_s": preview.duration_s,
         "longest_s": preview.longest_s,

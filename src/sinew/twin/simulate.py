@@ -20,7 +20,7 @@ from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.drive import motor_current
 from sinew.mechanics.parameters import CURRENT, TENDON_MODES, Parameters
 from sinew.mechanics.tendons import tendon_tension
-from sinew.plan.plan import Group, Plan, TendonMode
+from sinew.plan.plan import Group, Plan, TendonMode, require_straight
 from sinew.plan.rig import LIMIT_RESERVE_N, Bus, Imu, RigSpec
 from sinew.plan.servo import SERVOS, VOLTAGE_LSB
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
@@ -201,6 +201,7 @@ def peak_torsion(plan: Plan, rig: RigSpec) -> NDArray[np.float64]:
 
     One repeat of every group, without scatter or sensors, from rest.
     """
+    require_straight(plan, "the twin")
     groups = [group for group in plan.groups() if group.kind not in ("idle", "tracking") and group.repeat == 0]
     lanes = lane_parameters(groups, rig, mode=plan.pretension.mode)
     tracks = simulate_tracks(lanes, groups, plan.sample_hz)
@@ -211,6 +212,7 @@ def peak_torsion(plan: Plan, rig: RigSpec) -> NDArray[np.float64]:
 def foresee(plan: Plan, rig: RigSpec) -> tuple[NDArray[np.float64], xr.Dataset]:
     """Return what a plan will bring about: the largest torsion [rad] at each pretension, as `peak_torsion`, and the
     recording of one repeat of it without scatter and noise, with the delays and filters of the sensors."""
+    require_straight(plan, "the twin")
     parts = {name: part.model_copy(update={"repeats": 1}) for name in _REPEATED if (part := getattr(plan, name))}
     once = plan.model_copy(update=parts)
     groups = once.groups()
@@ -248,7 +250,8 @@ def simulate(
     seed: of scatter, noise and jitter; the same seed gives the same recording.
     progress: called with (done, total) simulated seconds.
     Every group starts from rest; the pause before it is not recorded.
-    Raises SpecError for a plan with a [track]: what a drive that listens does is no plan's; see `sinew track`.
+    Raises SpecError for a plan with a [track]: what a drive that listens does is no plan's; see `sinew track`; and for
+    one that bends or sways the head.
 
     >>> import sinew as sn
     >>> sweep = sn.Sweep(frequency_hz=(3.0,), settle_s=1.0, periods=3, repeats=1)
@@ -268,6 +271,7 @@ def simulate(
             f"plan {plan.name} has a [track]: what a drive that listens does is not known before; "
             "run it by `sinew track --emulate`"
         )
+    require_straight(plan, "the twin")
     effects = effects or Effects()
     scatter, noise = (np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(2))
     groups = plan.groups()

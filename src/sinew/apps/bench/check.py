@@ -37,6 +37,10 @@ def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> No
     longest = f" (at most {_time(preview.longest_s)})" if preview.longest_s > preview.duration_s else ""
     print(f"{_time(preview.duration_s)}{longest} of motion and rest,", end=" ")
     print(f"about {_time(preview.bench_s)} on a bench with pull, pretensions and stop")
+    if pose := told.get("pose"):
+        print(
+            f"pose: {plan.rest_pose.words()} (pitch {fixed(pose['pitch_deg'], 1)}°, roll {fixed(pose['roll_deg'], 1)}°)"
+        )
     if preview.frequency_hz and plan.sweep is not None:
         rows = [
             (f"{row['frequency_hz']:g}", fixed(row["amplitude_deg"], 1), fixed(row["current_a"], 2))
@@ -44,6 +48,15 @@ def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> No
         ]
         title = f"drive, nominal {plan.sweep.amplitude_deg:g}°, against a held head (less where the joint resonates)"
         console.print_table(("frequency/Hz", "amplitude/°", "current/A"), rows, title)
+    if preview.tension_n:
+        _print_tensions(plan, preview)
+    for finding in preview.findings:
+        print(f"{'REFUSED' if finding.severity == 'refuse' else 'warning'}: {finding.sentence}")
+    if not preview.refusals:
+        print("no limit of the rig is broken")
+
+
+def _print_tensions(plan: "Plan", preview: "Preview") -> None:
     twists = [fixed(twist, 0) for twist in preview.torsion_deg] or [""] * len(preview.tension_n)
     held = [
         (f"{p:g}", fixed(t, 1), twist)
@@ -52,10 +65,6 @@ def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> No
     console.print_table(
         ("pretension/mm", "tension of each tendon at rest/N", "largest torsion/°"), held, "tendons and torsion"
     )
-    for finding in preview.findings:
-        print(f"{'REFUSED' if finding.severity == 'refuse' else 'warning'}: {finding.sentence}")
-    if not preview.refusals:
-        print("no limit of the rig is broken")
 
 
 def _time(seconds: float) -> str:

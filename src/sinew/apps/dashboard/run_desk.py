@@ -26,6 +26,7 @@ from sinew.apps.bench.run_control import CONTROL, own_text
 from sinew.apps.dashboard.operators import RefusedError, is_run_name, open_inside, unlinked
 from sinew.bench.record.journal_reader import JournalReader, summarise_journal
 from sinew.measure.errors import SinewError, SpecError
+from sinew.plan.plan import Plan, require_straight
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
 
@@ -118,7 +119,7 @@ def read_specs(plan: str, rig: str) -> tuple[str, RigSpec]:
     than takes some hundredths of a second. Raises SpecError where a text is none, or its reader takes too long.
     """
     if len(plan) + len(rig) <= _READ_HERE:
-        return parse_plan(plan, "the plan").name, parse_rig(rig, "the rig")
+        return _upright(plan).name, parse_rig(rig, "the rig")
     asked = json.dumps({"plan": plan, "rig": rig})
     command = [sys.executable, "-P", "-c", f"from {__name__} import answer_specs; answer_specs()"]
     try:
@@ -131,6 +132,13 @@ def read_specs(plan: str, rig: str) -> tuple[str, RigSpec]:
     return told["plan"], RigSpec.model_validate_json(told["rig"])
 
 
+def _upright(text: str) -> Plan:
+    """Return the plan of a text, of an upright head: no other can be run. Raises SpecError."""
+    plan = parse_plan(text, "the plan")
+    require_straight(plan, "the dashboard")
+    return plan
+
+
 def answer_specs() -> None:
     """Read what `read_specs` asks on stdin, and answer on stdout."""
     for what, most in ((resource.RLIMIT_DATA, _READ_BYTES), (resource.RLIMIT_CPU, _READ_CPU_S)):
@@ -138,7 +146,7 @@ def answer_specs() -> None:
         resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     asked = json.load(sys.stdin)
     try:
-        plan, rig = parse_plan(asked["plan"], "the plan"), parse_rig(asked["rig"], "the rig")
+        plan, rig = _upright(asked["plan"]), parse_rig(asked["rig"], "the rig")
         told = {"plan": plan.name, "rig": rig.model_dump_json()}
     except SpecError as trouble:
         told = {"trouble": str(trouble)}

@@ -4,7 +4,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,8 @@ from sinew.measure.arrays import Array, robust_std
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import provenance, save_recording
 from sinew.measure.recording import REGISTERS_ATTRIBUTE, Segment, build_recording
+from sinew.measure.schema import SPATIAL_SEGMENTS
+from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
 
@@ -221,7 +223,8 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
         if not whole:
             raise RecordingError(f"{path} holds no whole group of the plan yet; resume its run")
         parts = _on_one_clock({index: finished[index][0].session for index in whole}, whole, journal.dates)
-        segments: list[Segment] = [s.asked for index in whole for s in finished[index]]
+        asked = plan.groups()  # of a segment a journal keeps what a straight one says; the plan knows pose and drive
+        segments = [_in_space(s.asked, asked[index]) for index in whole for s in finished[index]]
         given: dict[str, Any] = {**journal.attrs, **journal.counts()}
         if registers := journal.registers():
             given[REGISTERS_ATTRIBUTE] = json.dumps([{"run": run, **state} for run, state in registers.items()])
@@ -247,6 +250,12 @@ def convert(path: Path, out: Path) -> Path:
     """
     save_recording(recording_from_journal(path), out)
     return out
+
+
+def _in_space(asked: Segment, group: Group) -> Segment:
+    """Return what was asked of a segment with the pose and the drive of its group."""
+    here = group.segment(asked.kind)
+    return replace(asked, **{name: getattr(here, name) for name in SPATIAL_SEGMENTS})
 
 
 def _group_rows(journal: JournalReader, stretches: Sequence[Stretch], rig: RigSpec, sample_hz: float) -> _Rows:

@@ -546,8 +546,10 @@ def export_csv(recording: xr.Dataset, path: Path | str) -> None:
         "time_s": recording["time_s"].values,
         "segment": np.repeat(np.arange(sizes.size), sizes),
     }
-    for name in SEGMENT_VARIABLES:
-        if name == "kind":
+    for name, row in SEGMENT_VARIABLES.items():
+        if name not in recording:
+            continue
+        if not row.unit:
             columns[name] = pd.Categorical(recording[name].values.astype(str)).repeat(sizes)
         elif name != "row_size":
             columns[name] = np.repeat(recording[name].values, sizes)
@@ -566,6 +568,8 @@ def _channel_columns(name: str, channel: xr.DataArray) -> dict[str, Array]:
         return {f"{name}_{suffix}" if suffix else name if unit == "1" else f"{name} [{unit}]": channel.values}
     if channel.ndim == 1:
         return {name: channel.values}
+    if channel.dims[1] == "quaternion":
+        return {f"{name}_{label}": channel.values[:, i] for i, label in enumerate(("w", *_AXES))}
     stem, rest = name.split("_", 1)
     labels = _AXES if channel.dims[1] == "axis" else [str(i + 1) for i in range(channel.shape[1])]
     return {f"{stem}_{label}_{rest}": channel.values[:, i] for i, label in enumerate(labels)}

@@ -224,8 +224,9 @@ def save_recording(recording: xr.Dataset, path: Path | str) -> None:
 def load_recording(path: Path | str) -> xr.Dataset:
     """Return a checked recording from a NetCDF file. Raises FileError or SchemaError."""
     dataset = load_dataset(path)
-    if "kind" in dataset:
-        dataset["kind"] = dataset["kind"].astype(object)
+    for name in ("kind", "excitation"):
+        if name in dataset:
+            dataset[name] = dataset[name].astype(object)
     try:
         return validate_recording(dataset)
     except SchemaError as error:
@@ -265,10 +266,11 @@ def export_mat(recording: xr.Dataset, path: Path | str) -> None:
     validate_recording(recording)
     channels = [name for name in map(str, recording.data_vars) if name not in SEGMENT_VARIABLES]
     slices = segment_slices(recording)
-    segments: dict[str, Any] = {name: _matlab_values(recording[name].values) for name in SEGMENT_VARIABLES}
+    columns = [name for name in SEGMENT_VARIABLES if name in recording]
+    segments: dict[str, Any] = {name: _matlab_values(recording[name].values) for name in columns}
     segments["first"] = _matlab_values(np.array([s.start + 1 for s in slices], dtype=float))
     segments["last"] = _matlab_values(np.array([s.stop for s in slices], dtype=float))
-    units = {name: str(recording[name].attrs.get("units", "")) for name in [*channels, *SEGMENT_VARIABLES]}
+    units = {name: str(recording[name].attrs.get("units", "")) for name in [*channels, *columns]}
     content = {
         **{name: _matlab_values(recording[name].values) for name in channels},
         "segments": segments,

@@ -222,6 +222,9 @@ def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[s
 
 def _driven(plan: "Plan") -> tuple[float, tuple[float, float]]:
     """Return (amplitude of the command [deg], lowest and highest frequency [Hz]) that a plan drives with."""
+    from sinew.plan.plan import require_straight  # pydantic
+
+    require_straight(plan, "the dashboard")
     if plan.sweep is not None:
         low, high, amplitude = plan.sweep.frequency_hz[0], plan.sweep.frequency_hz[-1], plan.sweep.amplitude_deg
     elif plan.track is not None:
@@ -296,10 +299,12 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     plan_toml, rig_toml: texts. swing: simulate the plan for its largest torsions, which takes seconds where it is long.
     A plan that breaks a limit is an answer, with `ok` false. Raises SpecError where a text is no plan or no rig.
     """
+    from sinew.plan.plan import require_straight
     from sinew.plan.toml import parse_plan, parse_rig
     from sinew.predict.preview import preview_plan, told_preview
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
+    require_straight(plan, "the dashboard")
     preview = preview_plan(plan, rig, swing=swing)
     warnings = [finding.sentence for finding in preview.findings if finding.severity == "warn"]
     return {**told_preview(plan, rig, preview), "refusals": list(preview.refusals), "warnings": warnings}

@@ -222,9 +222,14 @@ def _plan_in_words(plan: Plan) -> str:
         words = [f"{len(pretensions)} pretensions, {min(pretensions):g} to {max(pretensions):g} mm"]
     if plan.sweep is not None:
         frequency = plan.sweep.frequency_hz
-        words.append(f"sweep of {frequency[0]:g} to {frequency[-1]:g} Hz at {plan.sweep.amplitude_deg:g}°")
+        driven = f"at {plan.sweep.amplitude_deg:g}°" if plan.sweep.drive == "lever" else f"in {plan.sweep.drive}"
+        words.append(f"sweep of {frequency[0]:g} to {frequency[-1]:g} Hz {driven}")
     if plan.ring_down is not None:
         words.append("ring-downs")
+    if plan.impulse is not None:
+        words.append("blows")
+    if not plan.rest_pose.is_straight:
+        words.append(plan.rest_pose.words())
     if plan.track is not None:
         words.append("tracking")
     minutes = sum(group.duration_s for group in plan.groups()) / 60
