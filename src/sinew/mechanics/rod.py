@@ -50,8 +50,8 @@ class Rod(NamedTuple):
 class _Grid(NamedTuple):
     weights: Any  # of the nodes; they add up to one
     at_nodes: Any  # polynomials at the nodes (node, term)
-    steps: Any  # length of the way to each node and from the last one to the end (step,)
-    within: Any  # polynomials at the two points of Gauss in each of these ways (step, 2, term)
+    steps: Any  # length of the way to each node and from the last one to the end (way,)
+    within: Any  # polynomials at the two points of Gauss in each of these ways (way, 2, term)
 
 
 @cache
@@ -158,37 +158,166 @@ def rotation(v: jax.Array) -> jax.Array:
     return jnp.eye(3) + sine * k + cosine * (k @ k)
 
 
-def _way(omega: jax.Array, moved: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Return (rotation, displacement) of the exponential on SE(3) of a twist (omega, moved)."""
-    sine, cosine, third = _coefficients(omega @ omega)
-    k = hat(omega)
+# The poses of sections are a product of ways from node to node, each one exponential on SE(3) of Magnus' expansion to
+# fourth order, from the strains at two points of Gauss. Ways know nothing of one another, so they are taken all at
+# once; what adds up along the rod are poses, one after the other, and in the frame of the foot velocities, as sums.
+# Lengths are over the rod's.
+
+
+def _ends(q: jax.Array, rod: Rod) -> _Pair:
+    """Return the strains at both points of Gauss of each way (way, 6), (way, 6)."""
+    at = jnp.einsum("wpt,st->pws", grid(q.shape[1]).within, q) + rest_strains(rod)
+    return at[0], at[1]
+
+
+def _magnus(length: jax.Array, first: jax.Array, second: jax.Array) -> _Pair:
+    """Return (turn, move) of one way: Ω = h/2 (ξ1 + ξ2) + √3 h²/12 [ξ1, ξ2]; strains multiply from the right, hence
+    the sign of the commutator."""
+    w1, v1, w2, v2 = first[:3], first[3:], second[:3], second[3:]
+    share = np.sqrt(3.0) / 12 * length**2
+    turn = 0.5 * length * (w1 + w2) + share * jnp.cross(w1, w2)
+    return turn, 0.5 * length * (v1 + v2) + share * (jnp.cross(w1, v2) - jnp.cross(w2, v1))
+
+
+def _way(turn: jax.Array, move: jax.Array) -> _Pair:
+    """Return (rotation, displacement) of the exponential on SE(3) of a twist (turn, move)."""
+    sine, cosine, third = _coefficients(turn @ turn)
+    k = hat(turn)
     square = k @ k
-    return jnp.eye(3) + sine * k + cosine * square, moved + cosine * (k @ moved) + third * (square @ moved)
+    return jnp.eye(3) + sine * k + cosine * square, move + cosine * (k @ move) + third * (square @ move)
+
+
+def _compose(matrices: jax.Array, moves: jax.Array) -> _Pair:
+    """Return poses after each way (way, 3, 3), (way, 3)."""
+    turned, moved = [matrices[0]], [moves[0]]
+    for matrix, move in zip(matrices[1:], moves[1:], strict=True):
+        moved.append(moved[-1] + turned[-1] @ move)
+        turned.append(turned[-1] @ matrix)
+    return jnp.stack(turned), jnp.stack(moved)
 
 
 def rod_poses(q: jax.Array, rod: Rod) -> tuple[jax.Array, jax.Array]:
     """Return (rotations (node + 1, 3, 3), positions [m] (node + 1, 3)) of the sections at the nodes and the end.
 
-    In frame B, the foot at its origin, x along the unloaded rod. Each way is one exponential on SE(3) of Magnus'
-    expansion to fourth order, from the strains at two points of Gauss.
+    In frame B, the foot at its origin, x along the unloaded rod.
+    """
+    twists = jax.vmap(_magnus)(jnp.asarray(grid(q.shape[1]).steps), *_ends(q, rod))
+    rotations, positions = _compose(*jax.vmap(_way)(*twists))
+    return rotations, rod.joint.length * positions
+
+
+class Sections(NamedTuple):
+    """Sections at the nodes and the end, and how coordinates move them, in frame B; s: of node + 1 sections, c: of
+    coordinates. turned (s, 3, 3), places [m] (s, 3); spins (s, 3, c): angular velocity by coordinates' rates; moves
+    (s, 3, c): that of the point of the section which is at the foot now [m].
+    """
+
+    turned: jax.Array
+    places: jax.Array
+    spins: jax.Array
+    moves: jax.Array
+
+    def velocities(self, points: jax.Array, section: jax.Array) -> jax.Array:
+        """Return the velocity by coordinates' rates of points (point, 3) [m] fixed to sections: (point, 3, c)."""
+        return self.moves[section] + _across(points, self.spins[section])
+
+
+class Rates(NamedTuple):
+    """Motion of the sections at coordinates' rates, and its change where these are steady: of node + 1 sections (s, 3).
+
+    spin, drift: angular velocity, and velocity [m/s] of the point of the section which is at the foot now; spin_bias,
+    drift_bias: their rates.
+    """
+
+    spin: jax.Array
+    drift: jax.Array
+    spin_bias: jax.Array
+    drift_bias: jax.Array
+
+    def velocity(self, points: jax.Array, section: jax.Array) -> jax.Array:
+        """Return the velocity of points (point, 3) [m] that are fixed to sections [m/s]."""
+        return self.drift[section] + jnp.cross(self.spin[section], points)
+
+    def acceleration(self, points: jax.Array, section: jax.Array) -> jax.Array:
+        """Return the acceleration of such points where coordinates do not accelerate [m/s²]."""
+        centripetal = jnp.cross(self.spin[section], self.velocity(points, section))
+        return self.drift_bias[section] + jnp.cross(self.spin_bias[section], points) + centripetal
+
+
+def _across(points: jax.Array, spins: jax.Array) -> jax.Array:
+    """Return spins (..., 3, c) crossed with points (..., 3): ω × r."""
+    x, y, z = (points[..., i, None] for i in range(3))
+    a, b, c = (spins[..., i, :] for i in range(3))
+    return jnp.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-2)
+
+
+def _tangent(turn: jax.Array, move: jax.Array) -> jax.Array:
+    """Return the matrix (6, 6) from the rate of a twist to the velocity of its exponential, in the frame it starts
+    from: [[V, 0], [∂d/∂ω + d̂ V, V]], of displacement d = V v."""
+    _, cosine, third = _coefficients(turn @ turn)
+    k = hat(turn)
+    left = jnp.eye(3) + cosine * k + third * (k @ k)
+    by_turn = jax.jacfwd(lambda w: _way(w, move)[1])(turn)
+    below = by_turn + hat(left @ move) @ left
+    return jnp.concatenate([jnp.concatenate([left, jnp.zeros((3, 3))], axis=1), jnp.concatenate([below, left], axis=1)])
+
+
+def _by_strains(length: jax.Array, first: jax.Array, second: jax.Array) -> _Pair:
+    """Return the derivatives (6, 6) of a way's twist by the strains at its two points: those of `_magnus`."""
+    share = np.sqrt(3.0) / 12 * length**2
+    half, none = 0.5 * length * jnp.eye(3), jnp.zeros((3, 3))
+    one, other = half - share * hat(second[:3]), half + share * hat(first[:3])
+
+    def rows(diagonal: jax.Array, below: jax.Array) -> jax.Array:
+        return jnp.concatenate([jnp.concatenate([diagonal, none], axis=1), jnp.concatenate([below, diagonal], axis=1)])
+
+    return rows(one, -share * hat(second[3:])), rows(other, share * hat(first[3:]))
+
+
+def move_rod(q: jax.Array, q_rate: jax.Array, rod: Rod) -> tuple[Sections, Rates]:
+    """Return the sections of a rod with the derivatives of their poses, and their motion at rates of coordinates.
+
+    Velocities add up along the rod: V_n = Σ Ad(G_k) T_k Ω̇_k over the ways k before, T the tangent of the exponential
+    and G_k where the way starts; so do their derivatives and, with the bracket [V_k, Ad(G_k) T_k Ω̇_k], their rates.
     """
     g = grid(q.shape[1])
-    base = rest_strains(rod)
+    steps = jnp.asarray(g.steps)
+    first, second = _ends(q, rod)
+    twists = jax.vmap(_magnus)(steps, first, second)
+    turned, places = _compose(*jax.vmap(_way)(*twists))
 
-    def step(at: _Pair, way: _Pair) -> tuple[_Pair, _Pair]:
-        turned, moved = at
-        length, basis = way
-        first, second = base + basis @ q.T
-        # Ω = h/2 (ξ1 + ξ2) + √3 h²/12 [ξ1, ξ2]; strains multiply from the right, hence the sign of the commutator
-        w1, w2 = first[:3], second[:3]
-        v1, v2 = first[3:], second[3:]
-        share = np.sqrt(3.0) / 12 * length**2
-        omega = 0.5 * length * (w1 + w2) + share * jnp.cross(w1, w2)
-        along = 0.5 * length * (v1 + v2) + share * (jnp.cross(w1, v2) - jnp.cross(w2, v1))
-        matrix, displacement = _way(omega, along)
-        after = (turned @ matrix, moved + turned @ displacement)
-        return after, after
+    rates = jnp.einsum("wpt,st->pws", g.within, q_rate)
+    one, other = jax.vmap(_by_strains)(steps, first, second)
+    speed = jnp.einsum("wij,wj->wi", one, rates[0]) + jnp.einsum("wij,wj->wi", other, rates[1])
+    still = 2 * np.sqrt(3.0) / 12 * steps[:, None] ** 2
+    w1, v1, w2, v2 = rates[0][:, :3], rates[0][:, 3:], rates[1][:, :3], rates[1][:, 3:]
+    surge = still * jnp.concatenate([jnp.cross(w1, w2), jnp.cross(w1, v2) - jnp.cross(w2, v1)], axis=1)
+    tangent, tangent_rate = jax.jvp(jax.vmap(_tangent), twists, (speed[:, :3], speed[:, 3:]))
+    own = jnp.einsum("wij,wj->wi", tangent, speed)
+    own_rate = jnp.einsum("wij,wj->wi", tangent_rate, speed) + jnp.einsum("wij,wj->wi", tangent, surge)
 
-    start = (jnp.eye(3), jnp.zeros(3))
-    _, (rotations, positions) = jax.lax.scan(step, start, (jnp.asarray(g.steps), jnp.asarray(g.within)))
-    return rotations, rod.joint.length * positions
+    # into frame B: Ad(G) of where each way starts
+    start = jnp.concatenate([jnp.eye(3)[None], turned[:-1]])
+    origin = jnp.concatenate([jnp.zeros((1, 3)), places[:-1]])
+
+    def in_base(columns: jax.Array) -> jax.Array:
+        spins = start @ columns[:, :3]
+        return jnp.concatenate([spins, start @ columns[:, 3:] - _across(origin, spins)], axis=1)
+
+    vectors = in_base(jnp.stack([own, own_rate], axis=2))
+    velocity = jnp.cumsum(vectors[:, :, 0], axis=0)
+    before = velocity - vectors[:, :, 0]
+    spin, drift = before[:, :3], before[:, 3:]
+    now, bias = vectors[:, :, 0], vectors[:, :, 1]
+    bracket = jnp.concatenate(
+        [jnp.cross(spin, now[:, :3]), jnp.cross(spin, now[:, 3:]) + jnp.cross(drift, now[:, :3])], axis=1
+    )
+    velocity_rate = jnp.cumsum(bias + bracket, axis=0)
+
+    pair = in_base(tangent @ jnp.concatenate([one, other], axis=2)).reshape(steps.size, 6, 2, 6)
+    by = jnp.einsum("wipk,wpt->wikt", pair, g.within).reshape(steps.size, 6, q.size)
+    by = jnp.cumsum(by, axis=0)
+    length = rod.joint.length
+    sections = Sections(turned, length * places, by[:, :3], length * by[:, 3:])
+    moving = Rates(velocity[:, :3], length * velocity[:, 3:], velocity_rate[:, :3], length * velocity_rate[:, 3:])
+    return sections, moving

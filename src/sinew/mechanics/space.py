@@ -8,12 +8,24 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from sinew.measure.arrays import Array
 from sinew.mechanics.drive import commanded_angle, duty, horn_torque
 from sinew.mechanics.joint import LOCKING_TIME
 from sinew.mechanics.parameters import Parameters
-from sinew.mechanics.rod import Rod, grid, hat, memory_energy, memory_power, rest_strains, rod_energy, rod_poses
+from sinew.mechanics.rod import (
+    Rates,
+    Rod,
+    Sections,
+    grid,
+    memory_energy,
+    memory_power,
+    move_rod,
+    rest_strains,
+    rod_energy,
+    rod_poses,
+)
 from sinew.mechanics.silicone import BRANCHES, relaxation_times
 from sinew.mechanics.tendons import guide_points, tendon_energy, tendon_tension
 
@@ -111,20 +123,37 @@ def tendon_spans(q: jax.Array, space: Space) -> jax.Array:
     A channel keeps its place in the section, so its length is ∫|ν + κ × a| ds. Where guides are further apart than the
     rod is long, the rest is straight.
     """
-    p = space.rod.joint
     rotations, positions = rod_poses(q, space.rod)
-    feet = jnp.stack([jnp.stack(v) for v in guide_points(p.base_radius, p.guide_directions)])
-    guides = jnp.stack([jnp.stack(v) for v in guide_points(p.head_radius, p.guide_directions)])
-    gap = jnp.array([1.0, 0.0, 0.0]) * (p.free_span - p.length)
-    chord = positions[-1] + (guides + gap) @ rotations[-1].T - feet
-    straight = jnp.sqrt(jnp.sum(chord**2, axis=1))
+    _, chord = _chords(rotations[-1], positions[-1], space)
+    return jnp.where(space.channel > 0, _channels(q, space), jnp.sqrt(jnp.sum(chord**2, axis=1)))
 
+
+def _guides(space: Space) -> tuple[jax.Array, jax.Array]:
+    """Return the guides of the base in B and those of the head in H, from the plates' centres (tendon, 3) [m]."""
+    p = space.rod.joint
+    both = (guide_points(radius, p.guide_directions) for radius in (p.base_radius, p.head_radius))
+    feet, guides = (jnp.stack([jnp.stack(v) for v in points]) for points in both)
+    return feet, guides
+
+
+def _chords(head: jax.Array, plate: jax.Array, space: Space) -> tuple[jax.Array, jax.Array]:
+    """Return (guides of the head, the ways to them from those of the base), in B (tendon, 3) [m], of a head turned by
+    a matrix (3, 3) at a place (3,) [m]."""
+    feet, guides = _guides(space)
+    gap = _AXIS * (space.rod.joint.free_span - space.rod.joint.length)
+    there = plate + (guides + gap) @ head.T
+    return there, there - feet
+
+
+def _channels(q: jax.Array, space: Space) -> jax.Array:
+    """Return the length of every tendon in a channel of the silicone [m], (tendon,)."""
+    p = space.rod.joint
     g = grid(q.shape[1])
     strains = rest_strains(space.rod) + g.at_nodes @ q.T
-    arms = 0.5 * (feet + guides)
+    arms = 0.5 * sum(_guides(space))
     tangents = strains[:, None, 3:] + jnp.cross(strains[:, None, :3] / p.length, arms)
     along = jnp.einsum("n,nt->t", g.weights, jnp.sqrt(jnp.sum(tangents**2, axis=2))) * p.length
-    return jnp.where(space.channel > 0, along + p.free_span - p.length, straight)
+    return along + p.free_span - p.length
 
 
 def cable_ends(time_s: jax.Array, space: Space) -> jax.Array:
@@ -178,7 +207,7 @@ class Motion(NamedTuple):
     """How coordinates move the bodies. mass: M (18, 18) with the lever locked; lever_row: its coupling to the lever
     (18,); bias: generalised force of centrifugal and gyroscopic terms (18,), lever_bias: the same on the lever; spin:
     angular velocity of the head in its own axes (3,), spin_bias: its rate where coordinates do not accelerate;
-    spins: ∂spin/∂q̇ (3, 18); reach, reach_bias: the same of the plate's velocity, in B."""
+    sections, rates: the rod's, see `mechanics.rod`."""
 
     mass: jax.Array
     lever_row: jax.Array
@@ -186,116 +215,116 @@ class Motion(NamedTuple):
     lever_bias: jax.Array
     spin: jax.Array
     spin_bias: jax.Array
-    spins: jax.Array
-    reach: jax.Array
-    reach_bias: jax.Array
+    sections: Sections
+    rates: Rates
+
+
+_AXIS = np.array([1.0, 0.0, 0.0])
 
 
 def motion_of(q: jax.Array, q_rate: jax.Array, lever: jax.Array, lever_rate: jax.Array, space: Space) -> Motion:
     """Return mass and bias of the equations M q̈ + m θ̈ + bias = forces, at a state.
 
     Bodies are sections of the rod at the nodes, head, lever. With J their velocities by coordinates: M = Jᵀ m J and
-    bias = Jᵀ m J̇ q̇ with Euler's gyroscopic terms.
+    bias = Jᵀ m J̇ q̇ with Euler's gyroscopic terms, all in frame B.
     """
-    count = q.size
-
-    def place(flat: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return rod_poses(flat.reshape(q.shape), space.rod)
-
-    flat, speed = q.ravel(), q_rate.ravel()
-    (turned, _), push = jax.linearize(place, flat)
-    by_turn, by_place = jax.vmap(push)(jnp.eye(count))  # (coordinate, body, 3, 3), (coordinate, body, 3)
-
-    def velocity(at: jax.Array) -> tuple[jax.Array, jax.Array]:
-        rates: tuple[jax.Array, jax.Array] = jax.jvp(place, (at,), (speed,))[1]
-        return rates
-
-    _, (turn_bias, place_bias) = jax.jvp(velocity, (flat,), (speed,))
-    # Rᵀ dR is the cross product with the angular velocity in the body's axes.
-    spins = _vee(jnp.einsum("bji,cbjk->cbik", turned, by_turn))  # (coordinate, body, 3)
-    spin = jnp.einsum("c,cbi->bi", speed, spins)
-    crossed = jax.vmap(hat)(spin)
-    spin_bias = _vee(jnp.einsum("bji,bjk->bik", turned, turn_bias) - crossed @ crossed)
-
+    sections, rates = move_rod(q, q_rate, space.rod)
     g = grid(q.shape[1])
     share = jnp.asarray(g.weights) * space.rod.joint.length
-    line = jnp.stack(space.rod.line_inertia)
-    rod_tensor = share[:, None, None] * jnp.diag(line)
-    rod_mass = share * space.rod.line_mass
-
-    arms = jnp.stack([space.head_height, space.lever_height])
-    masses = jnp.stack([space.head_mass, space.lever_mass])
-    axis_by = by_turn[:, -1, :, 0]  # of the head's x axis, by coordinates
-    axis_bias = turn_bias[-1][:, 0]
-    centre_by = by_place[:, -1, None, :] + arms[:, None] * axis_by[:, None, :]  # (coordinate, body, 3)
-    centre_bias = place_bias[-1] + arms[:, None] * axis_bias
-
+    head = sections.turned[-1]
+    points, masses, section = _mass_points(sections, space)
     lever_tensor = _lever_tensor(lever, space)
     tensor = jnp.diag(space.head_tensor) + lever_tensor
-    translation = jnp.concatenate([by_place[:, :-1], centre_by], axis=1)
-    all_masses = jnp.concatenate([rod_mass, masses])
-    acceleration = jnp.concatenate([place_bias[:-1], centre_bias])
-    momenta = all_masses[:, None] * translation
-    tensors = jnp.concatenate([rod_tensor, tensor[None]])
-    turned_momenta = jnp.einsum("bij,cbj->cbi", tensors, spins)
-    mass = jnp.einsum("cbi,dbi->cd", momenta, translation) + jnp.einsum("cbi,dbi->cd", turned_momenta, spins)
+    own = jnp.concatenate([share[:, None, None] * jnp.diag(jnp.stack(space.rod.line_inertia)), tensor[None]])
+    tensors = sections.turned @ own @ jnp.swapaxes(sections.turned, 1, 2)
+
+    velocities = sections.velocities(points, section)
+    rows = jnp.concatenate([velocities, sections.spins]).reshape(-1, q.size)
+    momenta = jnp.concatenate([masses[:, None, None] * velocities, tensors @ sections.spins]).reshape(-1, q.size)
+    mass = momenta.T @ rows
 
     # The lever turns against the head: L = I ω + I_l (ω + θ̇ e_x), its tensor turning with it.
-    whole = spin[-1] + jnp.array([1.0, 0.0, 0.0]) * lever_rate
-    unit = jnp.array([1.0, 0.0, 0.0])
-    relative = lever_rate * unit
+    spin, spin_bias = rates.spin[-1] @ head, rates.spin_bias[-1] @ head
+    relative = lever_rate * _AXIS
+    whole = spin + relative
     turning = jnp.cross(relative, lever_tensor @ whole) - lever_tensor @ jnp.cross(relative, whole)
-    rod_gyration = jnp.cross(spin[:-1], jnp.einsum("bij,bj->bi", rod_tensor, spin[:-1]))
-    head_momentum = space.head_tensor * spin[-1] + lever_tensor @ whole
-    gyration = jnp.concatenate([rod_gyration, (turning + jnp.cross(spin[-1], head_momentum))[None]])
-    torques = jnp.einsum("bij,bj->bi", tensors, spin_bias) + gyration
-    bias = jnp.einsum("cbi,bi->c", momenta, acceleration) + jnp.einsum("cbi,bi->c", spins, torques)
+    lever_momentum = lever_tensor @ whole
+    head_gyration = turning + jnp.cross(spin, space.head_tensor * spin + lever_momentum)
+    rod_spin = rates.spin[:-1]
+    rod_gyration = jnp.cross(rod_spin, jnp.einsum("bij,bj->bi", tensors[:-1], rod_spin))
+    gyration = jnp.concatenate([rod_gyration, (head @ head_gyration)[None]])
+    torques = jnp.einsum("bij,bj->bi", tensors, rates.spin_bias) + gyration
+    forces = masses[:, None] * rates.acceleration(points, section)
+    bias = jnp.concatenate([forces, torques]).ravel() @ rows
 
-    lever_row = jnp.einsum("ci,i->c", spins[:, -1], lever_tensor @ unit)
-    lever_bias = (lever_tensor @ spin_bias[-1] + turning + jnp.cross(spin[-1], lever_tensor @ whole))[0]
-    return Motion(
-        mass, lever_row, bias, lever_bias, spin[-1], spin_bias[-1], spins[:, -1].T, by_place[:, -1].T, place_bias[-1]
-    )
+    lever_row = space.lever_tensor[0] * (head[:, 0] @ sections.spins[-1])
+    lever_bias = (lever_tensor @ spin_bias + turning + jnp.cross(spin, lever_momentum))[0]
+    return Motion(mass, lever_row, bias, lever_bias, spin, spin_bias, sections, rates)
 
 
-def _vee(matrix: jax.Array) -> jax.Array:
-    """Return the vectors of skew matrices (..., 3, 3); what is not skew in them is dropped."""
-    pairs = [(2, 1), (0, 2), (1, 0)]
-    return jnp.stack([0.5 * (matrix[..., i, j] - matrix[..., j, i]) for i, j in pairs], axis=-1)
+def _mass_points(sections: Sections, space: Space) -> tuple[jax.Array, jax.Array, Array]:
+    """Return (centres of mass in B (body, 3) [m], masses (body,) [kg], section that each is fixed to (body,)): of the
+    rod's sections at the nodes, of the head, of the lever."""
+    heights = jnp.stack([space.head_height, space.lever_height])
+    above = sections.places[-1] + heights[:, None] * sections.turned[-1][:, 0]
+    rod = jnp.asarray(grid().weights) * space.rod.joint.length * space.rod.line_mass
+    masses = jnp.concatenate([rod, jnp.stack([space.head_mass, space.lever_mass])])
+    nodes = sections.places.shape[0] - 1
+    return jnp.concatenate([sections.places[:-1], above]), masses, np.append(np.arange(nodes), [nodes, nodes])
 
 
 class Pull(NamedTuple):
-    """What a state feels: force -∂V/∂q with guides, dampers and blow (18,) [J]; the friction's torque [N m]; torsion
-    rate [rad/s]; tensions (tendon,) [N]."""
+    """What a state feels: force -∂V/∂q with guides and dampers (18,) [J]; the friction's torque [N m]; torsion rate
+    [rad/s]; tensions [N] and spans [m] (tendon,)."""
 
     force: jax.Array
     friction: jax.Array
     torsion_rate: jax.Array
     tension: jax.Array
+    spans: jax.Array
 
 
-def pull_of(time_s: jax.Array, state: SpaceState, space: Space) -> Pull:
-    """Return the generalised forces of a state, the inertia's apart.
+def pull_of(time_s: jax.Array, state: SpaceState, space: Space, moved: Motion | None = None) -> Pull:
+    """Return the generalised forces of a state, the inertia's apart. moved: how its coordinates move the bodies, where
+    that is known.
 
     Guides rub and the damper acts on the head's torsion, as in the torsional joint; what tendons lose at their guides
-    while the head tilts is not known and left out.
+    while the head tilts is not known and left out. Forces on the bodies act through their velocities by coordinates;
+    the silicone's, which sections have for themselves, are the slope of its energy.
     """
     p = space.rod.joint
+    moved = moved or motion_of(state.q, state.q_rate, state.lever, state.lever_rate, space)
+    sections, rates = moved.sections, moved.rates
     ends = cable_ends(time_s, space)
+    head, plate = sections.turned[-1], sections.places[-1]
+    guides, chord = _chords(head, plate, space)
+    chords = jnp.sqrt(jnp.sum(chord**2, axis=1))
+    channels = _channels(state.q, space)
+    spans = jnp.where(space.channel > 0, channels, chords)
+    tension = tendon_tension(spans - ends, space.joint)
 
     def stored(q: jax.Array) -> jax.Array:
-        return space_potential(q, space, ends) + memory_energy(q, state.memory, space.rod)
+        own = rod_energy(q, space.rod) + memory_energy(q, state.memory, space.rod)
+        return own + space.channel * (jax.lax.stop_gradient(tension) @ _channels(q, space))
 
-    def torsion(q: jax.Array) -> jax.Array:
-        return head_motion(q, space)[0]
-
-    slope = jax.grad(stored)(state.q)
-    by_torsion = jax.grad(torsion)(state.q)
-    torsion_rate = jnp.sum(by_torsion * state.q_rate)
-    tension = tensions(state.q, space, ends)
+    slope = jax.grad(stored)(state.q).ravel()
+    # Chords pull the head by a force and a torque about the foot; so does the weight, section by section.
+    pulled = (1 - space.channel) * (tension / chords)[:, None] * chord
+    turned = jnp.sum(jnp.cross(guides, pulled), axis=0)
+    points, masses, section = _mass_points(sections, space)
+    weights = (masses[:, None] * space.weight).ravel() @ sections.velocities(points, section).reshape(-1, slope.size)
+    by_torsion, torsion_rate = _torsion_by(sections.spins[-1], head), _torsion_by(rates.spin[-1], head)
     friction = p.guides.torque(jnp.sum(tension), state.bristles)
     resisting = friction + p.viscous * torsion_rate
-    return Pull((-slope - resisting * by_torsion).ravel(), friction, torsion_rate, tension)
+    force = weights - slope - jnp.sum(pulled, axis=0) @ sections.moves[-1] - turned @ sections.spins[-1]
+    return Pull(force - resisting * by_torsion, friction, torsion_rate, tension, spans)
+
+
+def _torsion_by(spin: jax.Array, head: jax.Array) -> jax.Array:
+    """Return the torsion's rate from the angular velocity of the head in B (3, ...): ω·(e + n)/(1 + e·n), e the axis of
+    the base and n that of the head."""
+    along = head[:, 0] + _AXIS
+    return along @ spin / along[0]
 
 
 def space_rate(time_s: jax.Array, state: SpaceState, space: Space) -> SpaceState:
@@ -310,16 +339,14 @@ def space_derivative(time_s: jax.Array, state: SpaceState, space: Space) -> tupl
     """
     p = space.rod.joint
     moved = motion_of(state.q, state.q_rate, state.lever, state.lever_rate, space)
-    felt = pull_of(time_s, state, space)
+    felt = pull_of(time_s, state, space, moved)
     goal, goal_rate, goal_acceleration = commanded_angle(time_s, p)
     horn = horn_torque(duty(goal - state.lever, p), state.lever_rate, p)
     locked = (p.locked_stop > 0) & (time_s >= p.stop_s)
     prescribed = (p.prescribed > 0) | locked
 
     hit = jnp.where(time_s < BLOW_S, 1.0 / BLOW_S, 0.0) * space.blow
-    rotations, _ = rod_poses(state.q, space.rod)
-    blow = (rotations[-1].T @ hit) @ moved.spins
-    force = felt.force + blow - moved.bias
+    force = felt.force + hit @ moved.sections.spins[-1] - moved.bias
     inertia = moved.mass + space.added
     # The servo's lever is one more coordinate, eliminated; the prescribed one's acceleration is given.
     factor = jax.scipy.linalg.cho_factor(inertia)
