@@ -40,7 +40,8 @@ class Space(NamedTuple):
     channel: 1 where tendons run in a channel of the silicone, 0 where they are chords from plate to plate.
     cable_end, held_tension: of each tendon (tendon,) [m], [N]; they stand for those of the joint. pulls: amplitude with
     which each motor takes up its tendon in time with the drive (tendon,) [m].
-    blow: angular impulse on the head about x, y, z of B [N m s], given evenly within `BLOW_S` from the start.
+    blow: angular impulse on the head about x, y, z of B [N m s], given within `BLOW_S` from the start as 1 - cos goes,
+    which a few steps of RK4 add up exactly.
     added: inertia of coordinates that are too stiff for the time step (6 term, 6 term) [kg m²]; see `solve.spatial`.
     """
 
@@ -345,7 +346,7 @@ def space_derivative(time_s: jax.Array, state: SpaceState, space: Space) -> tupl
     locked = (p.locked_stop > 0) & (time_s >= p.stop_s)
     prescribed = (p.prescribed > 0) | locked
 
-    hit = jnp.where(time_s < BLOW_S, 1.0 / BLOW_S, 0.0) * space.blow
+    hit = jnp.where(time_s < BLOW_S, (1 - jnp.cos(2 * jnp.pi / BLOW_S * time_s)) / BLOW_S, 0.0) * space.blow
     force = felt.force + hit @ moved.sections.spins[-1] - moved.bias
     inertia = moved.mass + space.added
     # The servo's lever is one more coordinate, eliminated; the prescribed one's acceleration is given.

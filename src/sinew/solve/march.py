@@ -19,6 +19,7 @@ from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import tendon_stretch
 
 S = TypeVar("S")
+K = TypeVar("K")
 Progress = Callable[[float, float], None]
 
 LANES = 64
@@ -66,6 +67,52 @@ def runge_kutta(slope: Callable[[jax.Array, S], S], time_s: jax.Array, state: S,
 
     after: S = jax.tree.map(combined, state, k1, k2, k3, k4)
     return after
+
+
+_SHARES = np.array([0.5, 0.5, 1.0, 0.0])  # of a step to where the next of its four slopes is taken
+_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6
+
+
+def runge_kutta_samples(
+    slope: Callable[[jax.Array, S], tuple[S, K]],
+    start_s: jax.Array,
+    state: S,
+    sample_s: jax.Array,
+    samples: jax.Array,
+    steps: jax.Array,
+    room: int,
+) -> tuple[S, K]:
+    """Return (state after some samples, what was seen at each of them (room, ...)); the method of `runge_kutta`.
+
+    slope: returns the derivative and what is seen there. steps: of each sample. A slope that is long to compile, which
+    stands four times in `runge_kutta` and once more in what is seen, stands here once: a turn of the loop is one
+    evaluation, and what is seen is of the first one of a sample.
+    """
+    step_s = sample_s / steps
+    first = jax.eval_shape(slope, start_s, state)[1]
+    kept = jax.tree.map(lambda leaf: jnp.zeros((room + 1, *leaf.shape), leaf.dtype), first)
+
+    def turn(n: jax.Array, carry: tuple[S, S, S, K]) -> tuple[S, S, S, K]:
+        begun, here, gone, rows = carry
+        stage, step = n % 4, n // 4
+        after = jnp.asarray([0.0, *_SHARES[:3]])[stage]
+        rate_here, seen = slope(start_s + (step + after) * step_s, here)
+        row = jnp.where(n % (4 * steps) == 0, step // steps, room)
+        rows = jax.tree.map(lambda r, one: jax.lax.dynamic_update_index_in_dim(r, one, row, axis=0), rows, seen)
+        gone = jax.tree.map(lambda total, dy: total + jnp.asarray(_WEIGHTS)[stage] * dy, gone, rate_here)
+        last = stage == 3
+
+        def moved(y: jax.Array, dy: jax.Array, whole: jax.Array) -> jax.Array:
+            return y + step_s * jnp.where(last, whole, jnp.asarray(_SHARES)[stage] * dy)
+
+        here = jax.tree.map(moved, begun, rate_here, gone)
+        begun = jax.tree.map(lambda old, new: jnp.where(last, new, old), begun, here)
+        gone = jax.tree.map(lambda total: jnp.where(last, 0.0, total), gone)
+        return begun, here, gone, rows
+
+    nothing = jax.tree.map(jnp.zeros_like, state)
+    state, _, _, kept = jax.lax.fori_loop(0, samples * steps * 4, turn, (state, state, nothing, kept))
+    return state, jax.tree.map(lambda leaf: leaf[:room], kept)
 
 
 def _step(time_s: jax.Array, state: State, step_s: jax.Array, p: Parameters) -> State:
@@ -153,26 +200,43 @@ def integrate(
     for all batches, so it is compiled once (and kept in the persistent cache).
     """
     steps = steps or steps_per_sample(p, sample_s)
-    order = np.argsort(samples, kind="stable")
-    batches = [order[i : i + LANES] for i in range(0, order.size, LANES)]
     room = int(np.ceil(max(samples) / 256) * 256)
+
+    def run(lanes: NDArray[np.intp], longest: int) -> Array:
+        chunk = jax.tree.map(lambda leaf: np.asarray(leaf)[lanes], p)
+        return np.asarray(_batch(chunk, shortening[lanes], np.float64(sample_s), np.int64(longest), room, steps))
+
+    kept = in_batches(run, samples, LANES, sample_s, progress)
+    single = len(Track._fields) - 1
+    return [Track(*rows[:single], stretch=rows[single:]) for rows in kept]  # type: ignore[misc]
+
+
+def in_batches(
+    run: Callable[[NDArray[np.intp], int], Array],
+    samples: Sequence[int],
+    size: int,
+    sample_s: float,
+    progress: Progress | None,
+) -> list[Array]:
+    """Return what is kept of every lane, (channel, sample).
+
+    run: returns (sample, lane, channel) of a batch of `size` lanes, given by number, and the number of samples of the
+    longest. samples: of each lane. Lanes are sorted by length and the last batch is filled up; all cores work.
+    """
+    order = np.argsort(samples, kind="stable")
+    batches = [order[i : i + size] for i in range(0, order.size, size)]
     total, done = float(np.sum(samples)) * sample_s, 0.0
-    tracks: dict[int, Track] = {}
+    rows: dict[int, Array] = {}
 
-    def run(lanes: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
-        padded = np.concatenate([lanes, np.full(LANES - lanes.size, lanes[-1])])
-        chunk = jax.tree.map(lambda leaf: np.asarray(leaf)[padded], p)
-        longest = max(samples[i] for i in lanes)
-        kept = _batch(chunk, shortening[padded], np.float64(sample_s), np.int64(longest), room, steps)
-        return lanes, np.asarray(kept)
+    def march(lanes: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array]:
+        padded = np.concatenate([lanes, np.full(size - lanes.size, lanes[-1])])
+        return lanes, run(padded, max(samples[i] for i in lanes))
 
-    for future in as_completed([_pool().submit(run, lanes) for lanes in batches]):
+    for future in as_completed([_pool().submit(march, lanes) for lanes in batches]):
         lanes, kept = future.result()
         for column, lane in enumerate(lanes):
-            rows = kept[: samples[lane], column].T.copy()
-            single = len(Track._fields) - 1
-            tracks[int(lane)] = Track(*rows[:single], stretch=rows[single:])  # type: ignore[misc]
+            rows[int(lane)] = kept[: samples[lane], column].T.copy()
             done += samples[lane] * sample_s
         if progress is not None:
             progress(done, total)
-    return [tracks[lane] for lane in range(len(samples))]
+    return [rows[lane] for lane in range(len(samples))]
