@@ -17,9 +17,11 @@ from sinew.analysis.decay.modes import fit_modes, modes_json
 from sinew.analysis.decay.ring_down import analyse_ring_down, analyse_ring_downs, ring_down_json
 from sinew.analysis.doubts import doubts_of, find_doubts
 from sinew.analysis.kinds import as_kind, find_kind, recorded_kind
+from sinew.analysis.signal.attitude import tilting
 from sinew.analysis.signal.groups import split_by_drive
 from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.signals import Signals, drive_channel, read_signals, response_channel
+from sinew.analysis.sweep.coupling import analyse_coupling, coupling_rows
 from sinew.analysis.sweep.energy import estimate_energy
 from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, RESONANCES, estimate_resonance, read_resonances
 from sinew.analysis.sweep.response import estimate_response, response_dataset
@@ -40,7 +42,7 @@ from sinew.measure.estimate import (
 )
 from sinew.measure.files.csv import refuse_bridge
 from sinew.measure.files.netcdf import content_hash, load_recording, provenance
-from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
+from sinew.measure.schema import CHANNELS, ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
 from sinew.measure.told import Table, Told
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
@@ -69,6 +71,8 @@ class Analysed(Told):
             return [*told, *_ring_down_told(document, self.recording)]
         if document["kind"] in ("broadband", "impact"):
             return _broadband_told(document)
+        if document.get("pose"):
+            told += _space_told(document)
         if document.get("response") and self.dataset is not None:
             told.append(_response_table(document["response"], self.dataset))
         if document.get("resonance"):
@@ -196,9 +200,10 @@ def _analyse_own(
 
 
 def _notes_of(document: dict[str, Any], results: xr.Dataset) -> list[str]:
-    """Return why there is no resonance, where there is none."""
-    reason = str(results.attrs["resonance_notes"])
-    return [reason] if "resonance" not in document and reason else []
+    """Return why there is no resonance, no coupling and no decay in bending, where there is none."""
+    reasons = [] if "resonance" in document else [str(results.attrs["resonance_notes"])]
+    reasons += [str(results.attrs.get(name, "")) for name in ("coupling_notes", "sway_notes")]
+    return [reason for reason in reasons if reason]
 
 
 # A whole recording: sweep, resonance, energy and ring-down in one dataset, with what speaks against it.
@@ -220,9 +225,13 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
     if not kinds & {"steady", "ring-down"}:
         found = ", ".join(sorted(kinds))
         raise RecordingError(f"nothing to analyse: found only {found} segments, expected steady ones or ring-downs")
-    signals = read_signals(split_by_drive(recording), rig)
+    signals = everything = read_signals(split_by_drive(recording), rig)
     parts: list[xr.Dataset] = []
-    notes = ""
+    notes, in_space = "", {}
+    if signals.pose is not None:
+        signals = signals.moved_by("lever", "impulse-torsion")
+        in_space = _in_space(everything, parts)
+        kinds = {segment.kind for segment, _ in signals.segments}
     if "steady" in kinds:
         response = estimate_response(signals)
         sweep = response_dataset(response)
@@ -248,15 +257,49 @@ def analyse_recording(recording: xr.Dataset, rig: RigSpec | None = None) -> xr.D
             if not parts:
                 raise
             parts[0].attrs["ring_down_notes"] = f"no ring-down could be analysed: {error}"
+    if not parts:
+        raise RecordingError(str(in_space["coupling_notes"] or in_space["sway_notes"]))
     results = join_parts(parts)
     told = {key: value for part in parts for key, value in part.attrs.items() if str(key).endswith(_TOLD)}
-    results.attrs = {**_attributes(recording, signals), **told, "resonance_notes": notes}
+    results.attrs = {**_attributes(recording, signals), **told, **in_space, "resonance_notes": notes}
     doubts = [doubt.to_json() for doubt in find_doubts(results, signals)]
     results.attrs["doubts"] = json.dumps(doubts, ensure_ascii=False)
     return validate_results(results)
 
 
-_TOLD = ("_notes", "idle_power_w")
+_TOLD = ("_notes", "idle_power_w", "coupling_drive")
+
+
+# A head that bends or sways has more to tell: the coupling of its steady segments, and decays that are no torsion's.
+
+
+def _in_space(signals: Signals, parts: list[xr.Dataset]) -> dict[str, Any]:
+    """Return the attributes that results of a bent or swaying head have further; adds its part, if there is one.
+
+    `pose`, `sway_ring_downs` (JSON); `coupling_notes`, `sway_notes`: why there is none of it, where one was asked for.
+    """
+    assert signals.pose is not None
+    bend, azimuth = np.degrees([signals.pose.bend, signals.pose.azimuth])
+    told = {"pose": json.dumps({"bend_deg": float(bend), "azimuth_deg": float(azimuth)})}
+    told |= {"coupling_notes": "", "sway_notes": "", "sway_ring_downs": "[]"}
+    if any(True for _ in signals.of_kind("steady")):
+        try:
+            parts.append(analyse_coupling(signals))
+        except RecordingError as error:
+            told["coupling_notes"] = f"no coupling could be analysed: {error}"
+    rows: list[dict[str, Any]] = []
+    for excitation in ("pitch", "roll", "impulse-pitch", "impulse-roll"):
+        decays = tilting(signals, excitation)
+        if decays is not None:
+            try:
+                found = analyse_ring_downs(decays)
+            except RecordingError as error:
+                told["sway_notes"] = f"no decay in {excitation} could be analysed: {error}"
+                continue
+            rows += [{"excitation": excitation, **row} for row in decay_rows(found)]
+            if not parts:
+                parts.append(xr.Dataset(coords={"pretension_mm": found["pretension_mm"]}))
+    return told | {"sway_ring_downs": json.dumps(rows)}
 
 
 def _attributes(recording: xr.Dataset, signals: Signals) -> dict[str, Any]:
@@ -404,10 +447,22 @@ def _foreign_ring_down(
 
 def results_document(results: xr.Dataset) -> dict[str, Any]:
     """Return the results of a recording as JSON holds them: response, resonance, energy, ring-downs, what there is."""
-    document: dict[str, Any] = {"kind": "recording", "doubts": doubts_of(results), **_sweep_part(results)}
+    document: dict[str, Any] = {"kind": "recording", "doubts": doubts_of(results), **_space_part(results)}
+    document |= _sweep_part(results)
     if "decay_rate_per_s" in results:
         document["ring_down"] = decay_rows(results)
     return document
+
+
+def _space_part(results: xr.Dataset) -> dict[str, Any]:
+    """Return pose, coupling table and decays of a head that bends or sways; nothing of one that only turns."""
+    if "pose" not in results.attrs:
+        return {}
+    part: dict[str, Any] = {"pose": json.loads(results.attrs["pose"])}
+    if "coupling_ratio" in results:
+        part |= {"coupling_drive": str(results.attrs["coupling_drive"]), "coupling": coupling_rows(results)}
+    decays = json.loads(results.attrs["sway_ring_downs"])
+    return part | ({"sway_ring_down": decays} if decays else {})
 
 
 def _sweep_part(results: xr.Dataset) -> dict[str, Any]:
@@ -521,6 +576,50 @@ def _response_table(rows: list[dict[str, Any]], results: xr.Dataset) -> Table:
     ]
     names = ("pretension/mm", "frequency/Hz", "gain", "gain, measured drive", "phase lag/°", "settled")
     return Table(names, cells, "sweep: mean over repeats ± standard deviation of it (everything: --json)")
+
+
+def _space_told(document: dict[str, Any]) -> list[Table | str]:
+    """Return the pose, the essential columns of the coupling table, and the decays in bending."""
+    pose = document["pose"]
+    told: list[Table | str] = [f"pose: a bend of {pose['bend_deg']:.4g}° towards {pose['azimuth_deg']:.4g}°"]
+    if rows := document.get("coupling"):
+        at: dict[tuple[float, float], dict[str, dict[str, Any]]] = {}
+        for row in rows:
+            at.setdefault((row["pretension_mm"], row["frequency_hz"]), {})[row["channel"]] = row
+        cells = [
+            (
+                *map(number, where),
+                *(shown(of[name]["amplitude_deg"]) for name in CHANNELS),
+                shown(of["out-of-plane"]["coupling_ratio"]),
+                shown(of["out-of-plane"]["lag_behind_torsion_deg"]),
+                shown(of["in-plane"]["second_harmonic_deg"]),
+            )
+            for where, of in at.items()
+        ]
+        names = (
+            "p/mm",
+            "f/Hz",
+            "torsion/°",
+            "in plane/°",
+            "out of plane/°",
+            "out/torsion",
+            "its lag/°",
+            "in plane, 2f/°",
+        )
+        title = f"coupling, driven by {document['coupling_drive']}: amplitudes of torsion and of tilt (all: --json)"
+        told.append(Table(names, cells, title))
+    if decays := document.get("sway_ring_down"):
+        cells = [
+            (
+                row["excitation"],
+                number(row["pretension_mm"]),
+                *(shown(row.get(key)) for key in list(_DECAY_COLUMNS)[:3]),
+            )
+            for row in decays
+        ]
+        columns = ("excitation", "pretension/mm", *list(_DECAY_COLUMNS.values())[:3])
+        told.append(Table(columns, cells, "decays in bending: mean ± standard deviation of it"))
+    return told
 
 
 def _resonance_table(rows: list[dict[str, Any]]) -> Table:

@@ -227,6 +227,10 @@ _WITHOUT_COORDINATES = "sinew-results-1"
 
 _P, _PR, _PFR = ("pretension_mm",), ("pretension_mm", "repeat"), ("pretension_mm", "frequency_hz", "repeat")
 _PRW = ("pretension_mm", "repeat", "window_start_periods")
+_PFRC = (*_PFR, "channel")
+
+CHANNELS = ("torsion", "in-plane", "out-of-plane")
+"""What a bent head does: its torsion, and its tilt away from the pose in the plane of the bend and out of it."""
 
 _COORDINATES = {
     "pretension_mm": Variable(_P, "mm", "commanded pretension"),
@@ -235,6 +239,7 @@ _COORDINATES = {
     "window_start_periods": Variable(
         ("window_start_periods",), "1", "start of the decay after the stop, in periods of the drive"
     ),
+    "channel": Variable(("channel",), "", f"motion of the head: {', '.join(CHANNELS)}"),
 }
 
 _RESPONSE = {
@@ -257,6 +262,22 @@ _RESPONSE = {
     "drift_per_period": Variable(_PFR, "1", "relative change of amplitude per period inside the group"),
     "saturated_share": Variable(_PFR, "1", "share of samples with the drive's duty at its limit"),
     "drive_current_rms_a": Variable(_PFR, "A", "root mean square of the drive current"),
+}
+
+_COUPLING = {
+    "channel_amplitude_rad": Variable(_PFRC, "rad", "amplitude of the channel, fundamental"),
+    "channel_amplitude_std_rad": Variable(_PFRC, "rad", "standard deviation of the channel's amplitude"),
+    "channel_gain": Variable(_PFRC, "*", "fundamental over that of the drive: 1 by the lever, rad/mm by the tendons"),
+    "channel_gain_std": Variable(_PFRC, "*", "standard deviation of the channel's gain"),
+    "channel_lag_rad": Variable(_PFRC, "rad", "lag of the channel behind the drive, delay budget corrected"),
+    "channel_lag_std_rad": Variable(_PFRC, "rad", "standard deviation of that lag"),
+    "coupling_ratio": Variable(_PFRC, "1", "fundamental over that of the torsion"),
+    "coupling_ratio_std": Variable(_PFRC, "1", "standard deviation of the coupling ratio"),
+    "coupling_lag_rad": Variable(_PFRC, "rad", "lag of the channel behind the torsion"),
+    "coupling_lag_std_rad": Variable(_PFRC, "rad", "standard deviation of that lag"),
+    "second_harmonic_rad": Variable(_PFRC, "rad", "amplitude of the channel at twice the drive's frequency"),
+    "second_harmonic_std_rad": Variable(_PFRC, "rad", "standard deviation of the second harmonic"),
+    "channel_mean_rad": Variable(_PFRC, "rad", "mean of the channel; of the torsion zero where a filter told it"),
 }
 
 _POWER = {
@@ -350,6 +371,7 @@ ENERGY_QUANTITIES = tuple(list(_ENERGY)[::4])
 RESULT_VARIABLES: dict[str, Variable] = {
     **_COORDINATES,
     **_RESPONSE,
+    **_COUPLING,
     **_POWER,
     **_RESONANCE,
     **_ENERGY,
@@ -417,7 +439,8 @@ def validate_results(results: xr.Dataset) -> xr.Dataset:
                 f"the axis {name!r} of these results has no coordinate, so that no place in it has a name"
             )
         marks = results[name].values
-        if not np.isfinite(marks).all() or np.unique(marks).size != marks.size:
+        known = np.isfinite(marks).all() if RESULT_VARIABLES[name].unit else set(map(str, marks)) <= set(CHANNELS)
+        if not known or np.unique(marks).size != marks.size:
             raise SchemaError(f"the axis {name!r} of these results holds a mark twice, NaN or infinity: {marks}")
     for name in map(str, results.variables):
         row = RESULT_VARIABLES.get(name)
@@ -428,7 +451,7 @@ def validate_results(results: xr.Dataset) -> xr.Dataset:
         unit = results[name].attrs.get("units", "")
         if row.unit not in ("*", unit):
             raise SchemaError(f"result variable {name!r} has unit {unit!r}, expected {row.unit!r}")
-    for part in (_RESPONSE, _POWER, _RESONANCE, _ENERGY, _RING_DOWN, _WINDOWS):
+    for part in (_RESPONSE, _COUPLING, _POWER, _RESONANCE, _ENERGY, _RING_DOWN, _WINDOWS):
         missing = [name for name in part if name not in results]
         if missing and len(missing) < len(part):
             raise SchemaError(

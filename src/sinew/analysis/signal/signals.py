@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +10,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from sinew.measure.arrays import Array
+from sinew.measure.attitude import gyro_share
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError, TimeError
 from sinew.measure.recording import Segment, iterate_segments
-from sinew.measure.schema import SAMPLE_VARIABLES, SegmentKind
+from sinew.measure.schema import SAMPLE_VARIABLES, Excitation, SegmentKind
 from sinew.plan.rig import RigSpec
 
 # The delay budget: what the sensors' chain does to torsion and drive before they are recorded.
@@ -130,12 +131,22 @@ class Channel:
 
 
 @dataclass(frozen=True)
+class RestPose:
+    """The pose that was asked for: bend and azimuth [rad], zero of an upright head; see `sinew.plan.pose`."""
+
+    bend: float
+    azimuth: float
+
+
+@dataclass(frozen=True)
 class Signals:
     """What a recording says, read once.
 
-    time_s: stamps [s], (n,). segments: all, each with its samples. response: what tells the torsion. drive: as it was
-    measured, an angle or not; None where it was not. rig: whose sensors these were, None for perfect ones. budget: what
-    they did to torsion and drive. recorded: every variable over samples by its name in the schema. attrs: provenance.
+    time_s: stamps [s], (n,). segments: all, each with its samples. response: what tells the torsion, of a bent head
+    with what the gyroscope under-reads made good. drive: as it was measured, an angle or not; None where it was not.
+    rig: whose sensors these were, None for perfect ones. budget: what they did to torsion and drive. recorded: every
+    variable over samples by its name in the schema. attrs: provenance. pose: of a head that bends or sways; None of
+    one that only turns.
     """
 
     time_s: Array
@@ -146,6 +157,11 @@ class Signals:
     budget: DelayBudget
     recorded: Mapping[str, NDArray[Any]]
     attrs: Mapping[Any, Any]
+    pose: RestPose | None = None
+
+    def moved_by(self, *excitations: Excitation) -> "Signals":
+        """Return the same with the segments alone in which one of these moves the head."""
+        return replace(self, segments=[row for row in self.segments if row[0].excitation in excitations])
 
     def of_kind(self, kind: SegmentKind) -> Iterator[tuple[Segment, slice]]:
         """Yield the segments of one kind."""
@@ -156,21 +172,39 @@ def read_signals(recording: xr.Dataset | Signals, rig: RigSpec | None = None) ->
     """Return the signals of a recording; those that were read already are passed through.
 
     rig: whose sensors' delays count; None for perfect sensors.
-    Raises RecordingError where nothing tells the torsion, TimeError where no segment holds two samples.
+    Raises RecordingError where nothing tells the torsion or the segments are in several poses, TimeError where no
+    segment holds two samples.
     """
     if isinstance(recording, Signals):
         return recording
     as_dataset(recording, "recording")
+    segments = [(segment, where) for _, segment, where in iterate_segments(recording)]
+    pose = _pose_of([segment for segment, _ in segments])
+    response = response_channel(recording)
+    if pose is not None and pose.bend != 0.0 and "gyro_rad_s" in recording:
+        response = replace(response, values=response.values / gyro_share(pose.bend))
     return Signals(
         recording["time_s"].values,
-        [(segment, where) for _, segment, where in iterate_segments(recording)],
-        response_channel(recording),
+        segments,
+        response,
         drive_channel(recording),
         rig,
         delay_budget(recording, rig),
         {name: recording[name].values for name in SAMPLE_VARIABLES if name in recording},
         recording.attrs,
+        pose,
     )
+
+
+def _pose_of(segments: list[Segment]) -> RestPose | None:
+    """Return the one pose of all segments; None where none is bent or moved by anything but the lever."""
+    if not any(segment.is_spatial for segment in segments):
+        return None
+    poses = sorted({(segment.bend_deg, segment.azimuth_deg) for segment in segments})
+    if len(poses) > 1:
+        told = ", ".join(f"{bend:g}° towards {azimuth:g}°" for bend, azimuth in poses)
+        raise RecordingError(f"the segments are in {len(poses)} poses ({told}), expected one; analyse each by itself")
+    return RestPose(*map(math.radians, poses[0]))
 
 
 def response_channel(recording: xr.Dataset) -> Channel:

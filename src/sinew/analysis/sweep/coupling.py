@@ -1,0 +1,256 @@
+"""Coupling of torsion and sway: what the head of a bent joint does in each direction, by drive and by torsion.
+
+Of each steady segment the attitude gives three channels: the torsion, and the tilt away from the pose in the plane of
+the bend and out of it (`sinew.measure.attitude`). Their harmonics are fitted together with the drive's. A channel's
+response is its fundamental over the drive's; its coupling ratio is its fundamental over the torsion's, size and lag;
+and twice the drive's frequency is where a bend answers a torsion that goes both ways: in the plane of the bend the
+first harmonic is small, and the second tells.
+
+An amplitude near its own noise has an interval that reaches to zero: of a channel that does not move, noise alone makes
+an amplitude, beyond 2.15 of its standard deviations in one case of ten (Rayleigh).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sinew.analysis.signal.attitude import Attitude, read_attitude
+from sinew.analysis.signal.harmonics import Harmonics, fit_harmonics, relative_noise
+from sinew.analysis.signal.repeats import Interval, combine_repeats
+from sinew.analysis.signal.signals import RestPose, Signals, drive_chain, torsion_chain
+from sinew.measure.arrays import Array, Complexes, mean_of_known, wrapped_lag
+from sinew.measure.attitude import tilt_from, torsion_of, turned_about_x
+from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import Estimate, finite
+from sinew.measure.recording import Segment
+from sinew.measure.schema import CHANNELS, RESULT_VARIABLES, result_axis
+
+TORSION, IN_PLANE, OUT_OF_PLANE = range(3)
+"""Places of the channels; their names are `sinew.measure.schema.CHANNELS`."""
+
+_DRIVE = 3
+_FREEDOM = 16.0
+"""Degrees of freedom of a standard deviation by eight sidebands, complex ones."""
+_FREEDOM_OF_HARMONIC = 24.0
+"""Of one by the twelve lines beside a harmonic."""
+_RAYLEIGH_90 = math.sqrt(-2.0 * math.log(0.1))
+
+
+@dataclass(frozen=True)
+class _Of:
+    """What one steady segment says, by channel, (3,): phasors of the fundamental by drive and by torsion, with relative
+    standard deviation of their size and standard deviation of their angle; amplitude of fundamental and second harmonic
+    [rad] with theirs; mean [rad]."""
+
+    amplitude: Array
+    amplitude_std: Array
+    gain: Complexes
+    gain_noise: Array
+    coupling: Complexes
+    coupling_noise: Array
+    second: Array
+    second_std: Array
+    mean: Array
+
+
+def analyse_coupling(signals: Signals) -> xr.Dataset:
+    """Return the coupling part of the results over pretension, frequency, repeat and channel.
+
+    signals: of a head that bends or sways. Without a drive that was measured the response by drive is NaN. Segments
+    that are too short for their frequency are NaN. Raises RecordingError where nothing tells the attitude, the drives
+    differ, or no steady segment can be analysed.
+    """
+    pose, attitude = signals.pose, read_attitude(signals)
+    if pose is None:
+        raise RecordingError("the head of this recording is upright and only turns; nothing couples")
+    if attitude is None:
+        raise RecordingError(
+            "nothing tells how the head leans: expected a recorded orientation, or gyroscope and accelerometer"
+        )
+    steady = [row for row in signals.of_kind("steady") if np.isfinite(row[0].frequency_hz)]
+    drives = sorted({segment.excitation for segment, _ in steady})
+    if len(drives) != 1:
+        raise RecordingError(f"found steady segments driven by {' and '.join(drives) or 'nothing'}, expected one drive")
+    found: list[tuple[Segment, _Of]] = []
+    for segment, where in steady:
+        try:
+            found.append((segment, _analyse_segment(signals, attitude, pose, segment, where)))
+        except ValueError:
+            continue  # too short, or too coarse, for this frequency: its place in the grid stays NaN
+    if not found:
+        raise RecordingError("no steady segment holds a whole period of its drive with a known attitude; record longer")
+    return _on_grid(found, [segment for segment, _ in steady], drives[0])
+
+
+def _analyse_segment(signals: Signals, attitude: Attitude, pose: RestPose, segment: Segment, where: slice) -> _Of:
+    """Return what one steady segment says. Raises ValueError where it is too short, or its attitude is not known."""
+    time, frequency = signals.time_s[where], np.array([segment.frequency_hz])
+    orientation = attitude.orientation[where]
+    if not np.isfinite(orientation).all():
+        raise ValueError("the attitude is not known")
+    if not attitude.is_recorded:  # the torsion swings about zero: its offset and slope are the filter's heading
+        torsion = fit_harmonics(time[None], torsion_of(orientation)[None, None], frequency)
+        heading = torsion.offset[0, 0] + torsion.slope[0, 0] * (time - torsion.reference_s[0])
+        orientation = turned_about_x(orientation, -heading)
+    channels = [torsion_of(orientation), *tilt_from(orientation, pose.bend, pose.azimuth).T]
+    drive = _drive(signals, segment, where)
+    fitted = fit_harmonics(time[None], np.stack([*channels, *([] if drive is None else [drive])])[None], frequency)
+    order = np.arange(1, fitted.coefficient.shape[2] + 1) * frequency[0]
+    chain = np.ones(order.size) if attitude.is_recorded else torsion_chain(signals.budget, order)
+    wave = fitted.coefficient[0, :_DRIVE] / chain
+    unknown = np.full(3, np.nan)
+    gain, gain_noise = unknown + 0j, np.full((3, 2), np.nan)
+    if drive is not None:
+        driven = fitted.coefficient[0, _DRIVE, 0]
+        driven = driven / drive_chain(signals.budget, frequency[0]) if segment.excitation == "lever" else driven
+        gain, gain_noise = wave[:, 0] / driven, _noises(fitted, _DRIVE)
+    coupling = np.array([1.0 + 0j, *(wave[1:, 0] / wave[0, 0])])
+    second = np.abs(wave[:, 1]) if wave.shape[1] > 1 else unknown
+    return _Of(
+        np.abs(wave[:, 0]),
+        fitted.std[0, :_DRIVE, 0],
+        gain,
+        gain_noise,
+        coupling,
+        _noises(fitted, TORSION),
+        second,
+        fitted.std[0, :_DRIVE, 1],
+        fitted.offset[0, :_DRIVE],
+    )
+
+
+def _noises(fitted: Harmonics, reference: int) -> Array:
+    """Return of each channel over the reference the relative noise of the size and the noise of the angle, (3, 2)."""
+    rows = [relative_noise(fitted, c, reference) if c != reference else (np.zeros(1), np.zeros(1)) for c in range(3)]
+    return np.array([[float(size[0]), float(angle[0])] for size, angle in rows])
+
+
+def _drive(signals: Signals, segment: Segment, where: slice) -> Array | None:
+    """Return what drives: the lever's angle [rad], or the cable that the tendons take up against one another [mm].
+
+    The latter is the amplitude of the pattern in the motors' measured angles, whose tendons stand evenly on their
+    circle, the first at y: 2/N Σ w_i s_i with w the weights of pitch or roll. None where it was not measured.
+    """
+    if segment.excitation == "lever":
+        return None if signals.drive is None or signals.drive.unit != "rad" else signals.drive.values[where]
+    if signals.rig is None or "tendon_rad" not in signals.recorded:
+        return None
+    cable = np.asarray(signals.recorded["tendon_rad"], dtype=float)[where] * signals.rig.tendons.pulley_radius.value
+    turn = 2.0 * np.pi * np.arange(cable.shape[1]) / cable.shape[1]
+    weights = np.cos(turn) if segment.excitation == "roll" else -np.sin(turn)
+    return np.asarray(2e3 / cable.shape[1] * (cable @ weights))
+
+
+def _on_grid(found: list[tuple[Segment, _Of]], asked: list[Segment], excitation: str) -> xr.Dataset:
+    pretension = np.unique([s.pretension_mm for s in asked])
+    frequency = np.unique([s.frequency_hz for s in asked])
+    repeat = np.unique([s.repeat for s in asked])
+    shape = (pretension.size, frequency.size, repeat.size, len(CHANNELS))
+    columns = {name: np.full(shape, np.nan) for name in _CHANNEL_COLUMNS}
+    for segment, of in found:
+        asked_for = (segment.pretension_mm, segment.frequency_hz, segment.repeat)
+        axes = (pretension, frequency, repeat)
+        at = tuple(int(np.searchsorted(axis, mark)) for axis, mark in zip(axes, asked_for, strict=True))
+        for name, values in {
+            "channel_amplitude_rad": of.amplitude,
+            "channel_amplitude_std_rad": of.amplitude_std,
+            "channel_gain": np.abs(of.gain),
+            "channel_gain_std": np.abs(of.gain) * of.gain_noise[:, 0],
+            "channel_lag_rad": wrapped_lag(of.gain),
+            "channel_lag_std_rad": of.gain_noise[:, 1],
+            "coupling_ratio": np.abs(of.coupling),
+            "coupling_ratio_std": np.abs(of.coupling) * of.coupling_noise[:, 0],
+            "coupling_lag_rad": wrapped_lag(of.coupling),
+            "coupling_lag_std_rad": of.coupling_noise[:, 1],
+            "second_harmonic_rad": of.second,
+            "second_harmonic_std_rad": of.second_std,
+            "channel_mean_rad": of.mean,
+        }.items():
+            columns[name][at] = values
+    variables = {}
+    for name, values in columns.items():
+        row = RESULT_VARIABLES[name]
+        variables[name] = (row.dims, values, {"units": row.unit, "long_name": row.meaning})
+    variables["channel_gain"][2]["units"] = "1" if excitation == "lever" else "rad/mm"
+    variables["channel_gain_std"][2]["units"] = variables["channel_gain"][2]["units"]
+    marks = {"pretension_mm": pretension, "frequency_hz": frequency, "repeat": repeat + 1}
+    axes_of = {name: result_axis(name, values) for name, values in marks.items()}
+    axes_of["channel"] = result_axis("channel", np.array(CHANNELS, dtype=object))
+    return xr.Dataset(variables, axes_of, attrs={"coupling_drive": excitation})
+
+
+_BY_DRIVE = ("channel_gain", "channel_gain_std", "channel_lag_rad", "channel_lag_std_rad")
+_BY_TORSION = ("coupling_ratio", "coupling_ratio_std", "coupling_lag_rad", "coupling_lag_std_rad")
+_CHANNEL_COLUMNS = tuple(
+    name for name, row in RESULT_VARIABLES.items() if row.dims[-1] == "channel" and len(row.dims) > 1
+)
+
+
+# The mean over the repeats is one of phasors: sizes alone would not cancel what noise makes of nothing.
+
+
+def _mean_phasor(size: Array, size_std: Array, lag: Array, lag_std: Array) -> tuple[Estimate, Estimate]:
+    """Return size and lag [rad] of the mean of phasors over repeats, arrays (r,), NaN left out."""
+    known = np.isfinite(size) & np.isfinite(lag)
+    if not known.any():
+        nothing = Estimate(math.nan, math.nan, math.nan, math.nan)
+        return nothing, nothing
+    size, size_std, lag, lag_std = (values[known] for values in (size, size_std, lag, lag_std))
+    phasors = size * np.exp(-1j * lag)
+    mean = complex(phasors.mean())
+    turned = phasors * np.exp(-1j * np.angle(mean))
+    along = combine_repeats(turned.real, size_std, _FREEDOM)
+    across = combine_repeats(turned.imag, size * lag_std, _FREEDOM)
+    amplitude = _not_beyond_zero(along)
+    middle = float(wrapped_lag(np.array([mean]))[0])
+    if not abs(mean) > 0:
+        return amplitude, Estimate(math.nan, math.nan, math.nan, math.nan)
+    half = float(across.high - across.low) / 2.0 / abs(mean)
+    return amplitude, Estimate(middle, float(across.std_of_value) / abs(mean), middle - half, middle + half)
+
+
+def _mean_size(size: Array, std: Array) -> dict[str, Any]:
+    """Return the mean of amplitudes [rad] in degrees."""
+    return _degrees(_not_beyond_zero(combine_repeats(size, std, _FREEDOM_OF_HARMONIC)))
+
+
+def _not_beyond_zero(of: Interval) -> Estimate:
+    """Return an amplitude with an interval that begins at zero where noise alone may have made it."""
+    value, std, low, high = (float(x) for x in (of.value, of.std_of_value, of.low, of.high))
+    return Estimate(value, std, 0.0 if value < _RAYLEIGH_90 * std else max(low, 0.0), high)
+
+
+def coupling_rows(results: xr.Dataset) -> list[dict[str, Any]]:
+    """Return the coupling table, one row for each pretension, frequency and channel, ready for JSON."""
+    values = {name: results[name].values for name in _CHANNEL_COLUMNS}
+    by_drive = "gain" if results["channel_gain"].attrs["units"] == "1" else "gain_rad_mm"
+    rows: list[dict[str, Any]] = []
+    for p, f, c in np.ndindex(*(results.sizes[name] for name in ("pretension_mm", "frequency_hz", "channel"))):
+        of = {name: array[p, f, :, c] for name, array in values.items()}
+        repeats = int(np.isfinite(of["channel_amplitude_rad"]).sum())
+        if not repeats:
+            continue
+        gain, lag = _mean_phasor(*(of[name] for name in _BY_DRIVE))
+        row = {
+            "pretension_mm": float(results["pretension_mm"].values[p]),
+            "frequency_hz": float(results["frequency_hz"].values[f]),
+            "channel": str(results["channel"].values[c]),
+            "repeats": repeats,
+            "amplitude_deg": _mean_size(of["channel_amplitude_rad"], of["channel_amplitude_std_rad"]),
+            by_drive: gain.to_json(),
+            "phase_lag_deg": _degrees(lag),
+        }
+        if c != TORSION:
+            ratio, behind = _mean_phasor(*(of[name] for name in _BY_TORSION))
+            row |= {"coupling_ratio": ratio.to_json(), "lag_behind_torsion_deg": _degrees(behind)}
+        row["second_harmonic_deg"] = _mean_size(of["second_harmonic_rad"], of["second_harmonic_std_rad"])
+        row["mean_deg"] = finite(math.degrees(float(mean_of_known(of["channel_mean_rad"]))))
+        rows.append(row)
+    return rows
+
+
+def _degrees(of: Estimate) -> dict[str, Any]:
+    return of.times(math.degrees(1.0)).to_json()
