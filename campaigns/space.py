@@ -228,7 +228,9 @@ def straight_rows() -> Iterator[Row]:
 def weightless(lanes: SpaceLanes, pretension_mm: float) -> SpaceLanes:
     """Return the same lanes without gravity and, but for a thousandth, the rod's own inertia; at rest anew."""
     rod = lanes.space.rod
-    light = rod._replace(line_mass=1e-3 * rod.line_mass, line_inertia=tuple(1e-3 * one for one in rod.line_inertia))
+    light = rod._replace(
+        line_mass=1e-3 * rod.line_mass, line_inertia=jax.tree.map(lambda one: 1e-3 * one, rod.line_inertia)
+    )
     space = lanes.space._replace(rod=light, weight=0 * lanes.space.weight)
     one = jax.tree.map(lambda leaf: leaf[0], space)._replace(added=np.zeros((18, 18)))
     there, rest = bend(one, RIG.tendons.first_contact_tension.value, 1e-3 * pretension_mm, np.zeros(2))
@@ -273,7 +275,7 @@ def mode_rows() -> Iterator[Row]:
         )
     for pretension in (0.0, 6.0, 12.0):
         for mode in ("position", "current"):
-            lanes = space_lanes([steady(3.0, pretension)], RIG, mode=mode)  # type: ignore[arg-type]
+            lanes = space_lanes([steady(3.0, pretension)], RIG, mode=mode)
             two, three = orders(lanes, 3), orders(lanes, 4)
             off = 100 * (two / three[: two.size] - 1)
             text = ", ".join(f"{a:.3f} {o:+.2f} %" for a, o in zip(two, off, strict=True))
