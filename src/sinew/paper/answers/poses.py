@@ -136,9 +136,9 @@ def answer_carrying(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_M
     assert isinstance(free, Estimate)
     height = f"{1e3 * PAYLOAD_HEIGHT:g} mm above the plate"
     first = (
-        f"At {last['pretension_mm']:g} mm the upright head takes a moment of {in_words(moment, unit='N m')} about pitch "
-        f"or roll before a tendon goes slack; bent by {CARRIED_DEG:g}° it carries {in_words(bent, unit='kg')} {height}, "
-        f"until {ends[-1]}."
+        f"At {last['pretension_mm']:g} mm the upright head takes a moment of {in_words(moment, unit='N m')} about "
+        f"pitch or roll before a tendon goes slack; bent by {CARRIED_DEG:g}° it carries "
+        f"{in_words(bent, unit='kg')} {height}, until {ends[-1]}."
     )
     second = (
         f"Motors that hold positions give it {in_words(held, unit='N m/rad')} in tilt, ones that hold currents "
