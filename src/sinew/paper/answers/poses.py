@@ -57,8 +57,8 @@ def answer_asymmetry(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_
         found = with_bounds(rig, ends)
         half = len(BENDS_DEG)
         for i, bend in enumerate(BENDS_DEG):
-            high, low = found[i], found[half + i]
-            rows.append({"pretension_mm": mm, "bend_deg": bend, "highest_n": high, "lowest_n": low})
+            pulls = {"highest_n": found[i], "lowest_n": found[half + i]}
+            rows.append({"pretension_mm": mm, "bend_deg": bend, **pulls})
     last = [row for row in rows if row["pretension_mm"] == pretension_mm[-1]][-1]
     high, low = last["highest_n"], last["lowest_n"]
     assert isinstance(high, Estimate)
