@@ -298,7 +298,8 @@ def rest_by_tension(space: Space, contact: float, tension: Array) -> tuple[Space
     contact: tension of each tendon at first contact [N], where the way downhill begins.
     """
     q, ends = first_contact(space, contact)
-    there = in_mode(space, CURRENT)._replace(held_tension=np.asarray(tension, dtype=float))
+    pulled = np.asarray(tension, dtype=float)
+    there = in_mode(space, CURRENT)._replace(held_tension=pulled)  # type: ignore[arg-type]
     return there, rest_at(there, settle(q, there)[0], ends)
 
 

@@ -57,8 +57,8 @@ def answer_asymmetry(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_
         found = with_bounds(rig, ends)
         half = len(BENDS_DEG)
         for i, bend in enumerate(BENDS_DEG):
-            high, low = found[i], found[half + i]
-            rows.append({"pretension_mm": mm, "bend_deg": bend, "highest_n": high, "lowest_n": low})
+            pulls = {"highest_n": found[i], "lowest_n": found[half + i]}
+            rows.append({"pretension_mm": mm, "bend_deg": bend, **pulls})
     last = [row for row in rows if row["pretension_mm"] == pretension_mm[-1]][-1]
     high, low = last["highest_n"], last["lowest_n"]
     assert isinstance(high, Estimate)
@@ -136,9 +136,9 @@ def answer_carrying(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_M
     assert isinstance(free, Estimate)
     height = f"{1e3 * PAYLOAD_HEIGHT:g} mm above the plate"
     first = (
-        f"At {last['pretension_mm']:g} mm the upright head takes a moment of {in_words(moment, unit='N m')} about pitch "
-        f"or roll before a tendon goes slack; bent by {CARRIED_DEG:g}° it carries {in_words(bent, unit='kg')} {height}, "
-        f"until {ends[-1]}."
+        f"At {last['pretension_mm']:g} mm the upright head takes a moment of {in_words(moment, unit='N m')} about "
+        f"pitch or roll before a tendon goes slack; bent by {CARRIED_DEG:g}° it carries "
+        f"{in_words(bent, unit='kg')} {height}, until {ends[-1]}."
     )
     second = (
         f"Motors that hold positions give it {in_words(held, unit='N m/rad')} in tilt, ones that hold currents "

@@ -186,4 +186,5 @@ class _Loaded:
 def _loaded(space: Space, mass: float, height: float) -> Space:
     whole = space.head_mass + mass
     centre = (space.head_mass * space.head_height + mass * height) / whole
-    return space._replace(head_mass=np.asarray(whole), head_height=np.asarray(centre))
+    heavier = space._replace(head_mass=np.asarray(whole))  # type: ignore[arg-type]
+    return heavier._replace(head_height=np.asarray(centre))  # type: ignore[arg-type]

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import fixed, number
-from sinew.measure.told import Table, Told
+from sinew.measure.told import Table
 from sinew.mechanics.parameters import CURRENT, POSITION, TENDON_MODES
 from sinew.mechanics.rod import grid, rest_strains, rod_poses
 from sinew.mechanics.space import Space
@@ -191,7 +191,7 @@ class Posed:
         }
         return document
 
-    def told(self) -> list[Told]:
+    def told(self) -> list[Table | str]:
         """Return it as a person reads it."""
         head = f"{self.rig.name}, {self.asked.mode}: {self.asked.words()}"
         sentences = [f"- {'' if one.severity == 'warn' else 'refused: '}{one.sentence}" for one in self.findings]
@@ -515,7 +515,8 @@ class _Way:
         there, upright = rest(space, contact, np.full(space.cable_end.shape, 1e-3 * asked.pretension_mm))
         if asked.mode == "current":
             there = in_mode(there, CURRENT)
-            there = there._replace(held_tension=np.full(there.cable_end.shape, upright.at.tension.mean()))
+            pulled = np.full(there.cable_end.shape, upright.at.tension.mean())
+            there = there._replace(held_tension=pulled)  # type: ignore[arg-type]
         return cls(there, upright.q, np.zeros(2))
 
     def pull(self, tilt: Array) -> Array | None:
@@ -526,8 +527,8 @@ class _Way:
         self.q, self.across = found.q, found.across
         there = set_across(self.space, found.across)
         joint = there.rod.joint
-        pull = float(joint.stiffness) * (found.at.spans - there.cable_end)
-        pull = there.held_tension if float(joint.mode) == CURRENT else pull
+        pull = float(joint.stiffness) * (found.at.spans - np.asarray(there.cable_end))
+        pull = np.asarray(there.held_tension) if float(joint.mode) == CURRENT else pull
         self.tendon = int(np.argmin(pull)) + 1
         return np.asarray(pull)
 
@@ -542,10 +543,10 @@ def buckling_pretension(space: Space, contact: float, asked: PoseAsked, up_to_mm
     pattern, mode = patterns(space)[1:], TENDON_MODES[asked.mode]
     begin = 1e-3 * asked.pretension_mm
     first = bend(space, contact, begin, asked.swing)[1]
-    start = (first.q, np.linalg.lstsq(pattern.T, first.take_up - begin, rcond=None)[0])
+    start = (first.q, np.asarray(np.linalg.lstsq(pattern.T, first.take_up - begin, rcond=None)[0], dtype=float))
 
     def pose_at(pretension: float, known: tuple[Array, Array]) -> tuple[float, float, tuple[Array, Array]] | None:
-        there = held._replace(cable_end=ends - pretension)
+        there = held._replace(cable_end=ends - pretension)  # type: ignore[arg-type]
         found = steer(there, asked.swing, *known, enough=1e-7)
         if found is None:
             return None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import fixed
-from sinew.measure.told import Table, Told
+from sinew.measure.told import Table
 from sinew.mechanics.parameters import CURRENT, TENDON_MODES
 from sinew.mechanics.space import Space
 from sinew.plan.rig import RigSpec
@@ -90,7 +90,7 @@ class Workspace:
             ],
         }
 
-    def told(self) -> list[Told]:
+    def told(self) -> list[Table | str]:
         """Return it as a person reads it."""
         seen = [code for code in range(len(VERDICTS)) if (self.verdict == code).any()]
         rows = []
@@ -129,7 +129,7 @@ def map_workspace(
     if not 0.1 <= step_deg <= most:
         raise SpecError(f"found a step of {step_deg:g}°, expected 0.1 to {most:g}°, as far as the rig may bend")
     half = int(most / step_deg + 1e-9)
-    axis = step_deg * np.arange(-half, half + 1)
+    axis = np.asarray(step_deg * np.arange(-half, half + 1), dtype=float)
     total = len(pretension_mm) * int((np.hypot(*np.meshgrid(axis, axis)) <= most + 1e-9).sum())
     if total > MOST_POSES:
         raise SpecError(f"found a map of {total} poses, expected at most {MOST_POSES}; take larger steps")
@@ -160,7 +160,8 @@ def _upright(space: Space, contact: float, pretension: float, mode: str) -> tupl
     there, found = rest(space, contact, np.full(np.shape(space.cable_end), pretension))
     if mode == "current":
         there = in_mode(there, CURRENT)
-        there = there._replace(held_tension=np.full(np.shape(there.cable_end), found.at.tension.mean()))
+        pulled = np.full(np.shape(there.cable_end), found.at.tension.mean())
+        there = there._replace(held_tension=pulled)  # type: ignore[arg-type]
     return there, _Known(found.q, np.zeros(2))
 
 

@@ -1,0 +1,91 @@
+"""Poses of a joint that bends: what they say of slack, limits, chords and buckling, and their commands."""
+
+import json
+
+import numpy as np
+import pytest
+from campaigns import rests
+from tests.contracts.commands import command_lines, refused
+
+from sinew.apps.cli import main
+from sinew.measure.errors import SpecError
+from sinew.mechanics.column import column_load
+from sinew.plan.toml import load_rig
+from sinew.predict.joints.design import section_of, shear_modulus_of
+from sinew.predict.poses.pose import PoseAsked, find_pose
+
+RIG = load_rig("paper")
+
+
+@pytest.mark.parametrize(("pretension_mm", "bend_deg"), [(0.0, 5.7), (6.0, 29.5)])
+def test_the_bend_from_which_on_a_tendon_is_slack_is_told(pretension_mm: float, bend_deg: float) -> None:
+    found = find_pose(RIG, PoseAsked(pretension_mm, 2.0, 90.0)).slack
+    assert found is not None
+    assert found.bend_deg == pytest.approx(bend_deg, rel=0.05)
+    assert found.tendon == 4  # across from the azimuth of 90°
+
+
+def test_currents_buckle_the_upright_joint_at_the_columns_load() -> None:
+    found = find_pose(RIG, PoseAsked(12.0, 0.0, 0.0, "current")).buckling
+    assert found is not None
+    section, modulus = section_of(RIG), shear_modulus_of(RIG)
+    euler = np.pi**2 * 3 * modulus * section.least / RIG.silicone.length.value**2
+    weight = 9.81 * RIG.inertia.head_mass.value  # which presses on top, and wants to fall over
+    assert found.load_n is not None
+    assert column_load(euler, modulus * section.area) == pytest.approx(found.load_n + weight, rel=0.05)
+
+
+def test_a_pose_that_buckles_is_refused_with_its_reason() -> None:
+    found = find_pose(RIG, PoseAsked(22.0, 5.0, 0.0, "current"), outlook=False)
+    assert not found.ok
+    assert found.rest is None
+    assert "does not stay" in found.findings[0].sentence
+
+
+def test_a_pose_beyond_the_rigs_bend_is_found_and_refused() -> None:
+    found = find_pose(RIG, PoseAsked(12.0, 42.0), outlook=False)
+    assert found.rest is not None
+    assert "bent by 42.0°, the rig allows 40°" in found.findings[0].sentence
+
+
+def test_chords_of_a_circle_inside_the_silicone_are_told_of() -> None:
+    found = find_pose(RIG, PoseAsked(0.0, 20.0), outlook=False)
+    assert any("lies inside the silicone" in one.sentence for one in found.findings)
+    # hardly pressed, the silicone bends to an arc, whose sagitta is L β/8
+    assert 1e3 * found.sagitta.mean() == pytest.approx(95 * np.radians(20) / 8, rel=0.2)
+
+
+def test_take_ups_of_motors_that_hold_currents_are_refused() -> None:
+    with pytest.raises(SpecError, match="give the tensions"):
+        find_pose(RIG, PoseAsked(mode="current", take_up_mm=(6.0, 6.0, 6.0, 6.0)))
+
+
+@command_lines("""
+    pose paper --bend-deg 95 => --bend-deg is 95, expected 0 to 90
+    pose paper --take-up-mm 1,2,3 => found 3 take-ups, expected one for each of 4 tendons
+    pose paper --tension-n 50,40,30,40 => give take-ups, or the mode current
+    pose paper --mode current --tension-n 50,40,30,-4 => cables cannot push
+    pose paper --out pose.txt => expected a name that ends with .png, .pdf or .svg
+    workspace paper --step-deg 0 => --step-deg is 0
+    workspace paper --pretension-mm -1 => cables cannot push
+    answer paper --rig paper => expected one of them
+""")
+def test_a_pose_that_cannot_be_meant_is_refused(
+    arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert sentence in refused(capsys, *arguments)
+
+
+@pytest.mark.slow
+def test_a_coarse_workspace_of_the_papers_joint_is_alike_on_all_sides(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["workspace", "paper", "--pretension-mm", "6", "--step-deg", "10", "--json"]) == 0
+    verdict = json.loads(capsys.readouterr().out)["maps"][0]["verdict"]
+    assert verdict == [row[::-1] for row in verdict] == verdict[::-1]
+    assert verdict[4][4] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+def test_a_drawn_rest_is_where_another_minimiser_comes_to(seed: int) -> None:
+    trial = rests.run(seed)
+    assert trial.ok, trial
