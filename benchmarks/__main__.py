@@ -10,6 +10,7 @@ from benchmarks import (
     identify_speed,
     prediction,
     recording_speed,
+    rod,
     solid_cylinder,
     sweep_fit,
     twin_speed,
@@ -25,6 +26,7 @@ PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "prediction": lambda _: prediction.main(),
     "design": design.main,
     "solid": lambda _: solid_cylinder.main(),
+    "rod": lambda _: rod.main(),
 }
 
 

@@ -1,9 +1,9 @@
 """The joint in space against its peers: `python -m benchmarks rod`.
 
 The rod, bare and with the paper's head, beside SoRoMoX: frequencies, and where the tip rests under weight across it.
-Both have six strains of the same order. The peer's material is linear; ours is neo-Hookean, so statics are told twice: as it
-is, and with our energy made quadratic, which leaves poses and weights to compare. Then the rigid head on its tendons
-beside MuJoCo (see `mujoco_space`), and the rod beside finite elements of the solid (see `solid_bending`).
+Both have six strains of the same order. The peer's material is linear; ours is neo-Hookean, so statics are told twice:
+as it is, and with our energy made quadratic, which leaves poses and weights to compare. Then the rigid head on its
+tendons beside MuJoCo (see `mujoco_space`), and the rod beside finite elements of the solid (see `solid_bending`).
 """
 
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.optimize
 
-from benchmarks import mujoco_space
+from benchmarks import mujoco_space, solid_bending
 from benchmarks.peers import PeerSilentError, told_by
 from sinew.measure.arrays import Array
 from sinew.measure.units import STANDARD_GRAVITY
@@ -153,6 +153,7 @@ def main() -> None:
     configure()
     _against_soromox()
     mujoco_space.main()
+    solid_bending.main()
 
 
 if __name__ == "__main__":

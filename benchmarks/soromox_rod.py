@@ -1,10 +1,10 @@
 """A rod as SoRoMoX has it, in an interpreter of its own: `make peers` makes it.
 
 It runs without Sinew: `.venv-peers/bin/python benchmarks/soromox_rod.py '{...}'` prints one JSON document. Asked:
-length [m], radius [m], density [kg/m³], shear_modulus [Pa], order of the Legendre polynomials, heads: a list of {mass [kg],
-height [m] of its centre above the tip, tensor [kg m²] about its centre, three moments}, accelerations [m/s²] across
-the rod. Told for each head: frequencies_hz of small motion without weight, and tips: where the tip rests [m] and the
-rotation about z [rad] at each acceleration.
+length [m], radius [m], density [kg/m³], shear_modulus [Pa], order of the Legendre polynomials, heads: a list of {mass
+[kg], height [m] of its centre above the tip, tensor [kg m²] about its centre, three moments}, accelerations [m/s²]
+across the rod. Told for each head: frequencies_hz of small motion without weight, and tips: where the tip rests [m]
+and the rotation about z [rad] at each acceleration.
 
 The peer's material is linear, E = 3 G, shear unreduced. A head is added to its matrices by its own Jacobian and poses.
 """
