@@ -19,6 +19,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 
@@ -53,7 +54,10 @@ def _reach() -> Any:
     """Return the compiled slope of the plate's place along x by the coordinates, (18,)."""
 
     def of(q: jax.Array, space: Space) -> jax.Array:
-        return jax.grad(lambda flat: rod_poses(flat.reshape(q.shape), space.rod)[1][-1, 0])(q.ravel())
+        def rise(flat: jax.Array) -> jax.Array:
+            return rod_poses(flat.reshape(q.shape), space.rod)[1][-1, 0]
+
+        return jnp.asarray(jax.grad(rise)(q.ravel()))
 
     return jax.jit(of)
 

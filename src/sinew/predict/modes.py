@@ -618,16 +618,12 @@ def draw_spatial(rig: RigSpec, count: int, seed: int) -> tuple[list[RigSpec], tu
 
 
 def _matched(pose: PoseModes, other: PoseModes) -> list[int | None]:
-    """Return for each mode of a pose the one of the same pose of another rig that is most like it; None where the
-    largest share is another group's."""
+    """Return for each mode of a pose the one of the same pose of another rig that is most like it; None where
+    that has no modes."""
     found: list[int | None] = []
     for mode in pose.modes:
-        best = max(
-            range(len(other.modes)),
-            key=lambda i, mode=mode: abs(_likeness(mode, other.modes[i])),
-            default=None,
-        )
-        found.append(best)
+        alike = [_likeness(mode, one) for one in other.modes]
+        found.append(int(np.argmax(alike)) if alike else None)
     return found
 
 
@@ -715,22 +711,22 @@ def _with_bands(nominal: Modes, bands: int, seed: int, progress: Progress | None
     conditions = list(nominal.conditions)
     for i in straight:
         one = conditions[i]
-        there = np.array([x for x in met[i] if math.isfinite(x[0])]).reshape(-1, 2)
-        if math.isnan(one.pretension_mm.value) and len(there) > 1:
-            off_mm, off_hz = (estimate_of_deviations(0.0, there[:, k]) for k in (0, 1))
+        where = np.array([x for x in met[i] if math.isfinite(x[0])]).reshape(-1, 2)
+        if math.isnan(one.pretension_mm.value) and len(where) > 1:
+            off_mm, off_hz = (estimate_of_deviations(0.0, where[:, k]) for k in (0, 1))
             nan = math.nan
             conditions[i] = one._replace(
                 pretension_mm=Estimate(nan, off_mm.std, off_mm.low, off_mm.high),
                 frequency_hz=Estimate(nan, off_hz.std, off_hz.low, off_hz.high),
             )
-        elif len(there):
+        elif len(where):
             conditions[i] = one._replace(
-                pretension_mm=estimate_of_deviations(one.pretension_mm.value, there[:, 0] - one.pretension_mm.value),
-                frequency_hz=estimate_of_deviations(one.frequency_hz.value, there[:, 1] - one.frequency_hz.value),
+                pretension_mm=estimate_of_deviations(one.pretension_mm.value, where[:, 0] - one.pretension_mm.value),
+                frequency_hz=estimate_of_deviations(one.frequency_hz.value, where[:, 1] - one.frequency_hz.value),
             )
-        if len(met[i]) and (len(there) or math.isfinite(one.pretension_mm.value)):
+        if len(met[i]) and (len(where) or math.isfinite(one.pretension_mm.value)):
             told.append(
-                f"{KINDS[one.group]}, straight: {len(there)} of {len(met[i])} draws meet {one.ratio:g}:1 within the "
+                f"{KINDS[one.group]}, straight: {len(where)} of {len(met[i])} draws meet {one.ratio:g}:1 within the "
                 "rig's pretensions; the interval is theirs"
             )
     return Modes(

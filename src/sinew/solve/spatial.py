@@ -209,9 +209,10 @@ def bend(space: Space, contact: float, pretension: float, tilt: Array, start: Re
     """
     q, ends = first_contact(space, contact)
     pattern, held = patterns(space), in_mode(space, POSITION)
-    across, best = np.zeros(2), np.inf
+    across: Array = np.zeros(2)
+    best = np.inf
     if start is not None:
-        q, across = start.q, np.linalg.lstsq(pattern.T, start.take_up, rcond=None)[0][1:]
+        q, across = start.q, np.asarray(np.linalg.lstsq(pattern.T, start.take_up, rcond=None)[0][1:], dtype=np.float64)
     last = (q, across)
     limit = 0.25 * float(space.rod.joint.head_radius)
     for _ in range(_MOST_BENDS):

@@ -185,8 +185,8 @@ def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names:
             f"At {top[0]:g} mm and {top[1]:g}° the head tilts across the plane of the bend by "
             f"{in_words(ratios[top])} of its torsion, {math.degrees(couplings[0][1][at]):.2g}° off its phase; a rod "
             f"that is twisted slowly has ½ sin β = {quasi:.3g}.",
-            f"The difference is inertia, and hangs on how the lever lies: bent towards {aside.asked.azimuth_deg:g}° from "
-            f"y, along which its arms are, instead of {nominal.asked.azimuth_deg:g}°, it is {other:.3g}.",
+            f"The difference is inertia, and hangs on how the lever lies: bent towards {aside.asked.azimuth_deg:g}° "
+            f"from y, along which its arms are, instead of {nominal.asked.azimuth_deg:g}°, it is {other:.3g}.",
             "In the plane of the bend nothing moves to first order; to second order the head nods at twice the "
             "frequency, which is not in these numbers, and more where that sway is at 2:1 (sinew modes tells where).",
             f"A gyroscope on the head under-reads the torsion's rate by {less:.2g} % there, for its axis leans.",
@@ -228,21 +228,23 @@ def _engines(rig: RigSpec, finder: Finder) -> Array:
     return np.array(rows).T
 
 
-def _engine(rig: RigSpec, nominal: Finder, engines: Sequence[Array], curved: Finder, names: Sequence[str]) -> Answer:
+def _engine(
+    rig: RigSpec, nominal: Finder, aside: Finder, engines: Sequence[Array], curved: Finder, names: Sequence[str]
+) -> Answer:
     p = max(_PRETENSION_MM)
     rows: list[dict[str, Cell]] = []
     bent = _engines(_curved(rig, curved.asked.azimuth_deg), curved)
     for i, b in enumerate(_ENGINE_BENDS):
         best = _best(nominal, rig, p, b)
-        twist, hz, per, slow = (_over([one[k] for one in engines], i) for k in range(4))
+        found = [_over([one[k] for one in engines], i) for k in range(4)]
         rows.append(
             {
                 "pretension_mm": p,
                 "bend_deg": b,
-                "twist_deg": twist,
-                "frequency_hz": hz,
-                "twist_per_tilt": per,
-                "twist_per_tilt_slow": slow,
+                "twist_deg": found[0],
+                "frequency_hz": found[1],
+                "twist_per_tilt": found[2],
+                "twist_per_tilt_slow": found[3],
                 "take_up_mm": 1e3 * best.take_up,
                 "tilt_deg": math.degrees(best.tilt),
                 "lag_deg": math.degrees(best.lag),
@@ -254,13 +256,8 @@ def _engine(rig: RigSpec, nominal: Finder, engines: Sequence[Array], curved: Fin
         )
     last = rows[-1]
     other = _best(aside, rig, p, _ENGINE_BENDS[-1])
-    twist, per, slow = (last[name] for name in ("twist_deg", "twist_per_tilt", "twist_per_tilt_slow"))
-    assert isinstance(twist, Estimate)
-    assert isinstance(per, Estimate)
-    assert isinstance(slow, Estimate)
+    twist, hz, per, slow = (_over([one[k] for one in engines], len(_ENGINE_BENDS) - 1) for k in range(4))
     speed = servo_speed(rig, float(nominal.at(p, _ENGINE_BENDS[-1]).tension_n.mean()))
-    hz = last["frequency_hz"]
-    assert isinstance(hz, Estimate)
     there = "at the torsion's resonance, not below it" if twist.value > _FEELS else "hardly"
     if twist.low < _FEELS < twist.high:
         there += "; how much hangs on the head's masses"
