@@ -70,6 +70,7 @@ docs: $(VENV)/.dev ## the documentation as HTML in docs/_build
 pictures: reproduce ## the pictures of README and docs, from the figures of `make reproduce` and of the tutorial's own commands
 	$(BIN)/python tools/copy_pictures.py $(OUT)/figures docs/pictures
 	$(BIN)/python tools/pages.py docs/pictures
+	$(BIN)/sinew modes paper --out docs/pictures/space.png
 
 reference: $(VENV)/.runtime ## write the generated pages of docs/reference anew
 	$(BIN)/python tools/write_reference.py

@@ -163,7 +163,7 @@ def draw(seed: int) -> tuple[RigSpec, PoseAsked]:
         change |= {"rest_bend_deg": float(rng.uniform(10, 40)), "rest_azimuth_deg": float(rng.uniform(0, 360))}
     rig = rig.model_copy(update={"space": rig.space.model_copy(update=change)})
     rig = rig.with_values({"inertia.head_mass": float(rng.uniform(0.5, 1.8))})
-    pretension, bend = float(rng.uniform(0, 16)), float(rng.uniform(0, 45))
+    pretension, bend = float(rng.uniform(0, 24)), float(rng.uniform(0, 45))
     mode = str(rng.choice(["position", "position-with-current-limit", "current"]))
     count, way = rig.tendons.count, rng.random()
     if way < 0.2 and mode != "current":

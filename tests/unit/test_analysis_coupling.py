@@ -15,10 +15,12 @@ from tests.unit.bent_signals import RATE_HZ, Motion, Rates, arc, bent_recording,
 from sinew.analysis.analysed import analyse
 from sinew.analysis.signal.attitude import head_motion
 from sinew.analysis.signal.signals import read_signals
+from sinew.identify.joint.swing import swings_of
 from sinew.measure.attitude import gyro_share, swing_of, tilt_from, torsion_of
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import load_results, save_dataset
 from sinew.measure.recording import Segment, build_recording
+from sinew.plan.toml import load_rig
 
 BEND, AZIMUTH = math.radians(20.0), math.radians(90.0)
 STEADY = Segment("steady", 6.0, 3.0, 20.0, 0, 20.0, 90.0)
@@ -169,7 +171,7 @@ def test_the_coupling_table_has_amplitudes_ratio_lags_and_second_harmonic(record
 
 def test_without_an_orientation_the_filter_tells_pitch_and_roll_of_a_head_at_rest_and_swinging() -> None:
     recording = bent_recording([(STEADY, swung(), lagging(0.0))], noise=1e-3)
-    told = head_motion(read_signals(recording))
+    told = head_motion(recording)
     true = np.degrees(swing_of(orientation(swung(), recording["time_s"].values)))
     off = np.degrees(np.stack([told.pitch, told.roll], axis=-1)) - true
     assert np.abs(off).max() < 0.6
@@ -178,7 +180,7 @@ def test_without_an_orientation_the_filter_tells_pitch_and_roll_of_a_head_at_res
 def test_a_head_without_accelerometer_and_orientation_has_no_attitude() -> None:
     recording = bent_recording([(STEADY, swung(), lagging(0.0))]).drop_vars("acceleration_m_s2")
     with pytest.raises(RecordingError, match="expected orientation, or gyroscope and accelerometer"):
-        head_motion(read_signals(recording))
+        head_motion(recording)
     found = analyse(recording)
     assert "coupling" not in found.document
     assert any(note.startswith("no coupling could be analysed") for note in found.notes)
@@ -253,3 +255,9 @@ def test_the_intervals_of_the_coupling_hold_the_truth_nine_times_in_ten(repeats:
     # 120 draws of 0.9 scatter by 0.027; four of these are within three of them.
     assert all(0.82 <= share <= 0.98 for name, share in shares.items() if name != "nothing"), json.dumps(shares)
     assert shares["nothing"] >= 0.82, json.dumps(shares)
+
+
+def test_the_joint_that_only_turns_is_not_fitted_to_a_bent_head() -> None:
+    recording = bent_recording([(STEADY, twisting(10.0, 3.0), lagging(0.0))])
+    with pytest.raises(RecordingError, match="recording 0 is of a head that bends or sways"):
+        swings_of([recording], load_rig("paper"))

@@ -9,7 +9,7 @@ import numpy as np
 from sinew.emulator.faults import Faults, FaultSpec, FaultyRig
 from sinew.emulator.plant import Plant, Unloaded
 from sinew.emulator.rig import EmulatedRig
-from sinew.measure.errors import PortError
+from sinew.measure.errors import PortError, SpecError
 from sinew.plan.rig import RigSpec
 
 _WARM_UP = 0.02  # s of emulated time, before a master can open the port
@@ -42,25 +42,32 @@ def found_bench(
     *,
     baud: int | None = None,
     unloaded: bool = False,
+    in_space: bool = False,
 ) -> FaultyRig:
-    """Return an emulated bench that is ready to answer. Raises SpecError for a fault of what the rig does not have.
+    """Return an emulated bench that is ready to answer. Raises SpecError for a fault of what the rig does not have, or
+    a joint in space without its masses.
 
-    baud: what the devices are set to; else the rig's. unloaded: motors on the table, without the joint.
+    baud: what the devices are set to; else the rig's. unloaded: motors on the table, without the joint. in_space: a
+    joint with a heavy head, which bends and sways; one that was cast bent is always that.
     """
-    bench = Faults(faults, seed).attach(EmulatedRig(rig, _plant(rig, start, unloaded), seed=seed, baud=baud))
+    plant = _plant(rig, start, unloaded, in_space)
+    bench = Faults(faults, seed).attach(EmulatedRig(rig, plant, seed=seed, baud=baud))
     bench.advance(_WARM_UP)
     bench.rig.motion()
     return bench
 
 
-def _plant(rig: RigSpec, start: Start, unloaded: bool) -> Plant:
+def _plant(rig: RigSpec, start: Start, unloaded: bool, in_space: bool) -> Plant:
+    if unloaded and in_space:
+        raise SpecError("motors without a joint do not bend; leave out --unloaded or --in-space")
     if unloaded:
         return Unloaded(rig.tendons.count, rig)
     from sinew.emulator.joint_plant import JointPlant  # JAX: half a second
     from sinew.twin.cache import compute_inline
 
     compute_inline()
-    return JointPlant(rig, slack_m=start.slack, rest_tilt=start.tilt)
+    bends = in_space or (rig.space is not None and rig.space.rest_bend_deg != 0)
+    return JointPlant(rig, slack_m=start.slack, rest_tilt=start.tilt, in_space=bends)
 
 
 class VirtualPort:

@@ -28,6 +28,7 @@ from sinew.mechanics.guides import GuideFriction
 from sinew.mechanics.joint import State, axial_omega, derivative, free_lever_acceleration, head_torque
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import BRANCHES, silicone_energy, viscoelastic_energy
+from sinew.mechanics.space import SpaceState
 from sinew.mechanics.tendons import span_lengths
 from sinew.plan.rig import RigSpec
 from sinew.solve.march import runge_kutta
@@ -136,16 +137,20 @@ class Layout(NamedTuple):
     What comes back is a new `now`, then `seen`.
     """
 
-    now: Now
+    now: Any
     tendons: TendonOrder
     drive: DriveOrder
     step_s: int
     steps: int
-    seen: Seen
+    seen: Any
 
     def sizes(self) -> tuple[int, int, int]:
         """Return the lengths of the vectors now, tendons and drive."""
-        return len(jax.tree.leaves(self.now)), len(jax.tree.leaves(self.tendons)), len(self.drive) + 2
+        return self._size(self.now), self._size(self.tendons), len(self.drive) + 2
+
+    @staticmethod
+    def _size(indices: Any) -> int:
+        return sum(np.size(leaf) for leaf in jax.tree.leaves(indices))
 
 
 class Kind(NamedTuple):
@@ -195,43 +200,76 @@ def steps_per_tick(joint: Joint, speed: float) -> int:
     return max(1, int(np.ceil(TICK_S * max(axial_omega(grip, p), tilt, float(p.guides.fastest(speed))) / 2)))
 
 
-def _turns(now: Now, order: TendonOrder, joint: Joint, step_s: jax.Array) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """Return, by tendon: start [m] and speed [m/s] of w in this step; speeds at which the horn may wind and pay out."""
+class Reach(NamedTuple):
+    """How a motor may turn in a step: start [m] and speed [m/s] of w, speeds at which the horn may wind and pay out.
+
+    As everything of a motor, for one tendon or, as arrays, for all.
+    """
+
+    start: Any
+    speed: Any
+    wind: Any
+    pay: Any
+
+
+def reach_of(tension: Any, horn: Any, wound: Any, order: TendonOrder, free: Any, step_s: jax.Array) -> Reach:
+    """Return how a motor may turn in a step. free: speed that the joint itself asks of the horn, at no cost [m/s]."""
+    load = tension / order.stall
+    start = jnp.where(order.follows > 0, horn, wound)
+    speed = jnp.clip((order.goal - start) / step_s, -order.speed, order.speed)
+    spare = order.fastest * jnp.maximum(0.0, order.duty - load)
+    wind = order.may_wind * (jnp.minimum(spare, order.wind_cap) + free)
+    return Reach(start, speed, wind, order.may_pay * (order.fastest * (order.duty + load) + free))
+
+
+def held_tension(time_s: Any, span: Any, horn: Any, reach: Reach, order: TendonOrder, k: Any) -> Any:
+    """Return the tension [N] at a time after the start of a step, where the horn was at its start [m]."""
+    wanted = jnp.minimum(_wanted(span, reach.start + reach.speed * time_s, order, k), order.limit)
+    grip = span - order.cable_end + horn
+    low = k * jnp.maximum(0.0, grip - reach.pay * time_s)
+    return jnp.clip(wanted, low, k * jnp.maximum(0.0, grip + reach.wind * time_s))
+
+
+def turned_horn(span: Any, horn: Any, reach: Reach, order: TendonOrder, k: Any, passed_s: Any) -> tuple[Any, Any, Any]:
+    """Return (horn [m], w [m], tension [N]) after a time of a step at whose start the horn was there."""
+    wound = reach.start + reach.speed * passed_s
+    wanted = jnp.minimum(_wanted(span, wound, order, k), order.limit)
+    where_taut = order.cable_end - span + wanted / k
+    there = jnp.where(span - order.cable_end + wound > 0, where_taut, wound)
+    horn = jnp.clip(there, horn - reach.pay * passed_s, horn + reach.wind * passed_s)
+    return horn, wound, k * jnp.maximum(0.0, span - order.cable_end + horn)
+
+
+def _wanted(span: Any, wound: Any, order: TendonOrder, k: Any) -> Any:
+    return k / (1 + k * order.compliance) * jnp.maximum(0.0, span - order.cable_end + wound)
+
+
+def _reaches(now: Now, orders: Sequence[TendonOrder], joint: Joint, step_s: jax.Array) -> list[Reach]:
     p, motion = joint.p, now.tilting.motion
     twist = jnp.abs(p.base_radius * p.head_radius * jnp.sin(motion.torsion) * motion.torsion_rate)
-    starts, speeds, winds, pays = [], [], [], []
-    for i, tension in enumerate(now.tension):
-        free = twist / now.span[i]
-        load = tension / order.stall[i]
-        start = jnp.where(order.follows[i] > 0, now.horn[i], now.wound[i])
-        starts.append(start)
-        speeds.append(jnp.clip((order.goal[i] - start) / step_s, -order.speed[i], order.speed[i]))
-        spare = order.fastest[i] * jnp.maximum(0.0, order.duty[i] - load)
-        winds.append(order.may_wind[i] * (jnp.minimum(spare, order.wind_cap[i]) + free))
-        pays.append(order.may_pay[i] * (order.fastest[i] * (order.duty[i] + load) + free))
-    return tuple(starts), tuple(speeds), tuple(winds), tuple(pays)
+    each = zip(now.tension, now.horn, now.wound, orders, now.span, strict=True)
+    return [reach_of(tension, horn, w, order, twist / span, step_s) for tension, horn, w, order, span in each]
 
 
-def _wanted(span: jax.Array, cable_end: jax.Array, wound: jax.Array, compliance: jax.Array, k: jax.Array) -> jax.Array:
-    return k / (1 + k * compliance) * jnp.maximum(0.0, span - cable_end + wound)
+def _by_tendon(order: TendonOrder) -> list[TendonOrder]:
+    return [TendonOrder(*numbers) for numbers in zip(*order, strict=True)]
 
 
 def _slope(
-    time_s: jax.Array, at: Tilting, now: Now, order: TendonOrder, drive: DriveOrder, joint: Joint, turns: Any
+    time_s: jax.Array,
+    at: Tilting,
+    now: Now,
+    orders: Sequence[TendonOrder],
+    drive: DriveOrder,
+    joint: Joint,
+    reaches: Sequence[Reach],
 ) -> tuple[Tilting, jax.Array]:
     """Return the derivative `time_s` after the start `now` of a step, and the drive's torque [N m]."""
     p, k, motion = joint.p, joint.cable_stiffness, at.motion
-    starts, speeds, winds, pays = turns
 
     def tensions(spans: Sequence[jax.Array]) -> list[jax.Array]:
-        held = []
-        for i, span in enumerate(spans):
-            wound = starts[i] + speeds[i] * time_s
-            wanted = jnp.minimum(_wanted(span, order.cable_end[i], wound, order.compliance[i], k), order.limit[i])
-            grip = span - order.cable_end[i] + now.horn[i]
-            low = k * jnp.maximum(0.0, grip - pays[i] * time_s)
-            held.append(jnp.clip(wanted, low, k * jnp.maximum(0.0, grip + winds[i] * time_s)))
-        return held
+        each = zip(spans, now.horn, reaches, orders, strict=True)
+        return [held_tension(time_s, span, horn, reach, order, k) for span, horn, reach, order in each]
 
     def energy(torsion: jax.Array, shortening: jax.Array, tilt: tuple[Any, Any]) -> tuple[jax.Array, jax.Array]:
         spans = span_lengths(torsion, shortening, p, tilt)
@@ -244,17 +282,16 @@ def _slope(
 
     slope, total = jax.grad(energy, argnums=(0, 1, 2), has_aux=True)(motion.torsion, motion.shortening, at.tilt)
     torque = head_torque(slope[0], p.guides.torque(total, motion.bristles), motion, p) + drive.push
-    pulled = _drive_torque(time_s, motion, now.goal, drive, p)
+    pulled = drive_torque(time_s, motion, now.goal, drive, p)
     horn = pulled - gear_friction(motion.lever_rate, p)
     lever = free_lever_acceleration(torque, horn, p)
     tilt_rate = (-slope[2][0] / joint.damping, -slope[2][1] / joint.damping)
     return Tilting(derivative(motion, torque, slope[1], lever, p), tilt_rate), pulled
 
 
-def _drive_torque(time_s: jax.Array, motion: State, start: jax.Array, drive: DriveOrder, p: Parameters) -> jax.Array:
+def drive_torque(time_s: Any, motion: State | SpaceState, start: jax.Array, drive: DriveOrder, p: Parameters) -> Any:
     """Return the electrical torque of the drive at its horn [N m]."""
-    reach = drive.speed * time_s + drive.jump
-    goal = start + jnp.clip(drive.goal - start, -reach, reach)
+    goal = goal_after(time_s, start, drive)
     speed = motion.lever_rate
     wanted = drive.feed + drive.gain * (goal - motion.lever) - drive.speed_gain * speed
     supplied = p._replace(duty_torque=drive.duty_torque)
@@ -266,33 +303,29 @@ def _drive_torque(time_s: jax.Array, motion: State, start: jax.Array, drive: Dri
 
 def _step(now: Now, order: TendonOrder, drive: DriveOrder, joint: Joint, step_s: jax.Array) -> tuple[Now, Seen]:
     """Return what there is a step later, and what is seen at its start."""
-    turns = _turns(now, order, joint, step_s)
-    starts, speeds, winds, pays = turns
+    orders = _by_tendon(order)
+    reaches = _reaches(now, orders, joint, step_s)
 
     def slope(time_s: jax.Array, at: Tilting) -> Tilting:
-        return _slope(time_s, at, now, order, drive, joint, turns)[0]
+        return _slope(time_s, at, now, orders, drive, joint, reaches)[0]
 
     zero = jnp.zeros(())
     after = runge_kutta(slope, zero, now.tilting, step_s)
     spans = span_lengths(after.motion.torsion, after.motion.shortening, joint.p, after.tilt)
-    horns, wounds, tensions = [], [], []
-    k = joint.cable_stiffness
-    for i, span in enumerate(spans):
-        wound = starts[i] + speeds[i] * step_s
-        wanted = jnp.minimum(_wanted(span, order.cable_end[i], wound, order.compliance[i], k), order.limit[i])
-        where_taut = order.cable_end[i] - span + wanted / k
-        there = jnp.where(span - order.cable_end[i] + wound > 0, where_taut, wound)
-        horn = jnp.clip(there, now.horn[i] - pays[i] * step_s, now.horn[i] + winds[i] * step_s)
-        horns.append(horn)
-        wounds.append(wound)
-        tensions.append(k * jnp.maximum(0.0, span - order.cable_end[i] + horn))
-    turned = tuple((new - old) / step_s for new, old in zip(horns, now.horn, strict=True))
-    reach = drive.speed * step_s + drive.jump
-    goal = now.goal + jnp.clip(drive.goal - now.goal, -reach, reach)
-    later = Now(after, tuple(horns), turned, tuple(wounds), spans, tuple(tensions), goal)
+    each = zip(spans, now.horn, reaches, orders, strict=True)
+    turned = [turned_horn(span, h, reach, one, joint.cable_stiffness, step_s) for span, h, reach, one in each]
+    horns, wounds, tensions = zip(*turned, strict=True)
+    speeds = tuple((new - old) / step_s for new, old in zip(horns, now.horn, strict=True))
+    later = Now(after, horns, speeds, wounds, spans, tensions, goal_after(step_s, now.goal, drive))
 
-    rate, torque = _slope(zero, now.tilting, now, order, drive, joint, turns)  # the first of RK4's: costs nothing
+    rate, torque = _slope(zero, now.tilting, now, orders, drive, joint, reaches)  # the first of RK4's: costs nothing
     return later, Seen(rate.motion.torsion_rate, rate.tilt, torque)
+
+
+def goal_after(time_s: Any, start: jax.Array, drive: DriveOrder) -> jax.Array:
+    """Return the drive's goal on its way [rad], a time after it was at `start`."""
+    reach = drive.speed * time_s + drive.jump
+    return start + jnp.clip(drive.goal - start, -reach, reach)
 
 
 @partial(jax.jit, static_argnums=4)

@@ -2,17 +2,22 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sinew.emulator.joint import TICK_S, Kind, Layout, Tilting, joint_of, layout, move_on, steps_per_tick
+from sinew.emulator.joint import TICK_S, Kind, Layout, joint_of, layout, move_on, steps_per_tick
 from sinew.emulator.plant import HornMotion, Law, Motion
+from sinew.emulator.space_joint import Form, hanging, move_on_in_space, space_layout, space_of
+from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.mechanics.drive import duty_for
-from sinew.mechanics.parameters import POSITION
+from sinew.mechanics.parameters import POSITION, Parameters
+from sinew.mechanics.space import space_at_rest, tendon_spans
 from sinew.mechanics.tendons import span_lengths
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, SERVOS
@@ -27,22 +32,144 @@ _FAR = 1e3  # [m] or [m/s]: no bound
 _AT_ONCE = 1e9  # [rad]: a goal without a speed limit
 
 
+@dataclass(frozen=True, slots=True)
+class Head:
+    """How the head moves: what of `Motion` is its own, and needs to be known to tell it."""
+
+    torsion: float
+    torsion_rate: float
+    tilt: tuple[float, float]
+    gyro: tuple[float, float, float]
+    acceleration: tuple[float, float, float]
+
+
+class Body(Protocol):
+    """Equations of motion of a joint behind motors, compiled, and what its head tells.
+
+    p: of the torsional joint. where: everything in the vectors. lever, lever_rate: where in `now`. steps: in a tick.
+    first_end: the twin's cable end at first contact [m].
+    """
+
+    p: Parameters
+    where: Layout
+    lever: int
+    lever_rate: int
+    steps: int
+    first_end: float
+
+    def begin(self, now: Array) -> Array:
+        """Put the unpulled joint at rest into a vector of zeros; return the lengths of its tendons [m], (tendon,)."""
+        ...
+
+    def move_on(self, now: Array, tendons: Array, drive: Array) -> Array:
+        """Return the numbers of `now` and what is seen after the steps that the vectors ask for."""
+        ...
+
+    def head(self, seen: list[float], late: float) -> Head:
+        """Return how the head moves, `late` after the last tick [s]."""
+        ...
+
+
+class Upright:
+    """A head that twists and sinks, and tilts without inertia; see `emulator.joint`."""
+
+    def __init__(self, spec: RigSpec, rest_tilt: tuple[float, float]) -> None:
+        joint, self._kind = joint_of(spec, rest_tilt), Kind.of(spec)
+        self._constants = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(joint)])
+        self._rest_tilt, self._chip = rest_tilt, spec.imu.mount_radius.value
+        self.p, self.where = joint.p, layout(self._kind)
+        self.steps = steps_per_tick(joint, np.radians(spec.limits.torsion_deg) * 2 * np.pi * spec.limits.drive_hz)
+        self.first_end = _first_end(spec)
+        motion = self.where.now.tilting.motion
+        self.lever, self.lever_rate = motion.lever, motion.lever_rate
+
+    def begin(self, now: Array) -> Array:
+        now[list(self.where.now.tilting.tilt)] = self._rest_tilt
+        zero, tilt = jnp.zeros(()), (jnp.asarray(self._rest_tilt[0]), jnp.asarray(self._rest_tilt[1]))
+        return np.asarray(jnp.stack(span_lengths(zero, zero, self.p, tilt)))
+
+    def move_on(self, now: Array, tendons: Array, drive: Array) -> Array:
+        return np.asarray(move_on(now, tendons, drive, self._constants, self._kind))
+
+    def head(self, seen: list[float], late: float) -> Head:
+        where, motion = self.where.seen, self.where.now.tilting.motion
+        speed = seen[motion.torsion_rate] + late * seen[where.torsion_acceleration]
+        torsion = seen[motion.torsion] + late * seen[motion.torsion_rate]
+        gyro = seen[motion.gyro] + late * seen[motion.gyro_rate]
+        rate_y, rate_z = (seen[i] for i in where.tilt_rate)
+        y, z = (seen[i] for i in self.where.now.tilting.tilt)
+        c, s = math.cos(torsion), math.sin(torsion)
+        along = self._chip * seen[where.torsion_acceleration]
+        return Head(
+            torsion,
+            speed,
+            (y + late * rate_y, z + late * rate_z),
+            (gyro, c * rate_y + s * rate_z, c * rate_z - s * rate_y),
+            _specific_force((y, z), c, s, -self._chip * speed**2, along),
+        )
+
+
+class InSpace:
+    """The head of a rod, with mass; see `emulator.space_joint`. Raises SpecError for a rig that tells no masses."""
+
+    def __init__(self, spec: RigSpec, rest_tilt: tuple[float, float]) -> None:
+        space, self.first_end = space_of(spec, rest_tilt)
+        self._space, self._chip = jax.tree.map(jnp.asarray, space), spec.imu.mount_radius.value
+        self._form, self._constants = Form.of(Kind.of(spec), space)
+        self.p, self.where = space.rod.joint, space_layout(self._form.kind)
+        self.steps = 1
+        motion = self.where.now.motion
+        self.lever, self.lever_rate = int(motion.lever), int(motion.lever_rate)
+
+    def begin(self, now: Array) -> Array:
+        q = hanging(self._space)
+        motion, state = self.where.now.motion, space_at_rest(jnp.asarray(q), self._space)
+        now[motion.q], now[motion.memory] = state.q, state.memory
+        return np.asarray(tendon_spans(jnp.asarray(q), self._space))
+
+    def move_on(self, now: Array, tendons: Array, drive: Array) -> Array:
+        return np.asarray(move_on_in_space(now, tendons, drive, self._constants, self._form))
+
+    def head(self, seen: list[float], late: float) -> Head:
+        where, motion = self.where.seen, self.where.now.motion
+
+        def numbers(indices: Array) -> list[float]:
+            return [seen[i] for i in indices]
+
+        def going(now: list[float], rates: list[float]) -> tuple[float, ...]:
+            return tuple(a + late * b for a, b in zip(now, rates, strict=True))
+
+        (x, y, z), (turn_x, _, turn_z) = numbers(where.spin), numbers(where.spin_rate)
+        force, r = numbers(where.force), self._chip
+        # what turning gives a chip at (0, r, 0): α x p + ω x (ω x p)
+        chip = (force[0] + r * (x * y - turn_z), force[1] - r * (x * x + z * z), force[2] + r * (y * z + turn_x))
+        torsion, rate = seen[where.torsion], seen[where.torsion_rate]
+        tilt, gyro = (
+            going(numbers(where.tilt), numbers(where.tilt_rate)),
+            going(*map(numbers, (motion.gyro, motion.gyro_rate))),
+        )
+        return Head(torsion + late * rate, rate, tilt, gyro, chip)  # type: ignore[arg-type]
+
+
 class JointPlant:
     """The twin's joint behind one motor for each tendon and one for the lever; see `Plant` and `emulator.joint`.
 
     spec: the rig. slack_m: by how much each tendon is loose where its motor's angle is zero and the joint rests
     untensioned and untilted [m]; negative: taut. rest_tilt: to which the unloaded continuum is bent, about y and z of
     frame B [rad]. motors_at: angles of the horns at time zero [rad], tendons first, then the drive; zero if not given.
+    in_space: whether the joint is a rod with a heavy head, which bends and sways; else its head has no inertia across
+    its axis, and a second of it costs a tenth.
 
-    All motors are off at first, and fed with the rig's drive.supply_voltage. The joint starts unshortened and
-    untwisted, at its rest tilt. It moves in ticks of `joint.TICK_S`; `motion` tells how it has gone on since the last
-    one: angles at their speed, rates at their acceleration, tensions and currents as they were. A law that is set
-    between two ticks acts from the earlier one.
+    All motors are off at first, and fed with the rig's drive.supply_voltage. The joint starts untwisted and unpulled,
+    at its rest tilt; in space it hangs under its weight. It moves in ticks of `joint.TICK_S`; `motion` tells how it has
+    gone on since the last one: angles at their speed, rates at their acceleration, tensions and currents as they were.
+    A law that is set between two ticks acts from the earlier one.
 
     Tendon motors know no inertia: they turn as the cable, the law and the line through stall torque and no-load speed
     let them. By position, and by pwm or current with the tension that belongs to it, they are the twin's motors.
-    The gear's friction counts while a motor is off only. Weight does not pull on the tilted head. The gyroscope's
-    low-pass is left out for y and z, and the accelerometer knows neither axial nor tilting acceleration.
+    The gear's friction counts while a motor is off only. Where the joint is not in space, weight does not pull on the
+    tilted head, the gyroscope's low-pass is left out for y and z, and the accelerometer knows neither axial nor tilting
+    acceleration.
 
     Raises SpecError for a number of slacks or angles that is not the number of motors.
     """
@@ -54,6 +181,7 @@ class JointPlant:
         slack_m: Sequence[float],
         rest_tilt: tuple[float, float] = (0.0, 0.0),
         motors_at: Sequence[float] | None = None,
+        in_space: bool = False,
     ) -> None:
         count = spec.tendons.count
         at = (0.0,) * (count + 1) if motors_at is None else tuple(motors_at)
@@ -67,33 +195,26 @@ class JointPlant:
         self._servo_gain = _servo_gain(spec)
         self._radius = spec.tendons.pulley_radius.value
         self._newton = spec.tendons.current(1.0)  # [A/N]
-        joint = joint_of(spec, rest_tilt)
-        self._constants = jnp.stack([jnp.asarray(leaf) for leaf in jax.tree.leaves(joint)])
-        self._p = joint.p
-        self._substeps = steps_per_tick(joint, np.radians(spec.limits.torsion_deg) * 2 * np.pi * spec.limits.drive_hz)
-        self._kind = Kind.of(spec)
-        self._where: Layout = layout(self._kind)
+        self._body: Body = InSpace(spec, rest_tilt) if in_space else Upright(spec, rest_tilt)
+        self._p, self._where = self._body.p, self._body.where
         self._now, self._tendons, self._drive = (np.zeros(size) for size in self._where.sizes())
         self._laws = [Law()] * (count + 1)
         self._stuck = [False] * count
         self._supply = spec.drive.supply_voltage.value
         self._push = 0.0
         self._ticks, self._until = 0, 0.0
-        self._first_end = _first_end(spec)
-        self._begin(slack_m, rest_tilt, at)
+        self._begin(slack_m, at)
 
-    def _begin(self, slack_m: Sequence[float], rest_tilt: tuple[float, float], at: Sequence[float]) -> None:
+    def _begin(self, slack_m: Sequence[float], at: Sequence[float]) -> None:
         state, now = self._now, self._where.now
-        zero = jnp.zeros(())
-        tilt = (jnp.asarray(rest_tilt[0]), jnp.asarray(rest_tilt[1]))
-        bent = np.asarray(jnp.stack(span_lengths(zero, zero, self._p, tilt)))
-        ends = np.asarray(jnp.stack(span_lengths(zero, zero, self._p))) + np.asarray(slack_m, dtype=float)
+        bent, unpulled = self._body.begin(state), self.spec.tendons
+        across = unpulled.base_radius.value - unpulled.head_radius.value
+        ends = math.hypot(unpulled.free_span.value, across) + np.asarray(slack_m, dtype=float)
         horns = np.asarray(at[: self.count]) * self._radius
         stiffness = self.spec.tendons.cable_stiffness.value
-        self._drive[self._where.step_s] = TICK_S / self._substeps
+        self._drive[self._where.step_s] = TICK_S / self._body.steps
         self._tendons[list(self._where.tendons.cable_end)] = ends
-        state[list(now.tilting.tilt)] = rest_tilt
-        state[now.tilting.motion.lever] = state[now.goal] = at[self.count]
+        state[self._body.lever] = state[now.goal] = at[self.count]
         state[list(now.horn)], state[list(now.span)] = horns, bent
         state[list(now.tension)] = np.maximum(0.0, stiffness * (bent - ends + horns))
         self._order_all()
@@ -106,7 +227,7 @@ class JointPlant:
         old, self._laws[motor] = self._laws[motor], law
         if motor == self.count:
             if law.kind != old.kind:
-                self._now[self._where.now.goal] = self._now[self._where.now.tilting.motion.lever]
+                self._now[self._where.now.goal] = self._now[self._body.lever]
             self._order_drive()
             return
         self._order_tendon(motor)
@@ -146,27 +267,18 @@ class JointPlant:
             self._ticks += ticks
 
     def motion(self) -> Motion:
-        seen, now, late = self._seen, self._where.now, self._until - self._ticks * TICK_S
-        motion = now.tilting.motion
-        speed = seen[motion.torsion_rate] + late * seen[self._where.seen.torsion_acceleration]
-        torsion = seen[motion.torsion] + late * seen[motion.torsion_rate]
-        gyro = seen[motion.gyro] + late * seen[motion.gyro_rate]
-        rate_y, rate_z = (seen[i] for i in self._where.seen.tilt_rate)
-        tilt = self.tilt_angles
-        c, s = math.cos(torsion), math.sin(torsion)
-        chip = self.spec.imu.mount_radius.value
+        late = self._until - self._ticks * TICK_S
+        head = self._body.head(self._seen, late)
         return Motion(
             time=self._until,
             drive=self._drive_motion(late),
             tendons=tuple(self._tendon_motion(i, late) for i in range(self.count)),
             tension=self.tension,
-            torsion=torsion,
-            torsion_rate=speed,
-            tilt=(tilt[0] + late * rate_y, tilt[1] + late * rate_z),
-            gyro=(gyro, c * rate_y + s * rate_z, c * rate_z - s * rate_y),
-            acceleration=_specific_force(
-                tilt, c, s, -chip * speed**2, chip * seen[self._where.seen.torsion_acceleration]
-            ),
+            torsion=head.torsion,
+            torsion_rate=head.torsion_rate,
+            tilt=head.tilt,
+            gyro=head.gyro,
+            acceleration=head.acceleration,
         )
 
     @property
@@ -178,7 +290,7 @@ class JointPlant:
         state, now = self._now, self._where.now
         wound = state[list(now.horn)] + state[list(now.tension)] / self.spec.tendons.servo_stiffness.value
         ends = self._tendons[list(self._where.tendons.cable_end)] - wound
-        return self._first_end - float(ends.mean())
+        return self._body.first_end - float(ends.mean())
 
     @property
     def tension(self) -> tuple[float, ...]:
@@ -188,8 +300,7 @@ class JointPlant:
     @property
     def tilt_angles(self) -> tuple[float, float]:
         """The tilt of the head plate about y and z of frame B [rad], at the last tick."""
-        y, z = self._where.now.tilting.tilt
-        return self._seen[y], self._seen[z]
+        return self._body.head(self._seen, 0.0).tilt
 
     @property
     def tilt_angle(self) -> float:
@@ -197,13 +308,14 @@ class JointPlant:
         return math.hypot(*self.tilt_angles)
 
     @property
-    def state(self) -> Tilting:
-        """The state of the equations of motion, as numbers, at the last tick."""
-        return jax.tree.map(self._seen.__getitem__, self._where.now.tilting)  # type: ignore[no-any-return]
+    def state(self) -> Any:
+        """The state of the equations of motion, as numbers, at the last tick: `Tilting`, or `SpaceState`."""
+        where = self._where.now[0]
+        return jax.tree.map(lambda w: np.array(self._seen)[w] if np.ndim(w) else self._seen[w], where)
 
     def _go(self, ticks: int) -> None:
-        self._drive[self._where.steps] = ticks * self._substeps
-        out = np.asarray(move_on(self._now, self._tendons, self._drive, self._constants, self._kind))
+        self._drive[self._where.steps] = ticks * self._body.steps
+        out = self._body.move_on(self._now, self._tendons, self._drive)
         self._now = out[: self._now.size].copy()
         self._seen = out.tolist()
 
@@ -283,13 +395,13 @@ class JointPlant:
             self._drive[getattr(self._where.drive, name)] = value
 
     def _drive_motion(self, late: float) -> HornMotion:
-        seen, motion, p = self._seen, self._where.now.tilting.motion, self._p
-        torque, speed = seen[self._where.seen.torque], seen[motion.lever_rate]
+        seen, p = self._seen, self._p
+        torque, speed = seen[self._where.seen.torque], seen[self._body.lever_rate]
         duty = 0.0
         if self._laws[self.count].kind != "off":
             full = max(1e-9, float(self._drive[self._where.drive.duty_torque]))
             duty = float(duty_for(torque, speed, p._replace(duty_torque=full)))  # type: ignore[arg-type]
-        angle = seen[motion.lever] + late * speed
+        angle = seen[self._body.lever] + late * speed
         return HornMotion(angle, speed, torque / float(p.torque_constant), max(-1.0, min(1.0, duty)))
 
     def _tendon_motion(self, tendon: int, late: float) -> HornMotion:

@@ -348,29 +348,55 @@ def space_derivative(time_s: jax.Array, state: SpaceState, space: Space) -> tupl
 
     hit = jnp.where(time_s < BLOW_S, (1 - jnp.cos(2 * jnp.pi / BLOW_S * time_s)) / BLOW_S, 0.0) * space.blow
     force = felt.force + hit @ moved.sections.spins[-1] - moved.bias
-    inertia = moved.mass + space.added
+    acceleration, free = free_acceleration(force, horn, moved, space, goal_acceleration, prescribed)
+    after = state_rate(state, acceleration, free, moved, felt, space)
+    after = after._replace(
+        lever=jnp.where(prescribed, goal_rate, state.lever_rate),
+        lever_rate=jnp.where(locked, -state.lever_rate / LOCKING_TIME, free),
+    )
+    return after, moved, felt
+
+
+def free_acceleration(
+    force: jax.Array,
+    horn: jax.Array,
+    moved: Motion,
+    space: Space,
+    given: jax.Array | float = 0.0,
+    prescribed: jax.Array | bool = False,
+) -> tuple[jax.Array, jax.Array]:
+    """Return accelerations (of the coordinates (18,), of the lever [rad/s²]) under generalised forces.
+
+    force: on the coordinates, less `moved.bias` (18,). horn: torque of the drive [N m]. given: acceleration of a lever
+    that is `prescribed`.
+    """
     # The servo's lever is one more coordinate, eliminated; the prescribed one's acceleration is given.
-    factor = jax.scipy.linalg.cho_factor(inertia)
+    factor = jax.scipy.linalg.cho_factor(moved.mass + space.added)
     both = jax.scipy.linalg.cho_solve(factor, jnp.stack([force, moved.lever_row], axis=1))
     free = (horn - moved.lever_bias - moved.lever_row @ both[:, 0]) / (
-        space.lever_tensor[0] + p.armature - moved.lever_row @ both[:, 1]
+        space.lever_tensor[0] + space.rod.joint.armature - moved.lever_row @ both[:, 1]
     )
-    lever_acceleration = jnp.where(prescribed, goal_acceleration, free)
-    acceleration = both[:, 0] - both[:, 1] * lever_acceleration
+    lever_acceleration = jnp.where(prescribed, given, free)
+    return both[:, 0] - both[:, 1] * lever_acceleration, lever_acceleration
 
+
+def state_rate(
+    state: SpaceState, acceleration: jax.Array, lever_acceleration: jax.Array, moved: Motion, felt: Pull, space: Space
+) -> SpaceState:
+    """Return the time derivative of the state at given accelerations of coordinates (18,) and lever."""
+    p = space.rod.joint
     times = jnp.asarray(relaxation_times())[:, None, None]
     w = p.low_pass_omega
-    after = SpaceState(
+    return SpaceState(
         q=state.q_rate,
         q_rate=acceleration.reshape(state.q.shape),
-        lever=jnp.where(prescribed, goal_rate, state.lever_rate),
-        lever_rate=jnp.where(locked, -state.lever_rate / LOCKING_TIME, lever_acceleration),
+        lever=state.lever_rate,
+        lever_rate=lever_acceleration,
         memory=(state.q - state.memory) / times,
         bristles=p.guides.rates(felt.torsion_rate, state.bristles),
         gyro=state.gyro_rate,
         gyro_rate=w * w * (moved.spin - state.gyro) - jnp.sqrt(2.0) * w * state.gyro_rate,
     )
-    return after, moved, felt
 
 
 def space_energy(time_s: jax.Array, state: SpaceState, space: Space) -> jax.Array:

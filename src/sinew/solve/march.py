@@ -69,8 +69,25 @@ def runge_kutta(slope: Callable[[jax.Array, S], S], time_s: jax.Array, state: S,
     return after
 
 
+STAGE_TIMES = np.array([0.0, 0.5, 0.5, 1.0])
+"""When each of the four slopes of a step is taken, as shares of the step."""
+
 _SHARES = np.array([0.5, 0.5, 1.0, 0.0])  # of a step to where the next of its four slopes is taken
 _WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6
+
+
+def next_stage(stage: jax.Array, begun: S, gone: S, slope: S, step_s: jax.Array) -> tuple[S, S, S]:
+    """Return (state at the begin of the step, state where the next slope is taken, sum of the step's slopes), the slope
+    of a stage 0 to 3 being known: `runge_kutta` by single slopes. begun, gone: what it returned a stage before."""
+    gone = jax.tree.map(lambda total, dy: total + jnp.asarray(_WEIGHTS)[stage] * dy, gone, slope)
+    last = stage == 3
+
+    def moved(y: jax.Array, dy: jax.Array, whole: jax.Array) -> jax.Array:
+        return y + step_s * jnp.where(last, whole, jnp.asarray(_SHARES)[stage] * dy)
+
+    here: S = jax.tree.map(moved, begun, slope, gone)
+    begun = jax.tree.map(lambda old, new: jnp.where(last, new, old), begun, here)
+    return begun, here, jax.tree.map(lambda total: jnp.where(last, 0.0, total), gone)
 
 
 def runge_kutta_samples(
@@ -95,20 +112,10 @@ def runge_kutta_samples(
     def turn(n: jax.Array, carry: tuple[S, S, S, K]) -> tuple[S, S, S, K]:
         begun, here, gone, rows = carry
         stage, step = n % 4, n // 4
-        after = jnp.asarray([0.0, *_SHARES[:3]])[stage]
-        rate_here, seen = slope(start_s + (step + after) * step_s, here)
+        rate_here, seen = slope(start_s + (step + jnp.asarray(STAGE_TIMES)[stage]) * step_s, here)
         row = jnp.where(n % (4 * steps) == 0, step // steps, room)
         rows = jax.tree.map(lambda r, one: jax.lax.dynamic_update_index_in_dim(r, one, row, axis=0), rows, seen)
-        gone = jax.tree.map(lambda total, dy: total + jnp.asarray(_WEIGHTS)[stage] * dy, gone, rate_here)
-        last = stage == 3
-
-        def moved(y: jax.Array, dy: jax.Array, whole: jax.Array) -> jax.Array:
-            return y + step_s * jnp.where(last, whole, jnp.asarray(_SHARES)[stage] * dy)
-
-        here = jax.tree.map(moved, begun, rate_here, gone)
-        begun = jax.tree.map(lambda old, new: jnp.where(last, new, old), begun, here)
-        gone = jax.tree.map(lambda total: jnp.where(last, 0.0, total), gone)
-        return begun, here, gone, rows
+        return *next_stage(stage, begun, gone, rate_here, step_s), rows
 
     nothing = jax.tree.map(jnp.zeros_like, state)
     state, _, _, kept = jax.lax.fori_loop(0, samples * steps * 4, turn, (state, state, nothing, kept))

@@ -83,7 +83,8 @@ def space_lanes(
         friction = own.rod.joint.guides.scaled(max(0.0, 1 + scatter[1, index]))
         here = own._replace(rod=own.rod._replace(joint=own.rod.joint._replace(guides=friction)))
         pretension = max(0.0, pair[0] * 1e-3 + scatter[0, index])
-        posed, rests[pair] = _pose(here, rig, pretension, pose, effects)
+        nearby = [found for (p, _), found in rests.items() if p == pair[0]][-1:]
+        posed, rests[pair] = _pose(here, rig, pretension, pose, effects, *nearby)
         if effects.tendons:
             posed = hold(posed, rests[pair], held, LIMIT_RESERVE_N)
         slowed = slow_down(linear_equations(rests[pair].q, posed), posed)
@@ -98,15 +99,17 @@ def space_lanes(
     )
 
 
-def _pose(space: Space, rig: RigSpec, pretension: float, pose: Pose, effects: Effects) -> tuple[Space, Rest]:
-    """Return the joint at rest in a pose at a pretension [m]."""
+def _pose(
+    space: Space, rig: RigSpec, pretension: float, pose: Pose, effects: Effects, nearby: Rest | None = None
+) -> tuple[Space, Rest]:
+    """Return the joint at rest in a pose at a pretension [m]; nearby: the same pose at nearly this pretension."""
     if not effects.tendons:
         if not pose.is_straight:
             raise SpecError(f"without tendons nothing holds {pose.words()}; leave the pose out, or the tendons in")
         q, here = settle(np.asarray(straight()), space)
         return space, Rest(q, here, np.zeros(here.spans.size), 0.0, 1.0, True)
     contact = rig.tendons.first_contact_tension.value
-    there, found = bend(space, contact, pretension, np.array(pose.swing_rad))
+    there, found = bend(space, contact, pretension, np.array(pose.swing_rad), nearby)
     if not found.found:
         why = "is not reached" if not found.reached else "is not stable"
         raise SpecError(
@@ -133,15 +136,15 @@ def _driven(space: Space, group: Group) -> Space:
     moves = group.kind != "idle"
     by_lever = moves and group.excitation == "lever"
     joint = space.rod.joint._replace(
-        amplitude=np.radians(group.amplitude_deg) if by_lever else 0.0,
-        omega=2 * np.pi * group.frequency_hz if math.isfinite(group.frequency_hz) else 2 * np.pi,
-        stop_s=group.settle_s if group.kind == "ring-down" else np.inf,
+        amplitude=np.radians(group.amplitude_deg) if by_lever else 0.0,  # type: ignore[arg-type]
+        omega=2 * np.pi * (group.frequency_hz if math.isfinite(group.frequency_hz) else 1.0),  # type: ignore[arg-type]
+        stop_s=group.settle_s if group.kind == "ring-down" else np.inf,  # type: ignore[arg-type]
     )
     space = space._replace(rod=space.rod._replace(joint=joint))
     if moves and group.excitation in _PATTERN:
         return space._replace(pulls=1e-3 * group.amplitude_mm * patterns(space)[_PATTERN[group.excitation]])
     if moves and group.excitation.startswith("impulse"):
-        return space._replace(blow=group.impulse_n_m_s * _blow_axis(group))
+        return space._replace(blow=group.impulse_n_m_s * _blow_axis(group))  # type: ignore[arg-type]
     return space
 
 

@@ -131,11 +131,14 @@ def sandwich(
     variance = float(weight @ spectrum)
     if variance <= 0:
         return np.zeros((m, m)), float(max(n - m, 1))
-    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
-    loud = scaled if loudness is None else scaled * loudness[:, None]
+    # By singular values: JᵀJ would lose half of the digits, and with them a direction that the record hardly shows.
+    basis, singular, turned = np.linalg.svd(scaled, full_matrices=False)
+    kept = singular > 1e-14 * singular[0]
+    basis, inverse = basis[:, kept], turned[kept].T / singular[kept]
+    loud = basis if loudness is None else basis * loudness[:, None]
     waves = np.fft.rfft(loud, size, axis=0)
     middle = np.real((waves.conj().T * (weight * spectrum)) @ waves)
-    covariance = inverse @ middle @ inverse
-    white = variance * np.diag(inverse if loudness is None else inverse @ (loud.T @ loud) @ inverse)
+    covariance = inverse @ middle @ inverse.T
+    white = variance * np.diag(inverse @ (loud.T @ loud) @ inverse.T)
     larger = np.sqrt(np.maximum(1.0, white / np.maximum(np.diag(covariance), 1e-300))) / scale
     return np.asarray(covariance * np.outer(larger, larger), dtype=float), max(independent(spectrum, n) - m, 1.0)

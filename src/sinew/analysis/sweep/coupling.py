@@ -201,7 +201,7 @@ _CHANNEL_COLUMNS = tuple(
 
 
 def _mean_phasor(
-    size: Array, size_std: Array, lag: Array, lag_std: Array, freedom: float = _FREEDOM
+    size: Array, size_std: Array, lag: Array, lag_std: Array, *, freedom: float = _FREEDOM
 ) -> tuple[Estimate, Estimate]:
     """Return size and lag [rad] of the mean of phasors over repeats, arrays (r,), NaN left out."""
     known = np.isfinite(size) & np.isfinite(lag)
@@ -231,7 +231,7 @@ def _mean_size(size: Array, std: Array, lag: Array) -> dict[str, Any]:
     """Return the mean of phasors [rad] in degrees; of their sizes, where no lag is known."""
     lag = lag if np.isfinite(lag).any() else np.zeros_like(lag)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return _degrees(_mean_phasor(size, std, lag, std / size, _FREEDOM_OF_HARMONIC)[0])
+        return _degrees(_mean_phasor(size, std, lag, std / size, freedom=_FREEDOM_OF_HARMONIC)[0])
 
 
 def coupling_rows(results: xr.Dataset) -> list[dict[str, Any]]:

@@ -36,6 +36,9 @@ def emulate(
     ] = None,
     slack: Annotated[str | None, option("MM,...", "Cable to take up until each tendon pulls; else drawn.")] = None,
     unloaded: Annotated[bool, flag("--unloaded", "Motors on the table, without the joint.")] = False,
+    in_space: Annotated[
+        bool, flag("--in-space", "A head with mass on a rod that bends and sways: for plans with a [pose].")
+    ] = False,
     for_s: Annotated[float | None, option("S", "End after so much emulated time.", "--for", min=0.0)] = None,
     socket: Annotated[
         bool, flag("--socket", "A socket, not a terminal: for Sinew alone; keeps time on a busy computer.")
@@ -70,7 +73,7 @@ def emulate(
     refuse_taken(link)
     if truth is not None:
         require_file(truth)
-    bench = found_bench(rig_, start, seed, faults, baud=baud, unloaded=unloaded)
+    bench = found_bench(rig_, start, seed, faults, baud=baud, unloaded=unloaded, in_space=in_space)
     shared = None if own_time else ClockSocket(link)
     try:
         make_port: Callable[[Path], Port] = partial(SocketPort, host_baud=rig_.wiring.baud) if socket else PtyPort

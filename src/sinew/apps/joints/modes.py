@@ -27,11 +27,14 @@ def modes(
     ] = 10.0,
     bands: Annotated[
         int, option("N", "Draws of what is assumed, for 90 % intervals; 0 for none.", "--bands", min=0)
-    ] = 24,
+    ] = 16,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws.")] = 0,
     out: Annotated[
         Path | None, option("FILE", "A figure, .png, .pdf or .svg, or a page with moving shapes, .html.")
     ] = None,
+    answers: Annotated[
+        bool, console.flag("--answers", "Also what the paper left open of a bent joint: resonance, coupling, engine.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Give the modes of a joint that bends: frequency, damping, where their energy is, how the head moves.
@@ -67,6 +70,15 @@ def modes(
             progress=progress,
         )
     document = found.document()
+    told = found.told()
+    if answers:
+        from sinew.paper.answers.bent import answer_bent
+
+        with console.progress_bar("answer") as progress:
+            answered = answer_bent(found.rig, azimuth_deg=azimuth, draws=max(bands, 2), seed=seed, progress=progress)
+        document["answers"] = [one.to_json() for one in answered]
+        for one in answered:
+            told += [f"\n{one.question}\n{one.verdict}", *(f"- {sentence}" for sentence in one.sentences)]
     if out is not None:
         from sinew.figures.space import write_modes
 
@@ -74,6 +86,6 @@ def modes(
     if json:
         console.print_json(document)
     else:
-        console.print_told(found.told())
+        console.print_told(told)
         if out is not None:
             print(f"wrote {out}")

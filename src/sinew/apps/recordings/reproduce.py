@@ -13,7 +13,7 @@ import typer
 from sinew.apps import console
 from sinew.apps.console import Json, Rig, Seed, option
 from sinew.apps.recordings import stored
-from sinew.measure.errors import FileError
+from sinew.measure.errors import FileError, SpecError
 from sinew.measure.estimate import number, shown_interval
 
 if TYPE_CHECKING:
@@ -273,16 +273,22 @@ def _number(value: Any) -> str:
 
 
 def answer(
-    file: Annotated[Path, typer.Argument(metavar="RECORDING", help="A recording of Sinew (NetCDF).")],
+    file: Annotated[
+        Path, typer.Argument(metavar="RECORDING|RIG", help="A recording of Sinew (NetCDF), or a rig: file or name.")
+    ],
     out: Annotated[Path | None, option("DIR", "Folder for the page; the recording's own by default.")] = None,
     rig: Annotated[str | None, option("RIG", "A rig; else the recording's.")] = None,
     json: Json = False,
 ) -> None:
-    """Answer the paper's open questions from a recording: numbers with intervals, and what cannot be told.
+    """Answer the paper's open questions from a recording or a rig: numbers with intervals, and what cannot be told.
 
-    Writes answers.html, answers.json and the figures of the answers. results.nc and beyond.nc beside the recording are
-    taken up where they belong to it. A whole campaign takes about a minute or two.
+    Of a recording it writes answers.html, answers.json and the figures of the answers. results.nc and beyond.nc beside
+    it are taken up where they belong to it. A whole campaign takes about a minute or two. Of a rig it answers what
+    statics can: how unequal tensions get where the joint bends, and what it carries; answers.json goes to --out.
     """
+    if _is_rig(file):
+        _answer_rig(file, out, rig, json=json)
+        return
     from sinew.analysis.analysed import recording_rig
     from sinew.measure.files.netcdf import load_recording
     from sinew.paper.answers.questions import answer_questions
@@ -311,7 +317,35 @@ def answer(
     if json:
         console.print_json(document)
     else:
-        _print_answers(answers, folder)
+        _print_answers(answers)
+        print(f"page: {folder / 'answers.html'}")
+
+
+def _is_rig(file: Path) -> bool:
+    from sinew.plan.toml import list_shipped
+
+    return file.suffix == ".toml" or (not file.exists() and str(file) in list_shipped("rigs"))
+
+
+def _answer_rig(file: Path, out: Path | None, rig: str | None, *, json: bool) -> None:
+    from sinew.paper.answers.poses import answer_rig
+    from sinew.plan.toml import load_rig
+
+    if rig is not None:
+        raise SpecError(f"found --rig {rig} beside the rig {file}; expected one of them, or a recording with --rig")
+    if out is not None:
+        console.require_folder(out)
+    rig_ = load_rig(str(file))
+    answers = answer_rig(rig_)
+    document = {"recording_hash": None, "rig": rig_.name, "answers": [one.to_json() for one in answers]}
+    if out is not None:
+        console.write_json(document, out / "answers.json")
+    if json:
+        console.print_json(document)
+        return
+    _print_answers(answers)
+    if out is not None:
+        print(f"written: {out / 'answers.json'}")
 
 
 def _write_answers(
@@ -332,9 +366,8 @@ def _write_answers(
     return document
 
 
-def _print_answers(answers: "list[Answer]", folder: Path) -> None:
+def _print_answers(answers: "list[Answer]") -> None:
     console.print_table(("question", "answer"), [(one.question, one.verdict) for one in answers])
     for one in answers:
         for sentence in one.sentences[:2]:
             print(textwrap.fill(sentence, 100, initial_indent="- ", subsequent_indent="  "))
-    print(f"page: {folder / 'answers.html'}")

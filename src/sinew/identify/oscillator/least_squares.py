@@ -225,9 +225,11 @@ def covariance(
         inner = float(residual @ residual) / freedom * bread
     elif kind == "hac":
         inner = bread @ _scores(scaled * residual[:, None], pieces) * (n / freedom) @ bread
+    elif len(pieces) <= 1:
+        inner, freedom = sandwich(scaled, residual)
     else:
         filling, freedom = np.zeros_like(bread), 0.0
-        for piece in pieces or (slice(0, n),):
+        for piece in pieces:
             own = scaled[piece]
             part, of_part = sandwich(own, residual[piece])
             gram = own.T @ own

@@ -1,0 +1,303 @@
+"""What the paper did not investigate of a bent joint: its resonance, what moves with the torsion, the spinal engine.
+
+Predicted for a rig from `sinew.predict.modes` and `sinew.predict.bent`: there is no recording of a bent joint. The
+intervals are of what is assumed of head and lever, drawn as there; numbers of the bench in the answers' last sentences.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from sinew.measure.arrays import Array
+from sinew.measure.estimate import Estimate
+from sinew.paper.answers.answer import Answer, Cell, in_words
+from sinew.plan.rig import RigSpec
+from sinew.predict.band import estimate_of_deviations
+from sinew.predict.bent import Engine, response, servo_speed, spinal_engine
+from sinew.predict.modes import Asked, Finder, across_of, draw_spatial
+
+RESONANCE = "bent-resonance"
+COUPLING = "bent-coupling"
+ENGINE = "spinal-engine"
+
+_PRETENSION_MM = (6.0, 12.0)
+_BEND_DEG = (0.0, 10.0, 20.0, 30.0)
+_SWING_DEG = 10.0
+_CURVED_DEG = 30.0
+_MOVES = 0.05
+_FEELS = 1.0  # degrees of twist that a spine would be said to have
+
+Progress = Callable[[float, float], None]
+
+
+def answer_bent(
+    rig: RigSpec,
+    *,
+    azimuth_deg: float = 0.0,
+    draws: int = 12,
+    seed: int = 0,
+    progress: Progress = lambda _done, _total: None,
+) -> list[Answer]:
+    """Return the answers on resonance, coupling and spinal engine of a rig's bent joint.
+
+    azimuth_deg: direction of the bend, from y towards z. draws: of what is assumed, for the intervals; at least 2.
+    progress: called with (done, total) rigs.
+    Raises SpecError for a rig that does not tell its masses.
+    """
+    asked = Asked(_PRETENSION_MM, _BEND_DEG, azimuth_deg, swing_deg=_SWING_DEG)
+    nominal = Finder(rig, asked)
+    rigs, names, _ = draw_spatial(rig, draws, seed)
+    drawn = [(one, Finder(one, asked, nominal)) for one in rigs]
+    shifts = [_shifts(nominal)]
+    couplings = [_couplings(nominal)]
+    engines = [_engines(rig, nominal)]
+    progress(1, len(drawn) + 1)
+    for done, (one, finder) in enumerate(drawn):
+        shifts.append(_shifts(finder))
+        couplings.append(_couplings(finder))
+        engines.append(_engines(one, finder))
+        progress(done + 2, len(drawn) + 1)
+    curved = Finder(_curved(rig, azimuth_deg), asked)
+    aside = Finder(rig, asked._replace(azimuth_deg=azimuth_deg + 90))
+    return [
+        _resonance(nominal, shifts, names),
+        _coupling(nominal, aside, couplings, names),
+        _engine(rig, nominal, aside, engines, curved, names),
+    ]
+
+
+def _curved(rig: RigSpec, azimuth_deg: float) -> RigSpec:
+    assert rig.space is not None
+    update = {"rest_bend_deg": _CURVED_DEG, "rest_azimuth_deg": azimuth_deg}
+    return rig.model_copy(update={"space": rig.space.model_copy(update=update)})
+
+
+def _poses() -> list[tuple[float, float]]:
+    return [(p, b) for p in _PRETENSION_MM for b in _BEND_DEG]
+
+
+def _over(values: Sequence[Array], index: int) -> Estimate:
+    """Return an entry of the first of some arrays, with the interval that the others give it."""
+    off = np.array([one[index] - values[0][index] for one in values[1:]])
+    return estimate_of_deviations(float(values[0][index]), off[np.isfinite(off)])
+
+
+# Does the resonance move?
+
+
+def _shifts(finder: Finder) -> Array:
+    """Return the torsion's frequency over that of the straight joint, less one, at each pose."""
+    return np.array([finder.at(p, b).torsion_hz() / finder.at(p, 0.0).torsion_hz() - 1 for p, b in _poses()])
+
+
+def _resonance(nominal: Finder, shifts: Sequence[Array], names: Sequence[str]) -> Answer:
+    found = {pose: _over(shifts, i) for i, pose in enumerate(_poses())}
+    rows: list[dict[str, Cell]] = [
+        {
+            "pretension_mm": p,
+            "bend_deg": b,
+            "torsion_hz": nominal.at(p, b).torsion_hz(),
+            "relative_shift": found[p, b],
+            "slack_tendons": float(np.count_nonzero(nominal.at(p, b).tension_n <= 0)),
+        }
+        for p, b in _poses()
+    ]
+    taut = {pose: one for pose, one in found.items() if nominal.at(*pose).taut and pose[1] > 0}
+    place, most = max(taut.items(), key=lambda item: abs(item[1].value))
+    moves = abs(most.value) > _MOVES
+    first = (
+        f"Bent by up to {place[1]:g}° with all tendons taut, the torsion resonates at most "
+        f"{in_words(most, 100, '%')} above the straight joint ({place[0]:g} mm): "
+        f"{'more' if moves else 'less'} than a twentieth."
+    )
+    slack = [pose for pose in found if not nominal.at(*pose).taut]
+    sentences = [first]
+    if slack:
+        p, b = max(slack, key=lambda pose: abs(found[pose].value))
+        sentences.append(
+            f"Where a tendon goes slack it is another joint: {in_words(found[p, b], 100, '%')} at {p:g} mm and {b:g}°, "
+            "and at lower pretension torsion and sway mix into two peaks."
+        )
+    sentences += [
+        "Small swings; guides hold, silicone at the mode's own frequency. Large swings soften the guides and stiffen "
+        "the tendons as in the straight joint.",
+        _rests(names),
+        "To test it: plans/bent.toml sweeps the lever at one bend; sweep at several (bend_deg), and at none, at the "
+        "same pretensions, and compare the resonances of each with their intervals.",
+    ]
+    return Answer(
+        RESONANCE,
+        "Does the resonance move when the joint bends? (sections 5.2.2 and 5.3)",
+        "it moves" if moves else "it hardly moves",
+        tuple(sentences),
+        {"relative_shift": most},
+        tuple(rows),
+    )
+
+
+# What else moves?
+
+
+def _couplings(finder: Finder) -> Array:
+    """Return at each pose (tilt across per torsion, its phase against the torsion [rad], tilt in the plane per torsion)
+    where a lever that is driven makes the torsion largest, (3, pose)."""
+    rows = []
+    across = across_of(finder.direction)
+    for p, b in _poses():
+        linear, space = finder.linear(p, b)
+        pose = finder.at(p, b)
+        mode = pose.of("torsion")
+        assert mode is not None
+        moved = response(linear, space, pose.coordinates, [mode.swung_hz], math.radians(_SWING_DEG))[0][:, 0]
+        tilt = complex(across @ moved[1:3]) / moved[0]
+        rows.append((abs(tilt), float(np.angle(tilt)), abs(finder.direction @ moved[1:3] / moved[0])))
+    return np.array(rows).T
+
+
+def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names: Sequence[str]) -> Answer:
+    rows: list[dict[str, Cell]] = []
+    ratios = {}
+    for i, (p, b) in enumerate(_poses()):
+        ratios[p, b] = _over([one[0] for one in couplings], i)
+        rows.append(
+            {
+                "pretension_mm": p,
+                "bend_deg": b,
+                "tilt_across_per_torsion": ratios[p, b],
+                "phase_deg": math.degrees(couplings[0][1][i]) if b > 0 else math.nan,
+                "half_sine_of_bend": 0.5 * math.sin(math.radians(b)),
+                "tilt_in_plane_per_torsion": float(couplings[0][2][i]),
+                "gyro_factor": 1 - 0.5 * (1 - math.cos(math.radians(b))),
+            }
+        )
+    top = max(_PRETENSION_MM), max(b for p, b in _poses() if p == max(_PRETENSION_MM) and nominal.at(p, b).taut)
+    at = _poses().index(top)
+    mode = aside.at(*top).of("torsion")
+    other = math.nan if mode is None else mode.tilt_across / mode.torsion
+    quasi, less = 0.5 * math.sin(math.radians(top[1])), 50 * (1 - math.cos(math.radians(top[1])))
+    return Answer(
+        COUPLING,
+        "What else moves with the torsion of a bent joint? (sections 5.2.2 and 5.3)",
+        "the head tilts across the bend",
+        (
+            f"At {top[0]:g} mm and {top[1]:g}° the head tilts across the plane of the bend by "
+            f"{in_words(ratios[top])} of its torsion, {math.degrees(couplings[0][1][at]):.2g}° off its phase; a rod "
+            f"that is twisted slowly has ½ sin β = {quasi:.3g}.",
+            f"The difference is inertia, and hangs on how the lever lies: bent towards {aside.asked.azimuth_deg:g}° from "
+            f"y, along which its arms are, instead of {nominal.asked.azimuth_deg:g}°, it is {other:.3g}.",
+            "In the plane of the bend nothing moves to first order; to second order the head nods at twice the "
+            "frequency, which is not in these numbers, and more where that sway is at 2:1 (sinew modes tells where).",
+            f"A gyroscope on the head under-reads the torsion's rate by {less:.2g} % there, for its axis leans.",
+            _rests(names),
+            "To test it: pitch and roll of the recordings of plans/bent.toml against the torsion, at the resonance.",
+        ),
+        {"tilt_across_per_torsion": ratios[top]},
+        tuple(rows),
+    )
+
+
+# Is there a spinal engine?
+
+
+def _best(finder: Finder, rig: RigSpec, p: float, b: float) -> Engine:
+    """Return the engine at the frequency where it twists most."""
+    hz = finder.at(p, b).torsion_hz()
+    found = minimize_scalar(
+        lambda f: -spinal_engine(finder, rig, p, b, float(f)).torsion,
+        bounds=(0.85 * hz, 1.05 * hz),
+        method="bounded",
+        options={"xatol": 1e-3 * hz},
+    )
+    return spinal_engine(finder, rig, p, b, float(found.x))
+
+
+_ENGINE_BENDS = _BEND_DEG[1:]
+_SLOW_HZ = 0.1
+
+
+def _engines(rig: RigSpec, finder: Finder) -> Array:
+    """Return at each bend, at the largest pretension: (twist [deg], its frequency [Hz], twist per tilt there, twist per
+    tilt when slow), (4, bend)."""
+    rows = []
+    p = max(_PRETENSION_MM)
+    for b in _ENGINE_BENDS:
+        best, slow = _best(finder, rig, p, b), spinal_engine(finder, rig, p, b, _SLOW_HZ)
+        rows.append((math.degrees(best.torsion), best.frequency_hz, best.per_tilt, slow.per_tilt))
+    return np.array(rows).T
+
+
+def _engine(rig: RigSpec, nominal: Finder, engines: Sequence[Array], curved: Finder, names: Sequence[str]) -> Answer:
+    p = max(_PRETENSION_MM)
+    rows: list[dict[str, Cell]] = []
+    bent = _engines(_curved(rig, curved.asked.azimuth_deg), curved)
+    for i, b in enumerate(_ENGINE_BENDS):
+        best = _best(nominal, rig, p, b)
+        twist, hz, per, slow = (_over([one[k] for one in engines], i) for k in range(4))
+        rows.append(
+            {
+                "pretension_mm": p,
+                "bend_deg": b,
+                "twist_deg": twist,
+                "frequency_hz": hz,
+                "twist_per_tilt": per,
+                "twist_per_tilt_slow": slow,
+                "take_up_mm": 1e3 * best.take_up,
+                "tilt_deg": math.degrees(best.tilt),
+                "lag_deg": math.degrees(best.lag),
+                "curved_twist_deg": float(bent[0][i]),
+                "curved_frequency_hz": float(bent[1][i]),
+                "curved_twist_per_tilt": float(bent[2][i]),
+                "curved_twist_per_tilt_slow": float(bent[3][i]),
+            }
+        )
+    last = rows[-1]
+    other = _best(aside, rig, p, _ENGINE_BENDS[-1])
+    twist, per, slow = (last[name] for name in ("twist_deg", "twist_per_tilt", "twist_per_tilt_slow"))
+    assert isinstance(twist, Estimate)
+    assert isinstance(per, Estimate)
+    assert isinstance(slow, Estimate)
+    speed = servo_speed(rig, float(nominal.at(p, _ENGINE_BENDS[-1]).tension_n.mean()))
+    hz = last["frequency_hz"]
+    assert isinstance(hz, Estimate)
+    there = "at the torsion's resonance, not below it" if twist.value > _FEELS else "hardly"
+    if twist.low < _FEELS < twist.high:
+        there += "; how much hangs on the head's masses"
+    elif max(math.degrees(other.torsion), twist.value) > 2 * min(math.degrees(other.torsion), twist.value):
+        there += "; how much hangs on how the lever lies"
+    return Answer(
+        ENGINE,
+        "Is there a spinal engine, and how much twist does it give? (section 5.1)",
+        there,
+        (
+            f"Tendons that drive a head sideways, bent by {_ENGINE_BENDS[-1]:g}° at {p:g} mm, twist it by "
+            f"{in_words(twist, 1, '°')} at {in_words(hz, 1, 'Hz')}, as far as their motors' speed lets them.",
+            f"Slowly, a tilt of one degree across twists it by {in_words(slow)} degrees only: the rod's geometry gives "
+            f"nothing. At resonance it twists by {in_words(per)} degrees a degree: the head turns with the tilt about "
+            "an axis that leans, its inertia twists the rod, and the torsion amplifies that by its 1/(2D).",
+            f"The motors take up {1e3 * speed:.3g} mm/s under the tendons' tension, by the torque line at 12 V; "
+            f"that is {last['take_up_mm']:.2g} mm at the resonance. The guides' friction is in it at that twist; the "
+            "losses of tendons that run through guides while the head tilts are not known and not in it.",
+            f"How the lever lies decides: bent towards {aside.asked.azimuth_deg:g}° from y, along which its arms are, "
+            f"instead of {nominal.asked.azimuth_deg:g}°, it is {math.degrees(other.torsion):.2g}° at "
+            f"{other.frequency_hz:.4g} Hz, {other.per_tilt:.2g} degrees a degree.",
+            f"A joint cast with a bend of {_CURVED_DEG:g}° and held at the same {_ENGINE_BENDS[-1]:g}° gives "
+            f"{last['curved_twist_deg']:.2g}° at {last['curved_frequency_hz']:.4g} Hz, and slowly "
+            f"{last['curved_twist_per_tilt_slow']:.2g}° a degree: a curve at rest couples side bend and yaw more when "
+            "slow, but still by far less than inertia does.",
+            _rests(names),
+            'To test it: the tendons in pitch at a bend in the plane of roll (drive = "pitch" in a plan), swept '
+            "through the torsion's resonance; the lever held at its zero.",
+        ),
+        {"twist_deg": twist, "twist_per_tilt": per, "twist_per_tilt_slow": slow},
+        tuple(rows),
+    )
+
+
+def _rests(names: Sequence[str]) -> str:
+    """Return what the intervals rest on. names: of the parameters that were drawn."""
+    return (
+        f"The intervals are of what was drawn between bounds or as calibrated: {', '.join(names)}; all else is held at "
+        "the rig's values."
+    )
