@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from benchmarks import (
+    arm,
     broadband_speed,
     bus_loop,
     design,
@@ -13,6 +14,7 @@ from benchmarks import (
     rod,
     solid_cylinder,
     sweep_fit,
+    swing_speed,
     twin_speed,
 )
 
@@ -27,6 +29,8 @@ PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "design": design.main,
     "solid": lambda _: solid_cylinder.main(),
     "rod": lambda _: rod.main(),
+    "swing": lambda _: swing_speed.main(),
+    "arm": arm.main,
 }
 
 

@@ -123,10 +123,13 @@ def own_accelerations(flat: Array, speed: Array, lever: float, lever_rate: float
     whole = np.block([[np.asarray(moved.mass), row[:, None]], [row[None, :], np.atleast_2d(space.lever_tensor[0])]])
     force = np.append(-np.asarray(_slope(flat, space)) - np.asarray(moved.bias), -float(moved.lever_bias))
     rates = np.linalg.solve(whole, force)
-    plate = np.asarray(moved.reach) @ rates[:6] + np.asarray(moved.reach_bias)
-    spin = np.asarray(moved.spins) @ rates[:6] + np.asarray(moved.spin_bias)
-    now = Motion(np.asarray(moved.spin), np.asarray(moved.reach) @ speed, lever, lever_rate)
-    return now, np.concatenate([plate, spin, rates[6:]])
+    sections, end = moved.sections, np.array([-1])
+    head, plate = np.asarray(sections.turned[-1]), sections.places[-1:]
+    reach = np.asarray(sections.velocities(plate, end))[0]
+    pulled = reach @ rates[:6] + np.asarray(moved.rates.acceleration(plate, end))[0]
+    spin = head.T @ np.asarray(sections.spins[-1]) @ rates[:6] + np.asarray(moved.spin_bias)
+    now = Motion(np.asarray(moved.spin), reach @ speed, lever, lever_rate)
+    return now, np.concatenate([pulled, spin, rates[6:]])
 
 
 def mujoco_state(flat: Array, motion: Motion, space: Space) -> Any:
