@@ -16,7 +16,7 @@ from sinew.apps.cli import app, main
 SINEW = Path(sys.executable).with_name("sinew")
 COMMANDS = (
     "analyse", "answer", "calibrate", "check", "compare", "design", "doctor", "emulate", "export", "gait", "identify",
-    "import", "joint", "look", "predict", "report", "reproduce", "run", "serve", "simulate", "stop", "track",
+    "import", "joint", "look", "modes", "predict", "report", "reproduce", "run", "serve", "simulate", "stop", "track",
     "transfer", "tune",
 )  # fmt: skip
 

@@ -25,7 +25,6 @@ from sinew.predict.joints.validity import (
     bonded_torsion_factor,
     check_joint,
     euler_load,
-    haringx_load,
     largest_strain,
     loads_of,
     twisting_stretch,
@@ -191,12 +190,6 @@ def test_tendons_that_hold_their_force_buckle_a_column_as_euler_says() -> None:
 def test_tendons_that_hold_their_length_buckle_it_at_four_times_that() -> None:
     found = brentq(lambda load: column(load, 1e7), 20.0, 60.0)
     assert found == pytest.approx(euler_load(1.0, 1.0, tilt_held=True), rel=1e-3)
-
-
-def test_shear_lowers_the_buckling_load_as_haringx_says() -> None:
-    critical = haringx_load(476.0, 735.0)
-    assert critical * (1 + critical / 735.0) == pytest.approx(476.0)
-    assert haringx_load(1.0, 1e6) == pytest.approx(1.0, rel=1e-5)
 
 
 def twist_share(torsion_constant: float, polar_moment: float, stretch: float) -> float:

@@ -7,6 +7,7 @@ import pytest
 
 from sinew.measure.errors import SpecError
 from sinew.measure.units import STANDARD_GRAVITY
+from sinew.mechanics.column import column_load
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import section_of, shear_modulus_of
 from sinew.predict.joints.validity import (
@@ -15,7 +16,6 @@ from sinew.predict.joints.validity import (
     Torso,
     check_joint,
     euler_load,
-    haringx_load,
     loads_under,
     mast_load,
 )
@@ -57,8 +57,8 @@ def test_the_moment_of_a_tilted_torso_is_the_moment_of_the_tensions_that_hold_it
 def test_shares_of_tendons_and_weight_add_up_in_buckling() -> None:
     section, modulus, length = section_of(RIG), shear_modulus_of(RIG), RIG.silicone.length.value
     stiffness, sliding = 3 * modulus * section.least, modulus * section.area
-    tendons = haringx_load(4 * math.pi**2 * stiffness / length**2, sliding)
-    sway = haringx_load(euler_load(stiffness, length, tilt_held=False), sliding)
+    tendons = column_load(4 * math.pi**2 * stiffness / length**2, sliding)
+    sway = column_load(euler_load(stiffness, length, tilt_held=False), sliding)
     found = checks(Torso(3.0))["buckling_sideways"]
     assert found.value == pytest.approx(4 * 60.0 / tendons + 3.0 * STANDARD_GRAVITY / sway)
 

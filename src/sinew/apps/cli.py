@@ -16,7 +16,7 @@ import typer
 from sinew import __version__
 from sinew.apps.bench import check, doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
-from sinew.apps.joints import calibrate, design, joint, predict, transfer, tune
+from sinew.apps.joints import calibrate, design, joint, modes, predict, transfer, tune
 from sinew.apps.recordings import analyse, convert, gait, identify, reproduce, simulate
 from sinew.measure.errors import SinewError
 
@@ -50,6 +50,9 @@ _command(
 )(predict.predict)
 _command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat")(
     transfer.transfer
+)
+_command(epilog="Example: sinew modes rigs/paper.toml --pretension-mm 0,6,12 --bend-deg 0,20 --out out/modes.html")(
+    modes.modes
 )
 _command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(joint.joint)
 _command(epilog="Example: sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared")(predict.compare)

@@ -29,7 +29,8 @@ class Around(NamedTuple):
     """A pose and what small motion about it feels, the lever locked to the head; 18 coordinates.
 
     energy V [J], slope ∂V/∂q, stiffness ∂²V/∂q²: relaxed. spans, tension (tendon,). by_end (18, tendon): slope by the
-    length at which each cable goes slack [J/m]. torsion, tilt (2,) [rad]; by_torsion (18,), by_tilt (2, 18).
+    length at which each cable goes slack [J/m]; by_span (tendon, 18): ∂span/∂q [m], so the slope by each held tension.
+    torsion, tilt (2,) [rad]; by_torsion (18,), by_tilt (2, 18).
     """
 
     energy: Any
@@ -38,6 +39,7 @@ class Around(NamedTuple):
     spans: Any
     tension: Any
     by_end: Any
+    by_span: Any
     torsion: Any
     tilt: Any
     by_torsion: Any
@@ -77,6 +79,7 @@ def around(q: jax.Array, space: Space) -> Around:
         spans=spans,
         tension=tension,
         by_end=-by_span.T * grip,
+        by_span=by_span,
         torsion=now[tendons + 1],
         tilt=now[tendons + 2 :],
         by_torsion=first[tendons + 1],
@@ -126,6 +129,7 @@ def settle(q: Array, space: Space) -> tuple[Array, Around]:
     """
     scale = _metric(space, q.shape[1])
     root = np.sqrt(scale)
+    space = jax.tree.map(jnp.asarray, space)  # moved once: three quarters of a call went into it
     here, damping = _numbers(q, space), 0.0
     for _ in range(_MOST_STEPS):
         if np.max(np.abs(here.slope) / root) < _TOLERANCE * np.sqrt(scale.max()):
@@ -188,17 +192,20 @@ def rest(space: Space, contact: float, take_up: Array, start: Array | None = Non
     return there, _rest(*settle(q if start is None else start, there), there, ends)
 
 
-def bend(space: Space, contact: float, pretension: float, tilt: Array) -> tuple[Space, Rest]:
+def bend(space: Space, contact: float, pretension: float, tilt: Array, start: Rest | None = None) -> tuple[Space, Rest]:
     """Return (parameters with motors that hold positions, the rest pose) of a joint whose head is tilted.
 
     contact: tension of every tendon at first contact [N]. pretension: mean take-up from there [m]. tilt: of the head,
     rotation vector about y and z of B (2,) [rad]. The tendons are taken up alike and by two patterns across, the
-    cosine and the sine of their direction; how much is found by Newton's method, the joint settling at each step.
-    Where the tilt cannot be reached the rest is not `found`; whether tendons are taut is the caller's to ask.
+    cosine and the sine of their direction; how much is found by Newton's method, the joint settling at each step,
+    from first contact or from a rest pose nearby (start). Where the tilt cannot be reached the rest is not `found`;
+    whether tendons are taut is the caller's to ask.
     """
     q, ends = first_contact(space, contact)
     pattern, held = patterns(space), in_mode(space, POSITION)
     across, best = np.zeros(2), np.inf
+    if start is not None:
+        q, across = start.q, np.linalg.lstsq(pattern.T, start.take_up, rcond=None)[0][1:]
     last = (q, across)
     limit = 0.25 * float(space.rod.joint.head_radius)
     for _ in range(_MOST_BENDS):
@@ -217,6 +224,98 @@ def bend(space: Space, contact: float, pretension: float, tilt: Array) -> tuple[
         move = -np.linalg.lstsq(by_across, lacking, rcond=1e-8)[0]
         across = across + move * min(1.0, limit / max(float(np.max(np.abs(move))), 1e-30))
     return there, _rest(q, here, there, ends, off < 1e-6)
+
+
+class Steered(NamedTuple):
+    """A pose that was steered to. q: coordinates (6, term); across: how much of each pattern across (2,), [m] of cable
+    where motors hold positions, [N] where they hold currents. at: what it is like there; move: the last step of
+    Newton's method, by which q was moved after `at` was told (18,)."""
+
+    q: Array
+    across: Array
+    at: Around
+    move: Array
+
+
+def set_across(space: Space, across: Array) -> Space:
+    """Return the parameters with the motors set across: two patterns added to what each tendon has, see `patterns`."""
+    pattern = across @ patterns(space)[1:]
+    if float(space.rod.joint.mode) == CURRENT:
+        return space._replace(held_tension=space.held_tension + pattern)
+    return space._replace(cable_end=space.cable_end - pattern)
+
+
+def steer(
+    space: Space, tilt: Array, q: Array, across: Array, *, enough: float = 1e-9, most_steps: int = 12
+) -> Steered | None:
+    """Return the pose with a tilt (2,) [rad] beside one that is known (q, across); None where no way led there.
+
+    space: with the motors as they are set for no tilt. Newton's method on rest and tilt together, 18 coordinates and
+    two patterns of cable or tension: also where the pose is not stable, which is the caller's to ask (`Rest.softest`).
+    enough: size of the step [rad, strain] below which it is the last one; the error left is about its square.
+    """
+    pattern, by_current = patterns(space)[1:], float(space.rod.joint.mode) == CURRENT
+    size = q.size
+    for _ in range(most_steps):
+        here = _numbers(q, set_across(space, across))
+        matrix = np.zeros((size + 2, size + 2))
+        matrix[:size, :size] = here.stiffness
+        matrix[:size, size:] = here.by_span.T @ pattern.T if by_current else -here.by_end @ pattern.T
+        matrix[size:, :size] = here.by_tilt
+        # Of tendons that are slack no take-up tells: the least of all steps.
+        step = -np.linalg.lstsq(matrix, np.concatenate([here.slope, here.tilt - tilt]), rcond=1e-11)[0]
+        largest = float(np.max(np.abs(step[:size])))
+        step *= min(1.0, _LARGEST_MOVE / max(largest, 1e-30))
+        q, across = q + step[:size].reshape(q.shape), across + step[size:]
+        if not np.all(np.isfinite(q)) or np.any(q[3] < -0.6):
+            return None
+        if largest < enough:
+            return Steered(q, across, here, step[:size])
+    return None
+
+
+def rest_at(space: Space, q: Array, first_ends: Array) -> Rest:
+    """Return the rest pose at coordinates where the joint rests, with the motors as they are set.
+
+    first_ends: cable ends at first contact (tendon,) [m]. The take-ups of motors that hold currents are those that would
+    hold the same tensions by position.
+    """
+    found = _rest(q, _numbers(q, space), space, first_ends)
+    if float(space.rod.joint.mode) != CURRENT:
+        return found
+    return found._replace(take_up=first_ends - found.at.spans + found.at.tension / float(space.rod.joint.stiffness))
+
+
+def rest_by_tension(space: Space, contact: float, tension: Array) -> tuple[Space, Rest]:
+    """Return (parameters, rest pose) of a joint whose motors hold currents: tension of each tendon (tendon,) [N].
+
+    contact: tension of each tendon at first contact [N], where the way downhill begins.
+    """
+    q, ends = first_contact(space, contact)
+    there = in_mode(space, CURRENT)._replace(held_tension=np.asarray(tension, dtype=float))
+    return there, rest_at(there, settle(q, there)[0], ends)
+
+
+def bend_by_tension(space: Space, contact: float, pretension: float, tilt: Array) -> tuple[Space, Rest | None]:
+    """Return (parameters with motors that hold currents, the rest pose) of a joint whose head is tilted.
+
+    The tendons pull as they do straight at that pretension [m], and by the two patterns across more or less; None where
+    that cannot be found. Followed from the straight pose in steps of 2°, stable or not, so that the rest may not be
+    `found`; tensions below zero, which no current can hold, are the caller's to refuse.
+    """
+    straight_one = rest(space, contact, np.full(np.shape(space.cable_end), pretension))[1]
+    held = in_mode(space, CURRENT)._replace(
+        held_tension=np.full(np.shape(space.cable_end), straight_one.at.tension.mean())
+    )
+    q, across = straight_one.q, np.zeros(2)
+    count = max(1, int(np.ceil(np.hypot(*tilt) / np.radians(2.0))))
+    for i in range(count + 1):
+        found = steer(held, tilt * i / count, q, across)
+        if found is None:
+            return held, None
+        q, across = found.q, found.across
+    there = set_across(held, across)
+    return there, rest_at(there, q, first_contact(space, contact)[1])
 
 
 def hold(space: Space, pose: Rest, mode: float, limit: float) -> Space:

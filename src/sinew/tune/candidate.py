@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from sinew.measure.errors import SpecError
+from sinew.mechanics.column import column_load
 from sinew.mechanics.drive import duty_for, gear_friction
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import compressive_load
@@ -35,7 +36,6 @@ from sinew.predict.joints.validity import (
     Torso,
     bonded_torsion_factor,
     euler_load,
-    haringx_load,
     largest_strain,
     twisting_stretch,
 )
@@ -475,7 +475,7 @@ def _material_excess(
     """Return the excess over strain, compression, beam theory, buckling and clearance at the upper end of the band."""
     shear = form.shear_arm * frame.amplitude / sizes.length
     euler = euler_load(3 * modulus * form.least, sizes.length, tilt_held=True)
-    haringx = haringx_load(euler, modulus * form.area)
+    critical = column_load(euler, modulus * form.area)
     bulge = form.area / (form.perimeter * sizes.length)
     twisting = 1 - twisting_stretch(form.torsion_constant, form.polar, 1e-9)
     warping = bonded_torsion_factor(form.torsion_constant, form.warping_constant, sizes.length) - 1
@@ -485,7 +485,7 @@ def _material_excess(
         SLENDER / _BEAM * form.diameter / sizes.length - 1,
         4 * LOST * bulge * (1 + _BEAM * CLOSE) / (_BEAM * CLOSE) - 1,  # 1/(1 - 4 LOST S) - 1, solved for S
         warping / (_BEAM * CLOSE) - 1,
-        _SAFE_BUCKLING * load / haringx - 1,
+        _SAFE_BUCKLING * load / critical - 1,
         (1 - stretch) / (_RESERVE * twisting) - 1,
         (0.5 * form.diameter * stretch**-0.5 + 0.5 * GUIDE) / sizes.circle - 1,
     ]

@@ -6,128 +6,25 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import signal
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
 from sinew.measure.files.netcdf import provenance
 from sinew.measure.recording import Segment, build_recording
 from sinew.measure.units import STANDARD_GRAVITY
-from sinew.mechanics.drive import motor_current
 from sinew.mechanics.parameters import CURRENT, TENDON_MODES, Parameters
-from sinew.mechanics.tendons import tendon_tension
-from sinew.plan.plan import Group, Plan, TendonMode, require_straight
-from sinew.plan.rig import LIMIT_RESERVE_N, Bus, Imu, RigSpec
-from sinew.plan.servo import SERVOS, VOLTAGE_LSB
+from sinew.plan.plan import Group, Plan, TendonMode
+from sinew.plan.rig import LIMIT_RESERVE_N, Imu, RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 from sinew.solve.march import LANES, Progress, Track, integrate
 from sinew.solve.rest import set_pretension
 from sinew.twin.cache import configure
 from sinew.twin.parameters import Effects, from_rig
-
-# The true motion becomes what the registers and stamps of a bench would say.
-
-
-def _noise(std: float, imu: Imu, size: int, sample_hz: float, rng: np.random.Generator) -> Array:
-    """Return noise of a standard deviation, coloured by the sensor's own low-pass."""
-    white = rng.standard_normal(size)
-    corner = imu.low_pass.value
-    if corner >= 0.45 * sample_hz:
-        return std * white
-    b, a = signal.butter(2, corner, fs=sample_hz)
-    _, h = signal.freqz(b, a, worN=512)
-    return np.asarray(std / np.sqrt(np.mean(np.abs(h) ** 2)) * signal.lfilter(b, a, white))
-
-
-def _moving_average(values: Array, starts: NDArray[np.intp], count: int) -> Array:
-    """Return the causal mean over `count` samples; before the start of a group the first sample is repeated."""
-    index = np.arange(values.size)
-    first = np.zeros(values.size, dtype=np.intp)
-    first[starts] = starts
-    first = np.maximum.accumulate(first)
-    total = np.zeros_like(values)
-    for back in range(count):
-        total += values[np.maximum(index - back, first)]
-    return total / count
-
-
-def read_rounded(values: Array, lsb: float, effects: Effects) -> Array:
-    """Return values rounded to a register's unit."""
-    return np.round(values / lsb) * lsb if effects.sensor_noise else values
-
-
-def read_gyro(
-    low_passed: Array,
-    low_passed_rate: Array,
-    true_rate: Array,
-    starts: NDArray[np.intp],
-    sample_hz: float,
-    imu: Imu,
-    effects: Effects,
-    rng: np.random.Generator,
-) -> NDArray[np.float32]:
-    """Return the gyroscope's three axes as the stock OpenCR library reports them [rad/s], shape (sample, 3).
-
-    low_passed, low_passed_rate: torsion rate behind the chip's low-pass and its derivative, (sample,).
-    true_rate: before it. starts: first sample of every group.
-    Range, noise, bias, residual delay (first order in τ: its remainder is (Ωτ)²/2 = 6e-5 at 4.3 Hz), moving
-    average, whole LSB, dead band.
-    """
-    readings = np.zeros((true_rate.size, 3), dtype=np.float32)
-    along = low_passed - imu.residual_delay.value * low_passed_rate if effects.sensor_filter else true_rate
-    for axis in range(3):
-        values = along if axis == 0 else np.zeros_like(along)
-        if effects.sensor_noise:
-            bias = imu.gyro_bias.value * rng.standard_normal()
-            values = values + bias + _noise(imu.gyro_noise.value, imu, values.size, sample_hz, rng)
-            values = np.clip(values, -imu.gyro_range.value, imu.gyro_range.value)
-        if effects.sensor_filter:
-            values = _moving_average(values, starts, imu.average_samples)
-        if effects.sensor_noise:
-            raw = np.round(values / imu.gyro_lsb.value)
-            values = np.where(np.abs(raw) <= imu.dead_band, 0.0, raw) * imu.gyro_lsb.value
-        readings[:, axis] = values
-    return readings
-
-
-def read_accelerometer(
-    rate: Array, acceleration: Array, imu: Imu, effects: Effects, rng: np.random.Generator
-) -> NDArray[np.float32]:
-    """Return the accelerometer's three axes [m/s²], shape (sample, 3), for a chip at (0, r, 0) in frame H.
-
-    rate, acceleration: of the torsion. Specific force, upright: +g along x, -r φ̇² along y, r φ̈ along z; clipped at the
-    range. Its low-pass is not modelled.
-    """
-    radius = imu.mount_radius.value
-    force = np.stack([np.full_like(rate, STANDARD_GRAVITY), -radius * rate**2, radius * acceleration], axis=-1)
-    if effects.sensor_noise:
-        force += imu.accelerometer_noise.value * rng.standard_normal(force.shape)
-        force = np.clip(force, -imu.accelerometer_range.value, imu.accelerometer_range.value)
-        force = np.round(force / imu.accelerometer_lsb.value) * imu.accelerometer_lsb.value
-    return force.astype(np.float32)
-
-
-def stamp(counts: NDArray[np.intp], sample_hz: float, bus: Bus, effects: Effects, rng: np.random.Generator) -> Array:
-    """Return the host's time stamps [s] of groups that follow one another, shape (sum of counts,).
-
-    Jitter is normal, cut at 0.4 sample intervals so that stamps keep their order.
-    """
-    index = np.arange(int(counts.sum()))
-    ideal = index / sample_hz
-    if not effects.stamp_jitter:
-        return ideal
-    jitter = bus.stamp_jitter.value * rng.standard_normal(index.size)
-    return np.asarray(ideal + np.clip(jitter, -0.4 / sample_hz, 0.4 / sample_hz))
-
-
-_READ = (
-    "amplitude", "omega", "stop_s", "duty_torque", "speed_slope", "torque_constant", "stiffness", "held_tension", "mode"
-)  # fmt: skip
-"""Parameters that the registers' readings depend on."""
+from sinew.twin.sensors import Moved, read_sensors
+from sinew.twin.space import join_swings, space_lanes, swing_lanes
 
 Lanes = tuple[Parameters, NDArray[np.float64]]
 
@@ -201,31 +98,54 @@ def peak_torsion(plan: Plan, rig: RigSpec) -> NDArray[np.float64]:
 
     One repeat of every group, without scatter or sensors, from rest.
     """
-    require_straight(plan, "the twin")
     groups = [group for group in plan.groups() if group.kind not in ("idle", "tracking") and group.repeat == 0]
-    lanes = lane_parameters(groups, rig, mode=plan.pretension.mode)
-    tracks = simulate_tracks(lanes, groups, plan.sample_hz)
-    peaks = [(g.pretension_mm, float(np.abs(t.torsion).max())) for g, t in zip(groups, tracks, strict=True)]
-    return np.array([max(peak for p, peak in peaks if p == asked) for asked in plan.pretension.pretension_mm])
+    moved, _ = _move(plan, groups, rig)
+    return _peaks(moved, groups, plan)
 
 
 def foresee(plan: Plan, rig: RigSpec) -> tuple[NDArray[np.float64], xr.Dataset]:
     """Return what a plan will bring about: the largest torsion [rad] at each pretension, as `peak_torsion`, and the
     recording of one repeat of it without scatter and noise, with the delays and filters of the sensors."""
-    require_straight(plan, "the twin")
     parts = {name: part.model_copy(update={"repeats": 1}) for name in _REPEATED if (part := getattr(plan, name))}
     once = plan.model_copy(update=parts)
     groups = once.groups()
-    lanes = lane_parameters(groups, rig, mode=plan.pretension.mode)
-    tracks = simulate_tracks(lanes, groups, plan.sample_hz)
-    swings = [(g.pretension_mm, t) for g, t in zip(groups, tracks, strict=True) if g.kind != "idle"]
-    peaks = [(p, float(np.abs(t.torsion).max())) for p, t in swings]
+    moved, p = _move(once, groups, rig)
     quiet = Effects().without("sensor_noise", "stamp_jitter", "repeatability")
-    recording = record_tracks(tracks, lanes, once, rig, effects=quiet, rng=np.random.default_rng(0))
-    return np.array([max(peak for p, peak in peaks if p == mm) for mm in plan.pretension.pretension_mm]), recording
+    return _peaks(moved, groups, plan), _record(moved, p, once, rig, quiet, np.random.default_rng(0))
 
 
-_REPEATED = ("sweep", "ring_down")
+_REPEATED = ("sweep", "ring_down", "impulse")
+
+
+def _peaks(moved: Moved, groups: Sequence[Group], plan: Plan) -> NDArray[np.float64]:
+    """Return the largest torsion [rad] at each pretension of a plan, of its groups that are driven."""
+    torsions = np.split(moved.torsion, moved.starts[1:])
+    rows = [
+        (g.pretension_mm, float(np.abs(t).max())) for g, t in zip(groups, torsions, strict=True) if g.kind != "idle"
+    ]
+    return np.array([max(peak for p, peak in rows if p == asked) for asked in plan.pretension.pretension_mm])
+
+
+def _move(
+    plan: Plan,
+    groups: Sequence[Group],
+    rig: RigSpec,
+    *,
+    effects: Effects | None = None,
+    rng: np.random.Generator | None = None,
+    progress: Progress | None = None,
+) -> tuple[Moved, Parameters]:
+    """Return (true motion of groups of a plan, parameters of each), without scatter where there is no rng.
+
+    A head that is upright and that the lever drives only turns and sinks, which is far less to compute.
+    """
+    mode, hz = plan.pretension.mode, plan.sample_hz
+    if plan.is_spatial:
+        bent = space_lanes(groups, rig, mode=mode, effects=effects, rng=rng)
+        swings = swing_lanes(bent, groups, hz, progress=progress)
+        return join_swings(swings, bent, rig.imu), bent.space.joint
+    lanes = lane_parameters(groups, rig, mode=mode, effects=effects, rng=rng)
+    return _moved(simulate_tracks(lanes, groups, hz, progress=progress), groups, rig.imu), lanes[0]
 
 
 def simulate_tracks(
@@ -250,8 +170,10 @@ def simulate(
     seed: of scatter, noise and jitter; the same seed gives the same recording.
     progress: called with (done, total) simulated seconds.
     Every group starts from rest; the pause before it is not recorded.
+    A plan whose head is bent, or moved by something else than the lever, runs on the joint in space; see
+    `sinew.twin.space`.
     Raises SpecError for a plan with a [track]: what a drive that listens does is no plan's; see `sinew track`; and for
-    one that bends or sways the head.
+    a pose that the joint does not take.
 
     >>> import sinew as sn
     >>> sweep = sn.Sweep(frequency_hz=(3.0,), settle_s=1.0, periods=3, repeats=1)
@@ -271,14 +193,10 @@ def simulate(
             f"plan {plan.name} has a [track]: what a drive that listens does is not known before; "
             "run it by `sinew track --emulate`"
         )
-    require_straight(plan, "the twin")
     effects = effects or Effects()
     scatter, noise = (np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(2))
-    groups = plan.groups()
-    lanes = lane_parameters(groups, rig, mode=plan.pretension.mode, effects=effects, rng=scatter)
-    tracks = simulate_tracks(lanes, groups, plan.sample_hz, progress=progress)
-    recording = record_tracks(tracks, lanes, plan, rig, effects=effects, rng=noise)
-    return recording.assign_attrs(seed=seed)
+    moved, p = _move(plan, plan.groups(), rig, effects=effects, rng=scatter, progress=progress)
+    return _record(moved, p, plan, rig, effects, noise).assign_attrs(seed=seed)
 
 
 def record_tracks(
@@ -294,9 +212,14 @@ def record_tracks(
 
     tracks, lanes: of the plan's groups, in their order. rng: of noise, bias and jitter.
     """
-    groups = plan.groups()
-    samples = _read(tracks, groups, lanes[0], plan, rig, effects, rng)
-    segments, sizes = _segments(groups, plan.sample_hz)
+    return _record(_moved(tracks, plan.groups(), rig.imu), lanes[0], plan, rig, effects, rng)
+
+
+def _record(
+    moved: Moved, p: Parameters, plan: Plan, rig: RigSpec, effects: Effects, rng: np.random.Generator
+) -> xr.Dataset:
+    samples = read_sensors(moved, p, plan.sample_hz, rig, effects, rng)
+    segments, sizes = _segments(plan.groups(), plan.sample_hz)
     off = [name for name in Effects.names() if not getattr(effects, name)]
     attrs = provenance("twin", rig=dump_rig(rig), plan=dump_plan(plan), effects_off=" ".join(off))
     return build_recording(samples, segments, sizes, attrs)
@@ -314,90 +237,33 @@ def _segments(groups: Sequence[Group], sample_hz: float) -> tuple[list[Segment],
     return segments, sizes
 
 
-def _read(
-    tracks: Sequence[Track],
-    groups: Sequence[Group],
-    p: Parameters,
-    plan: Plan,
-    rig: RigSpec,
-    effects: Effects,
-    rng: np.random.Generator,
-) -> dict[str, NDArray[Any]]:
-    """Return every channel of the recording over all groups, one after the other."""
-    counts = np.array([track.torsion.size for track in tracks])
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+def _moved(tracks: Sequence[Track], groups: Sequence[Group], imu: Imu) -> Moved:
+    """Return the true motion of an upright head over all groups; its chip sits at (0, r, 0) in frame H.
+
+    Specific force, upright: +g along x, -r φ̇² along y, r φ̈ along z.
+    """
     joined = Track(*(np.concatenate([getattr(t, name) for t in tracks], axis=-1) for name in Track._fields))
-    repeated: dict[str, Any] = {name: jnp.asarray(np.repeat(getattr(p, name), counts)) for name in _READ}
-    each = p._replace(**repeated)
-    own_time = (np.arange(counts.sum()) - np.repeat(starts, counts)) / plan.sample_hz
-    command = np.where(own_time < each.stop_s, each.amplitude * np.sin(each.omega * own_time), 0.0)
-
-    drive, bus, tendons = rig.drive, rig.bus, rig.tendons
-    late = bus.drive_delay.value if effects.sensor_filter else 0.0
-    lever = joined.lever - late * joined.lever_rate
-    current = np.asarray(motor_current(jnp.asarray(joined.duty), jnp.asarray(joined.lever_rate), each))
-    tension = np.asarray(tendon_tension(jnp.asarray(joined.stretch), each)).T
-    taken_up = _take_up(joined.stretch, tension, starts, counts, groups, rig) / tendons.pulley_radius.value
-    pull = tendons.current(tension)
-    supply = np.full(command.size, drive.supply_voltage.value)
-    turn = 2 * np.pi
-    channels: dict[str, NDArray[Any]] = {
-        "time_s": stamp(counts, plan.sample_hz, bus, effects, rng),
-        "drive_command_rad": command.astype(np.float32),
-        "drive_rad": read_rounded(lever, turn / drive.counts_per_turn.value, effects).astype(np.float32),
-        "drive_current_a": read_rounded(current, drive.current_lsb.value, effects).astype(np.float32),
-        "drive_pwm": read_rounded(joined.duty, drive.duty_lsb.value, effects).astype(np.float32),
-        "tendon_rad": read_rounded(taken_up, turn / tendons.counts_per_turn.value, effects).astype(np.float32),
-        "tendon_current_a": read_rounded(pull, tendons.current_lsb.value, effects).astype(np.float32),
-        "tendon_pwm": read_rounded(
-            _tendon_duty(pull, taken_up, starts, plan.sample_hz, rig), drive.duty_lsb.value, effects
-        ).astype(np.float32),
-        "supply_v": read_rounded(supply, VOLTAGE_LSB, effects).astype(np.float32),
-        "gyro_rad_s": read_gyro(
-            joined.gyro, joined.gyro_rate, joined.torsion_rate, starts, plan.sample_hz, rig.imu, effects, rng
+    rate, radius = joined.torsion_rate, imu.mount_radius.value
+    pretension = np.array([g.pretension_mm * 1e-3 for g in groups])[:, None]
+    return Moved(
+        counts=np.array([track.torsion.size for track in tracks]),
+        torsion=joined.torsion,
+        lever=joined.lever,
+        lever_rate=joined.lever_rate,
+        duty=joined.duty,
+        stretch=joined.stretch.T,
+        driven=np.zeros_like(joined.stretch.T),
+        at_rest=np.broadcast_to(pretension, (len(groups), joined.stretch.shape[0])),
+        gyro=_along(joined.gyro),
+        gyro_rate=_along(joined.gyro_rate),
+        spin=_along(rate),
+        force=np.stack(
+            [np.full_like(rate, STANDARD_GRAVITY), -radius * rate**2, radius * joined.torsion_acceleration], axis=-1
         ),
-        "acceleration_m_s2": read_accelerometer(
-            joined.torsion_rate, joined.torsion_acceleration, rig.imu, effects, rng
-        ),
-    }
-    noise = rng if effects.sensor_noise else None
-    return channels | {s.channel: s.told(tension, noise).astype(np.float32) for s in rig.sensors}
+        orientation=None,
+    )
 
 
-def _tendon_duty(
-    current: NDArray[np.float64], angle: NDArray[np.float64], starts: NDArray[np.intp], sample_hz: float, rig: RigSpec
-) -> NDArray[np.float64]:
-    """Return the duty of the tendon motors, (sample, tendon), for their current [A] and angle [rad] of that shape.
-
-    (R i + k_e ω)/V: what holds the current against winding and back-EMF. R and k_e of the model's data sheet: nominal
-    voltage over stall current, and over no-load speed.
-    """
-    servo = SERVOS[rig.wiring.tendon_model]
-    supply = rig.drive.supply_voltage.value
-    duty = (servo.resistance / supply) * current
-    turned = angle[2:] - angle[:-2]
-    inside = np.ones(angle.shape[0], dtype=bool)  # a group's first and last sample have no neighbour on one side
-    inside[starts] = inside[starts - 1] = False
-    duty[1:-1] += (servo.nominal_voltage / servo.no_load_speed / supply * 0.5 * sample_hz) * turned * inside[1:-1, None]
-    return np.asarray(np.clip(duty, -1.0, 1.0))
-
-
-def _take_up(
-    stretch: NDArray[np.float64],
-    tension: NDArray[np.float64],
-    starts: NDArray[np.intp],
-    counts: NDArray[np.intp],
-    groups: Sequence[Group],
-    rig: RigSpec,
-) -> NDArray[np.float64]:
-    """Return how much cable the motors have taken up since first contact [m], shape (sample, tendon).
-
-    A group starts at rest with its pretension taken up, less what the servo gives way under the added tension;
-    then the motor follows length and tension: Δw = -Δℓ + ΔT/k_cable.
-    """
-    cable, servo = rig.tendons.cable_stiffness.value, rig.tendons.servo_stiffness.value
-    contact = rig.tendons.first_contact_tension.value
-    pretension = np.repeat([g.pretension_mm * 1e-3 for g in groups], counts)[:, None]
-    rest = np.repeat(starts, counts)
-    moved = -(stretch.T - stretch.T[rest]) + (tension - tension[rest]) / cable
-    return np.asarray(pretension - (tension[rest] - contact) / servo + moved)
+def _along(values: Array) -> Array:
+    """Return vectors (sample, 3) along x."""
+    return np.stack([values, np.zeros_like(values), np.zeros_like(values)], axis=-1)

@@ -38,7 +38,8 @@ from sinew.plan.plan import Group
 from sinew.plan.rig import RigSpec
 from sinew.solve.march import LANES, Track, runge_kutta
 from sinew.twin.parameters import Effects
-from sinew.twin.simulate import lane_parameters, read_gyro, simulate_tracks
+from sinew.twin.sensors import read_gyro
+from sinew.twin.simulate import lane_parameters, simulate_tracks
 
 # A simulated ring-down tells who took its energy: silicone, guides, or the recoiling lever's servo.
 #
@@ -340,8 +341,8 @@ def _paper_damping(track: Track, group: Group, rig: RigSpec, effects: Effects, h
     begin = group.sample_counts(hz)[0]
     rng = np.random.default_rng(0)
     starts = np.zeros(1, dtype=np.intp)
-    rates = track.gyro, track.gyro_rate, track.torsion_rate
-    gyro = read_gyro(*rates, starts, hz, rig.imu, effects, rng)[begin:, 0]
+    low, rate, true = (np.outer(along, [1.0, 0.0, 0.0]) for along in (track.gyro, track.gyro_rate, track.torsion_rate))
+    gyro = read_gyro(low, rate, true, starts, hz, rig.imu, effects, rng)[begin:, 0]
     time = np.arange(gyro.size) / hz
     try:
         found = analyse_ring_down(

@@ -12,6 +12,7 @@ from scipy import optimize
 
 from sinew.measure.arrays import Array, namespace_of
 from sinew.measure.units import STANDARD_GRAVITY
+from sinew.mechanics.column import column_load
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import compressive_load
 from sinew.mechanics.tendons import tendon_stretch, tendon_tension
@@ -146,7 +147,7 @@ def bonded_torsion_factor(torsion_constant: Any, warping_constant: Any, length: 
 # the base. With motors that hold a position they keep the head from tilting as well, the column is held at both ends
 # and P = 4 π² E I/L². With motors that hold a current nothing but the silicone keeps the head from tilting; a load
 # whose line passes through the foot of a clamped column gives P = π² E I/L² (Timoshenko and Gere, Theory of Elastic
-# Stability, chapter 2). Rubber columns are short and shear as well: Haringx's formula.
+# Stability, chapter 2). Rubber columns are short, shear and thicken as well: `sinew.mechanics.column`.
 #
 # By twisting: compression lets a section twist more easily (Wagner). For an incompressible neo-Hookean bar at the
 # stretch λ the torsional stiffness is (G/L) (I_p/λ - (I_p - J)/λ⁴) (`sinew.mechanics.silicone.twist_rigidity`), which
@@ -169,14 +170,6 @@ def mast_load(bending_rigidity: float, length: float, height: float) -> float:
     ratio = height / length
     turn = optimize.brentq(lambda x: ratio * x * np.sin(x) - np.cos(x), 0.0, np.pi / 2)
     return float((turn / length) ** 2 * bending_rigidity)
-
-
-def haringx_load(euler: Any, shear_rigidity: Any) -> Any:
-    """Return the critical load [N] of a column that shears as well: ½ G A (sqrt(1 + 4 P_E/(G A)) - 1).
-
-    Haringx, Philips Research Reports 3 and 4 (1948, 1949), as used for rubber springs. shear_rigidity: G A [N].
-    """
-    return 0.5 * shear_rigidity * (namespace_of(euler).sqrt(1 + 4 * euler / shear_rigidity) - 1)
 
 
 def twisting_stretch(torsion_constant: Any, polar_moment: Any, least: float = 0.0) -> Any:
@@ -247,8 +240,8 @@ class _Case(NamedTuple):
         return self.rig.silicone.length.value
 
     def buckling(self, euler: float) -> float:
-        """Return the load [N] at which a joint buckles sideways that shears as well."""
-        return float(haringx_load(euler, self.modulus * self.section.area))
+        """Return the load [N] at which a joint buckles sideways that shears and thickens as well."""
+        return float(column_load(euler, self.modulus * self.section.area))
 
     def euler(self, *, tilt_held: bool) -> float:
         return float(euler_load(3 * self.modulus * self.section.least, self.length, tilt_held=tilt_held))

@@ -1,0 +1,326 @@
+"""Figures and page of a joint in space: modes over pretension and bend, coupling, and shapes that move."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from sinew.figures.page import Caption, Table, pictures, write_page
+from sinew.figures.style import (
+    ACCENT,
+    GREY,
+    INK,
+    MARKERS,
+    RED,
+    frequency_map,
+    in_style,
+    new_figure,
+    note_panel,
+    pretension_bar,
+    pretension_colours,
+    save_figure,
+)
+from sinew.measure.arrays import Array
+from sinew.measure.told import Table as ToldTable
+from sinew.mechanics.rod import STRAINS, TERMS, rod_poses
+from sinew.mechanics.space import Space
+from sinew.mechanics.tendons import guide_points
+from sinew.plan.rig import RigSpec
+from sinew.predict.modes import FoundMode, Modes, PoseModes
+
+_TOP_HZ = 13.0
+_SHAPES = 4
+_SWING = 0.25  # of the head in a drawn shape [rad]
+_ROUND = 13
+
+CAPTIONS = {
+    "modes_over_pretension": Caption(
+        "Torsion and sway over pretension",
+        "Frequencies of the modes over pretension, a panel for each bend; colour is the share of a mode's energy that "
+        "is torsion. The dotted line is twice the torsion's frequency: where a sway meets it, the torsion's square "
+        "excites it. Bars are 90 % intervals of what is assumed. Jumps are where a tendon goes slack.",
+        "Lines of modal frequencies over pretension in a panel for each bend",
+    ),
+    "coupling_over_bend": Caption(
+        "What else moves when the head twists",
+        "Left: tilt of the head across the plane of the bend in the torsional mode, over its torsion; the dashed line "
+        "is ½ sin β, that of a rod that is twisted slowly. Right: frequency of that mode over that of the straight "
+        "joint. Open marks: a tendon is slack.",
+        "Tilt across per torsion, and relative frequency of torsion, over the bend angle",
+    ),
+    "mode_shapes": Caption(
+        "Shapes of the slowest modes",
+        "Silicone, tendons, head plate and lever at both ends of a swing of 14°, the rest pose in grey.",
+        "Drawings of the joint in its slowest modes",
+    ),
+}
+
+
+class _Line(NamedTuple):
+    """One drawn line: points (point, 3) [m] in frame B, and what it is."""
+
+    points: Array
+    part: str
+
+
+def _poses(space: Space, coordinates: Array) -> tuple[Array, Array]:
+    """Return (rotations, positions) of the sections for several sets of coordinates (k, 6, term)."""
+
+    def of(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return rod_poses(q, space.rod)
+
+    rotations, positions = jax.vmap(of)(jnp.asarray(coordinates))
+    return np.asarray(rotations), np.asarray(positions)
+
+
+def joint_lines(rig: RigSpec, space: Space, rotations: Array, positions: Array) -> list[_Line]:
+    """Return the lines that draw a joint: rings and edges of the silicone, tendons, plate, lever.
+
+    rotations (section, 3, 3), positions (section, 3): of the rod. The lever is as long as its inertia says.
+    """
+    radius = 0.5 * rig.silicone.diameter.value
+    angles = np.linspace(0, 2 * np.pi, _ROUND)
+    ring = np.stack([np.zeros(_ROUND), np.cos(angles), np.sin(angles)], axis=1)
+    turned = np.concatenate([np.eye(3)[None], rotations])
+    placed = np.concatenate([np.zeros((1, 3)), positions])
+    rings = np.einsum("nij,rj->nri", turned, radius * ring) + placed[:, None]
+    head, centre = rotations[-1], positions[-1]
+    lines = [_Line(one, "silicone") for one in rings]
+    lines += [_Line(rings[:, k], "silicone") for k in range(0, _ROUND - 1, 3)]
+    p = space.rod.joint
+    feet = np.array([[float(x) for x in v] for v in guide_points(p.base_radius, p.guide_directions)])
+    guides = np.array([[float(x) for x in v] for v in guide_points(p.head_radius, p.guide_directions)])
+    lines += [
+        _Line(np.stack([foot, centre + head @ guide]), "tendon") for foot, guide in zip(feet, guides, strict=True)
+    ]
+    lines.append(_Line(1.25 * radius * ring @ head.T + centre, "plate"))
+    reach = math.sqrt(float(space.lever_tensor[0]) / float(space.lever_mass))
+    height = float(space.lever_height)
+    arms = np.array([[height, -reach, 0.0], [height, reach, 0.0]])
+    lines.append(_Line(arms @ head.T + centre, "lever"))
+    lines.append(_Line(np.stack([centre, centre + height * head[:, 0]]), "lever"))
+    return lines
+
+
+def shape_lines(found: Modes, pose: PoseModes, mode: FoundMode, swings: Sequence[float]) -> list[list[_Line]]:
+    """Return the lines of a mode's shape at swings of the head [rad], a list for each."""
+    shape = mode.shape.reshape(len(STRAINS), TERMS)
+    coordinates = np.stack([pose.coordinates + swing * shape for swing in swings])
+    space = found.finder.space
+    rotations, positions = _poses(space, coordinates)
+    return [joint_lines(found.rig, space, r, x) for r, x in zip(rotations, positions, strict=True)]
+
+
+@in_style
+def draw_over_pretension(found: Modes) -> Figure:
+    """Return the frequencies of the modes over pretension, a panel for each bend."""
+    bends = list(found.tracks)
+    figure = new_figure(3.4 if len(bends) <= 4 else 6.0)
+    rows = 1 if len(bends) <= 4 else 2
+    panels = np.atleast_1d(figure.subplots(rows, math.ceil(len(bends) / rows), sharey=True)).ravel()
+    colours, scale = frequency_map(), Normalize(0, 1)
+    for k, (axes, bend_deg) in enumerate(zip(panels, bends, strict=False)):
+        track = found.tracks[bend_deg]
+        at = [one.pretension_mm for one in track]
+        count = max(len(one.modes) for one in track)
+        for i in range(count):
+            hz = [one.modes[i].frequency_hz if i < len(one.modes) else math.nan for one in track]
+            share = [float(one.modes[i].shares[0]) if i < len(one.modes) else 0.0 for one in track]
+            axes.plot(at, hz, color=GREY, linewidth=0.8, zorder=2)
+            axes.scatter(at, hz, c=share, cmap=colours, norm=scale, s=12, zorder=3)
+        axes.plot(at, [2 * one.torsion_hz() for one in track], color=RED, linewidth=0.9, linestyle=(0, (1, 2)))
+        for pose in found.poses:
+            if pose.bend_deg == bend_deg and found.drawn:
+                _intervals(axes, found, pose)
+        for one in found.conditions:
+            if one.bend_deg == bend_deg and not one.steps and math.isfinite(one.pretension_mm.value):
+                axes.plot(one.pretension_mm.value, one.ratio * one.frequency_hz.value, "o", mfc="none", mec=RED, ms=8)
+        axes.set(xlabel="pretension in mm", ylim=(0, _TOP_HZ))
+        note_panel(axes, "abcdefgh"[k], f"bent by {bend_deg:g}°" if bend_deg else "straight")
+    for axes in panels[len(bends) :]:
+        axes.set_visible(False)
+    panels[0].set_ylabel("frequency in Hz")
+    bar = figure.colorbar(ScalarMappable(scale, colours), ax=list(panels), label="torsion's share of the energy")
+    bar.outline.set_visible(False)
+    return figure
+
+
+def _intervals(axes: Axes, found: Modes, pose: PoseModes) -> None:
+    for i in range(len(pose.modes)):
+        one = found.estimates(pose, i)["frequency_hz"]
+        if math.isfinite(one.low):
+            axes.plot([pose.pretension_mm] * 2, [one.low, one.high], color=ACCENT, linewidth=2.4, alpha=0.35, zorder=1)
+
+
+@in_style
+def draw_coupling(found: Modes) -> Figure:
+    """Return the tilt across per torsion in the torsional mode, and its frequency, over the bend."""
+    figure = new_figure(2.9)
+    left, right = figure.subplots(1, 2)
+    pretensions = sorted({one.pretension_mm for one in found.poses})
+    straight = {p: found.finder.at(p, 0.0).torsion_hz() for p in pretensions}
+    for k, (p, colour) in enumerate(zip(pretensions, pretension_colours(pretensions), strict=True)):
+        mine = sorted((one for one in found.poses if one.pretension_mm == p), key=lambda one: one.bend_deg)
+        rows = []
+        for pose in mine:
+            index = next((i for i, mode in enumerate(pose.modes) if mode is pose.of("torsion")), None)
+            if index is None:
+                continue
+            told = found.estimates(pose, index)
+            rows.append((pose.bend_deg, told["tilt_across_per_torsion"], pose.modes[index].frequency_hz, pose.taut))
+        if not rows:
+            continue
+        bend_deg = np.array([row[0] for row in rows])
+        tilt = np.array([(row[1].value, row[1].low, row[1].high) for row in rows])
+        hz = np.array([row[2] for row in rows]) / straight[p]
+        tone, marker = tuple(colour), MARKERS[k % len(MARKERS)]
+        left.plot(bend_deg, tilt[:, 0], color=tone, linewidth=1.0)
+        right.plot(bend_deg, hz, color=tone, linewidth=1.0)
+        if np.isfinite(tilt[:, 1]).any():
+            left.fill_between(bend_deg, tilt[:, 1], tilt[:, 2], color=tone, alpha=0.15, linewidth=0)
+        for axes, values in ((left, tilt[:, 0]), (right, hz)):
+            for x, y, row in zip(bend_deg, values, rows, strict=True):
+                axes.plot(x, y, marker, color=tone, mfc=tone if row[3] else "white", markersize=4.5, zorder=4)
+    most = max((one.bend_deg for one in found.poses), default=0.0)
+    angles = np.linspace(0, max(most, 1.0), 60)
+    left.plot(angles, 0.5 * np.sin(np.radians(angles)), color=INK, linewidth=0.9, linestyle=(0, (4, 3)))
+    left.annotate(
+        "½ sin β",
+        (angles[-1], 0.5 * math.sin(math.radians(angles[-1]))),
+        (-4, 4),
+        textcoords="offset points",
+        ha="right",
+    )
+    nominal = [y for line in left.lines for y in np.ravel(line.get_ydata()) if np.isfinite(y)]
+    low, high = min(nominal), max(nominal)
+    room = 0.35 * max(high - low, 0.01)  # of a slack pose the interval may be far wider than all values
+    left.set(xlabel="bend in degrees", ylabel="tilt across / torsion", ylim=(low - room, high + room))
+    right.set(xlabel="bend in degrees", ylabel="frequency / that of the straight joint")
+    note_panel(left, "a", "what the head does besides")
+    note_panel(right, "b", "frequency of the torsion")
+    pretension_bar(figure, (left, right), np.array(pretensions))
+    return figure
+
+
+_COLOURS = {"silicone": GREY, "tendon": ACCENT, "plate": INK, "lever": RED}
+
+
+def _flat(points: Array, yaw: float = 0.9, pitch: float = 0.32) -> tuple[Array, Array]:
+    """Return (right, up) of points of frame B as seen from aside and a little above."""
+    y = points[:, 1] * math.cos(yaw) + points[:, 2] * math.sin(yaw)
+    depth = -points[:, 1] * math.sin(yaw) + points[:, 2] * math.cos(yaw)
+    return y, points[:, 0] * math.cos(pitch) - depth * math.sin(pitch)
+
+
+def shown_pose(found: Modes) -> PoseModes | None:
+    """Return the pose whose shapes are drawn: the most bent one with modes, of the middle pretension there."""
+    there = [one for one in found.poses if one.modes]
+    if not there:
+        return None
+    most = max(one.bend_deg for one in there if one.taut or not any(other.taut for other in there))
+    mine = sorted((one for one in there if one.bend_deg == most), key=lambda one: one.pretension_mm)
+    taut = [one for one in mine if one.taut] or mine
+    return taut[len(taut) // 2]
+
+
+@in_style
+def draw_shapes(found: Modes) -> Figure | None:
+    """Return the shapes of the slowest modes of one pose; None where no pose has modes."""
+    pose = shown_pose(found)
+    if pose is None:
+        return None
+    figure = new_figure(2.9)
+    count = min(_SHAPES, len(pose.modes))
+    panels = figure.subplots(1, count, squeeze=False, sharex=True, sharey=True)[0]
+    for axes, mode in zip(panels, pose.modes, strict=False):
+        low, rest, high = shape_lines(found, pose, mode, (-_SWING, 0.0, _SWING))
+        for lines, alpha, own in ((rest, 0.45, False), (low, 0.45, True), (high, 0.95, True)):
+            for line in lines:
+                if line.part == "silicone" and len(line.points) == _ROUND:
+                    continue  # rings of three joints over one another are no picture
+                colour = _COLOURS[line.part] if own else "#b5b5b5"
+                width = 2.2 if line.part in ("plate", "lever") else 1.1
+                axes.plot(*_flat(line.points), color=colour, alpha=alpha, linewidth=width if own else 0.8)
+        axes.set_aspect("equal")
+        axes.axis("off")
+        note_panel(axes, "", f"{mode.frequency_hz:.3g} Hz, {mode.kind}")
+    bent = f"bent by {pose.bend_deg:g}°" if pose.bend_deg else "straight"
+    figure.suptitle(f"{pose.pretension_mm:g} mm, {bent}", fontsize=8.5, x=0.01, ha="left")
+    handles = [Line2D([], [], color=_COLOURS[part], label=part) for part in _COLOURS]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    return figure
+
+
+def write_modes(found: Modes, path: Path) -> Path:
+    """Write the figures of modes beside one another, or a page with shapes that move, and return the path.
+
+    path: ends with .html for the page; else the waterfall has that name, and coupling and shapes have it with
+    `-coupling` and `-shapes` behind it. Raises FileError where the folder cannot be written.
+    """
+    figures = {"": draw_over_pretension(found), "-coupling": draw_coupling(found), "-shapes": draw_shapes(found)}
+    if path.suffix != ".html":
+        for ending, figure in figures.items():
+            if figure is not None:
+                save_figure(figure, path.parent, f"{path.stem}{ending}", (path.suffix[1:],))
+        return path
+    names = dict(zip(figures, CAPTIONS, strict=True))
+    folder = path.parent / f"{path.stem}-figures"
+    files = [
+        file
+        for ending, figure in figures.items()
+        if figure is not None
+        for file in save_figure(figure, folder, names[ending], ("png",))
+    ]
+    tables, notes = [], []
+    for one in found.told():
+        if isinstance(one, ToldTable):
+            tables.append(Table(one.title or "", list(one.columns), [list(row) for row in one.rows], ""))
+        else:
+            notes.append(one.removeprefix("- "))
+    return write_page(
+        path,
+        "modes.html",
+        title=f"Modes of “{found.rig.name}”",
+        lead=f"Small motion about rest, tendon motors in mode {found.asked.mode}, the lever locked to the head.",
+        tables=tables,
+        notes=notes,
+        pictures=pictures(files, CAPTIONS),
+        moving=json.dumps(moving_document(found), separators=(",", ":")),
+        names=[
+            (f"{one.pretension_mm:g} mm, {one.bend_deg:g}°", [f"{m.frequency_hz:.3g} Hz, {m.kind}" for m in one.modes])
+            for one in _moving(found)
+        ],
+    )
+
+
+def _moving(found: Modes) -> list[PoseModes]:
+    return [one for one in found.poses if one.modes]
+
+
+def moving_document(found: Modes) -> Mapping[str, Any]:
+    """Return what the page needs to move: for each pose and mode the lines' points [mm] at both ends of the swing and
+    at rest, between which it goes along parabolas."""
+    poses = []
+    parts: list[str] = []
+    sizes: list[int] = []
+    for pose in _moving(found):
+        modes = []
+        for mode in pose.modes[:_SHAPES]:
+            three = shape_lines(found, pose, mode, (-_SWING, 0.0, _SWING))
+            parts, sizes = [line.part for line in three[0]], [len(line.points) for line in three[0]]
+            flat = [np.concatenate([line.points for line in lines]) for lines in three]
+            modes.append(
+                {"hz": mode.frequency_hz, "at": [np.rint(1e4 * one).astype(int).ravel().tolist() for one in flat]}
+            )
+        poses.append(modes)
+    return {"parts": parts, "sizes": sizes, "poses": poses}
