@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 from campaigns.modes import MODES, Row, run_trial
 
-from sinew.bench.pretension import GOOD_ENOUGH_DEG, Contact, MotorMap, level
+from sinew.bench.pretension import GOOD_ENOUGH_DEG, Contact, Held, MotorMap, level
 from sinew.bench.record.sample import MISSING
 from sinew.measure.errors import LostError
 from sinew.plan.plan import TendonMode
@@ -69,7 +69,7 @@ def test_a_millimetre_of_pretension_turns_the_horns_by_a_millimetre_of_cable() -
 
 
 def test_goals_by_current_are_never_negative() -> None:
-    motors = MotorMap(load_rig("paper"), "current", Contact((3.0,) * 4, 0.042), {0.0: 0.5})
+    motors = MotorMap(load_rig("paper"), "current", Contact((3.0,) * 4, 0.042), {0.0: Held((0.0,) * 4, (0.5,) * 4)})
     assert min(motors.goals(0.0, (math.radians(10), 0.0))) == 0.0
 
 

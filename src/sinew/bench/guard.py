@@ -4,7 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from sinew.bench.tilt import lean_from
 from sinew.hardware.rig import MotorReading, Reading
+from sinew.measure.attitude import gyro_share
 from sinew.measure.errors import LimitError, LostError
 from sinew.plan.rig import RigSpec
 
@@ -28,7 +30,8 @@ class Watch:
     """What the guard believes about the present stretch of the run.
 
     origin: horn angles of the tendon motors from which their travel counts [rad].
-    goals: what they were told: angles [rad] or, if `by_current`, currents [A]. limit: output limit [A], or infinite.
+    goals: what they were told: angles [rad] or, if `by_current`, currents [A]. limit: output limit of each [A]; empty:
+    none. pose: tilt about y and z of frame B that is asked for [rad], from which limits.tilt_deg counts.
     resting: whether goals have stood still long enough that the motors must have followed.
     share: each tendon's part of the sum of currents when the pretension was set; None before.
     """
@@ -36,7 +39,8 @@ class Watch:
     origin: tuple[float, ...]
     goals: tuple[float, ...]
     by_current: bool = False
-    limit: float = math.inf
+    limit: tuple[float, ...] = ()
+    pose: tuple[float, float] = (0.0, 0.0)
     resting: bool = False
     share: tuple[float, ...] | None = None
 
@@ -66,8 +70,9 @@ class Guard:
         self._unread = 0.0
         self._square = 0.0
 
-    def check(self, reading: Reading, tilt: float, now: float, watch: Watch) -> None:
-        """Check one cycle. tilt: of the head plate [rad], NaN where unknown. now: host time of the cycle [s]."""
+    def check(self, reading: Reading, tilt: tuple[float, float], now: float, watch: Watch) -> None:
+        """Check one cycle. tilt: of the head plate about y and z of frame H [rad], NaN where unknown. now: host time of
+        the cycle [s]."""
         step = 0.0 if math.isnan(self._last) else max(0.0, now - self._last)
         self._last = now
         is_fresh = self._check_presence(reading, now)
@@ -78,7 +83,8 @@ class Guard:
                 self._check_tendon(index, motor, watch)
         self._check_following(reading.tendons, step, watch)
         self._check_shares(reading.tendons, step, watch)
-        self._check_head(reading.imu.gyro[0] if is_fresh and reading.imu is not None else None, tilt, step)
+        rate = reading.imu.gyro[0] if is_fresh and reading.imu is not None else None
+        self._check_head(rate, tilt, step, watch.pose)
         self._check_climate(reading)
 
     def forget(self, now: float) -> None:
@@ -168,7 +174,7 @@ class Guard:
             else:
                 expected = watch.goals[index] - motor.current * self._force * self._give
                 off = 1e3 * abs(motor.angle - expected) * self._radius
-                astray = off > _FOLLOW_MM and abs(motor.current) < 0.9 * watch.limit
+                astray = off > _FOLLOW_MM and (not watch.limit or abs(motor.current) < 0.9 * watch.limit[index])
                 found = f"stands {off:.1f} mm from where it was told to be"
             self._astray[index] = self._astray[index] + step if astray else 0.0
             if self._astray[index] > _FOLLOW_S:
@@ -194,17 +200,22 @@ class Guard:
                     "the pretension was set; has a cable slipped or caught?"
                 )
 
-    def _check_head(self, rate: float | None, tilt: float, step: float) -> None:
-        """Check torsion and tilt. rate: a new one of the torsion [rad/s], which counts for the cycles without, too."""
+    def _check_head(
+        self, rate: float | None, tilt: tuple[float, float], step: float, pose: tuple[float, float]
+    ) -> None:
+        """Check torsion and tilt. rate: a new one of the gyroscope about x [rad/s], which counts for the cycles
+        without, too; on a bent head it reads less than the torsion's. pose: the tilt that is asked for."""
         self._unread = min(self._unread + step, _READING_STANDS_S)
         if rate is not None:
-            self.torsion += (rate - self.gyro_bias) * self._unread
+            self.torsion += (rate - self.gyro_bias) / gyro_share(math.hypot(*pose)) * self._unread
             self._unread = 0.0
         self.torsion *= math.exp(-step / _TORSION_MEMORY_S)
         limits = self._limits
         _below("torsion of the head", abs(math.degrees(self.torsion)), limits.torsion_deg, "°", "torsion_deg")
-        if not math.isnan(tilt):
-            _below("tilt of the head plate", math.degrees(tilt), limits.tilt_deg, "°", "tilt_deg")
+        lean = math.degrees(lean_from(tilt, self.torsion, pose))
+        what = "tilt of the head plate" if pose == (0.0, 0.0) else "tilt of the head plate from its pose"
+        if not math.isnan(lean):
+            _below(what, lean, limits.tilt_deg, "°", "tilt_deg")
 
     def _check_climate(self, reading: Reading) -> None:
         climate = reading.climate

@@ -98,9 +98,15 @@ class Loop:
         self._due, self.paused = self._clock.now(), False
         self._guard.forget(self._due)
 
-    def set_goals(self, goals: Sequence[float], *, resting: bool = False) -> None:
-        """Tell the tendon motors something else from the next cycle on: angles [rad] or currents [A], by their mode."""
-        self.watch = replace(self.watch, goals=tuple(goals), resting=resting)
+    def set_goals(
+        self, goals: Sequence[float], *, resting: bool = False, pose: tuple[float, float] | None = None
+    ) -> None:
+        """Tell the tendon motors something else from the next cycle on: angles [rad] or currents [A], by their mode.
+
+        pose: the tilt that belongs to it, about y and z of frame B [rad]; None: the same as before.
+        """
+        pose = self.watch.pose if pose is None else pose
+        self.watch = replace(self.watch, goals=tuple(goals), resting=resting, pose=pose)
 
     def cycle(self, drive: Drive = at_zero) -> Sample:
         """Run one cycle and return its sample. drive: commanded lever angle [rad] at a host time [s].
@@ -118,7 +124,8 @@ class Loop:
         self._after_hole = bool(reading.faults)
         statistics.incomplete += self._after_hole
         self._record(sample)
-        self._guard.check(reading, sample.tilt_rad, began, self.watch)
+        tilt = (MISSING, MISSING) if math.isnan(sample.tilt_rad) else self._tilt.components
+        self._guard.check(reading, tilt, began, self.watch)
         statistics.busy_s += self._clock.now() - began
         return sample
 

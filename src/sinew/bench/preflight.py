@@ -9,27 +9,28 @@ from sinew.hardware.motor import Motor
 from sinew.hardware.rig import Rig
 from sinew.measure.errors import TROUBLES, PortError, StartError
 from sinew.measure.units import STANDARD_GRAVITY
-from sinew.plan.plan import Plan, require_straight
+from sinew.plan.plan import Plan, require_lever
 from sinew.plan.rig import Limits
 
 _LISTEN_S = 0.06
 _ATTEMPTS = 3
 _IMU_ATTEMPTS = 5
 _GRAVITY_TOLERANCE = 0.1
-_UPRIGHT_SHARE = 0.9
+_LEANING = math.acos(0.9)
 
 
 def refuse_unready(rig: Rig, clock: Clock, plan: Plan, *, torque_may_be_on: bool = False) -> None:
     """Raise StartError, with every reason found, if the bench is not ready to run a plan.
 
     Nothing moves and nothing is written. torque_may_be_on: a run that is resumed finds the motors as they were left.
-    Raises SpecError for a plan that bends or sways the head.
+    Raises SpecError for a plan whose head anything else moves than the lever.
     """
-    require_straight(plan, "the bench")
+    require_lever(plan, "the bench")
     _refuse_slow_bus(rig, plan)
     try:
         _refuse_strangers(rig, clock)
-        reasons = [*_motor_reasons(rig, torque_may_be_on), *_imu_reasons(rig, clock)]
+        held = plan.rest_pose.bend_rad if torque_may_be_on else 0.0
+        reasons = [*_motor_reasons(rig, torque_may_be_on), *_imu_reasons(rig, clock, held)]
     except PortError as trouble:
         raise StartError(str(trouble)) from trouble
     if reasons:
@@ -155,8 +156,10 @@ def _listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _imu_reasons(rig: Rig, clock: Clock) -> Iterator[str]:
-    """Yield what is wrong with the IMU: silent, frozen, or not mounted as the rig says."""
+def _imu_reasons(rig: Rig, clock: Clock, held: float) -> Iterator[str]:
+    """Yield what is wrong with the IMU: silent, frozen, or not mounted as the rig says.
+
+    held: bend [rad] in which motors under torque may have been left."""
     first = _imu_reading(rig)
     clock.wait_until(clock.now() + _LISTEN_S)
     second = _imu_reading(rig)
@@ -168,7 +171,7 @@ def _imu_reasons(rig: Rig, clock: Clock) -> Iterator[str]:
     size = math.hypot(*second.acceleration)
     if abs(size / STANDARD_GRAVITY - 1) > _GRAVITY_TOLERANCE:
         yield f"the IMU reads {size:.2f} m/s² at rest, expected 9.81; is the joint moving, or is it another sensor?"
-    elif second.acceleration[0] < _UPRIGHT_SHARE * size:
+    elif second.acceleration[0] < math.cos(_LEANING + held) * size:
         yield (
             f"the IMU reads {second.acceleration[0]:.2f} m/s² along the joint, expected about 9.81 with the rig "
             "upright; set wiring.imu_axes to how the board is mounted"

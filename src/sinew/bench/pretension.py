@@ -4,14 +4,18 @@ The paper's routine (section 3.2): first every motor pulls to a set current, the
 linear map takes pretension and a correction of tilt to motor positions, and a PI loop levels the head plate by that
 correction. Where the plate is tilted by a about y and b about z, its point over tendon i, at (y_i, z_i), is raised
 by u_i = a z_i - b y_i; shortening cable i by u_i takes it back.
+
+A pose that is not upright has take-ups of its own, or tensions where the motors hold currents. They come from who runs
+the bench, as the twin finds them; the loop then corrects what the plate's tilt lacks of the pose's.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from sinew.bench.loop import Loop
 from sinew.bench.record.sample import Sample
+from sinew.bench.tilt import tilt_of
 from sinew.hardware.rig import Rig
 from sinew.measure.errors import LostError
 from sinew.measure.events import Pretensioned
@@ -51,22 +55,23 @@ class Levelling:
 
 
 def rest_tilt(sample: Sample) -> tuple[float, float] | None:
-    """Return the tilt about y and z [rad] that the accelerometer sees in a sample at rest; None without a reading.
-
-    A plate tilted by a about y and b about z sees gravity's (1, 0, 0) at (1, -b, a) in its own frame.
-    """
+    """Return the tilt about y and z [rad] that the accelerometer sees in a sample at rest; None without a reading."""
     x, y, z = sample.acceleration_m_s2
     if math.isnan(x) or x <= 0.0:
         return None
-    return math.atan2(z, x), -math.atan2(y, x)
+    return tilt_of(x, y, z)
 
 
 def level(
-    loop: Loop, goals: Callable[[tuple[float, float]], tuple[float, ...]], start: tuple[float, float]
+    loop: Loop,
+    goals: Callable[[tuple[float, float]], tuple[float, ...]],
+    start: tuple[float, float],
+    pose: tuple[float, float] = (0.0, 0.0),
 ) -> Levelling:
-    """Correct the tendons until the head plate is level, and return how it ended.
+    """Correct the tendons until the head plate is level, or stands in a pose, and return how it ended.
 
-    goals: of the tendon motors for a correction of tilt about y and z [rad]. start: correction to begin with.
+    goals: of the tendon motors for a correction of tilt about y and z [rad]. start: correction to begin with. pose:
+    tilt about y and z that is asked for [rad].
     The controller is PI on the accelerometer's tilt behind a low-pass of 80 ms; by position it ends by the tilt behind
     one of 0.3 s. Raises LostError where the plate does not come level.
     """
@@ -80,7 +85,8 @@ def level(
         seen = rest_tilt(loop.cycle())
         if seen is None:
             continue
-        smooth, judged = _followed(smooth, seen, weight), _followed(judged, seen, slow)
+        lacking = (seen[0] - pose[0], seen[1] - pose[1])
+        smooth, judged = _followed(smooth, lacking, weight), _followed(judged, lacking, slow)
         tilt = math.hypot(*judged)
         if tilt < enough:
             quiet += loop.period
@@ -120,6 +126,14 @@ _CREEP_MOST_S = 8.0
 
 
 @dataclass(frozen=True, slots=True)
+class Held:
+    """What holds a pose at a pretension: take-up of each tendon from first contact [mm], its tension at rest [N]."""
+
+    take_up_mm: tuple[float, ...]
+    tension_n: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Contact:
     """Where the tendons came to first contact.
 
@@ -135,12 +149,12 @@ class MotorMap:
 
     contact: the stored positions. A motor gives way under its load by T/k_servo; the goal at first contact is therefore
     a little further than the horn stood, so that the cable carries there, by position, what it carried by current.
-    currents: by pretension [mm], for motors that hold a current; see `sinew.twin.simulate.rest_tension`.
+    held: by pretension [mm], what the twin has at rest.
     """
 
-    def __init__(self, spec: RigSpec, mode: TendonMode, contact: Contact, tension_n: dict[float, float]) -> None:
+    def __init__(self, spec: RigSpec, mode: TendonMode, contact: Contact, held: Mapping[float, Held]) -> None:
         tendons = spec.tendons
-        self._mode, self._contact, self._tension = mode, contact, tension_n
+        self._mode, self._contact, self._held = mode, contact, held
         self.radius = tendons.pulley_radius.value
         self.newton = tendons.current(1.0)  # A/N
         self._servo = tendons.servo_stiffness.value
@@ -151,7 +165,7 @@ class MotorMap:
         missing = self._contact_tension - contact.current / self.newton
         self._first = missing * (series + tendons.count / spec.axial_stiffness) - missing / self._servo
         turns = [math.tau * i / tendons.count for i in range(tendons.count)]
-        r = tendons.head_radius.value
+        r = self.guide_radius = tendons.head_radius.value
         self._points = tuple((r * math.cos(turn), r * math.sin(turn)) for turn in turns)
         # By current, unequal tensions level against the silicone's bending stiffness.
         self._bending = spec.bending_over_torsional_rigidity * spec.silicone.stiffness(0.0)
@@ -164,19 +178,22 @@ class MotorMap:
     def goals(self, pretension_mm: float, offsets: tuple[float, float]) -> tuple[float, ...]:
         """Return goals [rad or A] for a pretension [mm] and a correction of tilt about y and z [rad]."""
         rises = [offsets[0] * z - offsets[1] * y for y, z in self._points]
+        held = self._held.get(pretension_mm)
         if self.by_current:
-            tension = self.tension(pretension_mm)
+            tensions = self._held[pretension_mm].tension_n
             per_rise = self._bending / sum(y * y for y, _ in self._points)
-            return tuple(max(0.0, (tension + per_rise * rise) * self.newton) for rise in rises)
+            return tuple(max(0.0, (t + per_rise * u) * self.newton) for t, u in zip(tensions, rises, strict=True))
+        take_up = (pretension_mm,) * len(rises) if held is None else held.take_up_mm  # None: on its way
         first = self._first + self._contact_tension / self._servo
         return tuple(
-            angle + (1e-3 * pretension_mm + first + rise) / self.radius
-            for angle, rise in zip(self._contact.angles, rises, strict=True)
+            angle + (1e-3 * mm + first + rise) / self.radius
+            for angle, mm, rise in zip(self._contact.angles, take_up, rises, strict=True)
         )
 
     def tension(self, pretension_mm: float) -> float:
-        """Return the tension of each tendon at rest that belongs to a pretension [N]."""
-        return self._tension[pretension_mm]
+        """Return the mean tension of the tendons at rest that belongs to a pretension [N]."""
+        tensions = self._held[pretension_mm].tension_n
+        return sum(tensions) / len(tensions)
 
     def reached_mm(self, angles: Sequence[float], currents: Sequence[float]) -> float:
         """Return the mean take-up since first contact [mm], of horns at angles [rad] under currents [A]."""
@@ -236,18 +253,30 @@ def _crept(loop: Loop, count: float) -> Contact:
 
 
 def set_pretension(
-    loop: Loop, motors: MotorMap, asked_mm: float, before_mm: float, offsets: tuple[float, float]
+    loop: Loop,
+    motors: MotorMap,
+    asked_mm: float,
+    before_mm: float,
+    offsets: tuple[float, float],
+    pose: tuple[float, float] = (0.0, 0.0),
 ) -> Pretensioned:
-    """Bring the tendons from one pretension to another [mm], level the head plate, and return what came out."""
-    steps = max(1, round(1e-3 * abs(asked_mm - before_mm) / CHANGE_SPEED / loop.period))
-    start = loop.watch.goals
-    stop = motors.goals(asked_mm, offsets)
+    """Bring the tendons from one pretension to another [mm], the head plate into its pose, and return what came out.
+
+    pose: tilt of the head plate about y and z of frame B [rad]; on the way there the tilt is limited about its share.
+    """
+    start, stop, leant = loop.watch.goals, motors.goals(asked_mm, offsets), loop.watch.pose
+    way = 1e-3 * abs(asked_mm - before_mm)
+    if not motors.by_current:
+        way = max(way, motors.radius * max(abs(b - a) for a, b in zip(start, stop, strict=True)))
+    way = max(way, motors.guide_radius * math.dist(leant, pose))
+    steps = max(1, round(way / CHANGE_SPEED / loop.period))
     for k in range(1, steps + 1):
         share = k / steps
-        loop.set_goals([a + share * (b - a) for a, b in zip(start, stop, strict=True)])
+        leaning = (leant[0] + share * (pose[0] - leant[0]), leant[1] + share * (pose[1] - leant[1]))
+        loop.set_goals([a + share * (b - a) for a, b in zip(start, stop, strict=True)], pose=leaning)
         loop.cycle()
     loop.run(_REST_S)
-    levelling: Levelling = level(loop, lambda correction: motors.goals(asked_mm, correction), offsets)
+    levelling: Levelling = level(loop, lambda correction: motors.goals(asked_mm, correction), offsets, pose)
     loop.set_goals(loop.watch.goals, resting=True)
     angles, currents = _mean_tendons(loop, _MEAN_S)
     if sum(currents) > 0:

@@ -13,7 +13,7 @@ from sinew.bench.group import DriveLaw, Levelled, Mover, SettleRule, pause, run_
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
 from sinew.bench.preflight import refuse_unready
-from sinew.bench.pretension import Contact, MotorMap, pull_to_contact, set_pretension
+from sinew.bench.pretension import Contact, Held, MotorMap, pull_to_contact, set_pretension
 from sinew.bench.record.conversion import group_is_whole
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.listeners import Listener
@@ -33,6 +33,7 @@ from sinew.measure.errors import (
     HardwareError,
     LostError,
     PauseError,
+    SpecError,
     StartError,
     StoppedError,
 )
@@ -149,7 +150,8 @@ class Runner:
     """Runs one plan on one rig, once.
 
     journal: takes every sample, and says which groups are done. tension_n: of each tendon at rest, by pretension [mm],
-    as the twin has it. listener: live samples and events.
+    as the twin has it. held: the same of a plan with a pose, by tendon and with take-ups. listener: live samples and
+    events.
     law: makes what moves the lever in a tracking group, from the group and the time of its begin [s].
     steering: takes what is asked of the run from outside; one of its own, if not given.
     """
@@ -162,12 +164,19 @@ class Runner:
         journal: Journal,
         tension_n: Mapping[float, float],
         *,
+        held: Mapping[float, Held] | None = None,
         listener: Listener | None = None,
         law: Callable[[Group, float], DriveLaw] | None = None,
         steering: Steering | None = None,
     ) -> None:
         self._rig, self._clock, self._plan, self._journal = rig, clock, plan, journal
-        self._tension = dict(tension_n)
+        if held is None and not plan.rest_pose.is_straight:
+            raise SpecError(
+                f"plan {plan.name} asks for {plan.rest_pose.words()}, expected what holds it; see `sinew run`"
+            )
+        count = rig.spec.tendons.count
+        upright = {mm: Held((mm,) * count, (tension,) * count) for mm, tension in tension_n.items()}
+        self._held = upright if held is None else dict(held)
         self._listener = listener
         self._law = law
         self._mover: Mover | None = None
@@ -345,7 +354,7 @@ class Runner:
 
     def _run_all(self, done: frozenset[int] | set[int]) -> None:
         contact = self._power_up()
-        motors = MotorMap(self._rig.spec, self._plan.pretension.mode, contact, self._tension)
+        motors = MotorMap(self._rig.spec, self._plan.pretension.mode, contact, self._held)
         offsets, before = (0.0, 0.0), 0.0
         current: float | None = None
         for index, group in enumerate(self._groups):
@@ -436,7 +445,7 @@ class Runner:
         resumed, for then motors have moved.
         """
         tendons = self._rig.spec.tendons
-        most = max(self._tension.values(), default=0.0)
+        most = max((tension for held in self._held.values() for tension in held.tension_n), default=0.0)
         if self._plan.pretension.mode == "position":
             most = 0.0  # its loop has no limit of current; only the pull to first contact has
         elif self._plan.pretension.mode == "position-with-current-limit":
@@ -484,9 +493,10 @@ class Runner:
         watch.resting, watch.share = False, None
         tendons = self._rig.spec.tendons
         if self._plan.pretension.mode == "position-with-current-limit":
-            watch.limit = (self._tension[pretension_mm] + LIMIT_RESERVE_N) * tendons.current(1.0)
-            for motor in self._rig.tendons:
-                motor.limit_output(watch.limit)
+            tensions = self._held[pretension_mm].tension_n
+            watch.limit = tuple((tension + LIMIT_RESERVE_N) * tendons.current(1.0) for tension in tensions)
+            for motor, limit in zip(self._rig.tendons, watch.limit, strict=True):
+                motor.limit_output(limit)
 
     def _set_range(
         self, motors: MotorMap, mm: float, before: float, offsets: tuple[float, float]
@@ -498,7 +508,7 @@ class Runner:
             asked.insert(0, self._plan.track.pretension_to_mm)
         levelled = []
         for stop_mm in asked:
-            result = set_pretension(self._loop, motors, stop_mm, before, offsets)
+            result = set_pretension(self._loop, motors, stop_mm, before, offsets, self._plan.rest_pose.swing_rad)
             offsets, before = result.offsets, stop_mm
             self.report.pretensions.append(result)
             self._say(result)

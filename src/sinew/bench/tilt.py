@@ -19,7 +19,7 @@ Vector = tuple[float, float, float]
 _ASLEEP_S = 0.5
 
 
-def _components(x: float, y: float, z: float) -> tuple[float, float]:
+def tilt_of(x: float, y: float, z: float) -> tuple[float, float]:
     """Return the turn about y and z [rad] by which frame H left level, if gravity's reaction is (x, y, z) in it.
 
     A turn by (a, b) about y and z takes (1, 0, 0) to (1, -b, a) where it is small.
@@ -27,6 +27,25 @@ def _components(x: float, y: float, z: float) -> tuple[float, float]:
     sideways = math.hypot(y, z)
     per = math.atan2(sideways, x) / sideways if sideways > 0.0 else 0.0
     return per * z, -per * y
+
+
+def lean_from(tilt: tuple[float, float], torsion: float, asked: tuple[float, float]) -> float:
+    """Return the angle [rad] between the head's axis and the one that was asked for.
+
+    tilt: about y and z of frame H [rad], which has turned by a torsion [rad]. asked: about y and z of frame B [rad].
+    """
+    c, s = math.cos(torsion), math.sin(torsion)
+    in_base = (c * tilt[0] - s * tilt[1], s * tilt[0] + c * tilt[1])
+    (x, y, z), (u, v, w) = _axis(in_base), _axis(asked)
+    across = (y * w - z * v, z * u - x * w, x * v - y * u)
+    return math.atan2(math.hypot(*across), x * u + y * v + z * w)
+
+
+def _axis(tilt: tuple[float, float]) -> Vector:
+    """Return where the head's x axis points in B, tilted by a rotation vector about y and z [rad]."""
+    angle = math.hypot(*tilt)
+    share = math.sin(angle) / angle if angle > 0 else 1.0
+    return math.cos(angle), share * tilt[1], -share * tilt[0]
 
 
 class TiltEstimator:
@@ -80,7 +99,7 @@ class TiltEstimator:
         self._rate, self._time = gyro, time
         self._filter.update(np.array(gyro, dtype=float), np.array(force, dtype=float))
         up = _up(self._filter.getQuat6D())
-        self._tilt = _components(*up)
+        self._tilt = tilt_of(*up)
         return self._angle()
 
     def _angle(self) -> float:

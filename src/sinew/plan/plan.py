@@ -400,14 +400,26 @@ def require_straight(plan: Plan, who: str) -> None:
     """
     if not plan.is_spatial:
         return
-    asked = [] if plan.rest_pose.is_straight else [plan.rest_pose.words()]
-    driven = (("sweep", plan.sweep), ("ring_down", plan.ring_down))
-    asked += [f"a {name} driven in {part.drive}" for name, part in driven if part is not None and part.drive != "lever"]
-    asked += [f"blows about {plan.impulse.about}"] if plan.impulse is not None else []
+    asked = [*([] if plan.rest_pose.is_straight else [plan.rest_pose.words()]), *_other_drives(plan)]
     raise SpecError(
         f"plan {plan.name} asks for {' and '.join(asked)}, {who} knows an upright head that the lever turns; "
         "`sinew check` judges such a plan, and without [pose], [impulse] and other drives it can be run"
     )
+
+
+def require_lever(plan: Plan, who: str) -> None:
+    """Raise SpecError for a plan whose head anything but the lever moves, where `who` drives nothing else."""
+    if drives := _other_drives(plan):
+        raise SpecError(
+            f"plan {plan.name} asks for {' and '.join(drives)}, {who} drives the lever alone; `sinew simulate` runs "
+            'such a plan on the twin, and with drive = "lever" and without [impulse] it can be run'
+        )
+
+
+def _other_drives(plan: Plan) -> list[str]:
+    driven = (("sweep", plan.sweep), ("ring_down", plan.ring_down))
+    asked = [f"a {name} driven in {part.drive}" for name, part in driven if part is not None and part.drive != "lever"]
+    return asked + ([f"blows about {plan.impulse.about}"] if plan.impulse is not None else [])
 
 
 def _crossing_after(time_s: float, frequency_hz: float) -> float:

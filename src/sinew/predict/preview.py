@@ -9,6 +9,8 @@ from sinew.measure.errors import RecordingError
 from sinew.plan.check import Finding, Preview, check_plan
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
+from sinew.predict.poses.pose import PoseAsked, find_pose
+from sinew.solve.spatial import Rest
 from sinew.twin.simulate import foresee, peak_torsion, rest_tension
 
 LONGEST_PREVIEW_S = 20_000.0
@@ -20,17 +22,44 @@ def preview_plan(plan: Plan, rig: RigSpec, *, swing: bool = False) -> Preview:
 
     swing: run one repeat of the plan for its torsions, unless a limit is broken already or the plan is longer than
     `LONGEST_PREVIEW_S`, or tracks, which no plan foretells. What runs on the twin next hurts nobody and does not ask.
-    A plan that bends or sways the head is checked without the twin, whose head stands upright, and says so.
+    A plan with a pose is checked with what holds it at each pretension, its largest tension in place of the common one,
+    and not for its torsion; one whose tendons or blows move the head without it, and says so.
     """
+    if not plan.rest_pose.is_straight:
+        return held_preview(plan, rig)[0]
     if plan.is_spatial:
         preview = check_plan(plan, rig)
-        unforeseen = Finding("warn", "the twin foretells neither tension nor torsion of a head that bends or sways")
+        unforeseen = Finding("warn", "the twin foretells neither tension nor torsion of a head that sways")
         return replace(preview, findings=(*preview.findings, unforeseen))
     tension = rest_tension(plan.pretension.pretension_mm, rig).tolist()
     preview = check_plan(plan, rig, tension)
     if not swing or preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
         return preview
     return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
+
+
+def held_preview(plan: Plan, rig: RigSpec) -> tuple[Preview, dict[float, Rest]]:
+    """Return (check of a plan with a pose, what holds it at each pretension [mm] where it is found).
+
+    What a bench cannot take is refused: a pose that is not reached or does not stay, a slack tendon, which would not
+    tell when it is pulled again, and tensions, currents and take-ups beyond the rig's limits.
+    """
+    bend, azimuth = plan.rest_pose.bend_and_azimuth_deg
+    rests: dict[float, Rest] = {}
+    refused: list[Finding] = []
+    for mm in plan.pretension.pretension_mm:
+        posed = find_pose(rig, PoseAsked(mm, bend, azimuth, plan.pretension.mode), outlook=False)
+        sentences = [one.sentence for one in posed.findings if one.severity == "refuse"]
+        if posed.rest is not None:
+            rests[mm] = posed.rest
+            slack = [str(i + 1) for i in np.flatnonzero(posed.rest.at.tension <= 0)]
+            if slack:
+                tendons = f"tendon{'s' if len(slack) > 1 else ''} {' and '.join(slack)}"
+                sentences.append(f"{tendons} would be slack, expected all taut; raise the pretension or bend less")
+        refused += [Finding("refuse", f"{plan.rest_pose.words()} at {mm:g} mm: {sentence}") for sentence in sentences]
+    preview = check_plan(plan, rig)
+    tension = tuple(float(np.max(rests[mm].at.tension)) for mm in plan.pretension.pretension_mm if mm in rests)
+    return replace(preview, tension_n=tension, findings=(*preview.findings, *refused)), rests
 
 
 def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:

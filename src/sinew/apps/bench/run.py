@@ -10,6 +10,7 @@ from sinew.apps.bench.run_control import keeping_time, listening, showing
 from sinew.apps.console import Json, PlanArgument, Rig, flag, option, print_json, remark
 
 if TYPE_CHECKING:
+    from sinew.bench.pretension import Held
     from sinew.plan.plan import Plan
     from sinew.plan.rig import RigSpec
 
@@ -55,7 +56,7 @@ def run(
         ):
             # What the bench lacks is said at once; the runner looks again, for the preview takes a while.
             refuse_unready(bench, clock, plan_, torque_may_be_on=resume)
-            tension, expected = _refuse_unfit_plan(plan_, spec, out)
+            tension, held, expected = _refuse_unfit_plan(plan_, spec, out)
             told = {"source": bench_run.source_of(bench), "expected": expected}
             with (
                 keeping_time(),
@@ -63,7 +64,7 @@ def run(
                 showing() as screen,
             ):
                 runner = control.runner = Runner(
-                    bench, clock, plan_, journal, tension, listener=screen, steering=steering
+                    bench, clock, plan_, journal, tension, held=held, listener=screen, steering=steering
                 )
                 signals.enter_context(bench_run.on_signals(steering.request_stop, steering.request_emergency))
                 report = runner.run(resume=resume)
@@ -112,14 +113,24 @@ def stop(
     return 0 if report.is_safe else 1
 
 
-def _refuse_unfit_plan(plan: "Plan", spec: "RigSpec", folder: Path) -> tuple[dict[float, float], str]:
-    """Return the tension of each tendon at rest [N] by pretension [mm], of a plan that fits the rig and the disk, and
-    what the twin expects of its recording."""
+def _refuse_unfit_plan(
+    plan: "Plan", spec: "RigSpec", folder: Path
+) -> "tuple[dict[float, float], dict[float, Held] | None, str]":
+    """Return the tension of each tendon at rest [N] by pretension [mm], of a plan that fits the rig and the disk; for a
+    pose, what holds it; and what the twin expects of its recording."""
+    from sinew.bench.pretension import Held
     from sinew.plan.check import refuse_beyond_limits
-    from sinew.predict.preview import foresee_plan
+    from sinew.predict.preview import foresee_plan, held_preview
 
-    preview, expected = foresee_plan(plan, spec)
-    refuse_beyond_limits(preview)
+    if plan.rest_pose.is_straight:
+        (preview, expected), held = foresee_plan(plan, spec), None
+        refuse_beyond_limits(preview)
+    else:
+        (preview, rests), expected = held_preview(plan, spec), ""
+        refuse_beyond_limits(preview)
+        held = {
+            mm: Held(tuple((1e3 * one.take_up).tolist()), tuple(one.at.tension.tolist())) for mm, one in rests.items()
+        }
     pretensions = plan.pretension.pretension_mm
     bench_run.refuse_full_disk(folder, plan, preview.longest_s)
-    return dict(zip(pretensions, preview.tension_n, strict=True)), expected
+    return dict(zip(pretensions, preview.tension_n, strict=True)), held, expected
