@@ -3,8 +3,8 @@
 It runs without Sinew: `.venv-peers/bin/python benchmarks/peer_swing.py '{...}'` prints one JSON document. Asked: peer,
 length [m], radius [m], density [kg/m³], shear_modulus [Pa], head: {mass [kg], radius [m], length [m]} of a cylinder on
 the rod's end, spin and sway: rates at which the rod begins to twist and to bend [rad/s], seconds, step_s, sample_s, and
-order (of SoRoMoX's polynomials), lanes, or elements (of PyElastica). Told: seconds of a core that the swing took, once compiled,
-compiled_s with it, and torsion [rad] of the head at each sample of the first lane.
+order (of SoRoMoX's polynomials), lanes, or elements (of PyElastica). Told: seconds of a core that the swing took, once
+compiled, compiled_s with it, and torsion [rad] of the head at each sample of the first lane.
 
 In their favour nothing is lost or driven and no tendon pulls. PyElastica's head has its mass on the last node and its
 inertia, about the plate, on the last element: right in torsion, its height left out in bending.

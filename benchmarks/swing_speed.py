@@ -6,6 +6,7 @@ order 2, RK4 at 1.25 ms, stiff modes slowed; it carries memory, drive, friction 
 do not have. SoRoMoX has the same strains; MuJoCo has rigid pieces on six springs each, PyElastica elements. Each peer
 takes the largest step of a few with which it is stable. How fast the head swings to and fro in torsion tells that it
 is the same joint.
+
 Seconds are those of a core, added up over what a process uses, so that a busy computer is no fault of the code.
 """
 
@@ -37,8 +38,8 @@ WANTED = 10.0
 
 
 class Swung(NamedTuple):
-    """How fast a simulation was. speed: simulated seconds per second of a core, of all lanes together; torsion: of the head at
-    the samples [rad]."""
+    """How fast a simulation was. speed: simulated seconds per second of a core, of all lanes together; torsion: of the
+    head at the samples [rad]."""
 
     speed: float
     torsion: Array
