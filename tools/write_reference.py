@@ -111,6 +111,7 @@ def results_page() -> str:
         ("pretension_mm", "repeat"): "Ring-down, of every decay",
         ("pretension_mm", "repeat", "window_start_periods"): "Decay windows, of every planned decay",
         ("pretension_mm",): "Resonance, over the repeats",
+        ("pretension_mm", "frequency_hz", "repeat", "channel"): "Coupling, of every group of every repeat and channel",
         ("frequency_hz",): "Axes",
     }
     energy = {end for name in schema.ENERGY_QUANTITIES for end in (name, *schema.companions(name))}
@@ -127,10 +128,12 @@ def results_page() -> str:
 # Results
 
 Results are an `xarray.Dataset`, stored as NetCDF-4, with the attribute `schema = "{schema.RESULTS_SCHEMA}"`, over the
-axes `pretension_mm`, `frequency_hz` and `repeat`, and of planned ring-downs `window_start_periods`, where the decay
-begins. All are index coordinates: `results.sel(pretension_mm=1)` is what
-was measured at 1 mm, wherever that stands, and a pretension that was not measured is refused;
-`results.sel(frequency_hz=3.2, method="nearest")` takes the nearest. Each mark stands once and is finite. A part
+axes `pretension_mm`, `frequency_hz` and `repeat`, of planned ring-downs `window_start_periods`, where the decay
+begins, and of a head that bends or sways `channel`, which of its motions. All are index coordinates:
+`results.sel(pretension_mm=1)` is what was measured at 1 mm, wherever that stands, and a pretension that was not
+measured is refused; `results.sel(frequency_hz=3.2, method="nearest")` takes the nearest. Each mark stands once and is
+finite.
+A part
 that the recording cannot give (no sweep, no ring-down) is absent as a whole; a single missing measurement is NaN. A
 quantity with an interval has companions whose suffix stands before the unit: `resonance_hz` has `resonance_std_hz`,
 `resonance_low_hz` and `resonance_high_hz`, the standard deviation over the repeats and the ends of the 90 % interval.

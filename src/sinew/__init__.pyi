@@ -42,10 +42,12 @@ from sinew.mechanics.laws import Pendulum as Pendulum
 from sinew.mechanics.laws import Quadratic as Quadratic
 from sinew.mechanics.laws import Viscous as Viscous
 from sinew.plan.parameter import Parameter as Parameter
+from sinew.plan.plan import Impulse as Impulse
 from sinew.plan.plan import Plan as Plan
 from sinew.plan.plan import Pretension as Pretension
 from sinew.plan.plan import RingDown as RingDown
 from sinew.plan.plan import Sweep as Sweep
+from sinew.plan.pose import Pose as Pose
 from sinew.plan.rig import RigSpec as RigSpec
 from sinew.plan.toml import dump_plan as dump_plan
 from sinew.plan.toml import dump_rig as dump_rig

@@ -16,6 +16,7 @@ from sinew.measure.recording import Segment, build_recording
 
 RATE_HZ = 200.0
 GRAVITY = 9.80665
+LENGTH_M = 0.095
 
 Rates = NDArray[np.float64]
 Motion = Callable[[Rates], Rates]
@@ -37,11 +38,24 @@ def body_rates(motion: Motion, time: Rates) -> Rates:
     return (before.inv() * after).as_rotvec() / (2 * h)
 
 
+def place(motion: Motion, time: Rates) -> Rates:
+    """Return where the head of an arc is [m], (n, 3): the integral of its direction over the length, by Gauss."""
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    turn = motion(time)
+    along = [
+        w * Rotation.from_rotvec(0.5 * (1 + x) * turn).apply([1.0, 0.0, 0.0])
+        for x, w in zip(nodes, weights, strict=True)
+    ]
+    return 0.5 * LENGTH_M * np.sum(along, axis=0)
+
+
 def sensed(motion: Motion, time: Rates, noise: float, random: np.random.Generator) -> dict[str, Rates]:
-    """Return gyroscope and accelerometer of a head whose own acceleration is nil; noise: of the rates [rad/s]."""
-    upright = Rotation.from_rotvec(motion(time)).inv().apply([GRAVITY, 0.0, 0.0])
+    """Return gyroscope and accelerometer of the head, with its own acceleration; noise: of the rates [rad/s]."""
+    h = 1e-3
+    pushed = (place(motion, time + h) - 2 * place(motion, time) + place(motion, time - h)) / h**2
+    force = Rotation.from_rotvec(motion(time)).inv().apply(np.add(pushed, [GRAVITY, 0.0, 0.0]))
     rates = body_rates(motion, time) + noise * random.normal(size=(time.size, 3))
-    return {"gyro_rad_s": rates, "acceleration_m_s2": upright + 10 * noise * random.normal(size=(time.size, 3))}
+    return {"gyro_rad_s": rates, "acceleration_m_s2": force + 10 * noise * random.normal(size=(time.size, 3))}
 
 
 def orientation(motion: Motion, time: Rates) -> Rates:

@@ -125,7 +125,8 @@ def sample_results(pretensions: tuple[float, ...], frequencies: np.ndarray, repe
     f = np.asarray(frequencies, dtype=float)
     shape = (len(pretensions), f.size, repeats)
     nominal = np.deg2rad(AMPLITUDE_DEG)
-    values = {name: np.full(_shape(row.dims, shape), np.nan) for name, row in RESULT_VARIABLES.items()}
+    upright = {name: row for name, row in RESULT_VARIABLES.items() if "channel" not in row.dims}
+    values = {name: np.full(_shape(row.dims, shape), np.nan) for name, row in upright.items()}
     values["pretension_mm"], values["frequency_hz"] = np.asarray(pretensions, dtype=float), f
     values["repeat"] = np.arange(1, repeats + 1)
     values["window_start_periods"] = np.array(DECAY_WINDOWS)
@@ -154,7 +155,7 @@ def sample_results(pretensions: tuple[float, ...], frequencies: np.ndarray, repe
         _energy(values, p)
     data = {
         name: (row.dims, values[name], {"units": "rad" if row.unit == "*" else row.unit})
-        for name, row in RESULT_VARIABLES.items()
+        for name, row in upright.items()
     }
     results = xr.Dataset(data)
     results.attrs = {"schema": RESULTS_SCHEMA, "source": "twin", "rig": "", "versions": "sinew 0.1.0", "seed": 7}

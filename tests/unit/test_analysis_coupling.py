@@ -7,16 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from tests.unit.bent_signals import RATE_HZ, Motion, Rates, arc, bent_recording, body_rates, orientation, sensed
 
 from sinew.analysis.analysed import analyse
 from sinew.analysis.signal.attitude import head_motion
 from sinew.analysis.signal.signals import read_signals
+from sinew.identify.joint.swing import swings_of
 from sinew.measure.attitude import gyro_share, swing_of, tilt_from, torsion_of
 from sinew.measure.errors import RecordingError
 from sinew.measure.files.netcdf import load_results, save_dataset
 from sinew.measure.recording import Segment, build_recording
+from sinew.plan.toml import load_rig
 
 BEND, AZIMUTH = math.radians(20.0), math.radians(90.0)
 STEADY = Segment("steady", 6.0, 3.0, 20.0, 0, 20.0, 90.0)
@@ -64,6 +68,20 @@ def test_the_gyroscope_under_reads_the_torsion_of_an_arc_as_its_share_says(bend_
     read = fundamental(body_rates(motion, time)[:, 0], time, 2.0) / (2j * np.pi * 2.0)
     assert abs(read / torsion) == pytest.approx(gyro_share(math.radians(bend_deg)), rel=1e-3)
     assert 1 - abs(read / torsion) == pytest.approx(loss, abs=6e-4)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.0, 35.0), st.floats(-180.0, 180.0), st.floats(0.5, 8.0))
+def test_whatever_the_bend_its_direction_and_the_swing_the_share_is_that_of_an_arc(
+    bend_deg: float, azimuth_deg: float, swing_deg: float
+) -> None:
+    time = np.arange(200) / 200.0
+    bend = math.radians(bend_deg)
+    motion = twisting(swing_deg, 2.0, bend, math.radians(azimuth_deg))
+    torsion = fundamental(torsion_of(orientation(motion, time)), time, 2.0)
+    read = fundamental(body_rates(motion, time)[:, 0], time, 2.0) / (2j * np.pi * 2.0)
+    # What is left is of second order: the twist changes the bend by at most (swing²/8) of it.
+    assert abs(read / torsion) == pytest.approx(gyro_share(bend), abs=math.radians(swing_deg) ** 2 / 8 + 1e-6)
 
 
 def test_a_bend_about_two_axes_has_no_torsion_though_eulers_yaw_is_not_zero() -> None:
@@ -153,7 +171,7 @@ def test_the_coupling_table_has_amplitudes_ratio_lags_and_second_harmonic(record
 
 def test_without_an_orientation_the_filter_tells_pitch_and_roll_of_a_head_at_rest_and_swinging() -> None:
     recording = bent_recording([(STEADY, swung(), lagging(0.0))], noise=1e-3)
-    told = head_motion(read_signals(recording))
+    told = head_motion(recording)
     true = np.degrees(swing_of(orientation(swung(), recording["time_s"].values)))
     off = np.degrees(np.stack([told.pitch, told.roll], axis=-1)) - true
     assert np.abs(off).max() < 0.6
@@ -162,7 +180,7 @@ def test_without_an_orientation_the_filter_tells_pitch_and_roll_of_a_head_at_res
 def test_a_head_without_accelerometer_and_orientation_has_no_attitude() -> None:
     recording = bent_recording([(STEADY, swung(), lagging(0.0))]).drop_vars("acceleration_m_s2")
     with pytest.raises(RecordingError, match="expected orientation, or gyroscope and accelerometer"):
-        head_motion(read_signals(recording))
+        head_motion(recording)
     found = analyse(recording)
     assert "coupling" not in found.document
     assert any(note.startswith("no coupling could be analysed") for note in found.notes)
@@ -237,3 +255,9 @@ def test_the_intervals_of_the_coupling_hold_the_truth_nine_times_in_ten(repeats:
     # 120 draws of 0.9 scatter by 0.027; four of these are within three of them.
     assert all(0.82 <= share <= 0.98 for name, share in shares.items() if name != "nothing"), json.dumps(shares)
     assert shares["nothing"] >= 0.82, json.dumps(shares)
+
+
+def test_the_joint_that_only_turns_is_not_fitted_to_a_bent_head() -> None:
+    recording = bent_recording([(STEADY, twisting(10.0, 3.0), lagging(0.0))])
+    with pytest.raises(RecordingError, match="recording 0 is of a head that bends or sways"):
+        swings_of([recording], load_rig("paper"))

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from sinew.analysis.signal.signals import Channel, Signals, read_signals
@@ -26,6 +27,7 @@ from sinew.measure.arrays import Array
 from sinew.measure.attitude import quaternion, swing_of, torsion_of, turned_about_x
 from sinew.measure.errors import RecordingError
 from sinew.measure.schema import Excitation
+from sinew.plan.rig import RigSpec
 
 _EARTH_TO_BASE = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """The filter's earth has z upwards, the base has x."""
@@ -76,12 +78,13 @@ def read_attitude(signals: Signals) -> Attitude | None:
     return Attitude(found, False)
 
 
-def head_motion(recording: Signals) -> HeadMotion:
-    """Return torsion, pitch and roll of the head over a recording.
+def head_motion(recording: xr.Dataset | Signals, rig: RigSpec | None = None) -> HeadMotion:
+    """Return torsion, pitch and roll of the head over a recording, of a bent head or an upright one.
 
+    rig: that says how far the sensor is off the joint's axis; the delay of the gyroscope is not taken off here.
     Raises RecordingError where there is no orientation, and no gyroscope with accelerometer to tell it.
     """
-    signals = read_signals(recording)
+    signals = read_signals(recording, rig)
     attitude = read_attitude(signals)
     if attitude is None:
         raise RecordingError("nothing tells how the head stands; expected orientation, or gyroscope and accelerometer")

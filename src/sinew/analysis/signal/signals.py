@@ -180,13 +180,10 @@ def read_signals(recording: xr.Dataset | Signals, rig: RigSpec | None = None) ->
     as_dataset(recording, "recording")
     segments = [(segment, where) for _, segment, where in iterate_segments(recording)]
     pose = _pose_of([segment for segment, _ in segments])
-    response = response_channel(recording)
-    if pose is not None and pose.bend != 0.0 and "gyro_rad_s" in recording:
-        response = replace(response, values=response.values / gyro_share(pose.bend))
     return Signals(
         recording["time_s"].values,
         segments,
-        response,
+        response_channel(recording),
         drive_channel(recording),
         rig,
         delay_budget(recording, rig),
@@ -210,11 +207,13 @@ def _pose_of(segments: list[Segment]) -> RestPose | None:
 def response_channel(recording: xr.Dataset) -> Channel:
     """Return the channel that tells the torsion: the gyroscope's x axis, else an angle, else any response.
 
-    A response in rad/s counts as the torsion's rate.
+    A response in rad/s counts as the torsion's rate. Of a bent head what the gyroscope under-reads is made good.
     Raises RecordingError where there is none of the three.
     """
     if "gyro_rad_s" in recording:
-        return Channel(np.ascontiguousarray(recording["gyro_rad_s"].values[:, 0], dtype=float), "rad/s", True)
+        rate = np.ascontiguousarray(recording["gyro_rad_s"].values[:, 0], dtype=float)
+        bend = math.radians(float(recording["bend_deg"].values[0])) if "bend_deg" in recording else 0.0
+        return Channel(rate if bend == 0.0 else rate / gyro_share(bend), "rad/s", True)
     for name in ("torsion_rad", "response"):
         if name in recording:
             unit = str(recording[name].attrs["units"])

@@ -6,8 +6,8 @@ response is its fundamental over the drive's; its coupling ratio is its fundamen
 and twice the drive's frequency is where a bend answers a torsion that goes both ways: in the plane of the bend the
 first harmonic is small, and the second tells.
 
-An amplitude near its own noise has an interval that reaches to zero: of a channel that does not move, noise alone makes
-an amplitude, beyond 2.15 of its standard deviations in one case of ten (Rayleigh).
+The interval of an amplitude near its own noise reaches to zero: noise alone makes an amplitude of a channel that does
+not move, and in nine cases of ten the interval holds that nothing, too.
 """
 
 import math
@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy import special
 
 from sinew.analysis.signal.attitude import Attitude, read_attitude
 from sinew.analysis.signal.harmonics import Harmonics, fit_harmonics, relative_noise
-from sinew.analysis.signal.repeats import Interval, combine_repeats
+from sinew.analysis.signal.repeats import combine_repeats
 from sinew.analysis.signal.signals import RestPose, Signals, drive_chain, torsion_chain
 from sinew.measure.arrays import Array, Complexes, mean_of_known, wrapped_lag
 from sinew.measure.attitude import tilt_from, torsion_of, turned_about_x
@@ -36,7 +37,6 @@ _FREEDOM = 16.0
 """Degrees of freedom of a standard deviation by eight sidebands, complex ones."""
 _FREEDOM_OF_HARMONIC = 24.0
 """Of one by the twelve lines beside a harmonic."""
-_RAYLEIGH_90 = math.sqrt(-2.0 * math.log(0.1))
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class _Of:
     gain_noise: Array
     coupling: Complexes
     coupling_noise: Array
-    second: Array
+    second: Complexes
     second_std: Array
     mean: Array
 
@@ -101,14 +101,15 @@ def _analyse_segment(signals: Signals, attitude: Attitude, pose: RestPose, segme
     order = np.arange(1, fitted.coefficient.shape[2] + 1) * frequency[0]
     chain = np.ones(order.size) if attitude.is_recorded else torsion_chain(signals.budget, order)
     wave = fitted.coefficient[0, :_DRIVE] / chain
-    unknown = np.full(3, np.nan)
-    gain, gain_noise = unknown + 0j, np.full((3, 2), np.nan)
-    if drive is not None:
-        driven = fitted.coefficient[0, _DRIVE, 0]
-        driven = driven / drive_chain(signals.budget, frequency[0]) if segment.excitation == "lever" else driven
-        gain, gain_noise = wave[:, 0] / driven, _noises(fitted, _DRIVE)
-    coupling = np.array([1.0 + 0j, *(wave[1:, 0] / wave[0, 0])])
-    second = np.abs(wave[:, 1]) if wave.shape[1] > 1 else unknown
+    # Without a drive the channel that moves most is the clock; the second harmonic is seen from twice its phase.
+    clock, gain, gain_noise = wave[np.abs(wave[:, 0]).argmax(), 0], np.full(3, np.nan + 0j), np.full((3, 2), np.nan)
+    if drive is not None and np.abs(fitted.coefficient[0, _DRIVE, 0]) > 0:
+        late = drive_chain(signals.budget, frequency[0]) if segment.excitation == "lever" else 1.0
+        clock = fitted.coefficient[0, _DRIVE, 0] / late
+        gain, gain_noise = wave[:, 0] / clock, _noises(fitted, _DRIVE)
+    coupling = _over(wave[:, 0], wave[TORSION, 0])
+    coupling[TORSION] = 1.0
+    second = _over(wave[:, 1] * abs(clock) ** 2, clock**2)
     return _Of(
         np.abs(wave[:, 0]),
         fitted.std[0, :_DRIVE, 0],
@@ -120,6 +121,11 @@ def _analyse_segment(signals: Signals, attitude: Attitude, pose: RestPose, segme
         fitted.std[0, :_DRIVE, 1],
         fitted.offset[0, :_DRIVE],
     )
+
+
+def _over(waves: Complexes, by: complex) -> Complexes:
+    """Return waves over another one, NaN where that is none."""
+    return waves / by if abs(by) > 0 else np.full_like(waves, np.nan)
 
 
 def _noises(fitted: Harmonics, reference: int) -> Array:
@@ -165,7 +171,8 @@ def _on_grid(found: list[tuple[Segment, _Of]], asked: list[Segment], excitation:
             "coupling_ratio_std": np.abs(of.coupling) * of.coupling_noise[:, 0],
             "coupling_lag_rad": wrapped_lag(of.coupling),
             "coupling_lag_std_rad": of.coupling_noise[:, 1],
-            "second_harmonic_rad": of.second,
+            "second_harmonic_rad": np.abs(of.second),
+            "second_harmonic_lag_rad": wrapped_lag(of.second),
             "second_harmonic_std_rad": of.second_std,
             "channel_mean_rad": of.mean,
         }.items():
@@ -184,6 +191,7 @@ def _on_grid(found: list[tuple[Segment, _Of]], asked: list[Segment], excitation:
 
 _BY_DRIVE = ("channel_gain", "channel_gain_std", "channel_lag_rad", "channel_lag_std_rad")
 _BY_TORSION = ("coupling_ratio", "coupling_ratio_std", "coupling_lag_rad", "coupling_lag_std_rad")
+_SECOND = ("second_harmonic_rad", "second_harmonic_std_rad", "second_harmonic_lag_rad")
 _CHANNEL_COLUMNS = tuple(
     name for name, row in RESULT_VARIABLES.items() if row.dims[-1] == "channel" and len(row.dims) > 1
 )
@@ -192,7 +200,9 @@ _CHANNEL_COLUMNS = tuple(
 # The mean over the repeats is one of phasors: sizes alone would not cancel what noise makes of nothing.
 
 
-def _mean_phasor(size: Array, size_std: Array, lag: Array, lag_std: Array) -> tuple[Estimate, Estimate]:
+def _mean_phasor(
+    size: Array, size_std: Array, lag: Array, lag_std: Array, *, freedom: float = _FREEDOM
+) -> tuple[Estimate, Estimate]:
     """Return size and lag [rad] of the mean of phasors over repeats, arrays (r,), NaN left out."""
     known = np.isfinite(size) & np.isfinite(lag)
     if not known.any():
@@ -202,9 +212,14 @@ def _mean_phasor(size: Array, size_std: Array, lag: Array, lag_std: Array) -> tu
     phasors = size * np.exp(-1j * lag)
     mean = complex(phasors.mean())
     turned = phasors * np.exp(-1j * np.angle(mean))
-    along = combine_repeats(turned.real, size_std, _FREEDOM)
-    across = combine_repeats(turned.imag, size * lag_std, _FREEDOM)
-    amplitude = _not_beyond_zero(along)
+    along = combine_repeats(turned.real, size_std, freedom)
+    across = combine_repeats(turned.imag, size * lag_std, freedom)
+    # Of a phasor that is nothing but noise, |mean|²/(2 s²) has Fisher's F of 2 and ν degrees of freedom.
+    count = phasors.size
+    both = math.hypot(float(along.std_of_value), float(across.std_of_value)) / math.sqrt(2.0)
+    noise, nu = (both, 2.0 * count - 2.0) if count > 1 else (float(along.std_of_value), freedom)
+    low = 0.0 if abs(mean) < math.sqrt(2.0 * special.fdtri(2.0, nu, 0.9)) * noise else max(float(along.low), 0.0)
+    amplitude = Estimate(abs(mean), float(along.std_of_value), low, float(along.high))
     middle = float(wrapped_lag(np.array([mean]))[0])
     if not abs(mean) > 0:
         return amplitude, Estimate(math.nan, math.nan, math.nan, math.nan)
@@ -212,15 +227,11 @@ def _mean_phasor(size: Array, size_std: Array, lag: Array, lag_std: Array) -> tu
     return amplitude, Estimate(middle, float(across.std_of_value) / abs(mean), middle - half, middle + half)
 
 
-def _mean_size(size: Array, std: Array) -> dict[str, Any]:
-    """Return the mean of amplitudes [rad] in degrees."""
-    return _degrees(_not_beyond_zero(combine_repeats(size, std, _FREEDOM_OF_HARMONIC)))
-
-
-def _not_beyond_zero(of: Interval) -> Estimate:
-    """Return an amplitude with an interval that begins at zero where noise alone may have made it."""
-    value, std, low, high = (float(x) for x in (of.value, of.std_of_value, of.low, of.high))
-    return Estimate(value, std, 0.0 if value < _RAYLEIGH_90 * std else max(low, 0.0), high)
+def _mean_size(size: Array, std: Array, lag: Array) -> dict[str, Any]:
+    """Return the mean of phasors [rad] in degrees; of their sizes, where no lag is known."""
+    lag = lag if np.isfinite(lag).any() else np.zeros_like(lag)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _degrees(_mean_phasor(size, std, lag, std / size, freedom=_FREEDOM_OF_HARMONIC)[0])
 
 
 def coupling_rows(results: xr.Dataset) -> list[dict[str, Any]]:
@@ -239,14 +250,16 @@ def coupling_rows(results: xr.Dataset) -> list[dict[str, Any]]:
             "frequency_hz": float(results["frequency_hz"].values[f]),
             "channel": str(results["channel"].values[c]),
             "repeats": repeats,
-            "amplitude_deg": _mean_size(of["channel_amplitude_rad"], of["channel_amplitude_std_rad"]),
+            "amplitude_deg": _mean_size(
+                of["channel_amplitude_rad"], of["channel_amplitude_std_rad"], of["channel_lag_rad"]
+            ),
             by_drive: gain.to_json(),
             "phase_lag_deg": _degrees(lag),
         }
         if c != TORSION:
             ratio, behind = _mean_phasor(*(of[name] for name in _BY_TORSION))
             row |= {"coupling_ratio": ratio.to_json(), "lag_behind_torsion_deg": _degrees(behind)}
-        row["second_harmonic_deg"] = _mean_size(of["second_harmonic_rad"], of["second_harmonic_std_rad"])
+        row["second_harmonic_deg"] = _mean_size(*(of[name] for name in _SECOND))
         row["mean_deg"] = finite(math.degrees(float(mean_of_known(of["channel_mean_rad"]))))
         rows.append(row)
     return rows

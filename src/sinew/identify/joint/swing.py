@@ -91,6 +91,11 @@ def _swings(index: int, recording: xr.Dataset, rig: RigSpec) -> list[Swing]:
     text = str(recording.attrs.get("plan", ""))
     mode = TENDON_MODES[parse_plan(text, "the recording's plan").pretension.mode] if text.strip() else POSITION
     rows = list(iterate_segments(recording))
+    if any(segment.is_spatial for _, segment, _ in rows):
+        raise RecordingError(
+            f"recording {index} is of a head that bends or sways; the tendon joint is fitted to an upright head that "
+            "the lever turns, so take such a recording, or another model"
+        )
     stamps = np.asarray(recording["time_s"].values, dtype=float)
     moving = [(row[0], row[1], _with_settle(rows, k)) for k, row in enumerate(rows) if _is_wanted(row)]
     if not moving:
