@@ -12,6 +12,7 @@ the bench, as the twin finds them; the loop then corrects what the plate's tilt 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from sinew.bench.loop import Loop
 from sinew.bench.record.sample import Sample
@@ -21,6 +22,9 @@ from sinew.measure.errors import LostError
 from sinew.measure.events import Pretensioned
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
+
+if TYPE_CHECKING:
+    from sinew.solve.spatial import Rest  # JAX
 
 # The head plate is levelled, at rest: by an integrator of its tilt. The paper has a PI loop and tells no gains.
 
@@ -132,6 +136,11 @@ class Held:
 
     take_up_mm: tuple[float, ...]
     tension_n: tuple[float, ...]
+
+    @classmethod
+    def of(cls, rest: "Rest") -> "Held":
+        """Return what holds a rest pose that was found."""
+        return cls(tuple((1e3 * rest.take_up).tolist()), tuple(rest.at.tension.tolist()))
 
 
 @dataclass(frozen=True, slots=True)
