@@ -201,14 +201,6 @@ def judge(seed: int, rig: RigSpec, asked: PoseAsked, posed: Posed) -> Trial:
     return Trial(seed, words, "found", ok, "" if ok else "the minimiser came to another pose", apart, apart_n)
 
 
-def first_ends(rig: RigSpec) -> Array:
-    """Return the cable ends at first contact by the minimiser [m]."""
-    joint, contact = PlainJoint(rig), rig.tendons.first_contact_tension.value
-    held = np.full(rig.tendons.count, contact)
-    found = least(joint, np.zeros(18), None, held)
-    return joint.spans(found.x) - contact / joint.stiffness
-
-
 def run(seed: int) -> Trial:
     """Return one trial."""
     rig, asked = draw(seed)
