@@ -19,6 +19,7 @@ from sinew.twin.cache import configure
 configure()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", EXACT_LOADS)
 def test_between_guided_plates_the_rod_sways_at_the_exact_load(ratio: float) -> None:
     # 2.3 % is how far the law of bending is from the solid; 1.3 % more is what order 2 is from the buckled shape.

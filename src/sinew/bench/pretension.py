@@ -1,7 +1,7 @@
 """Pretension on the bench: first contact of the tendons, and goals of the motors.
 
 The paper's routine (section 3.2): first every motor pulls to a set current, the positions reached are stored; then a
-linear map takes pretension and a correction of tilt to motor positions, and a PI loop levels the head plate by that
+linear map takes pretension and a correction of tilt to motor positions, and a loop levels the head plate by that
 correction. Where the plate is tilted by a about y and b about z, its point over tendon i, at (y_i, z_i), is raised
 by u_i = a z_i - b y_i; shortening cable i by u_i takes it back.
 
@@ -12,6 +12,7 @@ the bench, as the twin finds them; the loop then corrects what the plate's tilt 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from sinew.bench.loop import Loop
 from sinew.bench.record.sample import Sample
@@ -22,7 +23,10 @@ from sinew.measure.events import Pretensioned
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 
-# The head plate is levelled: a PI loop on its tilt, at rest.
+if TYPE_CHECKING:
+    from sinew.solve.spatial import Rest  # JAX
+
+# The head plate is levelled, at rest: by an integrator of its tilt. The paper has a PI loop and tells no gains.
 
 GOOD_ENOUGH_DEG = 0.05
 """Tilt at which levelling by position ends, held for a moment [deg]; the paper does not say how level its plate was."""
@@ -36,12 +40,13 @@ ACCEPTED_DEG = 0.2
 MOST_S = 15.0
 """After so long levelling ends, well or not [s]."""
 
-_PROPORTIONAL = 0.2
-_INTEGRAL = 4.0  # 1/s
-_SMOOTHING_S = 0.08
-# The controller must be quick; by position, whether the plate is level may be seen through less of the sensor's noise.
-# By current the plate goes from one count of the motors to the next, and a mean over that would look level.
+# The plate sways on its tendons, at 9 Hz with little damping, and an accelerometer takes that for tilt, seventeen times
+# what it is. So the controller is slow and looks through two low-passes: a proportional part, or one low-pass of 80 ms
+# with an integrator of 1.5 per second, makes a head of 0.8 kg sway until a limit stops it.
+_INTEGRAL = 1.0  # 1/s
+_SMOOTHING_S = 0.3
 _JUDGED_S = 0.3
+_JUDGED_BY_CURRENT_S = 0.08  # there the plate goes from one count of the motors to the next; a mean would look level
 _HOLD_S = 0.5
 
 
@@ -72,13 +77,13 @@ def level(
 
     goals: of the tendon motors for a correction of tilt about y and z [rad]. start: correction to begin with. pose:
     tilt about y and z that is asked for [rad].
-    The controller is PI on the accelerometer's tilt behind a low-pass of 80 ms; by position it ends by the tilt behind
-    one of 0.3 s. Raises LostError where the plate does not come level.
+    The controller integrates the accelerometer's tilt behind two low-passes of 0.3 s; it ends by the tilt behind one of
+    0.3 s, by current of 80 ms. Raises LostError where the plate does not come level.
     """
-    integral, smooth, judged = list(start), None, None
+    integral, once, smooth, judged = list(start), None, None, None
     enough = math.radians(GOOD_ENOUGH_BY_CURRENT_DEG if loop.watch.by_current else GOOD_ENOUGH_DEG)
     quiet = 0.0
-    memories = (_SMOOTHING_S, _SMOOTHING_S if loop.watch.by_current else _JUDGED_S)
+    memories = (_SMOOTHING_S, _JUDGED_BY_CURRENT_S if loop.watch.by_current else _JUDGED_S)
     weight, slow = (1 - math.exp(-loop.period / memory) for memory in memories)
     steps = round(MOST_S / loop.period)
     for k in range(steps):
@@ -86,7 +91,8 @@ def level(
         if seen is None:
             continue
         lacking = (seen[0] - pose[0], seen[1] - pose[1])
-        smooth, judged = _followed(smooth, lacking, weight), _followed(judged, lacking, slow)
+        once, judged = _followed(once, lacking, weight), _followed(judged, lacking, slow)
+        smooth = _followed(smooth, once, weight)
         tilt = math.hypot(*judged)
         if tilt < enough:
             quiet += loop.period
@@ -95,8 +101,7 @@ def level(
             continue
         quiet = 0.0
         integral = [i + _INTEGRAL * loop.period * s for i, s in zip(integral, smooth, strict=True)]
-        correction = (integral[0] + _PROPORTIONAL * smooth[0], integral[1] + _PROPORTIONAL * smooth[1])
-        loop.set_goals(goals(correction))
+        loop.set_goals(goals((integral[0], integral[1])))
     found = math.degrees(math.hypot(*judged)) if judged is not None else math.nan
     if found < ACCEPTED_DEG:
         return Levelling((integral[0], integral[1]), math.radians(found), MOST_S)
@@ -131,6 +136,11 @@ class Held:
 
     take_up_mm: tuple[float, ...]
     tension_n: tuple[float, ...]
+
+    @classmethod
+    def of(cls, rest: "Rest") -> "Held":
+        """Return what holds a rest pose that was found."""
+        return cls(tuple((1e3 * rest.take_up).tolist()), tuple(rest.at.tension.tolist()))
 
 
 @dataclass(frozen=True, slots=True)

@@ -84,18 +84,18 @@ class TendonOrder(NamedTuple):
     may_wind, may_pay: 1 where the horn may turn that way. follows: 1 where w starts from the horn at each step.
     """
 
-    cable_end: Numbers
-    goal: Numbers
-    speed: Numbers
-    compliance: Numbers
-    limit: Numbers
-    duty: Numbers
-    stall: Numbers
-    fastest: Numbers
-    wind_cap: Numbers
-    may_wind: Numbers
-    may_pay: Numbers
-    follows: Numbers
+    cable_end: Any
+    goal: Any
+    speed: Any
+    compliance: Any
+    limit: Any
+    duty: Any
+    stall: Any
+    fastest: Any
+    wind_cap: Any
+    may_wind: Any
+    may_pay: Any
+    follows: Any
 
 
 class DriveOrder(NamedTuple):

@@ -300,7 +300,7 @@ def rest_by_tension(space: Space, contact: float, tension: Array) -> tuple[Space
     """
     q, ends = first_contact(space, contact)
     pulled = np.asarray(tension, dtype=float)
-    there = in_mode(space, CURRENT)._replace(held_tension=pulled)  # type: ignore[arg-type]
+    there = in_mode(space, CURRENT)._replace(held_tension=pulled)
     return there, rest_at(there, settle(q, there)[0], ends)
 
 

@@ -84,7 +84,7 @@ def _split(rows: Array) -> Swing:
     vectors = [rows[a:b] for a, b in itertools.pairwise(edges)]
     rest = rows[edges[-1] :]
     tendons = (rest.shape[0] - 3) // 2
-    return Swing(*vectors, *rest[:3], rest[3 : 3 + tendons], rest[3 + tendons :])  # type: ignore[misc,call-arg]
+    return Swing(*vectors, *rest[:3], rest[3 : 3 + tendons], rest[3 + tendons :])  # type: ignore[call-arg]
 
 
 @partial(jax.jit, donate_argnames=("states",))

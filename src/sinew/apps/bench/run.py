@@ -128,9 +128,7 @@ def _refuse_unfit_plan(
     else:
         (preview, rests), expected = held_preview(plan, spec), ""
         refuse_beyond_limits(preview)
-        held = {
-            mm: Held(tuple((1e3 * one.take_up).tolist()), tuple(one.at.tension.tolist())) for mm, one in rests.items()
-        }
+        held = {mm: Held.of(rest) for mm, rest in rests.items()}
     pretensions = plan.pretension.pretension_mm
     bench_run.refuse_full_disk(folder, plan, preview.longest_s)
     return dict(zip(pretensions, preview.tension_n, strict=True)), held, expected

@@ -27,7 +27,7 @@ _BEND_DEG = (0.0, 10.0, 20.0, 30.0)
 _SWING_DEG = 10.0
 _CURVED_DEG = 30.0
 _MOVES = 0.05
-_FEELS = 1.0  # degrees of twist that a spine would be said to have
+_FEELS = 0.1  # degrees of twist a degree of tilt, from which on it is said to be an engine
 
 Progress = Callable[[float, float], None]
 
@@ -258,11 +258,11 @@ def _engine(
     other = _best(aside, rig, p, _ENGINE_BENDS[-1])
     twist, hz, per, slow = (_over([one[k] for one in engines], len(_ENGINE_BENDS) - 1) for k in range(4))
     speed = servo_speed(rig, float(nominal.at(p, _ENGINE_BENDS[-1]).tension_n.mean()))
-    there = "at the torsion's resonance, not below it" if twist.value > _FEELS else "hardly"
-    if twist.low < _FEELS < twist.high:
-        there += "; how much hangs on the head's masses"
-    elif max(math.degrees(other.torsion), twist.value) > 2 * min(math.degrees(other.torsion), twist.value):
+    there = "at the torsion's resonance, not below it" if per.value > _FEELS else "hardly"
+    twists = math.degrees(other.torsion), twist.value
+    if max(twists) > 2 * min(twists):
         there += "; how much hangs on how the lever lies"
+    drive = "pitch" if abs(across_of(nominal.direction)[0]) > 0.7 else "roll"
     return Answer(
         ENGINE,
         "Is there a spinal engine, and how much twist does it give? (section 5.1)",
@@ -284,8 +284,8 @@ def _engine(
             f"{last['curved_twist_per_tilt_slow']:.2g}° a degree: a curve at rest couples side bend and yaw more when "
             "slow, but still by far less than inertia does.",
             _rests(names),
-            'To test it: the tendons in pitch at a bend in the plane of roll (drive = "pitch" in a plan), swept '
-            "through the torsion's resonance; the lever held at its zero.",
+            f'To test it: the tendons driven across the bend (drive = "{drive}" in the sweep of a plan), through the '
+            "torsion's resonance, the lever held at its zero.",
         ),
         {"twist_deg": twist, "twist_per_tilt": per, "twist_per_tilt_slow": slow},
         tuple(rows),

@@ -516,7 +516,7 @@ class _Way:
         if asked.mode == "current":
             there = in_mode(there, CURRENT)
             pulled = np.full(there.cable_end.shape, upright.at.tension.mean())
-            there = there._replace(held_tension=pulled)  # type: ignore[arg-type]
+            there = there._replace(held_tension=pulled)
         return cls(there, upright.q, np.zeros(2))
 
     def pull(self, tilt: Array) -> Array | None:
@@ -546,7 +546,7 @@ def buckling_pretension(space: Space, contact: float, asked: Asked, up_to_mm: fl
     start = (first.q, np.asarray(np.linalg.lstsq(pattern.T, first.take_up - begin, rcond=None)[0], dtype=float))
 
     def pose_at(pretension: float, known: tuple[Array, Array]) -> tuple[float, float, tuple[Array, Array]] | None:
-        there = held._replace(cable_end=ends - pretension)  # type: ignore[arg-type]
+        there = held._replace(cable_end=ends - pretension)
         found = steer(there, asked.swing, *known, enough=1e-7)
         if found is None:
             return None

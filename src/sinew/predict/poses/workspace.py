@@ -161,7 +161,7 @@ def _upright(space: Space, contact: float, pretension: float, mode: str) -> tupl
     if mode == "current":
         there = in_mode(there, CURRENT)
         pulled = np.full(np.shape(there.cable_end), found.at.tension.mean())
-        there = there._replace(held_tension=pulled)  # type: ignore[arg-type]
+        there = there._replace(held_tension=pulled)
     return there, _Known(found.q, np.zeros(2))
 
 

@@ -1,0 +1,186 @@
+"""A bent joint run through the emulator's bytes, beside the twin: `python -m campaigns.bent`.
+
+A joint in space whose cables are slack and whose head leans is pulled, bent, held and swung by `sinew run`'s own code
+in virtual time; its recording is analysed, and the twin's answer to the same plan likewise, with the twin's own
+orientation and as its sensors tell it. With --faults a run meets a fault in its steady swing instead, and it is
+printed how it ended. Every row is one run, seeded.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from campaigns.options import campaign_parser
+from sinew.analysis.analysed import analyse_recording
+from sinew.bench.pretension import Held
+from sinew.bench.record.conversion import recording_from_journal
+from sinew.bench.record.journal import Journal
+from sinew.bench.record.sample import Sample
+from sinew.bench.run import Runner, RunReport
+from sinew.emulator.faults import Faults, parse_fault
+from sinew.emulator.found import VirtualPort, drawn_start
+from sinew.emulator.joint_plant import JointPlant
+from sinew.emulator.rig import EmulatedRig
+from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.rig import Rig
+from sinew.measure.events import Event
+from sinew.plan.plan import Plan
+from sinew.plan.pose import Pose
+from sinew.plan.rig import RigSpec
+from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
+from sinew.predict.preview import held_preview
+from sinew.twin.parameters import Effects
+from sinew.twin.simulate import simulate
+
+FAULTS = ("unplug", "imu-freeze", "overload:motor=2")
+"""What may happen to a bent run, without its time."""
+
+_AFTER_S = 0.3  # without a host: long enough for the watchdogs
+
+
+class Truth(NamedTuple):
+    """What the mechanics did, at every cycle: time [s], tilt about y and z [rad], torsion [rad], tensions [N]."""
+
+    time_s: np.ndarray
+    tilt: np.ndarray
+    torsion: np.ndarray
+    tension: np.ndarray
+
+
+class BentRun(NamedTuple):
+    """report of the run; truth; recording, None without a whole group; is_safe: whether all motors were in the declared
+    state in the end, by the mechanics."""
+
+    report: RunReport
+    truth: Truth
+    recording: xr.Dataset | None
+    is_safe: bool
+
+
+def shortened(plan: Plan, frequency_hz: Sequence[float], pretension_mm: float) -> Plan:
+    """Return a plan with one pretension and a few frequencies, without ring-downs, and with shorter waits."""
+    assert plan.sweep is not None
+    sweep = plan.sweep.model_copy(update={"frequency_hz": tuple(frequency_hz), "settle_s": 2.0, "repeats": 1})
+    pretension = plan.pretension.model_copy(update={"pretension_mm": (pretension_mm,)})
+    return plan.model_copy(update={"pretension": pretension, "sweep": sweep, "ring_down": None})
+
+
+class _Watcher:
+    """Notes the truth at every sample; a Listener."""
+
+    def __init__(self, emulated: EmulatedRig) -> None:
+        self._emulated = emulated
+        self.rows: list[tuple[float, ...]] = []
+
+    def on_sample(self, sample: Sample) -> None:
+        now = self._emulated.motion()
+        self.rows.append((sample.time_s, *now.tilt, now.torsion, *now.tension))
+
+    def on_event(self, event: Event) -> None:
+        pass
+
+    def truth(self) -> Truth:
+        rows = np.array(self.rows).T
+        return Truth(rows[0], rows[1:3], rows[3], rows[4:])
+
+
+def run_bent(plan: Plan, spec: RigSpec, seed: int = 0, fault: str = "") -> BentRun:
+    """Run a plan on an emulated bench in space, found as `sinew emulate` finds it for a seed.
+
+    fault: as `sinew emulate --fault` takes it; times count from the emulator's start.
+    """
+    start = drawn_start(spec, seed)
+    plant = JointPlant(spec, slack_m=start.slack, rest_tilt=start.tilt, in_space=True)
+    emulated = EmulatedRig(spec, plant, seed=seed)
+    port = VirtualPort(Faults([parse_fault(fault)] if fault else [], seed).attach(emulated))
+    timing = BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms)
+    rig = Rig(Bus(port, port, timing, retries=2), port, spec)
+    preview, rests = held_preview(plan, spec)
+    watcher, tension = _Watcher(emulated), dict(zip(rests, preview.tension_n, strict=True))
+    held = {mm: Held.of(rest) for mm, rest in rests.items()}
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "journal.sqlite"
+        with Journal.create(path, dump_plan(plan), dump_rig(spec)) as journal:
+            runner = Runner(rig, port, plan, journal, tension, held=held, listener=watcher)
+            report = runner.run()
+        recording = recording_from_journal(path) if report.groups_done else None
+    port.rig.advance(port.rig.time + _AFTER_S)
+    return BentRun(report, watcher.truth(), recording, emulated.in_safe_state())
+
+
+def twin_of(plan: Plan, spec: RigSpec) -> xr.Dataset:
+    """Return the twin's recording of a plan, without noise and scatter."""
+    return simulate(plan, spec, effects=Effects().without("sensor_noise", "stamp_jitter", "repeatability"))
+
+
+class Row(NamedTuple):
+    """How far a run's analysed recording is from the twin's, at most over its frequencies: torsion per lever, tilt out
+    of the plane and its coupling to the torsion, as shares; lag of that coupling and mean bend [deg]."""
+
+    torsion: float
+    tilt: float
+    coupling: float
+    lag_deg: float
+    bend_deg: float
+
+
+def off_by(bench: xr.Dataset, twin: xr.Dataset, spec: RigSpec) -> Row:
+    """Return how far the results of two recordings are apart."""
+    a, b = (analyse_recording(recording, spec) for recording in (bench, twin))
+
+    def share(name: str, channel: int | None = None) -> float:
+        one, other = (r[name].values if channel is None else r[name].values[..., channel] for r in (a, b))
+        return float(np.abs(one / other - 1).max())
+
+    def apart_deg(name: str, channel: int) -> float:
+        return float(np.degrees(np.abs(a[name].values[..., channel] - b[name].values[..., channel])).max())
+
+    return Row(
+        share("gain"), share("channel_amplitude_rad", 2), share("coupling_ratio", 2),
+        apart_deg("coupling_lag_rad", 2), apart_deg("channel_mean_rad", 1),
+    )  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = campaign_parser("bent", __doc__, count=2)
+    parser.add_argument("--faults", action="store_true", help="a fault in each run, in place of the twin beside it")
+    asked = parser.parse_args(arguments)
+    spec, whole = load_rig("paper"), load_plan("bent")
+    rows = []
+    for seed in range(asked.seed, asked.seed + asked.runs):
+        chance = np.random.default_rng(seed)
+        pretension = float(chance.choice(whole.pretension.pretension_mm))
+        bend, azimuth = float(chance.uniform(10, 25)), float(chance.uniform(0, 360))
+        plan = shortened(whole, (3.3, 3.9, 4.5), pretension).model_copy(
+            update={"pose": Pose(bend_deg=round(bend, 1), azimuth_deg=round(azimuth))}
+        )
+        said = f"seed {seed}: {plan.rest_pose.words()}, {pretension:g} mm"
+        if asked.faults:
+            name = FAULTS[seed % len(FAULTS)]
+            run = run_bent(plan, spec, seed, f"{name}@{chance.uniform(14, 24):.2f}")
+            print(f"{said}, {name}: {run.report.sentence}; safe {run.is_safe}", flush=True)
+            rows.append({"seed": seed, "fault": name, "ended": run.report.sentence, "is_safe": run.is_safe})
+            continue
+        run = run_bent(plan, spec, seed)
+        assert run.recording is not None, run.report.sentence
+        twin = twin_of(plan, spec)
+        row = off_by(run.recording, twin.drop_vars("orientation"), spec)
+        print(
+            f"{said}: off by {row.torsion:.2%} in torsion, {row.tilt:.2%} in tilt, {row.coupling:.2%} and "
+            f"{row.lag_deg:.2f}° in coupling, {row.bend_deg:.2f}° in bend; levelled in "
+            f"{run.report.pretensions[0].levelling_s:.1f} s to {run.report.pretensions[0].tilt_deg:.2f}°",
+            flush=True,
+        )
+        rows.append({"seed": seed, **row._asdict()})
+    if asked.out is not None:
+        asked.out.write_text(json.dumps(rows, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
