@@ -20,11 +20,12 @@ from scipy.spatial.transform import Rotation
 
 from sinew.measure.arrays import Array
 from sinew.measure.units import STANDARD_GRAVITY
+from sinew.plan.pose import Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import Design, design_rig
 from sinew.predict.joints.section import ellipse_section
-from sinew.predict.poses.pose import PoseAsked, Posed, find_pose
+from sinew.predict.poses.pose import Asked, Posed, find_pose
 
 STEPS = 48
 TILT_DEG, TENSION_N, END_M = 0.1, 0.5, 1e-5
@@ -151,7 +152,7 @@ class Trial:
     apart_n: float = 0.0
 
 
-def draw(seed: int) -> tuple[RigSpec, PoseAsked]:
+def draw(seed: int) -> tuple[RigSpec, Asked]:
     """Return a rig and what is asked of it, by chance."""
     rng = np.random.default_rng(seed)
     rig = load_rig("paper")
@@ -168,13 +169,13 @@ def draw(seed: int) -> tuple[RigSpec, PoseAsked]:
     count, way = rig.tendons.count, rng.random()
     if way < 0.2 and mode != "current":
         take_up = tuple(float(v) for v in np.maximum(0.0, pretension + rng.uniform(-6, 6, count)))
-        return rig, PoseAsked(mode=mode, take_up_mm=take_up)
+        return rig, Asked(mode=mode, take_up_mm=take_up)
     if way < 0.4 and mode == "current":
-        return rig, PoseAsked(mode=mode, tension_n=tuple(float(v) for v in rng.uniform(5, 90, count)))
-    return rig, PoseAsked(pretension, bend, float(rng.uniform(0, 360)), mode)
+        return rig, Asked(mode=mode, tension_n=tuple(float(v) for v in rng.uniform(5, 90, count)))
+    return rig, Asked(pretension, Pose(bend_deg=bend, azimuth_deg=float(rng.uniform(0, 360))), mode)
 
 
-def judge(seed: int, rig: RigSpec, asked: PoseAsked, posed: Posed) -> Trial:
+def judge(seed: int, rig: RigSpec, asked: Asked, posed: Posed) -> Trial:
     """Return whether the minimiser says the same."""
     words = f"{rig.name}, {asked.mode}, {asked.words()}"
     if posed.rest is None and "does not stay" not in posed.why:
@@ -199,14 +200,6 @@ def judge(seed: int, rig: RigSpec, asked: PoseAsked, posed: Posed) -> Trial:
     apart_n = float(np.max(np.abs(pulls - posed.rest.at.tension)))
     ok = apart < TILT_DEG and apart_n < TENSION_N
     return Trial(seed, words, "found", ok, "" if ok else "the minimiser came to another pose", apart, apart_n)
-
-
-def first_ends(rig: RigSpec) -> Array:
-    """Return the cable ends at first contact by the minimiser [m]."""
-    joint, contact = PlainJoint(rig), rig.tendons.first_contact_tension.value
-    held = np.full(rig.tendons.count, contact)
-    found = least(joint, np.zeros(18), None, held)
-    return joint.spans(found.x) - contact / joint.stiffness
 
 
 def run(seed: int) -> Trial:

@@ -10,23 +10,24 @@ from tests.contracts.commands import command_lines, refused
 from sinew.apps.cli import main
 from sinew.measure.errors import SpecError
 from sinew.mechanics.column import column_load
+from sinew.plan.pose import Pose
 from sinew.plan.toml import load_rig
 from sinew.predict.joints.design import section_of, shear_modulus_of
-from sinew.predict.poses.pose import PoseAsked, find_pose
+from sinew.predict.poses.pose import Asked, find_pose
 
 RIG = load_rig("paper")
 
 
 @pytest.mark.parametrize(("pretension_mm", "bend_deg"), [(0.0, 5.7), (6.0, 29.5)])
 def test_the_bend_from_which_on_a_tendon_is_slack_is_told(pretension_mm: float, bend_deg: float) -> None:
-    found = find_pose(RIG, PoseAsked(pretension_mm, 2.0, 90.0)).slack
+    found = find_pose(RIG, Asked(pretension_mm, Pose(bend_deg=2, azimuth_deg=90))).slack
     assert found is not None
     assert found.bend_deg == pytest.approx(bend_deg, rel=0.05)
     assert found.tendon == 4  # across from the azimuth of 90°
 
 
 def test_currents_buckle_the_upright_joint_at_the_columns_load() -> None:
-    found = find_pose(RIG, PoseAsked(12.0, 0.0, 0.0, "current")).buckling
+    found = find_pose(RIG, Asked(12.0, mode="current")).buckling
     assert found is not None
     section, modulus = section_of(RIG), shear_modulus_of(RIG)
     euler = np.pi**2 * 3 * modulus * section.least / RIG.silicone.length.value**2
@@ -36,20 +37,20 @@ def test_currents_buckle_the_upright_joint_at_the_columns_load() -> None:
 
 
 def test_a_pose_that_buckles_is_refused_with_its_reason() -> None:
-    found = find_pose(RIG, PoseAsked(22.0, 5.0, 0.0, "current"), outlook=False)
+    found = find_pose(RIG, Asked(22.0, Pose(bend_deg=5, azimuth_deg=0), "current"), outlook=False)
     assert not found.ok
     assert found.rest is None
     assert "does not stay" in found.findings[0].sentence
 
 
 def test_a_pose_beyond_the_rigs_bend_is_found_and_refused() -> None:
-    found = find_pose(RIG, PoseAsked(12.0, 42.0), outlook=False)
+    found = find_pose(RIG, Asked(12.0, Pose(bend_deg=42, azimuth_deg=0)), outlook=False)
     assert found.rest is not None
     assert "bent by 42.0°, the rig allows 40°" in found.findings[0].sentence
 
 
 def test_chords_of_a_circle_inside_the_silicone_are_told_of() -> None:
-    found = find_pose(RIG, PoseAsked(0.0, 20.0), outlook=False)
+    found = find_pose(RIG, Asked(0.0, Pose(bend_deg=20, azimuth_deg=0)), outlook=False)
     assert any("lies inside the silicone" in one.sentence for one in found.findings)
     # hardly pressed, the silicone bends to an arc, whose sagitta is L β/8
     assert 1e3 * found.sagitta.mean() == pytest.approx(95 * np.radians(20) / 8, rel=0.2)
@@ -57,7 +58,7 @@ def test_chords_of_a_circle_inside_the_silicone_are_told_of() -> None:
 
 def test_take_ups_of_motors_that_hold_currents_are_refused() -> None:
     with pytest.raises(SpecError, match="give the tensions"):
-        find_pose(RIG, PoseAsked(mode="current", take_up_mm=(6.0, 6.0, 6.0, 6.0)))
+        find_pose(RIG, Asked(mode="current", take_up_mm=(6.0, 6.0, 6.0, 6.0)))
 
 
 @command_lines("""

@@ -51,7 +51,7 @@ _command(
 _command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,8 --out out/transfer.mat")(
     transfer.transfer
 )
-_command(epilog="Example: sinew modes rigs/paper.toml --pretension-mm 0,6,12 --bend-deg 0,20 --out out/modes.html")(
+_command(epilog="Example: sinew modes rigs/paper.toml --pretension-mm 0,6,12 --bend-deg 0,10,20 --out out/modes.html")(
     modes.modes
 )
 _command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(joint.joint)

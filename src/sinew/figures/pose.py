@@ -10,10 +10,15 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from sinew.figures.style import ACCENT, GREY, INK, RED, in_style, new_figure, note_panel
+from sinew.plan.pose import bend_of_swing
 
 if TYPE_CHECKING:
     from sinew.predict.poses.pose import Posed
     from sinew.predict.poses.workspace import Workspace
+
+
+_APART_MM = 6.0
+"""Distance in the picture below which two tendons share a label."""
 
 
 @in_style
@@ -33,9 +38,7 @@ def _draw_side(axes: Axes, posed: "Posed") -> None:
     shape, rig = posed.shape, posed.rig
     assert shape is not None
     assert posed.rest is not None
-    pitch, roll = posed.rest.at.tilt
-    bent = math.hypot(pitch, roll) > 1e-6
-    azimuth = math.atan2(-pitch, roll) if bent else 0.0
+    azimuth = bend_of_swing(*map(float, posed.rest.at.tilt))[1]
     aside = np.array([0.0, math.cos(azimuth), math.sin(azimuth)])
 
     def flat(points: Any) -> tuple[Any, Any]:
@@ -49,11 +52,17 @@ def _draw_side(axes: Axes, posed: "Posed") -> None:
     for station in (0, -1):
         ends = shape.line[station] + np.outer([-1.15, 1.15], radius * (shape.turns[station] @ aside))
         axes.plot(*flat(ends), color=INK, linewidth=2.5, solid_capstyle="butt")
+    above: dict[tuple[float, float], list[str]] = {}  # tendons that lie behind one another share a label
     for i, chord in enumerate(shape.chords):
         slack = posed.rest.at.tension[i] <= 0
         x, y = flat(chord)
         axes.plot(x, y, color=RED if slack else ACCENT, linestyle=(0, (3, 2)) if slack else "-", linewidth=1.4)
-        axes.annotate(f"{i + 1}", (x[1], y[1]), xytext=(0, 3), textcoords="offset points", ha="center", fontsize=8.0)
+        end = next((one for one in above if math.dist(one, (x[1], y[1])) < _APART_MM), (float(x[1]), float(y[1])))
+        above.setdefault(end, []).append(str(i + 1))
+    for end, names in above.items():
+        axes.annotate(
+            ", ".join(names), end, xytext=(0, 4), textcoords="offset points", ha="center", va="bottom", fontsize=8.0
+        )
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel=f"towards {math.degrees(azimuth):.0f}° in mm", ylabel="along x in mm")
     note_panel(axes, "a", "in the plane of the bend")

@@ -14,14 +14,30 @@ _Angle = Annotated[float, Field(ge=-360, le=360)]
 _Tilt = Annotated[float, Field(ge=-MOST_BEND_DEG, le=MOST_BEND_DEG)]
 
 
+def swing_of_bend(bend: float, azimuth: float) -> tuple[float, float]:
+    """Return pitch and roll, the rotation vector about y and z of frame B of a bend towards an azimuth [rad].
+
+    pitch = -bend sin(azimuth), roll = bend cos(azimuth); of a bend of 1 it is the axis.
+    """
+    return -bend * math.sin(azimuth), bend * math.cos(azimuth)
+
+
+def bend_of_swing(pitch: float, roll: float) -> tuple[float, float]:
+    """Return bend and azimuth [rad] of a pitch and roll; an azimuth of 0 where nothing is bent."""
+    bend = math.hypot(pitch, roll)
+    return (bend, math.atan2(-pitch, roll)) if bend > _UPRIGHT else (0.0, 0.0)
+
+
+_UPRIGHT = 1e-9
+"""Bend [rad] below which there is no direction to tell."""
+
+
 class Pose(Settings):
     """How the head stands at rest, as bend and azimuth or as pitch and roll.
 
     bend_deg: angle between the x axes of base and head, not negative. azimuth_deg: direction in which the head leans,
     from the y axis of frame B towards z; the lever at rest lies along y. pitch_deg, roll_deg: components about y and z
-    of the one turn that brings the head there. They say the same:
-
-        pitch = -bend sin(azimuth),   roll = bend cos(azimuth).
+    of the one turn that brings the head there. They say the same, see `swing_of_bend`.
     """
 
     bend_deg: Annotated[float, Field(ge=0, le=MOST_BEND_DEG)] | None = None
@@ -46,23 +62,21 @@ class Pose(Settings):
     @property
     def bend_rad(self) -> float:
         """Return the bend β [rad], not negative."""
-        return math.radians(self.bend_deg) if self.bend_deg is not None else math.hypot(*self.swing_rad)
+        return math.radians(self.bend_deg) if self.bend_deg is not None else bend_of_swing(*self.swing_rad)[0]
 
     @property
     def azimuth_rad(self) -> float:
         """Return the azimuth α [rad]; 0 where nothing is bent."""
         if self.azimuth_deg is not None:
             return math.radians(self.azimuth_deg)
-        pitch, roll = self.swing_rad
-        return math.atan2(-pitch, roll)
+        return bend_of_swing(*self.swing_rad)[1]
 
     @property
     def swing_rad(self) -> tuple[float, float]:
         """Return pitch and roll [rad], the rotation vector of the swing about y and z of frame B."""
         if self.bend_deg is None or self.azimuth_deg is None:
             return math.radians(self.pitch_deg or 0.0), math.radians(self.roll_deg or 0.0)
-        bend, azimuth = math.radians(self.bend_deg), math.radians(self.azimuth_deg)
-        return -bend * math.sin(azimuth), bend * math.cos(azimuth)
+        return swing_of_bend(math.radians(self.bend_deg), math.radians(self.azimuth_deg))
 
     @property
     def bend_and_azimuth_deg(self) -> tuple[float, float]:
@@ -79,7 +93,9 @@ class Pose(Settings):
         return self.bend_rad == 0.0
 
     def words(self) -> str:
-        """Return the pose in a few words: "a bend of 20° towards 90°"."""
+        """Return the pose in a few words: "a bend of 20° towards 90°", "an upright head"."""
+        if self.is_straight:
+            return "an upright head"
         bend, azimuth = self.bend_and_azimuth_deg
         return f"a bend of {bend:.4g}° towards {azimuth:.4g}°"
 

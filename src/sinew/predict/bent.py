@@ -32,7 +32,7 @@ from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import PAPER_TENDON, SERVOS
 from sinew.predict.linear import StateSpace, pole_document
-from sinew.predict.modes import Asked, Finder
+from sinew.predict.modes import Asked, Finder, across_of
 from sinew.predict.predicted import refuse_pretensions
 from sinew.solve.spatial import Linear, patterns
 
@@ -272,9 +272,7 @@ def spinal_engine(finder: Finder, rig: RigSpec, pretension_mm: float, bend_deg: 
     q = finder.at(pretension_mm, bend_deg).coordinates
     if finder.asked.mode != "position":
         raise SpecError(f"the tendons are in mode {finder.asked.mode}, expected position: else they cannot be driven")
-    lean = math.radians(finder.asked.azimuth_deg)
-    # Tilt across: about the axis across that of the bend, (-cos a, -sin a) of (y, z).
-    across = np.array([-math.cos(lean), -math.sin(lean)])
+    across = across_of(finder.direction)
     pattern = across @ patterns(space)[1:]
     limits = [
         servo_speed(rig, float(tension)) / abs(float(share))

@@ -20,12 +20,13 @@ from scipy.optimize import brentq, minimize_scalar
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
-from sinew.measure.estimate import Estimate, number
+from sinew.measure.estimate import Estimate, fixed, number
 from sinew.measure.told import Table, Told
 from sinew.mechanics.parameters import CURRENT, POSITION, TENDON_MODES
 from sinew.mechanics.rod import STRAINS, TERMS
 from sinew.mechanics.space import Space
 from sinew.plan.plan import TendonMode
+from sinew.plan.pose import swing_of_bend
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
 from sinew.plan.toml import load_rig
 from sinew.predict.band import draw_rigs, estimate_of_deviations
@@ -54,6 +55,8 @@ _OFF = 0.01
 """How far a ratio may be off where the search says that it is met; a jump is further."""
 
 _LARGEST_BEND_DEG = 60.0
+_NOTHING = 1e-9
+"""Of the head's motion: what rounding makes of a direction in which it does not move."""
 
 Progress = Callable[[float, float], None]
 
@@ -74,11 +77,23 @@ class FoundMode(NamedTuple):
     shape: Array
 
     @property
+    def group(self) -> str:
+        """Return the group with the largest share of its energy."""
+        return SHARES[int(np.argmax(self.shares))]
+
+    @property
     def kind(self) -> str:
         """Return what it is by its largest share, and that it is mixed where that is below nine tenths."""
-        largest = int(np.argmax(self.shares))
-        name = KINDS[SHARES[largest]]
-        return name if self.shares[largest] >= _MIXED else f"{name}, mixed"
+        name = KINDS[self.group]
+        return name if np.max(self.shares) >= _MIXED else f"{name}, mixed"
+
+    @property
+    def tilt_across_per_torsion(self) -> float:
+        """Return how far the head tilts across the bend as it twists by one; NaN where it does not twist."""
+        if abs(self.torsion) <= _NOTHING:
+            return math.nan
+        per = self.tilt_across / self.torsion
+        return per if abs(per) > _NOTHING else 0.0
 
 
 @dataclass(frozen=True)
@@ -95,8 +110,7 @@ class PoseModes:
 
     def of(self, group: str) -> FoundMode | None:
         """Return the slowest mode whose largest share is that group's; None where there is none."""
-        i = SHARES.index(group)
-        return next((one for one in self.modes if int(np.argmax(one.shares)) == i), None)
+        return next((one for one in self.modes if one.group == group), None)
 
     def torsion_hz(self, *, swung: bool = False) -> float:
         """Return the frequency of the torsional mode [Hz], NaN where there is none."""
@@ -187,8 +201,7 @@ class Finder:
     @property
     def direction(self) -> Array:
         """Return the axis about y and z of frame B of a bend towards the azimuth, (2,)."""
-        a = math.radians(self.asked.azimuth_deg)
-        return np.array([-math.sin(a), math.cos(a)])
+        return np.array(swing_of_bend(1.0, math.radians(self.asked.azimuth_deg)))
 
     def linear(self, pretension_mm: float, bend_deg: float) -> tuple[Linear, Space]:
         """Return (linear equations, parameters in the mode asked for) at a pose. Raises SpecError without one."""
@@ -377,37 +390,37 @@ class Modes(Told):
         }
 
     def told(self) -> list[Table | str]:
-        """Return a row for each mode, what is met over pretension, and what the intervals rest on."""
-        rows = []
+        """Return a row for each mode, what the head does in the torsional ones, what is met over pretension, and what
+        the intervals rest on."""
+        rows, twists = [], []
         for pose in self.poses:
+            place = (f"{pose.pretension_mm:g}", f"{pose.bend_deg:g}" + ("" if pose.taut else " slack"))
             for i, mode in enumerate(pose.modes):
                 told = self.estimates(pose, i)
-                per = told["tilt_across_per_torsion"]
                 rows.append(
                     (
-                        f"{pose.pretension_mm:g}",
-                        f"{pose.bend_deg:g}" + ("" if pose.taut else " (slack)"),
-                        mode.kind,
+                        *place,
+                        KINDS[mode.group],
                         told["frequency_hz"].shown_interval(),
-                        told["ratio_to_torsion"].shown_interval(),
-                        told["damping_ratio"].shown_interval(),
-                        told["swing_damping_ratio"].shown_interval(),
+                        number(told["ratio_to_torsion"].value, 3),
+                        fixed(100 * told["damping_ratio"].value, 1),
+                        fixed(100 * told["swing_damping_ratio"].value, 1),
                         " ".join(f"{max(100 * share, 0):.0f}" for share in mode.shares),
-                        per.shown_interval() if mode.kind.startswith("torsion") else "–",
                     )
                 )
-        columns = (
-            "p/mm",
-            "bend/°",
-            "mode",
-            "f/Hz",
-            "over torsion",
-            "D small",
-            f"D at {self.asked.swing_deg:g}°",
-            "energy in %: torsion, in plane, across, axial",
-            "tilt across/torsion",
-        )
-        told_: list[Table | str] = [Table(columns, rows, "modes, the lever locked to the head")]
+                if mode.group == "torsion":
+                    per = told["tilt_across_per_torsion"]
+                    even = 0.5 * math.sin(math.radians(pose.bend_deg))
+                    shown = per.shown_interval() if per.high > per.low else number(per.value)
+                    twists.append((*place, shown, fixed(even, 3)))
+        swung = f"D/% at {self.asked.swing_deg:g}°"
+        columns = ("p/mm", "bend/°", "mode", "f/Hz", "f/torsion", "D/%", swung, "energy/%")
+        told_: list[Table | str] = [
+            Table(columns, rows, "modes, the lever locked to the head; energy in torsion, in plane, across, axial")
+        ]
+        if any(self.asked.bend_deg):
+            head = ("p/mm", "bend/°", "tilt across/torsion", "½ sin β")
+            told_.append(Table(head, twists, "the head in torsional modes; ½ sin β: slowly, evenly twisted"))
         told_ += [
             f"- at {one.pretension_mm:g} mm and {one.bend_deg:g}° {one.why_not}" for one in self.poses if one.why_not
         ]
@@ -467,7 +480,7 @@ def _numbers(pose: PoseModes, index: int) -> dict[str, float]:
         "swing_frequency_hz": mode.swung_hz,
         "swing_damping_ratio": mode.swung_damping,
         "ratio_to_torsion": mode.frequency_hz / torsion,
-        "tilt_across_per_torsion": mode.tilt_across / mode.torsion if abs(mode.torsion) > 1e-9 else math.nan,
+        "tilt_across_per_torsion": mode.tilt_across_per_torsion,
     }
 
 
@@ -700,7 +713,7 @@ def _with_bands(nominal: Modes, bands: int, seed: int, progress: Progress | None
     drawn = {
         place: [
             {
-                name: estimate_of_deviations(value, np.array(off[k][i].get(name, [])))
+                name: _reaching(estimate_of_deviations(value, np.array(off[k][i].get(name, []))))
                 for name, value in _numbers(nominal.poses[k], i).items()
             }
             for i in range(len(nominal.poses[k].modes))
@@ -721,8 +734,12 @@ def _with_bands(nominal: Modes, bands: int, seed: int, progress: Progress | None
             )
         elif len(where):
             conditions[i] = one._replace(
-                pretension_mm=estimate_of_deviations(one.pretension_mm.value, where[:, 0] - one.pretension_mm.value),
-                frequency_hz=estimate_of_deviations(one.frequency_hz.value, where[:, 1] - one.frequency_hz.value),
+                pretension_mm=_reaching(
+                    estimate_of_deviations(one.pretension_mm.value, where[:, 0] - one.pretension_mm.value)
+                ),
+                frequency_hz=_reaching(
+                    estimate_of_deviations(one.frequency_hz.value, where[:, 1] - one.frequency_hz.value)
+                ),
             )
         if len(met[i]) and (len(where) or math.isfinite(one.pretension_mm.value)):
             told.append(
@@ -742,6 +759,11 @@ def _with_bands(nominal: Modes, bands: int, seed: int, progress: Progress | None
         tuple(told),
         drawn,
     )
+
+
+def _reaching(one: Estimate) -> Estimate:
+    """Return an estimate whose interval reaches to its value at least, which a few draws may all miss on one side."""
+    return Estimate(one.value, one.std, min(one.low, one.value), max(one.high, one.value))
 
 
 _FEW = 5

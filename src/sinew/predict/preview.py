@@ -9,7 +9,7 @@ from sinew.measure.errors import RecordingError
 from sinew.plan.check import Finding, Preview, check_plan
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
-from sinew.predict.poses.pose import PoseAsked, find_pose
+from sinew.predict.poses.pose import Asked, find_pose
 from sinew.solve.spatial import Rest
 from sinew.twin.simulate import foresee, peak_torsion, rest_tension
 
@@ -44,11 +44,10 @@ def held_preview(plan: Plan, rig: RigSpec) -> tuple[Preview, dict[float, Rest]]:
     What a bench cannot take is refused: a pose that is not reached or does not stay, a slack tendon, which would not
     tell when it is pulled again, and tensions, currents and take-ups beyond the rig's limits.
     """
-    bend, azimuth = plan.rest_pose.bend_and_azimuth_deg
     rests: dict[float, Rest] = {}
     refused: list[Finding] = []
     for mm in plan.pretension.pretension_mm:
-        posed = find_pose(rig, PoseAsked(mm, bend, azimuth, plan.pretension.mode), outlook=False)
+        posed = find_pose(rig, Asked(mm, plan.rest_pose, plan.pretension.mode), outlook=False)
         sentences = [one.sentence for one in posed.findings if one.severity == "refuse"]
         if posed.rest is not None:
             rests[mm] = posed.rest

@@ -45,10 +45,12 @@ def pose(
             ("--tension-n", tension, "one tension for each tendon, as 50,40,30,40"),
         )
     ]
+    from sinew.plan.pose import Pose
     from sinew.plan.toml import load_rig
-    from sinew.predict.poses.pose import PoseAsked, find_pose
+    from sinew.predict.poses.pose import Asked, find_pose
 
-    found = find_pose(load_rig(rig), PoseAsked(pretension, bend, azimuth, mode, *given))
+    asked = Asked(pretension, Pose(bend_deg=bend, azimuth_deg=azimuth), mode, *given)
+    found = find_pose(load_rig(rig), asked)
     if out is not None:
         from sinew.figures.pose import draw_pose
         from sinew.figures.style import save_figure

@@ -175,7 +175,7 @@ def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names:
     top = max(_PRETENSION_MM), max(b for p, b in _poses() if p == max(_PRETENSION_MM) and nominal.at(p, b).taut)
     at = _poses().index(top)
     mode = aside.at(*top).of("torsion")
-    other = math.nan if mode is None else mode.tilt_across / mode.torsion
+    other = math.nan if mode is None else mode.tilt_across_per_torsion
     quasi, less = 0.5 * math.sin(math.radians(top[1])), 50 * (1 - math.cos(math.radians(top[1])))
     return Answer(
         COUPLING,

@@ -11,6 +11,7 @@ from sinew.measure.arrays import Array
 from sinew.measure.estimate import Estimate
 from sinew.mechanics.parameters import CURRENT
 from sinew.mechanics.space import Space
+from sinew.plan.pose import swing_of_bend
 from sinew.plan.rig import RigSpec
 from sinew.solve.spatial import (
     Around,
@@ -61,8 +62,7 @@ def tensions_over_bend(
     """Return the tension of each tendon [N] in poses held by position, (bend, tendon); NaN where there is none."""
     configure()
     space, contact = space_from_rig(rig), rig.tendons.first_contact_tension.value
-    azimuth = math.radians(azimuth_deg)
-    direction = np.array([-math.sin(azimuth), math.cos(azimuth)])
+    direction = np.array(swing_of_bend(1.0, math.radians(azimuth_deg)))
     rows = []
     for one in bends_deg:
         found = bend(space, contact, 1e-3 * pretension_mm, math.radians(one) * direction)[1]
@@ -155,8 +155,7 @@ class _Loaded:
         self.rig, self.height = rig, height
         bare, contact = space_from_rig(rig), rig.tendons.first_contact_tension.value
         self.held, upright = rest(bare, contact, np.full(rig.tendons.count, 1e-3 * pretension_mm))
-        azimuth = math.radians(azimuth_deg)
-        self.tilt = math.radians(bend_deg) * np.array([-math.sin(azimuth), math.cos(azimuth)])
+        self.tilt = np.array(swing_of_bend(math.radians(bend_deg), math.radians(azimuth_deg)))
         self.q, self.across = upright.q, np.zeros(2)
         count = max(1, math.ceil(bend_deg / 4))
         for i in range(1, count + 1):

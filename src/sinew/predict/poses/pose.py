@@ -18,6 +18,7 @@ from sinew.mechanics.parameters import CURRENT, POSITION, TENDON_MODES
 from sinew.mechanics.rod import grid, rest_strains, rod_poses
 from sinew.mechanics.space import Space
 from sinew.plan.check import Finding
+from sinew.plan.pose import STRAIGHT, Pose, bend_of_swing, swing_of_bend
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
 from sinew.predict.joints.validity import STRAIN, largest_strain
 from sinew.solve.spatial import (
@@ -45,16 +46,15 @@ _PRETENSION_STEP, _LEAST_STEP = 4e-3, 2e-4
 _CHORD_POINTS = np.linspace(0.0, 1.0, 41)
 
 
-class PoseAsked(NamedTuple):
-    """What is asked of a rig: pretension, bend and azimuth of its head, or the take-ups or tensions of its tendons.
+class Asked(NamedTuple):
+    """What is asked of the tendons of a rig: to hold a pose at a pretension, or take-ups or tensions of their own.
 
     mode: of the motors. take_up_mm: of each tendon from first contact; tension_n: that the currents hold. Where one of
-    them is given, bend and azimuth are what comes out.
+    them is given, the pose is what comes out.
     """
 
     pretension_mm: float = 6.0
-    bend_deg: float = 0.0
-    azimuth_deg: float = 0.0
+    pose: Pose = STRAIGHT
     mode: str = "position"
     take_up_mm: tuple[float, ...] | None = None
     tension_n: tuple[float, ...] | None = None
@@ -66,9 +66,8 @@ class PoseAsked(NamedTuple):
 
     @property
     def swing(self) -> Array:
-        """Return pitch and roll [rad], the rotation vector of the swing about y and z of frame B."""
-        azimuth = math.radians(self.azimuth_deg)
-        return math.radians(self.bend_deg) * np.array([-math.sin(azimuth), math.cos(azimuth)])
+        """Return pitch and roll of the pose [rad], (2,)."""
+        return np.array(self.pose.swing_rad)
 
     def words(self) -> str:
         """Return what is asked in a few words."""
@@ -76,8 +75,7 @@ class PoseAsked(NamedTuple):
             return f"take-ups of {', '.join(f'{mm:g}' for mm in self.take_up_mm)} mm"
         if self.tension_n is not None:
             return f"tensions of {', '.join(f'{n:g}' for n in self.tension_n)} N"
-        towards = f" towards {self.azimuth_deg:g}°" if self.bend_deg else ""
-        return f"a bend of {self.bend_deg:g}°{towards} at {self.pretension_mm:g} mm"
+        return f"{self.pose.words()} at {self.pretension_mm:g} mm"
 
 
 class Slack(NamedTuple):
@@ -118,7 +116,7 @@ class Posed:
     """
 
     rig: RigSpec
-    asked: PoseAsked
+    asked: Asked
     space: Space
     rest: Rest | None
     why: str
@@ -139,13 +137,14 @@ class Posed:
     def document(self) -> dict[str, Any]:
         """Return it as JSON holds it; see docs/reference/json.md."""
         rig, asked, at_rest = self.rig, self.asked, self.rest
+        bend_deg, azimuth_deg = asked.pose.bend_and_azimuth_deg
         document: dict[str, Any] = {
             "rig": rig.name,
             "mode": asked.mode,
             "asked": {
                 "pretension_mm": asked.pretension_mm if asked.wants_tilt else None,
-                "bend_deg": asked.bend_deg if asked.wants_tilt else None,
-                "azimuth_deg": asked.azimuth_deg if asked.wants_tilt else None,
+                "bend_deg": bend_deg if asked.wants_tilt else None,
+                "azimuth_deg": azimuth_deg if asked.wants_tilt else None,
                 "take_up_mm": None if asked.take_up_mm is None else list(asked.take_up_mm),
                 "tension_n": None if asked.tension_n is None else list(asked.tension_n),
             },
@@ -160,12 +159,13 @@ class Posed:
         }
         if at_rest is None or self.shape is None:
             return document
-        pitch, roll = map(math.degrees, at_rest.at.tilt)
+        pitch, roll = map(float, at_rest.at.tilt)
+        bend_deg, azimuth_deg = map(math.degrees, bend_of_swing(pitch, roll))
         document["pose"] = {
-            "bend_deg": math.hypot(pitch, roll),
-            "azimuth_deg": math.degrees(math.atan2(-pitch, roll)),
-            "pitch_deg": pitch,
-            "roll_deg": roll,
+            "bend_deg": bend_deg,
+            "azimuth_deg": azimuth_deg,
+            "pitch_deg": math.degrees(pitch),
+            "roll_deg": math.degrees(roll),
             "torsion_deg": math.degrees(float(at_rest.at.torsion)),
             "head_mm": [1e3 * float(x) for x in self.shape.line[-1]],
             "stretch": 1 + float(at_rest.q[3, 0]),
@@ -211,9 +211,9 @@ class Posed:
         ]
         columns = ("tendon", "take-up/mm", "tension/N", "current/A", "from surface/mm", "sagitta/mm")
         pose, margins = document["pose"], document["margins"]
-        x, y, z = pose["head_mm"]
+        place = ", ".join(fixed(x, 1) for x in pose["head_mm"])
         lines = [
-            f"head at {x:.1f}, {y:.1f}, {z:.1f} mm (x, y, z), bent by {fixed(pose['bend_deg'], 2)}° towards "
+            f"head at {place} mm (x, y, z), bent by {fixed(pose['bend_deg'], 2)}° towards "
             f"{fixed(pose['azimuth_deg'], 1)}° (pitch {fixed(pose['pitch_deg'], 2)}°, roll "
             f"{fixed(pose['roll_deg'], 2)}°), twisted by {fixed(pose['torsion_deg'], 3)}°",
             f"the silicone's surface is strained by {margins['strain']:.0%}; the softest way out of the pose is "
@@ -237,7 +237,7 @@ class Posed:
             yield f"it does not buckle up to {buckling.up_to_mm:g} mm of pretension, as far as it was followed"
 
 
-def find_pose(rig: RigSpec, asked: PoseAsked, *, outlook: bool = True) -> Posed:
+def find_pose(rig: RigSpec, asked: Asked, *, outlook: bool = True) -> Posed:
     """Return where a rig's joint rests, and what speaks against it.
 
     outlook: look for the bend from which on a tendon is slack, and for the pretension that makes the pose buckle.
@@ -246,8 +246,10 @@ def find_pose(rig: RigSpec, asked: PoseAsked, *, outlook: bool = True) -> Posed:
     error: it is refused in `findings`. Raises SpecError where the rig knows no space, or the numbers cannot be meant.
 
     >>> import sinew as sn
-    >>> from sinew.predict.poses.pose import PoseAsked, find_pose
-    >>> bool(find_pose(sn.load_rig("paper"), PoseAsked(6.0, 20.0), outlook=False).rest.taut)
+    >>> from sinew.plan.pose import Pose
+    >>> from sinew.predict.poses.pose import Asked, find_pose
+    >>> asked = Asked(6.0, Pose(bend_deg=20, azimuth_deg=0))
+    >>> bool(find_pose(sn.load_rig("paper"), asked, outlook=False).rest.taut)
     True
     """
     _check(rig, asked)
@@ -273,11 +275,9 @@ def find_pose(rig: RigSpec, asked: PoseAsked, *, outlook: bool = True) -> Posed:
     return Posed(**{**posed.__dict__, "findings": findings})
 
 
-def _check(rig: RigSpec, asked: PoseAsked) -> None:
+def _check(rig: RigSpec, asked: Asked) -> None:
     if asked.mode not in TENDON_MODES:
         raise SpecError(f"found the mode {asked.mode!r}, expected one of {', '.join(TENDON_MODES)}")
-    if not 0 <= asked.bend_deg <= 90:
-        raise SpecError(f"found a bend of {asked.bend_deg:g}°, expected 0 to 90°; turn the azimuth for the other side")
     if not 0 <= asked.pretension_mm <= 100:
         raise SpecError(f"found a pretension of {asked.pretension_mm:g} mm, expected 0 to 100: cables cannot push")
     for name, values in (("take-ups", asked.take_up_mm), ("tensions", asked.tension_n)):
@@ -292,7 +292,7 @@ def _check(rig: RigSpec, asked: PoseAsked) -> None:
         raise SpecError(f"found a tension of {min(asked.tension_n):g} N, expected zero or more: cables cannot push")
 
 
-def _rest_of(space: Space, contact: float, asked: PoseAsked) -> tuple[Space, Rest | None, str]:
+def _rest_of(space: Space, contact: float, asked: Asked) -> tuple[Space, Rest | None, str]:
     """Return (parameters, rest or None, why it is refused); one that is found and does not stay comes with a why."""
     if asked.tension_n is not None:
         there, found = rest_by_tension(space, contact, np.array(asked.tension_n))
@@ -329,7 +329,7 @@ def _rest_of(space: Space, contact: float, asked: PoseAsked) -> tuple[Space, Res
     return there, found, ""
 
 
-def _asked_findings(rig: RigSpec, asked: PoseAsked) -> Iterator[Finding]:
+def _asked_findings(rig: RigSpec, asked: Asked) -> Iterator[Finding]:
     low, high = rig.limits.pretension_mm
     if asked.wants_tilt and not low <= asked.pretension_mm <= high:
         yield Finding(
@@ -477,11 +477,11 @@ def surface_strain(q: Array, space: Space, radius: float) -> float:
 # How far the joint may go.
 
 
-def slack_bend(space: Space, contact: float, asked: PoseAsked) -> Slack | None:
+def slack_bend(space: Space, contact: float, asked: Asked) -> Slack | None:
     """Return where the first tendon goes slack as the joint bends towards an azimuth at a pretension; None where none
     does up to `FURTHEST_DEG`. Motors that hold currents: where the first would have to push."""
     way = _Way.begin(space, contact, asked)
-    direction = np.array([-math.sin(math.radians(asked.azimuth_deg)), math.cos(math.radians(asked.azimuth_deg))])
+    direction = np.array(swing_of_bend(1.0, asked.pose.azimuth_rad))
 
     def lowest(bend_rad: float) -> float:
         pull = way.pull(bend_rad * direction)
@@ -511,7 +511,7 @@ class _Way:
     tendon: int = 0
 
     @classmethod
-    def begin(cls, space: Space, contact: float, asked: PoseAsked) -> "_Way":
+    def begin(cls, space: Space, contact: float, asked: Asked) -> "_Way":
         there, upright = rest(space, contact, np.full(space.cable_end.shape, 1e-3 * asked.pretension_mm))
         if asked.mode == "current":
             there = in_mode(there, CURRENT)
@@ -533,7 +533,7 @@ class _Way:
         return np.asarray(pull)
 
 
-def buckling_pretension(space: Space, contact: float, asked: PoseAsked, up_to_mm: float) -> Buckling | None:
+def buckling_pretension(space: Space, contact: float, asked: Asked, up_to_mm: float) -> Buckling | None:
     """Return where a tilt stops being stable as the pretension rises, with the motors in their mode.
 
     The pose is followed by position, stable or not, from the pretension that is asked: upwards where it is stable
