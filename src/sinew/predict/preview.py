@@ -54,7 +54,7 @@ def held_preview(plan: Plan, rig: RigSpec) -> tuple[Preview, dict[float, Rest]]:
             rests[mm] = posed.rest
             slack = [str(i + 1) for i in np.flatnonzero(posed.rest.at.tension <= 0)]
             if slack:
-                tendons = f"tendon{'s' if len(slack) > 1 else ''} {' and '.join(slack)}"
+                tendons = f"tendon{'s' if len(slack) > 1 else ''} {', '.join(slack)}"
                 sentences.append(f"{tendons} would be slack, expected all taut; raise the pretension or bend less")
         refused += [Finding("refuse", f"{plan.rest_pose.words()} at {mm:g} mm: {sentence}") for sentence in sentences]
     preview = check_plan(plan, rig)
