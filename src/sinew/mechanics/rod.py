@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import NDArray
 
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.silicone import relaxation_times, twist_rigidity
@@ -217,7 +218,7 @@ class Sections(NamedTuple):
     spins: jax.Array
     moves: jax.Array
 
-    def velocities(self, points: jax.Array, section: jax.Array) -> jax.Array:
+    def velocities(self, points: jax.Array, section: NDArray[np.intp]) -> jax.Array:
         """Return the velocity by coordinates' rates of points (point, 3) [m] fixed to sections: (point, 3, c)."""
         return self.moves[section] + _across(points, self.spins[section])
 
@@ -234,11 +235,11 @@ class Rates(NamedTuple):
     spin_bias: jax.Array
     drift_bias: jax.Array
 
-    def velocity(self, points: jax.Array, section: jax.Array) -> jax.Array:
+    def velocity(self, points: jax.Array, section: NDArray[np.intp]) -> jax.Array:
         """Return the velocity of points (point, 3) [m] that are fixed to sections [m/s]."""
         return self.drift[section] + jnp.cross(self.spin[section], points)
 
-    def acceleration(self, points: jax.Array, section: jax.Array) -> jax.Array:
+    def acceleration(self, points: jax.Array, section: NDArray[np.intp]) -> jax.Array:
         """Return the acceleration of such points where coordinates do not accelerate [m/s²]."""
         centripetal = jnp.cross(self.spin[section], self.velocity(points, section))
         return self.drift_bias[section] + jnp.cross(self.spin_bias[section], points) + centripetal

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
 from sinew.mechanics.drive import commanded_angle, duty, horn_torque
@@ -263,7 +264,7 @@ def motion_of(q: jax.Array, q_rate: jax.Array, lever: jax.Array, lever_rate: jax
     return Motion(mass, lever_row, bias, lever_bias, spin, spin_bias, sections, rates)
 
 
-def _mass_points(sections: Sections, space: Space) -> tuple[jax.Array, jax.Array, Array]:
+def _mass_points(sections: Sections, space: Space) -> tuple[jax.Array, jax.Array, NDArray[np.intp]]:
     """Return (centres of mass in B (body, 3) [m], masses (body,) [kg], section that each is fixed to (body,)): of the
     rod's sections at the nodes, of the head, of the lever."""
     heights = jnp.stack([space.head_height, space.lever_height])
@@ -271,7 +272,11 @@ def _mass_points(sections: Sections, space: Space) -> tuple[jax.Array, jax.Array
     rod = jnp.asarray(grid().weights) * space.rod.joint.length * space.rod.line_mass
     masses = jnp.concatenate([rod, jnp.stack([space.head_mass, space.lever_mass])])
     nodes = sections.places.shape[0] - 1
-    return jnp.concatenate([sections.places[:-1], above]), masses, np.append(np.arange(nodes), [nodes, nodes])
+    return (
+        jnp.concatenate([sections.places[:-1], above]),
+        masses,
+        np.array([*range(nodes), nodes, nodes], dtype=np.intp),
+    )
 
 
 class Pull(NamedTuple):

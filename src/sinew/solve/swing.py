@@ -55,7 +55,7 @@ def _observe(
 ) -> jax.Array:
     goal, _, _ = commanded_angle(time_s, space.rod.joint)
     sections, rates, speeding = moved.sections, moved.rates, after.q_rate.ravel()
-    head, plate, end = sections.turned[-1], sections.places[-1:], np.array([-1])
+    head, plate, end = sections.turned[-1], sections.places[-1:], np.array([-1], dtype=np.intp)
     pull = (sections.velocities(plate, end) @ speeding + rates.acceleration(plate, end))[0]
     lever = jnp.stack([state.lever, state.lever_rate, duty(goal - state.lever, space.rod.joint)])
     ends = cable_ends(time_s, space)
@@ -84,7 +84,7 @@ def _split(rows: Array) -> Swing:
     vectors = [rows[a:b] for a, b in itertools.pairwise(edges)]
     rest = rows[edges[-1] :]
     tendons = (rest.shape[0] - 3) // 2
-    return Swing(*vectors, *rest[:3], rest[3 : 3 + tendons], rest[3 + tendons :])
+    return Swing(*vectors, *rest[:3], rest[3 : 3 + tendons], rest[3 + tendons :])  # type: ignore[call-arg]
 
 
 @partial(jax.jit, donate_argnames=("states",))
@@ -123,7 +123,7 @@ def swing(
 
     def run(lanes: NDArray[np.intp], longest: int) -> Array:
         own = jax.tree.map(lambda leaf: np.asarray(leaf)[lanes], space)
-        states = at_rest(np.asarray(q)[lanes], own)
+        states = at_rest(jnp.asarray(np.asarray(q)[lanes]), own)
         rows = []
         for begun in range(0, longest, CHUNK):
             count = min(CHUNK, longest - begun)

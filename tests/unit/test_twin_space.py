@@ -1,0 +1,91 @@
+"""The twin in space: its motion against the torsional twin, its energy and its linear equations; its sensors."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from campaigns.space import (
+    RIG,
+    SAMPLE_HZ,
+    bent,
+    energy_residual,
+    gains,
+    head_of,
+    modes_of,
+    peak,
+    steady,
+    struck_frequencies,
+    struck_lane,
+)
+
+import sinew as sn
+from sinew.measure.attitude import swing_of
+from sinew.measure.errors import SpecError
+from sinew.plan.pose import STRAIGHT
+from sinew.solve.march import runge_kutta, runge_kutta_samples
+from sinew.twin.cache import configure
+from sinew.twin.parameters import Effects
+from sinew.twin.simulate import lane_parameters, simulate_tracks
+from sinew.twin.space import space_lanes, swing_lanes
+
+configure()
+
+
+def test_evaluations_in_a_loop_give_the_steps_of_runge_kutta() -> None:
+    def slope(time_s: jnp.ndarray, y: jnp.ndarray) -> jnp.ndarray:
+        return jnp.stack([y[1], -y[0] + jnp.sin(3 * time_s)])
+
+    step, y = jnp.asarray(0.05), jnp.asarray([1.0, 0.2])
+    expected = [y]
+    for n in range(12):
+        expected.append(runge_kutta(slope, n * step, expected[-1], step))
+    end, seen = runge_kutta_samples(
+        lambda t, y: (slope(t, y), y), jnp.zeros(()), y, 3 * step, jnp.asarray(4), jnp.asarray(3), 6
+    )
+    np.testing.assert_allclose(seen[:4], jnp.stack(expected[0:12:3]), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(end, expected[12], rtol=0, atol=1e-14)
+
+
+def test_tendons_that_hold_a_tension_are_not_driven() -> None:
+    sweep = sn.Sweep(frequency_hz=(3.0,), drive="pitch", amplitude_mm=0.5, repeats=1)
+    held = sn.Pretension(pretension_mm=(4.0,), mode="current")
+    with pytest.raises(SpecError, match="expected motors that hold positions"):
+        sn.simulate(sn.Plan(name="driven", pretension=held, sweep=sweep), RIG)
+
+
+@pytest.mark.slow
+def test_a_straight_joint_in_space_resonates_as_the_torsional_twin() -> None:
+    hz = np.array([3.55, 3.6, 3.65])
+    groups = [steady(f) for f in hz]
+    flat = peak(
+        hz, gains([t.torsion for t in simulate_tracks(lane_parameters(groups, RIG), groups, SAMPLE_HZ)], groups)
+    )
+    swings = swing_lanes(space_lanes(groups, RIG), groups, SAMPLE_HZ)
+    top = peak(hz, gains([head_of(s, STRAIGHT).torsion for s in swings], groups))
+    assert top[0] == pytest.approx(flat[0], rel=2e-3)
+    assert top[1] == pytest.approx(flat[1], rel=5e-3)
+
+
+@pytest.mark.slow
+def test_a_struck_bent_joint_sings_at_its_linear_modes() -> None:
+    lanes = struck_lane(bent(20), 6.0)
+    found = modes_of(lanes)
+    seen = struck_frequencies(lanes, found, bent(20))
+    np.testing.assert_allclose(seen, [m.frequency_hz for m in found], rtol=5e-3)
+
+
+@pytest.mark.slow
+def test_energy_of_a_bent_run_is_kept() -> None:
+    assert energy_residual(space_lanes([steady(3.7, 6.0, pose=bent(20))], RIG), seconds=2.0) < 1e-6
+
+
+@pytest.mark.slow
+def test_a_bent_recording_says_how_the_head_stands_and_what_its_chip_feels() -> None:
+    sweep = sn.Sweep(frequency_hz=(3.5,), settle_s=0.5, periods=1, repeats=1)
+    plan = sn.Plan(name="bent", pose=bent(20), pretension=sn.Pretension(pretension_mm=(6.0,)), sweep=sweep)
+    quiet = Effects().without("sensor_noise", "stamp_jitter", "repeatability")
+    recording = sn.simulate(plan, RIG, effects=quiet)
+    rest = recording.isel(sample=slice(0, 200))
+    np.testing.assert_allclose(np.degrees(swing_of(rest["orientation"].values)), [[-20.0, 0.0]] * 200, atol=1e-3)
+    felt = 9.80665 * np.array([np.cos(np.radians(20)), 0.0, -np.sin(np.radians(20))])
+    np.testing.assert_allclose(rest["acceleration_m_s2"].values[0], felt, atol=1e-3)
+    assert recording.attrs["schema"] == "sinew-recording-2"
