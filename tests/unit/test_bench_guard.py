@@ -168,7 +168,7 @@ def test_a_tendon_whose_part_of_the_tension_falls_is_called_slipping() -> None:
         watch(600, replace(WATCH, resting=False), tendons=with_tendon(2, current=0.5 * CURRENT))
 
 
-def _check_all(guard: Guard, cycles: list[tuple[Reading, float, float, Watch]]) -> None:
+def _check_all(guard: Guard, cycles: list[tuple[Reading, tuple[float, float], float, Watch]]) -> None:
     for cycle in cycles:
         guard.check(*cycle)
 
@@ -178,7 +178,7 @@ def test_a_silent_sensor_is_borne_as_long_as_it_may_be_and_no_longer() -> None:
     guard.imu_patience = 0.5
     for cycle in range(100):
         guard.check(replace(reading(cycle), imu=reading().imu), LEVEL, PERIOD * cycle, WATCH)
-    late = [(replace(reading(cycle), imu=reading().imu), 0.0, PERIOD * cycle, WATCH) for cycle in range(100, 110)]
+    late = [(replace(reading(cycle), imu=reading().imu), LEVEL, PERIOD * cycle, WATCH) for cycle in range(100, 110)]
     with pytest.raises(LostError, match="IMU repeats one sample"):
         _check_all(guard, late)
 
@@ -186,7 +186,7 @@ def test_a_silent_sensor_is_borne_as_long_as_it_may_be_and_no_longer() -> None:
 def test_a_motor_is_not_given_the_sensors_patience() -> None:
     guard = Guard(SPEC)
     guard.imu_patience = 10.0
-    silent = [(replace(reading(cycle), drive=None), 0.0, PERIOD * cycle, WATCH) for cycle in range(30)]
+    silent = [(replace(reading(cycle), drive=None), LEVEL, PERIOD * cycle, WATCH) for cycle in range(30)]
     with pytest.raises(LostError, match="drive has not answered"):
         _check_all(guard, silent)
 

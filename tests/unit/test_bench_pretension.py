@@ -114,7 +114,7 @@ def test_a_plate_whose_sensor_never_answers_is_not_called_level() -> None:
 
 @dataclass
 class Swaying:
-    """A plate with mass on tendons: a mode of 9 Hz, Lehr's damping 0.02; its accelerometer sees how it is pushed, too."""
+    """A plate with mass on tendons: a mode of 9 Hz, Lehr damping 0.02; its accelerometer sees how it is pushed, too."""
 
     lean: tuple[float, float]
     period: float = 0.005

@@ -11,7 +11,7 @@ from sinew.plan.plan import Plan
 from sinew.plan.pose import Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_plan, load_rig
-from sinew.predict.preview import preview_plan
+from sinew.predict.preview import held_preview
 
 RIG = load_rig("paper")
 PLAN = shortened(load_plan("bent"), (3.4, 4.2), 6.0)
@@ -85,10 +85,10 @@ def limited(**limits: object) -> RigSpec:
     ],
 )
 def test_a_pose_that_the_bench_cannot_hold_is_refused_with_its_reason(plan: Plan, rig: RigSpec, says: str) -> None:
-    refusals = " ".join(preview_plan(plan, rig).refusals)
+    refusals = " ".join(held_preview(plan, rig)[0].refusals)
     assert says in refusals
 
 
 def test_a_pose_on_a_rig_that_tells_no_masses_is_refused() -> None:
     with pytest.raises(SpecError, match=r"no \[space\]"):
-        preview_plan(PLAN, RIG.model_copy(update={"space": None}))
+        held_preview(PLAN, RIG.model_copy(update={"space": None}))
