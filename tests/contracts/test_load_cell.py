@@ -104,7 +104,7 @@ def test_a_load_cell_that_falls_silent_ends_the_run_by_name() -> None:
 
     def listen() -> None:
         for _ in range(20):
-            guard.check(bench.rig.read(), np.nan, bench.port.now(), watch)
+            guard.check(bench.rig.read(), (np.nan, np.nan), bench.port.now(), watch)
             bench.port.wait_until(bench.port.now() + 5e-3)
 
     with pytest.raises(LostError, match="load cell has not answered"):

@@ -23,6 +23,8 @@ GIVE = CURRENT * SPEC.tendons.torque_constant.value / RADIUS / SPEC.tendons.serv
 HORN = MotorReading(angle=3.0 - GIVE, speed=0.0, current=CURRENT, duty=0.1, tick=0, alert=False)
 WATCH = Watch(origin=(3.0,) * 4, goals=(3.0,) * 4, resting=True, share=(0.25,) * 4)
 
+LEVEL = (0.0, 0.0)
+
 
 def reading(cycle: int = 0) -> Reading:
     imu = ImuReading((0.0, 0.0, 0.0), (9.81, 0.0, 0.0), counter=5000 * cycle, time=PERIOD * cycle)
@@ -34,7 +36,7 @@ def with_tendon(which: int, **changes: object) -> tuple[MotorReading, ...]:
     return tuple(replace(HORN, **changes) if i == which else HORN for i in range(4))  # type: ignore[arg-type]
 
 
-def watch(cycles: int, watched: Watch = WATCH, tilt: float = 0.0, **changes: object) -> None:
+def watch(cycles: int, watched: Watch = WATCH, tilt: tuple[float, float] = (0.0, 0.0), **changes: object) -> None:
     """Guard so many cycles of which each is at rest but for the changes."""
     guard = Guard(SPEC)
     for cycle in range(cycles):
@@ -71,12 +73,36 @@ def test_a_spike_of_the_drive_current_of_two_cycles_does_not() -> None:
     for cycle in range(100):
         current = 1.5 * LIMITS.drive_current_a if cycle in (50, 51) else 0.5
         lever = replace(HORN, angle=0.0, current=current)
-        guard.check(replace(reading(cycle), drive=lever), 0.0, PERIOD * cycle, WATCH)
+        guard.check(replace(reading(cycle), drive=lever), LEVEL, PERIOD * cycle, WATCH)
 
 
 def test_a_tilt_beyond_its_limit_stops_the_run_in_that_very_cycle() -> None:
     with pytest.raises(LimitError, match="tilt_deg"):
-        watch(1, tilt=math.radians(LIMITS.tilt_deg * 1.01))
+        watch(1, tilt=(math.radians(LIMITS.tilt_deg * 1.01), 0.0))
+
+
+BENT = replace(WATCH, pose=(0.0, math.radians(20.0)))
+
+
+def test_a_head_in_the_pose_that_was_asked_for_is_left_alone() -> None:
+    watch(1, watched=BENT, tilt=BENT.pose)
+
+
+def test_a_bent_head_that_stands_upright_is_stopped_as_one_that_leans_from_its_pose() -> None:
+    with pytest.raises(LimitError, match=r"tilt of the head plate from its pose is 20 °.*tilt_deg"):
+        watch(1, watched=BENT)
+
+
+def test_a_bent_head_that_twists_turns_its_sensor_but_stays_in_its_pose() -> None:
+    # 40° of torsion within 0.2 s, of which a bent head's gyroscope reads (1 + cos 20°)/2; the sensor's tilt turns back.
+    guard, bend, rate = Guard(SPEC), math.radians(20.0), math.radians(200.0)
+    share = (1 + math.cos(bend)) / 2
+    for cycle in range(41):
+        torsion = rate * PERIOD * cycle
+        seen = replace(reading(cycle).imu, gyro=(rate * share if cycle else 0.0, 0.0, 0.0))  # type: ignore[type-var]
+        leaning = (bend * math.sin(torsion), bend * math.cos(torsion))
+        guard.check(replace(reading(cycle), imu=seen), leaning, PERIOD * cycle, BENT)
+    assert math.degrees(guard.torsion) == pytest.approx(40.0, abs=2.5)
 
 
 def swing(share_of_limit: float, cycles: int) -> None:
@@ -85,7 +111,7 @@ def swing(share_of_limit: float, cycles: int) -> None:
     for cycle in range(cycles):
         rate = amplitude * omega * math.cos(omega * PERIOD * cycle)
         imu = ImuReading((rate, 0.0, 0.0), (9.81, 0.0, 0.0), 5000 * cycle, PERIOD * cycle)
-        guard.check(replace(reading(cycle), imu=imu), 0.0, PERIOD * cycle, WATCH)
+        guard.check(replace(reading(cycle), imu=imu), LEVEL, PERIOD * cycle, WATCH)
 
 
 def test_a_swing_beyond_the_limit_of_torsion_stops_the_run() -> None:
@@ -118,8 +144,8 @@ def test_a_sensor_that_repeats_one_sample_is_lost() -> None:
 
 def test_a_pause_of_the_computer_is_not_taken_for_a_silent_device() -> None:
     guard = Guard(SPEC)
-    guard.check(reading(0), 0.0, 0.0, WATCH)
-    guard.check(replace(reading(20), drive=None), 0.0, 20 * PERIOD, WATCH)
+    guard.check(reading(0), LEVEL, 0.0, WATCH)
+    guard.check(replace(reading(20), drive=None), LEVEL, 20 * PERIOD, WATCH)
 
 
 def test_a_tendon_that_stands_elsewhere_than_told_is_called_stuck() -> None:
@@ -142,7 +168,7 @@ def test_a_tendon_whose_part_of_the_tension_falls_is_called_slipping() -> None:
         watch(600, replace(WATCH, resting=False), tendons=with_tendon(2, current=0.5 * CURRENT))
 
 
-def _check_all(guard: Guard, cycles: list[tuple[Reading, float, float, Watch]]) -> None:
+def _check_all(guard: Guard, cycles: list[tuple[Reading, tuple[float, float], float, Watch]]) -> None:
     for cycle in cycles:
         guard.check(*cycle)
 
@@ -151,8 +177,8 @@ def test_a_silent_sensor_is_borne_as_long_as_it_may_be_and_no_longer() -> None:
     guard = Guard(SPEC)
     guard.imu_patience = 0.5
     for cycle in range(100):
-        guard.check(replace(reading(cycle), imu=reading().imu), 0.0, PERIOD * cycle, WATCH)
-    late = [(replace(reading(cycle), imu=reading().imu), 0.0, PERIOD * cycle, WATCH) for cycle in range(100, 110)]
+        guard.check(replace(reading(cycle), imu=reading().imu), LEVEL, PERIOD * cycle, WATCH)
+    late = [(replace(reading(cycle), imu=reading().imu), LEVEL, PERIOD * cycle, WATCH) for cycle in range(100, 110)]
     with pytest.raises(LostError, match="IMU repeats one sample"):
         _check_all(guard, late)
 
@@ -160,7 +186,7 @@ def test_a_silent_sensor_is_borne_as_long_as_it_may_be_and_no_longer() -> None:
 def test_a_motor_is_not_given_the_sensors_patience() -> None:
     guard = Guard(SPEC)
     guard.imu_patience = 10.0
-    silent = [(replace(reading(cycle), drive=None), 0.0, PERIOD * cycle, WATCH) for cycle in range(30)]
+    silent = [(replace(reading(cycle), drive=None), LEVEL, PERIOD * cycle, WATCH) for cycle in range(30)]
     with pytest.raises(LostError, match="drive has not answered"):
         _check_all(guard, silent)
 
@@ -170,7 +196,7 @@ def test_a_rate_that_stands_still_does_not_turn_the_head_further() -> None:
     guard.imu_patience = 1.0
     stuck = ImuReading((10.0, 0.0, 0.0), (9.81, 0.0, 0.0), counter=1, time=0.0)  # 10 rad/s for 0.5 s would be 286°
     for cycle in range(100):
-        guard.check(replace(reading(cycle), imu=stuck), 0.0, PERIOD * cycle, WATCH)
+        guard.check(replace(reading(cycle), imu=stuck), LEVEL, PERIOD * cycle, WATCH)
     assert abs(guard.torsion) < math.radians(10)
 
 
@@ -180,7 +206,7 @@ def test_after_a_standstill_the_means_that_hold_samples_from_before_it_are_unkno
     rig = SimpleNamespace(spec=SPEC, tendons=range(4), motors=(), write_goals=lambda *_: None, read=lambda: told.pop(0))
     clock, guard = SimpleNamespace(now=lambda: 0.0, wait_until=lambda _: None), SimpleNamespace()
     guard.check = guard.forget = lambda *_: None
-    tilt = SimpleNamespace(update=lambda *_: 0.0)
+    tilt = SimpleNamespace(update=lambda *_: 0.0, components=(0.0, 0.0))
     loop = Loop(cast("Any", rig), cast("Any", clock), cast("Any", guard), cast("Any", tilt), PERIOD, lambda _: None)
     known = [not math.isnan(loop.cycle().gyro_rad_s[0]) for _ in range(20)]
     mixed = SPEC.imu.average_samples - 1  # of the means after the standstill, so many reach back before it

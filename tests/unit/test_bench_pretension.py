@@ -110,3 +110,55 @@ def test_a_plate_comes_level_though_its_sensor_misses_every_second_answer() -> N
 def test_a_plate_whose_sensor_never_answers_is_not_called_level() -> None:
     with pytest.raises(LostError):
         level(cast("Any", Plate((0.0, 0.0), missed=10)), lambda offsets: offsets, (0.0, 0.0))
+
+
+@dataclass
+class Swaying:
+    """A plate with mass on tendons: a mode of 9 Hz, Lehr damping 0.02; its accelerometer sees how it is pushed, too."""
+
+    lean: tuple[float, float]
+    period: float = 0.005
+    watch: Any = field(default_factory=lambda: SimpleNamespace(by_current=False))
+    correction: tuple[float, ...] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        self.tilt, self.rate = list(self.lean), [0.0, 0.0]
+
+    def cycle(self) -> Any:
+        omega, arm, pushed = math.tau * 9.0, 0.05, [0.0, 0.0]
+        for _ in range(10):
+            for i in range(2):
+                lacking = self.lean[i] - self.correction[i] - self.tilt[i]
+                pushed[i] = omega**2 * lacking - 0.04 * omega * self.rate[i]
+                self.rate[i] += 0.1 * self.period * pushed[i]
+                self.tilt[i] += 0.1 * self.period * self.rate[i]
+        (y, z), (a, b) = self.tilt, pushed
+        seen = (9.81 * math.cos(math.hypot(y, z)), -9.81 * math.sin(z) + arm * b, 9.81 * math.sin(y) - arm * a)
+        return SimpleNamespace(acceleration_m_s2=seen)
+
+    def set_goals(self, goals: tuple[float, ...]) -> None:
+        self.correction = goals
+
+
+@pytest.mark.parametrize("pose_deg", [0.0, 25.0])
+def test_a_plate_with_mass_comes_to_its_pose_without_being_made_to_sway(pose_deg: float) -> None:
+    pose = (0.0, math.radians(pose_deg))
+    plate = Swaying((math.radians(2.0), math.radians(-1.5) + pose[1]))
+    level(cast("Any", plate), lambda offsets: offsets, (0.0, 0.0), pose)
+    assert math.dist(plate.tilt, pose) < math.radians(2 * GOOD_ENOUGH_DEG)
+
+
+def test_a_pose_is_told_to_each_motor_by_itself() -> None:
+    spec = load_rig("paper")
+    held = {6.0: Held((6.0, 14.0, 6.0, -2.0), (42.0, 69.0, 42.0, 15.0))}
+    motors = MotorMap(spec, "position", Contact((3.0,) * 4, 0.042), held)
+    first, *others = motors.goals(6.0, (0.0, 0.0))
+    apart_mm = [1e3 * spec.tendons.pulley_radius.value * (goal - first) for goal in others]
+    assert apart_mm == pytest.approx([8.0, 0.0, -8.0])
+
+
+def test_a_pose_held_by_currents_has_the_tension_of_each_tendon() -> None:
+    spec = load_rig("paper")
+    held = {6.0: Held((6.0,) * 4, (42.0, 69.0, 42.0, 15.0))}
+    motors = MotorMap(spec, "current", Contact((3.0,) * 4, 0.042), held)
+    assert motors.goals(6.0, (0.0, 0.0)) == pytest.approx([spec.tendons.current(t) for t in (42.0, 69.0, 42.0, 15.0)])

@@ -172,10 +172,14 @@ def test_the_dashboard_refuses_a_bent_plan(ask: Any) -> None:
         ask(dump_plan(BENT), dump_rig(RIG))
 
 
+def test_the_bench_refuses_other_drives_than_the_lever_before_it_asks_anything_of_a_motor() -> None:
+    with pytest.raises(SpecError, match=r"blows about .*, the bench drives the lever alone"):
+        refuse_unready(cast(Any, None), cast(Any, None), SWAYING)
+
+
 def test_check_prints_the_pose(capsys: pytest.CaptureFixture) -> None:
     assert main(["check", "bent"]) == 0
-    told = capsys.readouterr().out
-    assert "pose: a bend of 20° towards 90° (pitch -20.0°, roll 0.0°)" in told
+    assert "pose: a bend of 20° towards 90° (pitch -20.0°, roll 0.0°)" in capsys.readouterr().out
 
 
 def test_the_json_of_a_check_has_the_pose_both_ways(capsys: pytest.CaptureFixture) -> None:

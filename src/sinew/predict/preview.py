@@ -1,7 +1,7 @@
 """The preview of a plan: its check with the twin's tensions and torsions, and what its recording should say."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -26,7 +26,7 @@ def preview_plan(plan: Plan, rig: RigSpec, *, swing: bool = False) -> Preview:
     and not for its torsion; one whose tendons or blows move the head without it, and says so.
     """
     if not plan.rest_pose.is_straight:
-        return held_preview(plan, rig)[0]
+        return held_preview(plan, rig, slack="warn")[0]
     if plan.is_spatial:
         preview = check_plan(plan, rig)
         unforeseen = Finding("warn", "the twin foretells neither tension nor torsion of a head that sways")
@@ -38,27 +38,30 @@ def preview_plan(plan: Plan, rig: RigSpec, *, swing: bool = False) -> Preview:
     return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
 
 
-def held_preview(plan: Plan, rig: RigSpec) -> tuple[Preview, dict[float, Rest]]:
+def held_preview(
+    plan: Plan, rig: RigSpec, slack: Literal["refuse", "warn"] = "refuse"
+) -> tuple[Preview, dict[float, Rest]]:
     """Return (check of a plan with a pose, what holds it at each pretension [mm] where it is found).
 
-    What a bench cannot take is refused: a pose that is not reached or does not stay, a slack tendon, which would not
-    tell when it is pulled again, and tensions, currents and take-ups beyond the rig's limits.
+    Refused is a pose that is not reached or does not stay, and one with tensions, currents or take-ups beyond the rig's
+    limits; so is, on a bench, one with a slack tendon: its motor could not tell where the cable is pulled again.
     """
     rests: dict[float, Rest] = {}
-    refused: list[Finding] = []
+    found: list[Finding] = []
     for mm in plan.pretension.pretension_mm:
         posed = find_pose(rig, Asked(mm, plan.rest_pose, plan.pretension.mode), outlook=False)
-        sentences = [one.sentence for one in posed.findings if one.severity == "refuse"]
-        if posed.rest is not None:
-            rests[mm] = posed.rest
-            slack = [str(i + 1) for i in np.flatnonzero(posed.rest.at.tension <= 0)]
-            if slack:
-                tendons = f"tendon{'s' if len(slack) > 1 else ''} {' and '.join(slack)}"
-                sentences.append(f"{tendons} would be slack, expected all taut; raise the pretension or bend less")
-        refused += [Finding("refuse", f"{plan.rest_pose.words()} at {mm:g} mm: {sentence}") for sentence in sentences]
+        said = f"{plan.rest_pose.words()} at {mm:g} mm: "
+        found += [Finding("refuse", said + one.sentence) for one in posed.findings if one.severity == "refuse"]
+        if posed.rest is None:
+            continue
+        rests[mm] = posed.rest
+        if loose := [str(i + 1) for i in np.flatnonzero(posed.rest.at.tension <= 0)]:
+            tendons = f"tendon{'s' if len(loose) > 1 else ''} {', '.join(loose)}"
+            advice = "would be slack, which a bench refuses; raise the pretension or bend less"
+            found.append(Finding(slack, f"{said}{tendons} {advice}"))
     preview = check_plan(plan, rig)
     tension = tuple(float(np.max(rests[mm].at.tension)) for mm in plan.pretension.pretension_mm if mm in rests)
-    return replace(preview, tension_n=tension, findings=(*preview.findings, *refused)), rests
+    return replace(preview, tension_n=tension, findings=(*preview.findings, *found)), rests
 
 
 def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
