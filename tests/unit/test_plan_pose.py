@@ -2,7 +2,7 @@
 
 import json
 import math
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from sinew.apps.cli import main
 from sinew.apps.dashboard.run_desk import read_specs
 from sinew.apps.dashboard.work.design import preview_document
+from sinew.bench.preflight import refuse_unready
 from sinew.measure.errors import SpecError
 from sinew.plan.check import Preview, check_plan
 from sinew.plan.plan import Plan, require_straight
