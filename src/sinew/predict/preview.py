@@ -1,11 +1,13 @@
 """The preview of a plan: its check with the twin's tensions and torsions, and what its recording should say."""
 
+import math
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import finite
 from sinew.plan.check import Finding, Preview, check_plan
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
@@ -57,7 +59,9 @@ def held_preview(plan: Plan, rig: RigSpec) -> tuple[Preview, dict[float, Rest]]:
                 sentences.append(f"{tendons} would be slack, expected all taut; raise the pretension or bend less")
         refused += [Finding("refuse", f"{plan.rest_pose.words()} at {mm:g} mm: {sentence}") for sentence in sentences]
     preview = check_plan(plan, rig)
-    tension = tuple(float(np.max(rests[mm].at.tension)) for mm in plan.pretension.pretension_mm if mm in rests)
+    tension = tuple(
+        float(np.max(rests[mm].at.tension)) if mm in rests else math.nan for mm in plan.pretension.pretension_mm
+    )
     return replace(preview, tension_n=tension, findings=(*preview.findings, *refused)), rests
 
 
@@ -99,7 +103,7 @@ def told_preview(plan: Plan, rig: RigSpec, preview: Preview) -> dict[str, Any]:
         "samples": preview.samples,
         "full_amplitude_hz": preview.full_amplitude_hz,
         "drive": [{"frequency_hz": f, "amplitude_deg": a, "current_a": c} for f, a, c in drive],
-        "tension": [{"pretension_mm": p, "tension_n": t} for p, t in tension],
+        "tension": [{"pretension_mm": p, "tension_n": finite(t)} for p, t in tension],
         "torsion": [{"pretension_mm": p, "torsion_deg": t} for p, t in torsion],
         "findings": [{"severity": f.severity, "sentence": f.sentence} for f in preview.findings],
     }
