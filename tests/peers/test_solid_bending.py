@@ -20,11 +20,11 @@ configure()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ratio", EXACT_LOADS)
+@pytest.mark.parametrize("ratio", [ratio for ratio in EXACT_LOADS if ratio < 0.3])
 def test_between_guided_plates_the_rod_sways_at_the_exact_load(ratio: float) -> None:
-    # 2.3 % is how far the law of bending is from the solid; 1.3 % more is what order 2 is from the buckled shape.
+    # Stouter ones are compressed by a third before they buckle, and order 2 is 3.6 % off there.
     load = critical(lambda stretch: rod_sway(1 / ratio, stretch), 0.65, 0.999)
-    assert load == pytest.approx(EXACT_LOADS[ratio], rel=0.036)
+    assert load == pytest.approx(EXACT_LOADS[ratio], rel=0.03)
 
 
 @pytest.mark.slow

@@ -23,6 +23,10 @@ def test_the_torsion_of_a_straight_joint_is_nothing_else(finder: Finder) -> None
     assert torsion.tilt_across == pytest.approx(0, abs=1e-9)
 
 
+def test_a_straight_torsion_tilts_nothing_not_even_by_what_rounding_leaves(finder: Finder) -> None:
+    assert finder.at(12, 0).modes[0].tilt_across_per_torsion == 0
+
+
 def test_the_torsion_of_a_straight_joint_is_that_of_its_inertia_and_stiffness(finder: Finder) -> None:
     linear, space = finder.linear(12, 0)
     mode = finder.at(12, 0).modes[0]

@@ -11,9 +11,10 @@ from sinew.apps.cli import main
 from sinew.measure.errors import SpecError
 from sinew.mechanics.column import column_load
 from sinew.plan.pose import Pose
-from sinew.plan.toml import load_rig
+from sinew.plan.toml import load_plan, load_rig
 from sinew.predict.joints.design import section_of, shear_modulus_of
 from sinew.predict.poses.pose import Asked, find_pose
+from sinew.predict.preview import preview_plan
 
 RIG = load_rig("paper")
 
@@ -61,9 +62,19 @@ def test_take_ups_of_motors_that_hold_currents_are_refused() -> None:
         find_pose(RIG, Asked(mode="current", take_up_mm=(6.0, 6.0, 6.0, 6.0)))
 
 
+def test_tensions_of_a_plan_stand_beside_their_pretensions_where_one_has_no_pose() -> None:
+    bent = load_plan("bent")
+    pretension = bent.pretension.model_copy(update={"pretension_mm": (0.0, 12.0), "mode": "current"})
+    asked = {"pretension": pretension, "pose": Pose(bend_deg=30, azimuth_deg=0)}
+    none, some = preview_plan(bent.model_copy(update=asked), RIG).tension_n
+    assert np.isnan(none)
+    assert some > 50
+
+
 @command_lines("""
     pose paper --bend-deg 95 => --bend-deg is 95, expected 0 to 90
     pose paper --take-up-mm 1,2,3 => found 3 take-ups, expected one for each of 4 tendons
+    pose paper --take-up-mm 6,6,6,6 --bend-deg 20 => beside what the tendons do
     pose paper --tension-n 50,40,30,40 => give take-ups, or the mode current
     pose paper --mode current --tension-n 50,40,30,-4 => cables cannot push
     pose paper --out pose.txt => expected a name that ends with .png, .pdf or .svg

@@ -589,10 +589,10 @@ def _space_told(document: dict[str, Any]) -> list[Table | str]:
         cells = [
             (
                 *map(number, where),
-                *(shown(of[name]["amplitude_deg"]) for name in CHANNELS),
-                shown(of["out-of-plane"]["coupling_ratio"]),
-                shown(of["out-of-plane"]["lag_behind_torsion_deg"]),
-                shown(of["in-plane"]["second_harmonic_deg"]),
+                *(_three_digits(of[name]["amplitude_deg"]) for name in CHANNELS),
+                _three_digits(of["out-of-plane"]["coupling_ratio"]),
+                _three_digits(of["out-of-plane"]["lag_behind_torsion_deg"]),
+                _three_digits(of["in-plane"]["second_harmonic_deg"]),
             )
             for where, of in at.items()
         ]
@@ -620,6 +620,11 @@ def _space_told(document: dict[str, Any]) -> list[Table | str]:
         columns = ("excitation", "pretension/mm", *list(_DECAY_COLUMNS.values())[:3])
         told.append(Table(columns, cells, "decays in bending: mean ± standard deviation of it"))
     return told
+
+
+def _three_digits(estimate: dict[str, Any]) -> str:
+    """Return "value ± std" with at most three digits, so that eight columns stay side by side."""
+    return pair(estimate["value"], estimate["std"], most=3)
 
 
 def _resonance_table(rows: list[dict[str, Any]]) -> Table:

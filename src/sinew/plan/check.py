@@ -359,7 +359,8 @@ def _pose_findings(plan: Plan, rig: RigSpec, torsion_deg: Sequence[float]) -> It
             f"plan asks for {pose.words()}, the rig allows {limits.most_bend_deg:g}°; change [pose]",
         )
     low, high = limits.tendon_travel_mm
-    cable_mm = rig.tendons.head_radius.value * 1e3 * pose.bend_rad
+    turned = 2 * np.pi * np.arange(rig.tendons.count) / rig.tendons.count - pose.azimuth_rad
+    cable_mm = 1e3 * rig.tendons.head_radius.value * pose.bend_rad * float(np.max(np.abs(np.cos(turned))))
     for pretension in (min(plan.pretension.pretension_mm), max(plan.pretension.pretension_mm)):
         if not low <= pretension - cable_mm or not pretension + cable_mm <= high:
             yield Finding(

@@ -1,11 +1,13 @@
 """The preview of a plan: its check with the twin's tensions and torsions, and what its recording should say."""
 
+import math
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 
 from sinew.measure.errors import RecordingError
+from sinew.measure.estimate import finite
 from sinew.plan.check import Finding, Preview, check_plan
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
@@ -60,7 +62,9 @@ def held_preview(
             advice = "would be slack, which a bench refuses; raise the pretension or bend less"
             found.append(Finding(slack, f"{said}{tendons} {advice}"))
     preview = check_plan(plan, rig)
-    tension = tuple(float(np.max(rests[mm].at.tension)) for mm in plan.pretension.pretension_mm if mm in rests)
+    tension = tuple(
+        float(np.max(rests[mm].at.tension)) if mm in rests else math.nan for mm in plan.pretension.pretension_mm
+    )
     return replace(preview, tension_n=tension, findings=(*preview.findings, *found)), rests
 
 
@@ -102,7 +106,7 @@ def told_preview(plan: Plan, rig: RigSpec, preview: Preview) -> dict[str, Any]:
         "samples": preview.samples,
         "full_amplitude_hz": preview.full_amplitude_hz,
         "drive": [{"frequency_hz": f, "amplitude_deg": a, "current_a": c} for f, a, c in drive],
-        "tension": [{"pretension_mm": p, "tension_n": t} for p, t in tension],
+        "tension": [{"pretension_mm": p, "tension_n": finite(t)} for p, t in tension],
         "torsion": [{"pretension_mm": p, "torsion_deg": t} for p, t in torsion],
         "findings": [{"severity": f.severity, "sentence": f.sentence} for f in preview.findings],
     }

@@ -57,14 +57,13 @@ def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> No
 
 
 def _print_tensions(plan: "Plan", preview: "Preview") -> None:
-    twists = [fixed(twist, 0) for twist in preview.torsion_deg] or [""] * len(preview.tension_n)
+    twists = [fixed(twist, 0) for twist in preview.torsion_deg] or ["–"] * len(preview.tension_n)
     held = [
         (f"{p:g}", fixed(t, 1), twist)
         for p, t, twist in zip(plan.pretension.pretension_mm, preview.tension_n, twists, strict=True)
     ]
-    console.print_table(
-        ("pretension/mm", "tension of each tendon at rest/N", "largest torsion/°"), held, "tendons and torsion"
-    )
+    whose = "tension of each tendon" if plan.rest_pose.is_straight else "largest tension of a tendon"
+    console.print_table(("pretension/mm", f"{whose} at rest/N", "largest torsion/°"), held, "tendons and torsion")
 
 
 def _time(seconds: float) -> str:

@@ -45,6 +45,8 @@ def pose(
             ("--tension-n", tension, "one tension for each tendon, as 50,40,30,40"),
         )
     ]
+    if any(given) and (bend or azimuth):
+        raise SpecError("found --bend-deg or --azimuth-deg beside what the tendons do, from which the pose follows")
     from sinew.plan.pose import Pose
     from sinew.plan.toml import load_rig
     from sinew.predict.poses.pose import Asked, find_pose
@@ -91,9 +93,7 @@ def workspace(
     """
     console.check_choice("--mode", mode, MODES)
     console.checked_number("--step-deg", step, "0.1 to 40", low=0.1, high=40)
-    pretensions = console.number_list(
-        "--pretension-mm", pretension, "zero or more: cables cannot push", low=0, high=100
-    )
+    pretensions = console.number_list("--pretension-mm", pretension, "0 to 100: cables cannot push", low=0, high=100)
     _check_picture(out)
     from sinew.plan.toml import load_rig
     from sinew.predict.poses.workspace import map_workspace
