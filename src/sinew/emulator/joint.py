@@ -76,7 +76,7 @@ class Now(NamedTuple):
 
 
 class TendonOrder(NamedTuple):
-    """What the host asks of the tendon motors, by tendon.
+    """What the host asks of the tendon motors, by tendon; or of one of them.
 
     cable_end: ℓ_0, where the cable goes slack with nothing taken up [m]. goal: of w [m], approached at `speed` [m/s].
     compliance: of the servo [m/N]. limit: of the tension wanted [N]. duty: the largest. stall: tension at full duty
@@ -84,18 +84,18 @@ class TendonOrder(NamedTuple):
     may_wind, may_pay: 1 where the horn may turn that way. follows: 1 where w starts from the horn at each step.
     """
 
-    cable_end: Numbers
-    goal: Numbers
-    speed: Numbers
-    compliance: Numbers
-    limit: Numbers
-    duty: Numbers
-    stall: Numbers
-    fastest: Numbers
-    wind_cap: Numbers
-    may_wind: Numbers
-    may_pay: Numbers
-    follows: Numbers
+    cable_end: Any
+    goal: Any
+    speed: Any
+    compliance: Any
+    limit: Any
+    duty: Any
+    stall: Any
+    fastest: Any
+    wind_cap: Any
+    may_wind: Any
+    may_pay: Any
+    follows: Any
 
 
 class DriveOrder(NamedTuple):
