@@ -76,7 +76,7 @@ class Now(NamedTuple):
 
 
 class TendonOrder(NamedTuple):
-    """What the host asks of the tendon motors, by tendon.
+    """What the host asks of the tendon motors, by tendon; or of one of them.
 
     cable_end: ℓ_0, where the cable goes slack with nothing taken up [m]. goal: of w [m], approached at `speed` [m/s].
     compliance: of the servo [m/N]. limit: of the tension wanted [N]. duty: the largest. stall: tension at full duty

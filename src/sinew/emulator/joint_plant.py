@@ -158,7 +158,7 @@ class JointPlant:
     untensioned and untilted [m]; negative: taut. rest_tilt: to which the unloaded continuum is bent, about y and z of
     frame B [rad]. motors_at: angles of the horns at time zero [rad], tendons first, then the drive; zero if not given.
     in_space: whether the joint is a rod with a heavy head, which bends and sways; else its head has no inertia across
-    its axis, and a second of it costs a tenth.
+    its axis, and a second of it costs a thirtieth.
 
     All motors are off at first, and fed with the rig's drive.supply_voltage. The joint starts untwisted and unpulled,
     at its rest tilt; in space it hangs under its weight. It moves in ticks of `joint.TICK_S`; `motion` tells how it has

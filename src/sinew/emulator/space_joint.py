@@ -110,8 +110,7 @@ def space_of(spec: RigSpec, rest_tilt: tuple[float, float]) -> tuple[Space, floa
     space = space._replace(rod=space.rod._replace(joint=joint))
     held = in_mode(space, POSITION)._replace(cable_end=tense - contact / cable)
     slowed = slow_down(linear_equations(q, held), held)
-    about_y, about_z = space.rod.rest_bend
-    bent = (about_y + rest_tilt[0], about_z + rest_tilt[1])
+    bent = (space.rod.rest_bend[0] + rest_tilt[0], space.rod.rest_bend[1] + rest_tilt[1])
     driven = in_mode(slowed, CURRENT)
     return driven._replace(rod=driven.rod._replace(rest_bend=bent)), float(ends.mean())
 
