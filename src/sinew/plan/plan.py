@@ -403,7 +403,7 @@ def require_straight(plan: Plan, who: str) -> None:
     asked = [*([] if plan.rest_pose.is_straight else [plan.rest_pose.words()]), *_other_drives(plan)]
     raise SpecError(
         f"plan {plan.name} asks for {' and '.join(asked)}, {who} knows an upright head that the lever turns; "
-        "`sinew check` judges such a plan, and without [pose], [impulse] and other drives it can be run"
+        "`sinew check` and `sinew simulate` take such a plan; leave out [pose], [impulse] and other drives here"
     )
 
 
