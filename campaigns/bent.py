@@ -40,7 +40,8 @@ from sinew.twin.simulate import simulate
 FAULTS = ("unplug", "imu-freeze", "overload:motor=2")
 """What may happen to a bent run, without its time."""
 
-_AFTER_S = 0.3  # without a host: long enough for the watchdogs
+_WATCHDOG_S = 0.3  # without a host, so that the bus watchdogs can act
+_REST_MOST_S = 4.0  # until a joint that swings in held tendons is at rest
 
 
 class Truth(NamedTuple):
@@ -109,7 +110,10 @@ def run_bent(plan: Plan, spec: RigSpec, seed: int = 0, fault: str = "") -> BentR
             runner = Runner(rig, port, plan, journal, tension, held=held, listener=watcher)
             report = runner.run()
         recording = recording_from_journal(path) if report.groups_done else None
-    port.rig.advance(port.rig.time + _AFTER_S)
+    ended = port.rig.time
+    port.rig.advance(ended + _WATCHDOG_S)
+    while port.rig.time < ended + _REST_MOST_S and not emulated.in_safe_state():
+        port.rig.advance(port.rig.time + 0.1)
     return BentRun(report, watcher.truth(), recording, emulated.in_safe_state())
 
 

@@ -40,9 +40,9 @@ ACCEPTED_DEG = 0.2
 MOST_S = 15.0
 """After so long levelling ends, well or not [s]."""
 
-# The plate sways on its tendons, at 9 Hz with little damping, and an accelerometer takes that for some fifteen times
-# the tilt that it is. So the controller is slow and looks through two low-passes: a proportional part, or one low-pass
-# of 80 ms with an integrator of 1.5 per second, makes a head of 0.8 kg sway until a limit stops it.
+# The plate sways on its tendons at 9 Hz with little damping, and an accelerometer takes that for some fifteen times the
+# tilt that it is. So the controller is slow and looks through two low-passes: a proportional part, or one low-pass of
+# 80 ms with an integrator of 1.5 per second, makes a head of 0.8 kg sway until a limit stops it.
 _INTEGRAL = 1.0  # 1/s
 _SMOOTHING_S = 0.3
 _JUDGED_S = 0.3
