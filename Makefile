@@ -9,7 +9,7 @@ PYTHON ?=
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help setup setup-dev reproduce serve screenshots answers pictures test test-slow test-realtime check bench peers campaign docs reference lock clean
+.PHONY: help setup setup-dev reproduce serve screenshots answers pictures test test-slow test-long test-realtime check bench peers campaign docs reference lock clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -32,15 +32,18 @@ screenshots: $(VENV)/.dev ## the pictures of the dashboard in README and docs, f
 # Two workers on two cores: a second thread of BLAS only waits for its first. XLA compiles a third faster without its
 # fusion emitters; no number of `make reproduce` moved by 1e-9. Files of tests run in their order, for by number of tests
 # the longest would come last and alone.
-test test-slow: export OPENBLAS_NUM_THREADS ?= 1
-test test-slow: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false
+test test-slow test-long: export OPENBLAS_NUM_THREADS ?= 1
+test test-slow test-long: export XLA_FLAGS ?= --xla_cpu_use_fusion_emitters=false
 TESTS := $(BIN)/python -m pytest -q -n auto --dist loadfile --no-loadscope-reorder
 
 test: $(VENV)/.dev ## the fast tests
 	$(TESTS) --maxprocesses 4 -m "not slow and not hardware"
 
 test-slow: $(VENV)/.dev ## the long proofs: coverage of intervals, the whole campaign, executed tutorials
-	$(TESTS) --maxprocesses 2 --durations=30 -m "slow and not realtime and not hardware"
+	$(TESTS) --maxprocesses 2 --durations=30 -m "slow and not long and not realtime and not hardware"
+
+test-long: $(VENV)/.dev ## the longest proofs: intervals counted over whole campaigns, long tutorials
+	$(TESTS) --maxprocesses 2 --durations=10 -m "long and not hardware"
 
 test-realtime: $(VENV)/.dev ## proofs that keep time with an emulated bench; nothing else should run beside them
 	$(BIN)/python -m pytest -q -m "slow and realtime and not hardware"

@@ -2,8 +2,8 @@
 
 Every Markdown page under docs, and README, is one test: its ```python blocks, and the lines of its ```console blocks
 that start with `$ sinew`, run in order in one empty folder, and each must end well. Other lines of a console block are
-what the reader sees. A page that takes long says `<!-- test: slow -->`; one that runs a bench says
-`<!-- test: realtime -->`.
+what the reader sees. A page that takes long says `<!-- test: slow -->`, one that takes minutes `<!-- test: long -->`;
+one that runs a bench says `<!-- test: realtime -->`.
 """
 
 from pathlib import Path
@@ -20,6 +20,7 @@ def pages() -> list[object]:
         text = path.read_text(encoding="utf-8")
         if "_build" not in path.parts and steps(text):
             marks = [pytest.mark.slow] if "<!-- test: slow -->" in text else []
+            marks += [pytest.mark.slow, pytest.mark.long] if "<!-- test: long -->" in text else []
             marks += [pytest.mark.slow, pytest.mark.realtime] if "<!-- test: realtime -->" in text else []
             found.append(pytest.param(path, marks=marks, id=path.relative_to(ROOT).as_posix()))
     return found

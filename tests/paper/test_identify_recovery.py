@@ -2,7 +2,7 @@ import pytest
 from campaigns.options import spread_trials
 from campaigns.recovery import covered, run_trial, table
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 def test_hidden_rigs_lie_inside_their_intervals_as_often_as_they_should() -> None:

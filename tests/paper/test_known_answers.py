@@ -151,6 +151,7 @@ def _one_recording_each(joints: list[Joint], plans: list[Plan], effects: Effects
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_ninety_percent_intervals_of_resonance_cover_nine_random_joints_in_ten() -> None:
     """The lever follows its command, so by nominal and by measured drive the truth is the same closed form."""
     joints = _random_joints()
@@ -169,6 +170,7 @@ def test_ninety_percent_intervals_of_resonance_cover_nine_random_joints_in_ten()
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_ninety_percent_intervals_over_repeats_cover_the_resonance_nine_times_in_ten() -> None:
     joint = Joint(0.1)
     hits = 0

@@ -26,7 +26,7 @@ from sinew.plan.rig import RigSpec
 if TYPE_CHECKING:
     from sinew.solve.spatial import Rest  # JAX
 
-# The head plate is levelled, at rest: by an integrator of its tilt. The paper has a PI loop and tells no gains.
+# The head plate is levelled, at rest. The paper has a PI loop and tells no gains.
 
 GOOD_ENOUGH_DEG = 0.05
 """Tilt at which levelling by position ends, held for a moment [deg]; the paper does not say how level its plate was."""
@@ -40,13 +40,14 @@ ACCEPTED_DEG = 0.2
 MOST_S = 15.0
 """After so long levelling ends, well or not [s]."""
 
-# The plate sways on its tendons at 9 Hz with little damping, and an accelerometer takes that for some fifteen times the
-# tilt that it is. So the controller is slow and looks through two low-passes: a proportional part, or one low-pass of
-# 80 ms with an integrator of 1.5 per second, makes a head of 0.8 kg sway until a limit stops it.
-_INTEGRAL = 1.0  # 1/s
-_SMOOTHING_S = 0.3
+_UPRIGHT = (0.2, 4.0, 0.08)  # proportional, integral in 1/s, low-pass in s
+_POSED = (0.0, 1.0, 0.3)
+# A head with mass sways on its tendons, at 9 Hz with little damping, and an accelerometer takes that for some fifteen
+# times the tilt that it is. So in a pose the controller is slow and looks through two low-passes; a proportional part,
+# or one low-pass of 80 ms with an integrator of 1.5 per second, makes 0.8 kg sway until a limit stops it.
 _JUDGED_S = 0.3
-_JUDGED_BY_CURRENT_S = 0.08  # there the plate goes from one count of the motors to the next; a mean would look level
+# By position, whether the plate is level may be seen through less of the sensor's noise than the controller sees. By
+# current it goes from one count of the motors to the next, and a mean over that would look level.
 _HOLD_S = 0.5
 
 
@@ -77,14 +78,15 @@ def level(
 
     goals: of the tendon motors for a correction of tilt about y and z [rad]. start: correction to begin with. pose:
     tilt about y and z that is asked for [rad].
-    The controller integrates the accelerometer's tilt behind two low-passes of 0.3 s; it ends by the tilt behind one of
-    0.3 s, by current of 80 ms. Raises LostError where the plate does not come level.
+    Upright, the controller is PI on the accelerometer's tilt behind a low-pass of 80 ms, as it was tried on a plate
+    without mass; in a pose it integrates the tilt behind two low-passes of 0.3 s. By position it ends by the tilt
+    behind one of 0.3 s. Raises LostError where the plate does not come level.
     """
     integral, once, smooth, judged = list(start), None, None, None
-    enough = math.radians(GOOD_ENOUGH_BY_CURRENT_DEG if loop.watch.by_current else GOOD_ENOUGH_DEG)
-    quiet = 0.0
-    memories = (_SMOOTHING_S, _JUDGED_BY_CURRENT_S if loop.watch.by_current else _JUDGED_S)
-    weight, slow = (1 - math.exp(-loop.period / memory) for memory in memories)
+    by_current, posed, quiet = loop.watch.by_current, any(pose), 0.0
+    enough = math.radians(GOOD_ENOUGH_BY_CURRENT_DEG if by_current else GOOD_ENOUGH_DEG)
+    proportional, rate, memory = _POSED if posed else _UPRIGHT
+    weight, slow = (1 - math.exp(-loop.period / m) for m in (memory, memory if by_current else _JUDGED_S))
     steps = round(MOST_S / loop.period)
     for k in range(steps):
         seen = rest_tilt(loop.cycle())
@@ -92,7 +94,7 @@ def level(
             continue
         lacking = (seen[0] - pose[0], seen[1] - pose[1])
         once, judged = _followed(once, lacking, weight), _followed(judged, lacking, slow)
-        smooth = _followed(smooth, once, weight)
+        smooth = _followed(smooth, once, weight) if posed else once
         tilt = math.hypot(*judged)
         if tilt < enough:
             quiet += loop.period
@@ -100,8 +102,8 @@ def level(
                 return Levelling((integral[0], integral[1]), tilt, (k + 1) * loop.period)
             continue
         quiet = 0.0
-        integral = [i + _INTEGRAL * loop.period * s for i, s in zip(integral, smooth, strict=True)]
-        loop.set_goals(goals((integral[0], integral[1])))
+        integral = [i + rate * loop.period * s for i, s in zip(integral, smooth, strict=True)]
+        loop.set_goals(goals((integral[0] + proportional * smooth[0], integral[1] + proportional * smooth[1])))
     found = math.degrees(math.hypot(*judged)) if judged is not None else math.nan
     if found < ACCEPTED_DEG:
         return Levelling((integral[0], integral[1]), math.radians(found), MOST_S)
