@@ -97,7 +97,7 @@ def test_a_bench_that_takes_late_answers_for_fresh_ones_is_found_out(
 ) -> None:
     follow = ClockTrack.is_fresh
     monkeypatch.setattr(ClockTrack, "is_fresh", lambda *answer: follow(*answer) or True)
-    verdict = judge(scenario("delay:p=0.01,by=6ms@10-11.2", interrupt_s=11.2), tension_n)
+    verdict = judge(scenario("delay:p=0.01,by=6ms@11-12.2", interrupt_s=12.2), tension_n)
     assert any("wrong readings" in violation for violation in verdict.violations)
 
 
