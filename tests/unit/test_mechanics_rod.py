@@ -1,14 +1,12 @@
 """The rod with six strains: poses against an integrator of ordinary equations, energies against closed forms."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.polynomial import legendre
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
 
-from sinew.mechanics.rod import grid, hat, rod_energy, rod_poses, rotation
+from sinew.mechanics.rod import grid, rod_energy, rod_poses
 from sinew.plan.toml import load_rig
 from sinew.twin.cache import configure
 from sinew.twin.parameters import space_from_rig
@@ -70,8 +68,3 @@ def test_the_nodes_sum_polynomials_of_degree_eleven_exactly() -> None:
     g = grid()
     share = 0.5 + 0.5 * g.at_nodes[:, 1]
     assert float(g.weights @ share**11) == pytest.approx(1 / 12, rel=1e-12)
-
-
-def test_the_rotation_of_a_vector_is_the_exponential_of_its_cross_product() -> None:
-    v = jnp.array([0.3, -0.4, 0.5])
-    assert np.asarray(rotation(v)) == pytest.approx(expm(np.asarray(hat(v))), abs=1e-12)

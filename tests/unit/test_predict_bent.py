@@ -1,14 +1,19 @@
 """The bent joint linear: against all coordinates, the torsional joint, and a simulation; the spinal engine."""
 
 import math
+from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
+from sinew.mechanics.space import Space
 from sinew.plan.toml import load_rig
 from sinew.predict.bent import INPUTS, OUTPUTS, response, servo_speed, spinal_engine, state_space
 from sinew.predict.linear import linear_joints
 from sinew.predict.modes import Asked, Finder
+from sinew.solve.spatial import Linear, patterns, slow_down
+from sinew.solve.swing import swing
 
 FREQUENCIES = np.array([0.5, 2.0, 4.0, 6.0, 9.3, 11.0])
 MM = 12.0
@@ -56,16 +61,40 @@ def test_a_straight_joint_without_weight_is_the_torsional_one(finder: Finder) ->
     assert found.real == pytest.approx(static, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_the_engine_is_what_a_simulation_of_the_same_drive_gives(finder: Finder) -> None:
-    # Runge and Kutta on `mechanics.space.space_rate`, 8 s from rest at steps of 1.25 ms, tendons driven by 1 mm in
-    # pitch at 2.6597187460006673 Hz: 0.2045° of torsion and 2.4234° of pitch over the last four periods; by
-    # 0.2 mm at 4.388535930901101 Hz: 1.6404° and 0.5072°.
     linear, space = finder.linear(MM, 30)
     q = finder.at(MM, 30).coordinates
-    for hz, pull, torsion_deg, pitch_deg in ((2.6597, 1e-3, 0.2045, 2.4234), (4.38854, 2e-4, 1.6404, 0.5072)):
-        moved = np.abs(response(linear, space, q, [hz], math.radians(torsion_deg))[0, :, 1]) * pull
-        assert np.degrees(moved[0]) == pytest.approx(torsion_deg, rel=0.02)
-        assert np.degrees(moved[1]) == pytest.approx(pitch_deg, rel=0.02)
+    asked = ((2.6597, 1e-3), (4.38854, 2e-4))  # away from the resonance of torsion, and at it
+    lanes = [driven_in_pitch(linear, space, hz, pull) for hz, pull in asked]
+    both = jax.tree.map(lambda *leaves: np.stack(leaves), *lanes)
+    for (hz, pull), seen in zip(asked, swing(both, np.stack([q, q]), [1600, 1600], 5e-3), strict=True):
+        torsion, pitch = (amplitude(angle, hz) for angle in angles(seen.rotations))
+        moved = np.abs(response(linear, space, q, [hz], torsion)[0, :, 1]) * pull
+        assert moved[:2] == pytest.approx([torsion, pitch], rel=0.02)
+
+
+def driven_in_pitch(linear: Linear, space: Space, hz: float, pull: float) -> Any:
+    """Return a lane whose tendons are driven [m] while the lever stays where it is."""
+    slowed = slow_down(linear, space)
+    joint = slowed.rod.joint._replace(omega=np.float64(math.tau * hz), amplitude=0.0, prescribed=1.0)
+    lane = slowed._replace(rod=slowed.rod._replace(joint=joint), pulls=pull * patterns(space)[1])
+    return jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), lane)
+
+
+def angles(turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (torsion, pitch) [rad] of rotations (sample, 3, 3): twist about the head's own axis, then a swing."""
+    torsion = np.arctan2(turned[:, 2, 1] - turned[:, 1, 2], turned[:, 1, 1] + turned[:, 2, 2])
+    sideways = np.hypot(turned[:, 1, 0], turned[:, 2, 0])
+    return torsion, -turned[:, 2, 0] * np.arctan2(sideways, turned[:, 0, 0]) / sideways
+
+
+def amplitude(angle: np.ndarray, hz: float) -> float:
+    """Return the amplitude of the fundamental over the last four periods of a record at 200 Hz."""
+    last = slice(-round(4 * 200 / hz), None)
+    time = np.arange(angle.size)[last] / 200
+    table = np.stack([np.ones_like(time), np.cos(math.tau * hz * time), np.sin(math.tau * hz * time)], axis=1)
+    return float(np.hypot(*np.linalg.lstsq(table, angle[last], rcond=None)[0][1:]))
 
 
 def test_a_motor_takes_up_cable_as_its_torque_line_says() -> None:

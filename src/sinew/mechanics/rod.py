@@ -152,13 +152,6 @@ def _coefficients(square: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
     return sine, cosine / 2, third / 6
 
 
-def rotation(v: jax.Array) -> jax.Array:
-    """Return the rotation matrix of a rotation vector (3,) [rad]: Rodrigues."""
-    sine, cosine, _ = _coefficients(v @ v)
-    k = hat(v)
-    return jnp.eye(3) + sine * k + cosine * (k @ k)
-
-
 # The poses of sections are a product of ways from node to node, each one exponential on SE(3) of Magnus' expansion to
 # fourth order, from the strains at two points of Gauss. Ways know nothing of one another, so they are taken all at
 # once; what adds up along the rod are poses, one after the other, and in the frame of the foot velocities, as sums.

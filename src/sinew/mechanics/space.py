@@ -333,11 +333,6 @@ def _torsion_by(spin: jax.Array, head: jax.Array) -> jax.Array:
     return along @ spin / along[0]
 
 
-def space_rate(time_s: jax.Array, state: SpaceState, space: Space) -> SpaceState:
-    """Return the time derivative of the state."""
-    return space_derivative(time_s, state, space)[0]
-
-
 def space_derivative(time_s: jax.Array, state: SpaceState, space: Space) -> tuple[SpaceState, Motion, Pull]:
     """Return (time derivative of the state, how its coordinates move the bodies, what it feels).
 
