@@ -73,11 +73,17 @@ def test_a_term_of_ones_own_is_refused_with_those_there_are() -> None:
 
 
 FUNCTIONS = [name for name in NAMES if name[0].islower()]
-SLOW = {"identify", "predict", "tune", "plot", "simulate", "calibrate"}  # they compile
+SLOW = {"identify", "predict", "tune", "plot", "simulate"}  # they compile
+LONG = {"calibrate"}
 IN_A_NOTEBOOK = {"design"}  # whose example takes minutes
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in FUNCTIONS])
+def marks_of(name: str) -> list[pytest.MarkDecorator]:
+    """Return how long the example of a function takes."""
+    return [pytest.mark.slow] * (name in SLOW | LONG) + [pytest.mark.long] * (name in LONG)
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=marks_of(name)) for name in FUNCTIONS])
 def test_the_example_of_a_function_of_the_face_runs(name: str) -> None:
     (found,) = doctest.DocTestFinder(recurse=False).find(getattr(sn, name), name, globs={})
     run = [example for example in found.examples[1:] if not example.options.get(doctest.SKIP)]

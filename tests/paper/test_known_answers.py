@@ -182,6 +182,7 @@ def test_ninety_percent_intervals_over_repeats_cover_the_resonance_nine_times_in
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_ninety_percent_intervals_of_damping_cover_nine_random_joints_in_ten() -> None:
     joints = _random_joints()
     plans = [_plan(joint, repeats=1, ring_downs=1).model_copy(update={"sweep": None}) for joint in joints]

@@ -79,12 +79,30 @@ def test_samples_that_average_over_a_freeze_of_the_sensor_are_not_believed(tensi
     assert (verdict.sentence, verdict.violations) == ("interrupted by the operator", [])
 
 
+def first_of_each_kind(seed: int) -> list[int]:
+    """Return the runs of a campaign in which a kind of fault is drawn for the first time."""
+    met: set[str] = set()
+    runs = []
+    for run in range(SAMPLE):
+        if new := {fault.kind for fault in draw_scenario(seed, run).faults} - met:
+            met |= new
+            runs.append(run)
+    return runs
+
+
 @pytest.mark.slow
-def test_no_fault_drawn_at_random_costs_truth_safety_or_a_sentence() -> None:
-    found = list(verdicts(1, range(SAMPLE), workers=2))
+@pytest.mark.parametrize(
+    "runs",
+    [
+        pytest.param(first_of_each_kind(1), id="the first of each kind"),
+        pytest.param(list(range(SAMPLE)), id="sixty", marks=pytest.mark.long),
+    ],
+)
+def test_no_fault_drawn_at_random_costs_truth_safety_or_a_sentence(runs: list[int]) -> None:
+    found = list(verdicts(1, runs, workers=2))
     rows = table(found)
     assert [violation for verdict in found for violation in verdict.violations] == []
-    assert sum(rows["all"][outcome] for outcome in OUTCOMES) == SAMPLE
+    assert sum(rows["all"][outcome] for outcome in OUTCOMES) == len(runs)
     assert set(DRAWN_KINDS) <= set(rows)
 
 

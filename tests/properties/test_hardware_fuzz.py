@@ -8,7 +8,7 @@ from tests.properties.hardware_streams import Tally, run_streams
     scope="module",
     params=[
         pytest.param((20_000, 1), id="20 thousand streams"),
-        pytest.param((1_000_000, 2), id="a million streams", marks=pytest.mark.slow),
+        pytest.param((1_000_000, 2), id="a million streams", marks=[pytest.mark.slow, pytest.mark.long]),
     ],
 )
 def tally(request: pytest.FixtureRequest) -> Tally:
