@@ -306,11 +306,12 @@ def _step(now: Now, order: TendonOrder, drive: DriveOrder, joint: Joint, step_s:
     orders = _by_tendon(order)
     reaches = _reaches(now, orders, joint, step_s)
 
-    def slope(time_s: jax.Array, at: Tilting) -> Tilting:
-        return _slope(time_s, at, now, orders, drive, joint, reaches)[0]
+    @jax.jit
+    def slope(time_s: jax.Array, at: Tilting) -> tuple[Tilting, jax.Array]:
+        return _slope(time_s, at, now, orders, drive, joint, reaches)
 
     zero = jnp.zeros(())
-    after = runge_kutta(slope, zero, now.tilting, step_s)
+    after = runge_kutta(lambda time_s, at: slope(time_s, at)[0], zero, now.tilting, step_s)
     spans = span_lengths(after.motion.torsion, after.motion.shortening, joint.p, after.tilt)
     each = zip(spans, now.horn, reaches, orders, strict=True)
     turned = [turned_horn(span, h, reach, one, joint.cable_stiffness, step_s) for span, h, reach, one in each]
@@ -318,7 +319,7 @@ def _step(now: Now, order: TendonOrder, drive: DriveOrder, joint: Joint, step_s:
     speeds = tuple((new - old) / step_s for new, old in zip(horns, now.horn, strict=True))
     later = Now(after, horns, speeds, wounds, spans, tensions, goal_after(step_s, now.goal, drive))
 
-    rate, torque = _slope(zero, now.tilting, now, orders, drive, joint, reaches)  # the first of RK4's: costs nothing
+    rate, torque = slope(zero, now.tilting)  # the first of RK4's: costs nothing
     return later, Seen(rate.motion.torsion_rate, rate.tilt, torque)
 
 

@@ -57,6 +57,7 @@ def runge_kutta(slope: Callable[[jax.Array, S], S], time_s: jax.Array, state: S,
         at: S = jax.tree.map(lambda y, dy: y + share * step_s * dy, state, rate_there)
         return at
 
+    slope = jax.jit(slope)  # so that what stands here four times is traced and lowered once
     k1 = slope(time_s, state)
     k2 = slope(time_s + 0.5 * step_s, moved(k1, 0.5))
     k3 = slope(time_s + 0.5 * step_s, moved(k2, 0.5))
