@@ -68,6 +68,7 @@ def test_the_document_has_the_keys_of_the_reference(fits: Path, capsys: pytest.C
     assert json.loads(Path("out/prediction.json").read_text(encoding="utf-8")) == found
 
 
+@pytest.mark.slow
 def test_angles_are_degrees_and_a_driven_fit_takes_levels_in_its_inputs_unit(
     fits: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -132,6 +132,7 @@ def asked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_foreign_decay_is_told_what_it_cannot_answer(asked: Path) -> None:
     document = json.loads((asked / "answers.json").read_text(encoding="utf-8"))
     verdicts = {one["name"]: one["verdict"] for one in document["answers"]}

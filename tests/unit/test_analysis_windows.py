@@ -111,6 +111,7 @@ def true_peaks(pretension: float, near: float) -> tuple[float, float, float]:
     return float(frequency[np.argmax(half)]), float(frequency[np.argmax(swing)]), float(lever[np.argmax(swing)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("index", "near"), [(0, 3.05), (1, 4.28)])
 def test_eq_6_the_fundamental_and_the_lever_at_resonance_are_the_true_ones(
     results: xr.Dataset, index: int, near: float

@@ -50,6 +50,7 @@ def test_a_folded_curve_is_unstable_between_its_folds() -> None:
     assert low * 0.99 < min(unstable) <= max(unstable) < high * 1.01
 
 
+@pytest.mark.slow
 def test_no_slider_compiles_anything_anew(caplog: pytest.LogCaptureFixture) -> None:
     design_curves("paper", {"length_mm": 90.0}, 4.0, 20.0, BAND_HZ)
     with jax.log_compiles(), caplog.at_level("WARNING"):

@@ -51,6 +51,7 @@ def test_viscous_damping_is_found_in_nine_of_ten_strongly_damped_decays() -> Non
     assert sum(one.best.model.name == "linear" and one.decided for one in found) >= 9
 
 
+@pytest.mark.slow
 def test_a_weakly_damped_decay_cannot_tell_viscous_damping_from_a_loss_factor() -> None:
     assert "cannot tell viscous damping from a constant loss factor" in laws(viscous_decay(0.02, 1)).verdict
 

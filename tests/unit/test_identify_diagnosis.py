@@ -127,6 +127,7 @@ def test_a_reversed_sensor_is_asked_after(turned: str) -> None:
     assert any("mass and stiffness came out negative: is a sensor's sign reversed?" in s for s in suspicions(found))
 
 
+@pytest.mark.slow
 def test_a_base_that_is_measured_the_wrong_way_round_is_asked_after() -> None:
     base = 0.05 * np.sin(2 * np.pi * (1.5 * TIME + 0.4 * TIME**2))
 

@@ -83,6 +83,7 @@ def test_the_strength_of_a_stroke_is_as_uncertain_as_its_area() -> None:
     assert np.std(inertia, ddof=1) / np.mean(inertia) == pytest.approx(stated, rel=0.6)  # of 12 draws: 95 % of them
 
 
+@pytest.mark.slow
 def test_noise_on_a_drive_that_never_rests_is_warned_of() -> None:
     t = np.arange(0, 20, 0.005)
     rng = np.random.default_rng(5)

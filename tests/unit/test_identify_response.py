@@ -151,6 +151,7 @@ def test_the_cubic_stiffness_comes_back_from_steady_states_that_scipy_integrated
     assert hardening_fit().parameters["cubic_n_m_per_rad3"].value == pytest.approx(6.0, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_fits_in_time_and_in_frequency_agree_on_the_same_stretches_within_their_intervals() -> None:
     in_time = fit(hardening(0, np.deg2rad(0.05)), "cubic").parameters
     in_frequency = hardening_fit().parameters

@@ -167,6 +167,7 @@ def test_an_oscillator_that_cannot_be_meant_is_refused_with_a_sentence(
         oscillator(**changed).checked()
 
 
+@pytest.mark.slow
 def test_a_drag_that_takes_up_most_of_the_torque_lets_it_swing_as_time_integration_does() -> None:
     one = oscillator(drag=0.05)
     mark = curve(one).phase_90

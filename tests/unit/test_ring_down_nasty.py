@@ -150,6 +150,7 @@ def test_a_decay_that_dies_within_a_swing_is_not_called_too_short() -> None:
     assert "too short" not in str(refusal.value)
 
 
+@pytest.mark.slow
 def test_five_thousand_swings_give_a_damping_of_two_ten_thousandths() -> None:
     t = np.arange(55_000) / 33.0
     result = analyse_ring_down(t, Decay(2e-4).angle(t) + noise(t.size, 0.3), unit="deg")

@@ -88,6 +88,7 @@ def test_fixed_step_tracks_agree_with_scipys_adaptive_integrator(rig: RigSpec) -
     assert np.max(np.abs(track.lever - reference[4])) < 1e-3 * np.max(np.abs(reference[4]))
 
 
+@pytest.mark.slow
 def test_halving_the_step_moves_amplitudes_by_less_than_a_thousandth(rig: RigSpec) -> None:
     groups = [_steady(p, f) for p in (0.0, 6.0, 12.0) for f in (1.5, 3.0, 3.6, 4.3, 6.0)]
     lanes = lane_parameters(groups, rig)
