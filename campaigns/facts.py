@@ -8,7 +8,7 @@ parts; `--only` does some of them and leaves the others in the file of `--out` a
 import argparse
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -177,13 +177,18 @@ def energy_rows() -> Iterator[Row]:
         )
 
 
-SWUNG = ((10.0, 6.0, 3.7), (20.0, 6.0, 3.7), (30.0, 6.0, 3.7), (30.0, 12.0, 4.3))
+SWUNG = ((10.0, 6.0, 3.5), (20.0, 6.0, 3.5), (30.0, 6.0, 3.5), (30.0, 12.0, 4.2))
 """Bends [deg], pretensions [mm] and frequencies [Hz] at which the joint is swung by about 39°."""
 
 
 def swing_rows() -> Iterator[Row]:
     """Yield what swings of about 39° bring with them, bent across the arms; the lever follows its command."""
-    groups = [steady(hz, p, a, bent(angle)) for angle, p, hz in SWUNG for a in (14.0, 18.0, 23.0, 29.0)]
+    # a pretension and a repeat have one pose
+    groups = [
+        replace(steady(hz, p, a, bent(angle)), repeat=i)
+        for i, (angle, p, hz) in enumerate(SWUNG)
+        for a in (15.0, 19.0, 23.0, 28.0)
+    ]
     lanes = space_lanes(groups, RIG, effects=Effects().without("drive_dynamics"))
     swings = swing_lanes(lanes, groups, SAMPLE_HZ)
     stiffness = 1 / (1 / RIG.tendons.cable_stiffness.value + 1 / RIG.tendons.servo_stiffness.value)
