@@ -2,9 +2,10 @@
 
 It runs without Sinew: `.venv-peers/bin/python benchmarks/peer_swing.py '{...}'` prints one JSON document. Asked: peer,
 length [m], radius [m], density [kg/m³], shear_modulus [Pa], head: {mass [kg], radius [m], length [m]} of a cylinder on
-the rod's end, spin and sway: rates at which the rod begins to twist and to bend [rad/s], seconds, step_s, sample_s, and
-order (of SoRoMoX's polynomials), lanes, or elements (of PyElastica). Told: seconds of a core that the swing took, once
-compiled, compiled_s with it, and torsion [rad] of the head at each sample of the first lane.
+the rod's end, spin and sway: rates at which the rod begins to twist and to bend [rad/s], seconds, sample_s, and of
+SoRoMoX order (of its polynomials), lanes and steps_s, of which it takes the longest in which it stays below a radian;
+of PyElastica elements and step_s. Told: seconds of a core that the swing took, once compiled, compiled_s with it, and
+torsion [rad] of the head at each sample of the first lane; of SoRoMoX step_s.
 
 In their favour nothing is lost or driven and no tendon pulls. PyElastica's head has its mass on the last node and its
 inertia, about the plate, on the last element: right in torsion, its height left out in bending.
@@ -53,26 +54,32 @@ def _soromox(asked: dict[str, Any]) -> dict[str, Any]:
     start[:, 6 * terms] = asked["spin"] * (1 - 0.01 * np.arange(asked["lanes"]))
     start[:, 8 * terms] = asked["sway"]
 
+    steps_s = sorted(asked["steps_s"], reverse=True)
+
     @jax.jit
-    def swing(states: jax.Array) -> jax.Array:
+    def swing(states: jax.Array, step_s: jax.Array) -> jax.Array:
         def one(state: jax.Array) -> jax.Array:
             rolled = robot.rollout_to(
                 SystemState(t=jnp.zeros(()), y=state),
                 t1=asked["seconds"],
-                solver_dt=asked["step_s"],
+                solver_dt=step_s,
                 save_ts=jnp.arange(0.0, asked["seconds"], asked["sample_s"]),
-                max_steps=10 * round(asked["seconds"] / asked["step_s"]),
+                max_steps=2 * round(asked["seconds"] / steps_s[-1]),
             )
             return rolled.y[:, 0]  # the mean twist: the head's torsion while the rod bends little
 
         return jax.vmap(one)(states)
 
     begin = time.process_time()
-    swing(jnp.asarray(start)).block_until_ready()
+    swing(jnp.asarray(start), jnp.asarray(steps_s[-1])).block_until_ready()
     first = time.process_time() - begin
-    begin = time.process_time()
-    torsion = np.asarray(swing(jnp.asarray(0.99 * start)))
-    return {"seconds": time.process_time() - begin, "compiled_s": first, "torsion": torsion[0].tolist()}
+    for step_s in steps_s:
+        begin = time.process_time()
+        torsion = np.asarray(swing(jnp.asarray(0.99 * start), jnp.asarray(step_s)))
+        seconds = time.process_time() - begin
+        if np.all(np.abs(torsion) < 1.0):
+            break
+    return {"seconds": seconds, "compiled_s": first, "step_s": step_s, "torsion": torsion[0].tolist()}
 
 
 def _elastica(asked: dict[str, Any]) -> dict[str, Any]:

@@ -1,12 +1,16 @@
 """Peers that cannot live in .venv: asked in a process of their own, in the interpreter that `make peers` makes."""
 
 import json
+import re
 import subprocess
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = ROOT / ".venv-peers" / "bin" / "python"
+
+_RAISED = re.compile(r"[\w.]*(Error|Exception|Interrupt)\b")
+"""How the line of a traceback begins that says what was raised; JAX writes more lines below it."""
 
 
 class PeerSilentError(Exception):
@@ -24,7 +28,8 @@ def told_by(script: str, asked: dict[str, Any], timeout_s: float = 300) -> dict[
     try:
         done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=timeout_s)
     except subprocess.CalledProcessError as error:
-        last = error.stderr.strip().splitlines()[-1:]
+        lines = error.stderr.strip().splitlines()
+        last = ([line for line in lines if _RAISED.match(line)] or lines)[-1:]
         raise PeerSilentError(f"it ended with status {error.returncode}: {' '.join(last)}; try `make peers`") from None
     except subprocess.TimeoutExpired:
         raise PeerSilentError(f"it told nothing for {timeout_s:g} s; run {script} alone") from None

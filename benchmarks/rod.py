@@ -110,7 +110,8 @@ def told_frequencies(frequencies: list[float], own: dict[str, float]) -> dict[st
     return {kind: min(frequencies, key=lambda f: abs(f - near)) for kind, near in own.items()}
 
 
-def _against_soromox() -> None:
+def ask_soromox() -> tuple[list[Bare], dict[str, Any]]:
+    """Return (rods without and with a head, what the peer tells of both); raises PeerSilentError where it does not."""
     bares = [bare(head=False), bare(head=True)]
     one = bares[0]
     asked = {
@@ -122,12 +123,16 @@ def _against_soromox() -> None:
         "heads": [head_of(b.space) for b in bares],
         "accelerations": ACCELERATIONS,
     }
+    return bares, told_by("soromox_rod.py", asked)
+
+
+def _against_soromox() -> None:
     try:
-        told = told_by("soromox_rod.py", asked)
+        bares, told = ask_soromox()
     except PeerSilentError as error:
         print(f"  SoRoMoX: skipped, {error}")
         return
-    print(f"the paper's rod without tendons, order {asked['order']}, beside SoRoMoX")
+    print(f"the paper's rod without tendons, order {straight().shape[1] - 1}, beside SoRoMoX")
     for name, mine, theirs in zip(("bare", "with head"), bares, told["heads"], strict=True):
         own = own_frequencies(mine.space)
         peer = told_frequencies(theirs["frequencies_hz"], own)

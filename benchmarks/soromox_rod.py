@@ -61,7 +61,7 @@ def main() -> None:
     mass, stiffness = np.asarray(robot.inertia_matrix(straight)), np.asarray(robot.stiffness_matrix())
     along = np.asarray(robot.jacobian_bodyframe(straight, end))
     tip = jax.jit(lambda q: robot.forward_kinematics(q, end))
-    weight = jax.jit(robot.gravitational_force)
+    weight = jax.jit(lambda q: robot.gravitational_force(q))  # noqa: PLW0108 -- its own method cannot be hashed
     jacobian = jax.jit(lambda q: robot.jacobian_bodyframe(q, end))
     told = []
     for head in asked["heads"]:
