@@ -26,9 +26,9 @@ COLUMNS = {
         "twist_deg",
         "twist_per_tilt",
         "twist_per_tilt_slow",
-        "curved_twist_deg",
-        "curved_twist_per_tilt",
-        "curved_twist_per_tilt_slow",
+        "recast_twist_deg",
+        "recast_twist_per_tilt",
+        "recast_twist_per_tilt_slow",
     ),
     CARRYING: ("slack_moment_n_m", "tension_moment_n_m", "upright_kg", "bent_kg"),
 }

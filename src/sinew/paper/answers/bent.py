@@ -60,18 +60,20 @@ def answer_bent(
         couplings.append(_couplings(finder))
         engines.append(_engines(one, finder))
         progress(done + 2, len(drawn) + 1)
-    curved = Finder(_curved(rig, azimuth_deg), asked)
+    recast = _recast(rig, azimuth_deg)
     aside = Finder(rig, asked._replace(azimuth_deg=azimuth_deg + (90 if azimuth_deg < 90 else -90)))
     return [
         _resonance(nominal, shifts, names),
         _coupling(nominal, aside, couplings, names),
-        _engine(rig, nominal, aside, engines, curved, names),
+        _engine(rig, nominal, aside, engines, recast, names),
     ]
 
 
-def _curved(rig: RigSpec, azimuth_deg: float) -> RigSpec:
+def _recast(rig: RigSpec, azimuth_deg: float) -> RigSpec:
+    """Return a straight joint's rig cast curved towards the azimuth, and a curved one's cast straight."""
     assert rig.space is not None
-    update = {"rest_bend_deg": _CURVED_DEG, "rest_azimuth_deg": azimuth_deg}
+    straight = rig.space.rest_bend_deg == 0
+    update = {"rest_bend_deg": _CURVED_DEG if straight else 0.0, "rest_azimuth_deg": azimuth_deg}
     return rig.model_copy(update={"space": rig.space.model_copy(update=update)})
 
 
@@ -238,11 +240,12 @@ def _engines(rig: RigSpec, finder: Finder) -> Array:
 
 
 def _engine(
-    rig: RigSpec, nominal: Finder, aside: Finder, engines: Sequence[Array], curved: Finder, names: Sequence[str]
+    rig: RigSpec, nominal: Finder, aside: Finder, engines: Sequence[Array], recast: RigSpec, names: Sequence[str]
 ) -> Answer:
     p = max(_PRETENSION_MM)
     rows: list[dict[str, Cell]] = []
-    bent = _engines(_curved(rig, curved.asked.azimuth_deg), curved)
+    bent = _engines(recast, Finder(recast, nominal.asked))
+    assert recast.space is not None
     for i, b in enumerate(_ENGINE_BENDS):
         best = _best(nominal, rig, p, b)
         found = [_over([one[k] for one in engines], i) for k in range(4)]
@@ -257,10 +260,10 @@ def _engine(
                 "take_up_mm": 1e3 * best.take_up,
                 "tilt_deg": math.degrees(best.tilt),
                 "lag_deg": math.degrees(best.lag),
-                "curved_twist_deg": float(bent[0][i]),
-                "curved_frequency_hz": float(bent[1][i]),
-                "curved_twist_per_tilt": float(bent[2][i]),
-                "curved_twist_per_tilt_slow": float(bent[3][i]),
+                "recast_twist_deg": float(bent[0][i]),
+                "recast_frequency_hz": float(bent[1][i]),
+                "recast_twist_per_tilt": float(bent[2][i]),
+                "recast_twist_per_tilt_slow": float(bent[3][i]),
             }
         )
     last = rows[-1]
@@ -288,9 +291,9 @@ def _engine(
             f"How the lever lies decides: bent towards {aside.asked.azimuth_deg:g}° from y, along which its arms are, "
             f"instead of {nominal.asked.azimuth_deg:g}°, it is {math.degrees(other.torsion):.2g}° at "
             f"{other.frequency_hz:.4g} Hz, {other.per_tilt:.2g} degrees a degree.",
-            f"A joint cast with a bend of {_CURVED_DEG:g}° and held at the same {_ENGINE_BENDS[-1]:g}° gives "
-            f"{last['curved_twist_deg']:.2g}° at {last['curved_frequency_hz']:.4g} Hz, and slowly "
-            f"{last['curved_twist_per_tilt_slow']:.2g}° a degree: a curve at rest couples side bend and yaw more when "
+            f"The same joint cast {_cast_words(recast.space.rest_bend_deg)} and held at {_ENGINE_BENDS[-1]:g}° gives "
+            f"{last['recast_twist_deg']:.2g}° at {last['recast_frequency_hz']:.4g} Hz, and slowly "
+            f"{last['recast_twist_per_tilt_slow']:.2g}° a degree: a curve at rest couples side bend and yaw more when "
             "slow, but still by far less than inertia does.",
             _rests(names),
             "To test it: plans/engine.toml drives the tendons across a bend towards 90° through the torsion's "
@@ -299,6 +302,10 @@ def _engine(
         {"twist_deg": twist, "twist_per_tilt": per, "twist_per_tilt_slow": slow},
         tuple(rows),
     )
+
+
+def _cast_words(rest_bend_deg: float) -> str:
+    return f"with a bend of {rest_bend_deg:g}°" if rest_bend_deg else "straight"
 
 
 def _rests(names: Sequence[str]) -> str:

@@ -99,8 +99,9 @@ CAPTIONS = {
     f"answer_{ENGINE}": Caption(
         "",
         "(a) Twist that tendons give which drive the head sideways as fast as their motors can, at the frequency where "
-        "it is largest. (b) Twist per tilt, there and slowly. Squares: the same joint cast with a bend of 30°.",
-        "twist and twist per tilt over the bend, of the joint as it is and of one that is cast curved",
+        "it is largest. (b) Twist per tilt, there and slowly. Squares: the same joint cast with a bend of 30°, or "
+        "straight where it is curved.",
+        "twist and twist per tilt over the bend, of the joint as it is and of one that is cast otherwise",
     ),
     f"answer_{CARRYING}": Caption(
         "",
@@ -225,15 +226,15 @@ def _asymmetry(answer: Answer, figure: Figure) -> None:
 def _engine(answer: Answer, figure: Figure) -> None:
     left, right = figure.subplots(1, 2)
     every = np.ones(len(answer.rows), dtype=bool)
-    _line(left, answer, every, "bend_deg", "twist_deg", color=ACCENT, label="straight at rest")
-    _line(left, answer, every, "bend_deg", "curved_twist_deg", color=RED, marker="s", label="cast curved")
+    _line(left, answer, every, "bend_deg", "twist_deg", color=ACCENT, label="as it is cast")
+    _line(left, answer, every, "bend_deg", "recast_twist_deg", color=RED, marker="s", label="cast otherwise")
     left.set_ylim(bottom=0)
     left.legend(loc="upper left")
     _line(right, answer, every, "bend_deg", "twist_per_tilt", color=ACCENT, label="at resonance")
     slowly = {"linestyle": (0, (4, 3)), "label": "slowly"}
     _line(right, answer, every, "bend_deg", "twist_per_tilt_slow", color=ACCENT, **slowly)
-    _line(right, answer, every, "bend_deg", "curved_twist_per_tilt", color=RED, marker="s")
-    _line(right, answer, every, "bend_deg", "curved_twist_per_tilt_slow", color=RED, marker="s", linestyle=(0, (4, 3)))
+    _line(right, answer, every, "bend_deg", "recast_twist_per_tilt", color=RED, marker="s")
+    _line(right, answer, every, "bend_deg", "recast_twist_per_tilt_slow", color=RED, marker="s", linestyle=(0, (4, 3)))
     right.set_yscale("log")
     for axes in (left, right):
         axes.set_xticks(answer.column("bend_deg")[0])
