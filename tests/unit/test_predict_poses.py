@@ -106,6 +106,8 @@ def test_tensions_of_a_plan_stand_beside_their_pretensions_where_one_has_no_pose
     pose paper --bend-deg 95 => --bend-deg is 95, expected 0 to 90
     pose paper --take-up-mm 1,2,3 => found 3 take-ups, expected one for each of 4 tendons
     pose paper --take-up-mm 6,6,6,6 --bend-deg 20 => beside what the tendons do
+    pose paper --take-up-mm 6,6,6,6 --pretension-mm 6 => give one of them
+    pose paper --mode current --tension-n 1e9,1e9,1e9,1e9 => expected 0 to 10000 N
     pose paper --tension-n 50,40,30,40 => give take-ups, or the mode current
     pose paper --mode current --tension-n 50,40,30,-4 => cables cannot push
     pose paper --out pose.txt => expected a name that ends with .png, .pdf or .svg

@@ -41,6 +41,9 @@ from sinew.twin.parameters import space_from_rig
 FURTHEST_DEG = 60.0
 """Bend up to which it is looked for where a tendon goes slack."""
 
+_MOST_N, _MOST_MM = 10_000.0, 1000.0
+"""Of a tendon; beyond them a number was meant in another unit."""
+
 _BEND_STEP = math.radians(2.5)
 _PRETENSION_STEP, _LEAST_STEP = 4e-3, 2e-4
 _CHORD_POINTS = np.linspace(0.0, 1.0, 41)
@@ -288,6 +291,11 @@ def _check(rig: RigSpec, asked: Asked) -> None:
         raise SpecError("found take-ups of motors that hold currents, which follow; give the tensions that they hold")
     if asked.tension_n is not None and not by_current:
         raise SpecError("found tensions of motors that hold positions; give take-ups, or the mode current")
+    if asked.tension_n is not None and max(asked.tension_n) > _MOST_N:
+        raise SpecError(f"found a tension of {max(asked.tension_n):g} N, expected 0 to {_MOST_N:g} N; look at its unit")
+    if asked.take_up_mm is not None and max(map(abs, asked.take_up_mm)) > _MOST_MM:
+        far = max(asked.take_up_mm, key=abs)
+        raise SpecError(f"found a take-up of {far:g} mm, expected -{_MOST_MM:g} to {_MOST_MM:g} mm; look at its unit")
     if asked.tension_n is not None and min(asked.tension_n) < 0:
         raise SpecError(f"found a tension of {min(asked.tension_n):g} N, expected zero or more: cables cannot push")
 
@@ -314,7 +322,12 @@ def _rest_of(space: Space, contact: float, asked: Asked) -> tuple[Space, Rest | 
     else:
         there, found = bend(space, contact, 1e-3 * asked.pretension_mm, asked.swing)
     if not found.reached or found.residual >= 1e-7:
-        return there, None, f"no rest pose was found for {asked.words()}; the tendons do not bend the joint that far"
+        why = (
+            "the tendons do not bend the joint that far"
+            if asked.wants_tilt
+            else "under them the joint folds up, or nothing in it holds the head; pull less"
+        )
+        return there, None, f"no rest pose was found for {asked.words()}; {why}"
     if found.softest <= 0:
         held = "currents" if asked.mode == "current" else "positions"
         return (
