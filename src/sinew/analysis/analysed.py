@@ -34,6 +34,7 @@ from sinew.measure.estimate import (
     NORMAL_90,
     Estimate,
     finite,
+    fixed,
     number,
     pair,
     shown,
@@ -613,14 +614,18 @@ def _space_told(document: dict[str, Any]) -> list[Table | str]:
     return told
 
 
-_LEAST_DEG = 1e-4
-"""Below this no attitude of a bench is known, whatever the noise of a simulation is."""
+_ANGLE_DECIMALS = 4
+"""Below 1e-4° no attitude of a bench is known, whatever the noise of a simulation is."""
 
 
 def _shown_angle(estimate: dict[str, Any]) -> str:
     """Return an angle in degrees as "value ± std", not finer than a bench knows one."""
-    std = estimate["std"]
-    return pair(estimate["value"], None if std is None else max(std, _LEAST_DEG), most=3)
+    value, std, least = estimate["value"], estimate["std"], 10.0**-_ANGLE_DECIMALS
+    if value is None or std is None or std >= least:
+        return pair(value, std, most=3)
+    if value >= 1:
+        return pair(value, least, most=3)
+    return f"{fixed(value, _ANGLE_DECIMALS)} ± {fixed(least, _ANGLE_DECIMALS)}"
 
 
 def _three_digits(estimate: dict[str, Any]) -> str:
