@@ -49,7 +49,7 @@ CAPTIONS = {
         "Torsion and sway over pretension",
         "Frequencies of the modes over pretension, a panel for each bend; colour is the share of a mode's energy that "
         "is torsion. The dotted line is twice the torsion's frequency: where a sway meets it, the torsion's square "
-        "excites it. Bars are 90 % intervals of what is assumed, of poses that are taut: else they would fill the panel. "
+        "excites it. Bars are 90 % intervals of what is assumed, of taut poses: else they fill the panel. "
         "Jumps are where a tendon goes slack.",
         "Lines of modal frequencies over pretension in a panel for each bend",
     ),

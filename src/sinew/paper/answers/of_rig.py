@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,7 +23,7 @@ from sinew.figures.style import (
     pretension_colours,
     save_figure,
 )
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError
 from sinew.paper.answers.answer import Answer
 from sinew.paper.answers.bent import COUPLING, ENGINE, RESONANCE, answer_bent
@@ -158,18 +159,16 @@ def draw_rig_answer(answer: Answer) -> Figure:
     return figure
 
 
-def _line(
-    axes: Axes, answer: Answer, of: Array, over: str, name: str, factor: float | Array = 1.0, **look: object
-) -> None:
+def _line(axes: Axes, answer: Answer, of: Mask, over: str, name: str, factor: float | Array = 1.0, **look: Any) -> None:
     """Draw a column of some rows with its intervals, times a factor. of: which rows (row,). over: column across."""
     value, low, high = (factor * column[of] for column in answer.column(name))
     x = answer.column(over)[0][of]
     reach = np.maximum(np.nan_to_num(np.stack([value - low, high - value])), 0.0)
-    plain = {"marker": "o", "markersize": 4.0, "capsize": 2.5, "elinewidth": 1.0, "linewidth": 1.0}
-    axes.errorbar(x, value, reach, **(plain | look))  # type: ignore[arg-type]
+    plain: dict[str, Any] = {"marker": "o", "markersize": 4.0, "capsize": 2.5, "elinewidth": 1.0, "linewidth": 1.0}
+    axes.errorbar(x, value, reach, **(plain | look))
 
 
-def _each_pretension(answer: Answer) -> list[tuple[Array, str, dict[str, object]]]:
+def _each_pretension(answer: Answer) -> list[tuple[Mask, str, dict[str, Any]]]:
     """Return for each pretension (its rows, its words, colour and marker)."""
     at = answer.column("pretension_mm")[0]
     values = np.unique(at)
@@ -193,7 +192,7 @@ def _resonance(answer: Answer, figure: Figure) -> None:
         _line(axes, answer, of, "bend_deg", "relative_shift", 100, label=words, **look)
         slack = of & (answer.column("slack_tendons")[0] > 0)
         x, y = answer.column("bend_deg")[0][slack], 100 * answer.column("relative_shift")[0][slack]
-        axes.plot(x, y, linestyle="none", marker=look["marker"], color=look["color"], mfc="white", zorder=4)  # type: ignore[arg-type]
+        axes.plot(x, y, linestyle="none", marker=look["marker"], color=look["color"], mfc="white", zorder=4)
     axes.legend(loc="upper left")
     _finish(axes, "", "frequency of the torsion against the straight joint", "bend in degrees", "shift in %")
 
@@ -231,7 +230,7 @@ def _engine(answer: Answer, figure: Figure) -> None:
     left.set_ylim(bottom=0)
     left.legend(loc="upper left")
     _line(right, answer, every, "bend_deg", "twist_per_tilt", color=ACCENT, label="at resonance")
-    slowly = {"linestyle": (0, (4, 3)), "label": "slowly"}
+    slowly: dict[str, Any] = {"linestyle": (0, (4, 3)), "label": "slowly"}
     _line(right, answer, every, "bend_deg", "twist_per_tilt_slow", color=ACCENT, **slowly)
     _line(right, answer, every, "bend_deg", "recast_twist_per_tilt", color=RED, marker="s")
     _line(right, answer, every, "bend_deg", "recast_twist_per_tilt_slow", color=RED, marker="s", linestyle=(0, (4, 3)))
