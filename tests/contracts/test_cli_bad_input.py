@@ -155,6 +155,11 @@ FAULTS: dict[str, tuple[Callable[[Path], None], tuple[str, ...], str]] = {
         ("simulate", "short", "--out", "out/recording.nc"),
         "cannot write into out",
     ),
+    "azimuth of a recording": (
+        imported,
+        ("answer", "in.nc", "--azimuth-deg", "90"),
+        "found --azimuth-deg beside a recording",
+    ),
     "export onto a folder": (
         lambda folder: (
             table(folder),

@@ -157,7 +157,7 @@ def test_without_numpyro_a_posterior_is_refused_before_anything_is_computed(
 
 @pytest.mark.slow
 def test_the_shipped_rig_is_what_the_command_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert list_shipped("rigs") == ["paper"]
+    assert list_shipped("rigs") == ["curved", "paper"]
     document = answered(capsys, "calibrate", "paper", "--paper", "--out", str(tmp_path / "paper.toml"))
     assert (tmp_path / "paper.toml").read_text(encoding="utf-8") == dump_rig(load_rig("paper"))
     assert all(abs(row["twin"] - row["paper"]) <= row["tolerance"] for row in document["numbers"])

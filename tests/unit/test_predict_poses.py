@@ -12,9 +12,11 @@ from sinew.measure.errors import SpecError
 from sinew.mechanics.column import column_load
 from sinew.plan.pose import Pose
 from sinew.plan.toml import load_plan, load_rig
-from sinew.predict.joints.design import section_of, shear_modulus_of
-from sinew.predict.poses.pose import Asked, find_pose
+from sinew.predict.joints.design import Design, design_rig, section_of, shear_modulus_of
+from sinew.predict.joints.section import ellipse_section
+from sinew.predict.poses.pose import Asked, find_pose, surface_strain
 from sinew.predict.preview import preview_plan
+from sinew.twin.parameters import space_from_rig
 
 RIG = load_rig("paper")
 
@@ -57,6 +59,35 @@ def test_chords_of_a_circle_inside_the_silicone_are_told_of() -> None:
     assert 1e3 * found.sagitta.mean() == pytest.approx(95 * np.radians(20) / 8, rel=0.2)
 
 
+def test_a_chord_keeps_clear_of_an_oval_on_its_flat_side_only() -> None:
+    oval = design_rig(RIG, Design(section=ellipse_section(0.070, 0.040), name="oval"))
+    found = find_pose(oval, Asked(0.0), outlook=False)
+    circle = 1e3 * RIG.tendons.head_radius.value
+    # 0 mm hardly press it: wide by 70 mm along y, where tendons 1 and 3 are, and 40 mm along z
+    expected = [circle - 35, circle - 20, circle - 35, circle - 20]
+    np.testing.assert_allclose(1e3 * found.clearance, expected, atol=0.5)
+    assert any("reaches to 35.0 mm at tendon 1, 3" in one.sentence for one in found.findings)
+
+
+def test_an_oval_is_strained_less_where_it_bends_over_its_flat_side() -> None:
+    oval = design_rig(RIG, Design(section=ellipse_section(0.070, 0.040), name="oval"))
+    q = np.zeros((6, 3))
+    strained = []
+    for row, reach in ((1, 0.020), (2, 0.035)):  # a bend about y stretches what lies along z
+        bent = q.copy()
+        bent[row, 0] = 0.2
+        strained.append(surface_strain(bent, space_from_rig(oval), oval) / (0.2 * reach / RIG.silicone.length.value))
+    assert strained == pytest.approx([1, 1], rel=0.005)
+
+
+def test_a_joint_that_is_cast_curved_rests_bent_where_nothing_holds_it() -> None:
+    curved = load_rig("curved")
+    found = find_pose(curved, Asked(mode="current", tension_n=(0.0, 0.0, 0.0, 0.0)), outlook=False)
+    bend_deg, azimuth_deg = (found.document()["pose"][name] for name in ("bend_deg", "azimuth_deg"))
+    assert azimuth_deg == pytest.approx(90)
+    assert 30 < bend_deg < 36  # the head's weight, which leans over, bends it further
+
+
 def test_take_ups_of_motors_that_hold_currents_are_refused() -> None:
     with pytest.raises(SpecError, match="give the tensions"):
         find_pose(RIG, Asked(mode="current", take_up_mm=(6.0, 6.0, 6.0, 6.0)))
@@ -75,6 +106,8 @@ def test_tensions_of_a_plan_stand_beside_their_pretensions_where_one_has_no_pose
     pose paper --bend-deg 95 => --bend-deg is 95, expected 0 to 90
     pose paper --take-up-mm 1,2,3 => found 3 take-ups, expected one for each of 4 tendons
     pose paper --take-up-mm 6,6,6,6 --bend-deg 20 => beside what the tendons do
+    pose paper --take-up-mm 6,6,6,6 --pretension-mm 6 => give one of them
+    pose paper --mode current --tension-n 1e9,1e9,1e9,1e9 => expected 0 to 10000 N
     pose paper --tension-n 50,40,30,40 => give take-ups, or the mode current
     pose paper --mode current --tension-n 50,40,30,-4 => cables cannot push
     pose paper --out pose.txt => expected a name that ends with .png, .pdf or .svg

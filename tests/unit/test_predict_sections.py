@@ -210,6 +210,12 @@ def test_a_polygon_is_read_with_its_hole_in_millimetres(tmp_path: Path) -> None:
     assert moments(read_polygon(file)).area == pytest.approx(1200e-6)
 
 
+def test_a_hull_has_the_wide_side_first() -> None:
+    hull = section.section_of_outline(rectangle(0.03, 0.06), "upright").hull
+    assert hull is not None
+    assert np.abs(np.array(hull)).max(axis=0) == pytest.approx([0.03, 0.015])
+
+
 def test_a_line_that_is_no_corner_is_told(tmp_path: Path) -> None:
     file = tmp_path / "tube.csv"
     file.write_text("0,0\n40,zero\n", encoding="utf-8")

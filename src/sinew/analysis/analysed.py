@@ -34,6 +34,7 @@ from sinew.measure.estimate import (
     NORMAL_90,
     Estimate,
     finite,
+    fixed,
     number,
     pair,
     shown,
@@ -42,7 +43,7 @@ from sinew.measure.estimate import (
 )
 from sinew.measure.files.csv import refuse_bridge
 from sinew.measure.files.netcdf import content_hash, load_recording, provenance
-from sinew.measure.schema import CHANNELS, ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
+from sinew.measure.schema import ENERGY_QUANTITIES, RESULTS_SCHEMA, ReadKind, companions, validate_results
 from sinew.measure.told import Table, Told
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_rig, load_rig, parse_rig
@@ -589,24 +590,15 @@ def _space_told(document: dict[str, Any]) -> list[Table | str]:
         cells = [
             (
                 *map(number, where),
-                *(_three_digits(of[name]["amplitude_deg"]) for name in CHANNELS),
+                *(_shown_angle(of[name]["amplitude_deg"]) for name in ("torsion", "out-of-plane")),
                 _three_digits(of["out-of-plane"]["coupling_ratio"]),
                 _three_digits(of["out-of-plane"]["lag_behind_torsion_deg"]),
-                _three_digits(of["in-plane"]["second_harmonic_deg"]),
+                _shown_angle(of["in-plane"]["second_harmonic_deg"]),
             )
             for where, of in at.items()
         ]
-        names = (
-            "p/mm",
-            "f/Hz",
-            "torsion/°",
-            "in plane/°",
-            "out of plane/°",
-            "out/torsion",
-            "its lag/°",
-            "in plane, 2f/°",
-        )
-        title = f"coupling, driven by {document['coupling_drive']}: amplitudes of torsion and of tilt (all: --json)"
+        names = ("p/mm", "f/Hz", "torsion/°", "across/°", "across/torsion", "lag/°", "in plane, 2f/°")
+        title = f"coupling, driven by {document['coupling_drive']}: torsion, tilt across the bend, in its plane at 2f"
         told.append(Table(names, cells, title))
     if decays := document.get("sway_ring_down"):
         cells = [
@@ -622,8 +614,22 @@ def _space_told(document: dict[str, Any]) -> list[Table | str]:
     return told
 
 
+_ANGLE_DECIMALS = 4
+"""Below 1e-4° no attitude of a bench is known, whatever the noise of a simulation is."""
+
+
+def _shown_angle(estimate: dict[str, Any]) -> str:
+    """Return an angle in degrees as "value ± std", not finer than a bench knows one."""
+    value, std, least = estimate["value"], estimate["std"], 10.0**-_ANGLE_DECIMALS
+    if value is None or std is None or std >= least:
+        return pair(value, std, most=3)
+    if value >= 1:
+        return pair(value, least, most=3)
+    return f"{fixed(value, _ANGLE_DECIMALS)} ± {fixed(least, _ANGLE_DECIMALS)}"
+
+
 def _three_digits(estimate: dict[str, Any]) -> str:
-    """Return "value ± std" with at most three digits, so that eight columns stay side by side."""
+    """Return "value ± std" with at most three digits, so that seven columns stay side by side."""
     return pair(estimate["value"], estimate["std"], most=3)
 
 

@@ -44,13 +44,13 @@ def _draw_side(axes: Axes, posed: "Posed") -> None:
     def flat(points: Any) -> tuple[Any, Any]:
         return 1e3 * (points @ aside), 1e3 * points[..., 0]
 
-    radius = rig.silicone.diameter.value / 2 / math.sqrt(1 + float(posed.rest.q[3, 0]))
+    reach = rig.support(np.array([azimuth + math.pi, azimuth])) / math.sqrt(1 + float(posed.rest.q[3, 0]))
     across = shape.turns @ aside
-    left, right = (flat(shape.line + side * radius * across) for side in (-1, 1))
+    left, right = (flat(shape.line + side * radius * across) for side, radius in zip((-1, 1), reach, strict=True))
     axes.fill(np.r_[left[0], right[0][::-1]], np.r_[left[1], right[1][::-1]], color=GREY, alpha=0.25, linewidth=0)
     axes.plot(*flat(shape.line), color=GREY, linewidth=0.9, linestyle=(0, (6, 3)))
     for station in (0, -1):
-        ends = shape.line[station] + np.outer([-1.15, 1.15], radius * (shape.turns[station] @ aside))
+        ends = shape.line[station] + np.outer(1.15 * reach * [-1, 1], shape.turns[station] @ aside)
         axes.plot(*flat(ends), color=INK, linewidth=2.5, solid_capstyle="butt")
     above: dict[tuple[float, float], list[str]] = {}  # tendons that lie behind one another share a label
     for i, chord in enumerate(shape.chords):

@@ -22,6 +22,7 @@ from sinew.figures.style import (
     INK,
     MARKERS,
     RED,
+    WIDTH_IN,
     frequency_map,
     in_style,
     new_figure,
@@ -48,14 +49,15 @@ CAPTIONS = {
         "Torsion and sway over pretension",
         "Frequencies of the modes over pretension, a panel for each bend; colour is the share of a mode's energy that "
         "is torsion. The dotted line is twice the torsion's frequency: where a sway meets it, the torsion's square "
-        "excites it. Bars are 90 % intervals of what is assumed. Jumps are where a tendon goes slack.",
+        "excites it. Bars are 90 % intervals of what is assumed, of taut poses: else they fill the panel. "
+        "Jumps are where a tendon goes slack.",
         "Lines of modal frequencies over pretension in a panel for each bend",
     ),
     "coupling_over_bend": Caption(
         "What else moves when the head twists",
         "Left: tilt of the head across the plane of the bend in the torsional mode, over its torsion; the dashed line "
         "is ½ sin β, that of a rod that is twisted slowly. Right: frequency of that mode over that of the straight "
-        "joint. Open marks: a tendon is slack.",
+        "joint. Open marks: a tendon is slack; the interval there, far wider than all values, is not drawn.",
         "Tilt across per torsion, and relative frequency of torsion, over the bend angle",
     ),
     "mode_shapes": Caption(
@@ -138,9 +140,14 @@ def draw_over_pretension(found: Modes) -> Figure:
             share = [float(one.modes[i].shares[0]) if i < len(one.modes) else 0.0 for one in track]
             axes.plot(at, hz, color=GREY, linewidth=0.8, zorder=2)
             axes.scatter(at, hz, c=share, cmap=colours, norm=scale, s=12, zorder=3)
-        axes.plot(at, [2 * one.torsion_hz() for one in track], color=RED, linewidth=0.9, linestyle=(0, (1, 2)))
+        double = [2 * one.torsion_hz() for one in track]
+        axes.plot(at, double, color=RED, linewidth=0.9, linestyle=(0, (1, 2)))
+        known = [(x, y) for x, y in zip(at, double, strict=True) if math.isfinite(y)]
+        if k == 0 and known:
+            place = known[len(known) // 2]
+            axes.annotate("2 · torsion", place, (4, -3), textcoords="offset points", va="top", color=RED, fontsize=8.0)
         for pose in found.poses:
-            if pose.bend_deg == bend_deg and found.drawn:
+            if pose.bend_deg == bend_deg and found.drawn and pose.taut:
                 _intervals(axes, found, pose)
         for one in found.conditions:
             if one.bend_deg == bend_deg and not one.steps and math.isfinite(one.pretension_mm.value):
@@ -186,8 +193,9 @@ def draw_coupling(found: Modes) -> Figure:
         tone, marker = tuple(colour), MARKERS[k % len(MARKERS)]
         left.plot(bend_deg, tilt[:, 0], color=tone, linewidth=1.0)
         right.plot(bend_deg, hz, color=tone, linewidth=1.0)
-        if np.isfinite(tilt[:, 1]).any():
-            left.fill_between(bend_deg, tilt[:, 1], tilt[:, 2], color=tone, alpha=0.15, linewidth=0)
+        taut = np.array([row[3] for row in rows])
+        if np.isfinite(tilt[taut, 1]).any():
+            left.fill_between(bend_deg, tilt[:, 1], tilt[:, 2], where=taut, color=tone, alpha=0.15, linewidth=0)
         for axes, values in ((left, tilt[:, 0]), (right, hz)):
             for x, y, row in zip(bend_deg, values, rows, strict=True):
                 axes.plot(x, y, marker, color=tone, mfc=tone if row[3] else "white", markersize=4.5, zorder=4)
@@ -201,10 +209,7 @@ def draw_coupling(found: Modes) -> Figure:
         textcoords="offset points",
         ha="right",
     )
-    nominal = [y for line in left.lines for y in np.ravel(line.get_ydata()) if np.isfinite(y)]
-    low, high = min(nominal), max(nominal)
-    room = 0.35 * max(high - low, 0.01)  # of a slack pose the interval may be far wider than all values
-    left.set(xlabel="bend in degrees", ylabel="tilt across / torsion", ylim=(low - room, high + room))
+    left.set(xlabel="bend in degrees", ylabel="tilt across / torsion")
     right.set(xlabel="bend in degrees", ylabel="frequency / that of the straight joint")
     note_panel(left, "a", "what the head does besides")
     note_panel(right, "b", "frequency of the torsion")
@@ -233,25 +238,37 @@ def shown_pose(found: Modes) -> PoseModes | None:
     return taut[len(taut) // 2]
 
 
+def _is_ring(line: _Line) -> bool:
+    return line.part == "silicone" and len(line.points) == _ROUND
+
+
 @in_style
 def draw_shapes(found: Modes) -> Figure | None:
     """Return the shapes of the slowest modes of one pose; None where no pose has modes."""
     pose = shown_pose(found)
     if pose is None:
         return None
-    figure = new_figure(2.4)
     count = min(_SHAPES, len(pose.modes))
-    panels = figure.subplots(1, count, squeeze=False, sharex=True, sharey=True)[0]
-    for axes, mode in zip(panels, pose.modes, strict=False):
-        low, rest, high = shape_lines(found, pose, mode, (-_SWING, 0.0, _SWING))
-        for lines, alpha, own in ((rest, 0.45, False), (low, 0.45, True), (high, 0.95, True)):
-            for line in lines:
-                if line.part == "silicone" and len(line.points) == _ROUND:
+    drawn = [shape_lines(found, pose, mode, (-_SWING, 0.0, _SWING)) for mode in pose.modes[:count]]
+    lines = [line for three in drawn for one in three for line in one if not _is_ring(line)]
+    corners = np.concatenate([np.column_stack(_flat(line.points)) for line in lines])
+    low_at, high_at = corners.min(axis=0), corners.max(axis=0)
+    room = 0.04 * float(np.max(high_at - low_at))
+    wide, high = high_at - low_at + 2 * room
+    # As high as the drawings need, with a line for what pose it is, two for what mode, and one for the key.
+    figure = new_figure(WIDTH_IN / count * high / wide + 0.8)
+    panels = figure.subplots(1, count, squeeze=False)[0]
+    for axes, mode, three in zip(panels, pose.modes, drawn, strict=False):
+        low, rest, up = three
+        for each, alpha, own in ((rest, 0.45, False), (low, 0.45, True), (up, 0.95, True)):
+            for line in each:
+                if _is_ring(line):
                     continue  # rings of three joints over one another are no picture
                 colour = _COLOURS[line.part] if own else "#b5b5b5"
                 width = 2.2 if line.part in ("plate", "lever") else 1.1
                 axes.plot(*_flat(line.points), color=colour, alpha=alpha, linewidth=width if own else 0.8)
         axes.set_aspect("equal")
+        axes.set(xlim=(low_at[0] - room, high_at[0] + room), ylim=(low_at[1] - room, high_at[1] + room))
         axes.axis("off")
         note_panel(axes, "", f"{mode.frequency_hz:.3g} Hz\n{mode.kind}")
     bent = f"bent by {pose.bend_deg:g}°" if pose.bend_deg else "straight"

@@ -1,6 +1,5 @@
 """The report of a campaign: everything in one HTML page that needs nothing beside itself."""
 
-import base64
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -202,30 +201,66 @@ _ALT = {
 def write_answers(
     folder: Path, answers: Sequence[Answer], *, recording: xr.Dataset, figures: Sequence[Path] = (), rebuild: str = ""
 ) -> Path:
-    """Write answers.html into a folder, atomically, and return its path.
+    """Write answers.html of a recording into a folder, atomically, and return its path.
 
     recording: what was asked; only its attributes are read. figures: of `draw_answers`; the
     PNGs among them are put into the page. rebuild: the command that makes the page again.
     Raises FileError where the folder cannot be written.
     """
-    drawn = {
-        path.stem.removeprefix("answer_"): base64.b64encode(path.read_bytes()).decode("ascii")
-        for path in figures
-        if path.suffix == ".png"
-    }
+    made = _made_by(recording)
+    captions = {f"answer_{name}": page.Caption("", "", alt) for name, alt in _ALT.items()}
+    told = sum(answer.told for answer in answers)
     return page.write_page(
         folder / "answers.html",
         "answers.html",
-        **_made_by(recording),
-        answers=[_shown(answer, drawn) for answer in answers],
-        told=sum(answer.told for answer in answers),
+        source=f"Source: {made['source']}." if made["source"] else "",
+        effects_off=made["effects_off"],
+        lead=f"This recording answers {told} of {len(answers)} questions that the paper leaves open.",
+        answers=_all_shown(answers, page.pictures(figures, captions), "By pretension"),
         recording_hash=str(recording.attrs.get("content_hash", "")),
         report=(folder / "report.html").is_file(),
         rebuild=rebuild,
     )
 
 
-def _shown(answer: Answer, drawn: Mapping[str, str]) -> dict[str, Any]:
+def write_rig_answers(
+    folder: Path,
+    answers: Sequence[Answer],
+    rig: RigSpec,
+    *,
+    captions: Mapping[str, page.Caption],
+    figures: Sequence[Path] = (),
+    rebuild: str = "",
+) -> Path:
+    """Write answers.html of a rig into a folder, atomically, and return its path.
+
+    captions: of the figures, by the names of their files; else as `write_answers`.
+    Raises FileError where the folder cannot be written.
+    """
+    return page.write_page(
+        folder / "answers.html",
+        "answers.html",
+        source=f"Source: the joint in space, predicted for the rig “{rig.name}”; no bench has measured it.",
+        effects_off="",
+        lead="What the paper leaves open of a joint that bends, what it rests on, and how a bench would test it.",
+        answers=_all_shown(answers, page.pictures(figures, captions), "By pretension and bend"),
+        recording_hash="",
+        report=False,
+        rebuild=rebuild,
+    )
+
+
+def _all_shown(answers: Sequence[Answer], drawn: Sequence[Mapping[str, Any]], rows_of: str) -> list[dict[str, Any]]:
+    """Return answers as the page takes them, each with its pictures: `answer_NAME` and `answer_NAME_...`."""
+    shown = []
+    for answer in answers:
+        own = f"answer_{answer.name}"
+        mine = [one for one in drawn if one["name"] == own or one["name"].startswith(f"{own}_")]
+        shown.append(_shown(answer) | {"pictures": mine, "rows_of": rows_of})
+    return shown
+
+
+def _shown(answer: Answer) -> dict[str, Any]:
     names = list(dict.fromkeys(key for row in answer.rows for key in row if not key.startswith("repeat_")))
     return {
         "name": answer.name,
@@ -236,8 +271,6 @@ def _shown(answer: Answer, drawn: Mapping[str, str]) -> dict[str, Any]:
         "numbers": [(name, *_cells(one)) for name, one in answer.numbers.items()],
         "head": names,
         "rows": [[_cell(row.get(name, math.nan)) for name in names] for row in answer.rows],
-        "picture": drawn.get(answer.name, ""),
-        "alt": _ALT.get(answer.name, ""),
     }
 
 

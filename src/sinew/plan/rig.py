@@ -147,11 +147,14 @@ class CrossSection(Settings):
     shape: in words. area [m²]. torsion_constant: St Venant's J [m⁴], which with the silicone's G·J sets G, hence the
     axial stiffness. least_moment, greatest_moment: principal second moments [m⁴]; their sum is the polar moment.
     warping_constant [m⁶]. perimeter: of all edges [m]. shear_arm: the largest shear strain per twist [m]; left out
-    where a re-entrant corner makes it unbounded.
-    The equations take area and torsion constant; the others tell what the prediction is worth.
+    where a re-entrant corner makes it unbounded. hull_mm: corners (y, z) of its convex hull about the centroid; left
+    out where it is round. Bending about y has the least moment, so the wide side lies along y.
+    Torsion takes area and torsion constant, bending the moments; the others tell what meets the surface and what the
+    prediction is worth.
     """
 
     shape: str = Field(min_length=1)
+    hull_mm: Annotated[tuple[tuple[float, float], ...], Field(min_length=3)] | None = None
     area: Annotated[Parameter, positive("m^2")]
     torsion_constant: Annotated[Parameter, positive("m^4")]
     least_moment: Annotated[Parameter, positive("m^4")]
@@ -552,6 +555,15 @@ class RigSpec(Settings):
         if self.section is None:
             return 1.5
         return 3 * self.section.least_moment.value / self.section.torsion_constant.value
+
+    def support(self, direction: float | Array) -> Array:
+        """Return how far the silicone's section reaches in directions from y towards z [rad], to the tangent across
+        [m]; in all of them the radius of the circle around it where the rig does not say more."""
+        hull = None if self.section is None else self.section.hull_mm
+        if hull is None:
+            return np.full(np.shape(direction), self.silicone.diameter.value / 2)
+        along = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+        return 1e-3 * np.max(along @ np.array(hull).T, axis=-1)  # type: ignore[no-any-return]
 
     def parameters(self) -> Iterator[tuple[str, Parameter]]:
         """Yield (dotted name, parameter) of every parameter."""

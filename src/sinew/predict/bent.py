@@ -101,11 +101,12 @@ def response(
     q: Array,
     frequency_hz: Array | Sequence[float],
     swing: float | None = None,
+    outputs: Array | None = None,
 ) -> Complexes:
     """Return outputs by inputs of all coordinates at frequencies [Hz], (f, output, input).
 
     swing: amplitude of the torsion [rad] at which the guides slip, with spring and loss of their fundamental; where
-    None they hold.
+    None they hold. outputs: slopes of other outputs than `OUTPUTS` by the coordinates (output, 18).
     """
     seen, at = _seen(linear, space, q), linear.around
     twist = np.outer(at.by_torsion, at.by_torsion)
@@ -119,7 +120,7 @@ def response(
         storage, loss_ = linear.stiffness(omega, space)
         dynamic = storage + 1j * loss_ + guides * twist - omega**2 * linear.mass
         forces = np.column_stack([-(omega**2) * seen.lever, seen.forces])
-        found.append(seen.outputs @ np.linalg.solve(dynamic, forces))
+        found.append((seen.outputs if outputs is None else outputs) @ np.linalg.solve(dynamic, forces))
     return np.array(found)
 
 

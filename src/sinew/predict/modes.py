@@ -49,7 +49,6 @@ the square of the torsion excites."""
 
 _MIXED = 0.9
 _SCAN_MM = 2.0
-_CLOSE_HZ = 1e-3
 _NEAR = 0.25
 _OFF = 0.01
 """How far a ratio may be off where the search says that it is met; a jump is further."""
@@ -145,8 +144,8 @@ class Condition(NamedTuple):
 
 
 class Veering(NamedTuple):
-    """Closest approach of two neighbouring modes over pretension: where, how far apart, and how much of the torsion's
-    energy the one that has less of it has there; zero where they cross."""
+    """Closest approach of two neighbouring modes that exchange their shapes over pretension: where, how far apart, and
+    how much of the torsion's energy the one that has less of it has there; both zero where they cross."""
 
     bend_deg: float
     kinds: tuple[str, str]
@@ -455,7 +454,7 @@ def sentence_of(one: Condition, rig: RigSpec) -> str:
 
 def _veering_sentence(one: Veering) -> str:
     where = f"{one.pretension_mm:.3g} mm and {one.bend_deg:g}°, {one.frequency_hz:.4g} Hz"
-    if one.gap_hz < _CLOSE_HZ:
+    if one.gap_hz == 0:
         return f"{one.kinds[0]} and {one.kinds[1]} cross at {where}, and do not mix"
     return (
         f"{one.kinds[0]} and {one.kinds[1]} come within {one.gap_hz:.2g} Hz at {where}; the one with less of the "
@@ -538,11 +537,20 @@ def _conditions(finder: Finder, tracks: dict[float, tuple[PoseModes, ...]]) -> t
     return tuple(found)
 
 
-_VEERING_HZ = 1.0
+_WHERE_MM = 1e-3
+"""To which a closest approach is sought."""
+_FAR = 2.0
+"""How many half widths g/s off a closest approach two modes are held against each other: there they have turned into
+one another by 90° - atan(1/2) = 63° where they veer, and by nothing where they only come near."""
 
 
 def _veerings(finder: Finder, tracks: dict[float, tuple[PoseModes, ...]]) -> tuple[Veering, ...]:
-    """Return the closest approaches to within 1 Hz of neighbouring modes of which one is the torsion."""
+    """Return where neighbouring modes of which one is the torsion exchange their shapes, veering or crossing.
+
+    Two modes that couple have the gap √(g² + s²(p - p_0)²) over the pretension p: g is what is left at p_0, s the slope
+    at which they would cross without coupling, g/s the half width in which they mix. They are said to exchange where
+    the lower one before is more like the upper one behind than like the lower one; to cross where g is not resolved.
+    """
     found = []
     for bend_deg, track in tracks.items():
         count = min(len(one.modes) for one in track)
@@ -554,26 +562,44 @@ def _veerings(finder: Finder, tracks: dict[float, tuple[PoseModes, ...]]) -> tup
 
             gaps = [gap(one.pretension_mm) for one in track]
             k = int(np.argmin(gaps))
-            if k in (0, len(track) - 1) or gaps[k] > 4 * _VEERING_HZ:
+            if k in (0, len(track) - 1):
                 continue
-            bounds = (track[k - 1].pretension_mm, track[k + 1].pretension_mm)
-            where = float(minimize_scalar(gap, bounds=bounds, method="bounded", options={"xatol": 1e-3}).x)
+            near = track[k - 1 : k + 2]
+            if any(np.any((one.tension_n > 0) != (near[0].tension_n > 0)) for one in near):
+                continue  # a tendon goes slack between them: a jump
+            if not any(mode.group == "torsion" for one in near for mode in one.modes[i : i + 2]):
+                continue
+            bounds = (near[0].pretension_mm, near[-1].pretension_mm)
+            where = float(minimize_scalar(gap, bounds=bounds, method="bounded", options={"xatol": _WHERE_MM}).x)
+            least = gap(where)
+            sides = [(gaps[j], track[j].pretension_mm - where) for j in (k - 1, k + 1)]
+            slope = math.sqrt(max(float(np.mean([(g**2 - least**2) / off**2 for g, off in sides])), 0.0))
+            half = least / slope if slope > 0 else math.inf
+            before = next((one for one in reversed(track) if one.pretension_mm <= where - _FAR * half), track[0])
+            behind = next((one for one in track if one.pretension_mm >= where + _FAR * half), track[-1])
+            lower = before.modes[i]
+            stays, exchanges = (_assurance(lower, behind.modes[j]) for j in (i, i + 1))
+            if exchanges < stays:
+                continue
             pair = finder.at(where, bend_deg).modes[i : i + 2]
-            twist = [float(one.shares[0]) for one in pair]
-            if max(twist) < 0.4 or gap(where) > _VEERING_HZ:
-                continue
-            ends = track[k - 1].modes[i : i + 2]
+            crosses = least <= 2 * slope * _WHERE_MM
             found.append(
                 Veering(
                     bend_deg,
-                    (ends[0].kind, ends[1].kind),
+                    (lower.kind, before.modes[i + 1].kind),
                     where,
                     pair[0].frequency_hz,
-                    gap(where) if gap(where) > 0.02 or min(twist) > 1e-3 else 0.0,
-                    max(min(twist), 0.0),
+                    0.0 if crosses else least,
+                    0.0 if crosses else max(min(float(one.shares[0]) for one in pair), 0.0),
                 )
             )
     return tuple(found)
+
+
+def _assurance(one: FoundMode, other: FoundMode) -> float:
+    """Return the modal assurance of two shapes: the squared cosine between them, 0 to 1."""
+    cosine = one.shape @ other.shape / (np.linalg.norm(one.shape) * np.linalg.norm(other.shape))
+    return float(cosine**2)
 
 
 # What is assumed is drawn.

@@ -11,6 +11,7 @@ from sinew.measure.estimate import finite
 from sinew.plan.check import Finding, Preview, check_plan
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
+from sinew.predict.foretold import Foretold, foretell
 from sinew.predict.poses.pose import Asked, find_pose
 from sinew.solve.spatial import Rest
 from sinew.twin.simulate import foresee, peak_torsion, rest_tension
@@ -24,20 +25,26 @@ def preview_plan(plan: Plan, rig: RigSpec, *, swing: bool = False) -> Preview:
 
     swing: run one repeat of the plan for its torsions, unless a limit is broken already or the plan is longer than
     `LONGEST_PREVIEW_S`, or tracks, which no plan foretells. What runs on the twin next hurts nobody and does not ask.
-    A plan with a pose is checked with what holds it at each pretension, its largest tension in place of the common one,
-    and not for its torsion; one whose tendons or blows move the head without it, and says so.
+    A plan with a pose is checked with what holds it at each pretension, its largest tension in place of the common one;
+    what its sweep should give, `expected_of` says by the linear joint, which refuses nothing.
     """
     if not plan.rest_pose.is_straight:
         return held_preview(plan, rig, slack="warn")[0]
     if plan.is_spatial:
-        preview = check_plan(plan, rig)
-        unforeseen = Finding("warn", "the twin foretells neither tension nor torsion of a head that sways")
-        return replace(preview, findings=(*preview.findings, unforeseen))
+        return check_plan(plan, rig, rest_tension(plan.pretension.pretension_mm, rig).tolist())
     tension = rest_tension(plan.pretension.pretension_mm, rig).tolist()
     preview = check_plan(plan, rig, tension)
     if not swing or preview.refusals or preview.duration_s > LONGEST_PREVIEW_S or plan.track is not None:
         return preview
     return check_plan(plan, rig, tension, np.degrees(peak_torsion(plan, rig)).tolist())
+
+
+def expected_of(plan: Plan, rig: RigSpec, preview: Preview) -> tuple[Foretold, ...]:
+    """Return what the sweep of a plan with a bent or swaying head should give, by the linear joint; nothing of others,
+    nor of a refused one, nor of one that tracks."""
+    if not plan.is_spatial or preview.refusals or plan.track is not None or rig.space is None:
+        return ()
+    return foretell(plan, rig, preview)
 
 
 def held_preview(
@@ -88,8 +95,8 @@ def foresee_plan(plan: Plan, rig: RigSpec) -> tuple[Preview, str]:
         return preview, ""
 
 
-def told_preview(plan: Plan, rig: RigSpec, preview: Preview) -> dict[str, Any]:
-    """Return the preview of a plan on a rig as JSON holds it."""
+def told_preview(plan: Plan, rig: RigSpec, preview: Preview, expected: tuple[Foretold, ...] = ()) -> dict[str, Any]:
+    """Return the preview of a plan on a rig as JSON holds it. expected: of `expected_of`."""
     drive = zip(preview.frequency_hz, preview.drive_amplitude_deg, preview.drive_current_a, strict=True)
     tension = zip(plan.pretension.pretension_mm, preview.tension_n, strict=False)  # empty where not previewed
     torsion = zip(plan.pretension.pretension_mm, preview.torsion_deg, strict=False)
@@ -108,5 +115,6 @@ def told_preview(plan: Plan, rig: RigSpec, preview: Preview) -> dict[str, Any]:
         "drive": [{"frequency_hz": f, "amplitude_deg": a, "current_a": c} for f, a, c in drive],
         "tension": [{"pretension_mm": p, "tension_n": finite(t)} for p, t in tension],
         "torsion": [{"pretension_mm": p, "torsion_deg": t} for p, t in torsion],
+        **({"expected": [row._asdict() for row in expected]} if expected else {}),
         "findings": [{"severity": f.severity, "sentence": f.sentence} for f in preview.findings],
     }

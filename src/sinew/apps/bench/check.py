@@ -15,19 +15,24 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     """Preview a plan on a rig before anything moves.
 
     Prints duration, the drive amplitude that can be reached at each frequency, tendon tensions, torsion, and every
-    limit of the rig that the plan would break. Ends with status 2 if there is one.
+    limit of the rig that the plan would break. Ends with status 2 if there is one. Of a bent or swaying head it says
+    what the sweep should give, by the linear joint.
     """
     from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
     from sinew.plan.toml import load_plan, load_rig
-    from sinew.predict.preview import preview_plan, told_preview
+    from sinew.predict.foretold import sentences_of
+    from sinew.predict.preview import expected_of, preview_plan, told_preview
 
     plan_, rig_ = load_plan(plan), load_rig(rig)
     preview = preview_plan(plan_, rig_, swing=True)
-    told = told_preview(plan_, rig_, preview)
+    expected = expected_of(plan_, rig_, preview)
+    told = told_preview(plan_, rig_, preview, expected)
     if json:
         console.print_json(told)
     else:
         _print_preview(plan_, preview, told)
+        for sentence in sentences_of(expected, plan_):
+            print(sentence)
     refuse_beyond_limits(preview)
     return 0
 

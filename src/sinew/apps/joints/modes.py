@@ -32,9 +32,6 @@ def modes(
     out: Annotated[
         Path | None, option("FILE", "A figure, .png, .pdf or .svg, or a page with moving shapes, .html.")
     ] = None,
-    answers: Annotated[
-        bool, console.flag("--answers", "Also what the paper left open of a bent joint: resonance, coupling, engine.")
-    ] = False,
     json: Json = False,
 ) -> None:
     """Give the modes of a joint that bends: frequency, damping, where their energy is, how the head moves.
@@ -70,15 +67,6 @@ def modes(
             progress=progress,
         )
     document = found.document()
-    told = found.told()
-    if answers:
-        from sinew.paper.answers.bent import answer_bent
-
-        with console.progress_bar("answer") as progress:
-            answered = answer_bent(found.rig, azimuth_deg=azimuth, draws=max(bands, 2), seed=seed, progress=progress)
-        document["answers"] = [one.to_json() for one in answered]
-        for one in answered:
-            told += [f"\n{one.question}\n{one.verdict}", *(f"- {sentence}" for sentence in one.sentences)]
     if out is not None:
         from sinew.figures.space import write_modes
 
@@ -86,6 +74,6 @@ def modes(
     if json:
         console.print_json(document)
     else:
-        console.print_told(told)
+        console.print_told(found.told())
         if out is not None:
             print(f"wrote {out}")

@@ -1,19 +1,25 @@
 """`sinew pose` and `sinew workspace`: where a joint rests that bends, and how far it may be bent."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from sinew.apps import console
 from sinew.apps.console import Json, RigArgument, option
 from sinew.apps.joints.options import MODES, Mode
 from sinew.measure.errors import SpecError
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from sinew.predict.poses.pose import Posed
+    from sinew.predict.poses.workspace import Workspace
+
 _FORMATS = ("png", "pdf", "svg")
 
 
 def pose(
     rig: RigArgument,
-    pretension: Annotated[float, option("MM", "Mean take-up of the tendons.", "--pretension-mm")] = 6.0,
+    pretension: Annotated[float | None, option("MM", "Mean take-up of the tendons; else 6.", "--pretension-mm")] = None,
     bend: Annotated[float, option("DEG", "How far the head is to be bent.", "--bend-deg")] = 0.0,
     azimuth: Annotated[
         float, option("DEG", "Where to: from y, where the lever lies at rest, towards z.", "--azimuth-deg")
@@ -36,7 +42,8 @@ def pose(
     console.check_choice("--mode", mode, MODES)
     console.checked_number("--bend-deg", bend, "0 to 90; turn the azimuth for the other side", low=0, high=90)
     console.checked_number("--azimuth-deg", azimuth, "-360 to 360", low=-360, high=360)
-    console.checked_number("--pretension-mm", pretension, "0 to 100: cables cannot push", low=0, high=100)
+    if pretension is not None:
+        console.checked_number("--pretension-mm", pretension, "0 to 100: cables cannot push", low=0, high=100)
     _check_picture(out)
     given = [
         None if text is None else tuple(console.number_list(flag, text, expected))
@@ -47,28 +54,36 @@ def pose(
     ]
     if any(given) and (bend or azimuth):
         raise SpecError("found --bend-deg or --azimuth-deg beside what the tendons do, from which the pose follows")
+    if any(given) and pretension is not None:
+        raise SpecError("found --pretension-mm beside what each tendon does; give one of them")
     from sinew.plan.pose import Pose
     from sinew.plan.toml import load_rig
     from sinew.predict.poses.pose import Asked, find_pose
 
-    asked = Asked(pretension, Pose(bend_deg=bend, azimuth_deg=azimuth), mode, *given)
+    asked = Asked(6.0 if pretension is None else pretension, Pose(bend_deg=bend, azimuth_deg=azimuth), mode, *given)
     found = find_pose(load_rig(rig), asked)
-    if out is not None:
-        from sinew.figures.pose import draw_pose
+    if out is None:
+        _tell(found, json=json)
+        return
+    from sinew.figures.pose import draw_pose
+
+    _tell(found, draw_pose(found), out, json=json)
+
+
+def _tell(found: "Posed | Workspace", figure: "Figure | None" = None, out: Path | None = None, *, json: bool) -> None:
+    """Write the figure, if one was asked for and there is one, and print what was found."""
+    if out is not None and figure is None:
+        console.remark("there is no pose to draw")
+    elif out is not None and figure is not None:
         from sinew.figures.style import save_figure
 
-        figure = draw_pose(found)
-        if figure is None:
-            console.remark("there is no pose to draw")
-            out = None
-        else:
-            save_figure(figure, out.parent, out.stem, (out.suffix[1:],))
+        save_figure(figure, out.parent, out.stem, (out.suffix[1:],))
     if json:
         console.print_json(found.document())
         return
     console.print_told(found.told())
-    if out is not None:
-        print(f"written: {out}")
+    if figure is not None:
+        print(f"wrote {out}")
 
 
 def _check_picture(out: Path | None) -> None:
@@ -100,14 +115,9 @@ def workspace(
 
     with console.progress_bar("map") as progress:
         found = map_workspace(load_rig(rig), pretensions, step_deg=step, mode=mode, progress=progress)
-    if out is not None:
-        from sinew.figures.pose import draw_workspace
-        from sinew.figures.style import save_figure
-
-        save_figure(draw_workspace(found), out.parent, out.stem, (out.suffix[1:],))
-    if json:
-        console.print_json(found.document())
+    if out is None:
+        _tell(found, json=json)
         return
-    console.print_told(found.told())
-    if out is not None:
-        print(f"written: {out}")
+    from sinew.figures.pose import draw_workspace
+
+    _tell(found, draw_workspace(found), out, json=json)

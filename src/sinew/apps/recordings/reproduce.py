@@ -276,19 +276,28 @@ def answer(
     file: Annotated[
         Path, typer.Argument(metavar="RECORDING|RIG", help="A recording of Sinew (NetCDF), or a rig: file or name.")
     ],
-    out: Annotated[Path | None, option("DIR", "Folder for the page; the recording's own by default.")] = None,
+    out: Annotated[
+        Path | None, option("DIR", "Folder for the page; by default a recording's own, and none for a rig.")
+    ] = None,
     rig: Annotated[str | None, option("RIG", "A rig; else the recording's.")] = None,
+    azimuth: Annotated[
+        float | None,
+        option("DEG", "Of a rig: where it bends to, from y towards z; else 90.", "--azimuth-deg"),
+    ] = None,
     json: Json = False,
 ) -> None:
     """Answer the paper's open questions from a recording or a rig: numbers with intervals, and what cannot be told.
 
-    Of a recording it writes answers.html, answers.json and the figures of the answers. results.nc and beyond.nc beside
-    it are taken up where they belong to it. A whole campaign takes about a minute or two. Of a rig it answers what
-    statics can: how unequal tensions get where the joint bends, and what it carries; answers.json goes to --out.
+    It writes answers.html, answers.json and the figures of the answers. Of a recording, results.nc and beyond.nc beside
+    it are taken up where they belong to it; a whole campaign takes about a minute or two. Of a rig it answers what
+    nobody has measured, in a minute or two: whether a bend moves the resonance, what moves with the torsion, how
+    unequal tensions get, the spinal engine, what the joint carries, and how a bench would test each.
     """
     if _is_rig(file):
-        _answer_rig(file, out, rig, json=json)
+        _answer_rig(file, out, rig, azimuth, json=json)
         return
+    if azimuth is not None:
+        raise SpecError("found --azimuth-deg beside a recording, which holds its pose; give it with a rig")
     from sinew.analysis.analysed import recording_rig
     from sinew.measure.files.netcdf import load_recording
     from sinew.paper.answers.questions import answer_questions
@@ -327,25 +336,40 @@ def _is_rig(file: Path) -> bool:
     return file.suffix == ".toml" or (not file.exists() and str(file) in list_shipped("rigs"))
 
 
-def _answer_rig(file: Path, out: Path | None, rig: str | None, *, json: bool) -> None:
-    from sinew.paper.answers.poses import answer_rig
-    from sinew.plan.toml import load_rig
-
+def _answer_rig(file: Path, out: Path | None, rig: str | None, azimuth: float | None, *, json: bool) -> None:
     if rig is not None:
         raise SpecError(f"found --rig {rig} beside the rig {file}; expected one of them, or a recording with --rig")
+    if azimuth is not None:
+        console.checked_number("--azimuth-deg", azimuth, "an angle from -360 to 360°", low=-360, high=360)
     if out is not None:
         console.require_folder(out)
-    rig_ = load_rig(str(file))
-    answers = answer_rig(rig_)
-    document = {"recording_hash": None, "rig": rig_.name, "answers": [one.to_json() for one in answers]}
+    from sinew.paper.answers.of_rig import AZIMUTH_DEG, CAPTIONS, answer_rig, draw_rig_answers
+    from sinew.plan.toml import load_rig
+
+    rig_, azimuth_deg = load_rig(str(file)), AZIMUTH_DEG if azimuth is None else azimuth
+    with console.progress_bar("answer") as progress:
+        answers = answer_rig(rig_, azimuth_deg=azimuth_deg, progress=progress)
+    document = {
+        "recording_hash": None,
+        "rig": rig_.name,
+        "azimuth_deg": azimuth_deg,
+        "answers": [one.to_json() for one in answers],
+    }
     if out is not None:
+        from sinew.paper.report import write_rig_answers
+
+        with console.progress_bar("draw") as progress:
+            figures = draw_rig_answers(answers, rig_, out / "figures", azimuth_deg=azimuth_deg, progress=progress)
         console.write_json(document, out / "answers.json")
+        command = ["sinew", "answer", str(file), "--out", str(out)]
+        command += [] if azimuth is None else ["--azimuth-deg", f"{azimuth:g}"]
+        write_rig_answers(out, answers, rig_, captions=CAPTIONS, figures=figures, rebuild=shlex.join(command))
     if json:
         console.print_json(document)
         return
-    _print_answers(answers)
+    _print_answers(answers, all_of_it=True)
     if out is not None:
-        print(f"written: {out / 'answers.json'}")
+        print(f"page: {out / 'answers.html'}")
 
 
 def _write_answers(
@@ -366,8 +390,11 @@ def _write_answers(
     return document
 
 
-def _print_answers(answers: "list[Answer]") -> None:
+def _print_answers(answers: "list[Answer]", *, all_of_it: bool = False) -> None:
+    """Print questions and verdicts, then what they rest on: two sentences of each, or all under its question."""
     console.print_table(("question", "answer"), [(one.question, one.verdict) for one in answers])
     for one in answers:
-        for sentence in one.sentences[:2]:
+        if all_of_it:
+            print(f"\n{one.question}")
+        for sentence in one.sentences if all_of_it else one.sentences[:2]:
             print(textwrap.fill(sentence, 100, initial_indent="- ", subsequent_indent="  "))

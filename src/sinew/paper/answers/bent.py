@@ -28,6 +28,7 @@ _SWING_DEG = 10.0
 _CURVED_DEG = 30.0
 _MOVES = 0.05
 _FEELS = 0.1  # degrees of twist a degree of tilt, from which on it is said to be an engine
+_NOTHING = 1e-9  # what rounding makes of a direction in which the head does not move
 
 Progress = Callable[[float, float], None]
 
@@ -59,18 +60,20 @@ def answer_bent(
         couplings.append(_couplings(finder))
         engines.append(_engines(one, finder))
         progress(done + 2, len(drawn) + 1)
-    curved = Finder(_curved(rig, azimuth_deg), asked)
-    aside = Finder(rig, asked._replace(azimuth_deg=azimuth_deg + 90))
+    recast = _recast(rig, azimuth_deg)
+    aside = Finder(rig, asked._replace(azimuth_deg=azimuth_deg + (90 if azimuth_deg < 90 else -90)))
     return [
         _resonance(nominal, shifts, names),
         _coupling(nominal, aside, couplings, names),
-        _engine(rig, nominal, aside, engines, curved, names),
+        _engine(rig, nominal, aside, engines, recast, names),
     ]
 
 
-def _curved(rig: RigSpec, azimuth_deg: float) -> RigSpec:
+def _recast(rig: RigSpec, azimuth_deg: float) -> RigSpec:
+    """Return a straight joint's rig cast curved towards the azimuth, and a curved one's cast straight."""
     assert rig.space is not None
-    update = {"rest_bend_deg": _CURVED_DEG, "rest_azimuth_deg": azimuth_deg}
+    straight = rig.space.rest_bend_deg == 0
+    update = {"rest_bend_deg": _CURVED_DEG if straight else 0.0, "rest_azimuth_deg": azimuth_deg}
     return rig.model_copy(update={"space": rig.space.model_copy(update=update)})
 
 
@@ -81,7 +84,9 @@ def _poses() -> list[tuple[float, float]]:
 def _over(values: Sequence[Array], index: int) -> Estimate:
     """Return an entry of the first of some arrays, with the interval that the others give it."""
     off = np.array([one[index] - values[0][index] for one in values[1:]])
-    return estimate_of_deviations(float(values[0][index]), off[np.isfinite(off)])
+    found = estimate_of_deviations(float(values[0][index]), off[np.isfinite(off)])
+    # A few draws may all lie on one side of the value.
+    return Estimate(found.value, found.std, min(found.low, found.value), max(found.high, found.value))
 
 
 # Does the resonance move?
@@ -105,12 +110,11 @@ def _resonance(nominal: Finder, shifts: Sequence[Array], names: Sequence[str]) -
         for p, b in _poses()
     ]
     taut = {pose: one for pose, one in found.items() if nominal.at(*pose).taut and pose[1] > 0}
-    place, most = max(taut.items(), key=lambda item: abs(item[1].value))
-    moves = abs(most.value) > _MOVES
+    place, most = max(taut.items(), key=lambda item: _furthest(item[1]))
+    moves = _furthest(most) > _MOVES
     first = (
-        f"Bent by up to {place[1]:g}° with all tendons taut, the torsion resonates at most "
-        f"{in_words(most, 100, '%')} above the straight joint ({place[0]:g} mm): "
-        f"{'more' if moves else 'less'} than a twentieth."
+        f"Of the poses with all tendons taut, bending moves the torsion's resonance most at {place[0]:g} mm and "
+        f"{place[1]:g}°: by {in_words(most, 100, '%')}, {'more' if moves else 'less'} than a twentieth."
     )
     slack = [pose for pose in found if not nominal.at(*pose).taut]
     sentences = [first]
@@ -137,6 +141,10 @@ def _resonance(nominal: Finder, shifts: Sequence[Array], names: Sequence[str]) -
     )
 
 
+def _furthest(one: Estimate) -> float:
+    return max(abs(one.low), abs(one.high)) if math.isfinite(one.low) else abs(one.value)
+
+
 # What else moves?
 
 
@@ -153,7 +161,9 @@ def _couplings(finder: Finder) -> Array:
         moved = response(linear, space, pose.coordinates, [mode.swung_hz], math.radians(_SWING_DEG))[0][:, 0]
         tilt = complex(across @ moved[1:3]) / moved[0]
         rows.append((abs(tilt), float(np.angle(tilt)), abs(finder.direction @ moved[1:3] / moved[0])))
-    return np.array(rows).T
+    found = np.array(rows).T
+    found[::2] = np.where(found[::2] > _NOTHING, found[::2], 0.0)
+    return found
 
 
 def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names: Sequence[str]) -> Answer:
@@ -191,7 +201,8 @@ def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names:
             "frequency, which is not in these numbers, and more where that sway is at 2:1 (sinew modes tells where).",
             f"A gyroscope on the head under-reads the torsion's rate by {less:.2g} % there, for its axis leans.",
             _rests(names),
-            "To test it: pitch and roll of the recordings of plans/bent.toml against the torsion, at the resonance.",
+            "To test it: plans/bent.toml; the table coupling of sinew analyse has tilt across over torsion with its "
+            "interval at each frequency, and its lag.",
         ),
         {"tilt_across_per_torsion": ratios[top]},
         tuple(rows),
@@ -229,11 +240,12 @@ def _engines(rig: RigSpec, finder: Finder) -> Array:
 
 
 def _engine(
-    rig: RigSpec, nominal: Finder, aside: Finder, engines: Sequence[Array], curved: Finder, names: Sequence[str]
+    rig: RigSpec, nominal: Finder, aside: Finder, engines: Sequence[Array], recast: RigSpec, names: Sequence[str]
 ) -> Answer:
     p = max(_PRETENSION_MM)
     rows: list[dict[str, Cell]] = []
-    bent = _engines(_curved(rig, curved.asked.azimuth_deg), curved)
+    bent = _engines(recast, Finder(recast, nominal.asked))
+    assert recast.space is not None
     for i, b in enumerate(_ENGINE_BENDS):
         best = _best(nominal, rig, p, b)
         found = [_over([one[k] for one in engines], i) for k in range(4)]
@@ -248,10 +260,10 @@ def _engine(
                 "take_up_mm": 1e3 * best.take_up,
                 "tilt_deg": math.degrees(best.tilt),
                 "lag_deg": math.degrees(best.lag),
-                "curved_twist_deg": float(bent[0][i]),
-                "curved_frequency_hz": float(bent[1][i]),
-                "curved_twist_per_tilt": float(bent[2][i]),
-                "curved_twist_per_tilt_slow": float(bent[3][i]),
+                "recast_twist_deg": float(bent[0][i]),
+                "recast_frequency_hz": float(bent[1][i]),
+                "recast_twist_per_tilt": float(bent[2][i]),
+                "recast_twist_per_tilt_slow": float(bent[3][i]),
             }
         )
     last = rows[-1]
@@ -269,7 +281,7 @@ def _engine(
         there,
         (
             f"Tendons that drive a head sideways, bent by {_ENGINE_BENDS[-1]:g}° at {p:g} mm, twist it by "
-            f"{in_words(twist, 1, '°')} at {in_words(hz, 1, 'Hz')}, as far as their motors' speed lets them.",
+            f"{in_words(twist)} degrees at {in_words(hz, 1, 'Hz')}, as far as their motors' speed lets them.",
             f"Slowly, a tilt of one degree across twists it by {in_words(slow)} degrees only: the rod's geometry gives "
             f"nothing. At resonance it twists by {in_words(per)} degrees a degree: the head turns with the tilt about "
             "an axis that leans, its inertia twists the rod, and the torsion amplifies that by its 1/(2D).",
@@ -279,17 +291,21 @@ def _engine(
             f"How the lever lies decides: bent towards {aside.asked.azimuth_deg:g}° from y, along which its arms are, "
             f"instead of {nominal.asked.azimuth_deg:g}°, it is {math.degrees(other.torsion):.2g}° at "
             f"{other.frequency_hz:.4g} Hz, {other.per_tilt:.2g} degrees a degree.",
-            f"A joint cast with a bend of {_CURVED_DEG:g}° and held at the same {_ENGINE_BENDS[-1]:g}° gives "
-            f"{last['curved_twist_deg']:.2g}° at {last['curved_frequency_hz']:.4g} Hz, and slowly "
-            f"{last['curved_twist_per_tilt_slow']:.2g}° a degree: a curve at rest couples side bend and yaw more when "
+            f"The same joint cast {_cast_words(recast.space.rest_bend_deg)} and held at {_ENGINE_BENDS[-1]:g}° gives "
+            f"{last['recast_twist_deg']:.2g}° at {last['recast_frequency_hz']:.4g} Hz, and slowly "
+            f"{last['recast_twist_per_tilt_slow']:.2g}° a degree: a curve at rest couples side bend and yaw more when "
             "slow, but still by far less than inertia does.",
             _rests(names),
-            f'To test it: the tendons driven across the bend (drive = "{drive}" in the sweep of a plan), through the '
-            "torsion's resonance, the lever held at its zero.",
+            "To test it: plans/engine.toml drives the tendons across a bend towards 90° through the torsion's "
+            f'resonance, the lever held; towards {nominal.asked.azimuth_deg:g}° that is drive = "{drive}".',
         ),
         {"twist_deg": twist, "twist_per_tilt": per, "twist_per_tilt_slow": slow},
         tuple(rows),
     )
+
+
+def _cast_words(rest_bend_deg: float) -> str:
+    return f"with a bend of {rest_bend_deg:g}°" if rest_bend_deg else "straight"
 
 
 def _rests(names: Sequence[str]) -> str:

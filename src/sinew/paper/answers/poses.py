@@ -6,22 +6,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from sinew.measure.arrays import Array
-from sinew.measure.errors import SpecError
 from sinew.measure.estimate import Estimate, number
 from sinew.paper.answers.answer import Answer, Cell, in_words
 from sinew.plan.rig import RigSpec, Spatial
 from sinew.predict.poses.load import (
     PAYLOAD_HEIGHT,
+    at_least_zero,
     carried_by_bounds,
     carried_mass,
-    tensions_over_bend,
+    pulls_over_bend,
     tilt_stiffness,
     with_bounds,
 )
 
 PRETENSIONS_MM = (0.0, 6.0, 12.0)
-BENDS_DEG = (10.0, 20.0, 30.0)
+BENDS_DEG = (0.0, 10.0, 20.0, 30.0)
 CARRIED_DEG = 20.0
+ASYMMETRY = "asymmetry"
+CARRYING = "carrying"
 
 _ASSUMED = (
     "Intervals hold what the bounds of the assumed masses of head, lever and silicone make of the numbers, each by "
@@ -30,31 +32,20 @@ _ASSUMED = (
 )
 
 
-def answer_rig(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_MM) -> list[Answer]:
-    """Return one answer for each question that statics answer of a rig: asymmetry, carrying.
-
-    Raises SpecError where the rig knows no space.
-    """
-    if rig.space is None:
-        raise SpecError(
-            f"rig {rig.name} has no [space], expected the masses of a joint that bends; take the rig paper's"
-        )
-    return [answer_asymmetry(rig, pretension_mm), answer_carrying(rig, pretension_mm)]
-
-
-def answer_asymmetry(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_MM) -> Answer:
+def answer_asymmetry(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_MM, azimuth_deg: float = 0.0) -> Answer:
     """Return how unequal the tendons' tensions get over the bend (paper 5.2.1), the joint held by position.
 
-    Rows: for each pretension and bend towards the first tendon the tension of the one on the inside and on the outside.
+    azimuth_deg: direction of the bend, from y towards z. Rows: for each pretension and bend the tension of the tendon
+    that pulls most and of the one that pulls least; a slack one has none.
     """
     rows: list[dict[str, Cell]] = []
     for mm in pretension_mm:
 
         def ends(one: RigSpec, mm: float = mm) -> Array:
-            tension = tensions_over_bend(one, mm, BENDS_DEG)
-            return np.concatenate([tension.max(axis=1), tension.min(axis=1)])
+            pull = pulls_over_bend(one, mm, BENDS_DEG, azimuth_deg)
+            return np.concatenate([pull.max(axis=1), pull.min(axis=1)])
 
-        found = with_bounds(rig, ends)
+        found = [at_least_zero(one) for one in with_bounds(rig, ends)]
         half = len(BENDS_DEG)
         for i, bend in enumerate(BENDS_DEG):
             pulls = {"highest_n": found[i], "lowest_n": found[half + i]}
@@ -77,19 +68,29 @@ def answer_asymmetry(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_
         f"A tendon is slack at {', '.join(slack)} on (of the bends that were asked)." if slack else "None is slack."
     )
     other = rig.model_copy(update={"space": _other_routing(rig)})
-    routed = tensions_over_bend(other, float(pretension_mm[-1]), BENDS_DEG[-1:])[0]
+    routed = np.maximum(pulls_over_bend(other, float(pretension_mm[-1]), BENDS_DEG[-1:], azimuth_deg)[0], 0.0)
     assert other.space is not None
     by_routing = (
         f"It rests on the routing, {rig.space.routing if rig.space else ''}: by {other.space.routing} they would pull "
         f"{number(float(routed.max()))} and {number(float(routed.min()))} N. Motor currents of a bent pose tell which."
     )
     return Answer(
-        "asymmetry",
-        "How unequal do the tendons' tensions get where the joint bends (5.2.1)?",
-        f"{number(high.value)} against {number(low.value)} N at {last['bend_deg']:g}° and {last['pretension_mm']:g} mm",
-        (first, slackly, by_routing, _ASSUMED),
+        ASYMMETRY,
+        "How unequal do the tendons' tensions get where the joint bends? (section 5.2.1)",
+        f"{number(high.value, 3)} against {number(low.value, 3)} N at {last['bend_deg']:g}° and "
+        f"{last['pretension_mm']:g} mm",
+        (first, slackly, by_routing, _ASSUMED, _test_of_tensions(rig)),
         {"highest_n": high, "lowest_n": low},
         tuple(rows),
+    )
+
+
+def _test_of_tensions(rig: RigSpec) -> str:
+    per_ampere = float(rig.tendons.tension(1.0))
+    return (
+        "To test it: run plans/bent.toml and read tendon_current_a at rest, before the lever moves. An ampere is "
+        f"{number(per_ampere, 3)} N at the pulley by the rig's motor, less what gears hold back; a load cell in one "
+        "tendon tells how much."
     )
 
 
@@ -103,17 +104,18 @@ def _other_routing(rig: RigSpec) -> Spatial:
     return rig.space.model_copy(update={"routing": "chord" if rig.space.routing == "channel" else "channel"})
 
 
-def answer_carrying(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_MM) -> Answer:
+def answer_carrying(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_MM, azimuth_deg: float = 0.0) -> Answer:
     """Return what the joint carries in pitch and roll (paper 5.1, weight compensation), held by position.
 
-    Rows: for each pretension the stiffness against a moment on the head by position and by current, the moment at
-    which the first tendon goes slack and at which one reaches the rig's limit, and the largest mass 100 mm above the
-    plate, upright and bent.
+    azimuth_deg: direction of the bend in which it carries a mass. Rows: for each pretension the stiffness against a
+    moment on the head by position and by current, the moment at which the first tendon goes slack and at which one
+    reaches the rig's limit, and the largest mass 100 mm above the plate, upright and bent.
     """
     rows: list[dict[str, Cell]] = []
     ends = []
     for mm in pretension_mm:
         by = with_bounds(rig, lambda one, mm=mm: np.array(tilt_stiffness(one, mm)))  # type: ignore[misc]
+        by[2:] = map(at_least_zero, by[2:])  # a moment that needs none is none
         row: dict[str, Cell] = {"pretension_mm": float(mm)}
         names = (
             "tilt_stiffness_n_m_rad",
@@ -123,8 +125,8 @@ def answer_carrying(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_M
         )
         row |= dict(zip(names, by, strict=True))
         for name, bend in (("upright_kg", 0.0), ("bent_kg", CARRIED_DEG)):
-            carried = carried_mass(rig, float(mm), bend)
-            row[name] = carried_by_bounds(rig, carried, float(mm), bend)
+            carried = carried_mass(rig, float(mm), bend, azimuth_deg)
+            row[name] = carried_by_bounds(rig, carried, float(mm), bend, azimuth_deg)
         ends.append(carried.ends)
         rows.append(row)
     last = rows[-1]
@@ -147,14 +149,20 @@ def answer_carrying(rig: RigSpec, pretension_mm: Sequence[float] = PRETENSIONS_M
     none = [f"{row['pretension_mm']:g}" for row in rows if _nothing(row["bent_kg"])]
     third = f"At {', '.join(none)} mm a tendon is slack in that pose without any load." if none else ""
     return Answer(
-        "carrying",
-        "What does the joint carry in pitch and roll (5.1)?",
-        f"{number(moment.value)} N m upright, {number(bent.value)} kg bent by {CARRIED_DEG:g}°, at "
+        CARRYING,
+        "What does the joint carry in pitch and roll? (section 5.1)",
+        f"{number(moment.value, 3)} N m upright, {number(bent.value, 3)} kg bent by {CARRIED_DEG:g}°, at "
         f"{last['pretension_mm']:g} mm",
-        tuple(sentence for sentence in (first, second, third, _ASSUMED) if sentence),
+        tuple(sentence for sentence in (first, second, third, _ASSUMED, _TEST_OF_LOAD) if sentence),
         {"slack_moment_n_m": moment, "bent_kg": bent, "tilt_stiffness_n_m_rad": held},
         tuple(rows),
     )
+
+
+_TEST_OF_LOAD = (
+    "To test it: hold the pose of plans/bent.toml, hang a known mass on the head at a known height and read tilt and "
+    "motor currents: the tilt gives the stiffness, a current that falls to nothing the load at which a tendon is slack."
+)
 
 
 def _nothing(cell: Cell) -> bool:

@@ -54,6 +54,7 @@ def section_of(rig: RigSpec) -> Section:
         torsion_error=0.0,
         warping_constant=own.warping_constant.value,
         shear_arm=None if own.shear_arm is None else own.shear_arm.value,
+        hull=None if own.hull_mm is None else tuple((1e-3 * y, 1e-3 * z) for y, z in own.hull_mm),
     )
 
 
@@ -183,6 +184,8 @@ def _section_data(section: Section) -> dict[str, Any]:
         "shear_arm": (section.shear_arm, "m", "largest shear strain per twist"),
     }
     found: dict[str, Any] = {"shape": section.shape}
+    if section.hull is not None:
+        found["hull_mm"] = tuple((round(1e3 * y, 4), round(1e3 * z, 4)) for y, z in section.hull)
     for name, (value, unit, note) in rows.items():
         if value is not None:
             found[name] = {

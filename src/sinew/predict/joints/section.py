@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
 from scipy.special import ellipe
 
 from sinew.measure.arrays import Array, Mask
@@ -132,7 +133,8 @@ def _refuse_crossings(rings: list[Array]) -> None:
 
 class Moments(NamedTuple):
     """area [m²], centroid (x, y) [m], and about it the principal second moments [m⁴], the smaller one first;
-    perimeter: of all rings [m]; outer_radius: of the farthest corner from the centroid [m]."""
+    perimeter: of all rings [m]; outer_radius: of the farthest corner from the centroid [m]. wide_axis: direction of the
+    principal axis with the smaller moment about it, from x towards y [rad]; zero where both are alike."""
 
     area: float
     centroid: tuple[float, float]
@@ -140,6 +142,7 @@ class Moments(NamedTuple):
     greatest: float
     perimeter: float
     outer_radius: float
+    wide_axis: float = 0.0
 
     @property
     def polar(self) -> float:
@@ -174,9 +177,10 @@ def moments(drawn: Outline) -> Moments:
     half, swing = 0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
     centroid = at + origin
     radius = float(np.max(np.hypot(*(drawn.outer - centroid).T)))
-    return Moments(
-        float(area), (float(centroid[0]), float(centroid[1])), float(half - swing), float(half + swing), length, radius
-    )
+    # xx is ∫x² dA: the moment about y. Along the wide axis ∫ of the square is largest.
+    wide = 0.5 * float(np.arctan2(2 * xy, xx - yy)) if swing > _TOUCH * half else 0.0
+    least, greatest = float(half - swing), float(half + swing)
+    return Moments(float(area), (float(centroid[0]), float(centroid[1])), least, greatest, length, radius, wide)
 
 
 def centred(drawn: Outline) -> Outline:
@@ -230,6 +234,9 @@ def read_polygon(path: Path) -> Outline:
 
 # A section in numbers.
 
+_ROUND = np.linspace(0, 2 * np.pi, 36, endpoint=False)
+"""Where the corners of an ellipse's hull lie: its edges are at most 0.4 % inside."""
+
 
 @dataclass(frozen=True)
 class Section:
@@ -239,6 +246,7 @@ class Section:
     [m]. least, greatest: principal second moments [m⁴]. torsion_constant: St Venant's J [m⁴]; torsion_error: how far
     it may be off, as a share; zero for a closed form. warping_constant: Vlasov's, about the shear centre [m⁶].
     shear_arm: the largest shear strain per twist (rad/m) [m]; None where a re-entrant corner makes it unbounded.
+    hull: corners of its convex hull about the centroid, the wide principal axis first [m]; None of a round one.
     """
 
     shape: str
@@ -251,6 +259,7 @@ class Section:
     torsion_error: float
     warping_constant: float
     shear_arm: float | None
+    hull: tuple[tuple[float, float], ...] | None = None
 
     @property
     def polar_moment(self) -> float:
@@ -318,6 +327,7 @@ def ellipse_section(width: float, height: float) -> Section:
         torsion_error=0.0,
         warping_constant=warping_constant,
         shear_arm=shear_arm,
+        hull=None if a == b else _corners(np.column_stack([a * np.cos(_ROUND), b * np.sin(_ROUND)])),
     )
 
 
@@ -350,7 +360,20 @@ def section_of_outline(drawn: Outline, shape: str) -> Section:
         torsion_error=0.5 * (torsion.bounds[1] - torsion.bounds[0]) / torsion.constant,
         warping_constant=torsion.warping,
         shear_arm=torsion.shear_arm,
+        hull=_hull(drawn),
     )
+
+
+def _hull(drawn: Outline) -> tuple[tuple[float, float], ...]:
+    """Return the corners of an outline's convex hull about its centroid, the wide principal axis first [m]."""
+    about = moments(drawn)
+    corners = drawn.outer[ConvexHull(drawn.outer).vertices] - np.array(about.centroid)
+    cos, sin = np.cos(about.wide_axis), np.sin(about.wide_axis)
+    return _corners(corners @ np.array([[cos, -sin], [sin, cos]]))
+
+
+def _corners(points: Array) -> tuple[tuple[float, float], ...]:
+    return tuple((float(x), float(y)) for x, y in points)
 
 
 def _with_shape(section: Section, shape: str) -> Section:

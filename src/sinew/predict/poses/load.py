@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from sinew.measure.arrays import Array
-from sinew.measure.estimate import Estimate
+from sinew.measure.estimate import NORMAL_90, Estimate
 from sinew.mechanics.parameters import CURRENT
 from sinew.mechanics.space import Space
 from sinew.plan.pose import swing_of_bend
@@ -56,17 +56,24 @@ def with_bounds(rig: RigSpec, numbers: Callable[[RigSpec], Array]) -> list[Estim
     return [Estimate.normal(float(v), math.sqrt(float(s))) for v, s in zip(value, square, strict=True)]
 
 
-def tensions_over_bend(
-    rig: RigSpec, pretension_mm: float, bends_deg: Sequence[float], azimuth_deg: float = 0.0
-) -> Array:
-    """Return the tension of each tendon [N] in poses held by position, (bend, tendon); NaN where there is none."""
+def at_least_zero(estimate: Estimate) -> Estimate:
+    """Return the estimate of max(0, x) from that of x: quantiles of the one are those of the other, where they are
+    positive. What a tendon that is slack would pull is negative; its tension is none, and certain."""
+    value, low, high = (max(0.0, x) for x in (estimate.value, estimate.low, estimate.high))
+    return Estimate(value, (high - low) / (2 * NORMAL_90), low, high)
+
+
+def pulls_over_bend(rig: RigSpec, pretension_mm: float, bends_deg: Sequence[float], azimuth_deg: float = 0.0) -> Array:
+    """Return what pulls each tendon taut [N] in poses held by position, (bend, tendon): its tension, negative where it
+    is slack, by as much as its stiffness makes of the missing length; NaN where there is no pose."""
     configure()
     space, contact = space_from_rig(rig), rig.tendons.first_contact_tension.value
     direction = np.array(swing_of_bend(1.0, math.radians(azimuth_deg)))
     rows = []
     for one in bends_deg:
-        found = bend(space, contact, 1e-3 * pretension_mm, math.radians(one) * direction)[1]
-        rows.append(found.at.tension if found.found else np.full(rig.tendons.count, np.nan))
+        there, found = bend(space, contact, 1e-3 * pretension_mm, math.radians(one) * direction)
+        pull = float(there.rod.joint.stiffness) * (found.at.spans - np.asarray(there.cable_end))
+        rows.append(pull if found.found else np.full(rig.tendons.count, np.nan))
     return np.array(rows)
 
 
@@ -144,7 +151,7 @@ def carried_by_bounds(
 
     slope = (margin(rig, carried.mass + step) - margin(rig, carried.mass - step)) / (2 * step)
     left = with_bounds(rig, lambda one: np.array([margin(one, carried.mass)]))[0]
-    return Estimate.normal(carried.mass, abs(left.std / slope))
+    return at_least_zero(Estimate.normal(carried.mass, abs(left.std / slope)))
 
 
 class _Loaded:

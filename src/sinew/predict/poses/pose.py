@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import brentq
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Mask
 from sinew.measure.errors import SpecError
 from sinew.measure.estimate import fixed, number
 from sinew.measure.told import Table
@@ -40,6 +40,9 @@ from sinew.twin.parameters import space_from_rig
 
 FURTHEST_DEG = 60.0
 """Bend up to which it is looked for where a tendon goes slack."""
+
+_MOST_N, _MOST_MM = 10_000.0, 1000.0
+"""Of a tendon; beyond them a number was meant in another unit."""
 
 _BEND_STEP = math.radians(2.5)
 _PRETENSION_STEP, _LEAST_STEP = 4e-3, 2e-4
@@ -268,8 +271,8 @@ def find_pose(rig: RigSpec, asked: Asked, *, outlook: bool = True) -> Posed:
             rig, asked, there, None, why, None, math.nan, nothing, nothing, slack, buckling, refusals, coordinates
         )
     shape = shape_of(found.q, there)
-    clearance, sagitta = chord_clearance(found.q, there, rig.silicone.diameter.value / 2)
-    strain = surface_strain(found.q, there, rig.silicone.diameter.value / 2)
+    clearance, sagitta = chord_clearance(found.q, there, rig)
+    strain = surface_strain(found.q, there, rig)
     posed = Posed(rig, asked, there, found, "", shape, strain, clearance, sagitta, slack, buckling, (), coordinates)
     findings = (*_asked_findings(rig, asked), *_findings(posed, found))
     return Posed(**{**posed.__dict__, "findings": findings})
@@ -288,6 +291,11 @@ def _check(rig: RigSpec, asked: Asked) -> None:
         raise SpecError("found take-ups of motors that hold currents, which follow; give the tensions that they hold")
     if asked.tension_n is not None and not by_current:
         raise SpecError("found tensions of motors that hold positions; give take-ups, or the mode current")
+    if asked.tension_n is not None and max(asked.tension_n) > _MOST_N:
+        raise SpecError(f"found a tension of {max(asked.tension_n):g} N, expected 0 to {_MOST_N:g} N; look at its unit")
+    if asked.take_up_mm is not None and max(map(abs, asked.take_up_mm)) > _MOST_MM:
+        far = max(asked.take_up_mm, key=abs)
+        raise SpecError(f"found a take-up of {far:g} mm, expected -{_MOST_MM:g} to {_MOST_MM:g} mm; look at its unit")
     if asked.tension_n is not None and min(asked.tension_n) < 0:
         raise SpecError(f"found a tension of {min(asked.tension_n):g} N, expected zero or more: cables cannot push")
 
@@ -314,7 +322,12 @@ def _rest_of(space: Space, contact: float, asked: Asked) -> tuple[Space, Rest | 
     else:
         there, found = bend(space, contact, 1e-3 * asked.pretension_mm, asked.swing)
     if not found.reached or found.residual >= 1e-7:
-        return there, None, f"no rest pose was found for {asked.words()}; the tendons do not bend the joint that far"
+        why = (
+            "the tendons do not bend the joint that far"
+            if asked.wants_tilt
+            else "under them the joint folds up, or nothing in it holds the head; pull less"
+        )
+        return there, None, f"no rest pose was found for {asked.words()}; {why}"
     if found.softest <= 0:
         held = "currents" if asked.mode == "current" else "positions"
         return (
@@ -388,22 +401,31 @@ def _chord_findings(posed: Posed) -> Iterator[Finding]:
     rig = posed.rig
     if rig.space is not None and rig.space.routing == "channel":
         return
-    radius, circle = rig.silicone.diameter.value / 2, min(rig.tendons.base_radius.value, rig.tendons.head_radius.value)
-    deepest, far = float(np.min(posed.clearance)), float(np.max(posed.sagitta))
-    if circle < radius:
+    circle = min(rig.tendons.base_radius.value, rig.tendons.head_radius.value)
+    towards = [math.atan2(float(z), float(y)) for y, z in posed.space.rod.joint.guide_directions]
+    reach = rig.support(np.array(towards))
+    inside = circle < reach
+    if np.any(inside):
+        far, radii = float(np.max(posed.sagitta[inside])), sorted({f"{1e3 * r:.1f}" for r in reach[inside]})
+        whose = "" if np.all(inside) else f" at tendon {_numbered(inside)}"
         yield Finding(
             "warn",
-            f"the guides' circle of {1e3 * circle:.1f} mm lies inside the silicone of {1e3 * radius:.1f} mm radius: "
-            f"the chords are taken to cut through it, up to {1e3 * far:.1f} mm away from where they run straight; in "
-            "channels of the silicone they could not: set space.routing",
+            f"the guides' circle of {1e3 * circle:.1f} mm lies inside the silicone, which reaches to "
+            f"{' and '.join(radii)} mm{whose}: the chords are taken to cut through it, up to {1e3 * far:.1f} mm away "
+            "from where they run straight; in channels of the silicone they could not: set space.routing",
         )
-    elif deepest < 0:
-        touched = ", ".join(str(i + 1) for i in np.flatnonzero(posed.clearance < 0))
+    touched = ~inside & (posed.clearance < 0)
+    if np.any(touched):
+        deepest = float(np.min(posed.clearance[touched]))
         yield Finding(
             "warn",
-            f"the chord of tendon {touched} would pass {-1e3 * deepest:.1f} mm below the silicone's surface: really it "
-            "lies on the convex side, is longer and pulls otherwise; bend less or widen the guides' circle",
+            f"the chord of tendon {_numbered(touched)} would pass {-1e3 * deepest:.1f} mm below the surface: "
+            "it lies on the convex side, is longer and pulls otherwise; bend less or widen the guides' circle",
         )
+
+
+def _numbered(which: Mask) -> str:
+    return ", ".join(str(i + 1) for i in np.flatnonzero(which))
 
 
 # What a bent rod looks like.
@@ -432,12 +454,15 @@ def _stations() -> Array:
     return np.concatenate([[0.0], np.cumsum(grid().steps)])
 
 
-def chord_clearance(q: Array, space: Space, radius: float) -> tuple[Array, Array]:
+def chord_clearance(q: Array, space: Space, rig: RigSpec) -> tuple[Array, Array]:
     """Return (least distance of each chord to the silicone's surface, how far each is from its place in the straight
-    joint), (tendon,) each [m]. radius: of the circle around the silicone at rest [m]; it is wider where compressed."""
+    joint), (tendon,) each [m].
+
+    The surface is that of the rig's section, wider where it is compressed: its tangent across the chord's direction, so
+    that of an oval a chord may be further off, never nearer.
+    """
     shape, joint = shape_of(q, space), space.rod.joint
     stretch = _strains_at(q, space, _CHORD_POINTS)[:, 3]
-    outer = radius / np.sqrt(stretch)
     lowest, sagitta = [], []
     for i, (foot, head) in enumerate(shape.chords):
         along = head - foot
@@ -446,6 +471,7 @@ def chord_clearance(q: Array, space: Space, radius: float) -> tuple[Array, Array
         share = np.einsum("nd,nd->n", shape.line - foot, axes) / (axes @ along)
         offset = foot + share[:, None] * along - shape.line
         inside = np.einsum("nd,ndk->nk", offset, shape.turns)[:, 1:]
+        outer = rig.support(np.arctan2(inside[:, 1], inside[:, 0])) / np.sqrt(stretch)
         lowest.append(np.min(np.linalg.norm(inside, axis=1) - outer))
         direction = np.array([float(x) for x in joint.guide_directions[i]])
         arms = (1 - _CHORD_POINTS) * float(joint.base_radius) + _CHORD_POINTS * float(joint.head_radius)
@@ -459,18 +485,23 @@ def _strains_at(q: Array, space: Space, share: Array) -> Array:
     return np.asarray(rest_strains(space.rod)) + terms @ q.T
 
 
-def surface_strain(q: Array, space: Space, radius: float) -> float:
+def surface_strain(q: Array, space: Space, rig: RigSpec) -> float:
     """Return the largest principal strain [1] of the silicone's surface.
 
-    Its fibres have the stretch λ ± R |κ - κ_0|, and are sheared by R times the twist and by the section's own shear.
-    radius: of the circle around the section at rest [m].
+    Its fibres have the stretch λ ± R |κ - κ_0|, R how far the section reaches in the plane of the bend, and are sheared
+    by the twist times the arm of its section (else its radius) and by the section's own shear.
     """
     strains = _strains_at(q, space, _CHORD_POINTS)
     bent = strains - np.asarray(rest_strains(space.rod))
-    arm = radius / float(space.rod.joint.length)
-    fibres = arm * np.hypot(bent[:, 1], bent[:, 2])
-    shear = arm * np.abs(bent[:, 0]) + np.hypot(bent[:, 4], bent[:, 5])
-    each = [largest_strain(shear, np.maximum(strains[:, 3] + sign * fibres, 1e-2)) for sign in (-1, 1)]
+    length, section = float(space.rod.joint.length), rig.section
+    known = None if section is None or section.shear_arm is None else section.shear_arm.value
+    arm = rig.silicone.diameter.value / 2 if known is None else known
+    shear = arm / length * np.abs(bent[:, 0]) + np.hypot(bent[:, 4], bent[:, 5])
+    # A bend about y stretches what lies along z, one about z compresses what lies along y.
+    towards = np.arctan2(bent[:, 1], -bent[:, 2])
+    size = np.hypot(bent[:, 1], bent[:, 2]) / length
+    fibres = (rig.support(towards) * size, -rig.support(towards + np.pi) * size)
+    each = [largest_strain(shear, np.maximum(strains[:, 3] + fibre, 1e-2)) for fibre in fibres]
     return float(np.max(each))
 
 

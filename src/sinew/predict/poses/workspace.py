@@ -231,10 +231,9 @@ class _Plane:
         spans = found.at.spans + found.at.by_span @ found.move
         pull = there.held_tension if by_current else stiffness * (spans - there.cable_end)
         take_up = 1e3 * (self.ends - (spans - np.maximum(pull, 0.0) / stiffness if by_current else there.cable_end))
-        radius = rig.silicone.diameter.value / 2
         self.highest[cell], self.lowest[cell] = np.max(pull), np.min(pull)
         self.softest[cell] = softest_of(found.at, there)
-        self.strain[cell] = surface_strain(found.q, there, radius)
+        self.strain[cell] = surface_strain(found.q, there, rig)
         low, high = rig.limits.tendon_travel_mm
         faults = (
             (BUCKLES, self.softest[cell] <= 0),
