@@ -28,14 +28,15 @@ from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
-from sinew.measure.events import Event
+from sinew.measure.events import Event, Pretensioned
+from sinew.plan.check import refuse_beyond_limits
 from sinew.plan.plan import Plan
 from sinew.plan.pose import Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 from sinew.predict.preview import held_preview
 from sinew.twin.parameters import Effects
-from sinew.twin.simulate import simulate
+from sinew.twin.simulate import rest_tension, simulate
 
 FAULTS = ("unplug", "imu-freeze", "overload:motor=2")
 """What may happen to a bent run, without its time."""
@@ -54,11 +55,12 @@ class Truth(NamedTuple):
 
 
 class BentRun(NamedTuple):
-    """report of the run; truth; recording, None without a whole group; is_safe: whether all motors were in the declared
-    state in the end, by the mechanics."""
+    """report of the run; truth; levelled: its cycle when the last pretension had been set; recording, None without a
+    whole group; is_safe: whether all motors were in the declared state in the end, by the mechanics."""
 
     report: RunReport
     truth: Truth
+    levelled: int
     recording: xr.Dataset | None
     is_safe: bool
 
@@ -77,13 +79,15 @@ class _Watcher:
     def __init__(self, emulated: EmulatedRig) -> None:
         self._emulated = emulated
         self.rows: list[tuple[float, ...]] = []
+        self.levelled = -1
 
     def on_sample(self, sample: Sample) -> None:
         now = self._emulated.motion()
         self.rows.append((sample.time_s, *now.tilt, now.torsion, *now.tension))
 
     def on_event(self, event: Event) -> None:
-        pass
+        if isinstance(event, Pretensioned):
+            self.levelled = len(self.rows) - 1
 
     def truth(self) -> Truth:
         rows = np.array(self.rows).T
@@ -101,9 +105,7 @@ def run_bent(plan: Plan, spec: RigSpec, seed: int = 0, fault: str = "") -> BentR
     port = VirtualPort(Faults([parse_fault(fault)] if fault else [], seed).attach(emulated))
     timing = BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms)
     rig = Rig(Bus(port, port, timing, retries=2), port, spec)
-    preview, rests = held_preview(plan, spec)
-    watcher, tension = _Watcher(emulated), dict(zip(rests, preview.tension_n, strict=True))
-    held = {mm: Held.of(rest) for mm, rest in rests.items()}
+    watcher, (tension, held) = _Watcher(emulated), _what_holds(plan, spec)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "journal.sqlite"
         with Journal.create(path, dump_plan(plan), dump_rig(spec)) as journal:
@@ -114,7 +116,21 @@ def run_bent(plan: Plan, spec: RigSpec, seed: int = 0, fault: str = "") -> BentR
     port.rig.advance(ended + _WATCHDOG_S)
     while port.rig.time < ended + _REST_MOST_S and not emulated.in_safe_state():
         port.rig.advance(port.rig.time + 0.1)
-    return BentRun(report, watcher.truth(), recording, emulated.in_safe_state())
+    return BentRun(report, watcher.truth(), watcher.levelled, recording, emulated.in_safe_state())
+
+
+def _what_holds(plan: Plan, spec: RigSpec) -> tuple[dict[float, float], dict[float, Held] | None]:
+    """Return (tension of a tendon at rest by pretension, what holds a pose), as `sinew run` finds them.
+
+    Raises SpecError for a pose that it refuses.
+    """
+    pretensions = plan.pretension.pretension_mm
+    if plan.rest_pose.is_straight:
+        return dict(zip(pretensions, rest_tension(pretensions, spec).tolist(), strict=True)), None
+    preview, rests = held_preview(plan, spec)
+    refuse_beyond_limits(preview)
+    held = {mm: Held.of(rest) for mm, rest in rests.items()}
+    return dict(zip(pretensions, preview.tension_n, strict=True)), held
 
 
 def twin_of(plan: Plan, spec: RigSpec) -> xr.Dataset:
