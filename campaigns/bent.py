@@ -125,7 +125,7 @@ def _what_holds(plan: Plan, spec: RigSpec) -> tuple[dict[float, float], dict[flo
     Raises SpecError for a pose that it refuses.
     """
     pretensions = plan.pretension.pretension_mm
-    if plan.rest_pose.is_straight:
+    if not plan.is_spatial:
         return dict(zip(pretensions, rest_tension(pretensions, spec).tolist(), strict=True)), None
     preview, rests = held_preview(plan, spec)
     refuse_beyond_limits(preview)

@@ -13,7 +13,7 @@ import itertools
 import math
 import operator
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -28,6 +28,9 @@ from sinew.plan.rig import RigSpec
 
 if TYPE_CHECKING:
     from sinew.solve.spatial import Rest  # JAX
+
+Tilt = tuple[float, float]
+"""About y and z [rad]."""
 
 # The head plate is levelled, at rest. The paper has a PI loop and tells no gains.
 
@@ -61,8 +64,9 @@ _HOLD_S = 0.5
 _STANDS_S = 2.0
 _STANDS_COUNTS = 1.5
 _LOOKS_S = 1.0
-# By current the tilt may lie between two counts. The correction then goes to and fro about its place, which is the
-# middle of what it has passed in that time.
+_MOST_LOOKS = 2
+# By current the tilt may lie between two counts. The correction then goes to and fro about the edge between them; its
+# place is the mean of what the counts made of it in that time, and of what was still lacking.
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +92,13 @@ def level(
     start: tuple[float, float],
     pose: tuple[float, float] = (0.0, 0.0),
     count: float = 0.0,
+    whole: Callable[[Tilt], Tilt] = lambda correction: correction,
 ) -> Levelling:
     """Correct the tendons until the head plate is level, or stands in a pose, and return how it ended.
 
     goals: of the tendon motors for a correction of tilt about y and z [rad]. start: correction to begin with. pose:
-    tilt about y and z that is asked for [rad]. count: correction that one count of a motor makes up for [rad].
+    tilt about y and z that is asked for [rad]. count: correction that one count of a motor makes up for [rad]; whole:
+    what whole counts make of a correction.
     The controller integrates what the accelerometer's tilt lacks of the pose, behind two low-passes, and ends when
     little is left, or when the correction stands and more would not make it better; then the tilt that is left is
     measured anew. Raises LostError where the plate does not come level.
@@ -104,8 +110,8 @@ def level(
     gain, integral, quiet = LEVEL_RATE * loop.period, start, 0.0
     once: tuple[float, float] | None = None
     smooth: tuple[float, float] | None = None
-    way: deque[tuple[float, float]] = deque(maxlen=round(_STANDS_S / loop.period))
-    look = 0  # cycle at which a correction that stands is judged by what it leaves
+    way: deque[tuple[Tilt, Tilt]] = deque(maxlen=round(_STANDS_S / loop.period))
+    look, looks = 0, 0  # cycle at which a correction that stands is judged by what it leaves
     for k in range(1, round(MOST_S / loop.period) + 1):
         seen = rest_tilt(loop.cycle())
         if seen is None:
@@ -114,15 +120,25 @@ def level(
         smooth = _followed(smooth, once, weight)
         tilt = math.hypot(*smooth)
         quiet = quiet + loop.period if tilt < enough else 0.0
-        has_looked, look = 0 < look <= k, 0 if look <= k else look
-        if quiet >= _HOLD_S or (has_looked and tilt < accepted):
+        if quiet >= _HOLD_S:
             return Levelling(integral, tilt, k * loop.period)
-        if quiet > 0 or look > 0:
+        if quiet > 0 or k < look:
             continue
+        if look > 0:  # the correction has stood long enough to tell exactly what it leaves
+            made, look = whole(integral), 0
+            place = made[0] + smooth[0], made[1] + smooth[1]
+            if looks < _MOST_LOOKS and whole(place) != made:
+                integral, look, looks = place, k + round(_LOOKS_S / loop.period), looks + 1
+                loop.set_goals(goals(integral))
+                continue
+            if tilt < accepted:
+                return Levelling(integral, tilt, k * loop.period)
         integral = (integral[0] + gain * smooth[0], integral[1] + gain * smooth[1])
-        way.append(integral)
-        if len(way) == way.maxlen and _width(way) < _STANDS_COUNTS * count:
-            integral, look = _middle(way), k + round(_LOOKS_S / loop.period)
+        if count > 0:
+            made = whole(integral)
+            way.append((integral, (made[0] + smooth[0], made[1] + smooth[1])))
+        if len(way) == way.maxlen and _width([at for at, _ in way]) < _STANDS_COUNTS * count:
+            integral, look = _mean([place for _, place in way]), k + round(_LOOKS_S / loop.period)
             way.clear()
         loop.set_goals(goals(integral))
     if smooth is not None and math.hypot(*smooth) < accepted:
@@ -138,13 +154,12 @@ def _followed(old: tuple[float, float] | None, seen: tuple[float, float], weight
     return seen if old is None else (old[0] + weight * (seen[0] - old[0]), old[1] + weight * (seen[1] - old[1]))
 
 
-def _width(way: Iterable[tuple[float, float]]) -> float:
+def _width(way: Sequence[Tilt]) -> float:
     return max(max(axis) - min(axis) for axis in zip(*way, strict=True))
 
 
-def _middle(way: Iterable[tuple[float, float]]) -> tuple[float, float]:
-    y, z = (0.5 * (max(axis) + min(axis)) for axis in zip(*way, strict=True))
-    return y, z
+def _mean(way: Sequence[Tilt]) -> Tilt:
+    return sum(y for y, _ in way) / len(way), sum(z for _, z in way) / len(way)
 
 
 PULL_SPEED = 0.015
@@ -243,6 +258,16 @@ class MotorMap:
         if not self.by_current:
             return 0.0
         return self._lsb / self.newton * self.guide_radius / self.tilt_stiffness(pretension_mm)
+
+    def whole(self, pretension_mm: float, offsets: Tilt) -> Tilt:
+        """Return what whole counts of current make of a correction of tilt about y and z [rad]."""
+        if not self.by_current:
+            return offsets
+        currents, tensions = self.goals(pretension_mm, offsets), self._held[pretension_mm].tension_n
+        pulls = [c / self.newton - t for c, t in zip(currents, tensions, strict=True)]
+        ys, zs = zip(*self._points, strict=True)
+        stiffness = self.tilt_stiffness(pretension_mm)
+        return sum(map(operator.mul, pulls, zs)) / stiffness, -sum(map(operator.mul, pulls, ys)) / stiffness
 
     def tilt_stiffness(self, pretension_mm: float) -> float:
         """Return how the joint resists a tilt under constant tensions [N m/rad].
@@ -361,7 +386,12 @@ def set_pretension(
         loop.cycle()
     loop.run(_REST_S)
     levelling = level(
-        loop, lambda correction: motors.goals(asked_mm, correction), offsets, pose, motors.count(asked_mm)
+        loop,
+        lambda correction: motors.goals(asked_mm, correction),
+        offsets,
+        pose,
+        motors.count(asked_mm),
+        lambda correction: motors.whole(asked_mm, correction),
     )
     loop.set_goals(loop.watch.goals, resting=True)
     angles, currents = _mean_tendons(loop, _MEAN_S)

@@ -122,7 +122,7 @@ def _refuse_unfit_plan(
     from sinew.plan.check import refuse_beyond_limits
     from sinew.predict.preview import foresee_plan, held_preview
 
-    if plan.rest_pose.is_straight:
+    if not plan.is_spatial:
         (preview, expected), held = foresee_plan(plan, spec), None
         refuse_beyond_limits(preview)
     else:
