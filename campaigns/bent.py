@@ -2,15 +2,15 @@
 
 A joint in space whose cables are slack and whose head leans is pulled, bent, held and swung by `sinew run`'s own code
 in virtual time; its recording is analysed, and the twin's answer to the same plan likewise, with the twin's own
-orientation and as its sensors tell it. With --faults a run meets a fault in its steady swing instead, and it is
-printed how it ended. Every row is one run, seeded.
+orientation and as its sensors tell it. With --whole it is the plan as it ships, once. With --faults a run meets a fault
+in its steady swing instead, and it is printed how it ended. Every row is one run, seeded.
 """
 
 import json
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -28,14 +28,15 @@ from sinew.emulator.joint_plant import JointPlant
 from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.bus import Bus, BusTiming
 from sinew.hardware.rig import Rig
-from sinew.measure.events import Event
+from sinew.measure.events import Event, Pretensioned
+from sinew.plan.check import refuse_beyond_limits
 from sinew.plan.plan import Plan
 from sinew.plan.pose import Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 from sinew.predict.preview import held_preview
 from sinew.twin.parameters import Effects
-from sinew.twin.simulate import simulate
+from sinew.twin.simulate import rest_tension, simulate
 
 FAULTS = ("unplug", "imu-freeze", "overload:motor=2")
 """What may happen to a bent run, without its time."""
@@ -54,11 +55,12 @@ class Truth(NamedTuple):
 
 
 class BentRun(NamedTuple):
-    """report of the run; truth; recording, None without a whole group; is_safe: whether all motors were in the declared
-    state in the end, by the mechanics."""
+    """report of the run; truth; levelled: its cycle when the last pretension had been set; recording, None without a
+    whole group; is_safe: whether all motors were in the declared state in the end, by the mechanics."""
 
     report: RunReport
     truth: Truth
+    levelled: int
     recording: xr.Dataset | None
     is_safe: bool
 
@@ -77,13 +79,15 @@ class _Watcher:
     def __init__(self, emulated: EmulatedRig) -> None:
         self._emulated = emulated
         self.rows: list[tuple[float, ...]] = []
+        self.levelled = -1
 
     def on_sample(self, sample: Sample) -> None:
         now = self._emulated.motion()
         self.rows.append((sample.time_s, *now.tilt, now.torsion, *now.tension))
 
     def on_event(self, event: Event) -> None:
-        pass
+        if isinstance(event, Pretensioned):
+            self.levelled = len(self.rows) - 1
 
     def truth(self) -> Truth:
         rows = np.array(self.rows).T
@@ -101,9 +105,7 @@ def run_bent(plan: Plan, spec: RigSpec, seed: int = 0, fault: str = "") -> BentR
     port = VirtualPort(Faults([parse_fault(fault)] if fault else [], seed).attach(emulated))
     timing = BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms)
     rig = Rig(Bus(port, port, timing, retries=2), port, spec)
-    preview, rests = held_preview(plan, spec)
-    watcher, tension = _Watcher(emulated), dict(zip(rests, preview.tension_n, strict=True))
-    held = {mm: Held.of(rest) for mm, rest in rests.items()}
+    watcher, (tension, held) = _Watcher(emulated), _what_holds(plan, spec)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "journal.sqlite"
         with Journal.create(path, dump_plan(plan), dump_rig(spec)) as journal:
@@ -114,7 +116,21 @@ def run_bent(plan: Plan, spec: RigSpec, seed: int = 0, fault: str = "") -> BentR
     port.rig.advance(ended + _WATCHDOG_S)
     while port.rig.time < ended + _REST_MOST_S and not emulated.in_safe_state():
         port.rig.advance(port.rig.time + 0.1)
-    return BentRun(report, watcher.truth(), recording, emulated.in_safe_state())
+    return BentRun(report, watcher.truth(), watcher.levelled, recording, emulated.in_safe_state())
+
+
+def _what_holds(plan: Plan, spec: RigSpec) -> tuple[dict[float, float], dict[float, Held] | None]:
+    """Return (tension of a tendon at rest by pretension, what holds a pose), as `sinew run` finds them.
+
+    Raises SpecError for a pose that it refuses.
+    """
+    pretensions = plan.pretension.pretension_mm
+    if not plan.is_spatial:
+        return dict(zip(pretensions, rest_tension(pretensions, spec).tolist(), strict=True)), None
+    preview, rests = held_preview(plan, spec)
+    refuse_beyond_limits(preview)
+    held = {mm: Held.of(rest) for mm, rest in rests.items()}
+    return dict(zip(pretensions, preview.tension_n, strict=True)), held
 
 
 def twin_of(plan: Plan, spec: RigSpec) -> xr.Dataset:
@@ -123,8 +139,11 @@ def twin_of(plan: Plan, spec: RigSpec) -> xr.Dataset:
 
 
 class Row(NamedTuple):
-    """How far a run's analysed recording is from the twin's, at most over its frequencies: torsion per lever, tilt out
-    of the plane and its coupling to the torsion, as shares; lag of that coupling and mean bend [deg]."""
+    """How far a run's analysed recording is from the twin's, at one frequency or at most over several.
+
+    torsion: per lever; tilt: out of the plane; coupling: of that tilt to the torsion; all as shares. lag_deg: of that
+    coupling. bend_deg: the mean bend.
+    """
 
     torsion: float
     tilt: float
@@ -132,31 +151,68 @@ class Row(NamedTuple):
     lag_deg: float
     bend_deg: float
 
+    def words(self) -> str:
+        """Return it in words."""
+        return (
+            f"{self.torsion:+.2%} in torsion, {self.tilt:+.2%} in tilt, {self.coupling:+.2%} and {self.lag_deg:+.2f}° "
+            f"in coupling, {self.bend_deg:+.2f}° in bend"
+        )
 
-def off_by(bench: xr.Dataset, twin: xr.Dataset, spec: RigSpec) -> Row:
-    """Return how far the results of two recordings are apart."""
+
+def rows_between(bench: xr.Dataset, twin: xr.Dataset, spec: RigSpec) -> dict[tuple[float, float], Row]:
+    """Return how far the results of a recording are from those of the twin's, by pretension [mm] and frequency [Hz]."""
     a, b = (analyse_recording(recording, spec) for recording in (bench, twin))
 
-    def share(name: str, channel: int | None = None) -> float:
-        one, other = (r[name].values if channel is None else r[name].values[..., channel] for r in (a, b))
-        return float(np.abs(one / other - 1).max())
+    def of(results: xr.Dataset, place: dict[str, float]) -> Row:
+        here = results.sel(place).isel(repeat=0)
+        amplitude, coupling, lag, mean = (
+            here[f"{name}"].values
+            for name in ("channel_amplitude_rad", "coupling_ratio", "coupling_lag_rad", "channel_mean_rad")
+        )
+        gain = float(np.ravel(here["gain"].values)[0])
+        return Row(gain, float(amplitude[2]), float(coupling[2]), *np.degrees([lag[2], mean[1]]).tolist())
 
-    def apart_deg(name: str, channel: int) -> float:
-        return float(np.degrees(np.abs(a[name].values[..., channel] - b[name].values[..., channel])).max())
+    found = {}
+    for mm in a["pretension_mm"].values.tolist():
+        for hz in a["frequency_hz"].values.tolist():
+            one, other = (of(results, {"pretension_mm": mm, "frequency_hz": hz}) for results in (a, b))
+            shares = [x / y - 1 for x, y in zip(one[:3], other[:3], strict=True)]
+            found[mm, hz] = Row(*shares, *(x - y for x, y in zip(one[3:], other[3:], strict=True)))
+    return found
 
-    return Row(
-        share("gain"), share("channel_amplitude_rad", 2), share("coupling_ratio", 2),
-        apart_deg("coupling_lag_rad", 2), apart_deg("channel_mean_rad", 1),
-    )  # fmt: skip
+
+def off_by(bench: xr.Dataset, twin: xr.Dataset, spec: RigSpec) -> Row:
+    """Return how far the results of two recordings are apart at most."""
+    return largest_of(list(rows_between(bench, twin, spec).values()))
+
+
+def largest_of(rows: Sequence[Row]) -> Row:
+    """Return the largest size of every column."""
+    return Row(*np.abs(np.array(rows)).max(axis=0).tolist())
+
+
+def run_whole(spec: RigSpec, plan: Plan, seed: int) -> list[dict[str, float]]:
+    """Run a plan as it ships, print how far every frequency is from the twin, and return the rows."""
+    run = run_bent(plan, spec, seed)
+    print(f"{run.report.sentence}; safe {run.is_safe}", flush=True)
+    for set_ in run.report.pretensions:
+        print(f"{set_.asked_mm:g} mm: levelled in {set_.levelling_s:.1f} s to {set_.tilt_deg:.2f}°", flush=True)
+    assert run.recording is not None
+    rows = rows_between(run.recording, twin_of(plan, spec).drop_vars("orientation"), spec)
+    for (mm, hz), row in rows.items():
+        print(f"{mm:g} mm, {hz:g} Hz: {row.words()}", flush=True)
+    print(f"at most {largest_of(list(rows.values())).words()}")
+    return [{"pretension_mm": mm, "frequency_hz": hz, **row._asdict()} for (mm, hz), row in rows.items()]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = campaign_parser("bent", __doc__, count=2)
     parser.add_argument("--faults", action="store_true", help="a fault in each run, in place of the twin beside it")
+    parser.add_argument("--whole", action="store_true", help="the plan as it ships, once, frequency by frequency")
     asked = parser.parse_args(arguments)
     spec, whole = load_rig("paper"), load_plan("bent")
-    rows = []
-    for seed in range(asked.seed, asked.seed + asked.runs):
+    rows: list[dict[str, Any]] = run_whole(spec, whole, asked.seed) if asked.whole else []
+    for seed in range(asked.seed, asked.seed + (0 if asked.whole else asked.runs)):
         chance = np.random.default_rng(seed)
         pretension = float(chance.choice(whole.pretension.pretension_mm))
         bend, azimuth = float(chance.uniform(10, 25)), float(chance.uniform(0, 360))
@@ -171,15 +227,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             rows.append({"seed": seed, "fault": name, "ended": run.report.sentence, "is_safe": run.is_safe})
             continue
         run = run_bent(plan, spec, seed)
-        assert run.recording is not None, run.report.sentence
         twin = twin_of(plan, spec)
-        row = off_by(run.recording, twin.drop_vars("orientation"), spec)
-        print(
-            f"{said}: off by {row.torsion:.2%} in torsion, {row.tilt:.2%} in tilt, {row.coupling:.2%} and "
-            f"{row.lag_deg:.2f}° in coupling, {row.bend_deg:.2f}° in bend; levelled in "
-            f"{run.report.pretensions[0].levelling_s:.1f} s to {run.report.pretensions[0].tilt_deg:.2f}°",
-            flush=True,
-        )
+        if not run.report.is_complete:  # at 12 mm a bend along the lever meets its 2:1 resonance
+            most = spec.tendons.tension(float(twin["tendon_current_a"].max()))
+            print(f"{said}: {run.report.sentence}; safe {run.is_safe}; of the twin at most {most:.0f} N", flush=True)
+            rows.append({"seed": seed, "ended": run.report.sentence, "is_safe": run.is_safe, "twin_n": most})
+            continue
+        assert run.recording is not None
+        row, set_ = off_by(run.recording, twin.drop_vars("orientation"), spec), run.report.pretensions[0]
+        print(f"{said}: off by {row.words()}; levelled in {set_.levelling_s:.1f} s to {set_.tilt_deg:.2f}°", flush=True)
         rows.append({"seed": seed, **row._asdict()})
     if asked.out is not None:
         asked.out.write_text(json.dumps(rows, indent=1) + "\n")

@@ -1,5 +1,6 @@
 """The guard, on readings made up one by one: at rest all is well, and each fault alone is caught, by name."""
 
+import itertools
 import math
 from dataclasses import replace
 from types import SimpleNamespace
@@ -166,6 +167,16 @@ def test_a_tendon_that_does_not_hold_its_current_is_called_stuck() -> None:
 def test_a_tendon_whose_part_of_the_tension_falls_is_called_slipping() -> None:
     with pytest.raises(LostError, match=r"tendon 3 carries .* has a cable slipped or caught"):
         watch(600, replace(WATCH, resting=False), tendons=with_tendon(2, current=0.5 * CURRENT))
+
+
+def test_a_pretension_whose_tendons_carry_other_parts_than_the_one_before_is_left_alone() -> None:
+    # A pose of 20° at 6 mm, then at 12 mm: the parts of the tension that are right there.
+    guard, cycles = Guard(SPEC), itertools.count()
+    for currents in ((0.25, 0.41, 0.25, 0.09), (0.25, 0.31, 0.25, 0.19)):
+        tendons = tuple(replace(HORN, current=0.4 * part) for part in currents)
+        for watched in (replace(WATCH, share=None, resting=False), replace(WATCH, share=currents, resting=False)):
+            for cycle in itertools.islice(cycles, 100):
+                guard.check(replace(reading(cycle), tendons=tendons), LEVEL, PERIOD * cycle, watched)
 
 
 def _check_all(guard: Guard, cycles: list[tuple[Reading, tuple[float, float], float, Watch]]) -> None:

@@ -9,7 +9,7 @@ from typing import Any, cast
 import pytest
 from campaigns.modes import MODES, Row, run_trial
 
-from sinew.bench.pretension import GOOD_ENOUGH_DEG, Contact, Held, MotorMap, level
+from sinew.bench.pretension import GOOD_ENOUGH_DEG, MOST_S, Contact, Held, MotorMap, level
 from sinew.bench.record.sample import MISSING
 from sinew.measure.errors import LostError
 from sinew.plan.plan import TendonMode
@@ -140,12 +140,56 @@ class Swaying:
         self.correction = goals
 
 
-@pytest.mark.parametrize("pose_deg", [10.0, 25.0])
+@pytest.mark.parametrize("pose_deg", [0.0, 10.0, 25.0])
 def test_a_plate_with_mass_comes_to_its_pose_without_being_made_to_sway(pose_deg: float) -> None:
     pose = (0.0, math.radians(pose_deg))
     plate = Swaying((math.radians(2.0), math.radians(-1.5) + pose[1]))
     level(cast("Any", plate), lambda offsets: offsets, (0.0, 0.0), pose)
     assert math.dist(plate.tilt, pose) < math.radians(2 * GOOD_ENOUGH_DEG)
+
+
+@dataclass
+class Counted(Plate):
+    """A plate on motors that hold currents in whole counts, each of which tilts it by so much."""
+
+    count: float = math.radians(0.28)
+
+    def whole(self, goals: tuple[float, float]) -> tuple[float, float]:
+        y, z = (self.count * round(goal / self.count) for goal in goals)
+        return y, z
+
+    def set_goals(self, goals: tuple[float, ...]) -> None:
+        self.correction = self.whole((goals[0], goals[1]))
+
+
+@pytest.mark.parametrize("between", [0.1, 0.35, 0.5, 0.65, 0.9])
+def test_a_plate_between_two_counts_of_current_is_left_at_the_nearest(between: float) -> None:
+    watch = SimpleNamespace(by_current=True)
+    count = math.radians(0.28)
+    plate = Counted(((7 + between) * count, (-4 + between) * count), missed=0, watch=watch)
+    found = level(cast("Any", plate), lambda offsets: offsets, (0.0, 0.0), count=count, whole=plate.whole)
+    assert max(map(abs, plate.tilt)) < 0.51 * count
+    assert found.duration_s < MOST_S
+
+
+def test_counts_of_current_leave_half_a_count_of_tilt_at_most_and_of_the_mean() -> None:
+    spec = load_rig("paper")
+    lsb = spec.tendons.current_lsb.value
+    motors = MotorMap(spec, "current", Contact((3.0,) * 4, 0.042), {2.0: Held((2.0,) * 4, (20.0,) * 4)})
+    for step in range(50):
+        lean = (math.radians(0.013 * step), math.radians(-0.037 * step))
+        counts = [goal / lsb for goal in motors.goals(2.0, lean)]
+        wanted = [lean[0] / motors.count(2.0), -lean[1] / motors.count(2.0)]  # of tendons 2 less 4, of 1 less 3
+        found = [counts[1] - counts[3], counts[0] - counts[2]]
+        assert counts == pytest.approx([round(count) for count in counts], abs=1e-9)
+        assert found == pytest.approx(wanted, abs=0.501)
+        assert sum(counts) / 4 == pytest.approx(spec.tendons.current(20.0) / lsb, abs=0.501)
+
+
+def test_whole_counts_make_of_a_correction_what_their_tensions_bend() -> None:
+    motors = MotorMap(load_rig("paper"), "current", Contact((3.0,) * 4, 0.042), {2.0: Held((2.0,) * 4, (20.0,) * 4)})
+    made = motors.whole(2.0, (math.radians(3.0), math.radians(-2.0)))
+    assert made == pytest.approx((math.radians(3.0), math.radians(-2.0)), abs=0.51 * motors.count(2.0))
 
 
 def test_a_pose_is_told_to_each_motor_by_itself() -> None:
@@ -161,4 +205,6 @@ def test_a_pose_held_by_currents_has_the_tension_of_each_tendon() -> None:
     spec = load_rig("paper")
     held = {6.0: Held((6.0,) * 4, (42.0, 69.0, 42.0, 15.0))}
     motors = MotorMap(spec, "current", Contact((3.0,) * 4, 0.042), held)
-    assert motors.goals(6.0, (0.0, 0.0)) == pytest.approx([spec.tendons.current(t) for t in (42.0, 69.0, 42.0, 15.0)])
+    half = 0.501 * spec.tendons.current_lsb.value
+    wanted = [spec.tendons.current(t) for t in (42.0, 69.0, 42.0, 15.0)]
+    assert motors.goals(6.0, (0.0, 0.0)) == pytest.approx(wanted, abs=2 * half)

@@ -173,9 +173,16 @@ def test_the_dashboard_refuses_a_bent_plan(ask: Any) -> None:
         ask(dump_plan(BENT), dump_rig(RIG))
 
 
-def test_the_bench_refuses_other_drives_than_the_lever_before_it_asks_anything_of_a_motor() -> None:
-    with pytest.raises(SpecError, match=r"blows about .*, the bench drives the lever alone"):
+def test_the_bench_refuses_blows_before_it_asks_anything_of_a_motor() -> None:
+    with pytest.raises(SpecError, match=r"blows about .*, the bench has no hammer"):
         refuse_unready(cast(Any, None), cast(Any, None), SWAYING)
+
+
+def test_the_bench_refuses_to_drive_tendons_that_hold_currents() -> None:
+    pretension = SWAYING.pretension.model_copy(update={"mode": "current"})
+    plan = SWAYING.model_copy(update={"impulse": None, "pretension": pretension})
+    with pytest.raises(SpecError, match=r"mode current, the bench drives tendons that hold positions"):
+        refuse_unready(cast(Any, None), cast(Any, None), plan)
 
 
 def test_check_prints_the_pose(capsys: pytest.CaptureFixture) -> None:

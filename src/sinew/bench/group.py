@@ -158,7 +158,7 @@ def _grid(count: int) -> Complexes:
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """The lever's command A sin Ω(t - start), zero before start and from stop on.
+    """A command A sin Ω(t - start), zero before start and from stop on: the lever's, or that of driven tendons.
 
     amplitude [rad], frequency_hz; start, stop: host times [s]. A stop belongs on a zero crossing (`crossing_after`), so
     that the command does not jump.
@@ -170,7 +170,7 @@ class Swing:
     stop: float = math.inf
 
     def __call__(self, time: float) -> float:
-        """Return the commanded lever angle [rad] at a host time [s]."""
+        """Return the commanded angle [rad] at a host time [s]."""
         if not self.start <= time < self.stop:
             return 0.0
         return self.amplitude * math.sin(math.tau * self.frequency_hz * (time - self.start))
@@ -198,6 +198,36 @@ class Segments(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Moving:
+    """What moves in a group: the lever, or the tendons against one another while the lever stays at zero.
+
+    swing: of the lever, or of the motor of a tendon that stands furthest from the axis. weights: of each tendon in the
+    pattern, none where the lever is driven. axis: of the gyroscope that tells the response.
+    """
+
+    swing: Swing
+    weights: tuple[float, ...] = ()
+    axis: int = 0
+
+    @classmethod
+    def of(cls, group: Group, start: float, pulley_radius: float, tendons: int) -> "Moving":
+        """Return it for a group that begins at a host time [s]; the tendons stand evenly, the first at y."""
+        if group.excitation == "lever":
+            return cls(Swing(math.radians(group.amplitude_deg), group.frequency_hz, start))
+        turns = [math.tau * i / tendons for i in range(tendons)]
+        in_roll = group.excitation == "roll"
+        weights = tuple(math.cos(turn) if in_roll else -math.sin(turn) for turn in turns)
+        swing = Swing(1e-3 * group.amplitude_mm / pulley_radius, group.frequency_hz, start)
+        return cls(swing, weights, 2 if in_roll else 1)
+
+    def cycle(self, loop: Loop) -> Sample:
+        """Run one cycle of the loop with what moves."""
+        if not self.weights:
+            return loop.cycle(self.swing)
+        return loop.cycle(pull=lambda time: [weight * self.swing(time) for weight in self.weights])
+
+
 def run_group(loop: Loop, group: Group, sample_hz: float, segments: Segments, settle: SettleRule | None = None) -> None:
     """Run a group from rest; its samples go to `segments`, settle and record apart.
 
@@ -209,54 +239,55 @@ def run_group(loop: Loop, group: Group, sample_hz: float, segments: Segments, se
         _record(loop, segments, "idle", record_count)
         return
     start = loop.due
-    swing = Swing(math.radians(group.amplitude_deg), group.frequency_hz, start)
+    moving = Moving.of(group, start, loop.pulley_radius, len(loop.watch.goals))
     if group.kind == "ring-down":
-        swing = replace(swing, stop=swing.crossing_after(start + group.settle_s - 1e-6))
+        stop = moving.swing.crossing_after(start + group.settle_s - 1e-6)
+        moving = replace(moving, swing=replace(moving.swing, stop=stop))
     segments.begin("settle")
     if settle is None:
-        _until(loop, start + settle_count / sample_hz if group.kind != "ring-down" else swing.stop, swing)
+        _until(loop, start + settle_count / sample_hz if group.kind != "ring-down" else moving.swing.stop, moving)
     else:
-        _settle(loop, swing, settle)
+        _settle(loop, moving, settle)
     segments.end()
-    _record(loop, segments, group.kind, record_count, swing)
+    _record(loop, segments, group.kind, record_count, moving)
 
 
 def pause(loop: Loop) -> None:
-    """Let the joint come to rest, lever at zero: until the torsion's rate stays small, or four seconds."""
+    """Let the joint come to rest, lever at zero: until the head's rates stay small, or four seconds."""
     window = round(_QUIET_S / loop.period)
     rates: deque[float] = deque(maxlen=window)
     for _ in range(round(_PAUSE_MOST_S / loop.period)):
-        rate = loop.cycle().gyro_rad_s[0]
-        if not math.isnan(rate):
-            rates.append(abs(rate))
+        turning = loop.cycle().gyro_rad_s
+        if not math.isnan(turning[0]):
+            rates.append(max(map(abs, turning)))
         if len(rates) == window and max(rates) < _QUIET_RATE:
             return
 
 
-def _record(
-    loop: Loop, segments: Segments, kind: SegmentKind, count: int, drive: Callable[[float], float] | None = None
-) -> None:
+def _record(loop: Loop, segments: Segments, kind: SegmentKind, count: int, moving: Moving | None = None) -> None:
     segments.begin(kind)
     for _ in range(count):
-        loop.cycle(drive) if drive is not None else loop.cycle()
+        moving.cycle(loop) if moving is not None else loop.cycle()
     segments.end()
 
 
-def _until(loop: Loop, end: float, drive: Callable[[float], float]) -> list[Sample]:
+def _until(loop: Loop, end: float, moving: Moving) -> list[Sample]:
     """Run all cycles that begin before a host time [s] and return their samples."""
     samples = []
     while loop.due < end - 0.01 * loop.period:
-        samples.append(loop.cycle(drive))
+        samples.append(moving.cycle(loop))
     return samples
 
 
-def _settle(loop: Loop, swing: Swing, rule: SettleRule) -> None:
+def _settle(loop: Loop, moving: Moving, rule: SettleRule) -> None:
     """Run whole periods until the rule says that the response is steady."""
-    turn = 0
+    turn, axis = 0, moving.axis
     while not rule.is_settled:
         turn += 1
-        samples = _until(loop, swing.start + turn / swing.frequency_hz, swing)
-        told = [(sample.imu_time_s, sample.gyro_rad_s[0]) for sample in samples if not math.isnan(sample.gyro_rad_s[0])]
+        samples = _until(loop, moving.swing.start + turn / moving.swing.frequency_hz, moving)
+        told = [
+            (sample.imu_time_s, sample.gyro_rad_s[axis]) for sample in samples if not math.isnan(sample.gyro_rad_s[0])
+        ]
         rule.feed([time for time, _ in told], [rate for _, rate in told])
 
 

@@ -182,7 +182,10 @@ class Guard:
 
     def _check_shares(self, motors: Sequence[MotorReading | None], step: float, watch: Watch) -> None:
         """Raise if one tendon's part of the whole tension has changed since the pretension was set: a slip."""
-        if watch.share is None or any(motor is None for motor in motors):
+        if watch.share is None:
+            self._means = []  # of the pretension before; in a pose its parts are others
+            return
+        if any(motor is None for motor in motors):
             return
         currents = [motor.current for motor in motors if motor is not None]
         if not self._means:

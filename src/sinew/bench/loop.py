@@ -23,6 +23,8 @@ _MISSED_WINDOW = 200
 _MISSED_MOST = 0.25
 
 Drive = Callable[[float], float]
+Pull = Callable[[float], Sequence[float]]
+"""How much further than its goal each tendon motor is to turn [rad], at a host time [s]."""
 
 
 def at_zero(_: float) -> float:
@@ -87,6 +89,11 @@ class Loop:
         return self._rig.spec.limits
 
     @property
+    def pulley_radius(self) -> float:
+        """The pulleys' radius on the tendon motors [m]."""
+        return self._rig.spec.tendons.pulley_radius.value
+
+    @property
     def due(self) -> float:
         """When the next cycle begins [s, host time]."""
         if math.isnan(self._due):
@@ -108,24 +115,30 @@ class Loop:
         pose = self.watch.pose if pose is None else pose
         self.watch = replace(self.watch, goals=tuple(goals), resting=resting, pose=pose)
 
-    def cycle(self, drive: Drive = at_zero) -> Sample:
-        """Run one cycle and return its sample. drive: commanded lever angle [rad] at a host time [s].
+    def cycle(self, drive: Drive = at_zero, pull: Pull | None = None) -> Sample:
+        """Run one cycle and return its sample. drive: commanded lever angle [rad] at a host time [s]. pull: moves the
+        tendon motors about their goals, where they hold positions.
 
         Raises StoppedError, LimitError or LostError, and PortError where the port is gone.
         """
         self._check()
         began = self._wait()
-        self._rig.write_goals(drive(began + self._lead), self.watch.goals)
+        watch = self.watch
+        if pull is not None:
+            further = pull(began + self._lead)
+            goals = tuple([goal + more for goal, more in zip(watch.goals, further, strict=True)])
+            watch = replace(watch, goals=goals, resting=False)
+        self._rig.write_goals(drive(began + self._lead), watch.goals)
         reading = self._rig.read()
         self.last = reading
-        sample = self._sample(reading, drive)
+        sample = self._sample(reading, drive, watch.goals)
         statistics = self.statistics
         statistics.cycles += 1
         self._after_hole = bool(reading.faults)
         statistics.incomplete += self._after_hole
         self._record(sample)
         tilt = (MISSING, MISSING) if math.isnan(sample.tilt_rad) else self._tilt.components
-        self._guard.check(reading, tilt, began, self.watch)
+        self._guard.check(reading, tilt, began, watch)
         statistics.busy_s += self._clock.now() - began
         return sample
 
@@ -171,7 +184,7 @@ class Loop:
             f"{100 * _MISSED_MOST:.0f} %; run `sinew doctor` (return delay, latency timer, baud) or lower sample_hz"
         )
 
-    def _sample(self, reading: Reading, drive: Drive) -> Sample:
+    def _sample(self, reading: Reading, drive: Drive, goals: tuple[float, ...]) -> Sample:
         none3 = (MISSING, MISSING, MISSING)
         imu, lever = self._unmixed(reading), reading.drive
         if reading.climate is not None:
@@ -184,7 +197,7 @@ class Loop:
             drive_rad=lever.angle if lever is not None else MISSING,
             drive_current_a=lever.current if lever is not None else MISSING,
             drive_pwm=lever.duty if lever is not None else MISSING,
-            tendon_goal=self.watch.goals,
+            tendon_goal=goals,
             tendon_rad=tuple(motor.angle if motor is not None else MISSING for motor in reading.tendons),
             tendon_current_a=tuple(motor.current if motor is not None else MISSING for motor in reading.tendons),
             gyro_rad_s=imu.gyro if imu is not None else none3,

@@ -9,7 +9,7 @@ from sinew.hardware.motor import Motor
 from sinew.hardware.rig import Rig
 from sinew.measure.errors import TROUBLES, PortError, StartError
 from sinew.measure.units import STANDARD_GRAVITY
-from sinew.plan.plan import Plan, require_lever
+from sinew.plan.plan import Plan, require_motors
 from sinew.plan.rig import Limits
 
 _LISTEN_S = 0.06
@@ -23,9 +23,9 @@ def refuse_unready(rig: Rig, clock: Clock, plan: Plan, *, torque_may_be_on: bool
     """Raise StartError, with every reason found, if the bench is not ready to run a plan.
 
     Nothing moves and nothing is written. torque_may_be_on: a run that is resumed finds the motors as they were left.
-    Raises SpecError for a plan whose head anything else moves than the lever.
+    Raises SpecError for a plan whose head no motor of the bench moves so.
     """
-    require_lever(plan, "the bench")
+    require_motors(plan, "the bench")
     _refuse_slow_bus(rig, plan)
     try:
         _refuse_strangers(rig, clock)

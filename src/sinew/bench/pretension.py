@@ -9,7 +9,10 @@ A pose that is not upright has take-ups of its own, or tensions where the motors
 the bench, as the twin finds them; the loop then corrects what the plate's tilt lacks of the pose's.
 """
 
+import itertools
 import math
+import operator
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -26,7 +29,20 @@ from sinew.plan.rig import RigSpec
 if TYPE_CHECKING:
     from sinew.solve.spatial import Rest  # JAX
 
+Tilt = tuple[float, float]
+"""About y and z [rad]."""
+
 # The head plate is levelled, at rest. The paper has a PI loop and tells no gains.
+
+LEVEL_RATE = 1.5
+"""Gain of the levelling integrator [1/s]: the tilt goes back by a factor e in 1/1.5 s."""
+
+LEVEL_MEMORY_S = 0.18
+"""Time constant of each of the two low-passes through which it sees the tilt [s]."""
+# A head with mass sways on its tendons with little damping, and an accelerometer takes that for up to a thousand times
+# the tilt that was asked for (`python -m campaigns.levelling`). So there is no proportional part, and rate, memory and
+# the sway's peak set the margin: rate·peak/(ω(1 + (ω·memory)²)) stays below 1/3 for every sway of the rig, while
+# rate·memory = 0.27 leaves 60° of phase where the tilt follows at once.
 
 GOOD_ENOUGH_DEG = 0.05
 """Tilt at which levelling by position ends, held for a moment [deg]; the paper does not say how level its plate was."""
@@ -37,18 +53,20 @@ GOOD_ENOUGH_BY_CURRENT_DEG = 0.12
 ACCEPTED_DEG = 0.2
 """What must be reached at least [deg]."""
 
+ACCEPTED_BY_CURRENT_DEG = 0.3
+"""The same by current: compression softens the joint, at 12 mm a count tilts it by 0.28°, and half of it stays in each
+direction."""
+
 MOST_S = 15.0
 """After so long levelling ends, well or not [s]."""
 
-_UPRIGHT = (0.2, 4.0, 0.08)  # proportional, integral in 1/s, low-pass in s
-_POSED = (0.0, 1.0, 0.3)
-# A head with mass sways on its tendons, at 9 Hz with little damping, and an accelerometer takes that for some fifteen
-# times the tilt that it is. So in a pose the controller is slow and looks through two low-passes; a proportional part,
-# or one low-pass of 80 ms with an integrator of 1.5 per second, makes 0.8 kg sway until a limit stops it.
-_JUDGED_S = 0.3
-# By position, whether the plate is level may be seen through less of the sensor's noise than the controller sees. By
-# current it goes from one count of the motors to the next, and a mean over that would look level.
 _HOLD_S = 0.5
+_STANDS_S = 2.0
+_STANDS_COUNTS = 1.5
+_LOOKS_S = 1.0
+_MOST_LOOKS = 2
+# By current the tilt may lie between two counts. The correction then goes to and fro about the edge between them; its
+# place is the mean of what the counts made of it in that time, and of what was still lacking.
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,48 +91,75 @@ def level(
     goals: Callable[[tuple[float, float]], tuple[float, ...]],
     start: tuple[float, float],
     pose: tuple[float, float] = (0.0, 0.0),
+    count: float = 0.0,
+    whole: Callable[[Tilt], Tilt] = lambda correction: correction,
 ) -> Levelling:
     """Correct the tendons until the head plate is level, or stands in a pose, and return how it ended.
 
     goals: of the tendon motors for a correction of tilt about y and z [rad]. start: correction to begin with. pose:
-    tilt about y and z that is asked for [rad].
-    Upright, the controller is PI on the accelerometer's tilt behind a low-pass of 80 ms, as it was tried on a plate
-    without mass; in a pose it integrates the tilt behind two low-passes of 0.3 s. By position it ends by the tilt
-    behind one of 0.3 s. Raises LostError where the plate does not come level.
+    tilt about y and z that is asked for [rad]. count: correction that one count of a motor makes up for [rad]; whole:
+    what whole counts make of a correction.
+    The controller integrates what the accelerometer's tilt lacks of the pose, behind two low-passes, and ends when
+    little is left, or when the correction stands and more would not make it better; then the tilt that is left is
+    measured anew. Raises LostError where the plate does not come level.
     """
-    integral, once, smooth, judged = list(start), None, None, None
-    by_current, posed, quiet = loop.watch.by_current, any(pose), 0.0
+    by_current = loop.watch.by_current
     enough = math.radians(GOOD_ENOUGH_BY_CURRENT_DEG if by_current else GOOD_ENOUGH_DEG)
-    proportional, rate, memory = _POSED if posed else _UPRIGHT
-    weight, slow = (1 - math.exp(-loop.period / m) for m in (memory, memory if by_current else _JUDGED_S))
-    steps = round(MOST_S / loop.period)
-    for k in range(steps):
+    accepted = math.radians(ACCEPTED_BY_CURRENT_DEG if by_current else ACCEPTED_DEG)
+    weight = 1 - math.exp(-loop.period / LEVEL_MEMORY_S)
+    gain, integral, quiet = LEVEL_RATE * loop.period, start, 0.0
+    once: tuple[float, float] | None = None
+    smooth: tuple[float, float] | None = None
+    way: deque[tuple[Tilt, Tilt]] = deque(maxlen=round(_STANDS_S / loop.period))
+    look, looks = 0, 0  # cycle at which a correction that stands is judged by what it leaves
+    for k in range(1, round(MOST_S / loop.period) + 1):
         seen = rest_tilt(loop.cycle())
         if seen is None:
             continue
-        lacking = (seen[0] - pose[0], seen[1] - pose[1])
-        once, judged = _followed(once, lacking, weight), _followed(judged, lacking, slow)
-        smooth = _followed(smooth, once, weight) if posed else once
-        tilt = math.hypot(*judged)
-        if tilt < enough:
-            quiet += loop.period
-            if quiet >= _HOLD_S:
-                return Levelling((integral[0], integral[1]), tilt, (k + 1) * loop.period)
+        once = _followed(once, (seen[0] - pose[0], seen[1] - pose[1]), weight)
+        smooth = _followed(smooth, once, weight)
+        tilt = math.hypot(*smooth)
+        quiet = quiet + loop.period if tilt < enough else 0.0
+        if quiet >= _HOLD_S:
+            return Levelling(integral, tilt, k * loop.period)
+        if quiet > 0 or k < look:
             continue
-        quiet = 0.0
-        integral = [i + rate * loop.period * s for i, s in zip(integral, smooth, strict=True)]
-        loop.set_goals(goals((integral[0] + proportional * smooth[0], integral[1] + proportional * smooth[1])))
-    found = math.degrees(math.hypot(*judged)) if judged is not None else math.nan
-    if found < ACCEPTED_DEG:
-        return Levelling((integral[0], integral[1]), math.radians(found), MOST_S)
+        if look > 0:  # the correction has stood long enough to tell exactly what it leaves
+            made, look = whole(integral), 0
+            place = made[0] + smooth[0], made[1] + smooth[1]
+            if looks < _MOST_LOOKS and whole(place) != made:
+                integral, look, looks = place, k + round(_LOOKS_S / loop.period), looks + 1
+                loop.set_goals(goals(integral))
+                continue
+            if tilt < accepted:
+                return Levelling(integral, tilt, k * loop.period)
+        integral = (integral[0] + gain * smooth[0], integral[1] + gain * smooth[1])
+        if count > 0:
+            made = whole(integral)
+            way.append((integral, (made[0] + smooth[0], made[1] + smooth[1])))
+        if len(way) == way.maxlen and _width([at for at, _ in way]) < _STANDS_COUNTS * count:
+            integral, look = _mean([place for _, place in way]), k + round(_LOOKS_S / loop.period)
+            way.clear()
+        loop.set_goals(goals(integral))
+    if smooth is not None and math.hypot(*smooth) < accepted:
+        return Levelling(integral, math.hypot(*smooth), MOST_S)
+    found = math.degrees(math.hypot(*smooth)) if smooth is not None else math.nan
     raise LostError(
         f"the head plate is still tilted by {found:.2f}° after {MOST_S:.0f} s of levelling, expected less than "
-        f"{ACCEPTED_DEG:g}°; are tendons on the right motors (tendon_ids) and is imu_axes right?"
+        f"{math.degrees(accepted):.2g}°; are tendons on the right motors (tendon_ids) and is imu_axes right?"
     )
 
 
-def _followed(old: list[float] | None, seen: Sequence[float], weight: float) -> list[float]:
-    return list(seen) if old is None else [o + weight * (v - o) for o, v in zip(old, seen, strict=True)]
+def _followed(old: tuple[float, float] | None, seen: tuple[float, float], weight: float) -> tuple[float, float]:
+    return seen if old is None else (old[0] + weight * (seen[0] - old[0]), old[1] + weight * (seen[1] - old[1]))
+
+
+def _width(way: Sequence[Tilt]) -> float:
+    return max(max(axis) - min(axis) for axis in zip(*way, strict=True))
+
+
+def _mean(way: Sequence[Tilt]) -> Tilt:
+    return sum(y for y, _ in way) / len(way), sum(z for _, z in way) / len(way)
 
 
 PULL_SPEED = 0.015
@@ -156,6 +201,9 @@ class Contact:
     current: float
 
 
+_MEAN_WEIGHT = 0.01  # of the mean current's rounding, in squares, against that of the tilt
+
+
 class MotorMap:
     """The linear map from pretension and tilt correction to goals of the tendon motors.
 
@@ -181,6 +229,8 @@ class MotorMap:
         self._points = tuple((r * math.cos(turn), r * math.sin(turn)) for turn in turns)
         # By current, unequal tensions level against the silicone's bending stiffness.
         self._bending = spec.bending_over_torsional_rigidity * spec.silicone.stiffness(0.0)
+        self._length = spec.silicone.length.value
+        self._lsb = tendons.current_lsb.value
 
     @property
     def by_current(self) -> bool:
@@ -193,14 +243,61 @@ class MotorMap:
         held = self._held.get(pretension_mm)
         if self.by_current:
             tensions = self._held[pretension_mm].tension_n
-            per_rise = self._bending / sum(y * y for y, _ in self._points)
-            return tuple(max(0.0, (t + per_rise * u) * self.newton) for t, u in zip(tensions, rises, strict=True))
+            per_rise = self.tilt_stiffness(pretension_mm) / sum(y * y for y, _ in self._points)
+            wanted = [max(0.0, (t + per_rise * u) * self.newton) for t, u in zip(tensions, rises, strict=True)]
+            return self._in_counts(wanted)
         take_up = (pretension_mm,) * len(rises) if held is None else held.take_up_mm  # None: on its way
         first = self._first + self._contact_tension / self._servo
         return tuple(
             angle + (1e-3 * mm + first + rise) / self.radius
             for angle, mm, rise in zip(self._contact.angles, take_up, rises, strict=True)
         )
+
+    def count(self, pretension_mm: float) -> float:
+        """Return by how much one count of current in one tendon tilts the plate [rad]; zero by position."""
+        if not self.by_current:
+            return 0.0
+        return self._lsb / self.newton * self.guide_radius / self.tilt_stiffness(pretension_mm)
+
+    def whole(self, pretension_mm: float, offsets: Tilt) -> Tilt:
+        """Return what whole counts of current make of a correction of tilt about y and z [rad]."""
+        if not self.by_current:
+            return offsets
+        currents, tensions = self.goals(pretension_mm, offsets), self._held[pretension_mm].tension_n
+        pulls = [c / self.newton - t for c, t in zip(currents, tensions, strict=True)]
+        ys, zs = zip(*self._points, strict=True)
+        stiffness = self.tilt_stiffness(pretension_mm)
+        return sum(map(operator.mul, pulls, zs)) / stiffness, -sum(map(operator.mul, pulls, ys)) / stiffness
+
+    def tilt_stiffness(self, pretension_mm: float) -> float:
+        """Return how the joint resists a tilt under constant tensions [N m/rad].
+
+        Chords of tension T bend an arc of length L further, by T L/12 each. With weight and shear, in space, the
+        paper's joint has 3.6 in place of 3.2 N m/rad upright at 6 mm, 2.6 in place of 2.0 at 12 mm. A quarter of the
+        silicone's own is the least that counts.
+        """
+        pulled = sum(self._held[pretension_mm].tension_n)
+        return max(0.25 * self._bending, self._bending - pulled * self._length / 12)
+
+    def _in_counts(self, wanted: Sequence[float]) -> tuple[float, ...]:
+        """Return currents [A] in whole counts, up or down each, that tilt least beside what was wanted.
+
+        Rounded one by one, two tendons that face each other may both step at once and leave a whole count of tilt
+        between; together they leave half a count, and at most so much of the mean.
+        """
+        lsb = self._lsb
+        below = [math.floor(current / lsb) for current in wanted]
+        rest = [current / lsb - low for current, low in zip(wanted, below, strict=True)]
+
+        def off(up: Sequence[int]) -> float:
+            missed = [step - part for step, part in zip(up, rest, strict=True)]
+            tilts = (
+                sum(map(operator.mul, missed, axis)) / self.guide_radius for axis in zip(*self._points, strict=True)
+            )
+            return sum(tilt * tilt for tilt in tilts) + _MEAN_WEIGHT * sum(missed) ** 2
+
+        best = min(itertools.product((0, 1), repeat=len(wanted)), key=off)
+        return tuple(lsb * (low + step) for low, step in zip(below, best, strict=True))
 
     def tension(self, pretension_mm: float) -> float:
         """Return the mean tension of the tendons at rest that belongs to a pretension [N]."""
@@ -288,7 +385,14 @@ def set_pretension(
         loop.set_goals([a + share * (b - a) for a, b in zip(start, stop, strict=True)], pose=leaning)
         loop.cycle()
     loop.run(_REST_S)
-    levelling: Levelling = level(loop, lambda correction: motors.goals(asked_mm, correction), offsets, pose)
+    levelling = level(
+        loop,
+        lambda correction: motors.goals(asked_mm, correction),
+        offsets,
+        pose,
+        motors.count(asked_mm),
+        lambda correction: motors.whole(asked_mm, correction),
+    )
     loop.set_goals(loop.watch.goals, resting=True)
     angles, currents = _mean_tendons(loop, _MEAN_S)
     if sum(currents) > 0:

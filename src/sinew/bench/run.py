@@ -560,7 +560,7 @@ class Runner:
 
     def _doubt(self, group: Group) -> None:
         """Say what speaks against the group that was just recorded."""
-        if group.kind == "steady":
+        if group.kind == "steady" and group.excitation == "lever":
             kept = self._kept[-group.sample_counts(self._plan.sample_hz)[1] :]
             columns = np.array([(s.time_s, s.drive_rad, s.gyro_rad_s[0]) for s in kept])
             for sentence in group_doubts(self._rig.spec, group.segment("steady"), *columns.T):

@@ -225,7 +225,7 @@ def check_plan(
 # What a bench needs beside the plan's motions [s], as its routines take it with a paper rig (`sinew.bench`): head at
 # rest, lever to zero, slack, first contact until the silicone has given way, bias; one levelling, longer where the
 # joint still swings; the joint coming to rest before a decay; and rest, let-down and torque off at the end.
-_POWER_UP_S, _LEVEL_S, _LEVEL_SWINGING_S, _CALM_S, _STOP_S = 7.6, 1.5, 3.5, 4.0, 4.3
+_POWER_UP_S, _LEVEL_S, _LEVEL_SWINGING_S, _CALM_S, _STOP_S = 7.6, 3.2, 4.0, 4.0, 4.3
 _CHANGE_MM_S = 6.0
 
 

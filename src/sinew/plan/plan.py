@@ -407,12 +407,17 @@ def require_straight(plan: Plan, who: str) -> None:
     )
 
 
-def require_lever(plan: Plan, who: str) -> None:
-    """Raise SpecError for a plan whose head anything but the lever moves, where `who` drives nothing else."""
-    if drives := _other_drives(plan):
+def require_motors(plan: Plan, who: str) -> None:
+    """Raise SpecError for a plan whose head `who` has no motor to move so: blows, and tendons that hold tensions."""
+    if plan.impulse is not None:
         raise SpecError(
-            f"plan {plan.name} asks for {' and '.join(drives)}, {who} drives the lever alone; `sinew simulate` runs "
-            'such a plan on the twin, and with drive = "lever" and without [impulse] it can be run'
+            f"plan {plan.name} asks for blows about {plan.impulse.about}, {who} has no hammer; `sinew simulate` runs "
+            "such a plan on the twin, and without [impulse] it can be run"
+        )
+    if plan.pretension.mode != "position" and (drives := _other_drives(plan)):
+        raise SpecError(
+            f"plan {plan.name} asks for {' and '.join(drives)} while the tendon motors are in mode "
+            f'{plan.pretension.mode}, {who} drives tendons that hold positions; set pretension.mode = "position"'
         )
 
 

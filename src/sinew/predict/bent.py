@@ -13,7 +13,7 @@ statics are exact; `cut` says how far the response is off from that of all coord
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -28,13 +28,14 @@ from sinew.measure.errors import SpecError
 from sinew.mechanics.rod import rod_poses
 from sinew.mechanics.silicone import glassy_factor, relaxation_times
 from sinew.mechanics.space import Space
-from sinew.plan.plan import TendonMode
+from sinew.plan.check import Finding
+from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import PAPER_TENDON, SERVOS
 from sinew.predict.linear import StateSpace, pole_document
 from sinew.predict.modes import Asked, Finder, across_of
 from sinew.predict.predicted import refuse_pretensions
-from sinew.solve.spatial import Linear, patterns
+from sinew.solve.spatial import Linear, Rest, linear_equations, patterns
 
 INPUTS = ("lever_rad", "pitch_take_up_m", "roll_take_up_m", "common_take_up_m", "torque_n_m")
 """The lever's angle against the head; how much of its tendons each motor takes up, cosine-like about y and about z, and
@@ -261,6 +262,48 @@ def servo_speed(rig: RigSpec, tension: float) -> float:
     servo = SERVOS.get(rig.wiring.tendon_model, SERVOS[PAPER_TENDON])
     radius = rig.tendons.pulley_radius.value
     return max(0.0, servo.no_load_speed * (1 - tension * radius / servo.stall_torque)) * radius
+
+
+def driven_findings(
+    rig: RigSpec, space: Space, rest: Rest, pretension_mm: float, groups: Sequence[Group], pose: str
+) -> Iterator[Finding]:
+    """Yield why a bench cannot drive its tendons as groups of a plan ask, about a rest pose: the first reason of each
+    kind, of the frequency at which it is worst.
+
+    The joint answers linearly. Refused is a tendon whose least tension within the cycle is not positive, one that
+    exceeds the rig's limit, a head that leans further than limits.tilt_deg, and a motor that is to be faster than its
+    torque line leaves it under the largest tension of the cycle.
+    """
+    linear = linear_equations(rest.q, space)
+    at, stiffness, limits = linear.around, float(space.rod.joint.stiffness), rig.limits
+    _, pitch, roll = patterns(space)
+    worst: dict[str, tuple[float, str]] = {}
+    for group in groups:
+        pattern, omega = (pitch if group.excitation == "pitch" else roll), math.tau * group.frequency_hz
+        storage, loss = linear.stiffness(omega, space)
+        moved = np.linalg.solve(storage + 1j * loss - omega**2 * linear.mass, at.by_end @ pattern)
+        take_up = 1e-3 * group.amplitude_mm
+        swing = take_up * np.abs(stiffness * (at.by_span @ moved + pattern))
+        tilt = math.degrees(take_up * float(np.linalg.norm(at.by_tilt @ moved)))
+        least, most = at.tension - swing, at.tension + swing
+        speed = take_up * omega * np.abs(pattern)
+        can = np.array([servo_speed(rig, float(tension)) for tension in most])
+        loose, tight, slow = int(np.argmin(least)), int(np.argmax(most)), int(np.argmax(speed / np.maximum(can, 1e-9)))
+        follows = 1e3 * can[slow] / (omega * abs(pattern[slow])) if speed[slow] > 0 else math.inf
+        asked = f"{pose} at {pretension_mm:g} mm: {group.amplitude_mm:g} mm of cable at {group.frequency_hz:g} Hz"
+        slack = f"leave tendon {loose + 1} {least[loose]:.0f} N of {at.tension[loose]:.0f} N, a bench drives taut ones"
+        tense = f"pull tendon {tight + 1} with {most[tight]:.0f} N, the rig allows {limits.tension_n:g} N (tension_n)"
+        leans = f"lean the head {tilt:.1f}° out of its pose, the rig allows {limits.tilt_deg:g}° (tilt_deg)"
+        late = f"are too fast for the motor of tendon {slow + 1}: it follows {follows:.2g} mm under {most[slow]:.0f} N"
+        for kind, excess, sentence in (
+            ("slack", -least[loose], f"{slack}; lower amplitude_mm, or raise the pretension"),
+            ("tension", most[tight] - limits.tension_n, f"{tense}; lower amplitude_mm"),
+            ("tilt", tilt - limits.tilt_deg, f"{leans}; lower amplitude_mm"),
+            ("speed", speed[slow] - can[slow], f"{late}; lower amplitude_mm, or the frequency"),
+        ):
+            if excess > 0 and excess > worst.get(kind, (0.0, ""))[0]:
+                worst[kind] = (float(excess), f"{asked} {sentence}")
+    yield from (Finding("refuse", sentence) for _, sentence in worst.values())
 
 
 def spinal_engine(finder: Finder, rig: RigSpec, pretension_mm: float, bend_deg: float, frequency_hz: float) -> Engine:

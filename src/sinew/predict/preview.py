@@ -11,6 +11,7 @@ from sinew.measure.estimate import finite
 from sinew.plan.check import Finding, Preview, check_plan
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
+from sinew.predict.bent import driven_findings
 from sinew.predict.foretold import Foretold, foretell
 from sinew.predict.poses.pose import Asked, find_pose
 from sinew.solve.spatial import Rest
@@ -25,10 +26,11 @@ def preview_plan(plan: Plan, rig: RigSpec, *, swing: bool = False) -> Preview:
 
     swing: run one repeat of the plan for its torsions, unless a limit is broken already or the plan is longer than
     `LONGEST_PREVIEW_S`, or tracks, which no plan foretells. What runs on the twin next hurts nobody and does not ask.
-    A plan with a pose is checked with what holds it at each pretension, its largest tension in place of the common one;
-    what its sweep should give, `expected_of` says by the linear joint, which refuses nothing.
+    A plan with a pose, or with tendons that move the head, is checked with what holds it at each pretension, its
+    largest tension in place of the common one; what its sweep should give, `expected_of` says by the linear joint,
+    which refuses nothing.
     """
-    if not plan.rest_pose.is_straight:
+    if not plan.rest_pose.is_straight or (plan.is_spatial and plan.impulse is None and rig.space is not None):
         return held_preview(plan, rig, slack="warn")[0]
     if plan.is_spatial:
         return check_plan(plan, rig, rest_tension(plan.pretension.pretension_mm, rig).tolist())
@@ -50,10 +52,11 @@ def expected_of(plan: Plan, rig: RigSpec, preview: Preview) -> tuple[Foretold, .
 def held_preview(
     plan: Plan, rig: RigSpec, slack: Literal["refuse", "warn"] = "refuse"
 ) -> tuple[Preview, dict[float, Rest]]:
-    """Return (check of a plan with a pose, what holds it at each pretension [mm] where it is found).
+    """Return (check of a plan whose head bends or sways, what holds it at each pretension [mm] where it is found).
 
     Refused is a pose that is not reached or does not stay, and one with tensions, currents or take-ups beyond the rig's
-    limits; so is, on a bench, one with a slack tendon: its motor could not tell where the cable is pulled again.
+    limits; so is, on a bench, one with a slack tendon: its motor could not tell where the cable is pulled again; and
+    tendons that are to be driven as no motor of them follows, or until one is slack.
     """
     rests: dict[float, Rest] = {}
     found: list[Finding] = []
@@ -68,6 +71,11 @@ def held_preview(
             tendons = f"tendon{'s' if len(loose) > 1 else ''} {', '.join(loose)}"
             advice = "would be slack, which a bench refuses; raise the pretension or bend less"
             found.append(Finding(slack, f"{said}{tendons} {advice}"))
+        elif driven := [g for g in plan.groups() if g.pretension_mm == mm and g.excitation in ("pitch", "roll")]:
+            found += [
+                Finding(slack, one.sentence)
+                for one in driven_findings(rig, posed.space, posed.rest, mm, driven, plan.rest_pose.words())
+            ]
     preview = check_plan(plan, rig)
     tension = tuple(
         float(np.max(rests[mm].at.tension)) if mm in rests else math.nan for mm in plan.pretension.pretension_mm

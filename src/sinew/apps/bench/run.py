@@ -123,7 +123,7 @@ def _refuse_unfit_plan(
     from sinew.predict.foretold import sentences_of
     from sinew.predict.preview import expected_of, foresee_plan, held_preview
 
-    if plan.rest_pose.is_straight:
+    if not plan.is_spatial:
         (preview, expected), held = foresee_plan(plan, spec), None
         refuse_beyond_limits(preview)
     else:
