@@ -393,11 +393,12 @@ class Hub:
 
 _LOOK_S = 0.5
 _DRAWS = 40
-_BAND = "Points: mean and 90 % interval over repeats. Band: 90 %, from what the rig's calibration leaves open."
-_COMING = "Points: mean and 90 % interval over repeats. The band of the prediction is being computed."
+_POINTS = "Points: mean and 90 % interval over repeats."
+_BAND = f"{_POINTS} Band: 90 %, from what the rig's calibration leaves open."
+_COMING = f"{_POINTS} The band of the prediction is being computed."
 _NO_BAND = (
-    "Points: mean and 90 % interval over repeats. The prediction has no band: nothing is known of how certain this "
-    "rig's parameters are; sinew calibrate finds out."
+    f"{_POINTS} The prediction has no band: nothing is known of how certain this rig's parameters are; sinew calibrate "
+    "finds out."
 )
 
 
@@ -450,8 +451,11 @@ class Results:
                 self._complain(f"There is no prediction: {trouble}")
                 return
             self.predicted = numbered(found["curves"], live)
-            has_bands, can_have = "gain_low" in found["curves"][0], found["can_have_bands"]
-            self.remark = _BAND if has_bands else _COMING if can_have else _NO_BAND
+            can_have = found["can_have_bands"]
+            if not self.predicted:
+                self.remark = " ".join((_POINTS, *found["remarks"]))
+            else:
+                self.remark = _BAND if "gain_low" in self.predicted[0] else _COMING if can_have else _NO_BAND
             self.version += 1
             if not can_have:
                 return
