@@ -47,6 +47,9 @@ export class Joint {
     }
     this.tendons = Array.from({ length: shape.tendons }, () => {
       const tendon = new THREE.Mesh(new THREE.CylinderGeometry(0.028, 0.028, 1, 10), new THREE.MeshPhongMaterial());
+      // What the bulging silicone of a bent joint hides of a chord is seen through it.
+      const ghost = new THREE.Mesh(tendon.geometry, new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.4, depthTest: false }));
+      tendon.add(ghost);
       this.root.add(tendon);
       return tendon;
     });
@@ -97,6 +100,8 @@ export class Joint {
       tendon.quaternion.setFromUnitVectors(up, along.clone().normalize());
       tendon.position.copy(foot.add(guide).multiplyScalar(0.5));
       tendon.material.color = mixed(THREE, Math.min(1, Math.max(0, shares[i] ?? 0)));
+      tendon.children[0].visible = swing > 1e-9;
+      tendon.children[0].material.color = tendon.material.color;
     });
   }
 
