@@ -4,7 +4,7 @@
   const data = read("lines"), names = read("names"), canvas = $("joint"), pen = canvas.getContext("2d");
   const pose = $("pose"), mode = $("mode"), play = $("play"), yaw = $("yaw"), pitch = $("pitch");
   const still = matchMedia("(prefers-reduced-motion: reduce)"), dark = matchMedia("(prefers-color-scheme: dark)");
-  const PERIOD_S = 2, LIGHT = [-0.5, -0.6, 0.62], BASE = 1.25, AROUND = 28, BETWEEN = 3;
+  const PERIOD_S = 2, LIGHT = [-0.5, -0.6, 0.62], BASE = 1.25, AROUND = 24, BETWEEN = 2;
   const cover = document.createElement("canvas"), brush = cover.getContext("2d");
   // Lines by part. Of the silicone the longest are rings, whose points stand evenly around, first and last the same.
   const starts = data.sizes.map(((sum) => (size) => (sum += size) - size)(0));
@@ -101,7 +101,7 @@
         const towards = n[2] > 0 ? 1 : -1, size = towards * (Math.hypot(...n) || 1);
         if ((n[2] < 0) !== isNear) continue; // corners run so that n points into the silicone
         const lit = Math.max(0, n.reduce((sum, value, i) => sum + value / size * LIGHT[i], 0));
-        const shade = (dark.matches ? 90 + 120 * lit : 135 + 105 * lit) * (k % 7 === 0 ? 0.8 : 1);
+        const shade = (dark.matches ? 90 + 120 * lit : 135 + 105 * lit) * (k % 6 === 0 ? 0.8 : 1);
         brush.beginPath();
         for (const [x, y] of corners) brush.lineTo(x, y);
         brush.closePath();
