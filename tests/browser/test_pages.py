@@ -79,7 +79,8 @@ def test_a_bent_joint_is_drawn_as_an_even_rod_between_its_plates(launch: Callabl
         sections.push(mean);
       }}
       const chord = joint.tendons[0].scale.y;
-      return {{ head: joint.head.position.toArray(), turn: joint.head.quaternion.toArray(), sections, chord, spent_ms }};
+      const head = joint.head.position.toArray(), turn = joint.head.quaternion.toArray();
+      return {{ head, turn, sections, chord, spent_ms }};
     }}""",
         [torsion, pitch, roll, nearer],
     )
