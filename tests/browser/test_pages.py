@@ -4,7 +4,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.browser.dashboard import IN_SPACE, Served, choose_plan, edit_plan
 
 from sinew.measure.files.netcdf import load_recording
@@ -14,6 +16,12 @@ axe_api = pytest.importorskip("axe_playwright_python.sync_playwright", reason="n
 pytestmark = pytest.mark.slow
 
 Open = Callable[..., Any]
+
+FIND_SCENE = """() => {
+  const numbers = [...document.querySelectorAll('[id]')].map(element => Number(element.id.slice(1)));
+  const scene = () => numbers.map(number => window.getElement?.(number)).find(found => found?.renderer);
+"""
+"""Begin of a function of the browser in which `scene` finds what the joint is drawn in."""
 
 PAGES = {
     "/": "#sinew-scope",
@@ -48,6 +56,52 @@ def test_the_joint_is_drawn_in_space_where_the_browser_can(launch: Callable[...,
     page.wait_for_function(drawn, timeout=60_000)
     browser.close()
     assert complaints == []
+
+
+def test_a_bent_joint_is_drawn_as_an_even_rod_between_its_plates(launch: Callable[..., Any], shown: Served) -> None:
+    torsion, pitch, roll, nearer = 0.6, -0.3, 0.2, 0.06
+    browser = launch(*IN_SPACE)
+    page = browser.new_page()
+    page.set_default_timeout(120_000)
+    page.goto(shown.link)
+    page.wait_for_function(f"{FIND_SCENE} return scene(); }}")
+    drawn = page.evaluate(
+        f"""async ([torsion, pitch, roll, nearer]) => {{
+      const {{ Joint }} = await import("/sinew/joint.js"), found = ({FIND_SCENE} return scene(); }})();
+      const shape = {{ length: 1, radius: 0.3, circle: 0.34, plate: 0.5, lever: 0.7, tendons: 4 }};
+      const joint = await Joint.build(found, shape), began = performance.now();
+      for (let k = 0; k < 100; k++) joint.pose(torsion, 0.1, [0, 0, 0, 0], [pitch, roll], nearer);
+      const spent_ms = (performance.now() - began) / 100;
+      const points = joint.silicone.geometry.attributes.position.array, sections = [];
+      for (let ring = 0; ring <= 14; ring++) {{
+        const mean = [0, 0, 0];
+        for (let k = 0; k < 28; k++) for (let c = 0; c < 3; c++) mean[c] += points[3 * (29 * ring + k) + c] / 28;
+        sections.push(mean);
+      }}
+      const chord = joint.tendons[0].scale.y;
+      const head = joint.head.position.toArray(), turn = joint.head.quaternion.toArray();
+      return {{ head, turn, sections, chord, spent_ms }};
+    }}""",
+        [torsion, pitch, roll, nearer],
+    )
+    browser.close()
+
+    # x, y, z of the picture are y, z, x of frame B.
+    head = Rotation.from_rotvec([pitch, roll, 0.0]) * Rotation.from_rotvec([0.0, 0.0, torsion])
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+
+    def place(share: float) -> np.ndarray:
+        turns = Rotation.from_rotvec(np.outer(0.5 * share * (1 + nodes), head.as_rotvec()))
+        return np.asarray(0.5 * share * weights @ turns.apply([0.0, 0.0, 1.0]))
+
+    long = (1 - nearer) / np.linalg.norm(place(1.0))
+    expected = np.array([long * place(1 - ring / 14) for ring in range(15)])
+    guide = head.apply([0.34, 0.0, 0.0]) + expected[0]
+    assert np.allclose(drawn["sections"], expected, atol=1e-5)
+    assert np.allclose(drawn["head"], expected[0], atol=1e-9)
+    assert (Rotation.from_quat(drawn["turn"]).inv() * head).magnitude() < 1e-9
+    assert drawn["chord"] == pytest.approx(np.linalg.norm(guide - [0.34, 0.0, 0.0]), abs=1e-9)
+    assert drawn["spent_ms"] < 5.0  # 1 ms on two busy cores
 
 
 @pytest.mark.parametrize("path", PAGES)

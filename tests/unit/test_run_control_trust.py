@@ -210,7 +210,7 @@ def test_a_long_plan_is_read_by_another_process(monkeypatch: pytest.MonkeyPatch)
     true = subprocess.run
     monkeypatch.setattr(subprocess, "run", lambda *given, **more: began.append(given) or true(*given, **more))
     long = PLAN + "#" * 100_000
-    assert read_specs(PLAN, dump_rig(rig)) == read_specs(long, dump_rig(rig)) == ("a", rig)
+    assert read_specs(PLAN, dump_rig(rig)) == read_specs(long, dump_rig(rig)) == ("a", False, rig)
     with pytest.raises(SpecError, match="the plan is not valid TOML"):
         read_specs(long + "\nx", dump_rig(rig))
     assert len(began) == 2

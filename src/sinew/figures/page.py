@@ -2,6 +2,7 @@
 
 import base64
 import functools
+import hashlib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -52,6 +53,13 @@ def write_page(path: Path, template: str, **context: Any) -> Path:
     """
     write_text(path, _environment().get_template(template).render(**context))
     return path
+
+
+def own_script(name: str) -> dict[str, Any]:
+    """Return a script among the templates, and its hash as a Content-Security-Policy names it: no other may run."""
+    text = (Path(__file__).parent / "templates" / name).read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
+    return {"script": text, "script_hash": f"sha256-{digest}"}
 
 
 def pictures(paths: Iterable[Path], captions: Mapping[str, Caption]) -> list[dict[str, Any]]:

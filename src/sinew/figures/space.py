@@ -15,7 +15,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sinew.figures.page import Caption, Table, pictures, write_page
+from sinew.figures.page import Caption, Table, own_script, pictures, write_page
 from sinew.figures.style import (
     ACCENT,
     GREY,
@@ -32,6 +32,7 @@ from sinew.figures.style import (
     save_figure,
 )
 from sinew.measure.arrays import Array
+from sinew.measure.estimate import number
 from sinew.measure.told import Table as ToldTable
 from sinew.mechanics.rod import STRAINS, TERMS, rod_poses
 from sinew.mechanics.space import Space
@@ -314,9 +315,26 @@ def write_modes(found: Modes, path: Path) -> Path:
         pictures=pictures(files, CAPTIONS),
         moving=json.dumps(moving_document(found), separators=(",", ":")),
         names=[
-            (f"{one.pretension_mm:g} mm, {one.bend_deg:g}°", [f"{m.frequency_hz:.3g} Hz, {m.kind}" for m in one.modes])
+            (
+                f"{one.pretension_mm:g} mm, {one.bend_deg:g}°",
+                [(f"{mode.frequency_hz:.3g} Hz, {mode.kind}", _in_words(mode)) for mode in one.modes],
+            )
             for one in _moving(found)
         ],
+        **own_script("modes.js"),
+    )
+
+
+def _in_words(mode: FoundMode) -> str:
+    """Return what a mode is, for who sees it move and for who does not."""
+    kinds = ("torsion", "sway in the plane of the bend", "sway across it", "axial motion")
+    shares = [f"{100 * share:.0f} % in {kind}" for kind, share in zip(kinds, mode.shares, strict=True) if share > 0.005]
+    head = {"twist": mode.torsion, "tilt in the plane": mode.tilt_in_plane, "tilt across": mode.tilt_across}
+    moves = [f"{name} {number(part, 2)}" for name, part in head.items() if abs(part) > 0.005]
+    return (
+        f"{mode.kind[0].upper()}{mode.kind[1:]} at {number(mode.frequency_hz)} Hz, Lehr's damping "
+        f"{number(100 * mode.damping, 2)} %. Energy: {', '.join(shares)}. Of the head's motion: "
+        f"{', '.join(moves) or 'no turn'}."
     )
 
 
@@ -325,19 +343,17 @@ def _moving(found: Modes) -> list[PoseModes]:
 
 
 def moving_document(found: Modes) -> Mapping[str, Any]:
-    """Return what the page needs to move: for each pose and mode the lines' points [mm] at both ends of the swing and
-    at rest, between which it goes along parabolas."""
+    """Return what the page needs to move: for each pose and mode the lines' points [0.1 mm] at both ends of the swing
+    and at rest, between which it goes along parabolas, and which tendons are slack."""
     poses = []
     parts: list[str] = []
     sizes: list[int] = []
     for pose in _moving(found):
         modes = []
-        for mode in pose.modes[:_SHAPES]:
+        for mode in pose.modes:
             three = shape_lines(found, pose, mode, (-_SWING, 0.0, _SWING))
             parts, sizes = [line.part for line in three[0]], [len(line.points) for line in three[0]]
             flat = [np.concatenate([line.points for line in lines]) for lines in three]
-            modes.append(
-                {"hz": mode.frequency_hz, "at": [np.rint(1e4 * one).astype(int).ravel().tolist() for one in flat]}
-            )
-        poses.append(modes)
+            modes.append({"at": [np.rint(1e4 * one).astype(int).ravel().tolist() for one in flat]})
+        poses.append({"modes": modes, "slack": (pose.tension_n <= 0).tolist()})
     return {"parts": parts, "sizes": sizes, "poses": poses}

@@ -393,20 +393,6 @@ def _driven(part: Sweep | RingDown, pose: Pose) -> dict[str, Any]:
     return {"amplitude_deg": math.nan, "excitation": part.drive, "amplitude_mm": part.amplitude_mm, "pose": pose}
 
 
-def require_straight(plan: Plan, who: str) -> None:
-    """Raise SpecError for a plan that bends or sways the head, where `who` knows only a head that turns.
-
-    The one refusal of such plans: who has learnt to bend leaves out the call.
-    """
-    if not plan.is_spatial:
-        return
-    asked = [*([] if plan.rest_pose.is_straight else [plan.rest_pose.words()]), *_other_drives(plan)]
-    raise SpecError(
-        f"plan {plan.name} asks for {' and '.join(asked)}, {who} knows an upright head that the lever turns; "
-        "`sinew check` and `sinew simulate` take such a plan; leave out [pose], [impulse] and other drives here"
-    )
-
-
 def require_motors(plan: Plan, who: str) -> None:
     """Raise SpecError for a plan whose head `who` has no motor to move so: blows, and tendons that hold tensions."""
     if plan.impulse is not None:

@@ -24,21 +24,25 @@ from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.operators import unlinked
 from sinew.apps.dashboard.worker import Work
 from sinew.bench.record.journal_reader import JournalReader, Stretch
+from sinew.bench.tilt import TiltEstimator
 from sinew.measure.arrays import Array
+from sinew.measure.attitude import gyro_share, quaternion, tilt_from
 from sinew.measure.errors import FileError, SinewError
 from sinew.measure.estimate import finite
-from sinew.measure.events import Doubted, Event, Health, Severity
+from sinew.measure.events import Contact, Doubted, Event, Health, Severity
+from sinew.plan.pose import STRAIGHT, Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
 
 # A rig becomes what a page draws of it: its shape, its traces, the limit of its tendons.
 
 
-def drawn_rig(rig: RigSpec) -> dict[str, Any]:
+def drawn_rig(rig: RigSpec, pose: Pose = STRAIGHT) -> dict[str, Any]:
     """Return what a page draws of a rig, for JSON.
 
-    `shape`: lengths in those of the silicone, and the number of tendons; `labels` of the traces by key;
-    `sensors`: key and label of those with a node of their own; `tension_limit_n` [N].
+    `shape`: lengths in those of the silicone, and the number of tendons; `length_mm` of the silicone; `labels` of the
+    traces by key; `sensors`: key and label of those with a node of their own; `tension_limit_n` [N]; `pose`: in words,
+    None of an upright head, which is drawn upright.
     """
     length = rig.silicone.length.value
     circle = rig.tendons.head_radius.value / length
@@ -51,9 +55,16 @@ def drawn_rig(rig: RigSpec) -> dict[str, Any]:
         "lever": 1.2 * max(circle, radius) + 0.3,
         "tendons": rig.tendons.count,
     }
-    labels = {channel.key: channel.label for channel in LiveChannels(rig).channels}
+    labels = {channel.key: channel.label for channel in LiveChannels(rig, pose).channels}
     sensors = [{"key": one.channel, "label": f"{one.model} / {one.unit}"} for one in rig.sensors]
-    return {"shape": shape, "labels": labels, "sensors": sensors, "tension_limit_n": rig.limits.tension_n}
+    return {
+        "shape": shape,
+        "length_mm": 1e3 * length,
+        "labels": labels,
+        "sensors": sensors,
+        "tension_limit_n": rig.limits.tension_n,
+        "pose": None if pose.is_straight else pose.words(),
+    }
 
 
 # The samples of a journal become what the oscilloscope shows, in the units of a screen.
@@ -76,10 +87,12 @@ class LiveChannels:
     """Turns rows of a run's journal into traces, batch after batch.
 
     The torsion is the gyroscope's rate, integrated by trapezoids with a leak of 3 s that takes the drift out: at 3 Hz
-    it leads by 1° and is for the eye alone; what is measured comes from `sinew.analysis`.
+    it leads by 1° and is for the eye alone; what is measured comes from `sinew.analysis`. Of a pose that is not upright
+    there are the head's tilt, by the orientation filter of the bench, and how far the tendons drew the plates together;
+    what the gyroscope under-reads there is made good.
     """
 
-    def __init__(self, rig: RigSpec) -> None:
+    def __init__(self, rig: RigSpec, pose: Pose = STRAIGHT, sample_hz: float = 200.0) -> None:
         self._tendons = rig.tendons.count
         self._force = rig.tendons.tension(1.0)
         self._radius = rig.tendons.pulley_radius.value
@@ -91,24 +104,34 @@ class LiveChannels:
             *(Channel(f"tendon_{i + 1}_current", f"current of tendon {i + 1}", "A") for i in range(self._tendons)),
             Channel("tilt", "tilt", "°"),
             *(Channel(one.channel, one.model, one.unit) for one in rig.sensors),
+            *(() if pose.is_straight else _BENT),
         )
+        self._bent = None if pose.is_straight else _BentHead(rig, pose, sample_hz)
+        self._share = gyro_share(pose.bend_rad)
         self._sensors = [one.channel for one in rig.sensors]
         self._torsion, self._rate, self._time = 0.0, math.nan, math.nan
 
     def take(self, rows: dict[str, Array]) -> Array:
         """Return the traces (c, n), in the order of `channels`, of rows as `JournalReader.samples` gives them."""
         tendons = [rows[f"tendon_{i + 1}_current_a"] for i in range(self._tendons)]
+        torsion = self._integrate(rows["time_s"], rows["gyro_x_rad_s"] / self._share)
         return np.stack(
             [
                 np.degrees(rows["drive_command_rad"]),
                 np.degrees(rows["drive_rad"]),
-                np.degrees(self._integrate(rows["time_s"], rows["gyro_x_rad_s"])),
+                np.degrees(torsion),
                 rows["drive_current_a"],
                 *tendons,
                 np.degrees(rows["tilt_rad"]),
                 *(rows[name] for name in self._sensors),
+                *(() if self._bent is None else self._bent.take(rows, torsion)),
             ]
         )
+
+    def touch(self, angles: Array) -> None:
+        """Take notice of where the tendon motors stood at first contact [rad], (tendon,)."""
+        if self._bent is not None:
+            self._bent.contact = angles
 
     def tensions(self, traces: Array) -> list[float]:
         """Return the tension of each tendon [N] at the newest row of some traces, from its motor's current."""
@@ -128,6 +151,49 @@ class LiveChannels:
                 self._rate = value
             out[i] = self._torsion
         return out
+
+
+_BENT = (
+    Channel("pitch", "pitch of the head", "°"),
+    Channel("roll", "roll of the head", "°"),
+    Channel("in_plane", "tilt in plane", "°"),
+    Channel("out_of_plane", "tilt out of plane", "°"),
+    Channel("shortening", "plates drawn together by", "mm"),
+)
+
+
+class _BentHead:
+    """The head of a bent joint, sample by sample.
+
+    contact: angles of the tendon motors at first contact [rad], NaN where that is not known. Since then a motor has
+    taken up r Δangle of its cable, which is longer by ΔT/k itself; the mean of what is left is how far the plates came
+    together. The tilt is counted in the head's axes, which the torsion turns, and comes out in those of the base.
+    """
+
+    def __init__(self, rig: RigSpec, pose: Pose, sample_hz: float) -> None:
+        self._tilt, self._pose, self._tendons = TiltEstimator(rig, sample_hz), pose, rig.tendons
+        self.contact = np.full(rig.tendons.count, np.nan)
+
+    def take(self, rows: dict[str, Array], torsion: Array) -> Array:
+        """Return pitch, roll, tilt away from the pose in its plane and out of it [deg], shortening [mm]: (5, n)."""
+        axes = [rows[f"gyro_{a}_rad_s"] for a in "xyz"] + [rows[f"acceleration_{a}_m_s2"] for a in "xyz"]
+        tilt = np.empty((torsion.size, 2))
+        for i, (now, *told) in enumerate(zip(rows["imu_time_s"].tolist(), *map(np.ndarray.tolist, axes), strict=True)):
+            known = math.isfinite(self._tilt.update(tuple(told[:3]), tuple(told[3:]), now))
+            tilt[i] = self._tilt.components if known else math.nan
+        cos, sin = np.cos(torsion), np.sin(torsion)
+        pitch, roll = cos * tilt[:, 0] - sin * tilt[:, 1], sin * tilt[:, 0] + cos * tilt[:, 1]
+        stands = quaternion(torsion, np.hypot(pitch, roll), np.arctan2(-pitch, roll))
+        away = tilt_from(stands, self._pose.bend_rad, self._pose.azimuth_rad)
+        return np.vstack([np.degrees([pitch, roll, *away.T]), 1e3 * self._drawn_together(rows)])
+
+    def _drawn_together(self, rows: dict[str, Array]) -> Array:
+        """Return by how much the plates are nearer than at first contact [m], (n,)."""
+        count, tendons = self.contact.size, self._tendons
+        angle, current = (np.stack([rows[f"tendon_{i + 1}_{of}"] for i in range(count)]) for of in ("rad", "current_a"))
+        taken_up = tendons.pulley_radius.value * (angle - self.contact[:, None])
+        pulled = tendons.tension(np.maximum(current, 0.0)) - tendons.first_contact_tension.value
+        return np.asarray(np.mean(taken_up - pulled / tendons.cable_stiffness.value, axis=0))
 
 
 class Ring:
@@ -166,12 +232,14 @@ _MOST_ROWS = 4000
 @dataclass(frozen=True)
 class News:
     """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events with
-    their numbers; the segment that was begun last, or None; how many groups are finished."""
+    their numbers; the segment that was begun last, or None; how many groups are finished; where the tendon motors stood
+    at first contact [rad], where that is among the events."""
 
     rows: dict[str, Array]
     events: list[tuple[int, Event]]
     segment: Stretch | None
     groups_done: int
+    contact: Array | None = None
 
 
 class JournalTail:
@@ -200,7 +268,9 @@ class JournalTail:
         events = reader.events(self._event)
         if events:
             self._event = events[-1][0]
-        return News(rows, events, reader.newest_stretch(), reader.count_finished())
+        touched = any(isinstance(event, Contact) for _, event in events)
+        contact = reader.tendons_at_contact() if touched else None
+        return News(rows, events, reader.newest_stretch(), reader.count_finished(), contact)
 
     def close(self) -> None:
         """Give the file back."""
@@ -333,19 +403,21 @@ class Hub:
             with suppress(sqlite3.Error):
                 await loop.run_in_executor(self._thread, self._tail.close)
         self._tail, self.trouble = tail, ""
-        rig = parse_rig(tail.rig_toml)
-        self._channels = LiveChannels(rig)
+        rig, plan = parse_rig(tail.rig_toml), parse_plan(tail.plan_toml)
+        self._channels = LiveChannels(rig, plan.rest_pose, plan.sample_hz)
         self._start = self._newest = math.nan
         self._epoch += 1
         channels = self._channels.channels
-        groups = len(parse_plan(tail.plan_toml).groups())
+        drawn, groups = drawn_rig(rig, plan.rest_pose), len(plan.groups())
         ring = Ring(1 + len(channels), _KEPT)
         texts = tail.plan_toml, tail.rig_toml
-        self.live = Live(run["name"], started, self._epoch, drawn_rig(rig), channels, ring, *texts, groups)
+        self.live = Live(run["name"], started, self._epoch, drawn, channels, ring, *texts, groups)
         self.live.source, self.live.seen = tail.source, run.get("ended")
 
     def _take(self, live: Live, news: News) -> None:
         assert self._channels is not None
+        if news.contact is not None:
+            self._channels.touch(news.contact)
         if news.rows:
             self._put(live, news.rows)
         for number, event in news.events:
@@ -393,11 +465,12 @@ class Hub:
 
 _LOOK_S = 0.5
 _DRAWS = 40
-_BAND = "Points: mean and 90 % interval over repeats. Band: 90 %, from what the rig's calibration leaves open."
-_COMING = "Points: mean and 90 % interval over repeats. The band of the prediction is being computed."
+_POINTS = "Points: mean and 90 % interval over repeats."
+_BAND = f"{_POINTS} Band: 90 %, from what the rig's calibration leaves open."
+_COMING = f"{_POINTS} The band of the prediction is being computed."
 _NO_BAND = (
-    "Points: mean and 90 % interval over repeats. The prediction has no band: nothing is known of how certain this "
-    "rig's parameters are; sinew calibrate finds out."
+    f"{_POINTS} The prediction has no band: nothing is known of how certain this rig's parameters are; sinew calibrate "
+    "finds out."
 )
 
 
@@ -450,8 +523,11 @@ class Results:
                 self._complain(f"There is no prediction: {trouble}")
                 return
             self.predicted = numbered(found["curves"], live)
-            has_bands, can_have = "gain_low" in found["curves"][0], found["can_have_bands"]
-            self.remark = _BAND if has_bands else _COMING if can_have else _NO_BAND
+            can_have = found["can_have_bands"]
+            if not self.predicted:
+                self.remark = " ".join((_POINTS, *found["remarks"]))
+            else:
+                self.remark = _BAND if "gain_low" in self.predicted[0] else _COMING if can_have else _NO_BAND
             self.version += 1
             if not can_have:
                 return

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import psutil
 
@@ -26,7 +26,7 @@ from sinew.apps.bench.run_control import CONTROL, own_text
 from sinew.apps.dashboard.operators import RefusedError, is_run_name, open_inside, unlinked
 from sinew.bench.record.journal_reader import JournalReader, summarise_journal
 from sinew.measure.errors import SinewError, SpecError
-from sinew.plan.plan import Plan, require_straight
+from sinew.plan.plan import require_motors
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_plan, parse_rig
 
@@ -112,14 +112,23 @@ def spawn(command: Sequence[str], log: Path) -> "subprocess.Popen[bytes]":
         )
 
 
-def read_specs(plan: str, rig: str) -> tuple[str, RigSpec]:
-    """Return the name of the plan and the rig that two texts hold; long ones are read by a process of its own.
+class Specs(NamedTuple):
+    """What is known of a run's plan and rig. plan: its name. bends: whether its head is bent."""
+
+    plan: str
+    bends: bool
+    rig: RigSpec
+
+
+def read_specs(plan: str, rig: str) -> Specs:
+    """Return what two texts hold; long ones are read by a process of its own.
 
     What others wrote may keep its reader busy, or fill its memory; whoever answers for the stop reads no more of it
-    than takes some hundredths of a second. Raises SpecError where a text is none, or its reader takes too long.
+    than takes some hundredths of a second. Raises SpecError where a text is none, its plan drives with anything but the
+    lever, which no bench does, or its reader takes too long.
     """
     if len(plan) + len(rig) <= _READ_HERE:
-        return _upright(plan).name, parse_rig(rig, "the rig")
+        return Specs(*_plan_in_brief(plan), parse_rig(rig, "the rig"))
     asked = json.dumps({"plan": plan, "rig": rig})
     command = [sys.executable, "-P", "-c", f"from {__name__} import answer_specs; answer_specs()"]
     try:
@@ -129,14 +138,14 @@ def read_specs(plan: str, rig: str) -> tuple[str, RigSpec]:
         raise SpecError("the plan or the rig takes too long or too much memory to read; make it shorter") from trouble
     if "trouble" in told:
         raise SpecError(told["trouble"])
-    return told["plan"], RigSpec.model_validate_json(told["rig"])
+    return Specs(told["plan"], told["bends"], RigSpec.model_validate_json(told["rig"]))
 
 
-def _upright(text: str) -> Plan:
-    """Return the plan of a text, of an upright head: no other can be run. Raises SpecError."""
+def _plan_in_brief(text: str) -> tuple[str, bool]:
+    """Return (name, whether the head is bent) of the plan of a text that a bench can run. Raises SpecError."""
     plan = parse_plan(text, "the plan")
-    require_straight(plan, "the dashboard")
-    return plan
+    require_motors(plan, "the bench")
+    return plan.name, not plan.rest_pose.is_straight
 
 
 def answer_specs() -> None:
@@ -146,8 +155,8 @@ def answer_specs() -> None:
         resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     asked = json.load(sys.stdin)
     try:
-        plan, rig = _upright(asked["plan"]), parse_rig(asked["rig"], "the rig")
-        told = {"plan": plan.name, "rig": rig.model_dump_json()}
+        (name, bends), rig = _plan_in_brief(asked["plan"]), parse_rig(asked["rig"], "the rig")
+        told = {"plan": name, "bends": bends, "rig": rig.model_dump_json()}
     except SpecError as trouble:
         told = {"trouble": str(trouble)}
     print(json.dumps(told))
@@ -281,10 +290,18 @@ def make_folder(runs: Path, name: str, plan: str, rig: str) -> Path:
     return folder
 
 
-def run_words(folder: Path, port: str) -> list[str]:
-    """Return what stands behind `sinew` to run what lies in a folder on the bench behind a port."""
+class Way(NamedTuple):
+    """The way to a bench. port: its name. wait_s: how long a run waits for the port to appear [s]."""
+
+    port: str
+    wait_s: float = 0.0
+
+
+def run_words(folder: Path, way: Way) -> list[str]:
+    """Return what stands behind `sinew` to run what lies in a folder on a bench."""
     texts = (str(folder / "plan.toml"), "--rig", str(folder / "rig.toml"))
-    return ["run", *texts, "--port", port, "--out", str(folder), "--json"]
+    waiting = ("--wait", f"{way.wait_s:g}") if way.wait_s else ()
+    return ["run", *texts, "--port", way.port, *waiting, "--out", str(folder), "--json"]
 
 
 def find_runs(runs: Path, control: Control) -> Iterator[Run]:
@@ -296,12 +313,12 @@ def find_runs(runs: Path, control: Control) -> Iterator[Run]:
         if process is None:
             continue
         try:
-            plan_name, spec = read_specs(*_texts(folder))
+            specs = read_specs(*_texts(folder))
         except SinewError:
             continue
         began = folder / "plan.toml" if (folder / "plan.toml").exists() else folder / CONTROL
         started = began.stat().st_mtime
-        yield Run(folder.name, folder, process, started, plan_name, spec.name, spec)
+        yield Run(folder.name, folder, process, started, specs.plan, specs.rig.name, specs.rig)
 
 
 def _is_unlinked(folder: Path) -> bool:
@@ -447,39 +464,43 @@ class RunDesk:
             self._alarms += 1
             return self._run
 
-    def start(self, name: str, plan: str, rig: str, port: str) -> str:
-        """Begin a run on the bench behind a port, and return a sentence. Raises RefusedError.
+    def start(self, name: str, plan: str, rig: str, bench: Callable[[Specs], Way]) -> str:
+        """Begin a run, and return a sentence. Raises RefusedError.
 
-        name: of its folder. plan, rig: TOML texts. While one is begun or under way, another is refused.
+        name: of its folder. plan, rig: TOML texts. bench: gives the way to one that can run them, or raises. While one
+        is begun or under way, another is refused.
         """
 
-        def begin() -> Run:
-            plan_name, spec = _parsed(plan, rig)
+        def begin() -> tuple[Run, str]:
+            specs = _parsed(plan, rig)
+            way = bench(specs)
             folder = make_folder(self._runs, name, plan, rig)
-            return self._spawn(folder, run_words(folder, port), plan_name, spec)
+            return self._spawn(folder, run_words(folder, way), specs), f"the run {name} begins{_once(way)}"
 
-        return self._one(begin, f"the run {name} begins")
+        return self._one(begin)
 
-    def go_on(self, name: str, port: str) -> str:
-        """Go on with a run that ended early, on the bench behind a port, and return a sentence. Raises RefusedError."""
+    def go_on(self, name: str, bench: Callable[[Specs], Way]) -> str:
+        """Go on with a run that ended early, and return a sentence; as `start`. Raises RefusedError."""
 
-        def begin() -> Run:
+        def begin() -> tuple[Run, str]:
             folder, plan, rig = texts_to_go_on(self._runs, name)
-            plan_name, spec = _parsed(plan, rig)
+            specs = _parsed(plan, rig)
+            way = bench(specs)
             with (folder / LOG).open("a", encoding="utf-8") as log:
                 log.write(f"{RESUMED}\n")
-            return self._spawn(folder, [*run_words(folder, port), "--resume"], plan_name, spec)
+            words = [*run_words(folder, way), "--resume"]
+            return self._spawn(folder, words, specs), f"the run {name} goes on{_once(way)}"
 
-        return self._one(begin, f"the run {name} goes on")
+        return self._one(begin)
 
-    def _one(self, begin: Callable[[], Run], sentence: str) -> str:
-        """Have a run begin, unless there is one, or an emergency comes in between; return the sentence."""
+    def _one(self, begin: Callable[[], tuple[Run, str]]) -> str:
+        """Have a run begin, unless there is one, or an emergency comes in between; return what it says of it."""
         with self._lock:
             if self._run is not None or self._is_starting:
                 raise RefusedError(409, f"a run {'is being begun' if self._run is None else self._run.name} already")
             self._is_starting, alarms = True, self._alarms
         try:
-            run = begin()
+            run, sentence = begin()
             with self._lock:
                 is_late = self._alarms != alarms
                 if not is_late:
@@ -515,7 +536,7 @@ class RunDesk:
         run = self._run
         return None if run is None else _document(run, self._told)
 
-    def _spawn(self, folder: Path, words: list[str], plan: str, spec: RigSpec) -> Run:
+    def _spawn(self, folder: Path, words: list[str], specs: Specs) -> Run:
         try:
             process = spawn(self._command(*words), folder / LOG)
             try:
@@ -525,7 +546,7 @@ class RunDesk:
                 raise
         except OSError as trouble:
             raise RefusedError(409, f"cannot begin a process in {folder}: {trouble.strerror}") from trouble
-        return Run(folder.name, folder, process, time.time(), plan, spec.name, spec)
+        return Run(folder.name, folder, process, time.time(), specs.plan, specs.rig.name, specs.rig)
 
     def _follow(self) -> None:
         looks = 0
@@ -580,8 +601,12 @@ class RunDesk:
         self._run = None
 
 
-def _parsed(plan: str, rig: str) -> tuple[str, RigSpec]:
-    """Return the plan's name and the rig that two texts hold. Raises RefusedError where they are not valid."""
+def _once(way: Way) -> str:
+    return " once the emulated bench is there, which is begun anew for it" if way.wait_s else ""
+
+
+def _parsed(plan: str, rig: str) -> Specs:
+    """Return what two texts hold. Raises RefusedError where they are not valid."""
     try:
         return read_specs(plan, rig)
     except SpecError as trouble:

@@ -35,23 +35,39 @@ from sinew.apps.dashboard import run_desk
 from sinew.apps.dashboard.access import Access, Gate, SignedOut, raise_file_limit, server_config
 from sinew.apps.dashboard.emergency import Emergency, Order, Outcome, Rest, bring_to_rest
 from sinew.apps.dashboard.operators import BENCH, SIGNED_OUT, Operators, RefusedError, Ticket
-from sinew.apps.dashboard.run_desk import Adopted, Control, Process, RunDesk, end_process, sinew_command
+from sinew.apps.dashboard.run_desk import (
+    Adopted,
+    Control,
+    Process,
+    RunDesk,
+    Specs,
+    Way,
+    end_process,
+    sinew_command,
+)
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.toml import load_rig
 
 # The dashboard gets an emulated bench to play with, or finds the one that a steward before it began.
 
 _READY_S = 90.0
+_ANEW_S = 180.0  # until its port is there, on a busy computer; in space there is a quarter of a minute to compile
 _END_S = 5.0
-_PID, _RIG = "emulator.pid", "rig"
+_PID, _RIG, _LOG = "emulator.pid", "rig", "emulator.log"
+_IN_SPACE = "--in-space"
 
 
 class BenchEmulator:
-    """`sinew emulate` in a process of its own. folder: for its link, its log and what truly happened (truth.json)."""
+    """`sinew emulate` in a process of its own. folder: for its link, its log and what truly happened (truth.json).
+
+    is_in_space: whether it plays a head with mass, that bends and sways; a second of it costs thirty times as much, so
+    it is begun where a plan bends.
+    """
 
     def __init__(self, folder: Path, command: Callable[..., list[str]]) -> None:
         self._folder, self._command = folder, command
         self._process: Process | None = None
+        self.is_in_space = False
 
     @property
     def port(self) -> str:
@@ -63,6 +79,11 @@ class BenchEmulator:
         """Whether the emulator goes on."""
         return self._process is not None and self._process.poll() is None
 
+    @property
+    def is_ready(self) -> bool:
+        """Whether its port is there; not for a while after it was begun anew."""
+        return self.is_there and Path(self.port).exists()
+
     def open(self, rig: str, seed: int) -> bool:
         """Begin the emulator, or take over one that is there; return whether it was there.
 
@@ -72,13 +93,27 @@ class BenchEmulator:
         self._process = self._found(rig)
         if self._process is not None:
             return True
-        link = Path(self.port)
-        if link.is_symlink():
-            # Its emulator is gone; what it leads to may be somebody else's terminal by now.
-            forget_socket(link.readlink())
-            link.unlink()
-        self._begin(rig, seed)
+        self._clear_link()
+        process = self._begin(rig, seed, subprocess.PIPE)
+        if not _is_ready(process):
+            self.close()
+            raise FileError(f"the emulator does not get ready: {self.last_words()}; see {self._folder / _LOG}")
         return False
+
+    def change(self, rig: str, seed: int, *, in_space: bool) -> None:
+        """End the emulator and begin one whose head bends and sways, or only turns; its port is there after a while.
+
+        Raises OSError where there can be no process.
+        """
+        self.close()
+        self._clear_link()
+        self.is_in_space = in_space
+        self._begin(rig, seed, subprocess.DEVNULL)
+
+    def last_words(self) -> str:
+        """Return what it said last."""
+        said = (self._folder / _LOG).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        return said[-1] if said else "it says nothing"
 
     def close(self) -> None:
         """End the emulator."""
@@ -90,7 +125,9 @@ class BenchEmulator:
         process = run_desk.adopt_from(self._folder / _PID, ["emulate", self.port])
         if process is None or not Path(self.port).exists():
             return None
-        playing = (self._folder / _RIG).read_text(encoding="utf-8") if (self._folder / _RIG).exists() else ""
+        told = (self._folder / _RIG).read_text(encoding="utf-8") if (self._folder / _RIG).exists() else ""
+        playing, _, how = told.partition("\n")
+        self.is_in_space = how == _IN_SPACE
         if playing != rig:
             process.close()
             raise FileError(
@@ -99,25 +136,28 @@ class BenchEmulator:
             )
         return process
 
-    def _begin(self, rig: str, seed: int) -> None:
+    def _clear_link(self) -> None:
+        link = Path(self.port)
+        if link.is_symlink():
+            # Its emulator is gone; what it leads to may be somebody else's terminal by now.
+            forget_socket(link.readlink())
+            link.unlink()
+
+    def _begin(self, rig: str, seed: int, out: int) -> "subprocess.Popen[bytes]":
         words = ["emulate", "--link", self.port, "--socket", "--rig", rig, "--seed", str(seed)]
-        words += ["--truth", str(self._folder / "truth.json"), "--json"]
-        log = self._folder / "emulator.log"
-        with log.open("wb") as file:
+        words += ["--truth", str(self._folder / "truth.json"), "--json", *([_IN_SPACE] if self.is_in_space else [])]
+        with (self._folder / _LOG).open("wb") as file:
             process = subprocess.Popen(
                 self._command(*words),
                 stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
+                stdout=out,
                 stderr=file,
                 start_new_session=True,
             )
         self._process = process
         run_desk.write_pid(self._folder / _PID, process.pid)
-        (self._folder / _RIG).write_text(rig, encoding="utf-8")
-        if not _is_ready(process):
-            self.close()
-            said = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-            raise FileError(f"the emulator does not get ready: {said[-1] if said else 'it says nothing'}; see {log}")
+        (self._folder / _RIG).write_text("\n".join([rig, *([_IN_SPACE] if self.is_in_space else [])]), encoding="utf-8")
+        return process
 
 
 def _is_ready(process: "subprocess.Popen[bytes]") -> bool:
@@ -510,21 +550,39 @@ class Steward:
 
     def start(self, name: str, plan: str, rig: str) -> str:
         """Begin a run, and return a sentence. Raises RefusedError."""
-        return self._desk.start(name, plan, rig, self._free_bench())
+        return self._desk.start(name, plan, rig, self._free_bench)
 
     def go_on(self, name: str) -> str:
         """Go on with a run that ended early, and return a sentence. Raises RefusedError."""
-        return self._desk.go_on(name, self._free_bench())
+        return self._desk.go_on(name, self._free_bench)
 
-    def _free_bench(self) -> str:
-        """Return the port of the bench, where a run can begin on it. Raises RefusedError."""
+    def _free_bench(self, specs: Specs) -> Way:
+        """Return the way to the bench, where a run can begin on it. Raises RefusedError.
+
+        An emulated one is begun anew where the run needs a head that bends, or no longer does; the run waits for it.
+        """
         if self.port is None:
             raise RefusedError(409, "no bench is connected; serve with --port-bench PORT or --emulate")
-        if self._emulator is not None and not self._emulator.is_there:
-            raise RefusedError(409, f"the emulator has ended; see the log beside {self.port}, and serve again")
         if self._emergency.is_under_way:
             raise RefusedError(409, "the bench is being brought to rest; wait until it is")
-        return self.port
+        emulator = self._emulator
+        if emulator is None:
+            return Way(self.port)
+        if specs.bends == emulator.is_in_space:
+            if not emulator.is_there:
+                raise RefusedError(409, f"the emulator has ended; see the log beside {self.port}, and serve again")
+            return Way(self.port, 0.0 if emulator.is_ready else _ANEW_S)
+        if specs.bends and self._spec.space is None:
+            raise RefusedError(
+                409,
+                f"the emulated rig {self.settings.rig} has no [space], so its head cannot bend; serve one that has the "
+                "masses of head and lever",
+            )
+        try:
+            emulator.change(self.settings.rig, self.settings.seed, in_space=specs.bends)
+        except OSError as trouble:
+            raise RefusedError(409, f"the emulator cannot be begun anew: {trouble.strerror or trouble}") from trouble
+        return Way(self.port, _ANEW_S)
 
     def tell(self, command: str) -> str:
         """Tell the run under way something, or bring a bench without one to rest; return a sentence.
@@ -543,7 +601,9 @@ class Steward:
     def order_emergency(self) -> Order:
         """Bring the bench to rest at once, from any thread, and return what will tell how that goes."""
         run = self._desk.alarm()
-        return self._emergency.order(run, self.port, self._desk.spec or self._spec)
+        # Of an emulated bench that is being begun anew no motor moves, and there is none to be told anything.
+        is_there = self._emulator is None or self._emulator.is_ready or not self._emulator.is_there
+        return self._emergency.order(run, self.port if is_there else None, self._desk.spec or self._spec)
 
     def emergency(self) -> Awaitable[Outcome]:
         """Bring the bench to rest at once; to be awaited until the motors stand still."""

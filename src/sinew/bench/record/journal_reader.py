@@ -14,7 +14,7 @@ import numpy as np
 from sinew.bench.record.sample import APPLICATION_ID, JOURNAL_VERSION, READABLE_VERSIONS, REGISTERS, sample_columns
 from sinew.measure.arrays import Array
 from sinew.measure.errors import FileError
-from sinew.measure.events import STATES, Event, read_event
+from sinew.measure.events import STATES, Contact, Event, read_event
 from sinew.measure.recording import Segment
 from sinew.measure.schema import SegmentKind
 from sinew.plan.toml import parse_rig
@@ -114,6 +114,22 @@ class JournalReader:
         """Return (number, event) of every event after a number, in order; numbers count from 1."""
         rows = self._connection.execute("SELECT id, kind, sentence FROM events WHERE id > ? ORDER BY id", (after,))
         return [(number, read_event(kind, text)) for number, kind, text in rows]
+
+    def tendons_at_contact(self) -> Array | None:
+        """Return the angles of the tendon motors [rad] where first contact was found last, (tendon,); else None."""
+        found = self._connection.execute(
+            "SELECT session, time_s FROM events WHERE kind = ? ORDER BY id DESC LIMIT 1", (Contact.kind,)
+        ).fetchone()
+        names = [name for name in self._columns if name.startswith("tendon_") and name.endswith("_rad")]
+        if found is None or found[1] is None:
+            return None
+        known = " AND ".join(f"{name} IS NOT NULL" for name in names)
+        row = self._connection.execute(
+            f"SELECT {', '.join(names)} FROM samples WHERE session = ? AND time_s <= ? AND {known} "
+            "ORDER BY id DESC LIMIT 1",
+            found,
+        ).fetchone()
+        return None if row is None else np.array(row, dtype=float)
 
     def newest_stretch(self) -> Stretch | None:
         """Return the segment that was begun last, or None where there is none yet."""

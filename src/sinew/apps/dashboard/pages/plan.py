@@ -15,6 +15,7 @@ from sinew.measure.errors import SinewError
 
 _TYPING_S = 0.4
 _FIRST_PLAN = "first"
+_ANEW = "The emulated bench is begun anew with a head that bends, where it is not there yet: that takes half a minute."
 
 
 def add_plan_page(site: Site) -> None:
@@ -131,6 +132,12 @@ class _Desk:
                 ui.label(f"{word}: {finding['sentence']}").classes(style)
             if found["ok"]:
                 ui.label("No limit of the rig is broken.").classes("sinew-good")
+            pose = found.get("pose")
+            if pose:
+                bent = f"The head is bent by {pose['bend_deg']:.4g}° towards {pose['azimuth_deg']:.4g}°"
+                ui.label(f"{bent}; its largest torsion is not foretold.").props("id=sinew-pose")
+                if self._site.bench == "emulator":
+                    ui.label(_ANEW).classes("sinew-soft")
             twists = {row["pretension_mm"]: f"{row['torsion_deg']:.0f}" for row in found["torsion"]}
             rows = [
                 {
@@ -140,7 +147,8 @@ class _Desk:
                 }
                 for row in found["tension"]
             ]
-            labels = {"mm": "pretension / mm", "n": "tension of a tendon at rest / N", "deg": "largest torsion / °"}
+            pull = f"{'largest ' if pose else ''}tension of a tendon at rest / N"
+            labels = {"mm": "pretension / mm", "n": pull, "deg": "largest torsion / °"}
             columns = [{"name": key, "label": label, "field": key, "align": "right"} for key, label in labels.items()]
             ui.table(rows=rows, columns=columns).props("flat dense").classes("w-full")
         drive = found["drive"]

@@ -11,7 +11,7 @@ from sinew.measure.errors import SinewError
 from sinew.measure.units import local_time
 
 _COLUMNS = {"name": "run", "started": "started", "plan": "plan", "rig": "rig", "groups": "segments", "state": "state"}
-_RIGHT = ("groups", "mm", "value")
+_RIGHT = ("groups", "mm", "hz", "value")
 _DOWNLOADS = (("recording", "Recording (NetCDF)"), ("csv", "CSV"), ("mat", "MAT"), ("report", "Report"))
 _MOST_OVERLAID = 6
 
@@ -120,6 +120,8 @@ async def _open(site: Site, names: list[str]) -> None:
         _doubts(found)
         _curves(found)
         _numbers(found)
+        for name, results in found:
+            _coupling(name, results.get("document") or {})
         for name, _ in found:
             _downloads(name)
 
@@ -181,6 +183,35 @@ def _numbers(found: list[tuple[str, dict[str, Any]]]) -> None:
         labels = {"run": "run", "mm": "pretension / mm", "name": "quantity", "value": "value, 90 % interval"}
         table = ui.table(rows=shown, columns=_columns(labels), row_key="key", pagination=12)
         table.props("flat dense wrap-cells").classes("w-full")
+
+
+def _coupling(name: str, document: dict[str, Any]) -> None:
+    """Show what a bent head did besides twisting, at each frequency; nothing of an upright one."""
+    pose, rows = document.get("pose"), document.get("coupling")
+    if not pose or not rows:
+        return
+    title = f"{name}: coupling at a bend of {pose['bend_deg']:.4g}° towards {pose['azimuth_deg']:.4g}°"
+    with card(title, 12):
+        shown = [
+            {
+                "key": f"{row['pretension_mm']} {row['frequency_hz']} {row['channel']}",
+                "mm": f"{row['pretension_mm']:g}",
+                "hz": f"{row['frequency_hz']:g}",
+                "channel": row["channel"].replace("-", " "),
+                "amplitude": quantity(row["amplitude_deg"], "°"),
+                "ratio": quantity(row["coupling_ratio"], "") if "coupling_ratio" in row else "–",
+                "lag": quantity(row["lag_behind_torsion_deg"], "°") if "lag_behind_torsion_deg" in row else "–",
+                "second": quantity(row["second_harmonic_deg"], "°"),
+            }
+            for row in rows
+        ]
+        labels = {"mm": "pretension / mm", "hz": "frequency / Hz", "channel": "motion", "amplitude": "amplitude"}
+        labels |= {"ratio": "over the torsion", "lag": "lag behind it", "second": "at twice the frequency"}
+        table = ui.table(rows=shown, columns=_columns(labels), row_key="key", pagination=12)
+        table.props("flat dense wrap-cells data-coupling").classes("w-full")
+        ui.label("Means over repeats with 90 % intervals; tilt in and out of the plane of the bend.").classes(
+            "sinew-soft"
+        )
 
 
 def _downloads(name: str) -> None:

@@ -1,4 +1,9 @@
-// The joint in space: silicone that twists, head, lever, and tendons coloured by their tension.
+// The joint in space: silicone that twists and bends, head, lever, and tendons coloured by their tension.
+//
+// The head stands as the bench's sensors say: twisted about the axis first, then swung. The silicone is drawn as if its
+// rotation vector grew evenly from base plate to head plate, an arc where it only bends: sections at share s are turned
+// by exp(s u), where exp(u) is the head. Really it is softer where it is bent most. The plates' centres are as far apart
+// as the tendons, whose mean is their distance, tell. Of frame B x points up here, y to the right, z to the back.
 
 import { css } from "./scope.js";
 
@@ -30,9 +35,9 @@ export class Joint {
     top.position.z = 0.04;
     const mark = new THREE.Mesh(new THREE.BoxGeometry(shape.plate, 0.05, 0.03), new THREE.MeshPhongMaterial({ color: "#0072b2" }));
     mark.position.set(shape.plate / 2, 0, 0.09);
-    this.head.add(top, mark);
     this.lever = new THREE.Group();
-    this.lever.position.z = shape.length + 0.22;
+    this.lever.position.z = 0.22;
+    this.head.add(top, mark, this.lever);
     const bar = new THREE.Mesh(new THREE.BoxGeometry(2 * shape.lever, 0.09, 0.05), new THREE.MeshPhongMaterial({ color: "#d98a2b" }));
     this.lever.add(bar);
     for (const side of [-1, 1]) {
@@ -42,10 +47,13 @@ export class Joint {
     }
     this.tendons = Array.from({ length: shape.tendons }, () => {
       const tendon = new THREE.Mesh(new THREE.CylinderGeometry(0.028, 0.028, 1, 10), new THREE.MeshPhongMaterial());
+      // What the bulging silicone of a bent joint hides of a chord is seen through it.
+      const ghost = new THREE.Mesh(tendon.geometry, new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.4, depthTest: false }));
+      tendon.add(ghost);
       this.root.add(tendon);
       return tendon;
     });
-    this.root.add(base, this.silicone, this.head, this.lever);
+    this.root.add(base, this.silicone, this.head);
     component.scene.add(this.root);
     component.renderer.setClearColor(0x000000, 0);
     this.pose(0, 0, []);
@@ -58,6 +66,7 @@ export class Joint {
     const geometry = new THREE.CylinderGeometry(shape.radius, shape.radius, shape.length, SIDES, RINGS, true).rotateX(Math.PI / 2);
     geometry.translate(0, 0, shape.length / 2);
     this.rest = geometry.attributes.position.array.slice();
+    this.normals = geometry.attributes.normal.array.slice();
     const colours = [], light = new THREE.Color("#e9dfc9"), dark = new THREE.Color("#bfa877");
     for (let i = 0; i < this.rest.length; i += 3) {
       const around = Math.atan2(this.rest[i + 1], this.rest[i]) / (2 * Math.PI) * SIDES;
@@ -68,28 +77,64 @@ export class Joint {
     return new THREE.Mesh(geometry, new THREE.MeshPhongMaterial({ vertexColors: true, side: THREE.DoubleSide }));
   }
 
-  // torsion, drive [rad]; tensions: [{share from 0 to 1}], of each tendon.
-  pose(torsion, drive, shares) {
-    const { shape, rest } = this;
-    const position = this.silicone.geometry.attributes.position;
-    for (let i = 0; i < rest.length; i += 3) {
-      const turn = torsion * rest[i + 2] / shape.length, c = Math.cos(turn), s = Math.sin(turn);
-      position.array[i] = c * rest[i] - s * rest[i + 1];
-      position.array[i + 1] = s * rest[i] + c * rest[i + 1];
-    }
-    position.needsUpdate = true;
-    this.head.rotation.z = torsion;
-    this.lever.rotation.z = torsion + drive;
-    const up = new this.THREE.Vector3(0, 1, 0);
+  // torsion, drive [rad]; shares: of the limit of each tendon's tension, 0 to 1; swing: pitch and roll of a bent head
+  // [rad]; nearer: by how much the plates have come together, in lengths of the silicone.
+  pose(torsion, drive, shares, [pitch, roll] = [0, 0], nearer = 0) {
+    const { THREE, shape } = this;
+    const swing = Math.hypot(pitch, roll), axis = swing > 1e-9 ? new THREE.Vector3(pitch / swing, roll / swing, 0) : UP(THREE);
+    const head = new THREE.Quaternion().setFromAxisAngle(axis, swing).multiply(new THREE.Quaternion().setFromAxisAngle(UP(THREE), torsion));
+    const section = sections(THREE, head), reach = section(1).place.length();
+    const long = Math.max(0.5, shape.length - nearer) / reach;
+    this.bend(section, long);
+    const top = section(1).place.multiplyScalar(long);
+    this.head.quaternion.copy(head);
+    this.head.position.copy(top);
+    this.lever.rotation.z = drive;
+    const up = new THREE.Vector3(0, 1, 0);
     this.tendons.forEach((tendon, i) => {
       const angle = 2 * Math.PI * i / shape.tendons, r = shape.circle;
-      const foot = new this.THREE.Vector3(r * Math.cos(angle), r * Math.sin(angle), 0);
-      const head = new this.THREE.Vector3(r * Math.cos(angle + torsion), r * Math.sin(angle + torsion), shape.length);
-      const along = head.clone().sub(foot);
+      const foot = new THREE.Vector3(r * Math.cos(angle), r * Math.sin(angle), 0);
+      const guide = foot.clone().applyQuaternion(head).add(top);
+      const along = guide.clone().sub(foot);
       tendon.scale.y = along.length();
       tendon.quaternion.setFromUnitVectors(up, along.clone().normalize());
-      tendon.position.copy(foot.add(head).multiplyScalar(0.5));
-      tendon.material.color = mixed(this.THREE, Math.min(1, Math.max(0, shares[i] ?? 0)));
+      tendon.position.copy(foot.add(guide).multiplyScalar(0.5));
+      tendon.material.color = mixed(THREE, Math.min(1, Math.max(0, shares[i] ?? 0)));
+      tendon.children[0].visible = swing > 1e-9;
+      tendon.children[0].material.color = tendon.material.color;
     });
   }
+
+  // Puts every ring of the silicone where its section is; a ring's points lie behind one another.
+  bend(section, long) {
+    const { THREE, shape, rest, normals } = this, { position, normal } = this.silicone.geometry.attributes;
+    const point = new THREE.Vector3();
+    for (let ring = 0; ring <= RINGS; ring++) {
+      const first = ring * (SIDES + 1), { turn, place } = section(rest[3 * first + 2] / shape.length);
+      for (let i = first; i <= first + SIDES; i++) {
+        point.set(rest[3 * i], rest[3 * i + 1], 0).applyQuaternion(turn).addScaledVector(place, long).toArray(position.array, 3 * i);
+        point.fromArray(normals, 3 * i).applyQuaternion(turn).toArray(normal.array, 3 * i);
+      }
+    }
+    position.needsUpdate = normal.needsUpdate = true;
+  }
+}
+
+const UP = (THREE) => new THREE.Vector3(0, 0, 1);
+
+// Of a rod of length one with an even rotation vector u, exp(u) = head: {turn, place} of the section at share s.
+function sections(THREE, head) {
+  const q = head.w < 0 ? new THREE.Quaternion(-head.x, -head.y, -head.z, -head.w) : head;
+  const sine = Math.hypot(q.x, q.y, q.z), angle = 2 * Math.atan2(sine, q.w);
+  const axis = sine > 1e-9 ? new THREE.Vector3(q.x, q.y, q.z).divideScalar(sine) : UP(THREE);
+  const across = axis.clone().cross(UP(THREE));
+  return (share) => {
+    const turned = share * angle, turn = new THREE.Quaternion().setFromAxisAngle(axis, turned);
+    const place = UP(THREE).multiplyScalar(share);
+    if (angle > 1e-6) {
+      const a = Math.sin(turned) / angle;
+      place.set(0, 0, a).addScaledVector(across, (1 - Math.cos(turned)) / angle).addScaledVector(axis, (share - a) * axis.z);
+    }
+    return { turn, place };
+  };
 }

@@ -10,9 +10,11 @@ const traces = new Traces();
 let scope, lissajous, joint, scene, rig, base = 5, paused = false, shownEnd = 0, now = [], tensions = [], state = null, told = 0, socket = null;
 let drawn = 0, drawnSince = performance.now();
 
-const PANELS = (tendons, sensors) => [
+const PANELS = ({ shape: { tendons }, sensors, pose }) => [
   { unit: "angle / °", least: 4, share: 3, lines: [
     { key: "drive_command", colour: "--command", dash: [5, 4] }, { key: "drive", colour: "--drive" }, { key: "torsion", colour: "--torsion" }] },
+  ...(pose ? [{ unit: "tilt / °", least: 0.5, share: 1.6, lines: [
+    { key: "out_of_plane", colour: "--torsion" }, { key: "in_plane", colour: "--other", dash: [6, 3] }] }] : []),
   { unit: "drive current / A", least: 0.2, share: 1.3, lines: [{ key: "drive_current", colour: "--current" }] },
   { unit: "tendon currents / A", least: 0.1, share: 1.3, lines: Array.from({ length: tendons }, (_, i) =>
     ({ key: `tendon_${i + 1}_current`, colour: ["--torsion", "--other", "--drive", "--current"][i % 4], dash: [null, [6, 3], [2, 3], [8, 3, 2, 3]][i % 4] })) },
@@ -42,7 +44,7 @@ async function begin() {
 // A run may be of another rig than the one that is offered first.
 async function show(drawn) {
   rig = drawn;
-  scope = new Scope($("sinew-scope"), PANELS(rig.shape.tendons, rig.sensors));
+  scope = new Scope($("sinew-scope"), PANELS(rig));
   put("sinew-tension-limit", String(rig.tension_limit_n));
   $("sinew-legend").replaceChildren();
   legend();
@@ -107,8 +109,9 @@ function draw(at) {
   scope.render(traces, base, Math.max(base, shownEnd));
   lissajous.render();
   const value = (key) => now[traces.traces.findIndex((t) => t.key === key)] ?? 0;
-  const most = Math.max(rig.tension_limit_n, 1);
-  joint?.pose(value("torsion") * Math.PI / 180, value("drive") * Math.PI / 180, tensions.map((t) => (t ?? 0) / most));
+  const most = Math.max(rig.tension_limit_n, 1), radians = (key) => value(key) * Math.PI / 180;
+  joint?.pose(radians("torsion"), radians("drive"), tensions.map((t) => (t ?? 0) / most), [radians("pitch"), radians("roll")],
+    value("shortening") / rig.length_mm);
   drawn++;
   if (at - drawnSince > 1000) {
     document.body.dataset.fps = (1000 * drawn / (at - drawnSince)).toFixed(1);
@@ -166,7 +169,7 @@ function describe() {
   put("sinew-doing", !live ? "–" : !run ? "ended" : run.state === "finishing" ? "the recording is written" : run.state === "paused" ? "paused" : health.state && health.state !== "running" ? health.state
     : segment?.state === "running" ? DOING[segment.kind] ?? segment.kind : "between segments");
   put("sinew-at", !segment ? "–" : [fixed(segment.pretension_mm, 1, " mm"), segment.frequency_hz === null ? null : fixed(segment.frequency_hz, 2, " Hz"),
-    segment.amplitude_deg === null ? null : fixed(segment.amplitude_deg, 1, "°")].filter(Boolean).join(", "));
+    segment.amplitude_deg === null ? null : fixed(segment.amplitude_deg, 1, "°"), rig.pose].filter(Boolean).join(", "));
   const bar = $("sinew-progress");
   if (bar && live) {
     const bySeconds = run && health.total_s; // what was begun and not ended is not recorded

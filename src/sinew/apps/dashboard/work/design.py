@@ -169,12 +169,18 @@ def curve_document(branch: "Branch", nominal: float) -> dict[str, Any]:
 
 # A plan's curves are foretold, for what is measured to be held against.
 
+_NOT_FORETOLD = (
+    "There is no prediction to hold a bent head against: sinew modes says where it resonates, sinew simulate what it "
+    "does."
+)
 _ROOM = 0.4
 _SEED = 0
 
 
 def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[str, Any]:
     """Return the predicted response at each pretension of a plan, over the frequencies that it drives.
+
+    Of a bent head there is none, `curves` is empty and `remarks` says so.
 
     draws: rigs drawn from what is known of the rig's parameters, for 90 % bands; 0 for none.
 
@@ -196,6 +202,8 @@ def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[s
 
     configure()
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
+    if plan.is_spatial:
+        return {"curves": [], "amplitude_deg": None, "can_have_bands": False, "remarks": [_NOT_FORETOLD]}
     pretensions, mode = list(plan.pretension.pretension_mm), plan.pretension.mode
     amplitude_deg, band_hz = _driven(plan)
     prediction = predict(joint_problem(rig, pretensions, amplitude_deg, band_hz, mode=mode), band_hz, RESOLUTION)
@@ -222,9 +230,6 @@ def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[s
 
 def _driven(plan: "Plan") -> tuple[float, tuple[float, float]]:
     """Return (amplitude of the command [deg], lowest and highest frequency [Hz]) that a plan drives with."""
-    from sinew.plan.plan import require_straight  # pydantic
-
-    require_straight(plan, "the dashboard")
     if plan.sweep is not None:
         low, high, amplitude = plan.sweep.frequency_hz[0], plan.sweep.frequency_hz[-1], plan.sweep.amplitude_deg
     elif plan.track is not None:
@@ -296,15 +301,18 @@ def suggest_pretension(
 def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[str, Any]:
     """Return what `sinew check --json` says of a plan on a rig, further `refusals` and `warnings` as sentences.
 
-    plan_toml, rig_toml: texts. swing: simulate the plan for its largest torsions, which takes seconds where it is long.
-    A plan that breaks a limit is an answer, with `ok` false. Raises SpecError where a text is no plan or no rig.
+    plan_toml, rig_toml: texts. swing: simulate the plan for its largest torsions, which takes seconds where it is long;
+    of a bent head they are not foretold. A slack tendon is refused, as every bench refuses it. A plan that breaks a
+    limit is an answer, with `ok` false. Raises SpecError where a text is no plan or no rig, or the plan drives with
+    anything but the lever.
     """
-    from sinew.plan.plan import require_straight
+    from sinew.plan.plan import require_motors
     from sinew.plan.toml import parse_plan, parse_rig
-    from sinew.predict.preview import preview_plan, told_preview
+    from sinew.predict.preview import held_preview, preview_plan, told_preview
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
-    require_straight(plan, "the dashboard")
-    preview = preview_plan(plan, rig, swing=swing)
+    require_motors(plan, "the bench")
+    upright = plan.rest_pose.is_straight
+    preview = preview_plan(plan, rig, swing=swing) if upright else held_preview(plan, rig)[0]
     warnings = [finding.sentence for finding in preview.findings if finding.severity == "warn"]
     return {**told_preview(plan, rig, preview), "refusals": list(preview.refusals), "warnings": warnings}

@@ -1,0 +1,136 @@
+"""Bent plans at the steward: the emulated bench is begun anew in space for one, upright again for the next."""
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from tests.contracts import fake_run
+from tests.contracts.serving import RIG, Served, fake_command, plan, serving, until
+
+from sinew.plan.toml import dump_rig, load_rig
+
+BENT = "[pose]\nbend_deg = 20\nazimuth_deg = 90\n"
+FLAG = "--in-space"
+
+
+def bent(behaviour: str = fake_run.OBEDIENT) -> str:
+    return plan(behaviour) + BENT
+
+
+class Commands:
+    """Commands of a bench that is none, as they came. late: whether one in space never gets its port."""
+
+    def __init__(self, late: bool = False) -> None:
+        self.late, self.words = late, list[tuple[str, ...]]()
+
+    def __call__(self, *words: str) -> list[str]:
+        self.words.append(words)
+        if words[0] == "run":
+            return fake_command(*words)
+        there = "" if self.late and FLAG in words else f"pathlib.Path({words[2]!r}).touch(); "
+        lasting = f"import pathlib, time; {there}print('{{}}', flush=True); time.sleep(600)"
+        return [sys.executable, "-S", "-c", lasting, *words]
+
+    def last(self, command: str) -> tuple[str, ...]:
+        return next(words for words in reversed(self.words) if words[0] == command)
+
+
+@pytest.fixture
+def begin(tmp_path: Path) -> "Iterator[Callable[..., tuple[Served, Commands]]]":
+    """Give what begins a steward with such a bench."""
+    open_ones = []
+
+    def opened(late: bool = False, rig: str = "paper") -> tuple[Served, Commands]:
+        commands = Commands(late)
+        one = serving(tmp_path / "runs", bench="emulator", port=None, command=commands, rig=rig)
+        open_ones.append(one)
+        return one.__enter__(), commands
+
+    yield opened
+    for one in open_ones:
+        one.__exit__(None, None, None)
+
+
+def started(served: Served, name: str, text: str) -> dict[str, object]:
+    """Have an operator start a plan, and return what is answered."""
+    answer = served.operator().says("start", name=name, plan=text, rig=RIG)
+    return dict(answer.json())
+
+
+def over(served: Served) -> None:
+    served.steward.tell("stop")
+    until(lambda: served.status()["run"] is None)
+
+
+def test_a_bent_plan_has_the_emulated_bench_begun_anew_in_space(begin: Callable[..., tuple[Served, Commands]]) -> None:
+    served, commands = begin()
+    assert FLAG not in commands.last("emulate")
+    said = started(served, "one", bent())
+    assert (said["ok"], "begun anew" in str(said["sentence"])) == (True, True)
+    assert FLAG in commands.last("emulate")
+    assert commands.last("run")[commands.last("run").index("--wait") + 1] == "180"
+
+
+def test_an_upright_plan_gets_the_upright_bench_back(begin: Callable[..., tuple[Served, Commands]]) -> None:
+    served, commands = begin()
+    for name, text in (("one", bent()), ("two", plan())):
+        started(served, name, text)
+        until(lambda: served.runs_as("running"))
+        over(served)
+    assert FLAG not in commands.last("emulate")
+
+
+def test_a_second_bent_plan_finds_the_bench_that_is_there(begin: Callable[..., tuple[Served, Commands]]) -> None:
+    served, commands = begin()
+    for name in ("one", "two"):
+        started(served, name, bent())
+        until(lambda: served.runs_as("running"))
+        over(served)
+    assert [words[0] for words in commands.words].count("emulate") == 2
+    assert "--wait" not in commands.last("run")
+
+
+def test_a_steward_after_this_one_knows_that_the_bench_is_in_space(
+    begin: Callable[..., tuple[Served, Commands]],
+) -> None:
+    served, commands = begin()
+    started(served, "one", bent())
+    emulator = served.steward._emulator
+    assert emulator is not None
+    until(lambda: emulator.is_ready)
+    other = type(emulator)(served.runs / ".bench", commands)
+    assert other.open("paper", 0)
+    assert other.is_in_space
+
+
+def test_an_emergency_while_the_bench_is_begun_anew_ends_the_run_and_asks_no_port(
+    begin: Callable[..., tuple[Served, Commands]],
+) -> None:
+    served, _ = begin(late=True)
+    (Path(served.steward.port or "")).unlink()
+    started(served, "one", bent(fake_run.DEAF))
+    until((served.runs / "one" / "control").exists)
+    outcome = served.steward.order_emergency().end.result()
+    assert outcome.is_safe
+    assert "no motor was told anything" in outcome.sentence
+    assert served.bench.stops == []
+
+
+def test_an_emulated_rig_without_masses_is_not_bent(
+    begin: Callable[..., tuple[Served, Commands]], tmp_path: Path
+) -> None:
+    (tmp_path / "light.toml").write_text(dump_rig(load_rig("paper").model_copy(update={"space": None})))
+    served, commands = begin(rig=str(tmp_path / "light.toml"))
+    said = started(served, "one", bent())
+    assert (said["ok"], "has no [space]" in str(said["sentence"])) == (False, True)
+    assert FLAG not in commands.last("emulate")
+
+
+def test_a_plan_that_no_bench_drives_is_refused(begin: Callable[..., tuple[Served, Commands]]) -> None:
+    served, _ = begin()
+    said = started(
+        served, "one", plan().replace("frequency_hz = [3]", 'frequency_hz = [3]\ndrive = "pitch"\namplitude_mm = 1')
+    )
+    assert "the bench drives the lever alone" in str(said["sentence"])
+    assert not (served.runs / "one").exists()
