@@ -10,27 +10,43 @@ the guides and the lever θ on its servo. The first coordinate is the head's tor
 really does follows from the coordinates by the poses that they stand for.
 
 Where the pose is a mirror of itself on the plane of its bend, as it is along and across the lever's arms, torsion, sway
-across, lever and bristles have odd harmonics only, sway in the plane and stretch even ones, and half a period is enough.
+across, lever and bristles have odd harmonics only, sway in the plane and stretch even ones: half a period is enough.
 """
 
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cache, partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
+from scipy.spatial.transform import Rotation
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Complexes, wrapped_lag
+from sinew.measure.attitude import tilt_from, torsion_of
+from sinew.measure.errors import SpecError
+from sinew.measure.estimate import all_finite, number
+from sinew.measure.told import Table, Told
 from sinew.mechanics.drive import commanded_angle, duty, horn_torque
-from sinew.mechanics.rod import STRAINS, TERMS, memory_energy
+from sinew.mechanics.parameters import TENDON_MODES
+from sinew.mechanics.rod import STRAINS, TERMS, memory_energy, rod_poses
 from sinew.mechanics.silicone import BRANCHES, glassy_factor, relaxation_times
-from sinew.mechanics.space import Space, SpaceState, free_acceleration, motion_of, pull_of
+from sinew.mechanics.space import Space, SpaceState, free_acceleration, motion_of, pull_of, tensions
 from sinew.plan.plan import Group, TendonMode
 from sinew.plan.pose import Pose
 from sinew.plan.rig import RigSpec
-from sinew.solve.balance import Coordinate, Equations, Lane, solve
-from sinew.solve.curves import Problem
+from sinew.plan.toml import load_rig
+from sinew.predict.predicted import refuse_pretensions
+from sinew.solve.balance import Coordinate, Equations, Lane, Size, orders, slices, solve
+from sinew.solve.branch import Branch
+from sinew.solve.continuation import Stride
+from sinew.solve.curves import Problem, Resolution
+from sinew.solve.curves import predict as predict_problem
+from sinew.solve.landmark import Search, interpolated_peak
 from sinew.solve.spatial import Linear, linear_equations
 from sinew.twin.parameters import Effects
 from sinew.twin.space import space_lanes
@@ -85,16 +101,14 @@ def _accelerations(
     return jnp.concatenate([acceleration, rubbing] if prescribed else [acceleration, free[None], rubbing])
 
 
-# Derivatives by automatic differentiation of these equations take 37 s of computing to compile and 0.5 s to evaluate at
-# 64 samples of the period. Differences need the equations compiled once, and nothing of the memory, on which the
-# accelerations depend linearly by its push: 11 s and 0.1 s. They only steer Newton's method, and tell the stability; what
-# is left over is exact.
+# Derivatives by automatic differentiation would differentiate the equations in each of 50 channels. Differences need
+# them compiled as they are, in 20: of the silicone's memory the accelerations depend by its push alone, linearly. At 64
+# samples of a period that took 0.08 s instead of 0.5 s. Differences only steer Newton's method and tell the stability;
+# what is left over is exact.
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(5,))
-def _moved(
-    v: jax.Array, push: jax.Array, phase: jax.Array, omega: jax.Array, p: Shaped, prescribed: bool
-) -> jax.Array:
+def _moved(v: jax.Array, push: jax.Array, phase: jax.Array, omega: jax.Array, p: Shaped, prescribed: bool) -> jax.Array:
     return _accelerations(v, push, phase, omega, p, prescribed)
 
 
@@ -149,7 +163,8 @@ def coupled_equations(shapes: int, bristles: int, *, mirrored: bool, prescribed:
     moving = tuple(Coordinate(f"shape {i + 1}", one, 2, _TIMES) for i, one in enumerate(parities))  # type: ignore[arg-type]
     lever = () if prescribed else (Coordinate("lever", parities[0], 2),)  # type: ignore[arg-type]
     rubbing = tuple(Coordinate(f"bristle {i + 1}", parities[0], 1) for i in range(bristles))  # type: ignore[arg-type]
-    return Equations((*moving, *lever, *rubbing), _prescribed if prescribed else _free, drive=None if prescribed else shapes)
+    rates, drive = (_prescribed, None) if prescribed else (_free, shapes)
+    return Equations((*moving, *lever, *rubbing), rates, drive=drive)
 
 
 # The shapes of a pose.
@@ -186,7 +201,7 @@ def _shapes(linear: Linear, space: Space, count: int, mirror: Array | None) -> A
     The first coordinate is the head's torsion [rad]; the others have the inertia that the torsional mode has in it.
     """
     if mirror is None:
-        modes = _slowest(linear, space, np.eye(len(mirror_free := linear.mass)), count) if count else mirror_free
+        modes = _slowest(linear, space, np.eye(len(linear.mass)), count)
     else:
         sides = [scipy.linalg.null_space(mirror - sign * np.eye(len(mirror))) for sign in (-1, 1)]
         modes = np.hstack([_slowest(linear, space, side, count // 2) for side in sides])
@@ -246,3 +261,291 @@ def coupled_problem(
 def _weakened(p: Shaped, share: float) -> Shaped:
     joint = p.space.rod.joint._replace(amplitude=p.space.rod.joint.amplitude * share)
     return p._replace(space=p.space._replace(rod=p.space.rod._replace(joint=joint)))
+
+
+# What the head does in a steady motion, and what its tendons bear.
+
+RESOLUTION = Resolution(
+    ((Size(5, 24), Size(9, 64)),),
+    5e-3,
+    Stride(first=0.02, most=0.1, correction=1e-2, tolerance=1e-4),
+    Search(nudge=2e-2, enough=5e-3),
+)
+"""Waves for a joint whose pose is its own mirror image, on half a period."""
+
+_WHOLE = RESOLUTION._replace(sizes=((Size(5, 48), Size(9, 96)),))
+
+_PHASES = 64
+_ORDERS = 3
+
+
+class Motions(NamedTuple):
+    """Steady motions of the head, at n points of a curve. torsion, in_plane, across: complex harmonics [rad] of the
+    orders 0 to 3, (n, 4), y = Re Σ c_h exp(jhΩt); tilts from the pose, as `measure.attitude.tilt_from` has them.
+    tension: lowest and highest of every tendon over the period [N], (n, tendon, 2)."""
+
+    torsion: Complexes
+    in_plane: Complexes
+    across: Complexes
+    tension: Array
+
+
+@jax.jit
+def _heads(q: jax.Array, space: Space) -> tuple[jax.Array, jax.Array]:
+    """Return (rotation of the head (k, 3, 3), tension of the tendons (k, tendon) [N]) at coordinates (k, 6, term)."""
+
+    def one(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return rod_poses(q, space.rod)[0][-1], tensions(q, space)
+
+    return jax.vmap(one)(q)
+
+
+def motions_of(branch: Branch, problem: Problem, pose: Pose, lane: int = 0) -> Motions:
+    """Return what the head does along a curve of a coupled problem."""
+    equations, size = problem.equations, branch.waves
+    p: Shaped = jax.tree.map(lambda leaf: np.asarray(leaf)[lane], problem.lane.p)
+    phase = 2 * np.pi * np.arange(_PHASES) / _PHASES
+    parts = slices(equations, size)[: p.shapes.shape[1]]
+    moves = []
+    for coordinate, part in zip(equations.coordinates, parts, strict=False):
+        h, own = orders(coordinate, size), branch.motion[:, part]
+        sines = np.sin(np.outer(h[h > 0], phase))
+        moves.append(own[:, : h.size] @ np.cos(np.outer(h, phase)) + own[:, h.size :] @ sines)
+    count = len(branch.motion)
+    q = np.asarray(p.rest) + np.einsum("rnk,cr->nkc", np.array(moves), np.asarray(p.shapes))
+    few = 16  # points at a time, so that it is compiled once
+    padded = np.concatenate([q, np.repeat(q[-1:], -count % few, axis=0)]).reshape(
+        -1, few * _PHASES, len(STRAINS), TERMS
+    )
+    turned, pulled = (
+        np.concatenate(rows)[: count * _PHASES] for rows in zip(*(_heads(one, p.space) for one in padded), strict=True)
+    )
+    orientation = Rotation.from_matrix(turned).as_quat(scalar_first=True)
+    torsion = np.concatenate([torsion_of(one) for one in np.split(orientation, count)])
+    tilt = tilt_from(orientation, pose.bend_rad, pose.azimuth_rad)
+
+    def waves(values: Array) -> Complexes:
+        c = np.fft.rfft(values.reshape(count, _PHASES), axis=1)[:, : _ORDERS + 1] * 2 / _PHASES
+        c[:, 0] /= 2
+        return c
+
+    tension = pulled.reshape(count, _PHASES, -1)
+    ends = np.stack([tension.min(axis=1), tension.max(axis=1)], axis=2)
+    return Motions(waves(torsion), waves(tilt[:, 0]), waves(tilt[:, 1]), ends)
+
+
+class Crest(NamedTuple):
+    """Where something is largest along a curve. frequency_hz; torsion, across: amplitudes of their fundamentals;
+    twice: of the tilt in the plane at the double frequency; mean_tilt: of the tilt in the plane [rad]; lever: amplitude
+    [rad]; low, high: tension of any tendon [N]."""
+
+    frequency_hz: float
+    torsion: float
+    across: float
+    twice: float
+    mean_tilt: float
+    lever: float
+    low: float
+    high: float
+
+    def document(self) -> dict[str, Any]:
+        """Return it in the units of JSON."""
+        return {
+            "frequency_hz": self.frequency_hz,
+            "torsion_deg": math.degrees(self.torsion),
+            "tilt_across_deg": math.degrees(self.across),
+            "tilt_in_plane_twice_deg": math.degrees(self.twice),
+            "tilt_in_plane_mean_deg": math.degrees(self.mean_tilt),
+            "lever_deg": math.degrees(self.lever),
+            "tension_n": [self.low, self.high],
+        }
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """The response of one joint in its pose at one pretension: its curve, and what the head does along it.
+
+    rest_n: tension of each tendon at rest. peak: where the torsion's fundamental is largest; sway: where the tilt in
+    the plane at the double frequency is. None where that lies at an end of the curve.
+    """
+
+    pretension_mm: float
+    rest_n: Array
+    branch: Branch
+    seen: Motions
+    peak: Crest | None
+    sway: Crest | None
+
+    @property
+    def lag(self) -> Array:
+        """Return how far the torsion's fundamental lags behind the lever's, (n,) [rad]."""
+        return wrapped_lag(self.seen.torsion[:, 1] / self.branch.drive)
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON holds it."""
+        seen, branch = self.seen, self.branch
+
+        def size(waves: Complexes, order: int) -> list[float]:
+            return np.degrees(np.abs(waves[:, order])).tolist()  # type: ignore[no-any-return]
+
+        return {
+            "pretension_mm": self.pretension_mm,
+            "rest_tension_n": self.rest_n.tolist(),
+            "frequency_hz": branch.frequency_hz.tolist(),
+            "lever_deg": np.degrees(np.abs(branch.drive)).tolist(),
+            "torsion_deg": size(seen.torsion, 1),
+            "torsion_lag_deg": np.degrees(self.lag).tolist(),
+            "torsion_twice_deg": size(seen.torsion, 2),
+            "tilt_across_deg": size(seen.across, 1),
+            "tilt_across_lag_deg": np.degrees(wrapped_lag(seen.across[:, 1] / branch.drive)).tolist(),
+            "tilt_in_plane_deg": size(seen.in_plane, 1),
+            "tilt_in_plane_twice_deg": size(seen.in_plane, 2),
+            "tilt_in_plane_mean_deg": np.degrees(seen.in_plane[:, 0].real).tolist(),
+            "lowest_tension_n": seen.tension[:, :, 0].tolist(),
+            "highest_tension_n": seen.tension[:, :, 1].tolist(),
+            "stable": branch.stable.tolist(),
+            "multiplier": all_finite(branch.multiplier),
+            "folds": [
+                {"frequency_hz": one.frequency_hz, "torsion_deg": math.degrees(one.amplitude)} for one in branch.folds
+            ],
+            "peak": None if self.peak is None else self.peak.document(),
+            "sway_peak": None if self.sway is None else self.sway.document(),
+            "error": branch.error.tolist(),
+            "complete": branch.complete,
+            "message": branch.message,
+        }
+
+
+def coupled_of(branch: Branch, problem: Problem, pose: Pose, pretension_mm: float, lane: int = 0) -> Coupled:
+    """Return a curve of a coupled problem with what the head does along it."""
+    seen = motions_of(branch, problem, pose, lane)
+    p: Shaped = jax.tree.map(lambda leaf: np.asarray(leaf)[lane], problem.lane.p)
+    rest_n = np.asarray(
+        _heads(np.broadcast_to(np.asarray(p.rest).reshape(len(STRAINS), TERMS), (1, len(STRAINS), TERMS)), p.space)[1]
+    )[0]
+    torsion, twice = np.abs(seen.torsion[:, 1]), np.abs(seen.in_plane[:, 2])
+    rows = (
+        torsion,
+        np.abs(seen.across[:, 1]),
+        twice,
+        seen.in_plane[:, 0].real,
+        np.abs(branch.drive),
+        seen.tension[:, :, 0].min(axis=1),
+        seen.tension[:, :, 1].max(axis=1),
+    )
+
+    def crest(size: Array) -> Crest | None:
+        if size.size < _FEWEST or int(np.argmax(size)) in (0, size.size - 1):
+            return None
+        found = [interpolated_peak(branch.frequency_hz, size, row) for row in rows]
+        return Crest(found[0][0], *(one[2] for one in found))
+
+    return Coupled(pretension_mm, rest_n, branch, seen, crest(torsion), crest(twice))
+
+
+_FEWEST = 7  # points about a peak
+
+
+@dataclass(frozen=True, repr=False)
+class PredictedBent(Told):
+    """The response of a rig's joint in a pose: what was asked, and a curve for each pretension."""
+
+    rig: RigSpec
+    pose: Pose
+    amplitude_deg: float
+    mode: str
+    without: tuple[str, ...]
+    band_hz: tuple[float, float]
+    curves: tuple[Coupled, ...]
+
+    def document(self) -> dict[str, Any]:
+        """Return it as JSON holds it."""
+        return {
+            "rig": self.rig.name,
+            "bend_deg": math.degrees(self.pose.bend_rad),
+            "azimuth_deg": math.degrees(self.pose.azimuth_rad),
+            "amplitude_deg": self.amplitude_deg,
+            "mode": self.mode,
+            "without": list(self.without),
+            "band_hz": list(self.band_hz),
+            "curves": [one.document() for one in self.curves],
+        }
+
+    def told(self) -> list[Table | str]:
+        """Return a row for each pretension where the torsion is largest, and what to know of the curves."""
+        rows = []
+        for one in self.curves:
+            peak, sway = one.peak, one.sway
+            steady = f"{int(one.branch.stable.sum())} of {one.branch.stable.size}"
+            cells = ["-"] * 6
+            if peak is not None:
+                angles = (number(math.degrees(x), 3) + "°" for x in (peak.torsion, peak.across, peak.twice))
+                pulls = f"{peak.low:.0f}-{peak.high:.0f}"
+                cells = [number(peak.frequency_hz), number(math.degrees(peak.lever), 3) + "°", *angles, pulls]
+            where = "-" if sway is None else f"{number(sway.frequency_hz)} Hz, {number(math.degrees(sway.twice), 3)}°"
+            rows.append((f"{one.pretension_mm:g}", *cells, where, str(len(one.branch.folds)), steady))
+        head = (
+            *("pretension/mm", "peak/Hz", "lever", "torsion", "tilt across", "in plane at 2f", "tensions/N"),
+            *("most at 2f", "folds", "stable points"),
+        )
+        bent = f"{self.pose.words()}, command {self.amplitude_deg:g}°: where the torsion's fundamental is largest"
+        told: list[Table | str] = [Table(head, rows, bent)]
+        for one in self.curves:
+            if min(one.rest_n) <= 0:
+                told.append(f"- at {one.pretension_mm:g} mm a tendon is slack at rest")
+            elif one.peak is not None and one.peak.low <= 0:
+                told.append(f"- at {one.pretension_mm:g} mm a tendon goes slack in the swing")
+            if one.peak is not None and one.peak.high > self.rig.limits.tension_n:
+                told.append(
+                    f"- at {one.pretension_mm:g} mm a tendon is pulled by {one.peak.high:.0f} N, the rig's limit is "
+                    f"{self.rig.limits.tension_n:g} N"
+                )
+            if not one.branch.complete or "not" in one.branch.message:
+                told.append(f"- at {one.pretension_mm:g} mm {one.branch.message}")
+        error = max((float(one.branch.error.max(initial=0.0)) for one in self.curves), default=0.0)
+        return [*told, f"error estimate {error:.1e}; {SHAPES} of 18 shapes of the rod"]
+
+
+def predict_bent(
+    rig: RigSpec | str | Path,
+    pretension_mm: float | Sequence[float] = (0.0, 6.0, 12.0),
+    *,
+    bend_deg: float,
+    azimuth_deg: float = 0.0,
+    amplitude_deg: float = 20.0,
+    mode: TendonMode = "position",
+    without: Sequence[str] = (),
+    band_hz: tuple[float, float] = (1.0, 6.0),
+    progress: Callable[[float, float], None] | None = None,
+) -> PredictedBent:
+    """Return the steady response of a bent joint over frequency: torsion, tilt and tensions, through folds, stability.
+
+    rig: as such, the path of its TOML file, or the name of a shipped one; it needs a [space]. pretension_mm: mean
+    take-up of the tendons [mm], a curve for each. bend_deg, azimuth_deg: of the head at rest. amplitude_deg: of the
+    lever's command [deg]. mode: of the tendon motors, which hold positions until the pose is reached. without: effects
+    of the twin that are off. band_hz: lowest and highest frequency [Hz]. progress: called with (done, total) curves.
+    Raises SpecError where the rig does not allow what is asked.
+    """
+    made = rig if isinstance(rig, RigSpec) else load_rig(rig)
+    pretensions = [float(mm) for mm in np.atleast_1d(pretension_mm)]
+    refuse_pretensions(made, pretensions)
+    low, high = band_hz
+    if mode not in TENDON_MODES or not 0 < low < high or not amplitude_deg > 0:
+        raise SpecError(
+            f"found mode {mode!r}, {amplitude_deg:g}° and a band from {low:g} to {high:g} Hz; expected one of "
+            f"{', '.join(TENDON_MODES)}, a positive angle, and two positive frequencies, the lower first"
+        )
+    pose, effects = Pose(bend_deg=bend_deg, azimuth_deg=azimuth_deg), Effects().without(*without)
+    curves = []
+    for i, mm in enumerate(pretensions):
+        if progress is not None:
+            progress(i, len(pretensions))
+        problem = coupled_problem(made, [mm], pose, amplitude_deg, band_hz, mode=mode, effects=effects)
+        (branch,) = predict_problem(problem, band_hz, resolution_of(problem)).branches
+        curves.append(coupled_of(branch, problem, pose, mm))
+    return PredictedBent(made, pose, amplitude_deg, mode, tuple(without), (low, high), tuple(curves))
+
+
+def resolution_of(problem: Problem) -> Resolution:
+    """Return the waves of a coupled problem."""
+    return _WHOLE if problem.equations.coordinates[0].parity == "all" else RESOLUTION

@@ -35,7 +35,8 @@ class Branch:
     phase_90: where the response lags by 90°; of several the one with the largest amplitude.
     error: what the last refinement of the waves changed at each point (n,): of the amplitude, in shares of the largest
     one, and of the frequency [1], the larger of both. What is left after it is smaller.
-    motion: amplitudes of all coordinates in their units as `solve.balance` orders them, of `waves` harmonics, (n, m); empty where nobody asks.
+    motion: amplitudes of all coordinates in their units as `solve.balance` orders them, of `waves` harmonics, (n, m);
+    empty where it is not kept.
     complete: whether the curve reaches an end of the band. message: how it ended, in words.
     """
 

@@ -180,10 +180,10 @@ class Evaluation(NamedTuple):
 
 
 class Examination(NamedTuple):
-    """Of each point (k,), refined: motion, its scaled unknowns (k, m + 1); frequency scaled; half_range of the response; its phasors (k, h); the drive's
-    fundamental; product, drive times conjugate response; all in the scales of their coordinates. Further what the
-    refinement changed in half_range and in the frequency [1], the map of disturbances (k, s, s), and whether the
-    refinement settled near the point."""
+    """Of each point (k,), refined: motion, its scaled unknowns (k, m + 1); frequency scaled; half_range of the
+    response; its phasors (k, h); the drive's fundamental; product, drive times conjugate response; all in the scales of
+    their coordinates. Further what the refinement changed in half_range and in the frequency [1], the map of
+    disturbances (k, s, s), and whether the refinement settled near the point."""
 
     motion: Array
     frequency: Array
