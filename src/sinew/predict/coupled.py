@@ -1,7 +1,7 @@
 """The bent joint's steady motions as a problem to solve: torsion and sway in large swings, by harmonic balance.
 
-The joint in space moves about its rest pose q_0 in a few shapes, q = q_0 + Φ y: its slowest modes and what they bend by the second order. The equations are
-those of `sinew.mechanics.space` as they stand, projected on the shapes,
+The joint in space moves about its rest pose q_0 in a few shapes, q = q_0 + Φ y: its slowest modes, and what they bend
+by the second order. The equations are those of `sinew.mechanics.space` as they stand, projected on the shapes,
 
     Φᵀ M(q) Φ ÿ + Φᵀ m θ̈ = Φᵀ f(q, q̇, z, b),
 
