@@ -32,6 +32,8 @@ ASKED: list[tuple[tuple[str, ...], str, tuple[str, ...]]] = [
     (PREDICT, "--pretension-mm", ("400", "16.01", "4,,8", "4,nan", "2,5", "0, -0.1")),
     (PREDICT, "--from-hz", ("0", "6")),
     *((PREDICT, option, NEVER) for option in ("--seed", "--length-mm", "--head-mass-kg")),
+    (PREDICT, "--bend-deg", (*NEVER, "61")),
+    ((*PREDICT, "--bend-deg", "20"), "--azimuth-deg", ("nan", "inf", "1e9", "")),
     *((OSCILLATOR, option, ("nan", "inf", "")) for option in ("--torque-n-m", "--from-hz", "--to-hz")),
     (OSCILLATOR, "--oscillator", ("inertia_kg_m2=nan,frequency_hz=3,damping_ratio=0.05", "")),
     *((TRANSFER, option, NEVER) for option in ("--pretension-mm", "--amplitude-deg", "--from-hz", "--to-hz")),

@@ -99,3 +99,18 @@ def test_what_cannot_be_meant_is_refused(
 ) -> None:
     monkeypatch.chdir(rigs)
     assert sentence in refused(capsys, "predict", *arguments)
+
+
+@command_lines("""
+    predict paper --azimuth-deg 90 => --azimuth-deg without --bend-deg
+    predict paper --bend-deg 20 --bands 20 => --bands does not go with --bend-deg
+    predict paper --bend-deg 20 --backbone => --backbone does not go with --bend-deg
+    predict paper --bend-deg 20 --torque-n-m 1 => --torque-n-m does not go with --bend-deg
+    predict --bend-deg 20 => expected a RIG
+    predict paper --bend-deg 20 --out folder => ends with .png, .pdf or .svg
+    predict paper --bend-deg 61 => --bend-deg
+""")
+def test_a_bent_joint_is_not_asked_for_what_only_the_torsional_one_has(
+    arguments: tuple[str, ...], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert sentence in refused(capsys, *arguments)

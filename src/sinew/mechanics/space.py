@@ -4,6 +4,7 @@ Frame B sits at the foot of the rod with x along the unloaded rod; H is the head
 stands straight and twists is the torsional joint of `sinew.mechanics.joint`, but for the weight and the rod's inertia.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -357,6 +358,10 @@ def space_derivative(time_s: jax.Array, state: SpaceState, space: Space) -> tupl
     return after, moved, felt
 
 
+def _by_cholesky(mass: jax.Array, right: jax.Array) -> jax.Array:
+    return jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(mass), right)
+
+
 def free_acceleration(
     force: jax.Array,
     horn: jax.Array,
@@ -364,15 +369,15 @@ def free_acceleration(
     space: Space,
     given: jax.Array | float = 0.0,
     prescribed: jax.Array | bool = False,
+    solved: Callable[[jax.Array, jax.Array], jax.Array] = _by_cholesky,
 ) -> tuple[jax.Array, jax.Array]:
     """Return accelerations (of the coordinates (18,), of the lever [rad/s²]) under generalised forces.
 
     force: on the coordinates, less `moved.bias` (18,). horn: torque of the drive [N m]. given: acceleration of a lever
-    that is `prescribed`.
+    that is `prescribed`. solved: how systems of equations with a mass matrix are solved.
     """
     # The servo's lever is one more coordinate, eliminated; the prescribed one's acceleration is given.
-    factor = jax.scipy.linalg.cho_factor(moved.mass + space.added)
-    both = jax.scipy.linalg.cho_solve(factor, jnp.stack([force, moved.lever_row], axis=1))
+    both = solved(moved.mass + space.added, jnp.stack([force, moved.lever_row], axis=1))
     free = (horn - moved.lever_bias - moved.lever_row @ both[:, 0]) / (
         space.lever_tensor[0] + space.rod.joint.armature - moved.lever_row @ both[:, 1]
     )

@@ -1,6 +1,6 @@
 """A response curve: its points, what is marked on it, how good it is, and how a sweep meets it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -35,6 +35,8 @@ class Branch:
     phase_90: where the response lags by 90°; of several the one with the largest amplitude.
     error: what the last refinement of the waves changed at each point (n,): of the amplitude, in shares of the largest
     one, and of the frequency [1], the larger of both. What is left after it is smaller.
+    motion: amplitudes of all coordinates in their units as `solve.balance` orders them, of `waves` harmonics, (n, m);
+    empty where it is not kept.
     complete: whether the curve reaches an end of the band. message: how it ended, in words.
     """
 
@@ -51,6 +53,8 @@ class Branch:
     error: Array
     complete: bool
     message: str
+    motion: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    waves: int = 0
 
     @property
     def stable(self) -> Mask:

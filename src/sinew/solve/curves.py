@@ -125,6 +125,13 @@ def _located(found: list[tuple[int, Guess]], problem: Problem, search: Search, s
     return [Located(*(row[i] for row in done)) for i in range(len(found))]
 
 
+def _scales(problem: Problem, lane: int, size: Size) -> Array:
+    """Return the scale of each unknown amplitude of a lane, (m,)."""
+    scale = np.asarray(problem.lane.scale)[lane]
+    parts = slices(problem.equations, size.harmonics)
+    return np.concatenate([np.full(part.stop - part.start, one) for part, one in zip(parts, scale, strict=True)])
+
+
 def _branch(
     lane: int,
     problem: Problem,
@@ -176,6 +183,8 @@ def _branch(
         error=error,
         complete=status == OUTSIDE,
         message="; ".join(told),
+        motion=seen.motion[:, :-1] * _scales(problem, lane, fine),
+        waves=fine.harmonics,
     )
 
 

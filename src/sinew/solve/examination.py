@@ -180,11 +180,12 @@ class Evaluation(NamedTuple):
 
 
 class Examination(NamedTuple):
-    """Of each point (k,), refined: frequency scaled; half_range of the response; its phasors (k, h); the drive's
-    fundamental; product, drive times conjugate response; all in the scales of their coordinates. Further what the
-    refinement changed in half_range and in the frequency [1], the map of disturbances (k, s, s), and whether the
-    refinement settled near the point."""
+    """Of each point (k,), refined: motion, its scaled unknowns (k, m + 1); frequency scaled; half_range of the
+    response; its phasors (k, h); the drive's fundamental; product, drive times conjugate response; all in the scales of
+    their coordinates. Further what the refinement changed in half_range and in the frequency [1], the map of
+    disturbances (k, s, s), and whether the refinement settled near the point."""
 
+    motion: Array
     frequency: Array
     half_range: Array
     response: NDArray[np.complex128]
@@ -283,6 +284,7 @@ def examine(
     moved = there[:, -1] / wide[:, -1] - 1
     before, after = (half_range(x, equations, fine.harmonics).value for x in (wide, there))
     return Examination(
+        there,
         there[:, -1],
         after,
         phasors(there, equations, fine.harmonics, equations.response),

@@ -113,10 +113,10 @@ def spawn(command: Sequence[str], log: Path) -> "subprocess.Popen[bytes]":
 
 
 class Specs(NamedTuple):
-    """What is known of a run's plan and rig. plan: its name. bends: whether its head is bent."""
+    """What is known of a run's plan and rig. plan: its name. sways: whether its head bends or sways."""
 
     plan: str
-    bends: bool
+    sways: bool
     rig: RigSpec
 
 
@@ -124,8 +124,8 @@ def read_specs(plan: str, rig: str) -> Specs:
     """Return what two texts hold; long ones are read by a process of its own.
 
     What others wrote may keep its reader busy, or fill its memory; whoever answers for the stop reads no more of it
-    than takes some hundredths of a second. Raises SpecError where a text is none, its plan drives with anything but the
-    lever, which no bench does, or its reader takes too long.
+    than takes some hundredths of a second. Raises SpecError where a text is none, its plan drives as no bench does, or
+    its reader takes too long.
     """
     if len(plan) + len(rig) <= _READ_HERE:
         return Specs(*_plan_in_brief(plan), parse_rig(rig, "the rig"))
@@ -138,14 +138,14 @@ def read_specs(plan: str, rig: str) -> Specs:
         raise SpecError("the plan or the rig takes too long or too much memory to read; make it shorter") from trouble
     if "trouble" in told:
         raise SpecError(told["trouble"])
-    return Specs(told["plan"], told["bends"], RigSpec.model_validate_json(told["rig"]))
+    return Specs(told["plan"], told["sways"], RigSpec.model_validate_json(told["rig"]))
 
 
 def _plan_in_brief(text: str) -> tuple[str, bool]:
-    """Return (name, whether the head is bent) of the plan of a text that a bench can run. Raises SpecError."""
+    """Return (name, whether the head bends or sways) of the plan of a text that a bench can run. Raises SpecError."""
     plan = parse_plan(text, "the plan")
     require_motors(plan, "the bench")
-    return plan.name, not plan.rest_pose.is_straight
+    return plan.name, plan.is_spatial
 
 
 def answer_specs() -> None:
@@ -155,8 +155,8 @@ def answer_specs() -> None:
         resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     asked = json.load(sys.stdin)
     try:
-        (name, bends), rig = _plan_in_brief(asked["plan"]), parse_rig(asked["rig"], "the rig")
-        told = {"plan": name, "bends": bends, "rig": rig.model_dump_json()}
+        (name, sways), rig = _plan_in_brief(asked["plan"]), parse_rig(asked["rig"], "the rig")
+        told = {"plan": name, "sways": sways, "rig": rig.model_dump_json()}
     except SpecError as trouble:
         told = {"trouble": str(trouble)}
     print(json.dumps(told))

@@ -568,18 +568,18 @@ class Steward:
         emulator = self._emulator
         if emulator is None:
             return Way(self.port)
-        if specs.bends == emulator.is_in_space:
+        if specs.sways == emulator.is_in_space:
             if not emulator.is_there:
                 raise RefusedError(409, f"the emulator has ended; see the log beside {self.port}, and serve again")
             return Way(self.port, 0.0 if emulator.is_ready else _ANEW_S)
-        if specs.bends and self._spec.space is None:
+        if specs.sways and self._spec.space is None:
             raise RefusedError(
                 409,
                 f"the emulated rig {self.settings.rig} has no [space], so its head cannot bend; serve one that has the "
                 "masses of head and lever",
             )
         try:
-            emulator.change(self.settings.rig, self.settings.seed, in_space=specs.bends)
+            emulator.change(self.settings.rig, self.settings.seed, in_space=specs.sways)
         except OSError as trouble:
             raise RefusedError(409, f"the emulator cannot be begun anew: {trouble.strerror or trouble}") from trouble
         return Way(self.port, _ANEW_S)

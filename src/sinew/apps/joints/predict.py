@@ -187,6 +187,10 @@ def predict(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the draws of --bands.")] = 0,
     against: predict_against.Against = None,
     fitted: predict_against.FittedMm = None,
+    bend: Annotated[
+        float | None, option("DEG", "Rig: the joint in space, its head bent: torsion, tilt, tensions.", "--bend-deg")
+    ] = None,
+    azimuth: Annotated[float, option("DEG", "Direction of the bend, from y towards z.", "--azimuth-deg")] = 0.0,
     *,
     joint: JointOptions,
     json: Json = False,
@@ -197,6 +201,9 @@ def predict(
     fundamental behind the drive: the torque, the base's motion, or the rig's lever.
 
     A joint that is not built yet is a RIG, else the paper's, in which what is said of the joint is changed.
+
+    With --bend-deg the joint sways while it twists: fundamentals of torsion and of the tilt across the bend, the tilt
+    in its plane at the double frequency, and what the tendons bear. --out is then a picture, .png, .pdf or .svg.
 
     Of a fit the unit is the record's. A free decay does not tell what a push does; one measured point does:
 
@@ -209,6 +216,7 @@ def predict(
         rigs = {"--pretension-mm": pretension != "0,4,8,12", "--amplitude-deg": amplitude != 20.0}
         rigs |= {"--mode": mode != "position", "--without": bool(without)}
         rigs |= {"--oscillator": oscillator is not None, "--backbone": backbone}
+        rigs |= {"--bend-deg": bend is not None, "--azimuth-deg": azimuth != 0}
         given += [name for name, value in rigs.items() if value]
         if given:
             raise SpecError(f"{given[0]} does not go with a fit; leave it out")
@@ -219,6 +227,18 @@ def predict(
     from sinew.predict.predicted import prediction_document
 
     further = Further(bands, seed, against, fitted, start, stop)
+    if bend is not None:
+        others = {"--oscillator": oscillator is not None, "--torque-n-m": torque is not None, "--base-deg": base}
+        given = [*(name for name, value in others.items() if value), *further.given, *(["--backbone"] * backbone)]
+        if given:
+            raise SpecError(f"{given[0]} does not go with --bend-deg, the joint in space; leave one of them out")
+        if rig is None and not joint.given:
+            raise SpecError("expected a RIG beside --bend-deg, or options of a joint")
+        asked = rig_asked(pretension, amplitude, mode, without, start, stop)
+        _predict_bent(rig, joint, asked, (bend, azimuth), out, json=json)
+        return
+    if azimuth:
+        raise SpecError("found --azimuth-deg without --bend-deg; say how far the head is bent")
     if oscillator is not None:
         for option in (*joint.given, *further.given, *(["--out"] if out is not None else [])):
             raise SpecError(f"{option} is for a rig; leave it out with --oscillator")
@@ -248,6 +268,57 @@ def predict(
         console.print_told(backbones_told(document["backbone"]))
     if out is not None:
         print(f"written: {out}")
+
+
+PICTURES = (".png", ".pdf", ".svg")
+
+
+def _predict_bent(
+    base: str | None,
+    joint: JointOptions,
+    asked: "RigAsked",
+    pose_deg: tuple[float, float],
+    out: Path | None,
+    *,
+    json: bool,
+) -> None:
+    """Print the response of a joint in a pose (bend, azimuth) [deg], and draw it where `out` says so."""
+    bend, azimuth = pose_deg
+    console.checked_number("--bend-deg", bend, "0 to 60°; turn it by --azimuth-deg", low=0, high=60)
+    console.checked_number("--azimuth-deg", azimuth, "an angle from -360 to 360°", low=-360, high=360)
+    if out is not None:
+        if out.suffix not in PICTURES:
+            ends = f"{', '.join(PICTURES[:-1])} or {PICTURES[-1]}"
+            raise SpecError(
+                f"--out is {out}, expected a name that ends with {ends}, as of a bent joint it is a picture"
+            )
+        console.require_file(out)
+    from sinew.predict.coupled import predict_bent
+
+    rig, _ = designed_rig(base, joint)
+    with console.progress_bar("follow") as progress:
+        found = predict_bent(
+            rig,
+            asked.pretensions,
+            bend_deg=bend,
+            azimuth_deg=azimuth,
+            amplitude_deg=asked.amplitude_deg,
+            mode=asked.tendon_mode,
+            without=asked.without,
+            band_hz=asked.band_hz,
+            progress=progress,
+        )
+    if out is not None:
+        from sinew.figures.coupled import draw_bent
+        from sinew.figures.style import save_figure
+
+        save_figure(draw_bent(found), out.parent, out.stem, (out.suffix[1:],))
+    if json:
+        console.print_json(found.document())
+        return
+    console.print_told(found.told())
+    if out is not None:
+        print(f"wrote {out}")
 
 
 def _predict_fit(asked: predict_fit.AskedOfFit, out: Path | None, *, json: bool) -> None:

@@ -302,9 +302,9 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     """Return what `sinew check --json` says of a plan on a rig, further `refusals` and `warnings` as sentences.
 
     plan_toml, rig_toml: texts. swing: simulate the plan for its largest torsions, which takes seconds where it is long;
-    of a bent head they are not foretold. A slack tendon is refused, as every bench refuses it. A plan that breaks a
-    limit is an answer, with `ok` false. Raises SpecError where a text is no plan or no rig, or the plan drives with
-    anything but the lever.
+    of a head that bends or sways they are not foretold. A slack tendon is refused, as every bench refuses it. A plan that breaks a
+    limit is an answer, with `ok` false. Raises SpecError where a text is no plan or no rig, or the plan drives as
+    no bench does.
     """
     from sinew.plan.plan import require_motors
     from sinew.plan.toml import parse_plan, parse_rig
@@ -312,7 +312,6 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
 
     plan, rig = parse_plan(plan_toml), parse_rig(rig_toml)
     require_motors(plan, "the bench")
-    upright = plan.rest_pose.is_straight
-    preview = preview_plan(plan, rig, swing=swing) if upright else held_preview(plan, rig)[0]
+    preview = held_preview(plan, rig)[0] if plan.is_spatial else preview_plan(plan, rig, swing=swing)
     warnings = [finding.sentence for finding in preview.findings if finding.severity == "warn"]
     return {**told_preview(plan, rig, preview), "refusals": list(preview.refusals), "warnings": warnings}

@@ -1,0 +1,68 @@
+"""Figure of a bent joint's response: torsion, tilt and tensions over frequency, a colour for each pretension."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from sinew.figures.style import GREY, INK, in_style, new_figure, note_panel, pretension_bar, pretension_colours
+from sinew.measure.arrays import Array, Mask
+from sinew.predict.coupled import Coupled, PredictedBent
+
+_DASHES = (0, (2, 1.5))
+
+
+def _line(axes: Axes, x: Array, y: Array, stable: Mask, colour: Sequence[float]) -> None:
+    """Draw a curve, dashed where the motion is not stable."""
+    for keep, style in ((stable, "-"), (~stable, _DASHES)):
+        if keep.any():
+            wide = keep | np.roll(keep, 1) & (np.arange(keep.size) > 0)  # so that the parts meet
+            axes.plot(x, np.where(wide, y, np.nan), color=colour, linestyle=style, linewidth=1.2)
+
+
+@in_style
+def draw_bent(found: PredictedBent) -> Figure:
+    """Return the response of a bent joint: torsion, tilt across, tilt in the plane at 2f, tensions of the tendons."""
+    figure = new_figure(5.0)
+    panels = figure.subplots(2, 2, sharex=True)
+    torsion, across, twice, pulls = panels.ravel()
+    pretensions = [one.pretension_mm for one in found.curves]
+    for one, colour in zip(found.curves, pretension_colours(pretensions), strict=True):
+        _curve((torsion, across, twice, pulls), one, tuple(colour))
+    torsion.set(ylabel="torsion in degrees")
+    across.set(ylabel="tilt across in degrees")
+    twice.set(xlabel="frequency in Hz", ylabel="tilt in the plane in degrees")
+    pulls.set(xlabel="frequency in Hz", ylabel="tension of a tendon in N")
+    for axes in (torsion, across, twice, pulls):
+        axes.set_ylim(bottom=0)
+        axes.set_xlim(*found.band_hz)
+    note_panel(torsion, "a", "torsion of the head, f")
+    note_panel(across, "b", "tilt across the bend, f")
+    note_panel(twice, "c", "tilt in the plane of the bend, 2f")
+    note_panel(pulls, "d", "lowest and highest tension of any tendon")
+    keys = [Line2D([], [], color=GREY, label="largest torsion", marker="o", linestyle="", mfc="white")]
+    if any(not one.branch.stable.all() for one in found.curves):
+        keys.append(Line2D([], [], color=INK, linestyle=_DASHES, label="not stable"))
+    figure.legend(handles=keys, loc="outside lower center", ncols=2)
+    figure.suptitle(f"{found.pose.words()}, lever commanded {found.amplitude_deg:g}°", fontsize=8.5, x=0.01, ha="left")
+    if len(pretensions) > 1:
+        pretension_bar(figure, list(panels.ravel()), np.array(pretensions))
+    return figure
+
+
+def _curve(panels: tuple[Axes, Axes, Axes, Axes], one: Coupled, colour: Sequence[float]) -> None:
+    torsion, across, twice, pulls = panels
+    hz, stable, seen, peak = one.branch.frequency_hz, one.branch.stable, one.seen, one.peak
+    tops = (None,) * 3 if peak is None else (peak.torsion, peak.across, peak.twice)
+    rows = (np.abs(seen.torsion[:, 1]), np.abs(seen.across[:, 1]), np.abs(seen.in_plane[:, 2]))
+    for axes, row, top in zip((torsion, across, twice), rows, tops, strict=True):
+        _line(axes, hz, np.degrees(row), stable, colour)
+        if peak is not None and top is not None:
+            axes.plot(peak.frequency_hz, np.degrees(top), "o", color=colour, mfc="white", markersize=4.5)
+    low, high = seen.tension[:, :, 0].min(axis=1), seen.tension[:, :, 1].max(axis=1)
+    for row in (low, high):
+        _line(pulls, hz, row, stable, colour)
+    if one.branch.folds == ():  # a band over a curve that folds back would cover itself
+        pulls.fill_between(hz, low, high, color=colour, alpha=0.12, linewidth=0)
