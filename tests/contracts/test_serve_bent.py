@@ -129,6 +129,6 @@ def test_an_emulated_rig_without_masses_is_not_bent(
 
 def test_a_plan_that_no_bench_drives_is_refused(begin: Callable[..., tuple[Served, Commands]]) -> None:
     served, _ = begin()
-    said = started(served, "one", plan() + '[impulse]\nabout = "pitch"\nstrength_n_m_s = 0.01\nrecord_s = 1\n')
+    said = started(served, "one", plan() + '[impulse]\nabout = "pitch"\nimpulse_n_m_s = 0.01\nrecord_s = 1\n')
     assert "the bench has no hammer" in str(said["sentence"])
     assert not (served.runs / "one").exists()

@@ -302,9 +302,9 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     """Return what `sinew check --json` says of a plan on a rig, further `refusals` and `warnings` as sentences.
 
     plan_toml, rig_toml: texts. swing: simulate the plan for its largest torsions, which takes seconds where it is long;
-    of a head that bends or sways they are not foretold. A slack tendon is refused, as every bench refuses it. A plan that breaks a
-    limit is an answer, with `ok` false. Raises SpecError where a text is no plan or no rig, or the plan drives as
-    no bench does.
+    of a head that bends or sways they are not foretold. A slack tendon is refused, as every bench refuses it. A plan
+    that breaks a limit is an answer, with `ok` false. Raises SpecError where a text is no plan or no rig, or the plan
+    drives as no bench does.
     """
     from sinew.plan.plan import require_motors
     from sinew.plan.toml import parse_plan, parse_rig
