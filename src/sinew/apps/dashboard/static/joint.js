@@ -48,12 +48,17 @@ export class Joint {
     this.tendons = Array.from({ length: shape.tendons }, () => {
       const tendon = new THREE.Mesh(new THREE.CylinderGeometry(0.028, 0.028, 1, 10), new THREE.MeshPhongMaterial());
       // What the bulging silicone of a bent joint hides of a chord is seen through it.
-      const ghost = new THREE.Mesh(tendon.geometry, new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.4, depthTest: false }));
+      const ghost = new THREE.Mesh(tendon.geometry, new THREE.MeshBasicMaterial({
+        blending: THREE.CustomBlending, blendSrcAlpha: THREE.OneFactor, blendDstAlpha: THREE.OneMinusSrcAlphaFactor,
+        opacity: 0.4, depthTest: false, depthWrite: false }));
+      ghost.renderOrder = 1;
       tendon.add(ghost);
       this.root.add(tendon);
       return tendon;
     });
     this.root.add(base, this.silicone, this.head);
+    // First the silicone, then what shines through it, then all that hides both: so plates stay opaque.
+    this.root.traverse((part) => { if (part.isMesh && part !== this.silicone && !part.renderOrder) part.renderOrder = 2; });
     component.scene.add(this.root);
     component.renderer.setClearColor(0x000000, 0);
     this.pose(0, 0, []);
