@@ -86,8 +86,9 @@ def _at(finder: Finder, mm: float, bend_deg: float, hz: float, drive: str, ampli
         if abs(torsion - before) <= _ENOUGH * torsion:
             break
     swing: Array = np.abs(moved[3:] + amplitude * pulled)
-    directions = across_of(finder.direction), finder.direction
-    tilts = [math.degrees(abs(direction @ moved[1:3])) for direction in directions]
+    # As a recording's is read: how far the head's axis leans out of the plane, by sin β a turn of that plane.
+    out = math.degrees(float(np.sinc(math.radians(bend_deg) / math.pi)) * abs(across_of(finder.direction) @ moved[1:3]))
+    tilts = [out, math.degrees(abs(finder.direction @ moved[1:3]))]
     least = _NOTHING * math.degrees(float(np.max(np.abs(moved[:3]))))
     return Foretold(
         mm,
@@ -116,5 +117,8 @@ def sentences_of(rows: tuple[Foretold, ...], plan: Plan) -> list[str]:
             f"expected at {mm:g} mm: at most {top.torsion_deg:.2g}° of torsion, at {top.frequency_hz:g} Hz, and there "
             f"a tilt of {top.across_deg:.2g}° across the bend, {top.in_plane_deg:.2g}° in its plane{pulls}"
         )
-    linear = "what is expected is linear: right for small swings, too much for large ones; a lever reaches less where the joint resonates"
+    linear = (
+        "what is expected is linear: right for small swings, too much for large ones; a lever reaches less where the "
+        "joint resonates"
+    )
     return [*told, linear] if told else []
