@@ -88,14 +88,15 @@ def _at(finder: Finder, mm: float, bend_deg: float, hz: float, drive: str, ampli
     swing: Array = np.abs(moved[3:] + amplitude * pulled)
     # As a recording's is read: how far the head's axis leans out of the plane, by sin β a turn of that plane.
     out = math.degrees(float(np.sinc(math.radians(bend_deg) / math.pi)) * abs(across_of(finder.direction) @ moved[1:3]))
-    tilts = [out, math.degrees(abs(finder.direction @ moved[1:3]))]
+    within = math.degrees(abs(finder.direction @ moved[1:3]))
     least = _NOTHING * math.degrees(float(np.max(np.abs(moved[:3]))))
     return Foretold(
         mm,
         hz,
         math.degrees(amplitude) if drive == "lever" else 1e3 * amplitude,
         math.degrees(torsion),
-        *(tilt if tilt > least else 0.0 for tilt in tilts),
+        out if out > least else 0.0,
+        within if within > least else 0.0,
         float(np.max(at.tension + swing)),
         float(np.min(np.where(at.tension > 0, at.tension - swing, 0.0))),
     )
