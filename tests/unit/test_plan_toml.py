@@ -182,7 +182,7 @@ def test_a_rig_in_place_of_a_plan_is_called_a_rig() -> None:
 
 def test_a_name_that_nearly_matches_is_suggested() -> None:
     with pytest.raises(
-        SpecError, match=r"no plan shrt: .*ships bent, beyond, first, paper, short; did you mean short\?"
+        SpecError, match=r"no plan shrt: .*ships bent, beyond, engine, first, paper, short; did you mean short\?"
     ):
         load_plan("shrt")
 

@@ -21,12 +21,13 @@ from sinew.solve.spatial import patterns
 
 _INPUT_OF = {"lever": "lever_rad", "pitch": "pitch_take_up_m", "roll": "roll_take_up_m"}
 _MOST_STEPS, _ENOUGH = 30, 1e-4
-_NOTHING = 1e-9  # of the drive: what rounding makes of a direction in which the head does not move
+_NOTHING = 1e-9  # of the motion: what rounding makes of a direction in which the head does not move
 
 
 class Foretold(NamedTuple):
     """What the sweep should give at a pretension [mm] and a frequency [Hz].
 
+    drive: amplitude of the drive's motion, the lever's against a held head [deg] or of the tendons [mm].
     torsion_deg, across_deg, in_plane_deg: amplitudes of the torsion and of the tilt across the bend and in its plane.
     highest_n, lowest_n: tension of a tendon over the swing; what torsion adds to it grows with its square and is not
     in it.
@@ -34,6 +35,7 @@ class Foretold(NamedTuple):
 
     pretension_mm: float
     frequency_hz: float
+    drive: float
     torsion_deg: float
     across_deg: float
     in_plane_deg: float
@@ -84,13 +86,17 @@ def _at(finder: Finder, mm: float, bend_deg: float, hz: float, drive: str, ampli
         if abs(torsion - before) <= _ENOUGH * torsion:
             break
     swing: Array = np.abs(moved[3:] + amplitude * pulled)
-    tilt = np.where(np.abs(moved[1:3]) > _NOTHING * abs(amplitude), moved[1:3], 0.0)
+    # As a recording's is read: how far the head's axis leans out of the plane, by sin β a turn of that plane.
+    out = math.degrees(float(np.sinc(math.radians(bend_deg) / math.pi)) * abs(across_of(finder.direction) @ moved[1:3]))
+    within = math.degrees(abs(finder.direction @ moved[1:3]))
+    least = _NOTHING * math.degrees(float(np.max(np.abs(moved[:3]))))
     return Foretold(
         mm,
         hz,
+        math.degrees(amplitude) if drive == "lever" else 1e3 * amplitude,
         math.degrees(torsion),
-        math.degrees(abs(across_of(finder.direction) @ tilt)),
-        math.degrees(abs(finder.direction @ tilt)),
+        out if out > least else 0.0,
+        within if within > least else 0.0,
         float(np.max(at.tension + swing)),
         float(np.min(np.where(at.tension > 0, at.tension - swing, 0.0))),
     )
@@ -106,10 +112,14 @@ def sentences_of(rows: tuple[Foretold, ...], plan: Plan) -> list[str]:
         least = min(mine, key=lambda row: row.lowest_n)
         slack = f"; a tendon goes slack in the swing at {least.frequency_hz:g} Hz" if least.lowest_n <= 0 else ""
         pulls = f"; tensions {max(least.lowest_n, 0):.0f} to {max(row.highest_n for row in mine):.0f} N{slack}"
+        if not by_tendons:
+            pulls = f": {top.torsion_deg / top.drive:.2g}° a degree of the lever, if it reaches {top.drive:.2g}° there"
         told.append(
             f"expected at {mm:g} mm: at most {top.torsion_deg:.2g}° of torsion, at {top.frequency_hz:g} Hz, and there "
-            f"a tilt of {top.across_deg:.2g}° across the bend, {top.in_plane_deg:.2g}° in its plane"
-            f"{pulls if by_tendons else ''}"
+            f"a tilt of {top.across_deg:.2g}° across the bend, {top.in_plane_deg:.2g}° in its plane{pulls}"
         )
-    linear = "what is expected is linear: right for small swings, too much for large ones, whose tensions rise besides"
+    linear = (
+        "what is expected is linear: right for small swings, too much for large ones; a lever reaches less where the "
+        "joint resonates"
+    )
     return [*told, linear] if told else []

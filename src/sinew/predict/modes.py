@@ -404,7 +404,7 @@ class Modes(Told):
                         number(told["ratio_to_torsion"].value, 3),
                         fixed(100 * told["damping_ratio"].value, 1),
                         fixed(100 * told["swing_damping_ratio"].value, 1),
-                        " ".join(f"{max(100 * share, 0):.0f}" for share in mode.shares),
+                        " ".join(f"{100 * share:.0f}" for share in _shown_shares(mode.shares)),
                     )
                 )
                 if mode.group == "torsion":
@@ -427,6 +427,12 @@ class Modes(Told):
         told_ += [f"- {_veering_sentence(one)}" for one in self.veerings]
         told_ += [f"- {one}" for one in self.remarks]
         return told_
+
+
+def _shown_shares(shares: Array) -> Array:
+    """Return shares for a table, where a little less than nothing is nothing."""
+    positive = np.maximum(shares, 0.0)
+    return np.asarray(positive / positive.sum())
 
 
 def sentence_of(one: Condition, rig: RigSpec) -> str:

@@ -159,11 +159,17 @@ def _couplings(finder: Finder) -> Array:
         mode = pose.of("torsion")
         assert mode is not None
         moved = response(linear, space, pose.coordinates, [mode.swung_hz], math.radians(_SWING_DEG))[0][:, 0]
-        tilt = complex(across @ moved[1:3]) / moved[0]
+        tilt = _leaning(b) * complex(across @ moved[1:3]) / moved[0]
         rows.append((abs(tilt), float(np.angle(tilt)), abs(finder.direction @ moved[1:3] / moved[0])))
     found = np.array(rows).T
     found[::2] = np.where(found[::2] > _NOTHING, found[::2], 0.0)
     return found
+
+
+def _leaning(bend_deg: float) -> float:
+    """Return how far the head's axis leans out of the plane of the bend, as recordings are read, for the same part of
+    its swing across: sin β/β."""
+    return float(np.sinc(bend_deg / 180))
 
 
 def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names: Sequence[str]) -> Answer:
@@ -185,7 +191,7 @@ def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names:
     top = max(_PRETENSION_MM), max(b for p, b in _poses() if p == max(_PRETENSION_MM) and nominal.at(p, b).taut)
     at = _poses().index(top)
     mode = aside.at(*top).of("torsion")
-    other = math.nan if mode is None else mode.tilt_across_per_torsion
+    other = math.nan if mode is None else _leaning(top[1]) * mode.tilt_across_per_torsion
     quasi, less = 0.5 * math.sin(math.radians(top[1])), 50 * (1 - math.cos(math.radians(top[1])))
     return Answer(
         COUPLING,
