@@ -91,9 +91,12 @@ def test_a_small_swing_is_that_of_the_linear_equations(rig: RigSpec) -> None:
     (one,) = predicted(rig, 0.02).curves
     finder = Finder(rig, Asked((MM,), (BEND,), 90.0))
     linear, space = finder.linear(MM, BEND)
-    expected = response(linear, space, finder.at(MM, BEND).coordinates, one.branch.frequency_hz)[:, 0, 0]
-    found = one.seen.torsion[:, 1] / one.branch.drive
-    assert np.abs(found / expected - 1).max() < 1e-3
+    q = finder.at(MM, BEND).coordinates
+    torsion = one.seen.torsion[:, 1]
+    rows = zip(one.branch.frequency_hz, np.abs(torsion), strict=True)
+    # Guides that all but hold lose a little even then: 0.3 % of the resonance at 0.03° of torsion.
+    expected = [response(linear, space, q, [float(hz)], float(swing))[0, 0, 0] for hz, swing in rows]
+    assert np.abs(torsion / one.branch.drive / expected - 1).max() < 1e-3
 
 
 @pytest.mark.slow
