@@ -155,7 +155,8 @@ def _followed(old: tuple[float, float] | None, seen: tuple[float, float], weight
 
 
 def _width(way: Sequence[Tilt]) -> float:
-    return max(max(axis) - min(axis) for axis in zip(*way, strict=True))
+    widths = [max(at[i] for at in way) - min(at[i] for at in way) for i in (0, 1)]
+    return max(widths)
 
 
 def _mean(way: Sequence[Tilt]) -> Tilt:
@@ -291,10 +292,8 @@ class MotorMap:
 
         def off(up: Sequence[int]) -> float:
             missed = [step - part for step, part in zip(up, rest, strict=True)]
-            tilts = (
-                sum(map(operator.mul, missed, axis)) / self.guide_radius for axis in zip(*self._points, strict=True)
-            )
-            return sum(tilt * tilt for tilt in tilts) + _MEAN_WEIGHT * sum(missed) ** 2
+            y, z = (sum(m * at[i] for m, at in zip(missed, self._points, strict=True)) for i in (0, 1))
+            return (y * y + z * z) / self.guide_radius**2 + _MEAN_WEIGHT * sum(missed) ** 2
 
         best = min(itertools.product((0, 1), repeat=len(wanted)), key=off)
         return tuple(lsb * (low + step) for low, step in zip(below, best, strict=True))
