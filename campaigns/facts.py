@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 from benchmarks import rod
@@ -268,7 +269,9 @@ def _read(at: Finder, pretension_mm: float, bend_deg: float) -> float:
     found = pose.of("torsion")
     assert found is not None
     step = 1e-5 * found.shape.reshape(pose.coordinates.shape)
-    before, here, after = (np.asarray(rod_poses(pose.coordinates + k * step, space.rod)[0][-1]) for k in (-1, 0, 1))
+    before, here, after = (
+        np.asarray(rod_poses(jnp.asarray(pose.coordinates + k * step), space.rod)[0][-1]) for k in (-1, 0, 1)
+    )
     spin = here.T @ (after - before)
     return abs(float(spin[2, 1]) / float(2 * step.ravel() @ linear.around.by_torsion))
 
