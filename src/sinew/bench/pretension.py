@@ -61,6 +61,7 @@ MOST_S = 15.0
 """After so long levelling ends, well or not [s]."""
 
 _HOLD_S = 0.5
+_HOLD_BY_CURRENT_S = 1.0  # its band is wide enough for a tilt to pass through it behind the low-passes
 _STANDS_S = 2.0
 _STANDS_COUNTS = 1.5
 _LOOKS_S = 1.0
@@ -105,6 +106,7 @@ def level(
     """
     by_current = loop.watch.by_current
     enough = math.radians(GOOD_ENOUGH_BY_CURRENT_DEG if by_current else GOOD_ENOUGH_DEG)
+    hold = _HOLD_BY_CURRENT_S if by_current else _HOLD_S
     accepted = math.radians(ACCEPTED_BY_CURRENT_DEG if by_current else ACCEPTED_DEG)
     weight = 1 - math.exp(-loop.period / LEVEL_MEMORY_S)
     gain, integral, quiet = LEVEL_RATE * loop.period, start, 0.0
@@ -120,7 +122,7 @@ def level(
         smooth = _followed(smooth, once, weight)
         tilt = math.hypot(*smooth)
         quiet = quiet + loop.period if tilt < enough else 0.0
-        if quiet >= _HOLD_S:
+        if quiet >= hold:
             return Levelling(integral, tilt, k * loop.period)
         if quiet > 0 or k < look:
             continue
