@@ -177,8 +177,7 @@ def energy_rows() -> Iterator[Row]:
             "1e-6",
             f"{found:.1e}",
             found <= 1e-6,
-            f"it is the time step's: at half of it {finer:.1e}. The lever's gear friction turns round within a fifth "
-            "of a step at each reversal, and reversals are the harder the faster the drive",
+            f"it is the time step's: at half of it {finer:.1e}",
             tested=finer <= 1e-6,
         )
 
