@@ -38,7 +38,7 @@ from sinew.mechanics.rod import rod_poses
 from sinew.plan.plan import TendonMode
 from sinew.plan.pose import STRAIGHT, Pose
 from sinew.predict.bent import servo_speed, spinal_engine
-from sinew.predict.modes import Asked, Finder, PoseModes, across_of
+from sinew.predict.modes import Asked, Finder, PoseModes, out_of_plane
 from sinew.predict.poses.pose import Asked as AskedPose
 from sinew.predict.poses.pose import slack_bend
 from sinew.solve.march import STEPS_PER_SAMPLE
@@ -389,7 +389,7 @@ def _pushed(at: Finder, pretension_mm: float, bend_deg: float) -> float:
     """Return the tilt across the bend per torsion under a torque that comes slowly."""
     here = at.linear(pretension_mm, bend_deg)[0].around
     moved = scipy.linalg.solve(here.stiffness, here.by_torsion)
-    return float(abs(across_of(at.direction) @ here.by_tilt @ moved / (here.by_torsion @ moved)))
+    return float(abs(out_of_plane(at.direction, bend_deg) @ here.by_tilt @ moved / (here.by_torsion @ moved)))
 
 
 def sway_rows() -> Iterator[Row]:

@@ -33,7 +33,7 @@ from sinew.plan.plan import Group, TendonMode
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import PAPER_TENDON, SERVOS
 from sinew.predict.linear import StateSpace, pole_document
-from sinew.predict.modes import Asked, Finder, across_of
+from sinew.predict.modes import Asked, Finder, across_of, out_of_plane
 from sinew.predict.predicted import refuse_pretensions
 from sinew.solve.spatial import Linear, Rest, linear_equations, patterns
 
@@ -331,6 +331,6 @@ def spinal_engine(finder: Finder, rig: RigSpec, pretension_mm: float, bend_deg: 
         before, torsion = torsion, float(abs(moved[0]) * take_up)
         if abs(torsion - before) <= 1e-6 * torsion:
             break
-    tilt = complex(across @ moved[1:3])
+    tilt = complex(out_of_plane(finder.direction, bend_deg) @ moved[1:3])
     ratio = complex(moved[0]) / tilt
     return Engine(frequency_hz, take_up, torsion, abs(tilt) * take_up, abs(ratio), float(-np.angle(ratio)))

@@ -16,7 +16,7 @@ from sinew.plan.check import Preview
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.predict.bent import INPUTS, response
-from sinew.predict.modes import Asked, Finder, across_of
+from sinew.predict.modes import Asked, Finder, out_of_plane
 from sinew.solve.spatial import patterns
 
 _INPUT_OF = {"lever": "lever_rad", "pitch": "pitch_take_up_m", "roll": "roll_take_up_m"}
@@ -86,8 +86,7 @@ def _at(finder: Finder, mm: float, bend_deg: float, hz: float, drive: str, ampli
         if abs(torsion - before) <= _ENOUGH * torsion:
             break
     swing: Array = np.abs(moved[3:] + amplitude * pulled)
-    # As a recording's is read: how far the head's axis leans out of the plane, by sin β a turn of that plane.
-    out = math.degrees(float(np.sinc(math.radians(bend_deg) / math.pi)) * abs(across_of(finder.direction) @ moved[1:3]))
+    out = math.degrees(abs(out_of_plane(finder.direction, bend_deg) @ moved[1:3]))
     within = math.degrees(abs(finder.direction @ moved[1:3]))
     least = _NOTHING * math.degrees(float(np.max(np.abs(moved[:3]))))
     return Foretold(

@@ -62,8 +62,8 @@ Progress = Callable[[float, float], None]
 
 class FoundMode(NamedTuple):
     """One mode. damping: Lehr's, for small swings. swung_hz, swung_damping: with guides that slip in the swing asked
-    for. shares: of its energy, in the order of `SHARES`. torsion, tilt_in_plane, tilt_across: of the head, the largest
-    of them 1. shape: coordinates (18,) in which the largest rotation of the head is 1 rad."""
+    for. shares: of its energy, in the order of `SHARES`. torsion, tilt_in_plane, tilt_across: of the head, that
+    across as `out_of_plane` reads it. shape: coordinates (18,) in which the largest rotation of the head is 1 rad."""
 
     frequency_hz: float
     damping: float
@@ -226,13 +226,13 @@ class Finder:
             why = ""
             try:
                 linear, space = self.linear(*key)
-                found = tuple(self._told(one, linear, space) for one in modes(linear, space, BELOW_HZ))
+                found = tuple(self._told(one, linear, space, bend_deg) for one in modes(linear, space, BELOW_HZ))
             except SpecError as error:
                 why = str(error)
             self._found[key] = PoseModes(*key, pose.at.tension, pose.taut, found, pose.q, why)
         return self._found[key]
 
-    def _told(self, mode: Mode, linear: Linear, space: Space) -> FoundMode:
+    def _told(self, mode: Mode, linear: Linear, space: Space, bend_deg: float) -> FoundMode:
         omega = 2 * math.pi * mode.frequency_hz
         storage, _ = linear.stiffness(omega, space)
         shares = energy_shares(mode.shape, storage, self.direction)
@@ -244,7 +244,6 @@ class Finder:
         softer = omega**2 + (float(spring) - linear.guides) * mode.torsion**2
         damped = mode.damping * omega**2 + 0.5 * float(loss) * mode.torsion**2
         swung = math.sqrt(max(softer, 0.0))
-        along, across = self.direction, across_of(self.direction)
         scaled = head * np.sign(head[np.argmax(np.abs(head))]) / size
         return FoundMode(
             mode.frequency_hz,
@@ -253,8 +252,8 @@ class Finder:
             damped / swung**2 if swung > 0 else math.nan,
             shares,
             float(scaled[0]),
-            float(scaled[1:] @ along),
-            float(scaled[1:] @ across),
+            float(scaled[1:] @ self.direction),
+            float(scaled[1:] @ out_of_plane(self.direction, bend_deg)),
             mode.shape * np.sign(head[np.argmax(np.abs(head))]) / size,
         )
 
@@ -263,6 +262,15 @@ def across_of(direction: Array) -> Array:
     """Return the axis across that of a bend, about y and z of B, (2,): with x and the bend's axis a right-handed triad,
     so that it points away from where the head leans."""
     return np.array([-direction[1], direction[0]])
+
+
+def out_of_plane(direction: Array, bend_deg: float) -> Array:
+    """Return what makes of tilts about y and z of B how far the head's axis leans out of the plane of its bend, (2,).
+
+    A swing by dα of that plane turns the head by β dα across it and leans its axis by sin β dα out of it, which is what
+    recordings are read for (`measure.attitude.tilt_from`).
+    """
+    return across_of(direction) * float(np.sinc(bend_deg / 180))
 
 
 def energy_shares(shape: Array, stiffness: Array, direction: Array) -> Array:

@@ -16,7 +16,7 @@ from sinew.paper.answers.answer import Answer, Cell, in_words
 from sinew.plan.rig import RigSpec
 from sinew.predict.band import estimate_of_deviations
 from sinew.predict.bent import Engine, response, servo_speed, spinal_engine
-from sinew.predict.modes import Asked, Finder, across_of, draw_spatial
+from sinew.predict.modes import Asked, Finder, across_of, draw_spatial, out_of_plane
 
 RESONANCE = "bent-resonance"
 COUPLING = "bent-coupling"
@@ -152,24 +152,17 @@ def _couplings(finder: Finder) -> Array:
     """Return at each pose (tilt across per torsion, its phase against the torsion [rad], tilt in the plane per torsion)
     where a lever that is driven makes the torsion largest, (3, pose)."""
     rows = []
-    across = across_of(finder.direction)
     for p, b in _poses():
         linear, space = finder.linear(p, b)
         pose = finder.at(p, b)
         mode = pose.of("torsion")
         assert mode is not None
         moved = response(linear, space, pose.coordinates, [mode.swung_hz], math.radians(_SWING_DEG))[0][:, 0]
-        tilt = _leaning(b) * complex(across @ moved[1:3]) / moved[0]
+        tilt = complex(out_of_plane(finder.direction, b) @ moved[1:3]) / moved[0]
         rows.append((abs(tilt), float(np.angle(tilt)), abs(finder.direction @ moved[1:3] / moved[0])))
     found = np.array(rows).T
     found[::2] = np.where(found[::2] > _NOTHING, found[::2], 0.0)
     return found
-
-
-def _leaning(bend_deg: float) -> float:
-    """Return how far the head's axis leans out of the plane of the bend, as recordings are read, for the same part of
-    its swing across: sin β/β."""
-    return float(np.sinc(bend_deg / 180))
 
 
 def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names: Sequence[str]) -> Answer:
@@ -191,7 +184,7 @@ def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names:
     top = max(_PRETENSION_MM), max(b for p, b in _poses() if p == max(_PRETENSION_MM) and nominal.at(p, b).taut)
     at = _poses().index(top)
     mode = aside.at(*top).of("torsion")
-    other = math.nan if mode is None else _leaning(top[1]) * mode.tilt_across_per_torsion
+    other = math.nan if mode is None else mode.tilt_across_per_torsion
     quasi, less = 0.5 * math.sin(math.radians(top[1])), 50 * (1 - math.cos(math.radians(top[1])))
     return Answer(
         COUPLING,
