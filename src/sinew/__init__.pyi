@@ -53,8 +53,6 @@ from sinew.plan.toml import dump_plan as dump_plan
 from sinew.plan.toml import dump_rig as dump_rig
 from sinew.plan.toml import load_plan as load_plan
 from sinew.plan.toml import load_rig as load_rig
-from sinew.predict.coupled import PredictedBent as PredictedBent
-from sinew.predict.coupled import predict_bent as predict_bent
 from sinew.predict.joints.design import Design as Design
 from sinew.predict.joints.design import design_rig as design_rig
 from sinew.predict.predicted import Predicted as Predicted

@@ -233,7 +233,7 @@ def _shapes(linear: Linear, space: Space, q: Array, count: int, mirror: Array | 
     found[0] = np.column_stack([torsion, np.delete(found[0], most, axis=1)])
     modes = np.hstack(found) / twist[most]
     modes[:, 1:] -= np.outer(modes[:, 0], linear.around.by_torsion @ modes[:, 1:])
-    return np.asarray(modes)
+    return np.asarray(modes, dtype=np.float64)
 
 
 def _beside(shape: Array, others: Array, mass: Array) -> Array:
