@@ -1,5 +1,6 @@
 """The joint in space at rest and near it: rest poses, take-ups that bend it, its linear equations and modes."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -46,7 +47,7 @@ class Around(NamedTuple):
     by_tilt: Any
 
 
-@jax.jit
+@partial(jax.jit, compiler_options={"xla_cpu_use_fusion_emitters": False})  # compiles in 11 s of CPU instead of 19
 def around(q: jax.Array, space: Space) -> Around:
     """Return what the joint is like at coordinates q (6, term), with the motors as they are set.
 
