@@ -154,8 +154,7 @@ def test_tendons_that_are_told_to_move_faster_than_their_motors_can_are_warned_o
 
 @pytest.mark.parametrize("ask", [read_specs, preview_document])
 def test_the_dashboard_refuses_a_plan_that_no_bench_can_drive(ask: Any) -> None:
-    sentence = "asks for a sweep driven in pitch and a ring_down driven in roll and blows about .*, the bench drives"
-    with pytest.raises(SpecError, match=sentence):
+    with pytest.raises(SpecError, match=r"blows about .*, the bench has no hammer"):
         ask(dump_plan(SWAYING), dump_rig(RIG))
 
 
