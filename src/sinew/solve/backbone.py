@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
-from sinew.solve.balance import Equations, Lane, Size, balance, embedded, orders, size_of, unknowns
+from sinew.solve.balance import QUICK_COMPILE, Equations, Lane, Size, balance, embedded, orders, size_of, unknowns
 from sinew.solve.branch import Branch
 from sinew.solve.curves import Problem, Resolution, at_rest
 from sinew.solve.examination import (
@@ -55,7 +55,7 @@ class Corrected(NamedTuple):
     seen: Extended
 
 
-@partial(jax.jit, static_argnames=("equations", "size", "weakened"))
+@partial(jax.jit, static_argnames=("equations", "size", "weakened"), compiler_options=QUICK_COMPILE)
 def _block(y: jax.Array, lane: Lane, *, equations: Equations, size: Size, weakened: object) -> tuple[jax.Array, ...]:
     def one(y: jax.Array, lane: Lane) -> tuple[jax.Array, ...]:
         x, share = y[:-1], y[-1]

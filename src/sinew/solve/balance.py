@@ -24,6 +24,10 @@ Parity = Literal["odd", "even", "all"]
 Rates = Callable[[jax.Array, jax.Array, jax.Array, Any], jax.Array]
 
 
+QUICK_COMPILE: dict[str, str | bool] = {"xla_cpu_use_fusion_emitters": False}
+"""Options of XLA for what takes it long: without them it compiles for a third to a half longer, and runs no faster."""
+
+
 class Coordinate(NamedTuple):
     """One coordinate. parity: its harmonics. order: of its highest derivative in the equations, 1 or 2.
     relaxed: relaxation times T of the copies that lag behind it [s]."""

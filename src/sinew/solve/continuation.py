@@ -15,7 +15,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from sinew.solve.balance import Equations, Lane, Size, balance, solve
+from sinew.solve.balance import QUICK_COMPILE, Equations, Lane, Size, balance, solve
 
 POINTS = 512
 """Points that a curve can have."""
@@ -148,7 +148,7 @@ def _advanced(w: _Walk, lane: Lane, window: jax.Array, limit: jax.Array, s: tupl
     )
 
 
-@partial(jax.jit, static_argnames=("equations", "size"))
+@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
 def follow(
     start: jax.Array,
     lane: Lane,

@@ -16,7 +16,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array, Complexes, Mask
-from sinew.solve.balance import Equations, Lane, Size, balance, embedded, is_symmetric, orders, size_of, slices, solve
+from sinew.solve.balance import (
+    QUICK_COMPILE,
+    Equations,
+    Lane,
+    Size,
+    balance,
+    embedded,
+    is_symmetric,
+    orders,
+    size_of,
+    slices,
+    solve,
+)
 
 # The size of steady motions is measured: half of peak to peak, fundamental, phase behind the drive.
 #
@@ -208,12 +220,12 @@ def pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=os.cpu_count() or 1, thread_name_prefix="sinew-solve")
 
 
-@partial(jax.jit, static_argnames=("equations", "size"))
+@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
 def _balances(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
     return jax.vmap(lambda x, lane: balance(x, lane, equations, size)[:2])(x, lane)
 
 
-@partial(jax.jit, static_argnames=("equations", "size"))
+@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
 def _maps(x: jax.Array, lane: Lane, *, equations: Equations, size: Size) -> tuple[jax.Array, ...]:
     def one(x: jax.Array, lane: Lane) -> jax.Array:
         return half_map(balance(x, lane, equations, size).local, x[-1] * lane.omega, equations)

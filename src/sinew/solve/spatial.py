@@ -15,6 +15,7 @@ from sinew.mechanics.rod import STRAINS, memory_energy, rod_energy, straight
 from sinew.mechanics.silicone import branch_stiffness, glassy_factor, relaxation_times
 from sinew.mechanics.space import Space, head_motion, motion_of, tendon_spans, weight_energy
 from sinew.mechanics.tendons import tendon_energy, tendon_tension
+from sinew.solve.balance import QUICK_COMPILE
 
 FASTEST_OMEGA = 1200.0
 """Angular frequency [rad/s] above which modes of the rod are slowed to it, so that steps of 1.25 ms are stable."""
@@ -47,7 +48,7 @@ class Around(NamedTuple):
     by_tilt: Any
 
 
-@partial(jax.jit, compiler_options={"xla_cpu_use_fusion_emitters": False})  # compiles in 11 s of CPU instead of 19
+@partial(jax.jit, compiler_options=QUICK_COMPILE)  # 11 s of CPU instead of 19
 def around(q: jax.Array, space: Space) -> Around:
     """Return what the joint is like at coordinates q (6, term), with the motors as they are set.
 

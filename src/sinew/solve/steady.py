@@ -13,7 +13,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from sinew.measure.arrays import Array, Mask
-from sinew.solve.balance import Equations, Lane, Size, balance, slices, solve
+from sinew.solve.balance import QUICK_COMPILE, Equations, Lane, Size, balance, slices, solve
 from sinew.solve.examination import in_blocks
 
 _TRIES, _LEAST_SHARE = 100, 1 / 64
@@ -50,7 +50,7 @@ def _weights(lane: Lane, equations: Equations, size: Size) -> jax.Array:
     return jnp.concatenate([jnp.full(p.stop - p.start, 1.0) / one for p, one in zip(parts, each, strict=True)])
 
 
-@partial(jax.jit, static_argnames=("equations", "size"))
+@partial(jax.jit, static_argnames=("equations", "size"), compiler_options=QUICK_COMPILE)
 def _steady(
     given: tuple[jax.Array, jax.Array, jax.Array], lane: Lane, *, equations: Equations, size: Size
 ) -> tuple[jax.Array, ...]:

@@ -38,7 +38,6 @@ _INSIDE = 0.004
 _ROOM = 4.0
 _WALL, _EDGE = 1e-3, 8.0
 _CLOSE = 1e-6
-_QUICK: dict[str, bool] = {}
 
 
 class Block(NamedTuple):
@@ -107,7 +106,7 @@ def _step() -> Any:
         rate = _RATE * (_LAST_RATE / _RATE) ** share
         return jnp.clip(x - rate * hat / (jnp.sqrt(spread) + 1e-8), -_EDGE, _EDGE), mean, square
 
-    return jax.jit(step, compiler_options=_QUICK)
+    return jax.jit(step)
 
 
 @cache
@@ -118,7 +117,7 @@ def _judge() -> Any:
         sizes = jnp.stack(jax.vmap(unpacked, in_axes=(0, None))(places, frame), axis=1)
         return sizes, found.objectives, found.excess, found.pretension, found.lever
 
-    return jax.jit(judged, compiler_options=_QUICK)
+    return jax.jit(judged)
 
 
 def search_block(block: Block) -> Found:
