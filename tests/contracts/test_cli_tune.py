@@ -27,6 +27,7 @@ def test_a_setting_is_told_as_json_and_the_rig_without_calibration_says_so(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_design_leaves_a_rig_a_plan_and_a_page_that_go_on_from_there(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,7 +8,7 @@ from campaigns.tracking import expected_at
 
 from sinew.plan.toml import load_rig
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 @cache

@@ -10,7 +10,7 @@ import pytest
 from campaigns.law_signals import EXCITATIONS, LAWS
 from campaigns.laws import Outcome, run_trial
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 @cache

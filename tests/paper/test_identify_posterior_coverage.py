@@ -18,7 +18,7 @@ from sinew.identify.oscillator.profile import interval90
 from sinew.identify.oscillator.record import make_record
 from sinew.measure.estimate import Estimate
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 TIME = np.arange(0, 1.2, 0.0075)
 CUBIC = "cubic_per_s2_rad2"

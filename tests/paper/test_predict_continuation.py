@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from campaigns.continuation import Trial, run_trials
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 
 @cache

@@ -9,7 +9,7 @@ from campaigns.prediction import FITTED_MM, FREQUENCY_SHARE, GAIN_SHARE, Outcome
 
 from sinew.plan.plan import Plan, Pretension, Sweep
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.long]
 
 PLAN = Plan(
     name="held out",
