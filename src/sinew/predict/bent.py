@@ -125,6 +125,25 @@ def response(
     return np.array(found)
 
 
+_MOST_STEPS, _ENOUGH = 30, 1e-6
+
+
+def driven(
+    linear: Linear, space: Space, q: Array, frequency_hz: float, drive: Array, outputs: Array | None = None
+) -> Complexes:
+    """Return outputs (output,) at a frequency where the guides slip in the very torsion that comes of the drive.
+
+    drive: amplitude of each of `INPUTS`, (5,). outputs: as of `response`, the torsion first.
+    """
+    torsion = 0.0
+    for _ in range(_MOST_STEPS):
+        moved: Complexes = response(linear, space, q, [frequency_hz], torsion, outputs)[0] @ drive
+        before, torsion = torsion, float(abs(moved[0]))
+        if abs(torsion - before) <= _ENOUGH * torsion:
+            break
+    return moved
+
+
 def state_space(linear: Linear, space: Space, q: Array, shapes: int = SHAPES) -> StateSpace:
     """Return the state space of a pose. shapes: how many modes it keeps; 18 keeps all coordinates.
 
@@ -324,13 +343,9 @@ def spinal_engine(finder: Finder, rig: RigSpec, pretension_mm: float, bend_deg: 
         if abs(share) > 1e-9
     ]
     take_up = min(limits) / (2 * math.pi * frequency_hz)
-    torsion = 0.0
-    for _ in range(20):
-        whole = response(linear, space, q, [frequency_hz], torsion)[0]
-        moved = whole[:, 1:3] @ across
-        before, torsion = torsion, float(abs(moved[0]) * take_up)
-        if abs(torsion - before) <= 1e-6 * torsion:
-            break
+    drive = np.zeros(len(INPUTS))
+    drive[1:3] = take_up * across
+    moved = driven(linear, space, q, frequency_hz, drive)
     tilt = complex(out_of_plane(finder.direction, bend_deg) @ moved[1:3])
     ratio = complex(moved[0]) / tilt
-    return Engine(frequency_hz, take_up, torsion, abs(tilt) * take_up, abs(ratio), float(-np.angle(ratio)))
+    return Engine(frequency_hz, take_up, float(abs(moved[0])), abs(tilt), abs(ratio), float(-np.angle(ratio)))

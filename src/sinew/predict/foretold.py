@@ -15,12 +15,11 @@ from sinew.measure.errors import SpecError
 from sinew.plan.check import Preview
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
-from sinew.predict.bent import INPUTS, response
+from sinew.predict.bent import INPUTS, driven
 from sinew.predict.modes import Asked, Finder, out_of_plane
 from sinew.solve.spatial import patterns
 
 _INPUT_OF = {"lever": "lever_rad", "pitch": "pitch_take_up_m", "roll": "roll_take_up_m"}
-_MOST_STEPS, _ENOUGH = 30, 1e-4
 _NOTHING = 1e-9  # of the motion: what rounding makes of a direction in which the head does not move
 
 
@@ -74,17 +73,13 @@ def _at(finder: Finder, mm: float, bend_deg: float, hz: float, drive: str, ampli
     """Return the row of one frequency; amplitude: of the drive [rad] or [m]."""
     linear, space = finder.linear(mm, bend_deg)
     at, q = linear.around, finder.rest(mm, bend_deg)[1].q
-    stiffness, which = float(space.rod.joint.stiffness), INPUTS.index(_INPUT_OF[drive])
+    stiffness = float(space.rod.joint.stiffness)
     pulled = np.zeros(len(at.tension))
     if drive != "lever":
         pulled = stiffness * patterns(space)[1 if drive == "pitch" else 2]
     rows = np.vstack([at.by_torsion, at.by_tilt, stiffness * at.by_span])
-    torsion = 0.0
-    for _ in range(_MOST_STEPS):
-        moved = amplitude * response(linear, space, q, [hz], torsion, rows)[0, :, which]
-        before, torsion = torsion, float(abs(moved[0]))
-        if abs(torsion - before) <= _ENOUGH * torsion:
-            break
+    inputs = amplitude * np.eye(len(INPUTS))[INPUTS.index(_INPUT_OF[drive])]
+    moved = driven(linear, space, q, hz, inputs, rows)
     swing: Array = np.abs(moved[3:] + amplitude * pulled)
     out = math.degrees(abs(out_of_plane(finder.direction, bend_deg) @ moved[1:3]))
     within = math.degrees(abs(finder.direction @ moved[1:3]))
@@ -93,7 +88,7 @@ def _at(finder: Finder, mm: float, bend_deg: float, hz: float, drive: str, ampli
         mm,
         hz,
         math.degrees(amplitude) if drive == "lever" else 1e3 * amplitude,
-        math.degrees(torsion),
+        math.degrees(abs(moved[0])),
         out if out > least else 0.0,
         within if within > least else 0.0,
         float(np.max(at.tension + swing)),

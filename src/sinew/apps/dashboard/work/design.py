@@ -170,8 +170,8 @@ def curve_document(branch: "Branch", nominal: float) -> dict[str, Any]:
 # A plan's curves are foretold, for what is measured to be held against.
 
 _NOT_FORETOLD = (
-    "There is no prediction to hold a bent head against: sinew modes says where it resonates, sinew simulate what it "
-    "does."
+    "This page holds no prediction beside a head that bends or sways: sinew check says what its sweep should give, "
+    "sinew predict --bend-deg how it swings."
 )
 _ROOM = 0.4
 _SEED = 0
@@ -180,7 +180,7 @@ _SEED = 0
 def prediction_for_plan(plan_toml: str, rig_toml: str, draws: int = 0) -> dict[str, Any]:
     """Return the predicted response at each pretension of a plan, over the frequencies that it drives.
 
-    Of a bent head there is none, `curves` is empty and `remarks` says so.
+    Of a head that bends or sways there is none here, `curves` is empty and `remarks` says so.
 
     draws: rigs drawn from what is known of the rig's parameters, for 90 % bands; 0 for none.
 
