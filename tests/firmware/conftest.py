@@ -33,17 +33,24 @@ def qemu_image(tmp_path_factory: pytest.TempPathFactory) -> Path:
         raise
 
 
+@pytest.fixture(scope="module")
+def qemu_node(qemu_image: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[QemuNode]:
+    """Return the firmware in QEMU, started once for a file of tests."""
+    party = QemuNode(qemu_image, tmp_path_factory.mktemp("qemu-node"))
+    yield party
+    party.close()
+
+
 @pytest.fixture(
     params=["emulator", pytest.param("host", marks=pytest.mark.slow), pytest.param("qemu", marks=pytest.mark.slow)]
 )
-def node(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[AnyNode]:
-    """Return a node that was just started, one way after the other."""
-    party: AnyNode
-    if request.param == "emulator":
-        party = EmulatedNode()
-    elif request.param == "host":
-        party = HostNode(request.getfixturevalue("host_program"))
-    else:
-        party = QemuNode(request.getfixturevalue("qemu_image"), tmp_path)
+def node(request: pytest.FixtureRequest) -> Iterator[AnyNode]:
+    """Return a node as it comes from the factory, one way after the other."""
+    if request.param == "qemu":
+        qemu: QemuNode = request.getfixturevalue("qemu_node")
+        qemu.renew()
+        yield qemu
+        return
+    party = EmulatedNode() if request.param == "emulator" else HostNode(request.getfixturevalue("host_program"))
     yield party
     party.close()

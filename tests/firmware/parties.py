@@ -302,20 +302,20 @@ class QemuNode:
     def __init__(self, image: Path, folder: Path) -> None:
         self.baud, self.id = BAUD, NODE
         ports = [folder / "uart", folder / "trace"]
-        serials = [part for port in ports for part in ("-serial", f"unix:{port},server=on,wait=off")]
+        serials = [part for port in ports for part in ("-serial", f"unix:{port},server=on,wait=on")]
         command = ["qemu-system-arm", "-M", "mps2-an500", "-kernel", str(image), "-display", "none", "-monitor", "none"]
         self.process = subprocess.Popen(
             [*command, "-icount", "shift=3,sleep=off", *serials], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE
         )
         self._uart, self._trace = (self._connect(port) for port in ports)
         self._latched = (0.0, 0.0)
-        self._await_start()
+        self._await(b"ready\n")
 
     def exchange(
         self, wire: Instruction | bytes, others: Others | None = None, *, answers: bool = True
     ) -> list[Packet]:
         before = answers_before(wire, others, self.id) if others and isinstance(wire, Instruction) else b""
-        self._uart.sendall(bytes_of(wire) + before)
+        self._send(bytes_of(wire) + before)
         heard = before
         stop = time.monotonic() + (self._PATIENCE if answers else self._SILENCE)
         while time.monotonic() < stop:
@@ -327,7 +327,7 @@ class QemuNode:
         return packets_of(heard)
 
     def rest(self, seconds: float) -> None:
-        time.sleep(min(seconds, 0.2))
+        time.sleep(seconds)
 
     @property
     def latched(self) -> tuple[float, float]:
@@ -352,14 +352,28 @@ class QemuNode:
                 assert time.monotonic() < stop, "QEMU does not get ready"
                 time.sleep(0.02)
 
-    def _await_start(self) -> None:
-        for _ in range(20):
-            self._uart.sendall(encode(ask.ping(NODE)))
-            if self._listen(self._uart, time.monotonic() + 1.0):
-                time.sleep(0.1)
-                self._read_trace()
-                return
-        raise AssertionError("the firmware in QEMU does not answer")
+    def renew(self) -> None:
+        """Bring the node to what it is from the factory, and start it anew."""
+        self._send(encode(ask.write(BROADCAST, 7, bytes((NODE,)))))
+        self._restart(Instruction(BROADCAST, ask.FACTORY_RESET, b"\1"))
+        self.baud = BAUD
+
+    def _send(self, data: bytes) -> None:
+        """Have bytes played to the node, at its baud."""
+        self._trace.sendall(struct.pack("<H", len(data)))
+        self._await(b"go\n")
+        self._uart.sendall(data)
+
+    def _restart(self, instruction: Instruction) -> None:
+        self._read_trace()
+        self._send(encode(instruction))
+        self._await(b"ready\n")
+
+    def _await(self, word: bytes) -> None:
+        said, stop = b"", time.monotonic() + self._PATIENCE
+        while not said.endswith(word):
+            assert time.monotonic() < stop, f"the firmware in QEMU does not say {word!r}"
+            said += self._listen(self._trace, stop)
 
     def _listen(self, end: socket.socket, stop: float) -> bytes:
         ready = select.select([end], [], [], max(0.0, stop - time.monotonic()))[0]

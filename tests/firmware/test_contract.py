@@ -329,11 +329,18 @@ def test_the_clock_is_latched_after_those_who_answer_before(node: AnyNode) -> No
     assert abs(answered - int.from_bytes(heard[-1].params, "little") * 1e-6) <= 20e-6
 
 
+def clock_and_samples(node: AnyNode) -> tuple[int, int]:
+    (answer,) = statuses(node.exchange(ask.read(NODE, OPENCR_NODE["clock"].address, 8)))
+    return int.from_bytes(answer.params[:4], "little"), int.from_bytes(answer.params[4:], "little")
+
+
 def test_samples_are_counted_and_none_is_lost(node: AnyNode) -> None:
-    before, started = get(node, "samples"), get(node, "clock")
+    started, before = clock_and_samples(node)
     node.rest(0.2)
-    after, ended, period = get(node, "samples"), get(node, "clock"), get(node, "sample_period")
-    assert abs((after - before) - (ended - started) / period) <= 2
+    ended, after = clock_and_samples(node)
+    assert (after - before) * get(node, "sample_period") == pytest.approx(
+        ended - started, abs=2 * get(node, "sample_period")
+    )
     assert get(node, "lost_samples") == 0
 
 
