@@ -24,9 +24,13 @@ from sinew.hardware.registers import (
     BAUD_RATES,
     EXTENDED_POSITION_MODE,
     HARDWARE_ERRORS,
+    ICM_20648,
     IMUS,
     MOTORS,
+    MPU_9250,
+    OPENCR_NODE,
     POSITION_MODE,
+    SENSOR_ERROR,
     XH430_W350,
     XM430_W350,
     Register,
@@ -34,6 +38,7 @@ from sinew.hardware.registers import (
 )
 from sinew.measure import schema
 from sinew.plan.toml import load_rig
+from tools import write_firmware_registers
 from tools.tree import ROOT
 
 _NOTE = "<!-- written by tools/write_reference.py (`make reference`); edit that, not this -->\n"
@@ -216,6 +221,7 @@ def registers_page() -> str:
     others = "\n".join(_unlike(table, XH430_W350) for table in MOTORS.values() if table is not XH430_W350)
     bauds = ", ".join(f"{count}: {baud}" for count, baud in enumerate(BAUD_RATES))
     errors = ", ".join(f"bit {bit}: {what}" for bit, what in HARDWARE_ERRORS.items())
+    chips = ", ".join(f"{chip:#04x} {name}" for chip, name in ((MPU_9250, "MPU-9250"), (ICM_20648, "ICM-20648")))
     imus = "\n".join(f"## {t.model}, model {t.number:#06x}\n\n{_register_table(t)}" for t in IMUS.values())
     return f"""{_NOTE}
 # Registers
@@ -238,6 +244,13 @@ Of the 56 indirect addresses and data bytes the table shows the ends of the two 
 
 {others}
 {imus}
+- OpenCR node: registers below {OPENCR_NODE.eeprom_stop} are kept without power. `sample_time` is when the newest sample
+  was taken, `clock` when the node began its answer; both in its own microseconds, which wrap after 71.6 minutes.
+  `samples` counts those taken since the start, `lost_samples` those that the chip made and the node did not read.
+- `who_am_i`: {chips}; `filter_delay` is that of the gyroscope's low-pass, for the ICM-20648 assumed: that of one pole.
+- `hardware_error_status` of the node, bit {SENSOR_ERROR.bit_length() - 1}: its chip does not answer.
+- The node's firmware has this page from the same source, as `firmware/node/register_page.h`.
+
 ## What a run sets
 
 Before every run each register below is brought to its value, whatever was there, and read back; after a change of mode
@@ -275,6 +288,7 @@ def reference_pages() -> dict[str, str]:
         "docs/reference/recording.md": recording_page(),
         "docs/reference/registers.md": registers_page(),
         "docs/reference/results.md": results_page(),
+        str(write_firmware_registers.HEADER): write_firmware_registers.header(),
     }
 
 

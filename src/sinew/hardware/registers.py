@@ -331,18 +331,27 @@ MOTORS = {table.number: table for table in (XH430_W350, XM430_W350, XL330_M288)}
 
 # The control tables of the head's inertial sensor stand: an OpenCR board that answers like a motor.
 #
-# `OPENCR_NODE` lies on the motors' bus. Its registers up to 50 are those of the firmware of ROBOTIS's OP3. Stock
-# firmware has no usable time, so Sinew asks for two registers more, both in microseconds of the board, which wrap
-# after 71.6 minutes: `sample_time`, when the newest sample was taken, which stands still where the sensor is frozen;
-# and `clock`, when the board answered. Their difference is the age of the sample, whatever the bus does. `TURTLEBOT3`
-# is the map of the TurtleBot3 firmware: the board alone on a port of its own, floats in SI, refreshed at 50 Hz only,
-# plain reads only.
+# `OPENCR_NODE` lies on the motors' bus, and is what Sinew's own firmware has (`firmware/`). Its readings from 32 to 50
+# are where the firmware of ROBOTIS's OP3 has them; id, baud and levels are where motors have them. Stock firmware has
+# no usable time, so there are two registers more, both in microseconds of the board, which wrap after 71.6 minutes:
+# `sample_time`, when the newest sample was taken, which stands still where the sensor is frozen; and `clock`, when the
+# board answered. Their difference is the age of the sample, whatever the bus does. `samples` counts those taken,
+# `lost_samples` those that the chip made and the board did not read. `TURTLEBOT3` is the map of the TurtleBot3
+# firmware: the board alone on a port of its own, floats in SI, refreshed at 50 Hz only, plain reads only.
 #
 # Sources: the OP3 and TurtleBot3 firmware in ROBOTIS's OpenCR repository; gyro 2000 °/s, accelerometer 2 g full scale
 # as its IMU library sets them.
 
 EMULATED_FIRMWARE = 0xEE
 """Firmware version that an emulated node tells in its answer to a ping; those of real nodes count from 1."""
+
+# What the register who_am_i tells, and by how much that chip's gyroscope is late as Sinew's firmware sets it [µs].
+# MPU-9250: its data sheet's delay at 41 Hz. ICM-20648: the data sheet has none; 1/(2π·51.2 Hz), that of one pole, is
+# assumed.
+MPU_9250, ICM_20648 = 0x71, 0xE0
+FILTER_DELAYS_US = {MPU_9250: 5_900, ICM_20648: 3_109}
+# Bit of the node's hardware_error_status: the chip does not answer, or has stopped.
+SENSOR_ERROR = 1 << 3
 
 _GYRO = math.radians(2000) / 32_768  # rad/s
 _CHIP_FORCE = 2 * STANDARD_GRAVITY / 32_768  # m/s²
@@ -362,13 +371,26 @@ OPENCR_NODE = RegisterTable(
     0x7400,
     (
         Register("model_number", 0, 2, initial=0x7400),
+        Register("firmware_version", 6, 1),
+        _kept("id", 7, 1, 0, 252, 200),
+        _kept("baud_rate", 8, 1, 0, 7, 3),
+        _kept("return_delay_time", 9, 1, 0, 254, 0, unit="s", scale=RETURN_DELAY_LSB),
         *_three(("gyro_x", "gyro_y", "gyro_z"), 32, "rad/s", _GYRO),
         *_three(("acceleration_x", "acceleration_y", "acceleration_z"), 38, "m/s^2", _CHIP_FORCE),
         *_three(("roll", "pitch", "yaw"), 44, "rad", _TENTH_DEGREE),
         Register("imu_control", 50, 1, writable=True, initial=0),
         Register("sample_time", 52, 4, unit="s", scale=1e-6),
         Register("clock", 56, 4, unit="s", scale=1e-6),
+        Register("samples", 60, 4),
+        Register("lost_samples", 64, 4),
+        _kept("status_return_level", 68, 1, 0, 2, 2),
+        Register("registered_instruction", 69, 1, initial=0),
+        Register("hardware_error_status", 70, 1, initial=0),
+        Register("who_am_i", 71, 1),
+        Register("filter_delay", 72, 2, unit="s", scale=1e-6),
+        Register("sample_period", 74, 2, unit="s", scale=1e-6),
     ),
+    eeprom_stop=32,
 )
 TURTLEBOT3 = RegisterTable(
     "TurtleBot3",

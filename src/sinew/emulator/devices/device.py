@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 from sinew.hardware import codec as ask
-from sinew.hardware.codec import Instruction, Status
+from sinew.hardware.codec import BROADCAST, Instruction, Status
 from sinew.hardware.registers import Register, RegisterTable
 
 # Error numbers of the protocol (e-Manual, "DYNAMIXEL Protocol 2.0", Error).
@@ -159,6 +159,7 @@ class Device(ABC):
     def __init__(self, registers: ControlTable, firmware: int) -> None:
         self.registers = registers
         self.firmware = firmware
+        self._pending: tuple[int, bytes] | None = None
 
     @property
     @abstractmethod
@@ -237,9 +238,42 @@ class Device(ABC):
         number, data = self.registers.read(address, length)
         return self.status(number, data)
 
+    def admit(self, address: int, data: bytes) -> tuple[int, list[Part]]:
+        """Return (0, what a write would store), or (error number, nothing)."""
+        return self.registers.parts(address, data, locked=False)
+
+    def register(self, instruction: Instruction) -> int:
+        """Keep a reg write until `act`; return 0 or the error number."""
+        parts = ask.writes_of(instruction)
+        if not parts:
+            return DATA_LENGTH
+        number, _ = self.admit(parts[0].address, parts[0].data)
+        if not number:
+            self._pending = parts[0].address, parts[0].data
+            self.registers["registered_instruction"] = 1
+        return number
+
+    def act(self, now: float) -> int:
+        """Carry out what `register` kept; return 0 or the error number."""
+        if self._pending is None:
+            return INSTRUCTION
+        address, data = self._pending
+        self._pending = None
+        self.registers["registered_instruction"] = 0
+        return self.write(address, data, now)
+
     def status(self, number: int, data: bytes = b"", sender: int | None = None) -> Status:
         """Return a status with an error number, and the alert where there is one."""
         return Status(self.id if sender is None else sender, number | 0x80 * self.alert, data)
+
+
+def kept_by_reset(instruction: Instruction) -> tuple[str, ...] | None:
+    """Return the registers that a factory reset leaves as they are; None if it asks nothing sensible.
+
+    All devices on a line must not get the same id at once.
+    """
+    keep = {b"\xff": (), b"\x01": ("id",), b"\x02": ("id", "baud_rate")}.get(instruction.params)
+    return None if instruction.id == BROADCAST and not keep else keep
 
 
 _START_TIME = 0.3
@@ -274,12 +308,17 @@ class Board(Device):
     def set_power(self, on: bool, now: float) -> None:
         """Take the power away, or give it back: the board then starts anew, deaf for a while."""
         if on and not self.is_powered:
-            self._deaf_until = now + _START_TIME
-            self.registers.restart()
+            self.restart(now)
         self.is_powered = on
 
+    def restart(self, now: float) -> None:
+        """Start anew: registers as at power-on, deaf for a while."""
+        self._deaf_until = now + _START_TIME
+        self._pending = None
+        self.registers.restart()
+
     def write(self, address: int, data: bytes, now: float) -> int:
-        number, parts = self.registers.parts(address, data, locked=False)
+        number, parts = self.admit(address, data)
         for row, count in parts:
             self.registers.store(row, count)
         return number

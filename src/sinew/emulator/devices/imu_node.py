@@ -1,10 +1,11 @@
-"""The emulated sensors: the head's, an OpenCR board as its firmware has it, and those with a node of their own.
+"""The emulated sensors: the head's, an OpenCR board with Sinew's firmware, and those with a node of their own.
 
 The head's gyroscope is read at its node's own rate, by its own crystal; a reading is the mean over the newest samples
 behind the chip's low-pass, with bias and noise, clipped, in whole LSB, and zero within the dead band. Noise is white
 at the node's rate, and drawn before the mean, as it is in the twin, there coloured by the chip's low-pass. A reading
 appears `residual_delay` after the moment it belongs to, with the time of its appearance. Roll and pitch are those of
-the accelerometer alone; yaw stays 0.
+the accelerometer alone; yaw stays 0. What the board answers on the line is what `firmware/` answers
+(tests/firmware holds both to one contract); its readings are averaged as those of the stock firmware.
 """
 
 import math
@@ -15,10 +16,20 @@ from typing import cast
 
 import numpy as np
 
-from sinew.emulator.devices.device import Board, ControlTable
+from sinew.emulator.devices.device import DATA_RANGE, INSTRUCTION, Board, ControlTable, kept_by_reset
 from sinew.emulator.plant import Mechanics
-from sinew.hardware.registers import EMULATED_FIRMWARE, OPENCR_NODE, sensor_table
+from sinew.hardware import codec as ask
+from sinew.hardware.codec import Instruction
+from sinew.hardware.registers import (
+    BAUD_RATES,
+    EMULATED_FIRMWARE,
+    FILTER_DELAYS_US,
+    MPU_9250,
+    OPENCR_NODE,
+    sensor_table,
+)
 from sinew.plan.rig import BusSensor, Imu
+from sinew.plan.servo import RETURN_DELAY_LSB
 
 SAMPLE_PERIOD = 5e-3
 """Time between two samples, by the node's own clock [s]."""
@@ -65,6 +76,64 @@ class ImuNode(Board):
         places = {axis[1]: (head, 1 if axis[0] == "+" else -1) for head, axis in enumerate(axes)}
         self._chip = tuple(places[letter] for letter in "xyz")
         self._readings_start = OPENCR_NODE["gyro_x"].address
+        self.registers["id"], self.registers["baud_rate"] = device_id, BAUD_RATES.index(baud)
+        self._begin()
+
+    @property
+    def id(self) -> int:
+        return self.registers.memory[7]
+
+    @property
+    def baud(self) -> int:
+        return BAUD_RATES[self.registers.memory[8]]
+
+    @property
+    def return_delay(self) -> float:
+        return self.registers.memory[9] * RETURN_DELAY_LSB
+
+    @property
+    def status_return_level(self) -> int:
+        return self.registers.memory[68]
+
+    @property
+    def alert(self) -> bool:
+        return self.registers.memory[70] != 0
+
+    @property
+    def knows_fast_reads(self) -> bool:
+        return True
+
+    def carry_out(self, instruction: Instruction, now: float) -> int:
+        match instruction.code:
+            case ask.REG_WRITE:
+                return self.register(instruction)
+            case ask.ACTION:
+                return self.act(now)
+            case ask.REBOOT:
+                self.restart(now)
+                return 0
+            case ask.FACTORY_RESET:
+                return self._reset(instruction, now)
+        return INSTRUCTION
+
+    def restart(self, now: float) -> None:
+        super().restart(now)
+        self._begin()
+
+    def _reset(self, instruction: Instruction, now: float) -> int:
+        keep = kept_by_reset(instruction)
+        if keep is None:
+            return DATA_RANGE
+        self.registers.reset(keep)
+        self.restart(now)
+        return 0
+
+    def _begin(self) -> None:
+        """Tell what the board is and how it samples, and have taken nothing yet."""
+        registers = self.registers
+        registers["firmware_version"] = self.firmware
+        registers["who_am_i"], registers["filter_delay"] = MPU_9250, FILTER_DELAYS_US[MPU_9250]
+        registers["sample_period"] = round(SAMPLE_PERIOD * 1e6)
 
     def clock(self, now: float) -> float:
         """Return the time by the node's own clock [s]."""
@@ -119,6 +188,7 @@ class ImuNode(Board):
             start = self._readings_start
             self.registers.memory[start : start + len(readings)] = readings
             self.registers["sample_time"] = self._microseconds(when)
+            self.registers["samples"] = (self.registers["samples"] + 1) & 0xFFFF_FFFF
             self._waiting = None
 
     def _microseconds(self, now: float) -> int:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 from sinew.emulator.devices.device import (
     ACCESS,
-    DATA_LENGTH,
     DATA_LIMIT,
     DATA_RANGE,
     INSTRUCTION,
@@ -20,11 +19,12 @@ from sinew.emulator.devices.device import (
     ControlTable,
     Device,
     Part,
+    kept_by_reset,
 )
 from sinew.emulator.devices.servo import MODES, Servo, goal_of, reset_for_mode
 from sinew.emulator.plant import Horn
 from sinew.hardware import codec as ask
-from sinew.hardware.codec import BROADCAST, Instruction
+from sinew.hardware.codec import Instruction
 from sinew.hardware.registers import (
     BAUD_RATES,
     ELECTRICAL_SHOCK,
@@ -131,7 +131,6 @@ class Motor(Device):
         self.supply = supply
         self.loses: set[str] = set()
         self._servo = Servo(registers, horn)
-        self._pending: tuple[int, bytes] | None = None
         self._deaf_until = -math.inf
         self._started = 0.0
         self._watchdog_due = math.inf
@@ -228,7 +227,7 @@ class Motor(Device):
             self._servo.tell(int((now - self._started) * 1000), self.supply, self.protection.temperature)
 
     def write(self, address: int, data: bytes, now: float) -> int:
-        number, parts = self._admit(address, data)
+        number, parts = self.admit(address, data)
         if not number:
             parts = [(row, count) for row, count in parts if row.name not in self.loses] if self.loses else parts
             for row, count in parts:
@@ -238,19 +237,18 @@ class Motor(Device):
         return number
 
     def carry_out(self, instruction: Instruction, now: float) -> int:
-        params = instruction.params
         match instruction.code:
             case ask.REG_WRITE:
-                return self._register(instruction)
+                return self.register(instruction)
             case ask.ACTION:
-                return self._act(now)
+                return self.act(now)
             case ask.REBOOT:
                 self.restart(now)
                 return 0
             case ask.FACTORY_RESET:
-                return self._reset(params, instruction.id == BROADCAST, now)
+                return self._reset(instruction, now)
             case ask.CLEAR:
-                return self._clear(params)
+                return self._clear(instruction.params)
         return INSTRUCTION
 
     def _begin(self) -> None:
@@ -258,8 +256,7 @@ class Motor(Device):
         self._watchdog_due = math.inf
         self._servo.forget_turns()
 
-    def _admit(self, address: int, data: bytes) -> tuple[int, list[Part]]:
-        """Return (0, what a write would store), or (error number, nothing)."""
+    def admit(self, address: int, data: bytes) -> tuple[int, list[Part]]:
         number, parts = self.registers.parts(address, data, locked=self.torque)
         for row, count in parts:
             if objection := self._objection(row.name, count):
@@ -330,28 +327,10 @@ class Motor(Device):
             self._servo.turn_off()
             self._watchdog_due = math.inf
 
-    def _register(self, instruction: Instruction) -> int:
-        parts = ask.writes_of(instruction)
-        if not parts:
-            return DATA_LENGTH
-        number, _ = self._admit(parts[0].address, parts[0].data)
-        if not number:
-            self._pending = parts[0].address, parts[0].data
-            self.registers["registered_instruction"] = 1
-        return number
-
-    def _act(self, now: float) -> int:
-        if self._pending is None:
-            return INSTRUCTION
-        address, data = self._pending
-        self._pending = None
-        self.registers["registered_instruction"] = 0
-        return self.write(address, data, now)
-
-    def _reset(self, params: bytes, to_all: bool, now: float) -> int:
+    def _reset(self, instruction: Instruction, now: float) -> int:
         """Put the registers to what they are from the factory, and start anew."""
-        keep = {b"\xff": (), b"\x01": ("id",), b"\x02": ("id", "baud_rate")}.get(params)
-        if keep is None or (to_all and not keep):
+        keep = kept_by_reset(instruction)
+        if keep is None:
             return DATA_RANGE
         if self.torque:
             return ACCESS
