@@ -35,17 +35,36 @@ def refuse_unready(rig: Rig, clock: Clock, plan: Plan, *, torque_may_be_on: bool
         raise StartError(str(trouble)) from trouble
     if reasons:
         raise StartError("; ".join(reasons))
+    try:
+        _refuse_slow_reads(rig, plan)
+    except PortError as trouble:
+        raise StartError(str(trouble)) from trouble
+
+
+MOST_ON_WIRE = 0.8
+"""Share of a cycle that may be bytes on the wire."""
 
 
 def _refuse_slow_bus(rig: Rig, plan: Plan) -> None:
-    """Refuse a sample rate that the bytes of a cycle alone do not allow."""
-    needed = rig.cycle_bytes * 10 / rig.spec.wiring.baud
-    if needed > 0.8 / plan.sample_hz:
-        raise StartError(
-            f"a cycle needs {1e3 * needed:.1f} ms on the wire at {rig.spec.wiring.baud} baud, the plan's "
-            f"{plan.sample_hz:g} Hz leave {1e3 / plan.sample_hz:.1f} ms; raise the baud (rig key wiring.baud and the "
-            "motors' baud_rate) or lower sample_hz"
-        )
+    """Refuse a sample rate that the bytes of a cycle alone do not allow, however they are asked for."""
+    if rig.wire_s("plain" if rig.spec.wiring.reads == "plain" else "fast") > MOST_ON_WIRE / plan.sample_hz:
+        raise StartError(_too_slow(rig.wire_s("plain"), rig, plan))
+
+
+def _refuse_slow_reads(rig: Rig, plan: Plan) -> None:
+    """Choose how devices are asked, and refuse a sample rate that this does not allow."""
+    reads = rig.choose_reads(1 / plan.sample_hz)
+    if rig.wire_s() > MOST_ON_WIRE / plan.sample_hz:
+        why = f"{reads.why}; " if reads.why else ""
+        raise StartError(f"{why}{_too_slow(rig.wire_s(), rig, plan)}")
+
+
+def _too_slow(needed: float, rig: Rig, plan: Plan) -> str:
+    return (
+        f"a cycle needs {1e3 * needed:.1f} ms on the wire at {rig.spec.wiring.baud} baud, the plan's "
+        f"{plan.sample_hz:g} Hz leave {1e3 / plan.sample_hz:.1f} ms; raise the baud (rig key wiring.baud and the "
+        "motors' baud_rate) or lower sample_hz"
+    )
 
 
 def _refuse_strangers(rig: Rig, clock: Clock) -> None:
