@@ -238,3 +238,9 @@ def test_a_device_whose_answers_do_not_count_is_named_with_the_reason(why: Any, 
     without = tuple(None if i == 2 else HORN for i in range(4))
     with pytest.raises(LostError, match=said):
         watch(30, tendons=without, lacks=(Lack("tendon 3", why, words),))
+
+
+def test_where_all_fall_silent_at_once_the_supply_is_named() -> None:
+    lacks = tuple(Lack(name, "silent", "it sends nothing") for name in ("tendon 1", "drive", "IMU"))
+    with pytest.raises(LostError, match=r"all devices at once have not answered .* their supply failed or dipped"):
+        watch(30, tendons=(None,) * 4, drive=None, imu=None, climate=None, lacks=lacks)

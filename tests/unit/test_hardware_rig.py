@@ -8,9 +8,9 @@ import pytest
 from tests.unit.emulator_stand_in import Bench, paper_rig
 
 from sinew.emulator.plant import Law
-from sinew.hardware.codec import BULK_READ, BULK_WRITE, SYNC_WRITE, WRITE, Decoder, Status, encode
+from sinew.hardware.codec import BULK_READ, BULK_WRITE, FAST_BULK_READ, SYNC_WRITE, WRITE, Decoder, Status, encode
 from sinew.hardware.registers import XH430_W350
-from sinew.hardware.rig import Reading, Rig
+from sinew.hardware.rig import Reading, Rig, wire_s
 from sinew.measure.errors import DeviceError, RegisterError
 
 COUNT = math.tau / 4096
@@ -269,6 +269,95 @@ def test_a_motor_that_has_started_anew_gives_no_reading_until_it_is_forgotten(st
     assert "it started anew, did its supply dip?" in after[0].lacks[0].words
     stand.rigged.forget()
     assert stand.rigged.read().tendons[1] is not None
+
+
+def fast_stand(**wiring: object) -> Stand:
+    """Return a stand whose rig asks by fast reads, with a sensor that has a sample."""
+    stand = Stand(reads="fast", **wiring)
+    stand.rigged.configure()
+    stand.wait(0.05)
+    assert stand.rigged.choose_reads(PERIOD).kind == "fast"
+    return stand
+
+
+def test_fast_reads_bring_what_plain_ones_bring(stand: Stand) -> None:
+    fast = fast_stand()
+    for bench in (stand, fast):
+        bench.rigged.configure()
+        bench.plant.angles[:] = [0.1, 0.2, 0.3, 0.4, 0.5]
+        bench.plant.gyro = (1.0, -2.0, 0.5)
+        bench.port.wait_until(0.5)
+    plain, common = stand.rigged.read(), fast.rigged.read()
+    assert (common.lacks, plain.lacks) == ((), ())
+    # But for the tick: the devices behind the first take their turn a little sooner.
+    told = [
+        [replace(motor, tick=0) for motor in (reading.drive, *reading.tendons) if motor] for reading in (plain, common)
+    ]
+    assert (told[0], plain.climate) == (told[1], common.climate)
+    assert common.imu is not None
+    assert plain.imu is not None
+    assert common.imu.gyro == pytest.approx(plain.imu.gyro, abs=0.02)
+
+
+def test_a_fast_reading_is_one_packet_up_and_one_down() -> None:
+    stand = fast_stand()
+    sent: list[bytes] = []
+    stand.rig.line.disturb_down = lambda now, data: (sent.append(data), [(now, data)])[1]
+    before = stand.bus.statistics.transactions
+    stand.rigged.read()
+    assert [(packet[7], stand.bus.statistics.transactions - before) for packet in sent] == [(FAST_BULK_READ, 1)]
+
+
+def test_the_time_of_a_sample_is_when_the_node_took_it_by_fast_reads_too() -> None:
+    stand = fast_stand()
+    node, wrong = stand.rig.imu, []
+    for reading in stand.readings(60):
+        assert reading.imu is not None
+        wrong.append(abs(reading.imu.time - (reading.imu.counter * 1e-6 - node.clock(0.0))))
+    assert max(wrong) < 0.1e-3
+
+
+def test_a_motor_whose_firmware_lacks_fast_reads_is_named_and_plain_ones_are_used() -> None:
+    stand = Stand(reads="fast")
+    stand.rig.motors[3].firmware = 42
+    reads = stand.rigged.choose_reads(PERIOD)
+    assert reads.kind == "plain"
+    assert reads.why == (
+        "no fast reads: firmware 42 of tendon 3 (id 3) knows them from 45 on; update it with the maker's Wizard"
+    )
+    assert [reading.faults for reading in stand.readings(5)] == [()] * 5
+
+
+def test_who_breaks_the_common_packet_off_is_named_and_plain_reads_take_over() -> None:
+    stand = fast_stand()
+    stand.lost = {2}
+    stand.rig.line.devices = [device for device in stand.rig.line.devices if device.id != 2]
+    *_, reading = stand.readings(6)
+    assert (stand.rigged.reads.kind, [lack.name for lack in reading.lacks]) == ("plain", ["tendon 2"])
+    assert stand.rigged.reads.why == "fast reads were given up: the common packet broke off at tendon 2"
+
+
+@pytest.mark.parametrize(
+    ("hz", "baud", "reads", "kind"),
+    [(200, 1_000_000, None, "plain"), (400, 4_500_000, None, "plain"), (400, 1_500_000, None, "fast"),
+     (200, 1_000_000, "fast", "fast"), (400, 1_500_000, "plain", "plain")],
+)  # fmt: skip
+def test_reads_are_fast_where_the_wire_is_short_of_time_or_the_rig_asks(
+    hz: float, baud: int, reads: str | None, kind: str
+) -> None:
+    spec = paper_rig(baud=1_000_000, reads=reads)
+    stand = Stand(reads=reads)
+    stand.rigged.spec = spec.model_copy(update={"wiring": spec.wiring.model_copy(update={"baud": baud})})
+    assert stand.rigged.choose_reads(1 / hz).kind == kind
+
+
+def test_the_time_on_the_wire_is_that_of_the_bytes() -> None:
+    # Goals: header to CRC 10, address and length 4, five motors of 1 + 4. Question: 10, six devices of 5. Answers: four
+    # motors of 16, one of 27 with its climate, the sensor's 28; each in a packet of 11, or in one of 8 with 4 for each.
+    asked, told = 10 + 4 + 25 + 10 + 30, 4 * 16 + 27 + 28
+    spec = paper_rig(baud=4_500_000)
+    assert wire_s(spec, "position", "plain") == pytest.approx((asked + told + 6 * 11) * 10 / 4.5e6)
+    assert wire_s(spec, "position", "fast") == pytest.approx((asked + told + 8 + 6 * 4) * 10 / 4.5e6)
 
 
 def test_goals_are_one_packet_that_nobody_answers(stand: Stand) -> None:

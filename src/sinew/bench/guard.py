@@ -122,8 +122,7 @@ class Guard:
             self._say_who_is_gone(gone, reading)
         return fresh
 
-    @staticmethod
-    def _say_who_is_gone(gone: dict[str, float], reading: Reading) -> None:
+    def _say_who_is_gone(self, gone: dict[str, float], reading: Reading) -> None:
         """Raise, naming the devices that gave nothing for so long [s], and why in the newest reading."""
         names, longest = list(gone), 1e3 * max(gone.values())
         if names == ["IMU"] and reading.imu is not None:
@@ -134,6 +133,11 @@ class Guard:
         if len(whys) == 1 and (why := next(iter(whys))) in _ADVICE:
             who = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
             raise LostError(f"{who}: no reading that counts for {longest:.0f} ms, {whys[why]}; {_ADVICE[why]}")
+        if len(names) == len(reading.tendons) + len(self._sensors) + 2:
+            raise LostError(
+                f"all devices at once have not answered for {longest:.0f} ms: their supply failed or dipped, or the "
+                "line is cut behind the adapter; check both, then `sinew doctor`"
+            )
         who = f"{names[0]} has" if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} have"
         raise LostError(
             f"{who} not answered for {longest:.0f} ms, expected a fresh reading every cycle; "

@@ -31,6 +31,7 @@ def refuse_unready(rig: Rig, clock: Clock, plan: Plan, *, torque_may_be_on: bool
         _refuse_strangers(rig, clock)
         held = plan.rest_pose.bend_rad if torque_may_be_on else 0.0
         reasons = [*_motor_reasons(rig, torque_may_be_on), *_imu_reasons(rig, clock, held)]
+        reasons += [] if torque_may_be_on else _lever_reasons(rig)
     except PortError as trouble:
         raise StartError(str(trouble)) from trouble
     if reasons:
@@ -161,6 +162,22 @@ def _troubles(motor: Motor, limits: Limits, torque_may_be_on: bool) -> Iterator[
     if motor.get_count("homing_offset") != 0:
         advice = ", expected 0: with one the firmware moves the motor when its bus watchdog trips; remove it"
         yield "homing offset", f"{advice} (`sinew doctor --fix`)"
+
+
+def _lever_reasons(rig: Rig) -> list[str]:
+    """Return what is wrong with where the lever stands. A motor left in a mode of many turns counts them until it
+    starts anew or changes its mode; the place within its turn is what stays."""
+    window, drive = rig.spec.limits.drive_window_deg, rig.drive
+    try:
+        angle = math.degrees(math.remainder(drive.angle(), math.tau))
+    except TROUBLES as trouble:
+        return [str(trouble)]
+    if abs(angle) <= window:
+        return []
+    return [
+        f"the lever stands {angle:.0f}° from its middle, expected within {window:g}° (drive_window_deg); turn it back "
+        "by hand, or correct wiring.drive_zero_counts"
+    ]
 
 
 def _limits_of(motor: Motor, errors: Sequence[str]) -> str:

@@ -27,12 +27,12 @@ from sinew.hardware.registers import CURRENT_POSITION_MODE, IMUS, MOTORS, POSITI
 from sinew.measure.errors import TROUBLES, DeviceError, PortError, RegisterError
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import SERVOS
+from sinew.plan.servo import COUNTS_PER_TURN, SERVOS
 
 _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
 _CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")
 _FAST_HEAD, _FAST_EACH = 8, 4  # bytes of a fast status: before the first device; error, id and CRC of each
-_FULL_SHARE = 0.5  # of the period: a plain cycle that takes more leaves little for the computer
+_FULL_SHARE = 0.6  # of the period: a plain cycle that takes more leaves little for the computer
 _BROKEN_MOST = 3  # fast reads in a row
 _JUST_STARTED_MS = 5000
 _LATEST_S = 0.2  # no answer comes so much later than it was asked for
@@ -204,9 +204,9 @@ class Rig:
             for i, (id_, pull) in enumerate(zip(wiring.tendon_ids, wiring.tendon_pull, strict=True), start=1)
         )
         window = math.radians(limits.drive_window_deg)
-        self.drive = DriveServo(
-            bus, "drive", wiring.drive_id, drive, wiring.drive_sign, zero=wiring.drive_zero_counts, window=window
-        )
+        # It swings in a mode of one turn: a zero that was read while it counted more is the same place in that one.
+        zero = wiring.drive_zero_counts % COUNTS_PER_TURN
+        self.drive = DriveServo(bus, "drive", wiring.drive_id, drive, wiring.drive_sign, zero=zero, window=window)
         self.imu = Imu(bus, wiring.imu_id, imus[wiring.imu_model], wiring.imu_axes)
         self.sensors = tuple(SensorReader(bus, sensor) for sensor in spec.sensors)
         self.motors: tuple[Motor, ...] = (*self.tendons, self.drive)

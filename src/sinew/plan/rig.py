@@ -43,7 +43,7 @@ class Wiring(Settings):
     imu_axes: the axes of the chip that point along x, y and z of the head's frame H; together right-handed.
     latency_ms: of port, driver and operating system; how much longer than on the wire an answer may take.
     reads: how a cycle asks all devices: plain, a packet from each, or fast, one packet of all, which motors know from
-    firmware 45 on; left out: fast where a plain cycle would take more than half of the plan's period on the wire.
+    firmware 45 on; left out: fast where a plain cycle would take more than 60 % of the plan's period on the wire.
     """
 
     baud: int = Field(default=1_000_000, gt=0)
