@@ -25,20 +25,21 @@ from campaigns.options import campaign_parser, spread_trials
 from campaigns.scenario import Scenario, draw_scenario
 from campaigns.trial import Verdict, judge
 
-_LATEST_S = 10.0  # when the line becomes hostile, at the latest: the joint swings by then
+_EARLY_S, _LATE_S = (0.0, 4.0), (7.0, 11.0)  # when it becomes hostile: set-up and pull; levelling and swing
+_EARLY = 0.7  # of the runs, which are cheap
 _OUTCOMES = ("complete", "stopped", "refused", "raised")
 
 
 def draw_hostile(seed: int, number: int) -> Scenario:
     """Return run `number` of the campaign with that seed; kinds take turns."""
     rng = np.random.default_rng([seed, number, 19])
-    start = float(rng.uniform(0.0, _LATEST_S))
+    start = float(rng.uniform(*(_EARLY_S if rng.random() < _EARLY else _LATE_S)))
     stop = float("inf") if rng.random() < 0.5 else start + float(rng.uniform(0.1, 4.0))
     share = float(10 ** rng.uniform(-2.0, 0.0))
     lies = Lies(
         LIE_KINDS[number % len(LIE_KINDS)], round(share, 4), round(start, 3), round(stop, 3), int(rng.integers(1 << 31))
     )
-    interrupt = start + float(rng.uniform(0.3, 2.0)) if rng.random() < 0.9 else float("inf")
+    interrupt = start + float(rng.uniform(0.2, 1.5)) if rng.random() < 0.95 else float("inf")
     drawn = draw_scenario(seed, number).without_faults()
     mode = drawn.mode if rng.random() < 0.5 else "position"
     return replace(drawn, plan="one frequency", mode=mode, lies=lies, interrupt_s=round(interrupt, 3))

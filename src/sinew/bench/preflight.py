@@ -200,7 +200,8 @@ def _imu_reasons(rig: Rig, clock: Clock, held: float) -> Iterator[str]:
     clock.wait_until(clock.now() + _LISTEN_S)
     second = _imu_reading(rig)
     if first is None or second is None:
-        yield "the IMU answers a ping but gives no readings; `sinew doctor` says more"
+        why = f": {rig.imu.objection}" if rig.imu.objection else ""
+        yield f"the IMU answers a ping but gives no readings{why}; `sinew doctor` says more"
         return
     if first.counter == second.counter:
         yield f"the IMU repeats one sample for {1e3 * _LISTEN_S:.0f} ms; restart its board"

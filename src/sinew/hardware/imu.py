@@ -200,7 +200,8 @@ class Imu:
             if (reading := self.decode(reply, self.bus.left_wire)) is not None:
                 return reading
         raise DeviceError(
-            f"IMU (id {self.id}) gave no fresh reading: {reply}; check its cable and supply, or restart its board"
+            f"IMU (id {self.id}) gave no fresh reading: {self.objection or reply}; check its cable and supply, or "
+            "restart its board"
         )
 
     def configure(self) -> int:
