@@ -1,9 +1,10 @@
 """Time of the bench's cycle on an emulated bus, beside ROBOTIS's SDK doing the same, in one run.
 
-`sinew emulate` plays the paper's rig in a process of its own: five motors and the sensor at 1 Mbaud, with every byte's
-time on the wire, and the joint behind. First the bench's own loop swings the pretensioned joint at 200 Hz: goals of all
-motors, present values of all devices, guard, tilt, journal. Then, in turns so that both see the same computer, the bare
-bus and dynamixel-sdk tell the same goals and ask for the same registers at the same rate.
+`sinew emulate` plays the paper's rig in a process of its own: five motors and the sensor, with every byte's time on the
+wire, and the joint behind. First the bench's own loop swings the pretensioned joint (`--hz`, `--baud`, `--reads`):
+goals of all motors, present values of all devices, guard, tilt, journal. Then, in turns so that both see the same
+computer, at each of `--bauds` the bare bus, with plain and with fast reads, and dynamixel-sdk tell the same goals and
+ask for the same registers at the same rate.
 """
 
 import argparse
@@ -33,20 +34,22 @@ from sinew.bench.record.sample import Sample
 from sinew.bench.stops import stop
 from sinew.bench.tilt import TiltEstimator
 from sinew.hardware.bus import MonotonicClock
-from sinew.hardware.rig import Rig
+from sinew.hardware.rig import ReadKind, Rig, wire_s
 from sinew.measure.arrays import Array
 from sinew.measure.errors import BenchError, HardwareError
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
-from sinew.plan.toml import dump_plan, dump_rig, load_rig
+from sinew.plan.toml import dump_plan, dump_rig, load_rig, save_rig
 from sinew.twin.simulate import rest_tension
 
-SAMPLE_HZ, PERIOD = 200.0, 5e-3
+SAMPLE_HZ = 200.0
+BAUDS = (1_000_000, 4_500_000)
+KINDS: tuple[ReadKind, ...] = ("plain", "fast")
 PRETENSION_MM, FREQUENCY_HZ, AMPLITUDE_DEG = 6.0, 3.6, 20.0
 MODE: TendonMode = "position-with-current-limit"
 TURNS = 4  # of bare bus and SDK, one after the other
-WANTED_MISSED = 0.5  # percent
+WANTED_MISSED = 0.1  # percent
 PATIENCE_S = 60.0
 
 
@@ -63,11 +66,18 @@ class _TimedClock(MonotonicClock):
         self._began = self.now()
 
 
+def _rig(baud: int, reads: ReadKind) -> RigSpec:
+    """Return the paper's rig on a bus of another speed, asked another way."""
+    spec = load_rig("paper")
+    return spec.model_copy(update={"wiring": spec.wiring.model_copy(update={"baud": baud, "reads": reads})})
+
+
 @contextmanager
-def _emulated(folder: Path) -> Iterator[tuple[str, int]]:
+def _emulated(spec: RigSpec, folder: Path) -> Iterator[tuple[str, int]]:
     """Give the port of an emulated bench, and the emulator's process id."""
-    link = str(folder / "bench")
-    command = [str(Path(sys.executable).with_name("sinew")), "emulate", "--own-time", "--rig", "paper", "--link", link]
+    link, rig = str(folder / "bench"), folder / "rig.toml"
+    save_rig(spec, rig)
+    command = [str(Path(sys.executable).with_name("sinew")), "emulate", "--own-time", "--rig", str(rig), "--link", link]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -87,12 +97,12 @@ def _cpu_seconds(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _plan(seconds: float) -> Plan:
+def _plan(seconds: float, hz: float) -> Plan:
     """Return what a plan would call it."""
     periods = max(1, round(seconds * FREQUENCY_HZ))
     sweep = Sweep(frequency_hz=(FREQUENCY_HZ,), amplitude_deg=AMPLITUDE_DEG, periods=periods)
     pretension = Pretension(pretension_mm=(PRETENSION_MM,), mode=MODE)
-    return Plan(name="bus loop", sample_hz=SAMPLE_HZ, pretension=pretension, sweep=sweep)
+    return Plan(name="bus loop", sample_hz=hz, pretension=pretension, sweep=sweep)
 
 
 def _put_under_power(loop: Loop, rig: Rig, tension_n: float) -> None:
@@ -113,8 +123,10 @@ def _put_under_power(loop: Loop, rig: Rig, tension_n: float) -> None:
     set_pretension(loop, motors, PRETENSION_MM, 0.0, (0.0, 0.0))
 
 
-def _time_loop(port: str, spec: RigSpec, seconds: float, folder: Path) -> tuple[Array, Array, LoopStatistics, float]:
-    """Return (busy times, latenesses of the cycles [s], statistics, wire time of a cycle [s]) of the bench's loop."""
+def _time_loop(
+    port: str, spec: RigSpec, seconds: float, hz: float, folder: Path
+) -> tuple[Array, Array, LoopStatistics, str]:
+    """Return (busy times, latenesses of the cycles [s], statistics, words on the wire) of the bench's loop."""
     tension = float(rest_tension([PRETENSION_MM], spec)[0])
     clock = _TimedClock()
     late: list[float] = []
@@ -126,10 +138,11 @@ def _time_loop(port: str, spec: RigSpec, seconds: float, folder: Path) -> tuple[
     with (
         open_rig(port, spec) as (rig, _),
         keeping_time(),
-        Journal.create(folder / "journal.sqlite", dump_plan(_plan(seconds)), dump_rig(spec)) as journal,
+        Journal.create(folder / "journal.sqlite", dump_plan(_plan(seconds, hz)), dump_rig(spec)) as journal,
     ):
-        loop = Loop(rig, clock, Guard(spec), TiltEstimator(spec, SAMPLE_HZ), PERIOD, take)
+        loop = Loop(rig, clock, Guard(spec), TiltEstimator(spec, hz), 1 / hz, take)
         try:
+            rig.choose_reads(1 / hz)
             _put_under_power(loop, rig, tension)
             journal.begin_segment(1, 0, Segment("steady", PRETENSION_MM, FREQUENCY_HZ, AMPLITUDE_DEG, 0))
             loop.statistics = LoopStatistics()
@@ -140,11 +153,11 @@ def _time_loop(port: str, spec: RigSpec, seconds: float, folder: Path) -> tuple[
             journal.end_segment("complete")
         finally:
             stop(rig, MonotonicClock(), "release")
-        wire = rig.cycle_bytes * 10 / spec.wiring.baud
+        wire = f"{1e3 * rig.wire_s():.2f} ms of a cycle are bytes on the wire, {rig.reads.kind} reads {rig.reads.why}"
     return np.array(clock.busy[1:]), np.array(late), loop.statistics, wire
 
 
-def _paced(cycle: Callable[[float], bool], count: int) -> tuple[list[float], int, int]:
+def _paced(cycle: Callable[[float], bool], count: int, period: float) -> tuple[list[float], int, int]:
     """Run cycles at the rate; return (how long each took [s], missed deadlines, failed cycles)."""
     took: list[float] = []
     missed = failed = 0
@@ -152,18 +165,20 @@ def _paced(cycle: Callable[[float], bool], count: int) -> tuple[list[float], int
     for _ in range(count):
         time.sleep(max(0.0, due - time.monotonic()))
         began = time.monotonic()
-        skipped = int((began - due) // PERIOD)
+        skipped = int((began - due) // period)
         missed += skipped
-        due += (1 + skipped) * PERIOD
+        due += (1 + skipped) * period
         failed += not cycle(began)
         took.append(time.monotonic() - began)
     return took, missed, failed
 
 
-def _bare_bus(port: str, spec: RigSpec, count: int) -> tuple[list[float], int, int]:
+def _bare_bus(port: str, spec: RigSpec, count: int, period: float) -> tuple[list[float], int, int]:
     """Time Sinew's bus alone: goals in one packet, present values of all devices in one transaction, decoded."""
     with open_rig(port, spec) as (rig, clock), keeping_time():
         rig.set_tendon_mode(MODE)
+        if rig.choose_reads(period).kind != spec.wiring.reads:
+            raise SystemExit(rig.reads.why)
         angles = tuple(motor.angle() for motor in rig.tendons)
         swing = Swing(math.radians(AMPLITUDE_DEG), FREQUENCY_HZ, clock.now())
         for motor in rig.motors:
@@ -174,25 +189,25 @@ def _bare_bus(port: str, spec: RigSpec, count: int) -> tuple[list[float], int, i
             return not rig.read().faults
 
         try:
-            return _paced(cycle, count)
+            return _paced(cycle, count, period)
         finally:
             for motor in rig.motors:
                 motor.torque_off()
 
 
-def _sdk(port: str, spec: RigSpec, count: int, kind: str) -> tuple[list[float], int, int]:
-    """Time dynamixel-sdk with its groups of one kind, sync or bulk.
+def _sdk(port: str, spec: RigSpec, count: int, period: float, kind: str) -> tuple[list[float], int, int]:
+    """Time dynamixel-sdk with its groups of one kind: sync, bulk or fast bulk.
 
     Without real-time priority: the SDK asks the port again and again until all is there, and with it would keep the
     system from handing over the bytes that it waits for.
     """
     master = SdkMaster(port, spec)
-    cycle = {"sync": master.sync_cycle, "bulk": master.bulk_cycle}[kind]
+    cycle = {"sync": master.sync_cycle, "bulk": master.bulk_cycle, "fast": master.fast_bulk_cycle}[kind]
     swing = Swing(math.radians(AMPLITUDE_DEG), FREQUENCY_HZ, time.monotonic())
     gc.collect()
     gc.disable()
     try:
-        return _paced(lambda now: cycle(swing(now)), count)
+        return _paced(lambda now: cycle(swing(now)), count, period)
     finally:
         gc.enable()
         master.close()
@@ -217,61 +232,82 @@ def _load() -> str:
     return " ".join(f"{load:.1f}" for load in os.getloadavg())
 
 
-def _report_loop(port: str, emulator: int, spec: RigSpec, seconds: float, folder: Path) -> float:
-    """Print how the bench's loop fared, and return its median [s]."""
+def _report_loop(port: str, emulator: int, spec: RigSpec, seconds: float, hz: float, folder: Path) -> None:
+    """Print how the bench's loop fared."""
     load, began, computed = _load(), time.monotonic(), _cpu_seconds(emulator)
-    busy, late, statistics, wire = _time_loop(port, spec, seconds, folder)
+    busy, late, statistics, wire = _time_loop(port, spec, seconds, hz, folder)
     share = (_cpu_seconds(emulator) - computed) / (time.monotonic() - began)
     missed = 100 * statistics.missed / (statistics.cycles + statistics.missed)
-    print(f"bench loop: {statistics.cycles} cycles at {SAMPLE_HZ:g} Hz, load average before {load}, after {_load()}")
-    print(f"  {wire * 1e3:.2f} ms of a cycle are bytes on the wire; the emulator took {100 * share:.0f} % of a core")
-    _print_histogram("time a cycle took", busy, [0, 2, 2.5, 3, 3.5, 4, 4.5, 5, 7.5, 10])
+    print(
+        f"bench loop: {statistics.cycles} cycles at {hz:g} Hz and {spec.wiring.baud} baud, load average before {load}, "
+        f"after {_load()}"
+    )
+    print(f"  {wire}; the emulator took {100 * share:.0f} % of a core")
+    _print_histogram("time a cycle took", busy, [0, 1, 1.5, 2, 2.5, 3, 3.5, 4, 4.5, 5, 7.5, 10])
     _print_histogram("begin after its deadline", late, [0, 0.05, 0.1, 0.2, 0.5, 1, 2, 5])
     print(f"  cycle      {_quantiles(busy)}")
     print(f"  lateness   {_quantiles(late)}")
     print(f"  missed deadlines {statistics.missed} = {missed:.3f} % (wanted: under {WANTED_MISSED:g} %)")
-    print(f"  cycles with a missing answer {statistics.incomplete}")
-    return float(np.median(busy))
+    print(
+        f"  cycles with a missing answer {statistics.incomplete}, readings left out: {statistics.stale} stale, "
+        f"{statistics.impossible} impossible"
+    )
 
 
-def _report_peer(port: str, spec: RigSpec, seconds: float, loop: float) -> None:
-    """Print bare bus and SDK beside each other. loop: median time of the bench's whole cycle [s]."""
-    count = max(1, round(seconds / TURNS * SAMPLE_HZ))
-    runs: dict[str, Callable[[], tuple[list[float], int, int]]] = {
-        "sinew's bus": lambda: _bare_bus(port, spec, count),
-        "dynamixel-sdk, GroupSyncRead": lambda: _sdk(port, spec, count, "sync"),
-        "dynamixel-sdk, GroupBulkRead": lambda: _sdk(port, spec, count, "bulk"),
-    }
-    took: dict[str, list[float]] = {name: [] for name in runs}
-    missed, failed = dict.fromkeys(runs, 0), dict.fromkeys(runs, 0)
-    for _ in range(TURNS):
-        for name, run in runs.items():
-            times, late, bad = run()
-            took[name] += times
-            missed[name] += late
-            failed[name] += bad
-    print(f"goals and present values of all six, {TURNS} turns of {count} cycles each, load average after {_load()}")
-    ours = float(np.median(took["sinew's bus"]))
+def _report_peer(baud: int, seconds: float, hz: float, folder: Path) -> None:
+    """Print bare bus and SDK beside each other at one speed of the bus."""
+    count, period = max(1, round(seconds / TURNS * hz)), 1 / hz
+    plain, fast = _rig(baud, "plain"), _rig(baud, "fast")
+    with _emulated(plain, folder) as (port, _):
+        runs: dict[str, Callable[[], tuple[list[float], int, int]]] = {
+            "sinew's bus, plain": lambda: _bare_bus(port, plain, count, period),
+            "sinew's bus, fast": lambda: _bare_bus(port, fast, count, period),
+            "dynamixel-sdk, GroupSyncRead": lambda: _sdk(port, plain, count, period, "sync"),
+            "dynamixel-sdk, GroupBulkRead": lambda: _sdk(port, plain, count, period, "bulk"),
+            "dynamixel-sdk, fastBulkRead": lambda: _sdk(port, plain, count, period, "fast"),
+        }
+        took: dict[str, list[float]] = {name: [] for name in runs}
+        missed, failed = dict.fromkeys(runs, 0), dict.fromkeys(runs, 0)
+        for _ in range(TURNS):
+            for name, run in runs.items():
+                times, late, bad = run()
+                took[name] += times
+                missed[name] += late
+                failed[name] += bad
+    wire = ", ".join(f"{kind} {1e3 * wire_s(plain, MODE, kind):.2f} ms" for kind in KINDS)
+    print(
+        f"goals and present values of all six at {baud} baud and {hz:g} Hz, {TURNS} turns of {count} cycles each, load "
+        f"average after {_load()}; on the wire {wire}"
+    )
+    ours = float(np.median(took["sinew's bus, plain"]))
     for name, times in took.items():
-        ratio = "" if name == "sinew's bus" else f"; {np.median(times) / ours:.2f} times sinew's bus"
-        ratio += f", {np.median(times) / loop:.2f} times sinew's whole cycle" if ratio else ""
+        ratio = f"; {np.median(times) / ours:.2f} times sinew's plain"
         print(f"  {name:28} {_quantiles(times)}, missed {missed[name]}, failed {failed[name]} of {len(times)}{ratio}")
 
 
 def main(arguments: Sequence[str] = ()) -> None:
     """Print how the bench's loop keeps time, and how long dynamixel-sdk takes for the same."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks bus", description=__doc__)
-    parser.add_argument("--seconds", type=float, default=120.0, help="of the bench's loop (120)")
-    parser.add_argument("--peer-seconds", type=float, help="of bare bus and SDK each (as --seconds)")
+    parser.add_argument("--seconds", type=float, default=120.0, help="of the bench's loop (120); 0: leave it out")
+    parser.add_argument("--hz", type=float, default=SAMPLE_HZ, help="rate of the cycles (200)")
+    parser.add_argument("--baud", type=int, default=BAUDS[0], help="of the bench's loop (1000000)")
+    parser.add_argument("--reads", choices=("plain", "fast"), default="plain", help="of the bench's loop (plain)")
+    parser.add_argument("--peer-seconds", type=float, help="of bare bus and SDK each (as --seconds); 0: leave them out")
+    parser.add_argument("--bauds", type=int, nargs="+", default=BAUDS, help="of bare bus and SDK (1000000 4500000)")
     options = parser.parse_args(arguments)
-    spec = load_rig("paper")
-    print("six devices on an emulated bus at 1 Mbaud, `sinew emulate` in a process of its own")
-    with tempfile.TemporaryDirectory() as name, _emulated(Path(name)) as (port, emulator):
-        try:
-            loop = _report_loop(port, emulator, spec, options.seconds, Path(name))
-        except (BenchError, HardwareError) as trouble:
-            raise SystemExit(f"the bench's loop was stopped at a load average of {_load()}: {trouble}") from trouble
-        _report_peer(port, spec, options.peer_seconds or options.seconds, loop)
+    spec = _rig(options.baud, options.reads)
+    print("six devices on an emulated bus, `sinew emulate` in a process of its own")
+    with tempfile.TemporaryDirectory() as name:
+        if options.seconds:
+            with _emulated(spec, Path(name)) as (port, emulator):
+                try:
+                    _report_loop(port, emulator, spec, options.seconds, options.hz, Path(name))
+                except (BenchError, HardwareError) as trouble:
+                    told = f"the bench's loop was stopped at a load average of {_load()}: {trouble}"
+                    raise SystemExit(told) from trouble
+        seconds = options.seconds if options.peer_seconds is None else options.peer_seconds
+        for baud in options.bauds if seconds else ():
+            _report_peer(baud, seconds, options.hz, Path(name))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """What a bench recorded against how the joint moved, reading by reading."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,11 +9,14 @@ import numpy as np
 import xarray as xr
 
 from campaigns.faulty_bench import FaultyBench
+from campaigns.lies import FALSE_KINDS
 from campaigns.witness import MOTOR_S, SENSOR_S, Truth, wrong_readings
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal_reader import JournalReader
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SinewError
+from sinew.plan.rig import RigSpec
+from sinew.plan.servo import SERVOS
 
 _SHOWN = 5
 _DRIVE = ("drive_rad", "drive_current_a", "drive_pwm")
@@ -45,6 +49,43 @@ class Comparison:
             self.violations.append(f"{len(wrong)} wrong readings in the {where}, the first: {wrong[0]}")
             self.wrong += [f"{where}: {one}" for one in wrong[:_SHOWN]]
 
+    def take_steps(self, table: Mapping[str, Array], spec: RigSpec) -> None:
+        """Look in a journal for what no motor and no head can do, whatever the truth was."""
+        for name, (most, fastest) in _reaches(spec).items():
+            came = np.isfinite(table[name])
+            found, at = table[name][came], table["imu_time_s" if name.startswith("gyro") else "time_s"][came]
+            self.checked += found.size
+            far = np.flatnonzero(np.abs(found) > most)
+            passed = np.diff(at)
+            # A mode that changes takes a while, and whole turns off a position.
+            leaps = np.flatnonzero(
+                (np.abs(np.diff(found)) > fastest[0] + fastest[1] * np.abs(passed)) & (passed < 0.05)
+            )
+            for index in (*far, *leaps):
+                self.wrong.append(f"journal: {name} at {at[index]:.4f} s is {found[index]:.5g}, which cannot be")
+        if self.wrong:
+            self.violations.append(f"{len(self.wrong)} impossible readings in the journal, the first: {self.wrong[0]}")
+            del self.wrong[_SHOWN:]
+
+
+def _reaches(spec: RigSpec) -> dict[str, tuple[float, tuple[float, float]]]:
+    """Return the largest value of a reading, and by how much it may step at once and each second, by column."""
+    nothing = (math.inf, math.inf)
+    supply = spec.drive.supply_voltage.value
+    found: dict[str, tuple[float, tuple[float, float]]] = {"drive_pwm": (1.15, nothing)}
+    for name, model in [
+        ("drive", spec.wiring.drive_model),
+        *((f"tendon_{i + 1}", spec.wiring.tendon_model) for i in range(spec.tendons.count)),
+    ]:
+        servo = SERVOS[model]
+        share = servo.supply_share(supply)
+        found[f"{name}_rad"] = math.inf, (0.03, 4.0 * servo.no_load_speed * share)
+        found[f"{name}_current_a"] = 3.0 * servo.stall_current * share, nothing
+    torque = spec.drive.stall_torque.value * supply / spec.drive.nominal_voltage.value
+    for axis in "xyz":
+        found[f"gyro_{axis}_rad_s"] = math.inf, (7.0, 2.5 * torque / spec.inertia.head.value)
+    return found
+
 
 def compare(bench: FaultyBench, journal: Path, groups_done: int) -> Comparison:
     """Return how what is in the journal of a bench, and in the recording made from it, compares with the truth.
@@ -58,6 +99,10 @@ def compare(bench: FaultyBench, journal: Path, groups_done: int) -> Comparison:
     with JournalReader(journal) as reader:
         table = reader.samples(0, reader.last_sample() + 1)
         finished = reader.finished()
+    lies = bench.scenario.lies
+    if lies is not None and lies.kind in FALSE_KINDS:
+        comparison.take_steps(table, bench.spec)
+        return comparison
     if table["id"].size:
         _take_journal(bench, truth, table, comparison)
     if not groups_done:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from campaigns.lies import HostileLine
 from campaigns.scenario import Scenario, Timeline, plan_of, rig_of
 from campaigns.witness import TENDON_COUNTS, Witness
 from sinew.bench.record.journal import Journal
@@ -81,7 +82,8 @@ class _Operator:
 class FaultyBench:
     """An emulated bench with a scenario's joint and faults, and all that a run on it needs.
 
-    witness: of how the joint moved. emulated: the devices. rig: the same as the bench sees them, through port.
+    witness: of how the joint moved. hostile: the line, if it is. emulated: the devices. rig: the same as the bench sees
+    them, through port.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -92,6 +94,7 @@ class FaultyBench:
         self.emulated = EmulatedRig(spec, self.witness, seed=scenario.fault_seed, tendon_counts=TENDON_COUNTS)
         self.faults = Faults(scenario.faults, seed=scenario.fault_seed)
         self.port = _BoundedPort(self.faults.attach(self.emulated))
+        self.hostile = HostileLine(scenario.lies, self.emulated.line) if scenario.lies is not None else None
         timing = BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms)
         self.rig = Rig(Bus(self.port, self.port, timing, retries=_BUS_RETRIES), self.port, spec)
         self.operator = _Operator(self.port, scenario.interrupt_s)

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from campaigns.lies import Lies
 from sinew.emulator.faults import FaultSpec, random_fault
 from sinew.plan.plan import Plan, TendonMode
 from sinew.plan.rig import RigSpec
@@ -47,6 +48,17 @@ PLANS = {
         periods = 3
         repeats = 1
     """,
+    "one frequency": """
+        [pretension]
+        pretension_mm = [3]
+        rest_s = 0.2
+        [sweep]
+        frequency_hz = [3.4]
+        amplitude_deg = 20
+        settle_s = 0.3
+        periods = 4
+        repeats = 1
+    """,
 }
 """Plans by name: everything that a bench does, as short as that goes."""
 
@@ -66,7 +78,7 @@ class Scenario:
 
     plan: of PLANS. slack_m, rest_tilt: of the joint as the run finds it [m; rad]. faults: their times count from the
     start, or, where the run is aimed at a phase, from that phase's beginning (`aimed`). interrupt_s: when the
-    operator ends it [s], or infinite. fault_seed: of which packets are struck.
+    operator ends it [s], or infinite. fault_seed: of which packets are struck. lies: of a hostile line, if it is one.
     """
 
     number: int
@@ -79,17 +91,20 @@ class Scenario:
     interrupt_s: float = math.inf
     phase: Phase | None = None
     fault_seed: int = 0
+    lies: Lies | None = None
 
     @property
     def kind(self) -> str:
         """What the table files it under."""
+        if self.lies is not None:
+            return self.lies.kind
         if len(self.faults) > 1:
             return "two at once"
         return self.faults[0].kind if self.faults else "none"
 
     def without_faults(self) -> "Scenario":
         """Return the same run on a good day."""
-        return replace(self, faults=(), interrupt_s=math.inf, phase=None)
+        return replace(self, faults=(), interrupt_s=math.inf, phase=None, lies=None)
 
     def aimed(self, timeline: Timeline) -> "Scenario":
         """Return it with its faults moved into the phase at which it is aimed."""
@@ -122,7 +137,7 @@ def draw_scenario(seed: int, number: int) -> Scenario:
     tilt, turn = math.radians(float(rng.uniform(0, _MOST_TILT_DEG))), float(rng.uniform(0, math.tau))
     modes: tuple[TendonMode, ...] = get_args(TendonMode)
     mode = modes[int(rng.integers(len(modes)))]
-    one, two = PLANS
+    one, two, *_ = PLANS
     # By current, levelling at a low pretension takes so long that nothing else would be seen of such a run.
     plan = two if rng.random() < _TWO_PRETENSIONS and mode != "current" else one
     return Scenario(

@@ -72,7 +72,7 @@ def judge(scenario: Scenario, tension_n: Mapping[float, float]) -> Verdict:
     verdict = Verdict(
         scenario.number,
         scenario.kind,
-        [str(fault) for fault in scenario.faults],
+        [str(fault) for fault in (*scenario.faults, *([scenario.lies] if scenario.lies else []))],
         scenario.plan,
         scenario.mode,
         scenario.safe_state,
@@ -94,6 +94,10 @@ def judge(scenario: Scenario, tension_n: Mapping[float, float]) -> Verdict:
         what = f"{happening.kind} {happening.what}"
         verdict.happened[what] = verdict.happened.get(what, 0) + 1
         verdict.struck = verdict.struck or happening.time <= verdict.virtual_s
+    if bench.hostile is not None:
+        marked = {"stale": bench.rig.stale.total(), "impossible": bench.rig.impossible.total()}
+        verdict.happened = {"struck": bench.hostile.struck} | {f"marked {why}": n for why, n in marked.items()}
+        verdict.struck = bench.hostile.struck > 0
     verdict.wall_s = time.perf_counter() - began
     return verdict
 

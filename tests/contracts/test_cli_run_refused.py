@@ -93,6 +93,10 @@ UNFIT_RIGS: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
         {"imu_axes": ("-x", "-y", "+z")},
         ("reads -9.", "along the joint, expected about 9.81", "imu_axes"),
     ),
+    "lever far from its middle": (
+        {"drive_zero_counts": 0},
+        ("the lever stands", "180° from its middle, expected within", "(drive_window_deg)", "turn it back by hand"),
+    ),
     "unknown model": ({"drive_model": "XL320"}, ("XL320", "XM430-W350")),
     "baud too slow for the plan": ({"baud": 57_600}, ("48", "57600 baud", "200 Hz leave 5.0 ms", "lower sample_hz")),
 }

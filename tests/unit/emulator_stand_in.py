@@ -6,6 +6,7 @@ from sinew.emulator.found import VirtualPort
 from sinew.emulator.plant import HornMotion, Law, Motion
 from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.bus import Bus, BusTiming
+from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import parse_rig, read_spec
 
@@ -31,7 +32,7 @@ class StandIn:
         self.current = [0.0] * motors
         self.duty = [0.0] * motors
         self.gyro = (0.0, 0.0, 0.0)
-        self.acceleration = (0.0, 0.0, 0.0)
+        self.acceleration = (STANDARD_GRAVITY, 0.0, 0.0)  # upright; no sensor on a bench tells none at all
         self.stuck: dict[int, bool] = {}
         self.slipped: dict[int, float] = {}
         self.supply = math.nan

@@ -33,6 +33,7 @@ def test_a_loop_too_slow_for_the_plan_is_a_warning(most: float, severity: str) -
 
 
 def test_a_bus_without_errors_is_fine(ward: Ward) -> None:
+    ward.wait(0.05)  # until the sensor has a sample
     times = time_loop(ward.rigged, ward.port, 0.2)
     assert [f.severity for f in examine_bus(ward.rigged, times)] == ["ok"]
 
@@ -47,3 +48,12 @@ def test_lost_and_damaged_answers_are_counted_and_told(ward: Ward) -> None:
     assert finding.severity == "warning"
     assert f"{times.incomplete} of {times.cycles} readings incomplete" in finding.found
     assert "with a wrong CRC" in finding.found
+
+
+def test_an_adapter_that_returns_what_is_sent_is_told_as_a_note(ward: Ward) -> None:
+    ward.wait(0.05)
+    ward.rig.line.echoes = True
+    times = time_loop(ward.rigged, ward.port, 0.2)
+    found = {finding.subject: finding for finding in examine_bus(ward.rigged, times)}
+    assert {subject: finding.severity for subject, finding in found.items()} == {"port": "note", "bus": "ok"}
+    assert f"returned {times.cycles} of {times.cycles} packets" in found["port"].found

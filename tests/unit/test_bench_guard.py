@@ -11,7 +11,7 @@ import pytest
 from sinew.bench.guard import LOST_AFTER_S, Guard, Watch
 from sinew.bench.loop import Loop
 from sinew.hardware.imu import ImuReading
-from sinew.hardware.rig import Climate, MotorReading, Reading
+from sinew.hardware.rig import Climate, Lack, MotorReading, Reading
 from sinew.measure.errors import LimitError, LostError
 from sinew.plan.toml import load_rig
 
@@ -215,6 +215,7 @@ def test_after_a_standstill_the_means_that_hold_samples_from_before_it_are_unkno
     stood = [replace(reading(k), imu=reading(min(k, 4)).imu) for k in range(10)]
     told = [*stood, *map(reading, range(10, 20))]
     rig = SimpleNamespace(spec=SPEC, tendons=range(4), motors=(), write_goals=lambda *_: None, read=lambda: told.pop(0))
+    rig.pace = lambda _period: None
     clock, guard = SimpleNamespace(now=lambda: 0.0, wait_until=lambda _: None), SimpleNamespace()
     guard.check = guard.forget = lambda *_: None
     tilt = SimpleNamespace(update=lambda *_: 0.0, components=(0.0, 0.0))
@@ -222,3 +223,24 @@ def test_after_a_standstill_the_means_that_hold_samples_from_before_it_are_unkno
     known = [not math.isnan(loop.cycle().gyro_rad_s[0]) for _ in range(20)]
     mixed = SPEC.imu.average_samples - 1  # of the means after the standstill, so many reach back before it
     assert known == [True] * 10 + [False] * mixed + [True] * (10 - mixed)
+
+
+@pytest.mark.parametrize(
+    ("why", "words", "said"),
+    [
+        ("damaged", "its answers come damaged", r"tendon 3: .*its answers come damaged; noise, or two devices at once"),
+        ("stale", "its answers come late", r"tendon 3: .*latency timer"),
+        ("impossible", "its position jumps by 170° in 5 ms", r"tendon 3: .*jumps by 170° in 5 ms; check supply"),
+        ("silent", "it sends nothing", r"tendon 3 has not answered for .*check cables and supply"),
+    ],
+)
+def test_a_device_whose_answers_do_not_count_is_named_with_the_reason(why: Any, words: str, said: str) -> None:
+    without = tuple(None if i == 2 else HORN for i in range(4))
+    with pytest.raises(LostError, match=said):
+        watch(30, tendons=without, lacks=(Lack("tendon 3", why, words),))
+
+
+def test_where_all_fall_silent_at_once_the_supply_is_named() -> None:
+    lacks = tuple(Lack(name, "silent", "it sends nothing") for name in ("tendon 1", "drive", "IMU"))
+    with pytest.raises(LostError, match=r"all devices at once have not answered .* their supply failed or dipped"):
+        watch(30, tendons=(None,) * 4, drive=None, imu=None, climate=None, lacks=lacks)

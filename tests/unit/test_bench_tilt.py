@@ -145,3 +145,18 @@ def test_a_sample_that_is_read_twice_counts_once() -> None:
         for jitter in (0.0, 3e-4):
             twice.update(tuple(gyro), tuple(force), k / RATE_HZ + jitter)
     assert twice.components == pytest.approx(once.components, abs=math.radians(0.02))
+
+
+def test_at_400_hz_a_sample_that_is_read_twice_counts_for_both_steps() -> None:
+    # A head that turns about y at 10 °/s for two seconds stands 20° from where it was, however often it is asked.
+    rate, found = math.radians(10.0), {}
+    for hz in (200, 400):
+        estimator = TiltEstimator(RIG, float(hz))
+        for n in range(2 * hz + 1):
+            taken = (n * 200 // hz) / 200
+            angle = rate * taken
+            force = (GRAVITY * math.cos(angle), 0.0, GRAVITY * math.sin(angle))
+            estimator.update((0.0, rate, 0.0), force, taken)
+        found[hz] = math.degrees(estimator.components[0])
+    assert found[400] == pytest.approx(found[200], abs=0.2)
+    assert abs(found[200]) == pytest.approx(20.0, abs=1.5)

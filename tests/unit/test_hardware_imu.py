@@ -7,6 +7,7 @@ import pytest
 from tests.unit.emulator_stand_in import Bench, paper_rig
 from tests.unit.hardware_line import Line, ManualClock, Slave
 
+from sinew.hardware.believable import SensorBounds
 from sinew.hardware.bus import Bus, BusTiming, Outcome, Reply
 from sinew.hardware.imu import ClockTrack, Imu
 from sinew.hardware.registers import OPENCR_NODE, TURTLEBOT3
@@ -180,3 +181,44 @@ def test_a_pause_of_the_host_is_no_reason_to_doubt() -> None:
     followed = track()
     followed.is_fresh(tick_of(1.0), 1.0)
     assert followed.is_fresh(tick_of(21.0 * (1 + 200e-6)), 21.0)
+
+
+@pytest.fixture
+def bounds() -> SensorBounds:
+    """Return bounds after ten samples 5 ms apart at rest."""
+    bounds = SensorBounds(paper_rig())
+    for n in range(10):
+        assert bounds.objection((0.0, 0.0, 0.0), (16_384, 0, 0), 5000 * n, 5000 * n + 300) == ""
+    return bounds
+
+
+@pytest.mark.parametrize(
+    ("rate", "forces", "counter", "clock", "found"),
+    [
+        (5.0, (16_384, 0, 0), 50_000, 50_300, ""),
+        (30.0, (16_384, 0, 0), 50_000, 50_300, "its rates jump"),
+        (0.0, (0, 0, 0), 50_000, 50_300, "it tells no acceleration at all, as in free fall"),
+        (0.0, (16_384, 0, 0), 40_000, 50_300, "its sample is dated before the last one, or after its answer"),
+        (0.0, (16_384, 0, 0), 90_000, 50_300, "its sample is dated before the last one, or after its answer"),
+        (0.1, (16_384, 0, 0), 45_000, 50_300, "two different samples have one time"),
+        (0.0, (16_384, 0, 0), 45_000, 50_300, ""),
+    ],
+)
+def test_a_sample_that_cannot_follow_the_last_one_is_told(
+    bounds: SensorBounds, rate: float, forces: tuple[int, int, int], counter: int, clock: int, found: str
+) -> None:
+    assert bounds.objection((rate, 0.0, 0.0), forces, counter, clock) == found
+
+
+def test_the_strongest_swing_of_the_paper_is_far_inside_what_a_sample_may_do(bounds: SensorBounds) -> None:
+    # 60° at 4.3 Hz: the rate reaches 28 rad/s, and changes by 3.8 rad/s in 5 ms where it is quickest.
+    rates = [math.radians(60) * math.tau * 4.3 * math.sin(math.tau * 4.3 * 5e-3 * n) for n in range(200)]
+    clocks = range(50_000, 50_000 + 200 * 5000, 5000)
+    told = [bounds.objection((r, 0.0, 0.0), (16_384, 0, 0), at, at + 300) for r, at in zip(rates, clocks, strict=True)]
+    assert set(told) == {""}
+
+
+def test_a_false_first_sample_costs_two_and_not_all() -> None:
+    bounds = SensorBounds(paper_rig())
+    told = [bounds.objection((30.0 if n == 0 else 0.0, 0, 0), (16_384, 0, 0), 5000 * n, 5000 * n) for n in range(4)]
+    assert [bool(words) for words in told] == [False, True, False, False]

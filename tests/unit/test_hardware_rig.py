@@ -1,15 +1,16 @@
 """All devices at once: one transaction a reading, goals in the rig's sense, and motors set up alike."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import pytest
 from tests.unit.emulator_stand_in import Bench, paper_rig
 
 from sinew.emulator.plant import Law
-from sinew.hardware.codec import BULK_READ, BULK_WRITE, SYNC_WRITE, WRITE
+from sinew.hardware.codec import BULK_READ, BULK_WRITE, FAST_BULK_READ, SYNC_WRITE, WRITE, Decoder, Status, encode
 from sinew.hardware.registers import XH430_W350
-from sinew.hardware.rig import Reading, Rig
+from sinew.hardware.rig import Reading, Rig, wire_s
 from sinew.measure.errors import DeviceError, RegisterError
 
 COUNT = math.tau / 4096
@@ -104,6 +105,7 @@ def test_one_motor_in_turn_tells_its_voltage_and_temperature(stand: Stand) -> No
 
 
 def test_a_missing_device_costs_only_itself(stand: Stand) -> None:
+    stand.wait(0.05)  # until the sensor has a sample
     stand.lost = {3}
     reading = stand.rigged.read()
     assert [motor is None for motor in reading.tendons] == [False, False, True, False]
@@ -167,16 +169,195 @@ def test_an_answer_that_comes_a_cycle_late_is_never_taken_for_a_new_one(stand: S
     assert max(wrong) < 3e-3 + 2 * COUNT
 
 
+def test_at_400_hz_an_answer_that_comes_a_cycle_late_is_stale_too(stand: Stand) -> None:
+    stand.rigged.configure()
+    stand.rigged.pace(2.5e-3)
+    believed = []
+    for cycle in range(200):
+        stand.port.wait_until(stand.port.now() + 2.5e-3 - 1.9e-3)  # a reading takes 1.9 ms
+        reading = stand.rigged.read()
+        if cycle > 100:
+            track = stand.rigged._drive_present.track
+            assert reading.drive is not None
+            believed.append(track.could_be(reading.drive.tick - 2, reading.time))
+    assert not any(believed)
+
+
+class Liar(Stand):
+    """A stand of which one answer is another's, or false: `lies` turns a status into another, once, for a device."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rigged.configure()
+        for _ in self.readings(30):
+            pass
+        self.lies: dict[int, Callable[[Status], list[Status]]] = {}
+
+    def _disturb(self, now: float, data: bytes) -> list[tuple[float, bytes]]:
+        lie = getattr(self, "lies", {}).pop(data[4], None)
+        if lie is None:
+            return super()._disturb(now, data)
+        packet = Decoder().feed(data)[0]
+        assert isinstance(packet, Status)
+        return [(now, encode(status)) for status in lie(packet)]
+
+
+def _with(status: Status, at: int, data: bytes) -> Status:
+    return replace(status, params=status.params[:at] + data + status.params[at + len(data) :])
+
+
+POSITION, CURRENT = 12, 6  # bytes behind realtime_tick
+FALSE = {
+    "a position a turn away": (3, lambda s: [_with(s, POSITION, (4096).to_bytes(4, "little"))], "its position jumps"),
+    "a current of 80 A": (3, lambda s: [_with(s, CURRENT, (30_000).to_bytes(2, "little"))], "80.7 A"),
+    "zeros": (200, lambda s: [_with(s, 0, bytes(18))], "no acceleration at all"),
+    "two answers": (2, lambda s: [s, _with(s, POSITION, (99).to_bytes(4, "little"))], "two answers come under its id"),
+    "another sample of the same time": (
+        200,
+        lambda s: [_with(s, 0, (30_000).to_bytes(2, "little"))],
+        "two different samples have one time",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", FALSE)
+def test_what_cannot_follow_the_last_reading_is_marked_and_counted(what: str) -> None:
+    device, lie, words = FALSE[what]
+    liar = Liar()
+    liar.lies = {device: lie}
+    reading, after = liar.readings(2)
+    name = "IMU" if device == 200 else f"tendon {device}"
+    assert [(lack.name, lack.why, words in lack.words) for lack in reading.lacks] == [(name, "impossible", True)]
+    assert (liar.rigged.impossible[name], after.lacks) == (1, ())
+
+
+def test_a_supply_of_nothing_is_no_climate() -> None:
+    liar = Liar()
+    asked = {1: lambda s: [_with(s, 24, bytes(2))]}
+    for reading in liar.readings(5):
+        if reading.climate is not None and reading.climate.name == "drive":
+            break
+    liar.lies = asked
+    (reading,) = liar.readings(1)
+    assert (reading.climate, reading.tendons[0] is not None) == (None, True)
+    assert reading.lacks[0].words == "it tells a supply of 0.0 V, with which none answers"
+
+
+def test_an_adapter_that_returns_what_is_sent_costs_no_reading(stand: Stand) -> None:
+    stand.wait(0.05)
+    stand.rig.line.echoes = True
+    assert [reading.lacks for reading in stand.readings(50)] == [()] * 50
+    assert stand.bus.statistics.echoes == 50
+
+
+def test_with_an_echo_goals_are_told_and_motors_set_up_all_the_same(stand: Stand) -> None:
+    stand.rig.line.echoes = True
+    rig = stand.ready("position-with-current-limit")
+    rig.write_goals(0.2, [motor.angle() for motor in rig.tendons])
+    stand.wait(1.0)
+    assert stand.plant.angles[4] == pytest.approx(0.2, abs=COUNT)
+
+
 def test_a_motor_that_has_started_anew_gives_no_reading_until_it_is_forgotten(stand: Stand) -> None:
     for _ in stand.readings(20):
         pass
     assert stand.bus.reboot(2).ok
     stand.wait(1.0)
     after = list(stand.readings(20))
-    assert all(reading.tendons[1] is None and "tendon 2" in reading.stale for reading in after)
-    assert stand.rigged.stale["tendon 2"] == 20
+    assert all(reading.tendons[1] is None and "tendon 2" in reading.impossible for reading in after)
+    assert stand.rigged.impossible["tendon 2"] == 20
+    assert "it started anew, did its supply dip?" in after[0].lacks[0].words
     stand.rigged.forget()
     assert stand.rigged.read().tendons[1] is not None
+
+
+def fast_stand(**wiring: object) -> Stand:
+    """Return a stand whose rig asks by fast reads, with a sensor that has a sample."""
+    stand = Stand(reads="fast", **wiring)
+    stand.rigged.configure()
+    stand.wait(0.05)
+    assert stand.rigged.choose_reads(PERIOD).kind == "fast"
+    return stand
+
+
+def test_fast_reads_bring_what_plain_ones_bring(stand: Stand) -> None:
+    fast = fast_stand()
+    for bench in (stand, fast):
+        bench.rigged.configure()
+        bench.plant.angles[:] = [0.1, 0.2, 0.3, 0.4, 0.5]
+        bench.plant.gyro = (1.0, -2.0, 0.5)
+        bench.port.wait_until(0.5)
+    plain, common = stand.rigged.read(), fast.rigged.read()
+    assert (common.lacks, plain.lacks) == ((), ())
+    # But for the tick: the devices behind the first take their turn a little sooner.
+    told = [
+        [replace(motor, tick=0) for motor in (reading.drive, *reading.tendons) if motor] for reading in (plain, common)
+    ]
+    assert (told[0], plain.climate) == (told[1], common.climate)
+    assert common.imu is not None
+    assert plain.imu is not None
+    assert common.imu.gyro == pytest.approx(plain.imu.gyro, abs=0.02)
+
+
+def test_a_fast_reading_is_one_packet_up_and_one_down() -> None:
+    stand = fast_stand()
+    sent: list[bytes] = []
+    stand.rig.line.disturb_down = lambda now, data: (sent.append(data), [(now, data)])[1]
+    before = stand.bus.statistics.transactions
+    stand.rigged.read()
+    assert [(packet[7], stand.bus.statistics.transactions - before) for packet in sent] == [(FAST_BULK_READ, 1)]
+
+
+def test_the_time_of_a_sample_is_when_the_node_took_it_by_fast_reads_too() -> None:
+    stand = fast_stand()
+    node, wrong = stand.rig.imu, []
+    for reading in stand.readings(60):
+        assert reading.imu is not None
+        wrong.append(abs(reading.imu.time - (reading.imu.counter * 1e-6 - node.clock(0.0))))
+    assert max(wrong) < 0.1e-3
+
+
+def test_a_motor_whose_firmware_lacks_fast_reads_is_named_and_plain_ones_are_used() -> None:
+    stand = Stand(reads="fast")
+    stand.rig.motors[3].firmware = 42
+    reads = stand.rigged.choose_reads(PERIOD)
+    assert reads.kind == "plain"
+    assert reads.why == (
+        "no fast reads: firmware 42 of tendon 3 (id 3) knows them from 45 on; update it with the maker's Wizard"
+    )
+    assert [reading.faults for reading in stand.readings(5)] == [()] * 5
+
+
+def test_who_breaks_the_common_packet_off_is_named_and_plain_reads_take_over() -> None:
+    stand = fast_stand()
+    stand.lost = {2}
+    stand.rig.line.devices = [device for device in stand.rig.line.devices if device.id != 2]
+    *_, reading = stand.readings(6)
+    assert (stand.rigged.reads.kind, [lack.name for lack in reading.lacks]) == ("plain", ["tendon 2"])
+    assert stand.rigged.reads.why == "fast reads were given up: the common packet broke off at tendon 2"
+
+
+@pytest.mark.parametrize(
+    ("hz", "baud", "reads", "kind"),
+    [(200, 1_000_000, None, "plain"), (400, 4_500_000, None, "plain"), (400, 1_500_000, None, "fast"),
+     (200, 1_000_000, "fast", "fast"), (400, 1_500_000, "plain", "plain")],
+)  # fmt: skip
+def test_reads_are_fast_where_the_wire_is_short_of_time_or_the_rig_asks(
+    hz: float, baud: int, reads: str | None, kind: str
+) -> None:
+    spec = paper_rig(baud=1_000_000, reads=reads)
+    stand = Stand(reads=reads)
+    stand.rigged.spec = spec.model_copy(update={"wiring": spec.wiring.model_copy(update={"baud": baud})})
+    assert stand.rigged.choose_reads(1 / hz).kind == kind
+
+
+def test_the_time_on_the_wire_is_that_of_the_bytes() -> None:
+    # Goals: header to CRC 10, address and length 4, five motors of 1 + 4. Question: 10, six devices of 5. Answers: four
+    # motors of 16, one of 27 with its climate, the sensor's 28; each in a packet of 11, or in one of 8 with 4 for each.
+    asked, told = 10 + 4 + 25 + 10 + 30, 4 * 16 + 27 + 28
+    spec = paper_rig(baud=4_500_000)
+    assert wire_s(spec, "position", "plain") == pytest.approx((asked + told + 6 * 11) * 10 / 4.5e6)
+    assert wire_s(spec, "position", "fast") == pytest.approx((asked + told + 8 + 6 * 4) * 10 / 4.5e6)
 
 
 def test_goals_are_one_packet_that_nobody_answers(stand: Stand) -> None:

@@ -1,10 +1,14 @@
 """The serial port, on a pseudo-terminal."""
 
+import errno
+import grp
 import os
 import subprocess
 import sys
 import tty
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.patience import LONG_S
@@ -82,3 +86,121 @@ def test_a_port_whose_far_end_is_gone_is_reported() -> None:
     with pytest.raises(PortError, match="lost"):
         port.read(CLOCK.now() + LONG_S)
     port.close()
+
+
+GONE = {
+    errno.EIO: "the adapter was unplugged or lost its power",
+    errno.ENXIO: "the adapter was unplugged or lost its power",
+    errno.ENODEV: "the adapter was unplugged or lost its power",
+    errno.EPROTO: "the adapter was unplugged or lost its power",
+    errno.EPIPE: "the adapter was unplugged or lost its power",
+    errno.ETIMEDOUT: "the adapter hangs; unplug it and plug it in again",
+    errno.EBADF: "it was closed; open it anew",
+    errno.ENOMEM: "Cannot allocate memory; check plug and power",
+}
+
+
+@pytest.mark.parametrize("number", GONE, ids=errno.errorcode.__getitem__)
+@pytest.mark.parametrize("call", ["read", "write"])
+def test_a_port_that_is_lost_in_a_cycle_says_why_and_what_to_do(
+    number: int, call: str, ends: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> bytes:
+        raise OSError(number, os.strerror(number))
+
+    far, path = ends
+    port = SerialPort(path, 1_000_000, CLOCK)
+    os.write(far, b"1")
+    monkeypatch.setattr(os, "read" if call == "read" else "write", fail)
+    act: dict[str, Any] = {"read": lambda: port.read(CLOCK.now() + LONG_S), "write": lambda: port.write(b"1")}
+    with pytest.raises(PortError) as caught:
+        act[call]()
+    monkeypatch.undo()
+    port.close()
+    assert path in str(caught.value)
+    if call == "read":  # what pyserial makes of a failed write has no number
+        assert GONE[number] in str(caught.value)
+    assert "then start again" in str(caught.value)
+
+
+def test_a_port_closed_by_the_driver_under_our_hands_is_lost_and_no_traceback(ends: tuple[int, str]) -> None:
+    port = SerialPort(ends[1], 1_000_000, CLOCK)
+    port._opened.close()
+    for act in (lambda: port.read(CLOCK.now()), lambda: port.write(b"1")):
+        with pytest.raises(PortError, match="lost"):
+            act()
+
+
+def test_a_byte_that_somebody_else_took_is_no_loss(ends: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def nothing_now(*_: object) -> bytes:
+        raise BlockingIOError(errno.EAGAIN, "try again")
+
+    far, path = ends
+    port = SerialPort(path, 1_000_000, CLOCK)
+    os.write(far, b"1")
+    monkeypatch.setattr(os, "read", nothing_now)
+    assert port.read(CLOCK.now() + LONG_S) == b""
+    monkeypatch.undo()
+    port.close()
+
+
+def refused(path: str, monkeypatch: pytest.MonkeyPatch, trouble: BaseException) -> str:
+    """Return the sentence with which a port is refused where the system says that."""
+    import serial
+
+    def fail(*_: object, **__: object) -> None:
+        raise trouble
+
+    monkeypatch.setattr(serial, "Serial", fail)
+    with pytest.raises(PortError) as caught:
+        SerialPort(path, 4_500_000, CLOCK)
+    return str(caught.value)
+
+
+def test_who_may_not_use_a_port_is_told_the_group_to_join(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    port = tmp_path / "ttyUSB0"
+    port.touch()
+    groups = {port.stat().st_gid: "dialout"}
+    monkeypatch.setattr(grp, "getgrgid", lambda number: type("Group", (), {"gr_name": groups[number]}))
+    told = refused(str(port), monkeypatch, PermissionError(errno.EACCES, "Permission denied"))
+    assert "you may not use it; join its group and log in again: sudo usermod -a -G dialout $USER" in told
+
+
+@pytest.mark.parametrize(
+    ("trouble", "words"),
+    [
+        (OSError(errno.EBUSY, "busy"), "no other program on it: end that"),
+        (OSError(errno.EAGAIN, "Could not exclusively lock port"), "no other program on it: end that"),
+        (ValueError("Failed to set custom baud rate"), "its driver does not know 4500000 baud"),
+        (OSError(errno.ENOTTY, "not a typewriter"), "or it is no serial port"),
+    ],
+)
+def test_a_port_that_cannot_be_opened_says_why_and_what_to_do(
+    trouble: BaseException, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert words in refused("/dev/ttyUSB0", monkeypatch, trouble)
+
+
+@pytest.mark.parametrize("path", ["COM5", "com12"])
+def test_a_name_of_windows_is_told_what_ports_are_called_here(path: str) -> None:
+    with pytest.raises(PortError, match="COM ports are those of Windows, here they are called"):
+        SerialPort(path, 1_000_000, CLOCK, "linux")
+
+
+def test_on_windows_the_way_through_wsl_is_told() -> None:
+    with pytest.raises(PortError, match="on Windows use WSL 2 and hand the adapter over by usbipd"):
+        SerialPort("COM5", 1_000_000, CLOCK, "win32")
+
+
+def test_on_macos_the_name_that_waits_for_no_carrier_is_told() -> None:
+    with pytest.raises(PortError, match=r"waits for a carrier .* use /dev/cu\.usbserial-1410"):
+        SerialPort("/dev/tty.usbserial-1410", 1_000_000, CLOCK, "darwin")
+
+
+def test_an_adapter_is_asked_to_hand_bytes_over_at_once(ends: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    import serial
+
+    asked: list[bool] = []
+    monkeypatch.setattr(serial.Serial, "set_low_latency_mode", lambda _, wanted: asked.append(wanted))
+    SerialPort(ends[1], 1_000_000, CLOCK).close()
+    assert asked == [True]

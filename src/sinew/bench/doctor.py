@@ -12,7 +12,7 @@ import numpy as np
 from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
 from sinew.hardware.imu import ImuReading
-from sinew.hardware.motor import Identity, Motor, name_hardware_errors
+from sinew.hardware.motor import FAST_READS_FROM, Identity, Motor, name_hardware_errors
 from sinew.hardware.registers import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
@@ -65,9 +65,6 @@ class Finding:
         """Whether the doctor can put it right himself."""
         return self.fix is not None
 
-
-FAST_READS_FROM = 45
-"""Firmware from which an X430 motor knows the fast reads of several devices."""
 
 _WARM = 10.0  # °C below the rig's limit
 _MODES = {
@@ -496,15 +493,26 @@ def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
         "with a wrong CRC": counts.crc_errors,
         "nobody asked for": counts.strays,
         "of an earlier time": rig.stale.total(),
+        "that cannot be true": rig.impossible.total(),
+        "twice and not the same": counts.rivals,
     }
     told = ", ".join(f"{count} {what}" for what, count in errors.items() if count)
     shown = f"{counts.answers} answers to {counts.transactions} instructions"
     if times is not None and times.incomplete:
         shown += f"; {times.incomplete} of {times.cycles} readings incomplete"
+    findings = []
+    if counts.echoes:
+        found = f"the adapter returned {counts.echoes} of {counts.transactions} packets that it sent; they are dropped"
+        advice = "nothing needs to be done; to be rid of it, switch its receiver off while it sends"
+        findings.append(Finding("note", "port", found, "no echo", advice))
     if not told:
-        return [Finding("ok", "bus", f"{shown}, none lost or damaged")]
+        return [*findings, Finding("ok", "bus", f"{shown}, none lost or damaged")]
     advice = "check plugs, ground and length of the cables; a silent device explains silence"
-    return [Finding("warning", "bus", f"{shown}: {told}", "no errors", advice)]
+    if counts.damaged + counts.crc_errors > counts.silent + counts.rivals:
+        advice = "noise: check ground, shield and termination (120 Ω at both ends of RS-485), and length of the cables"
+    elif counts.rivals:
+        advice = "two devices answer to one id: unplug one and give it another id"
+    return [*findings, Finding("warning", "bus", f"{shown}: {told}", "no errors", advice)]
 
 
 def _texts(vector: Sequence[float] | np.ndarray) -> str:

@@ -13,6 +13,13 @@ from sinew.plan.rig import RigSpec
 LOST_AFTER_S = 0.05
 """A device that has given no fresh reading for so long is lost [s], if it was asked often enough meanwhile."""
 
+_ADVICE = {
+    "damaged": "noise, or two devices at once: check ground, shield and termination of the cable, then `sinew doctor`",
+    "stale": "check the adapter's latency timer and what else hangs on its USB port, then `sinew doctor`",
+    "impossible": "check supply, cable and its id, then `sinew doctor`",
+}
+"""What to do where a device does answer, by why its answers do not count."""
+
 _ASKED_IN_VAIN = 5  # a pause of the computer is no silence of a device
 
 _TORSION_MEMORY_S = 2.0  # the gyro's integral forgets; a swing of 1 Hz and more is kept to within 1 %
@@ -112,16 +119,24 @@ class Guard:
             if since > patience and self._vain[name] > _ASKED_IN_VAIN:
                 gone[name] = since
         if gone:
-            self._say_who_is_gone(gone, frozen=reading.imu is not None)
+            self._say_who_is_gone(gone, reading)
         return fresh
 
-    @staticmethod
-    def _say_who_is_gone(gone: dict[str, float], *, frozen: bool) -> None:
-        """Raise, naming the devices that gave nothing for so long [s]. frozen: whether the IMU answers all the same."""
+    def _say_who_is_gone(self, gone: dict[str, float], reading: Reading) -> None:
+        """Raise, naming the devices that gave nothing for so long [s], and why in the newest reading."""
         names, longest = list(gone), 1e3 * max(gone.values())
-        if names == ["IMU"] and frozen:
+        if names == ["IMU"] and reading.imu is not None:
             raise LostError(
                 f"IMU repeats one sample for {longest:.0f} ms, expected a fresh one every cycle; restart its board"
+            )
+        whys = {lack.why: lack.words for lack in reading.lacks if lack.name in gone}
+        if len(whys) == 1 and (why := next(iter(whys))) in _ADVICE:
+            who = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+            raise LostError(f"{who}: no reading that counts for {longest:.0f} ms, {whys[why]}; {_ADVICE[why]}")
+        if len(names) == len(reading.tendons) + len(self._sensors) + 2:
+            raise LostError(
+                f"all devices at once have not answered for {longest:.0f} ms: their supply failed or dipped, or the "
+                "line is cut behind the adapter; check both, then `sinew doctor`"
             )
         who = f"{names[0]} has" if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]} have"
         raise LostError(

@@ -35,11 +35,14 @@ def at_zero(_: float) -> float:
 @dataclass(slots=True)
 class LoopStatistics:
     """cycles: run. missed: deadlines that passed before a cycle could begin. incomplete: cycles with a missing answer.
+    stale, impossible: answers left out because they were of an earlier time, or could not be true.
     worst_late_s: the latest begin of a cycle after its deadline. busy_s: sum of the times a cycle took."""
 
     cycles: int = 0
     missed: int = 0
     incomplete: int = 0
+    stale: int = 0
+    impossible: int = 0
     worst_late_s: float = 0.0
     busy_s: float = 0.0
 
@@ -67,6 +70,7 @@ class Loop:
         self._rig, self._clock, self._guard, self._tilt = rig, clock, guard, tilt
         self.period = period
         self._record, self._check = record, check
+        rig.pace(period)
         self._stamp_delay = rig.spec.bus.drive_delay.value
         self._average = rig.spec.imu.average_samples
         self._counter: int | None = None
@@ -136,6 +140,9 @@ class Loop:
         statistics.cycles += 1
         self._after_hole = bool(reading.faults)
         statistics.incomplete += self._after_hole
+        if reading.lacks:
+            statistics.stale += len(reading.stale)
+            statistics.impossible += len(reading.impossible)
         self._record(sample)
         tilt = (MISSING, MISSING) if math.isnan(sample.tilt_rad) else self._tilt.components
         self._guard.check(reading, tilt, began, watch)

@@ -31,21 +31,41 @@ def refuse_unready(rig: Rig, clock: Clock, plan: Plan, *, torque_may_be_on: bool
         _refuse_strangers(rig, clock)
         held = plan.rest_pose.bend_rad if torque_may_be_on else 0.0
         reasons = [*_motor_reasons(rig, torque_may_be_on), *_imu_reasons(rig, clock, held)]
+        reasons += [] if torque_may_be_on else _lever_reasons(rig)
     except PortError as trouble:
         raise StartError(str(trouble)) from trouble
     if reasons:
         raise StartError("; ".join(reasons))
+    try:
+        _refuse_slow_reads(rig, plan)
+    except PortError as trouble:
+        raise StartError(str(trouble)) from trouble
+
+
+MOST_ON_WIRE = 0.8
+"""Share of a cycle that may be bytes on the wire."""
 
 
 def _refuse_slow_bus(rig: Rig, plan: Plan) -> None:
-    """Refuse a sample rate that the bytes of a cycle alone do not allow."""
-    needed = rig.cycle_bytes * 10 / rig.spec.wiring.baud
-    if needed > 0.8 / plan.sample_hz:
-        raise StartError(
-            f"a cycle needs {1e3 * needed:.1f} ms on the wire at {rig.spec.wiring.baud} baud, the plan's "
-            f"{plan.sample_hz:g} Hz leave {1e3 / plan.sample_hz:.1f} ms; raise the baud (rig key wiring.baud and the "
-            "motors' baud_rate) or lower sample_hz"
-        )
+    """Refuse a sample rate that the bytes of a cycle alone do not allow, however they are asked for."""
+    if rig.wire_s("plain" if rig.spec.wiring.reads == "plain" else "fast") > MOST_ON_WIRE / plan.sample_hz:
+        raise StartError(_too_slow(rig.wire_s("plain"), rig, plan))
+
+
+def _refuse_slow_reads(rig: Rig, plan: Plan) -> None:
+    """Choose how devices are asked, and refuse a sample rate that this does not allow."""
+    reads = rig.choose_reads(1 / plan.sample_hz)
+    if rig.wire_s() > MOST_ON_WIRE / plan.sample_hz:
+        why = f"{reads.why}; " if reads.why else ""
+        raise StartError(f"{why}{_too_slow(rig.wire_s(), rig, plan)}")
+
+
+def _too_slow(needed: float, rig: Rig, plan: Plan) -> str:
+    return (
+        f"a cycle needs {1e3 * needed:.1f} ms on the wire at {rig.spec.wiring.baud} baud, the plan's "
+        f"{plan.sample_hz:g} Hz leave {1e3 / plan.sample_hz:.1f} ms; raise the baud (rig key wiring.baud and the "
+        "motors' baud_rate) or lower sample_hz"
+    )
 
 
 def _refuse_strangers(rig: Rig, clock: Clock) -> None:
@@ -144,6 +164,22 @@ def _troubles(motor: Motor, limits: Limits, torque_may_be_on: bool) -> Iterator[
         yield "homing offset", f"{advice} (`sinew doctor --fix`)"
 
 
+def _lever_reasons(rig: Rig) -> list[str]:
+    """Return what is wrong with where the lever stands. A motor left in a mode of many turns counts them until it
+    starts anew or changes its mode; the place within its turn is what stays."""
+    window, drive = rig.spec.limits.drive_window_deg, rig.drive
+    try:
+        angle = math.degrees(math.remainder(drive.angle(), math.tau))
+    except TROUBLES as trouble:
+        return [str(trouble)]
+    if abs(angle) <= window:
+        return []
+    return [
+        f"the lever stands {angle:.0f}° from its middle, expected within {window:g}° (drive_window_deg); turn it back "
+        "by hand, or correct wiring.drive_zero_counts"
+    ]
+
+
 def _limits_of(motor: Motor, errors: Sequence[str]) -> str:
     """Return the motor's own limits that belong to its errors; one that is set too narrow raises them for ever."""
     names = ["temperature_limit"] if "overheating" in errors else []
@@ -164,7 +200,8 @@ def _imu_reasons(rig: Rig, clock: Clock, held: float) -> Iterator[str]:
     clock.wait_until(clock.now() + _LISTEN_S)
     second = _imu_reading(rig)
     if first is None or second is None:
-        yield "the IMU answers a ping but gives no readings; `sinew doctor` says more"
+        why = f": {rig.imu.objection}" if rig.imu.objection else ""
+        yield f"the IMU answers a ping but gives no readings{why}; `sinew doctor` says more"
         return
     if first.counter == second.counter:
         yield f"the IMU repeats one sample for {1e3 * _LISTEN_S:.0f} ms; restart its board"

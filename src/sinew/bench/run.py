@@ -24,7 +24,7 @@ from sinew.hardware.bus import Bus, Clock
 from sinew.hardware.configuration import prepare_goal
 from sinew.hardware.motor import Motor
 from sinew.hardware.registers import WATCHDOG_TRIPPED
-from sinew.hardware.rig import Rig
+from sinew.hardware.rig import Reads, Rig
 from sinew.measure import events
 from sinew.measure.errors import (
     TROUBLES,
@@ -123,6 +123,7 @@ class RunReport:
     out, in order. tracks: the last state of the law of each tracking group of this run, by its index in the plan.
     pauses: what was said of each pause of the computer after which the run went on by itself.
     halted_s: from the request that ended the run until all motors were frozen [s]; None where there was none.
+    reads: how a cycle asked all devices in the end; wire_s: how long its bytes were on the wire [s].
     """
 
     groups: int
@@ -135,6 +136,8 @@ class RunReport:
     tracks: dict[int, events.Track] = field(default_factory=dict)
     pauses: list[str] = field(default_factory=list)
     halted_s: float | None = None
+    reads: Reads | None = None
+    wire_s: float = 0.0
 
 
 _ATTEMPTS = 3
@@ -250,6 +253,7 @@ class Runner:
             report.is_complete = report.groups_done == report.groups
             report.stop = self._stop()
             report.loop = self._loop.statistics
+            report.reads, report.wire_s = self._rig.reads, self._rig.wire_s()
             self._count(report.loop)
             self._say(events.Ended.of(why=report.sentence, left=report.stop.sentence()))
         return report
@@ -586,6 +590,7 @@ class Runner:
     def _count(self, loop: LoopStatistics) -> None:
         """Leave in the journal how cycles and bus have fared; a journal that takes nothing has been complained of."""
         numbers = {f"cycles_{name}": getattr(loop, name) for name in ("missed", "incomplete")} | {"cycles": loop.cycles}
+        numbers |= {"readings_stale": loop.stale, "readings_impossible": loop.impossible}
         statistics = self._rig.bus.statistics
         numbers["register_checks"] = self._checks
         numbers |= {f"bus_{name}": getattr(statistics, name) for name in statistics.__dataclass_fields__}

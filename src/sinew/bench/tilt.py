@@ -17,6 +17,7 @@ from sinew.plan.rig import RigSpec
 Vector = tuple[float, float, float]
 
 _ASLEEP_S = 0.5
+_SENSOR_HZ, _MOST_STEPS = 200.0, 4  # samples a second that an OpenCR's node has at least; steps that one may stand for
 
 
 def tilt_of(x: float, y: float, z: float) -> tuple[float, float]:
@@ -51,7 +52,8 @@ def _axis(tilt: tuple[float, float]) -> Vector:
 class TiltEstimator:
     """Tells the tilt while the joint swings, sample by sample.
 
-    spec: of the rig. sample_hz: at which samples come; a moment without one is stepped over.
+    spec: of the rig. sample_hz: at which samples come; a moment without one is stepped over. Above 200 Hz a sensor may
+    have fewer samples than there are cycles: each then counts for all steps since the one before.
     The orientation filter (vqf, Laidig and Seel, 2023, without magnetometer) follows the gyroscope and leans on the
     accelerometer over three seconds; its bias is learnt at rest. What the swing itself gives a chip at (0, r, 0) is
     taken out first, α x p + ω x (ω x p): at 40° and 4 Hz that is 4.6 m/s² on average along y, which by itself would
@@ -63,6 +65,7 @@ class TiltEstimator:
     def __init__(self, spec: RigSpec, sample_hz: float = 200.0) -> None:
         self._radius = spec.imu.mount_radius.value
         self._step = 1.0 / sample_hz
+        self._may_repeat = sample_hz > _SENSOR_HZ
         self._filter = VQF(self._step)
         self._rate: Vector | None = None
         self._time = math.nan
@@ -97,7 +100,9 @@ class TiltEstimator:
             return self._angle()
         force = self._on_axis(gyro, acceleration, since)
         self._rate, self._time = gyro, time
-        self._filter.update(np.array(gyro, dtype=float), np.array(force, dtype=float))
+        steps = min(_MOST_STEPS, max(1, round(since / self._step))) if self._may_repeat and since > 0.0 else 1
+        for _ in range(steps):
+            self._filter.update(np.array(gyro, dtype=float), np.array(force, dtype=float))
         up = _up(self._filter.getQuat6D())
         self._tilt = tilt_of(*up)
         return self._angle()

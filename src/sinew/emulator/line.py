@@ -3,9 +3,10 @@
 An instruction is heard when its last byte has come; a device answers when its return delay has passed, with what its
 registers hold then. In a sync or bulk read the answers follow one another; a device that does not answer costs the time
 its answer would have taken. A device set to another baud hears nothing that makes sense, and says nothing. Who speaks
-at the same time spoils the bytes: zeros win over ones. A status that a USB adapter hands over in one piece is handed
-over here when its last byte has come. Answers to a ping of all come by id. Instructions that are not stuffed are not
-understood, as none that is damaged; nobody answers with a CRC error.
+at the same time spoils the bytes: zeros win over ones. Some adapters return what their master sends (`echoes`). A
+status that a USB adapter hands over in one piece is handed over here when its last byte has come. Answers to a ping of
+all come by id. Instructions that are not stuffed are not understood, as none that is damaged; nobody answers with a CRC
+error.
 """
 
 import heapq
@@ -86,7 +87,8 @@ class Line:
     """The wire between a master and devices.
 
     host_baud: of the master [1/s]; may be set at any time. disturb_down: faults on the way to the devices;
-    disturb_up: to the master. instructions: how many have been heard, and of them group_reads; heard_at: when the last
+    disturb_up: to the master. echoes: whether the master's adapter returns what it sends, as one does whose receiver
+    listens to its own driver. instructions: how many have been heard, and of them group_reads; heard_at: when the last
     one [s]. Call `work` at every `next_event`, with the devices brought to that time.
     """
 
@@ -95,6 +97,7 @@ class Line:
         self.host_baud = host_baud
         self.disturb_down: Disturbance | None = None
         self.disturb_up: Disturbance | None = None
+        self.echoes = False
         self._ear = Decoder()
         self._agenda: list[tuple[float, int, Callable[[float], object]]] = []
         self._order = itertools.count()
@@ -110,6 +113,8 @@ class Line:
         for part in _at_headers(data):
             burst = self._put(start, part)
             start = self._master_free = burst.stop
+            if self.echoes:
+                self._plan(burst.stop, lambda at, burst=burst: self._come_up(at, bytes(burst.data)))  # type: ignore[misc]
             self._plan(burst.stop, lambda at, burst=burst: self._come_down(at, bytes(burst.data)))  # type: ignore[misc]
 
     def transmit(self, now: float) -> bytes:

@@ -105,6 +105,7 @@ class Reply:
 
     data: the bytes asked for; empty unless `ok`. number: the error number, 0 where there is none. alert: whether it
     reports a hardware error (register `hardware_error_status` says which). attempts: how often it was asked.
+    rivals: other bytes that came under its id in the same transaction: two devices answer to it, or one answer is late.
     at: when the answer was whole [s, of the bus's clock], or when the waiting ended.
     """
 
@@ -115,6 +116,7 @@ class Reply:
     alert: bool = False
     attempts: int = 1
     at: float = float("nan")
+    rivals: tuple[bytes, ...] = ()
 
     @property
     def ok(self) -> bool:
@@ -125,7 +127,8 @@ class Reply:
         why = f": {ERROR_NUMBERS.get(self.number, f'error {self.number}')}" if self.number else ""
         alert = "; it raises its alert, read hardware_error_status" if self.alert else ""
         times = f" (asked {self.attempts} times)" if self.attempts > 1 else ""
-        return f"device {self.id} {self.outcome.value}{why}{times}{alert}"
+        twice = "; another answer came under its id" if self.rivals else ""
+        return f"device {self.id} {self.outcome.value}{why}{times}{twice}{alert}"
 
 
 _BITS_PER_BYTE = 10  # start, eight, stop
@@ -157,7 +160,8 @@ class Statistics:
 
     transactions: instructions sent, repeated ones included. retries: of them repeated. sent_bytes, received_bytes.
     answers: status packets that belonged to a question. silent, damaged, refused, wrong_length, alerts: of those asked.
-    strays: whole packets nobody asked for (late, doubled, of another id, our own echo).
+    strays: whole packets nobody asked for (late, doubled, of another id). echoes: our own, which the adapter returned;
+    they are dropped. rivals: second answers under one id that differ from the first.
     crc_errors: packets of full length with a wrong CRC. discarded_bytes: belonging to no packet.
     """
 
@@ -174,6 +178,8 @@ class Statistics:
     strays: int = 0
     crc_errors: int = 0
     discarded_bytes: int = 0
+    echoes: int = 0
+    rivals: int = 0
 
 
 class Bus:
@@ -314,7 +320,10 @@ class Bus:
         def take(packet: Packet) -> bool:
             if fast and isinstance(packet, FastStatus):
                 return self._take_blocks(encode(packet), lengths, got)
-            if fast or not isinstance(packet, Status) or packet.id not in lengths or packet.id in got:
+            if fast or not isinstance(packet, Status) or packet.id not in lengths:
+                return False
+            if packet.id in got:
+                self._note_rival(packet, got)
                 return False
             got[packet.id] = self._judge(packet, lengths[packet.id])
             return True
@@ -337,6 +346,13 @@ class Bus:
         again = self._ask_one(ask.read(read.id, read.address, read.length), read.length, retries - 1)
         return replace(again, attempts=again.attempts + 1)
 
+    def _note_rival(self, packet: Status, got: dict[int, Reply]) -> None:
+        """Keep a second answer under one id, as long as the first, that says something else."""
+        first = got[packet.id]
+        if first.ok and len(packet.params) == len(first.data) and packet.params != first.data:
+            self._statistics.rivals += 1
+            got[packet.id] = replace(first, rivals=(*first.rivals, packet.params))
+
     def _take_blocks(self, frame: bytes, lengths: Mapping[int, int], got: dict[int, Reply]) -> bool:
         blocks = fast_blocks(frame, list(lengths.values()))
         fitting = [part for part, device in zip(blocks, lengths, strict=False) if part.id == device]
@@ -357,7 +373,8 @@ class Bus:
         wait = max(now, silent_since + quiet)
         while old := self._transport.read(wait):
             self._statistics.received_bytes += len(old)
-            self._statistics.strays += len(self._decoder.feed(old))
+            for packet in self._decoder.feed(old):
+                self._note_stray(packet)
             if self._clock.now() > patience:
                 break  # a line that never falls silent is no reason to wait for ever
             wait = self._clock.now() + quiet
@@ -385,9 +402,15 @@ class Bus:
             self._statistics.received_bytes += len(data)
             for packet in self._decoder.feed(data):
                 if not take(packet):
-                    self._statistics.strays += 1
+                    self._note_stray(packet)
                     self._suspect = self._suspect or not isinstance(packet, Instruction)
         return self._decoder.discarded + self._decoder.crc_errors > rejected or bool(self._decoder.rest)
+
+    def _note_stray(self, packet: Packet) -> None:
+        if isinstance(packet, Instruction):
+            self._statistics.echoes += 1
+        else:
+            self._statistics.strays += 1
 
     def _judge(self, status: Status, length: int) -> Reply:
         self._statistics.answers += 1

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from statistics import median_high
 
+from sinew.hardware.believable import SensorBounds
 from sinew.hardware.bus import Bus, Reply
 from sinew.hardware.codec import Read
 from sinew.hardware.motor import RETRIES, Identity, check_identity
@@ -29,6 +30,7 @@ from sinew.plan.rig import BusSensor
 # good, but of another time. Every device counts its own time, and that gives such an answer away.
 
 _TOLERANCE = 3e-3  # s; an answer that is a cycle of 5 ms old is found, a host that was 2 ms late is not disturbed
+_OF_A_CYCLE = 0.6
 _DRIFT = 0.01  # of the time since the last answer; far more than two crystals differ by
 _WEIGHT = 0.05
 _GAP = 0.1  # s
@@ -38,9 +40,10 @@ _SETTLED = 15
 class ClockTrack:
     """Follows the difference between a device's counter and the host's clock.
 
-    unit: of a count [s]. span: the counter counts 0 to span - 1 and begins anew.
+    unit: of a count [s]. span: the counter counts 0 to span - 1 and begins anew. tolerance: see below [s].
 
-    An answer is fresh if the counter has advanced by as much as the host's clock, within 3 ms. The first 15 answers,
+    An answer is fresh if the counter has advanced by as much as the host's clock, within 3 ms, or within 0.6 of a cycle
+    where that is shorter (`pace`): one that is a cycle old must not pass. The first 15 answers,
     and those after a gap of 0.1 s, are held against their median, so that a single one, old or with a wrong stamp of
     the host, does not decide; after a gap they must also agree with what was before, within 1 % of the gap. A device
     that has started anew is therefore not fresh until `reset`.
@@ -48,7 +51,12 @@ class ClockTrack:
 
     def __init__(self, unit: float, span: int) -> None:
         self._unit, self._span = unit, span
+        self.tolerance = _TOLERANCE
         self.reset()
+
+    def pace(self, period: float) -> None:
+        """Expect an answer in every cycle of so long [s]."""
+        self.tolerance = min(_TOLERANCE, _OF_A_CYCLE * period)
 
     def reset(self) -> None:
         """Begin anew: the next answer is fresh."""
@@ -65,15 +73,27 @@ class ClockTrack:
         passed = time - self._fresh
         if passed > _GAP:
             self._settle()
-            self._first, self._doubt = [], _TOLERANCE + _DRIFT * passed
+            self._first, self._doubt = [], self.tolerance + _DRIFT * passed
         ahead = self._since(count, time) - (time - self._time)
         if self._first is not None:
             return self._is_among_first(ahead, time)
-        if abs(ahead) > _TOLERANCE:
+        if abs(ahead) > self.tolerance:
             return False
         self._count = (self._count + (time - self._time + _WEIGHT * ahead) / self._unit) % self._span
         self._time = self._fresh = time
         return True
+
+    def ahead(self, count: int, time: float) -> float:
+        """Return by how much an answer with this count is ahead of this host time [s], 0 before the first; nothing is
+        learnt from it."""
+        if math.isnan(self._time):
+            return 0.0
+        middle = median_high(self._first) if self._first else 0.0
+        return self._since(count, time) - middle - (time - self._time)
+
+    def could_be(self, count: int, time: float) -> bool:
+        """Return whether an answer with this count might belong to this host time [s]."""
+        return abs(self.ahead(count, time)) <= self.tolerance
 
     def host_time(self, count: int) -> float:
         """Return the host time [s] of a count of the device, by its answers so far; NaN before one."""
@@ -91,7 +111,7 @@ class ClockTrack:
         if abs(ahead) > self._doubt:
             return False
         self._first.append(ahead)
-        fresh = abs(ahead - median_high(self._first)) <= _TOLERANCE
+        fresh = abs(ahead - median_high(self._first)) <= self.tolerance
         if fresh:
             self._fresh = time
         if len(self._first) >= _SETTLED:
@@ -136,6 +156,7 @@ class ImuReading:
 class Imu:
     """The sensor on the bus.
 
+    bounds: of what it can tell; None: of anything. objection: why the newest answer, whole and fresh, cannot be true.
     axes: the axes of the chip that point along x, y and z of the head. table: `OPENCR_NODE`, whose samples have an age
     by its own clock, or `TURTLEBOT3`: it takes no part in reads of several devices, and its samples, which it does not
     date, are taken to be half of its 20 ms old.
@@ -151,6 +172,8 @@ class Imu:
         self.is_grouped = table is OPENCR_NODE
         self.ask = Read(device, self.layout.address, self.layout.length)
         self.track = ClockTrack(_MICROSECOND, _WRAP) if self.is_grouped else ClockTrack(1e-3, _WRAP)
+        self.bounds: SensorBounds | None = None
+        self.objection = ""
         self._unpack = self.layout.unpack.unpack
         first = 0 if self.is_grouped else 1
         gyro, force = self.layout.scales[first], self.layout.scales[first + 3]
@@ -177,7 +200,8 @@ class Imu:
             if (reading := self.decode(reply, self.bus.left_wire)) is not None:
                 return reading
         raise DeviceError(
-            f"IMU (id {self.id}) gave no fresh reading: {reply}; check its cable and supply, or restart its board"
+            f"IMU (id {self.id}) gave no fresh reading: {self.objection or reply}; check its cable and supply, or "
+            "restart its board"
         )
 
     def configure(self) -> int:
@@ -202,14 +226,32 @@ class Imu:
             raise DeviceError(f"cannot read {row.name} of IMU (id {self.id}): {reply}; check its cable and supply")
         return int(decode_raw(row, reply.data))
 
+    def forget(self) -> None:
+        """Take the next answer as fresh, and whatever it tells for possible."""
+        self.track.reset()
+        if self.bounds is not None:
+            self.bounds.forget()
+
     def decode(self, reply: Reply, answered: float) -> ImuReading | None:
-        """Return what an answer says, or None if it is not good or an old one.
+        """Return what an answer says, or None if it is not good, an old one, or cannot be true.
 
         answered: host's time at which the device took the values [s]; NaN where not known, then by earlier answers.
         """
+        self.objection = ""
         if not reply.ok:
             return None
-        values = self._unpack(reply.data)
+        if self.is_grouped and reply.rivals and not math.isnan(answered):
+            told = [
+                values
+                for values in map(self._unpack, (reply.data, *reply.rivals))
+                if self.track.could_be(values[7], answered)
+            ]
+            if len(told) > 1:
+                self.objection = "two answers come under its id, and differ"
+                return None
+            values = (told or [self._unpack(reply.data)])[0]
+        else:
+            values = self._unpack(reply.data)
         if self.is_grouped:
             counter, clock = values[6], values[7]
             if math.isnan(answered):
@@ -223,12 +265,12 @@ class Imu:
             counter = values[0] * 1000
             age = 0.5 * _REFRESH
         (a, i), (b, j), (c, k), (d, m), (e, n), (f, o) = self._places
-        return ImuReading(
-            (values[a] * i, values[b] * j, values[c] * k),
-            (values[d] * m, values[e] * n, values[f] * o),
-            counter,
-            answered - age,
-        )
+        rates = values[a] * i, values[b] * j, values[c] * k
+        if self.bounds is not None and self.is_grouped:
+            self.objection = self.bounds.objection(rates, (values[d], values[e], values[f]), counter, clock)
+            if self.objection:
+                return None
+        return ImuReading(rates, (values[d] * m, values[e] * n, values[f] * o), counter, answered - age)
 
 
 class SensorReader:

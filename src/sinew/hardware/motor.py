@@ -29,6 +29,9 @@ from sinew.plan.servo import COUNTS_PER_TURN, SERVOS
 RETRIES = 3
 """How often a device that is set up is asked again where it did not answer, or answered damaged."""
 
+FAST_READS_FROM = 45
+"""Firmware from which an X430 motor knows the fast reads of several devices."""
+
 _OUT_OF_RANGE = 4
 _ADVICE = {
     Outcome.SILENT: "check its cable, supply, id and baud; if it answers pings, the doctor sets status_return_level",

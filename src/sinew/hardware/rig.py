@@ -6,10 +6,12 @@ reading and never repeated: the next cycle comes soon enough.
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
-from sinew.hardware.bus import Bus, Clock, Reply
+from sinew.hardware.believable import MotorBounds, SensorBounds
+from sinew.hardware.bus import Bus, Clock, MonotonicClock, Outcome, Reply
 from sinew.hardware.codec import Read, Write, wire_bytes
 from sinew.hardware.configuration import (
     Post,
@@ -20,15 +22,21 @@ from sinew.hardware.configuration import (
     registers_read,
 )
 from sinew.hardware.imu import ClockTrack, Imu, ImuReading, SensorReader
-from sinew.hardware.motor import TENDON_MODES, DriveServo, Motor, TendonServo
+from sinew.hardware.motor import FAST_READS_FROM, RETRIES, TENDON_MODES, DriveServo, Motor, TendonServo
 from sinew.hardware.registers import CURRENT_POSITION_MODE, IMUS, MOTORS, POSITION_MODE, lay_out
-from sinew.measure.errors import DeviceError, RegisterError
+from sinew.measure.errors import TROUBLES, DeviceError, PortError, RegisterError
 from sinew.plan.plan import TendonMode
 from sinew.plan.rig import RigSpec
-from sinew.plan.servo import SERVOS
+from sinew.plan.servo import COUNTS_PER_TURN, SERVOS
 
 _PRESENT = ("realtime_tick", "present_pwm", "present_current", "present_velocity", "present_position")
 _CLIMATE = (*_PRESENT, "present_input_voltage", "present_temperature")
+_FAST_HEAD, _FAST_EACH = 8, 4  # bytes of a fast status: before the first device; error, id and CRC of each
+_FULL_SHARE = 0.6  # of the period: a plain cycle that takes more leaves little for the computer
+_BROKEN_MOST = 3  # fast reads in a row
+_JUST_STARTED_MS = 5000
+_LATEST_S = 0.2  # no answer comes so much later than it was asked for
+_LATE = "its answers come late: they are of an earlier cycle"
 _READ_MOST_S = 0.02  # on the wire; the bus watchdogs of a run wait four times as long
 
 
@@ -58,12 +66,29 @@ class Climate:
 
 
 @dataclass(frozen=True, slots=True)
+class Lack:
+    """Why a device of that name gave no reading, or no climate. words: what is the matter with it."""
+
+    name: str
+    why: Literal["silent", "damaged", "refused", "stale", "impossible"]
+    words: str
+
+
+_WHY: dict[Outcome, tuple[Literal["silent", "damaged", "refused"], str]] = {
+    Outcome.SILENT: ("silent", "it sends nothing"),
+    Outcome.DAMAGED: ("damaged", "its answers come damaged"),
+    Outcome.WRONG_LENGTH: ("damaged", "its answers have another length than asked for"),
+    Outcome.REFUSED: ("refused", "it refuses to be read"),
+}
+
+
+@dataclass(frozen=True, slots=True)
 class Reading:
     """What one transaction brought; None stands for a device that gave no fresh answer.
 
     time: host's time at which the drive read its encoder [s]; what port and operating system take is not in it.
     climate: of the one motor that was asked for it this time. faults: answers that were not ok.
-    stale: names of devices whose answer was whole but of an earlier time. sensors: in the order of the rig's, NaN for
+    lacks: who gave nothing that can be used, and why. sensors: in the order of the rig's, NaN for
     one that gave no answer.
     """
 
@@ -73,15 +98,38 @@ class Reading:
     imu: ImuReading | None
     climate: Climate | None
     faults: tuple[Reply, ...]
-    stale: tuple[str, ...] = ()
+    lacks: tuple[Lack, ...] = ()
     sensors: tuple[float, ...] = ()
+
+    @property
+    def stale(self) -> tuple[str, ...]:
+        """Names of devices whose answer was whole but of an earlier time."""
+        return tuple([lack.name for lack in self.lacks if lack.why == "stale"])
+
+    @property
+    def impossible(self) -> tuple[str, ...]:
+        """Names of devices whose answer was whole and of this time, but cannot be true."""
+        return tuple([lack.name for lack in self.lacks if lack.why == "impossible"])
+
+
+ReadKind = Literal["plain", "fast"]
+
+
+@dataclass(frozen=True, slots=True)
+class Reads:
+    """How a cycle asks all devices: a packet from each, or one of all. why: not fast, where that was wanted."""
+
+    kind: ReadKind
+    why: str = ""
 
 
 class _Present:
     """Turns a motor's answer into its reading; all that can be worked out before is."""
 
-    def __init__(self, motor: Motor, zero: int = 0) -> None:
+    def __init__(self, motor: Motor, spec: RigSpec, zero: int = 0) -> None:
         self.name, self.id = motor.name, motor.id
+        self.bounds = MotorBounds(motor.table, spec)
+        self.objection = self.climate_objection = ""
         short, long = lay_out(motor.table, _PRESENT), lay_out(motor.table, _CLIMATE)
         self.ask, self.ask_climate = (Read(motor.id, block.address, block.length) for block in (short, long))
         self._unpack, self._unpack_climate = short.unpack.unpack_from, long.unpack.unpack
@@ -92,27 +140,52 @@ class _Present:
         self.track = ClockTrack(short.scales[0], motor.table["realtime_tick"].highest + 1)
 
     def decode(self, reply: Reply, time: float) -> MotorReading | None:
-        """Return what an answer says, or None if it is not good or does not belong to this host time [s]."""
+        """Return what an answer says, or None if it is not good, does not belong to this host time [s], or cannot be
+        true; then `objection` says why."""
+        self.objection = ""
         if not reply.ok:
             return None
-        tick, duty, current, speed, position = self._unpack(reply.data)
+        counts = self._unpack(reply.data) if not reply.rivals else self._only_fresh(reply, time)
+        if counts is None:
+            self.objection = "two answers come under its id, and differ: do two devices have it?"
+            return None
+        tick, duty, current, speed, position = counts
         if not self.track.is_fresh(tick, time):
+            if tick < _JUST_STARTED_MS and abs(self.track.ahead(tick, time)) > _LATEST_S:
+                self.objection = f"its clock begins anew ({1e-3 * tick:.1f} s): it started anew, did its supply dip?"
+            return None
+        self.objection = self.bounds.objection(duty, current, speed, position, time)
+        if self.objection:
             return None
         angle = (position - self._zero) * self._angle
         return MotorReading(angle, speed * self._speed, current * self._current, duty * self._duty, tick, reply.alert)
 
-    def climate(self, reply: Reply) -> Climate:
-        """Return voltage and temperature out of an answer to `ask_climate`."""
+    def climate(self, reply: Reply, time: float) -> Climate | None:
+        """Return voltage and temperature out of an answer to `ask_climate`; None, and `climate_objection`, where they
+        cannot be true."""
         *_, voltage, temperature = self._unpack_climate(reply.data)
-        return Climate(self.name, voltage * self._volt, temperature * self._degree)
+        volts, degrees = voltage * self._volt, temperature * self._degree
+        self.climate_objection = self.bounds.climate_objection(volts, degrees, time)
+        return None if self.climate_objection else Climate(self.name, volts, degrees)
+
+    def forget(self) -> None:
+        """Take the next answer as fresh, and its position for possible."""
+        self.track.reset()
+        self.bounds.forget()
+
+    def _only_fresh(self, reply: Reply, time: float) -> tuple[int, ...] | None:
+        """Return the counts of the one of several answers that belongs to a host time [s]; None where two do."""
+        told = [self._unpack(data) for data in (reply.data, *reply.rivals)]
+        fresh = [counts for counts in told if self.track.could_be(counts[0], time)]
+        return None if len(fresh) > 1 else (fresh or told)[0]
 
 
 class Rig:
     """The bench's devices.
 
     bus, clock: the seams; nothing is sent while it is made. spec: wiring, limits and gear of the rig.
-    tendons, drive, imu, sensors: the devices. motors: tendons first, then the drive. stale: answers of an earlier time,
-    by device.
+    tendons, drive, imu, sensors: the devices. motors: tendons first, then the drive. stale, impossible: answers of an
+    earlier time, and those that cannot be true, by device.
     Raises RegisterError if the wiring names a sensor of which there is no register table.
     """
 
@@ -131,37 +204,89 @@ class Rig:
             for i, (id_, pull) in enumerate(zip(wiring.tendon_ids, wiring.tendon_pull, strict=True), start=1)
         )
         window = math.radians(limits.drive_window_deg)
-        self.drive = DriveServo(
-            bus, "drive", wiring.drive_id, drive, wiring.drive_sign, zero=wiring.drive_zero_counts, window=window
-        )
+        # It swings in a mode of one turn: a zero that was read while it counted more is the same place in that one.
+        zero = wiring.drive_zero_counts % COUNTS_PER_TURN
+        self.drive = DriveServo(bus, "drive", wiring.drive_id, drive, wiring.drive_sign, zero=zero, window=window)
         self.imu = Imu(bus, wiring.imu_id, imus[wiring.imu_model], wiring.imu_axes)
         self.sensors = tuple(SensorReader(bus, sensor) for sensor in spec.sensors)
         self.motors: tuple[Motor, ...] = (*self.tendons, self.drive)
         self.devices: tuple[Motor | Imu | SensorReader, ...] = (*self.motors, self.imu, *self.sensors)
         self.stale: Counter[str] = Counter()
+        self.impossible: Counter[str] = Counter()
+        self.imu.bounds = SensorBounds(spec)
         self._mode: TendonMode | None = None
         self._needed_a = 0.0
         self._return_delay = bus.timing.return_delay
-        self._drive_present = _Present(self.drive, self.drive.zero)
-        self._tendon_presents = tuple(_Present(motor) for motor in self.tendons)
+        self._drive_present = _Present(self.drive, spec, self.drive.zero)
+        self._tendon_presents = tuple(_Present(motor, spec) for motor in self.tendons)
         self._presents = (*self._tendon_presents, self._drive_present)
         self._turns = [self._reads(index) for index in range(len(self._presents))]
-        self._turn = 0
-        grouped = len(self._turns[0])
-        answers = sum(wire_bytes(read.length, status=True) for read in self._turns[0])
-        self._read_bytes = wire_bytes(5 * grouped) + answers
-        alone = [] if self.imu.is_grouped else [self.imu.ask.length]
-        for length in (*alone, *(sensor.row.size for sensor in self.sensors)):
-            self._read_bytes += wire_bytes(4) + wire_bytes(length, status=True)
+        self._turn = self._broken = 0
+        self.reads = Reads("plain")
 
     @property
     def cycle_bytes(self) -> int:
         """Return how many bytes are on the wire in one cycle, without stuffing; before a mode is set, at most."""
-        if self._mode == "current":
+        return self.bytes_with(self.reads.kind)
+
+    def bytes_with(self, kind: ReadKind, mode: TendonMode | None = None) -> int:
+        """Return `cycle_bytes` with reads of a kind, in a mode of the tendon motors; None: in the one that is set."""
+        mode = mode or self._mode
+        if mode == "current":
             goals = 9 + 7 * len(self.tendons)
         else:
-            goals = 4 + 5 * len(self.motors) if self._mode else 9 * len(self.motors)
-        return wire_bytes(goals) + self._read_bytes
+            goals = 4 + 5 * len(self.motors) if mode else 9 * len(self.motors)
+        asked = self._turns[0]
+        if kind == "fast":
+            answers = _FAST_HEAD + sum(read.length + _FAST_EACH for read in asked)
+        else:
+            answers = sum(wire_bytes(read.length, status=True) for read in asked)
+        alone = [] if self.imu.is_grouped else [self.imu.ask.length]
+        lengths = (*alone, *(sensor.row.size for sensor in self.sensors))
+        single = sum(wire_bytes(4) + wire_bytes(length, status=True) for length in lengths)
+        return wire_bytes(goals) + wire_bytes(5 * len(asked)) + answers + single
+
+    def wire_s(self, kind: ReadKind | None = None) -> float:
+        """Return how long the bytes of a cycle are on the wire [s]. kind: of reads; None: those in use."""
+        return self.bytes_with(kind or self.reads.kind) * 10 / self.spec.wiring.baud
+
+    def choose_reads(self, period: float) -> Reads:
+        """Choose how a cycle of so long [s] asks all devices, see the rig's `wiring.reads`, and return it.
+
+        Fast reads are tried first: who does not take part is named, and plain ones are used. Raises PortError.
+        """
+        wanted, share = self.spec.wiring.reads, self.wire_s("plain") / period
+        self._broken = 0
+        if wanted == "plain" or (wanted is None and share <= _FULL_SHARE):
+            self.reads = Reads("plain")
+        elif lacking := self._lacking_fast_reads():
+            self.reads = Reads("plain", f"no fast reads: {'; '.join(lacking)}")
+        else:
+            self.reads = Reads("fast")
+        return self.reads
+
+    def _lacking_fast_reads(self) -> list[str]:
+        """Return who takes no part in fast reads, in words."""
+        lacking = []
+        for motor in self.motors:
+            try:
+                firmware = motor.identify().firmware
+            except TROUBLES:
+                continue
+            if firmware < FAST_READS_FROM:
+                lacking.append(
+                    f"firmware {firmware} of {motor.name} (id {motor.id}) knows them from {FAST_READS_FROM} on; update "
+                    "it with the maker's Wizard"
+                )
+        if lacking or not self.imu.is_grouped:
+            return lacking or [f"the IMU's firmware ({self.imu.table.model}) knows plain reads only"]
+        names = {device.id: f"{device.name} (id {device.id})" for device in self.devices}
+        for _ in range(1 + RETRIES):
+            replies = self.bus.bulk_read(self._turns[0], fast=True, retries=0)
+            silent = [names[device] for device, reply in replies.items() if not reply.ok]
+            if not silent:
+                return []
+        return [f"{silent[0]} does not go on with the common packet; its firmware may not know them"]
 
     def read(self) -> Reading:
         """Return what all devices say, in one transaction that is never repeated; a missing answer raises nothing.
@@ -171,21 +296,50 @@ class Rig:
         """
         turn, bus = self._turn, self.bus
         self._turn = (turn + 1) % len(self._turns)
-        replies = bus.bulk_read(self._turns[turn], retries=0)
+        is_fast = self.reads.kind == "fast"
+        replies = bus.bulk_read(self._turns[turn], fast=is_fast, retries=0)
+        if is_fast:
+            self._give_up_if_broken(replies)
         time = bus.left_wire + self._return_delay
         drive = self._drive_present.decode(replies[self.drive.id], time)
         tendons = tuple([present.decode(replies[present.id], time) for present in self._tendon_presents])
         imu = self._imu_reading(replies, time)
-        found = zip(self.devices, (*tendons, drive, imu), strict=False)
-        stale = tuple([device.name for device, there in found if there is None and replies[device.id].ok])
         asked = self._presents[turn]
         fresh = drive if asked is self._drive_present else tendons[turn]
-        climate = asked.climate(replies[asked.id]) if fresh is not None else None
+        climate = asked.climate(replies[asked.id], time) if fresh is not None else None
         replies |= {sensor.id: sensor.ask() for sensor in self.sensors}
         told = tuple([sensor.value(replies[sensor.id]) for sensor in self.sensors])
         faults = tuple([reply for reply in replies.values() if not reply.ok])
-        self.stale.update(stale)
-        return Reading(time, drive, tendons, imu, climate, faults, stale, told)
+        lacks: tuple[Lack, ...] = ()
+        if faults or climate is None or imu is None or drive is None or None in tendons:
+            lacks = tuple(self._lacks(replies, (*tendons, drive, imu)))
+            if fresh is not None and climate is None:
+                lacks += (Lack(asked.name, "impossible", asked.climate_objection),)
+            self.stale.update([lack.name for lack in lacks if lack.why == "stale"])
+            self.impossible.update([lack.name for lack in lacks if lack.why == "impossible"])
+        return Reading(time, drive, tendons, imu, climate, faults, lacks, told)
+
+    def _give_up_if_broken(self, replies: Mapping[int, Reply]) -> None:
+        """Go over to plain reads where the common packet breaks off again and again: one who is silent silences all
+        behind him."""
+        silent = next((device for device, reply in replies.items() if not reply.ok), None)
+        self._broken = 0 if silent is None else self._broken + 1
+        if self._broken >= _BROKEN_MOST:
+            name = next(device.name for device in self.devices if device.id == silent)
+            self.reads = Reads("plain", f"fast reads were given up: the common packet broke off at {name}")
+
+    def _lacks(self, replies: Mapping[int, Reply], found: Sequence[MotorReading | ImuReading | None]) -> Iterator[Lack]:
+        """Yield why devices gave no reading. found: what they gave, motors first, then the IMU."""
+        objections = [*(present.objection for present in self._presents), self.imu.objection]
+        for device, there, objection in zip(self.devices, found, objections, strict=False):
+            reply = replies[device.id]
+            if not reply.ok:
+                yield Lack(device.name, *_WHY[reply.outcome])
+            elif there is None:
+                yield Lack(device.name, *(("impossible", objection) if objection else ("stale", _LATE)))
+        for sensor in self.sensors:
+            if not replies[sensor.id].ok:
+                yield Lack(sensor.name, *_WHY[replies[sensor.id].outcome])
 
     def write_goals(self, drive_angle: float, tendon_goals: Sequence[float]) -> None:
         """Tell all motors their goals, in one packet that nobody answers.
@@ -222,6 +376,8 @@ class Rig:
     def prepare_tendon(self, motor: TendonServo, mode: TendonMode) -> None:
         """Bring one tendon motor, its torque off, to the known state of a mode. Raises DeviceError."""
         bring_to_known_state(Post(motor, self.spec, TENDON_MODES[mode], self._needed_a))
+        # A change of mode may take whole turns off its position.
+        next(present for present in self._presents if present.id == motor.id).bounds.forget()
 
     def configure(self, tendon_current_a: float = 0.0) -> None:
         """Bring every motor to the known state in which a run begins, see `configuration`, and the IMU to its own.
@@ -267,7 +423,7 @@ class Rig:
         return {
             motor.name: dict(zip(names, layouts[motor.id].unpack.unpack(replies[motor.id].data), strict=True))
             for motor in motors
-            if replies[motor.id].ok
+            if replies[motor.id].ok and not replies[motor.id].rivals
         }
 
     def changed_registers(self, found: Mapping[str, Mapping[str, int]]) -> list[str]:
@@ -278,8 +434,14 @@ class Rig:
     def forget(self) -> None:
         """Take the next answer of every device as fresh, after one was started anew on purpose."""
         for present in self._presents:
-            present.track.reset()
-        self.imu.track.reset()
+            present.forget()
+        self.imu.forget()
+
+    def pace(self, period: float) -> None:
+        """Expect to be read in cycles of so long [s]: what is older than that is stale."""
+        for present in self._presents:
+            present.track.pace(period)
+        self.imu.track.pace(period)
 
     def _reads(self, turn: int) -> list[Read]:
         """Return what is asked in a cycle, in the order of the answers."""
@@ -293,9 +455,36 @@ class Rig:
         if imu.is_grouped:
             before = replies[self.drive.id]
             # It answers behind the drive; where the drive was silent, its own clock says when.
-            behind = wire_bytes(len(before.data), status=True) * 10 / self.bus.timing.baud
+            is_fast = self.reads.kind == "fast"
+            bytes_ = (
+                _FAST_HEAD + _FAST_EACH + len(before.data) if is_fast else wire_bytes(len(before.data), status=True)
+            )
+            behind = bytes_ * 10 / self.bus.timing.baud
             answered = time + behind if before.ok else math.nan
         else:
             replies[imu.id] = self.bus.read(imu.id, imu.ask.address, imu.ask.length, retries=0)
             answered = self.bus.left_wire
         return imu.decode(replies[imu.id], answered)
+
+
+class _NoPort:
+    """A transport that carries nothing."""
+
+    def write(self, data: bytes) -> None:
+        raise PortError("there is no port")
+
+    def read(self, deadline: float) -> bytes:
+        raise PortError("there is no port")
+
+    def close(self) -> None:
+        pass
+
+
+def wire_s(spec: RigSpec, mode: TendonMode, kind: ReadKind) -> float:
+    """Return how long the bytes of a cycle of a rig are on the wire [s], without stuffing; nobody is asked.
+
+    mode: of the tendon motors. kind: of reads.
+    """
+    clock = MonotonicClock()
+    rig = Rig(Bus(_NoPort(), clock), clock, spec)
+    return rig.bytes_with(kind, mode) * 10 / spec.wiring.baud

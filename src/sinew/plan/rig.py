@@ -42,6 +42,8 @@ class Wiring(Settings):
     drive_zero_counts: encoder reading with the lever in its middle.
     imu_axes: the axes of the chip that point along x, y and z of the head's frame H; together right-handed.
     latency_ms: of port, driver and operating system; how much longer than on the wire an answer may take.
+    reads: how a cycle asks all devices: plain, a packet from each, or fast, one packet of all, which motors know from
+    firmware 45 on; left out: fast where a plain cycle would take more than 60 % of the plan's period on the wire.
     """
 
     baud: int = Field(default=1_000_000, gt=0)
@@ -56,6 +58,7 @@ class Wiring(Settings):
     drive_zero_counts: int = Field(default=2048, ge=-MOST_TURN_COUNTS, le=MOST_TURN_COUNTS)
     imu_axes: tuple[Axis, Axis, Axis] = ("+x", "+y", "+z")
     latency_ms: float = Field(default=4.0, gt=0, le=1000)
+    reads: Literal["plain", "fast"] | None = None
 
     @classmethod
     def of(cls, tendons: int) -> "Wiring":

@@ -250,6 +250,7 @@ _FILE_REMARKS = {
     "calibration.std": "in SI, in the order of the parameters",
     "calibration.correlation": "lower triangle",
     "wiring.latency_ms": "of port, driver and operating system, on top of the time on the wire",
+    "wiring.reads": "how a cycle asks all devices: plain or, in one packet of all, fast",
 }
 """What a key that is no parameter, and has no note therefore, means; it stands behind it in the file."""
 

@@ -241,7 +241,15 @@ def run_document(
             "cycles": cycles.cycles,
             "missed": cycles.missed,
             "incomplete": cycles.incomplete,
+            "stale": cycles.stale,
+            "impossible": cycles.impossible,
             "worst_late_ms": 1e3 * cycles.worst_late_s,
+        },
+        "wire": {
+            "cycle_ms": round(1e3 * report.wire_s, 3),
+            "period_ms": round(1e3 / plan.sample_hz, 3),
+            "reads": report.reads.kind if report.reads is not None else "plain",
+            "why_not_fast": report.reads.why if report.reads is not None else "",
         },
         "journal": str(journal),
         "recording": str(recording) if recording is not None else None,
@@ -259,6 +267,14 @@ def print_run(document: dict[str, Any]) -> None:
         f"{cycles['cycles']} cycles, {cycles['missed']} deadlines missed, {cycles['incomplete']} lack an answer; "
         f"latest begin {cycles['worst_late_ms']:.1f} ms after its deadline"
     )
+    wire = document["wire"]
+    print(f"{wire['cycle_ms']:.2f} ms of each {wire['period_ms']:.2f} ms on the wire, {wire['reads']} reads", end="")
+    print(f" ({wire['why_not_fast']})" if wire["why_not_fast"] else "")
+    if left_out := cycles["stale"] + cycles["impossible"]:
+        print(
+            f"{left_out} readings are left out: {cycles['stale']} came late, of an earlier cycle, "
+            f"{cycles['impossible']} cannot be true"
+        )
     for one in document.get("doubts", []):
         print(f"DOUBT: {one['sentence']}")
     print(document["recording"] or "no group is whole, so there is no recording")

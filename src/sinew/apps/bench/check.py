@@ -9,6 +9,7 @@ from sinew.measure.estimate import fixed
 if TYPE_CHECKING:
     from sinew.plan.check import Preview
     from sinew.plan.plan import Plan
+    from sinew.plan.rig import RigSpec
 
 
 def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
@@ -26,15 +27,36 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     plan_, rig_ = load_plan(plan), load_rig(rig)
     preview = preview_plan(plan_, rig_, swing=True)
     expected = expected_of(plan_, rig_, preview)
-    told = told_preview(plan_, rig_, preview, expected)
+    told = told_preview(plan_, rig_, preview, expected) | {"wire": _wire(plan_, rig_)}
     if json:
         console.print_json(told)
     else:
         _print_preview(plan_, preview, told)
+        _print_wire(plan_, rig_, told["wire"])
         for sentence in sentences_of(expected, plan_):
             print(sentence)
     refuse_beyond_limits(preview)
     return 0
+
+
+def _wire(plan: "Plan", rig: "RigSpec") -> dict[str, Any]:
+    """Return how long a cycle is on the wire, with plain and with fast reads, and how long it may be [ms]."""
+    from sinew.bench.preflight import MOST_ON_WIRE
+    from sinew.hardware.rig import wire_s
+
+    mode = plan.pretension.mode
+    return {
+        "plain_ms": round(1e3 * wire_s(rig, mode, "plain"), 3),
+        "fast_ms": round(1e3 * wire_s(rig, mode, "fast"), 3),
+        "limit_ms": round(1e3 * MOST_ON_WIRE / plan.sample_hz, 3),
+    }
+
+
+def _print_wire(plan: "Plan", rig: "RigSpec", wire: dict[str, Any]) -> None:
+    print(
+        f"a cycle is on the wire for {wire['plain_ms']:.2f} ms at {rig.wiring.baud:g} baud, with fast reads for "
+        f"{wire['fast_ms']:.2f} ms; {plan.sample_hz:g} Hz allow {wire['limit_ms']:.2f} ms"
+    )
 
 
 def _print_preview(plan: "Plan", preview: "Preview", told: dict[str, Any]) -> None:

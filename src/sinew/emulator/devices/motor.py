@@ -25,6 +25,7 @@ from sinew.emulator.devices.servo import MODES, Servo, goal_of, reset_for_mode
 from sinew.emulator.plant import Horn
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction
+from sinew.hardware.motor import FAST_READS_FROM
 from sinew.hardware.registers import (
     BAUD_RATES,
     ELECTRICAL_SHOCK,
@@ -93,7 +94,6 @@ class Protection:
 START_TIME = 0.3
 """How long a motor is deaf after power-on or reboot [s]; assumed."""
 
-_FAST_READ_FIRMWARE = 45
 _GOALS = ("goal_pwm", "goal_current", "goal_velocity", "goal_position")
 _LIMITS = {"goal_pwm": "pwm_limit", "goal_current": "current_limit", "goal_velocity": "velocity_limit"}
 _GAINS = ("velocity_p_gain", "position_p_gain")
@@ -159,7 +159,7 @@ class Motor(Device):
 
     @property
     def knows_fast_reads(self) -> bool:
-        return self.firmware >= _FAST_READ_FIRMWARE
+        return self.firmware >= FAST_READS_FROM
 
     @property
     def torque(self) -> bool:
