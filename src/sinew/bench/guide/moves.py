@@ -34,12 +34,16 @@ DRIVE_SHARE = 0.6
 Numbers = NDArray[np.float64]
 
 
+class UnconfirmedError(LostError):
+    """A motor did not confirm, behind a move, that it has no torque."""
+
+
 @contextmanager
 def moving(rig: Rig, clock: Clock, motors: Sequence[Motor], check: Callable[[], None]) -> Iterator[Loop]:
     """Give a loop in which some motors have torque, and take it from them in the end, whatever happened.
 
-    check: raises, before a cycle, where the guide is to end. Raises LostError where a motor does not confirm that it
-    has no torque.
+    check: raises, before a cycle, where the guide is to end. Raises UnconfirmedError where a motor does not confirm
+    that it has no torque.
     """
     widen_window(rig)
     rig.configure()
@@ -58,10 +62,14 @@ def moving(rig: Rig, clock: Clock, motors: Sequence[Motor], check: Callable[[], 
             motor.torque_on()
         loop.restart()
         yield loop
-    finally:
+    except BaseException as why:
         report = stop(rig, clock, "release")
+        if not report.is_safe:
+            raise UnconfirmedError(f"{why}; {report.sentence()}") from why
+        raise
+    report = stop(rig, clock, "release")
     if not report.is_safe:
-        raise LostError(report.sentence())
+        raise UnconfirmedError(report.sentence())
 
 
 def widen_window(rig: Rig) -> None:
@@ -301,7 +309,9 @@ def _told(loop: Loop, index: int, goal: float) -> Sample:
 
 def _lean(loop: Loop) -> tuple[float, float]:
     """Return the mean tilt of the resting head about y and z [rad]. Raises LostError without a reading."""
-    seen = [tilt for s in loop.run(_LOOK_S)[round(0.25 * _LOOK_S / loop.period) :] if (tilt := rest_tilt(s)) is not None]
+    seen = [
+        tilt for s in loop.run(_LOOK_S)[round(0.25 * _LOOK_S / loop.period) :] if (tilt := rest_tilt(s)) is not None
+    ]
     if not seen:
         raise LostError("no reading of the IMU came while the head rested; check its cable, then `sinew doctor`")
     return sum(y for y, _ in seen) / len(seen), sum(z for _, z in seen) / len(seen)
