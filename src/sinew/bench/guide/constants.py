@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
-from scipy.signal import cont2discrete, lfilter, savgol_filter
+from scipy.signal import savgol_filter
 
+from sinew.analysis.signal.signals import DelayBudget, torsion_chain
 from sinew.bench.guide.moves import LeverMove, Numbers
 from sinew.plan.rig import RigSpec
 
@@ -27,6 +27,7 @@ class Found:
 # The lever's motor: what it draws, and what duty it needs, at two slow speeds.
 
 _SMOOTH = 9  # samples, to both sides alike: no delay
+_LEAST_SHARE = 0.02  # of a value, what goals in steps leave whatever the fit says: up to 3 % on the emulator
 _TURNS_S = 0.12  # after the lever has turned round; until then its motor accelerates it
 
 
@@ -40,7 +41,8 @@ def drive_friction(moves: Sequence[LeverMove], spec: RigSpec) -> Found:
     swing, current, _, speed = _gathered(moves, _delay_s(spec))
     found, std = _fitted(np.column_stack([np.ones(len(speed)), swing, speed, np.sign(speed)]), current)
     stall, most = spec.drive.stall_torque.value, spec.drive.stall_current.value
-    return Found(found * stall / (most - found), std * stall * most / (most - found) ** 2)
+    friction = found * stall / (most - found)
+    return Found(friction, max(_LEAST_SHARE * friction, std * stall * most / (most - found) ** 2))
 
 
 def drive_no_load_speed(moves: Sequence[LeverMove], spec: RigSpec, friction: float, supply: float) -> Found:
@@ -56,7 +58,7 @@ def drive_no_load_speed(moves: Sequence[LeverMove], spec: RigSpec, friction: flo
     left = duty * full - per_ampere * currents
     slope, std = _fitted(np.column_stack([np.ones(len(left)), speed]), left)
     found = drive.stall_torque.value / slope
-    return Found(found, found * std / slope)
+    return Found(found, found * max(_LEAST_SHARE, std / slope))
 
 
 def _delay_s(spec: RigSpec) -> float:
@@ -97,7 +99,8 @@ def _fitted(columns: Numbers, values: Numbers) -> tuple[float, float]:
 
 # The sensor's delay: the head answers a step of the lever at once, what the sensor tells of it comes later.
 
-_GRID_S = 0.5e-3
+_GRID_HZ = 1000.0
+_PAD_S = 6.0  # behind the record, in which the joint's swing dies away
 _LEAST_STD = 0.2e-3  # what encoder counts and unlike samples leave, whatever the fit says
 
 
@@ -106,44 +109,46 @@ class Answer:
     """How the head answers the lever.
 
     share: the lever's inertia in the whole, signed: negative where the lever turns the other way than it is told.
-    frequency_hz, damping: of the joint with slack tendons. delay: of the sensor's chain beyond its low-pass and its
+    frequency_hz, loss_factor: of the joint with slack tendons. delay: of the sensor's chain beyond its low-pass and its
     average [s]. misfit: root mean square of what the fit leaves, over that of the gyroscope.
     """
 
     share: float
     frequency_hz: float
-    damping: float
+    loss_factor: float
     delay: Found
     misfit: float
 
 
 def answer_to(move: LeverMove, spec: RigSpec) -> Answer:
-    """Return how the head answers the lever's steps: I φ'' + d φ' + k φ = -I_l θ'', seen through the sensor's chain.
+    """Return how the head answers the lever's steps: (k* - Iω²) φ = I_l ω² θ, seen through the sensor's chain.
 
-    With ψ = φ + (I_l/I) θ no acceleration is needed. The chain is the chip's low-pass, the mean over its newest samples
-    and a delay, which with share, frequency, damping and bias is fitted to the gyroscope.
+    k* = I ω_0² (jω/ω_0)^α has a loss factor tan(πα/2) at every frequency, as silicone has about; with a dashpot, whose
+    losses grow with the frequency, the delay came out 1.1 ms too long. Share, ω_0, α, bias and delay are fitted to the
+    gyroscope.
     """
     start, stop = float(move.time[0]), float(move.time[-1])
-    grid = np.arange(start, stop, _GRID_S)
-    smooth = savgol_filter(move.angle, _SMOOTH, 3)
-    angle = CubicSpline(move.time, smooth)
-    theta, rate = angle(grid) - float(angle(start)), angle(grid, 1)
+    count = round((stop - start + _PAD_S) * _GRID_HZ)
+    grid = start + np.arange(count) / _GRID_HZ
+    angle = np.interp(grid, move.time, savgol_filter(move.angle, _SMOOTH, 3))
+    lever, frequency = np.fft.rfft(angle - angle[0]), np.fft.rfftfreq(count, 1 / _GRID_HZ)
+    omega = math.tau * frequency
     inside = (move.gyro_time > start + 0.05) & (move.gyro_time < stop)
     times, gyro = move.gyro_time[inside], move.gyro[inside]
-    imu, silicone = spec.imu, spec.silicone
+    imu = spec.imu
+    budget = DelayBudget(1 / SAMPLE_PERIOD, imu.low_pass.value, average_samples=imu.average_samples)
+    chain = 1j * omega * torsion_chain(budget, frequency)
     whole = spec.inertia.head.value + spec.inertia.lever.value
-    omega0 = math.sqrt(silicone.stiffness(0.0) / whole)
+    usual = math.sqrt(spec.silicone.stiffness(0.0) / whole)
     scale = np.array([0.1, 0.05, 0.02, 1e-3, 1e-3])
     begin = np.array([spec.inertia.lever.value / whole, 1.0, 0.05, 0.0, 0.0])
 
     def told(x: Numbers) -> Numbers:
-        share, stretch, damping, bias, delay = x
-        omega = omega0 * stretch
-        seen = _through(_head_rate(grid, theta, rate, share, omega, damping), imu.low_pass.value)
-        averaged = np.mean(
-            [np.interp(times - delay - k * SAMPLE_PERIOD, grid, seen) for k in range(imu.average_samples)], axis=0
-        )
-        return np.asarray(averaged + bias)
+        share, stretch, power, bias, delay = x
+        own = usual * stretch
+        stiff = own**2 * (1j * np.maximum(omega, 1e-9) / own) ** power
+        seen = chain * np.exp(-1j * omega * delay) * share * omega**2 / (stiff - omega**2) * lever
+        return np.asarray(np.interp(times, grid, np.fft.irfft(seen, count)) + bias)
 
     def fit(from_: Numbers) -> tuple[Numbers, Numbers, float]:
         done = least_squares(lambda y: told(y * scale) - gyro, from_ / scale, method="lm")
@@ -156,26 +161,8 @@ def answer_to(move: LeverMove, spec: RigSpec) -> Answer:
     size = math.sqrt(float(np.mean((gyro - gyro.mean()) ** 2)))
     return Answer(
         share=float(best[0]),
-        frequency_hz=omega0 * float(best[1]) / math.tau,
-        damping=float(best[2]),
+        frequency_hz=usual * float(best[1]) / math.tau,
+        loss_factor=math.tan(0.5 * math.pi * float(best[2])),
         delay=Found(float(best[4]), max(_LEAST_STD, float(std[4]))),
         misfit=left / size if size > 0 else math.inf,
     )
-
-
-def _head_rate(grid: Numbers, theta: Numbers, rate: Numbers, share: float, omega: float, damping: float) -> Numbers:
-    """Return φ' [rad/s] of a linear joint whose lever moves by θ [rad], at θ' [rad/s]."""
-    push = share * (omega**2 * theta + 2 * damping * omega * rate)
-    return np.asarray(_answered([1.0, 0.0], [1.0, 2 * damping * omega, omega**2], push) - share * rate)
-
-
-def _through(signal: Numbers, corner_hz: float) -> Numbers:
-    """Return a signal on the grid behind the second-order Butterworth low-pass."""
-    w = math.tau * corner_hz
-    return _answered([w * w], [1.0, math.sqrt(2) * w, w * w], signal)
-
-
-def _answered(numerator: list[float], denominator: list[float], signal: Numbers) -> Numbers:
-    """Return what a transfer function in s makes of a signal on the grid, from rest; exact for lines between points."""
-    b, a, _ = cont2discrete((numerator, denominator), _GRID_S, method="foh")
-    return np.asarray(lfilter(np.ravel(b), a, signal))

@@ -49,6 +49,7 @@ from sinew.bench.guide.moves import (
     swing_lever,
     widen_window,
 )
+from sinew.hardware.bus import Clock
 from sinew.hardware.registers import IMUS
 from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import LatencyTimer
@@ -122,17 +123,18 @@ class Guide:
         part = getattr(self.spec, part_name)
         old: Parameter = getattr(part, name)
         low, high = old.bounds
-        found = f"{name} {value:.4g} ± {std:.1g} {old.unit}"
+        value, std = float(f"{value:.4g}"), float(f"{std:.2g}")
+        found = f"{name} {value:.4g} ± {std:.1g} {old.unit}, before {old.value:.4g} ({old.origin})"
         if not low <= value <= high or not math.isfinite(value + std):
             advice = f"{dotted} stays {old.value:.4g} ({old.origin}); is it another motor or sensor than the rig says?"
             return Finding("warning", part_name, found, f"{low:.4g} to {high:.4g} {old.unit}", advice)
-        ends = (value - 1.645 * std, value + 1.645 * std)
+        ends = (float(f"{value - 1.645 * std:.4g}"), float(f"{value + 1.645 * std:.4g}"))
         new = Parameter(value=value, unit=old.unit, origin="measured", bounds=old.bounds, interval90=ends, note=note)
         updates: dict[str, object] = {part_name: part.model_copy(update={name: new})}
         if (known := self.spec.calibration) is not None:
             updates["calibration"] = known.only([other for other in known.parameters if other != dotted])
         self.spec = self.spec.model_copy(update=updates)
-        return Finding("ok", part_name, found, f"{old.value:.4g} ({old.origin})")
+        return Finding("ok", part_name, found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +244,7 @@ def _one_by_one(guide: Guide) -> list[Finding]:
     for label, number in wanted:
         what = f"the motor of {label}" if label != "drive" else "the lever's motor (the drive)"
         while True:
-            person.do(f"leave the board plugged in, and of the motors only {what}", f"plug {label}")
+            person.do(f"plug in {what}, alone of all motors; the board stays", f"plug {label}")
             try:
                 told = _name_one(guide, label, number, drive if label == "drive" else tendon)
             except TROUBLES as trouble:
@@ -324,6 +326,7 @@ _UP = math.cos(math.radians(20))
 
 def _find_up(guide: Guide) -> list[Finding]:
     with guide.open_rig(guide.suppose(imu_axes=_CHIP)) as (rig, clock):
+        _await_rest(rig, clock)
         samples, _ = listen_to_imu(rig, clock, 0.5)
     if len(samples) < 3:
         found = f"{len(samples)} different samples"
@@ -342,6 +345,19 @@ def _find_up(guide: Guide) -> list[Finding]:
         guide.spec, guide.is_turned = guide.suppose(imu_axes=frame_from(up)), True
     with guide.open_rig(guide.spec) as (rig, clock):
         return findings + examine_imu(rig, clock, 1.0)
+
+
+_RESTS = math.radians(1.0)
+_RESTS_MOST_S = 12.0
+
+
+def _await_rest(rig: Rig, clock: Clock) -> None:
+    """Wait until the head rests; after 12 s whoever looks at it says that it does not."""
+    stop = clock.now() + _RESTS_MOST_S
+    while clock.now() < stop:
+        samples, _ = listen_to_imu(rig, clock, 0.5)
+        if len(samples) > 2 and np.std([sample.gyro for sample in samples], axis=0).max() < _RESTS:
+            return
 
 
 # The lever: its middle by hand, its sense by what the head does.
@@ -566,8 +582,8 @@ def _measure_constants(guide: Guide) -> list[Finding]:
         Finding(
             "ok",
             "joint",
-            f"with slack tendons {answer.frequency_hz:.2f} Hz, D {answer.damping:.3f}, lever {answer.share:.2f} of the "
-            "inertia",
+            f"slack tendons: {answer.frequency_hz:.2f} Hz, loss factor {answer.loss_factor:.3f}, lever "
+            f"{answer.share:.2f} of the inertia",
         ),
     ]
 
@@ -577,6 +593,7 @@ def _examine_all(guide: Guide) -> list[Finding]:
         roll = call_roll(rig)
         if not roll.is_complete:
             return roll.findings
+        _await_rest(rig, clock)
         findings = examine_motors(rig, roll) + examine_imu(rig, clock, 1.0)
         times = time_loop(rig, clock)
         findings += examine_loop(times, 200.0) + examine_bus(rig, times)
