@@ -150,10 +150,14 @@ def answer_to(move: LeverMove, spec: RigSpec) -> Answer:
         seen = chain * np.exp(-1j * omega * delay) * share * omega**2 / (stiff - omega**2) * lever
         return np.asarray(np.interp(times, grid, np.fft.irfft(seen, count)) + bias)
 
+    def missed(y: Numbers) -> Numbers:
+        return told(y * scale) - gyro
+
     def fit(from_: Numbers) -> tuple[Numbers, Numbers, float]:
-        done = least_squares(lambda y: told(y * scale) - gyro, from_ / scale, method="lm")
+        done = least_squares(missed, from_ / scale, method="lm")
+        slopes = np.asarray(done.jac, dtype=float)
         spread = float(done.fun @ done.fun) / max(1, len(gyro) - len(scale))
-        covariance = np.linalg.pinv(done.jac.T @ done.jac) * spread
+        covariance = np.linalg.pinv(slopes.T @ slopes) * spread
         return done.x * scale, np.sqrt(np.diag(covariance)) * scale, math.sqrt(float(np.mean(done.fun**2)))
 
     turned = begin * np.array([-1.0, 1, 1, 1, 1])
