@@ -69,6 +69,9 @@ class Witness:
     def slip(self, tendon: int, length: float) -> None:
         self.plant.slip(tendon, length)
 
+    def place_lever(self, angle: float) -> None:
+        self.plant.place_lever(angle)
+
     def push(self, torque: float) -> None:
         self.plant.push(torque)
 

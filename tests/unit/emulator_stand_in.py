@@ -53,6 +53,9 @@ class StandIn:
     def push(self, torque: float) -> None:
         self.pushed = torque
 
+    def place_lever(self, angle: float) -> None:
+        self.angles[-1] = angle
+
     def advance(self, until: float) -> None:
         dt = until - self.time
         if dt <= 0:

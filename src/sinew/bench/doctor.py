@@ -112,7 +112,7 @@ def call_roll(rig: Rig) -> Roll:
     known = {device.id for device in rig.devices}
     for stranger, reply in sorted(scanned.items()):
         if stranger not in known:
-            model = _model_name(int.from_bytes(reply.data[:2], "little")) if reply.ok else "unknown model"
+            model = model_name(int.from_bytes(reply.data[:2], "little")) if reply.ok else "unknown model"
             roll.findings.append(
                 Finding(
                     "warning",
@@ -271,7 +271,8 @@ def _setting_finding(motor: Motor, setting: Setting) -> Finding:
     )
 
 
-def _model_name(number: int) -> str:
+def model_name(number: int) -> str:
+    """Return what a model is called that answers with a number to a ping."""
     table = MOTORS.get(number) or IMUS.get(number)
     return table.model if table else f"model {number}"
 
@@ -448,9 +449,9 @@ def _gravity_findings(force: np.ndarray, axes: tuple[str, ...]) -> list[Finding]
     if force[0] > _UPRIGHT * size:
         return []
     place = int(np.abs(force).argmax())
-    up = axes[place] if force[place] > 0 else _opposite(axes[place])
+    up = axes[place] if force[place] > 0 else opposite(axes[place])
     if abs(force[place]) > _UPRIGHT * size:
-        fitting = ", ".join(f'"{axis}"' for axis in _frame_from(up))
+        fitting = ", ".join(f'"{axis}"' for axis in frame_from(up))
         advice = f"set the rig's wiring.imu_axes, for instance to [{fitting}]; which way round about x, a tilt shows"
     else:
         advice = "level the rig, or mount the board along its axes"
@@ -519,11 +520,12 @@ def _texts(vector: Sequence[float] | np.ndarray) -> str:
     return ", ".join(f"{value:+.2f}" for value in vector)
 
 
-def _opposite(axis: str) -> str:
+def opposite(axis: str) -> str:
+    """Return the signed axis that points the other way."""
     return ("-" if axis[0] == "+" else "+") + axis[1]
 
 
-def _frame_from(up: str) -> tuple[str, str, str]:
+def frame_from(up: str) -> tuple[str, str, str]:
     """Return a right-handed frame of signed axes that begins with this one."""
     letters = "xyz"
     place = letters.index(up[1])

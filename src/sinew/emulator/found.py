@@ -9,6 +9,7 @@ import numpy as np
 from sinew.emulator.faults import Faults, FaultSpec, FaultyRig
 from sinew.emulator.plant import Plant, Unloaded
 from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.unbuilt import Unbuilt
 from sinew.measure.errors import PortError, SpecError
 from sinew.plan.rig import RigSpec
 
@@ -43,14 +44,19 @@ def found_bench(
     baud: int | None = None,
     unloaded: bool = False,
     in_space: bool = False,
+    unbuilt: Unbuilt | None = None,
 ) -> FaultyRig:
     """Return an emulated bench that is ready to answer. Raises SpecError for a fault of what the rig does not have, or
     a joint in space without its masses.
 
     baud: what the devices are set to; else the rig's. unloaded: motors on the table, without the joint. in_space: a
-    joint with a heavy head, which bends and sways; one that was cast bent is always that.
+    joint with a heavy head, which bends and sways; one that was cast bent is always that. unbuilt: what is wrong with
+    it; `unbuilt.Hands` makes it so, and puts it right.
     """
+    rig = rig if unbuilt is None else unbuilt.spec
     plant = _plant(rig, start, unloaded, in_space)
+    if unbuilt is not None:
+        plant.place_lever(unbuilt.lever)
     bench = Faults(faults, seed).attach(EmulatedRig(rig, plant, seed=seed, baud=baud))
     bench.advance(_WARM_UP)
     bench.rig.motion()

@@ -257,6 +257,12 @@ class JointPlant:
         self._push = torque
         self._order_drive()
 
+    def place_lever(self, angle: float) -> None:
+        body = self._body
+        self._now[body.lever] = self._now[self._where.now.goal] = angle
+        self._now[body.lever_rate] = 0.0
+        self._go(0)
+
     def advance(self, until: float) -> None:
         if until <= self._until:
             return

@@ -89,6 +89,10 @@ class Plant(Protocol):
         """Push the head about the joint's axis with a torque from now on [N m]; positive as the torsion is."""
         ...
 
+    def place_lever(self, angle: float) -> None:
+        """Put the lever at an angle to the head [rad], at once and at rest, as a hand does while its motor is off."""
+        ...
+
     def advance(self, until: float) -> None:
         """Move on to a time [s]; one that has passed changes nothing."""
         ...
@@ -274,6 +278,11 @@ class Unloaded:
 
     def push(self, torque: float) -> None:
         pass
+
+    def place_lever(self, angle: float) -> None:
+        horn = self._horns[-1]
+        horn.change(self._time)
+        horn.angle, horn.speed = angle, 0.0
 
     def advance(self, until: float) -> None:
         self._time = max(self._time, until)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 from sinew.emulator.faults import FaultyRig
 from sinew.hardware.bus import Clock
 from sinew.hardware.shared_clock import ANSWER, ASK, HELLO, PATIENCE_S, READ, SUFFIX, WROTE
-from sinew.measure.errors import FileError, PortError
+from sinew.measure.errors import FileError, PortError, SpecError
 
 
 def refuse_taken(link: Path) -> None:
@@ -236,6 +236,44 @@ class ClockSocket(_Listener):
             self._part()
 
 
+# What a person would do at a real bench is asked of the emulated one by a word: plug a motor in, turn the lever.
+
+HANDS = ".hands"
+"""What the socket of the hands is called behind the name of the port."""
+
+
+class HandsSocket(_Listener):
+    """A listening socket beside the port, with a link to it. One line asks for an act, one answers: done, or why not.
+
+    port: name of the port. do: carries an act out, or raises SpecError.
+    """
+
+    def __init__(self, port: Path, do: Callable[[str], None]) -> None:
+        super().__init__(port.with_name(port.name + HANDS), "hands")
+        self._do = do
+        self._heard = b""
+
+    def serve(self) -> None:
+        """Do what was asked since the last call."""
+        if not self._ready.select(0):
+            return
+        if self._accept():
+            self._heard = b""
+        self._heard += self._receive(_AT_ONCE)[:_LONGEST_ACT]
+        while b"\n" in self._heard and self._master is not None:
+            line, _, self._heard = self._heard.partition(b"\n")
+            try:
+                self._do(line.decode(errors="replace"))
+                answer = "done"
+            except SpecError as refusal:
+                answer = str(refusal)
+            with contextlib.suppress(OSError):
+                self._master.sendall(answer.encode() + b"\n")
+
+
+_LONGEST_ACT = 256
+
+
 # A pseudo-terminal stands in for a serial port: a master opens its path like any other port.
 #
 # The link is a symbolic link of a name that the user chose to the terminal, whose own name changes from run to run. We
@@ -379,7 +417,8 @@ class PtyServer:
     """Serves a bench on a pseudo-terminal, or another kind of port, until it is stopped. Its times are emulated.
 
     link: name of the port. speed: emulated seconds in a second of `clock`. make_port: makes the port of that name.
-    shared: the clock that it shares with a master that wants to; None: with nobody.
+    shared: the clock that it shares with a master that wants to; None: with nobody. hands: who does at the bench what
+    is asked of a person; None: nobody.
     slipped: by how much the emulated time was held up [s], because the
     computer did not keep pace. lost: bytes that no master read in time.
     Raises FileError, PortError like `PtyPort`.
@@ -394,7 +433,9 @@ class PtyServer:
         speed: float = 1.0,
         make_port: Callable[[Path], Port] = PtyPort,
         shared: ClockSocket | None = None,
+        hands: HandsSocket | None = None,
     ) -> None:
+        self._hands = hands
         self._rig, self._clock, self._speed = rig, clock, speed
         self.link, self._make_port = link, make_port
         self._port: Port | None = make_port(link)
@@ -440,6 +481,8 @@ class PtyServer:
 
     def step(self) -> None:
         """Do what is due, then sleep until there is more to do or a master sends something."""
+        if self._hands is not None:
+            self._hands.serve()
         if self._shared is not None:
             if ask := self._shared.ask():
                 self._obey(ask, self._shared)
@@ -473,8 +516,9 @@ class PtyServer:
     def close(self) -> None:
         """Hang up and remove the link; may be called again."""
         self._unplug()
-        if self._shared is not None:
-            self._shared.close()
+        for other in (self._shared, self._hands):
+            if other is not None:
+                other.close()
 
     def _unplug(self) -> None:
         if self._port is not None:

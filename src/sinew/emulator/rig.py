@@ -5,7 +5,7 @@ trajectory, a watchdog, an answer. The mechanics move only as far as somebody ne
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -175,6 +175,7 @@ class EmulatedRig:
         )
         nodes = (SensorBoard(s, self.mechanics, np.random.default_rng((seed, s.id)), baud) for s in spec.sensors)
         self.sensors = tuple(nodes)
+        self._plugged = frozenset(range(len(self._motors)))
         self.line = Line([*self._motors, self.imu, *self.sensors], wiring.baud)
         self.trips = TripLog(self._motors, self.line)
 
@@ -234,6 +235,16 @@ class EmulatedRig:
     def _look_ahead(self) -> None:
         """Find out when a motor has something to do: to be asked anew after instructions, which may change that."""
         self._motors_due = min(self.trips.due, *[motor.due for motor in self._motors])
+
+    def plug(self, motors: Collection[int]) -> None:
+        """Leave only these motors on the cable, by their place with the drive last; one that comes or goes loses its
+        torque, and one that comes starts anew."""
+        for index in self._plugged ^ set(motors):
+            self._motors[index].restart(self.time)
+        self._plugged = frozenset(motors)
+        there = [motor for index, motor in enumerate(self._motors) if index in self._plugged]
+        self.line.devices = [*there, self.imu, *self.sensors]
+        self._look_ahead()
 
     def set_supply(self, voltage: float) -> None:
         """Feed the bench another voltage [V], from now on; too little turns it off, the sensor with the motors."""

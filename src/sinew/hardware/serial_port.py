@@ -245,6 +245,13 @@ class LatencyTimer:
             ) from trouble
 
 
+def list_ports() -> list[str]:
+    """Return the paths of this computer's serial ports at USB, as a bench's adapter or board is one, in order."""
+    from serial.tools.list_ports import comports
+
+    return sorted(port.device for port in comports() if port.vid is not None)
+
+
 def find_latency_timer(port: str, system: Path = _SYSTEM) -> LatencyTimer | None:
     """Return the timer of the adapter behind a port, or None where there is none.
 

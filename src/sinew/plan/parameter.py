@@ -12,7 +12,7 @@ from sinew.measure.units import convert
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
-Origin = Literal["paper", "data sheet", "calibrated", "assumed"]
+Origin = Literal["paper", "data sheet", "measured", "calibrated", "assumed"]
 
 
 class Settings(BaseModel):
@@ -25,7 +25,8 @@ class Parameter(Settings):
     """A number with unit, origin and bounds.
 
     value: in `unit`.
-    origin: paper, data sheet, calibrated (fitted to the paper's or a bench's numbers) or assumed.
+    origin: paper, data sheet, measured (read from the bench itself, as `sinew doctor --guide` does), calibrated (fitted
+    to the paper's or a bench's numbers) or assumed.
     bounds: what is physically thinkable, (low, high) in `unit`; a calibration stays inside.
     interval90: ends of the 90 % interval, in `unit`: of a calibrated value or a material's; None where not known.
     note: where exactly the number is from, one sentence.

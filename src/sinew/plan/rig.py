@@ -44,6 +44,7 @@ class Wiring(Settings):
     latency_ms: of port, driver and operating system; how much longer than on the wire an answer may take.
     reads: how a cycle asks all devices: plain, a packet from each, or fast, one packet of all, which motors know from
     firmware 45 on; left out: fast where a plain cycle would take more than 60 % of the plan's period on the wire.
+    measured: names of those of these keys that were found on the bench itself; the others are as somebody wrote them.
     """
 
     baud: int = Field(default=1_000_000, gt=0)
@@ -59,12 +60,20 @@ class Wiring(Settings):
     imu_axes: tuple[Axis, Axis, Axis] = ("+x", "+y", "+z")
     latency_ms: float = Field(default=4.0, gt=0, le=1000)
     reads: Literal["plain", "fast"] | None = None
+    measured: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, tendons: int) -> "Wiring":
         """Return the wiring of a bench with so many tendons and ids counted from 1; as assumed where a rig has none."""
         ids = tuple(range(1, tendons + 1))
         return cls(tendon_ids=ids, drive_id=tendons + 1, tendon_pull=(1,) * tendons)
+
+    @model_validator(mode="after")
+    def _measured_keys_are_there(self) -> Self:
+        for name in self.measured:
+            if name == "measured" or name not in type(self).model_fields:
+                raise ValueError(f"measured names {name}; expected keys of the wiring, such as tendon_pull")
+        return self
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

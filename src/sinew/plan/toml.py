@@ -188,8 +188,8 @@ _DEEP = re.compile(
 _Spec = TypeVar("_Spec", RigSpec, Plan)
 
 _RIG_HEADER = """\
-# A test bed. Each parameter has a value in its unit, an origin (paper, data sheet, calibrated or assumed), the bounds
-# of what is physically thinkable, and a note. Any unit of the right dimension may stand here.
+# A test bed. Each parameter has a value in its unit, an origin (paper, data sheet, measured, calibrated or assumed),
+# the bounds of what is physically thinkable, and a note. Any unit of the right dimension may stand here.
 """
 _PLAN_HEADER = """\
 # A campaign: pretensions to visit; at each of them a sweep, ring-downs, or both.
@@ -249,12 +249,20 @@ _FILE_REMARKS = {
     "calibration.pretension_mm": "of the recordings",
     "calibration.std": "in SI, in the order of the parameters",
     "calibration.correlation": "lower triangle",
+    "wiring.measured": "keys of the wiring that were found on this bench",
     "wiring.latency_ms": "of port, driver and operating system, on top of the time on the wire",
     "wiring.reads": "how a cycle asks all devices: plain or, in one packet of all, fast",
 }
 """What a key that is no parameter, and has no note therefore, means; it stands behind it in the file."""
 
-_UNSAID = ("sweep.settle", "sweep.settle_tolerance", "sweep.settle_most_s", "sweep.drive", "ring_down.drive")
+_UNSAID = (
+    "wiring.measured",
+    "sweep.settle",
+    "sweep.settle_tolerance",
+    "sweep.settle_most_s",
+    "sweep.drive",
+    "ring_down.drive",
+)
 """Keys that a file leaves out while they keep their default: the texts in older recordings stay as they are written."""
 
 

@@ -3,11 +3,12 @@
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sinew.apps.bench.bench_run import Port, Wait, await_port, open_rig
+from sinew.apps.bench.bench_run import Wait, await_port, open_rig
 from sinew.apps.console import Json, Rig, flag, option, print_json, remark
 
 if TYPE_CHECKING:
@@ -24,11 +25,18 @@ _PIPE_WIDTH = 200
 
 
 def doctor(
-    port: Port,
+    port: Annotated[
+        str | None, option("PORT", "Serial port of the bench, or of `sinew emulate`; else the only one.", "--port")
+    ] = None,
     rig: Rig = "paper",
     baud: Annotated[int | None, option("N", "Instead of the rig's.")] = None,
     fix: Annotated[bool, flag("--fix", "Write safe settings, after asking once.")] = False,
-    yes: Annotated[bool, flag("--yes", "With --fix: write without asking.")] = False,
+    yes: Annotated[bool, flag("--yes", "With --fix or --guide: ask nothing, agree to all.")] = False,
+    guide: Annotated[
+        Path | None, option("FILE", "Lead from an empty rig to FILE, a rig of this bench, step by step.", "--guide")
+    ] = None,
+    step: Annotated[str | None, option("NAME", "With --guide: only this step, again.", "--step")] = None,
+    start: Annotated[str | None, option("NAME", "With --guide: from this step on.", "--from")] = None,
     wait: Wait = 0.0,
     json: Json = False,
 ) -> int:
@@ -38,11 +46,23 @@ def doctor(
     return delay, answers, limits not wider than the rig's, no homing offset, the reboot of a motor that has shut down,
     and the latency timer of the adapter. Takes about 4 s. Exit status: 0 no fault, 1 a fault remains, 2 the port cannot
     be opened.
+
+    With --guide motors move, a little and one at a time: steps devices (ids and bauds, motors plugged in one by one),
+    settings, board, lever, tendons (which is which, and its sense), constants, check. FILE holds what is found after
+    every step, --rig what is not, as long as there is no FILE. Ctrl-C or the end of the input ends it at any moment;
+    all motors are without torque then, as they are behind every step. Exit status: 0 all found, 1 ended early.
     """
     from sinew.bench.doctor import apply_fixes, list_fixes
     from sinew.hardware.serial_port import find_latency_timer
     from sinew.plan.toml import load_rig
 
+    port = port or _only_port()
+    if guide is not None:
+        from sinew.apps.bench.guide import guide as lead
+
+        await_port(port, wait)
+        words = [] if rig == "paper" else ["--rig", rig]
+        return lead(port, rig, guide, step, start, yes=yes, json=json, words=[*words, *(["--yes"] if yes else [])])
     spec = load_rig(rig)
     used = _at_baud(spec, baud or spec.wiring.baud)
     await_port(port, wait)
@@ -58,6 +78,19 @@ def doctor(
     else:
         _print(findings, written)
     return 1 if any(finding.severity == "fault" for finding in findings) else 0
+
+
+def _only_port() -> str:
+    """Return the serial port of this computer where there is one alone. Raises PortError."""
+    from sinew.hardware.serial_port import list_ports
+    from sinew.measure.errors import PortError
+
+    found = list_ports()
+    if len(found) == 1:
+        remark(f"the only serial port is {found[0]}")
+        return found[0]
+    told = ", ".join(found) or "none"
+    raise PortError(f"found {told} as serial ports at USB, expected one; plug it in, or name it with --port")
 
 
 def _at_baud(spec: "RigSpec", baud: int) -> "RigSpec":

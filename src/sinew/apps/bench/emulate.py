@@ -39,6 +39,9 @@ def emulate(
     in_space: Annotated[
         bool, flag("--in-space", "A head with mass on a rod that bends and sways: for plans with a [pose].")
     ] = False,
+    unbuilt: Annotated[
+        str | None, option("WHAT", "Wired or set wrongly, drawn by --seed: all, or some of the words below.")
+    ] = None,
     for_s: Annotated[float | None, option("S", "End after so much emulated time.", "--for", min=0.0)] = None,
     socket: Annotated[
         bool, flag("--socket", "A socket, not a terminal: for Sinew alone; keeps time on a busy computer.")
@@ -60,10 +63,16 @@ def emulate(
     SPEC is KIND[:key=value,...][@START[-STOP]], times in emulated seconds. To packets, each with probability p: drop,
     flip, duplicate, truncate, delay (by=20ms). To the bench: unplug, brown-out (to=5V), imu-freeze, overload (motor=2),
     overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm), push (torque=0.5).
+
+    WHAT is what `sinew doctor --guide` is there for: new (motors out of the box, none plugged in), ids, double (two
+    with one id), baud, tendons (two swapped), pulls (pulleys wound the other way), lever (reversed), zero, board
+    (turned), with commas between; all: a rig out of its boxes. Beside the port lies PATH.hands then, where the guide
+    has done what a person would do.
     """
     from sinew.emulator.faults import parse_fault  # numpy: not for --help
     from sinew.emulator.found import drawn_start, found_bench
-    from sinew.emulator.port_server import ClockSocket, PtyPort, PtyServer, SocketPort, refuse_taken
+    from sinew.emulator.port_server import ClockSocket, HandsSocket, PtyPort, PtyServer, SocketPort, refuse_taken
+    from sinew.emulator.unbuilt import Hands, draw_unbuilt, parse_kinds
     from sinew.hardware.bus import MonotonicClock
     from sinew.plan.toml import load_rig
 
@@ -73,24 +82,32 @@ def emulate(
     refuse_taken(link)
     if truth is not None:
         require_file(truth)
-    bench = found_bench(rig_, start, seed, faults, baud=baud, unloaded=unloaded, in_space=in_space)
-    shared = None if own_time else ClockSocket(link)
+    wrong = None if unbuilt is None else draw_unbuilt(rig_, parse_kinds(unbuilt), seed)
+    bench = found_bench(rig_, start, seed, faults, baud=baud, unloaded=unloaded, in_space=in_space, unbuilt=wrong)
+    shared = hands = None
     try:
+        shared = None if own_time else ClockSocket(link)
+        hands = None if wrong is None else HandsSocket(link, Hands(bench.rig, wrong).do)
         make_port: Callable[[Path], Port] = partial(SocketPort, host_baud=rig_.wiring.baud) if socket else PtyPort
-        server = PtyServer(bench, link, clock=MonotonicClock(), speed=speed, make_port=make_port, shared=shared)
+        server = PtyServer(
+            bench, link, clock=MonotonicClock(), speed=speed, make_port=make_port, shared=shared, hands=hands
+        )
     except BaseException:
-        if shared is not None:
-            shared.close()
+        for other in (shared, hands):
+            if other is not None:
+                other.close()
         raise
     try:
         with signals_to(lambda _: server.stop(), (signal.SIGINT, signal.SIGTERM)), keeping_time(collecting=True):
             said = _description(rig_, bench, server, start, unloaded, seed, speed)
+            said["unbuilt"] = None if wrong is None else list(wrong.kinds)
             _say_ready(said | {"clock": None if shared is None else str(shared.link)}, as_json=json)
             server.run(math.inf if for_s is None else bench.time + for_s)
     finally:
         server.close()
     if truth is not None:
-        write_json(_truth(rig_, bench, server, unloaded, seed), truth)
+        told = _truth(rig_, bench, server, unloaded, seed)
+        write_json(told | {"unbuilt": None if wrong is None else wrong.document()}, truth)
 
 
 def _parse_slack(text: str, count: int) -> tuple[float, ...]:
@@ -130,10 +147,10 @@ def _say_ready(said: dict[str, Any], *, as_json: bool) -> None:
     else:
         what = "motors without a joint" if said["plant"] == "unloaded" else "the joint on its twin"
         faults = f"; faults {', '.join(said['faults'])}" if said["faults"] else ""
-        print(
-            f"{said['link']}: rig {said['rig']}, {what}, devices {', '.join(map(str, said['devices']))} "
-            f"at {said['baud']} baud, seed {said['seed']}{faults}; Ctrl-C ends it"
-        )
+        devices = f"devices {', '.join(map(str, said['devices']))} at {said['baud']} baud"
+        if said["unbuilt"] is not None:
+            devices = f"wrong about it: {', '.join(said['unbuilt'])}"
+        print(f"{said['link']}: rig {said['rig']}, {what}, {devices}, seed {said['seed']}{faults}; Ctrl-C ends it")
     sys.stdout.flush()
 
 

@@ -1,0 +1,193 @@
+"""The guide's steps without mechanics: who is on the bus, where tendons stand, what goes into the rig."""
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import pytest
+from tests.unit.emulator_stand_in import paper_rig
+
+from sinew.bench.doctor import Finding
+from sinew.bench.guide.steps import STEPS, Guide, Step, arrange, lead, turned_frame
+from sinew.emulator.found import VirtualPort
+from sinew.emulator.plant import Unloaded
+from sinew.emulator.rig import EmulatedRig
+from sinew.emulator.unbuilt import Hands, draw_unbuilt
+from sinew.hardware.bus import Bus, BusTiming, Clock
+from sinew.hardware.registers import BAUD_RATES
+from sinew.hardware.rig import Rig
+from sinew.measure.errors import StoppedError
+from sinew.plan.rig import RigSpec
+
+DEVICES = STEPS[:2]
+
+
+class Somebody:
+    """A person who does what is asked; the `breaks_off`th question is the last."""
+
+    def __init__(self, hands: Hands, breaks_off: int = 99) -> None:
+        self.hands, self.left = hands, breaks_off
+        self.told: list[Finding] = []
+
+    def begin(self, step: Step) -> None: ...
+
+    def tell(self, finding: Finding) -> None:
+        self.told.append(finding)
+
+    def do(self, words: str, act: str) -> None:
+        self.left -= 1
+        if self.left < 0:
+            raise StoppedError("the input ended")
+        self.hands.do(act)
+
+    def agrees(self, question: str) -> bool:
+        return True
+
+    def repeats(self, what: str, failed: bool) -> bool:
+        return False
+
+    def notes(self) -> str:
+        return "; ".join(f"{told.subject}: {told.found}" for told in self.told if told.severity == "note")
+
+
+class OnTheTable:
+    """Motors without a joint that are not set up, and the guide before them."""
+
+    def __init__(self, *kinds: str, seed: int = 0) -> None:
+        spec = paper_rig()
+        unbuilt = draw_unbuilt(spec, kinds, seed)
+        self.emulated = EmulatedRig(unbuilt.spec, Unloaded(4, unbuilt.spec))
+        self.port = VirtualPort(self.emulated)
+        self.hands = Hands(self.emulated, unbuilt)
+        self.kept = spec
+
+    @contextmanager
+    def open_rig(self, spec: RigSpec) -> Iterator[tuple[Rig, Clock]]:
+        self.emulated.line.host_baud = spec.wiring.baud
+        yield Rig(Bus(self.port, self.port, BusTiming(spec.wiring.baud, latency=4e-3)), self.port, spec), self.port
+
+    def keep(self, spec: RigSpec) -> None:
+        self.kept = spec
+
+    def lead(self, person: Somebody, steps: Sequence[Step] = DEVICES) -> bool:
+        return lead(Guide(self.open_rig, person, self.kept, self.keep), steps)
+
+    def motors(self) -> list[tuple[int, int]]:
+        """Return id and baud of every motor."""
+        return [(motor.id, BAUD_RATES[motor.registers["baud_rate"]]) for motor in self.emulated.motors.values()]
+
+
+def test_new_motors_get_ids_and_the_boards_baud_one_by_one() -> None:
+    table = OnTheTable("new")
+    assert table.lead(Somebody(table.hands))
+    assert table.motors() == [(device, 1_000_000) for device in (1, 2, 3, 4, 5)]
+
+
+def test_shuffled_ids_are_named_and_taken_as_they_are() -> None:
+    table = OnTheTable("ids", seed=1)
+    ids = [device for device, _ in table.motors()]
+    person = Somebody(table.hands)
+    assert table.lead(person)
+    assert (set(table.kept.wiring.tendon_ids), table.kept.wiring.drive_id) == (set(ids[:4]), ids[4])
+    assert f"drive {ids[4]}" in person.notes()
+
+
+def test_a_wrong_baud_is_named_and_put_right() -> None:
+    table = OnTheTable("baud", seed=2)
+    wrong = {device: baud for device, baud in table.motors() if baud != 1_000_000}
+    person = Somebody(table.hands)
+    assert table.lead(person, STEPS[:1])
+    assert {baud for _, baud in table.motors()} == {1_000_000}
+    assert all(f"motor {device}: {baud} baud" in person.notes() for device, baud in wrong.items())
+
+
+def test_two_motors_with_one_id_are_named_and_told_apart_one_by_one() -> None:
+    table = OnTheTable("double", seed=3)
+    person = Somebody(table.hands)
+    assert table.lead(person, STEPS[:1])
+    assert sorted(device for device, _ in table.motors()) == [1, 2, 3, 4, 5]
+    assert "they go one by one" in [told.advice for told in person.told]
+
+
+@pytest.mark.parametrize("question", [0, 3, 5])
+def test_a_guide_that_was_broken_off_is_begun_again_without_harm(question: int) -> None:
+    table = OnTheTable("new")
+    with pytest.raises(StoppedError):
+        table.lead(Somebody(table.hands, question))
+    assert table.lead(Somebody(table.hands), STEPS[:1])
+    assert sorted(device for device, _ in table.motors()) == [1, 2, 3, 4, 5]
+
+
+def test_a_missing_board_is_a_fault_that_says_what_to_do() -> None:
+    table = OnTheTable("ids")
+    table.emulated.imu.set_power(False, 0.0)
+    person = Somebody(table.hands)
+    assert not table.lead(person)
+    assert "leave its board on the bus" in person.told[-1].advice
+
+
+def test_the_wrong_motor_in_the_hand_is_a_fault_that_names_both_models() -> None:
+    table = OnTheTable("new")
+    table.hands.do = lambda act: Hands.do(table.hands, "plug drive")  # type: ignore[method-assign]
+    person = Somebody(table.hands)
+    with pytest.raises(StoppedError):
+        table.lead(person)
+    assert "found id 1 at 57600 baud (XM430-W350), expected a XH430-W350 as tendon 1" in person.told[-1].found
+
+
+# Where tendons stand: directions of a perfect head, worked out by hand.
+
+
+def degrees(*angles: float) -> list[float]:
+    return [math.radians(angle) for angle in angles]
+
+
+def test_tendons_in_their_order_are_left_there() -> None:
+    there = arrange(degrees(2, 88, 181, -92))
+    assert there is not None
+    assert (there.order, there.turns, there.misplaced) == ((0, 1, 2, 3), 0, 0)
+
+
+def test_two_swapped_neighbours_are_found_whichever_way_the_board_is_turned() -> None:
+    found = [arrange(degrees(*(angle + 90 * turn for angle in (90, 0, 180, 270)))) for turn in range(4)]
+    assert [there.order for there in found if there] == [(1, 0, 2, 3)] * 4
+    assert [there.turns for there in found if there] == [0, 1, 2, 3]
+
+
+def test_of_two_facing_tendons_that_are_swapped_the_usual_board_tells_which() -> None:
+    there = arrange(degrees(180, 90, 0, 270))
+    assert there is not None
+    assert (there.order, there.twin) == ((2, 1, 0, 3), False)
+
+
+def test_without_a_usual_board_it_is_said_that_the_other_pair_would_do() -> None:
+    there = arrange(degrees(180, 90, 0, 270), is_usual=False)
+    assert there is not None
+    assert there.twin
+
+
+def test_two_motors_that_pull_in_one_direction_have_no_arrangement() -> None:
+    assert arrange(degrees(0, 5, 180, 270)) is None
+
+
+def test_a_frame_goes_round_about_its_x() -> None:
+    assert turned_frame(("+z", "+x", "+y"), 1) == ("+z", "+y", "-x")
+
+
+# Numbers go into the rig with their origin, if they are thinkable.
+
+
+def test_a_measured_number_has_origin_interval_and_note() -> None:
+    table = OnTheTable("ids")
+    guide = Guide(table.open_rig, Somebody(table.hands), table.kept, table.keep)
+    guide.measure("drive.supply_voltage", 12.04, 0.03, "by a meter")
+    found = guide.spec.drive.supply_voltage
+    assert (found.value, found.origin, found.note) == (12.04, "measured", "by a meter")
+    assert found.interval90 == pytest.approx((11.99, 12.09), abs=0.005)
+
+
+def test_a_number_that_is_not_thinkable_stays_out_of_the_rig() -> None:
+    table = OnTheTable("ids")
+    guide = Guide(table.open_rig, Somebody(table.hands), table.kept, table.keep)
+    told = guide.measure("imu.residual_delay", -0.004, 0.0002, "by a step")
+    assert (told.severity, guide.spec) == ("warning", table.kept)
