@@ -86,6 +86,7 @@ What belongs to which kind of segment: [decision 5](../decisions/0005-segments.m
 | `schema` | `{schema.RECORDING_SCHEMA}` or `{schema.SPATIAL_SCHEMA}` |
 | `source` | twin, emulator, bench or import; an emulated bench says so itself, whoever opened its port |
 | `expected` | what the twin foretold of the plan, as JSON, for `sinew.analysis.doubts`; empty where nothing was |
+| `backbones` | of a tracked resonance: JSON, what was predicted, as `expected` of [`sinew track`](json.md#track) |
 | `rig`, `plan` | their TOML texts, whole; empty where there is none |
 | `versions` | of Sinew, Python and the packages that made the numbers |
 | `seed` | of the random numbers; -1 where there are none |

@@ -260,11 +260,16 @@ def run_document(
     }
 
 
+def print_pauses(document: Mapping[str, Any]) -> None:
+    """Print how often a run went on by itself, if it did."""
+    if pauses := document["pauses"]:
+        print(f"went on by itself after {len(pauses)} pause{'s' * (len(pauses) > 1)} of the computer")
+
+
 def print_run(document: dict[str, Any]) -> None:
     done = f"; {document['groups_done']} of {document['groups']} groups are recorded"
     print(f"{document['ended']}{'' if document['complete'] else done}")
-    if pauses := document["pauses"]:
-        print(f"went on by itself after {len(pauses)} pause{'s' * (len(pauses) > 1)} of the computer")
+    print_pauses(document)
     print(document["left"])
     cycles = document["cycles"]
     print(
