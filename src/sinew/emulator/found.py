@@ -43,15 +43,17 @@ def found_bench(
     baud: int | None = None,
     unloaded: bool = False,
     in_space: bool = False,
+    tells_supply: bool = False,
 ) -> FaultyRig:
     """Return an emulated bench that is ready to answer. Raises SpecError for a fault of what the rig does not have, or
     a joint in space without its masses.
 
     baud: what the devices are set to; else the rig's. unloaded: motors on the table, without the joint. in_space: a
-    joint with a heavy head, which bends and sways; one that was cast bent is always that.
+    joint with a heavy head, which bends and sways; one that was cast bent is always that. tells_supply: as of
+    `EmulatedRig`.
     """
     plant = _plant(rig, start, unloaded, in_space)
-    bench = Faults(faults, seed).attach(EmulatedRig(rig, plant, seed=seed, baud=baud))
+    bench = Faults(faults, seed).attach(EmulatedRig(rig, plant, seed=seed, baud=baud, tells_supply=tells_supply))
     bench.advance(_WARM_UP)
     bench.rig.motion()
     return bench

@@ -39,6 +39,9 @@ def emulate(
     in_space: Annotated[
         bool, flag("--in-space", "A head with mass on a rod that bends and sways: for plans with a [pose].")
     ] = False,
+    supply_current: Annotated[
+        bool, flag("--supply-current", "Registers of current tell the supply's, not the motors'.")
+    ] = False,
     for_s: Annotated[float | None, option("S", "End after so much emulated time.", "--for", min=0.0)] = None,
     socket: Annotated[
         bool, flag("--socket", "A socket, not a terminal: for Sinew alone; keeps time on a busy computer.")
@@ -73,7 +76,9 @@ def emulate(
     refuse_taken(link)
     if truth is not None:
         require_file(truth)
-    bench = found_bench(rig_, start, seed, faults, baud=baud, unloaded=unloaded, in_space=in_space)
+    bench = found_bench(
+        rig_, start, seed, faults, baud=baud, unloaded=unloaded, in_space=in_space, tells_supply=supply_current
+    )
     shared = None if own_time else ClockSocket(link)
     try:
         make_port: Callable[[Path], Port] = partial(SocketPort, host_baud=rig_.wiring.baud) if socket else PtyPort
