@@ -60,7 +60,7 @@ class CurrentSense:
             "whose": self.whose,
             "why": self.why,
             "exponent": self.exponent.to_json(),
-            "duty": list(self.duty),
+            "duty": [finite(end) for end in self.duty],
             "misfit": finite(self.misfit),
             "samples": self.samples,
         }
