@@ -1,7 +1,8 @@
 """Runs of the bench with everything that can go wrong: `python -m campaigns.faults`.
 
 Each run is a short plan on the emulated bench in virtual time, with one fault, sometimes two, drawn from all kinds and
-all moments. The table says how they ended; exit status 1 if something happened that may not, see `campaigns.trial`.
+all moments; one run in four tracks a resonance. The table says how they ended; exit status 1 if something happened that
+may not, see `campaigns.trial`.
 """
 
 import json
@@ -24,7 +25,9 @@ def rest_tensions() -> dict[float, float]:
     from sinew.twin.simulate import rest_tension
 
     plans = [parse_plan(f'name = "{name}"\n{body}') for name, body in PLANS.items()]
-    asked = sorted({pretension for plan in plans for pretension in plan.pretension.pretension_mm})
+    ends = [plan.track.pretension_to_mm for plan in plans if plan.track is not None]
+    visited = [mm for plan in plans for mm in plan.pretension.pretension_mm]
+    asked = sorted({*visited, *(mm for mm in ends if mm is not None)})
     return dict(zip(asked, rest_tension(asked, load_rig("paper")).tolist(), strict=True))
 
 

@@ -1,6 +1,7 @@
 """Runs killed with SIGKILL at random moments: `python -m campaigns.kills --runs 50`.
 
-Every interrupted run is gone on with, killed again while it resumes, and completed in the end; see `campaigns.series`.
+Every other one tracks a resonance (`sinew track`). Every interrupted run is gone on with, killed again while it
+resumes, and completed in the end; see `campaigns.series`.
 The table says how soon the motors were stopped, what the journals lack, and whether all was completed; exit status 1 if
 something happened that may not. Takes real time: about 12 s for each kill.
 """
@@ -61,7 +62,7 @@ def table(series: Sequence[Series]) -> str:
     """Return what became of all kills, as text."""
     kills = _kills(series)
     phases = Counter(f"{kill.how}, {kill.phase}" for kill in kills)
-    lines = [f"{len(kills)} kills in {len(series)} runs, {sum(kill.how == 'resume' for kill in kills)} while resuming"]
+    lines = [f"{len(kills)} kills in {len(series)} runs, {sum('resume' in kill.how for kill in kills)} while resuming"]
     lines += [f"  {count:3d}  {phase}" for phase, count in sorted(phases.items())]
     under = [kill for kill in kills if not np.isnan(kill.stopped_ms)]
     lines.append(f"motors under torque with a watchdog at {len(under)} kills, all stopped by it:")

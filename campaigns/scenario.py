@@ -59,6 +59,30 @@ PLANS = {
         periods = 4
         repeats = 1
     """,
+    "tracking": """
+        [pretension]
+        pretension_mm = [4]
+        rest_s = 0.3
+        [track]
+        amplitude_deg = [15]
+        low_hz = 2.4
+        high_hz = 4.4
+        start_hz = 3.1
+        duration_s = 4
+    """,
+    "tracking on the way": """
+        [pretension]
+        pretension_mm = [1]
+        rest_s = 0.3
+        [track]
+        amplitude_deg = [15]
+        low_hz = 2.4
+        high_hz = 4.4
+        duration_s = 2.5
+        pretension_to_mm = 3
+        lead_s = 1
+        tail_s = 0.5
+    """,
 }
 """Plans by name: everything that a bench does, as short as that goes."""
 
@@ -68,7 +92,7 @@ NOMINAL_S = 17.0
 _MOST_TILT_DEG = 3.0
 _MOST_SLACK_M = 3e-3
 _NOTHING, _FROM_START, _TWO, _INTERRUPTED, _AIMED = 0.03, 0.06, 0.25, 0.15, 0.25
-_TWO_PRETENSIONS = 0.25
+_TWO_PRETENSIONS, _TRACKED = 0.25, 0.25
 _PHASES = dict(zip(get_args(Phase), (0.2, 0.3, 0.15, 0.35), strict=True))
 
 
@@ -137,9 +161,12 @@ def draw_scenario(seed: int, number: int) -> Scenario:
     tilt, turn = math.radians(float(rng.uniform(0, _MOST_TILT_DEG))), float(rng.uniform(0, math.tau))
     modes: tuple[TendonMode, ...] = get_args(TendonMode)
     mode = modes[int(rng.integers(len(modes)))]
-    one, two, *_ = PLANS
+    one, two, _, stands, moves = PLANS
     # By current, levelling at a low pretension takes so long that nothing else would be seen of such a run.
     plan = two if rng.random() < _TWO_PRETENSIONS and mode != "current" else one
+    tracked = np.random.default_rng([seed, number, 1]).random(2)  # apart, so that all else stays as it was drawn
+    if tracked[0] < _TRACKED:
+        plan = moves if tracked[1] < 0.5 and mode == "position" else stands
     return Scenario(
         number=number,
         plan=plan,

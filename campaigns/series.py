@@ -21,8 +21,8 @@ from typing import Any
 
 import xarray as xr
 
-from sinew.analysis.analysed import analyse_recording
-from sinew.analysis.doubts import doubts_of
+from sinew.analysis.analysed import analyse
+from sinew.analysis.tracked import tracking_document
 from sinew.bench.record.conversion import recording_from_journal
 from sinew.bench.record.journal_reader import JournalReader
 from sinew.hardware.bus import Bus, BusTiming, MonotonicClock
@@ -35,6 +35,9 @@ from sinew.measure.recording import read_registers, segment_slices
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, PULSE
 from sinew.plan.toml import load_rig, parse_plan
+
+TRACKED = ("--pretension-mm", "4", "--amplitude-deg", "10,20", "--duration-s", "4")
+"""What every other series tracks: one group at rest, two tracked motions."""
 
 PLAN = """
 name = "killed"
@@ -63,6 +66,7 @@ LONGEST_S = 17.0
 
 _PATIENCE_S = 90.0
 _UNTIL_STOPPED_S = 0.3
+_MOST_OFF = 0.01  # of the predicted resonance
 _RESUMES = 12  # a busy computer stops runs, too
 _SINEW = str(Path(sys.executable).with_name("sinew"))
 
@@ -71,7 +75,8 @@ _SINEW = str(Path(sys.executable).with_name("sinew"))
 class Kill:
     """One kill, and what was found.
 
-    how: run or resume. phase: what the run was at. after_s: since the journal was opened. at_s: host's time.
+    how: run or track, or either with --resume. phase: what the run was at. after_s: since the journal was opened. at_s:
+    host's time.
     motors: name to (torque on, watchdog tripped, standing still), over the wire 0.3 s later.
     heard_ms: from the last instruction to the last motor's stop; stopped_ms: from the kill to that. turned_deg: how far
     the lever went after it was stopped. All three NaN where no motor was under a watchdog.
@@ -138,6 +143,7 @@ class _Trial:
         self._plan.write_text(PLAN, encoding="utf-8")
         self._port = folder / "bench"
         self.series = Series(number)
+        self._tracks = number % 2 == 1
 
     def run(self, kills: int) -> Series:
         series = self.series
@@ -166,7 +172,9 @@ class _Trial:
                 process.wait(_PATIENCE_S)
 
     def _command(self, out: Path, resume: bool) -> list[str]:
-        return [_SINEW, "run", str(self._plan), "--port", str(self._port), "--out", str(out)] + ["--resume"] * resume
+        what = ["track", "paper"] if self._tracks else ["run", str(self._plan)]
+        asked = [*TRACKED] if self._tracks and not resume else []
+        return [_SINEW, *what, "--port", str(self._port), "--out", str(out), *asked] + ["--resume"] * resume
 
     def _start_and_kill(self) -> Kill | None:
         """Start the run, or go on with it, and kill it at a random moment; return None where it ended before."""
@@ -185,7 +193,8 @@ class _Trial:
             process.kill()
             at = time.monotonic()
             process.wait()
-        kill = Kill(self.series.number, "resume" if resume else "run", "", at - began, at)
+        how = f"{'track' if self._tracks else 'run'}{' --resume' * resume}"
+        kill = Kill(self.series.number, how, "", at - began, at)
         self.series.kills.append(kill)
         time.sleep(_UNTIL_STOPPED_S)
         self._look_at_motors(kill)
@@ -271,10 +280,13 @@ class _Trial:
         recording = self._out / "recording.nc"
         if not recording.exists():
             return False
-        wanted = sum(1 if group.kind == "idle" else 2 for group in parse_plan(PLAN).groups())
         found = load_recording(recording)
+        groups = parse_plan(str(found.attrs["plan"])).groups()
+        wanted = sum(1 if group.kind in ("idle", "tracking") else 2 for group in groups)
         self.series.is_complete = len(segment_slices(found)) == wanted
         self._look_at_lever(found)
+        if self._tracks:
+            self._look_at_tracks(found)
         return self.series.is_complete
 
     def _look_at_lever(self, recording: xr.Dataset) -> None:
@@ -285,8 +297,20 @@ class _Trial:
             duty_per_rad = drive["position_p_gain"] * P_GAIN_LSB / FULL_DUTY_COUNTS / PULSE
             if drive["goal_pwm"] != FULL_DUTY_COUNTS or abs(duty_per_rad / gain - 1) > 1e-3:
                 self.series.wrong.append(f"run {run['run']} measured with {drive}")
-        doubts = doubts_of(analyse_recording(recording, self._spec))
+        doubts = analyse(recording, self._spec).document["doubts"]
         self.series.wrong += [str(doubt["sentence"]) for doubt in doubts if doubt["kind"] == "lever"]
+
+    def _look_at_tracks(self, recording: xr.Dataset) -> None:
+        """See that every motion resonated where that was predicted."""
+        for track in tracking_document(recording, self._spec)["tracks"]:
+            point = track["point"]
+            if point is None or point["predicted_hz"] is None:
+                self.series.wrong.append(f"tracked at {track['amplitude_deg']:g}° without a point on the backbone")
+            elif abs(point["frequency_hz"]["value"] / point["predicted_hz"] - 1) > _MOST_OFF:
+                self.series.wrong.append(
+                    f"tracked at {track['amplitude_deg']:g}° to {point['frequency_hz']['value']:.3f} Hz, predicted "
+                    f"{point['predicted_hz']:.3f} Hz"
+                )
 
     def _hold_against(self, truth: dict[str, Any]) -> None:
         """Find the watchdogs that each kill let trip, and count what the journal lacks."""

@@ -91,10 +91,12 @@ What belongs to which kind of segment: [decision 5](../decisions/0005-segments.m
 | `schema` | `{schema.RECORDING_SCHEMA}` or `{schema.SPATIAL_SCHEMA}` |
 | `source` | twin, emulator, bench or import; an emulated bench says so itself, whoever opened its port |
 | `expected` | what the twin foretold of the plan, as JSON, for `sinew.analysis.doubts`; empty where nothing was |
+| `backbones` | of a tracked resonance: JSON, what was predicted, as `expected` of [`sinew track`](json.md#track) |
 | `rig`, `plan` | their TOML texts, whole; empty where there is none |
 | `versions` | of Sinew, Python and the packages that made the numbers |
 | `seed` | of the random numbers; -1 where there are none |
 | `registers` | of a bench: JSON, the motors' registers as read back before each run's first group |
+| `pauses` | of a bench: JSON, what was said of each pause of the computer after which the run went on by itself |
 | `register_checks` | of a bench: how often they were read again after a group and found the same |
 | `content_hash` | SHA-256 over names, dimensions, values and attributes, checked on reading |
 | `Conventions`, `featureType` | what CF readers look for |

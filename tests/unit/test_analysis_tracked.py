@@ -1,15 +1,27 @@
 """A tracked swing made up from sines: what its turns and its point of the backbone must be is known."""
 
+import json
 import math
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from sinew.analysis.analysed import analyse
 from sinew.analysis.signal.signals import DelayBudget, drive_chain, torsion_chain
-from sinew.analysis.tracked import tracked_point, tracked_turns
+from sinew.analysis.tracked import (
+    BACKBONES_ATTRIBUTE,
+    frequency_on_backbone,
+    tracked_point,
+    tracked_turns,
+    tracking_document,
+    turns_to_lock,
+)
+from sinew.apps.cli import main
 from sinew.measure.errors import RecordingError
-from sinew.measure.files.netcdf import provenance
+from sinew.measure.files.netcdf import provenance, save_recording
 from sinew.measure.recording import Segment, build_recording
 from sinew.plan.toml import load_rig
 
@@ -100,3 +112,69 @@ def test_another_kind_of_segment_is_refused() -> None:
     steady["kind"].values[0] = "steady"
     with pytest.raises(RecordingError, match="expected tracking"):
         tracked_turns(steady, 0, RIG)
+
+
+def turns_of(error_deg: Sequence[float], number: Sequence[int] | None = None) -> xr.Dataset:
+    count = range(2, 2 + len(error_deg)) if number is None else number
+    return xr.Dataset({"phase_error_rad": ("turn", np.radians(error_deg)), "number": ("turn", list(count))})
+
+
+@pytest.mark.parametrize(
+    ("error_deg", "number", "expected"),
+    [
+        ([50, 20, 5, 3, 1, 1], None, (5.0, 0)),
+        ([50, 5, 20, 5, -5, 1], None, (6.0, 0)),  # one turn alone is a chance
+        ([50, 40, 20], None, (None, 0)),
+        ([5, 3, 31, 20, 5, 5], None, (3.0, 1)),
+        ([5, 3, 29, 3], None, (3.0, 0)),
+        ([5, 3, 3], [2, 3, 9], (3.0, 1)),  # six turns without a phase
+        ([5, 5, 3], [2, 4, 5], (5.0, 0)),  # no two in a row before
+    ],
+)
+def test_it_is_locked_at_the_second_turn_below_6_degrees_and_lost_above_30_or_without_a_phase(
+    error_deg: Sequence[float], number: Sequence[int] | None, expected: tuple[float | None, int]
+) -> None:
+    assert turns_to_lock(turns_of(error_deg, number)) == expected
+
+
+def test_turns_are_counted_from_the_first_of_the_drive() -> None:
+    assert tracked_turns(recording(), 0, RIG)["number"].values.tolist() == list(range(2, 28))
+
+
+def test_no_frequency_is_read_off_a_backbone_beyond_its_end() -> None:
+    curve = (np.array([10.0, 20.0]), np.array([3.2, 3.0]))
+    found = [frequency_on_backbone(*curve, amplitude) for amplitude in (15.0, 20.2, 20.5, 9.9)]
+    assert found == pytest.approx([3.1, 3.0, math.nan, math.nan], nan_ok=True)
+
+
+def predicted(found: xr.Dataset) -> xr.Dataset:
+    """Return a recording with the backbone that was predicted of it: 3.4 Hz at its torsion of 36°."""
+    curve = {"pretension_mm": 6.0, "frequency_hz": [3.5, 3.4, 3.3], "torsion_deg": [0.0, 36.0, 40.0]}
+    return found.assign_attrs({BACKBONES_ATTRIBUTE: json.dumps([curve])})
+
+
+def test_a_recording_tells_the_prediction_beside_what_was_tracked() -> None:
+    (track,) = tracking_document(predicted(recording(error_deg=0.5)), RIG)["tracks"]
+    assert track["point"]["predicted_hz"] == pytest.approx(3.4, abs=1e-4)
+    assert (track["lock_cycles"], track["lock_losses"], track["follow"]) == (3.0, 0, None)
+    assert track["phase_error_deg"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_what_was_tracked_is_analysed_and_told_as_a_table() -> None:
+    found = analyse(recording(error_deg=0.5), RIG)
+    (table,) = found.told()
+    assert not isinstance(table, str)
+    assert (table.rows[0][:2], table.rows[0][-2:]) == (["6", "20"], ["3", "0.5"])
+    assert found.dataset is None
+
+
+def test_a_recording_that_tracks_gives_its_figure_and_a_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_recording(predicted(recording(error_deg=0.5)), tmp_path / "recording.nc")
+    out = tmp_path / "analysed"
+    assert main(["analyse", str(tmp_path / "recording.nc"), "--rig", "paper", "--out", str(out)]) == 0
+    assert {path.name for path in out.iterdir()} == {"recording.nc", "analysis.json", "tracking.png", "tracking.pdf"}
+    assert main(["report", str(tmp_path), "--rig", "paper"]) == 0
+    assert "resonance/Hz" in capsys.readouterr().out
+    assert "A tracked resonance" in (tmp_path / "report.html").read_text()

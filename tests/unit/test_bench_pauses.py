@@ -1,5 +1,6 @@
 """A computer that pauses in the middle of a run for longer than the motors' watchdogs wait, in virtual time."""
 
+import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ from sinew.bench.record.journal_reader import JournalReader
 from sinew.bench.record.sample import Sample
 from sinew.bench.run import Runner, RunReport
 from sinew.bench.stops import Steering
+from sinew.hardware.imu import Imu
 from sinew.measure.events import Event, Resumed
 from sinew.measure.recording import segment_slices
 from sinew.plan.plan import Plan
@@ -109,7 +111,7 @@ def test_a_run_goes_on_by_itself_and_records_every_group(once: Paused) -> None:
 def test_the_hole_is_marked_with_its_length_and_what_follows(once: Paused) -> None:
     (sentence,) = once.sentences("hole")
     assert re.match(r"the computer paused for (19|20)\d ms, longer than", sentence)
-    assert sentence.endswith("the motors stand, then let go, then the run goes on by itself (1 of 3)")
+    assert sentence.endswith("the motors stand, then let go, then the run goes on by itself (1 of 10)")
 
 
 def test_the_segment_with_the_hole_is_aborted_and_says_why(once: Paused) -> None:
@@ -149,16 +151,26 @@ def test_a_computer_that_pauses_again_and_again_ends_the_run(tmp_path: Path) -> 
     assert done.bench.emulated.in_safe_state()
 
 
-def test_a_rig_that_holds_is_left_holding_until_somebody_goes_on(tmp_path: Path) -> None:
-    done = paused_run(tmp_path, [20], rig=rig_with(safe_state="hold"))
-    assert (done.report.is_complete, done.sentences("hole")) == (False, [])
+@pytest.mark.parametrize("state", ["hold", "release"])
+def test_a_real_bench_is_left_in_its_declared_state_until_somebody_goes_on(
+    state: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Imu, "is_emulated", lambda _: False)
+    done = paused_run(tmp_path, [20], rig=rig_with(safe_state=state))
+    assert (done.report.is_complete, done.report.is_paused, done.sentences("hole")) == (False, True, [])
     assert done.report.stop is not None
-    assert (done.report.stop.declared, done.report.stop.is_safe) == ("hold", True)
+    assert (done.report.stop.declared, done.report.stop.is_safe) == (state, True)
 
 
-def test_a_rig_that_holds_and_may_go_on_does(tmp_path: Path) -> None:
+def test_a_real_bench_whose_rig_allows_it_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Imu, "is_emulated", lambda _: False)
     done = paused_run(tmp_path, [20], rig=rig_with(safe_state="hold", resumes_after_pause=1))
     assert (done.report.is_complete, len(done.report.pauses)) == (True, 1)
+
+
+def test_a_recording_says_that_its_run_went_on_after_a_pause(recording: xr.Dataset) -> None:
+    (sentence,) = json.loads(recording.attrs["pauses"])
+    assert sentence.startswith("the computer paused for")
 
 
 def test_a_short_pause_ends_nothing(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ PLAN_TEXT = (ROOT / "plans" / "paper.toml").read_text(encoding="utf-8")
 
 def test_shipped_rigs_and_plans_are_listed_by_name() -> None:
     assert list_shipped("rigs") == ["curved", "paper"]
-    assert list_shipped("plans") == ["bent", "beyond", "engine", "first", "paper", "short"]
+    assert list_shipped("plans") == ["bent", "beyond", "current", "engine", "first", "paper", "short"]
 
 
 @pytest.mark.parametrize("name", ["paper", "paper.toml", "rigs/paper.toml", ROOT / "rigs" / "paper.toml"])
@@ -181,9 +181,8 @@ def test_a_rig_in_place_of_a_plan_is_called_a_rig() -> None:
 
 
 def test_a_name_that_nearly_matches_is_suggested() -> None:
-    with pytest.raises(
-        SpecError, match=r"no plan shrt: .*ships bent, beyond, engine, first, paper, short; did you mean short\?"
-    ):
+    shipped = "bent, beyond, current, engine, first, paper, short"
+    with pytest.raises(SpecError, match=rf"no plan shrt: .*ships {shipped}; did you mean short\?"):
         load_plan("shrt")
 
 

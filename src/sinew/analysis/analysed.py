@@ -25,6 +25,7 @@ from sinew.analysis.sweep.coupling import analyse_coupling, coupling_rows
 from sinew.analysis.sweep.energy import estimate_energy
 from sinew.analysis.sweep.resonance import FEWEST_FREQUENCIES, RESONANCES, estimate_resonance, read_resonances
 from sinew.analysis.sweep.response import estimate_response, response_dataset
+from sinew.analysis.tracked import tracking_document, tracking_told
 from sinew.measure.arrays import mean_of_known
 from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError, SpecError
@@ -54,9 +55,9 @@ class Analysed(Told):
     """What a recording says of its oscillation.
 
     document: as `sinew analyse --json` prints it: every quantity with value, std and interval90. recording: as it was
-    analysed, its groups cut. dataset: the results by the result schema; None for one foreign ring-down and for a record
-    of many frequencies or of hammer blows, which is in the document. notes: what was done with the recording, or could
-    not be, a sentence each.
+    analysed, its groups cut. dataset: the results by the result schema; None for one foreign ring-down, for a record of
+    many frequencies or of hammer blows and for a resonance that was tracked, which are in the document. notes: what was
+    done with the recording, or could not be, a sentence each.
     """
 
     document: dict[str, Any]
@@ -80,6 +81,8 @@ class Analysed(Told):
             told.append(_resonance_table(document["resonance"]))
         if document.get("energy"):
             told += _energy_told(document["energy"])
+        if document.get("tracking"):
+            told += tracking_told(document["tracking"])
         if document.get("ring_down"):
             rows = [
                 [number(row["pretension_mm"]), *(shown(row.get(key)) for key in _DECAY_COLUMNS)]
@@ -194,9 +197,18 @@ def _analyse_own(
         raise SpecError(
             "a time to settle is for the sweep of a foreign file; this recording says itself where it settles"
         )
-    results = analyse_with(recording, recording_rig(recording, rig))
-    document = results_document(results)
+    used = recording_rig(recording, rig)
     notes = str(recording.attrs.get("import_notes", "")).splitlines()
+    kinds = set(map(str, recording["kind"].values))
+    tracking = {}
+    if "tracking" in kinds:
+        if used is None:
+            raise RecordingError("this recording tracks a resonance and names no rig, expected one; name it (--rig)")
+        tracking = {"tracking": tracking_document(recording, used)}
+        if not kinds & {"steady", "ring-down"}:
+            return Analysed({"kind": "recording", "doubts": [], **tracking}, recording, None, tuple(notes))
+    results = analyse_with(recording, used)
+    document = results_document(results) | tracking
     return Analysed(document, recording, results, (*notes, *_notes_of(document, results)))
 
 

@@ -1,8 +1,11 @@
-"""A tracked swing looked at afterwards, turn by turn: frequency, phase, amplitudes, pretension."""
+"""A tracked swing looked at afterwards, turn by turn: frequency, phase, amplitudes, pretension; and how it is told."""
 
+import json
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,8 +13,11 @@ import xarray as xr
 from sinew.analysis.signal.signals import DelayBudget, Signals, drive_chain, read_signals, torsion_chain
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import NORMAL_90, Estimate
+from sinew.measure.estimate import NORMAL_90, Estimate, finite, fixed, number, pair, shown
+from sinew.measure.told import Table
+from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
+from sinew.plan.toml import parse_plan
 
 _ORDERS = (1, 3)
 _FEWEST_ROWS = 16
@@ -40,7 +46,8 @@ class TrackedPoint:
 
 def tracked_turns(recording: xr.Dataset, segment: int, rig: RigSpec) -> xr.Dataset:
     """Return a tracking segment turn by turn, over `turn`: time_s (middle, since the segment's begin), frequency_hz,
-    phase_error_rad (lag less 90°), lever_rad, torsion_rad (amplitudes), pretension_mm.
+    phase_error_rad (lag less 90°), lever_rad, torsion_rad (amplitudes), pretension_mm, number (how often the drive has
+    turned by its end).
 
     Turns are counted by the rising zeros of the command. Lever and rate are fitted in each by offset and harmonics 1
     and 3; the delays of both sensors are undone. A turn with a hole in it is left out.
@@ -56,14 +63,15 @@ def tracked_turns(recording: xr.Dataset, segment: int, rig: RigSpec) -> xr.Datas
     pretension = _pretension(signals, where, asked.pretension_mm, rig)
     zeros = _rising_zeros(time, command[where].astype(float))
     rows = []
-    for begin, end in pairwise(zeros.tolist()):
+    for turn, (begin, end) in enumerate(pairwise(zeros.tolist()), start=2):  # the first zero ends the first turn
         mine = slice(*np.searchsorted(time, (begin, end)))
         found = _turn(time[mine], both[mine], begin, end, signals.budget)
         if found is not None:
-            rows.append((0.5 * (begin + end) - time[0], 1 / (end - begin), *found, float(pretension[mine].mean())))
+            middle, there = 0.5 * (begin + end) - time[0], float(pretension[mine].mean())
+            rows.append((middle, 1 / (end - begin), *found, there, float(turn)))
     if not rows:
         raise RecordingError(f"segment {segment} holds no whole turn of the drive; track longer")
-    names = ("time_s", "frequency_hz", "phase_error_rad", "lever_rad", "torsion_rad", "pretension_mm")
+    names = ("time_s", "frequency_hz", "phase_error_rad", "lever_rad", "torsion_rad", "pretension_mm", "number")
     return xr.Dataset({name: ("turn", column) for name, column in zip(names, np.array(rows).T, strict=True)})
 
 
@@ -147,3 +155,188 @@ def _widened(estimate: Estimate, std: float) -> Estimate:
     half = math.hypot(estimate.high - estimate.value, NORMAL_90 * std)
     value = estimate.value
     return Estimate(value, math.hypot(estimate.std, std), value - half, value + half)
+
+
+# What a recording says of every tracked motion, as JSON holds it, and as it is told.
+
+BACKBONES_ATTRIBUTE = "backbones"
+"""Attribute of a recording: JSON, the backbone that was predicted at each pretension before it was tracked."""
+
+ENTER_DEG, LEAVE_DEG, PATIENCE = 6.0, 30.0, 4.0
+"""Locked is a phase error below the first; lost, one above the second, or so many turns without one."""
+
+_STOOD_MM = 0.2
+_DIGITS = {"time_s": 4, "frequency_hz": 5, "phase_error_deg": 3, "lever_deg": 3, "torsion_deg": 3, "pretension_mm": 3}
+
+
+def frequency_on_backbone(torsion: Array, frequency_hz: Array, amplitude: float) -> float:
+    """Return the frequency [Hz] of a predicted backbone at an amplitude of the torsion; NaN beyond the curve.
+
+    torsion: along the curve, growing, in the unit of the amplitude. frequency_hz: there.
+    """
+    inside = torsion[0] <= amplitude <= torsion[-1] * 1.02
+    return float(np.interp(amplitude, torsion, frequency_hz)) if inside else math.nan
+
+
+def turns_to_lock(turns: xr.Dataset) -> tuple[float | None, int]:
+    """Return (after how many turns of the drive it was locked, None for never; how often the lock was lost).
+
+    Locked is the second of two turns in a row with an error below `ENTER_DEG`.
+    """
+    error, count = np.degrees(np.abs(turns["phase_error_rad"].values)), turns["number"].values
+    first: float | None = None
+    is_locked, losses = False, 0
+    for i in range(1, error.size):
+        follows = count[i] - count[i - 1] == 1
+        if is_locked:
+            is_lost = error[i] > LEAVE_DEG or count[i] - count[i - 1] > PATIENCE
+            is_locked, losses = not is_lost, losses + int(is_lost)
+        elif follows and max(error[i - 1], error[i]) < ENTER_DEG:
+            is_locked, first = True, float(count[i]) if first is None else first
+    return first, losses
+
+
+def tracking_document(recording: xr.Dataset, rig: RigSpec) -> dict[str, Any]:
+    """Return what a recording says of every motion that was tracked, as JSON holds it: held, expected, tracks.
+
+    expected: the backbones that were predicted before, from the recording; empty where it holds none.
+    Raises RecordingError where a tracked motion cannot be read.
+    """
+    text = str(recording.attrs.get("plan", ""))
+    plan = parse_plan(text) if text.strip() else None
+    expected = json.loads(str(recording.attrs.get(BACKBONES_ATTRIBUTE, "[]")))
+    segments = np.flatnonzero(recording["kind"].values == "tracking").tolist()
+    tracks = [_track(recording, segment, rig, plan, expected) for segment in segments]
+    held = plan.track.held if plan is not None and plan.track is not None else None
+    return {"held": held, "expected": expected, "tracks": tracks}
+
+
+def _track(
+    recording: xr.Dataset, segment: int, rig: RigSpec, plan: Plan | None, expected: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    turns = tracked_turns(recording, segment, rig)
+    locked, losses = turns_to_lock(turns)
+    columns = {str(name): turns[name].values for name in turns}
+    for name in ("phase_error", "lever", "torsion"):
+        columns[f"{name}_deg"] = np.degrees(columns.pop(f"{name}_rad"))
+    error = columns["phase_error_deg"][columns["number"] >= (math.inf if locked is None else locked)]
+    planned = plan.track if plan is not None else None
+    moves = np.ptp(columns["pretension_mm"]) > _STOOD_MM if planned is None else planned.pretension_to_mm is not None
+    return {
+        "pretension_mm": float(recording["pretension_mm"].values[segment]),
+        "amplitude_deg": float(recording["amplitude_deg"].values[segment]),
+        "lock_cycles": locked,
+        "lock_losses": losses,
+        "phase_error_deg": float(np.sqrt(np.mean(error**2))) if error.size else None,
+        "point": None if moves else _point(turns, rig, expected),
+        "follow": _followed(columns, plan) if plan is not None and moves else None,
+        "turns": {name: np.round(columns[name], digits).tolist() for name, digits in _DIGITS.items()},
+    }
+
+
+def _point(turns: xr.Dataset, rig: RigSpec, expected: Sequence[Mapping[str, Any]]) -> dict[str, Any] | None:
+    try:
+        point = tracked_point(turns, rig)
+    except RecordingError:
+        return None
+    predicted = math.nan
+    if expected:
+        near = min(expected, key=lambda one: abs(one["pretension_mm"] - point.pretension_mm))
+        curve = (np.array(near["torsion_deg"]), np.array(near["frequency_hz"]))
+        predicted = frequency_on_backbone(*curve, point.torsion_deg.value)
+    return {
+        "pretension_mm": point.pretension_mm,
+        "frequency_hz": point.frequency_hz.to_json(),
+        "torsion_deg": point.torsion_deg.to_json(),
+        "lever_deg": point.lever_deg.to_json(),
+        "damping_ratio": point.damping_ratio.to_json(),
+        "phase_error_deg": point.phase_error_deg,
+        "turns": point.turns,
+        "predicted_hz": finite(predicted),
+    }
+
+
+def _followed(columns: dict[str, Array], plan: Plan) -> dict[str, float] | None:
+    """Return how far the resonance was from the wanted frequency while that moved; None where none was wanted."""
+    track = plan.track
+    if track is None or track.wanted_hz is None:
+        return None
+    times = (track.lead_s, track.lead_s + track.duration_s)
+    time, hertz = columns["time_s"], columns["frequency_hz"]
+    moving = (time >= times[0]) & (time <= times[1])
+    off = (hertz - np.interp(time, times, track.wanted_hz))[moving]
+    return {
+        "from_hz": track.wanted_hz[0],
+        "to_hz": track.wanted_hz[1],
+        "begin_s": track.lead_s,
+        "duration_s": track.duration_s,
+        "rms_error_hz": float(np.sqrt(np.mean(off**2))),
+        "largest_error_hz": float(np.abs(off).max()),
+    }
+
+
+POINT_COLUMNS = (
+    "pretension/mm",
+    "held/°",
+    "resonance/Hz",
+    "predicted/Hz",
+    "torsion/°",
+    "lever/°",
+    "damping",
+    "lock/turns",
+    "error/°",
+)
+
+
+def tracking_told(document: Mapping[str, Any]) -> list[Table | str]:
+    """Return the points as a table, and a sentence on every motion that gave none.
+
+    document: of `tracking_document`.
+    """
+    tracks, told = document["tracks"], list[Table | str]()
+    if rows := [point_row(track) for track in tracks if track["point"] is not None]:
+        held = "" if document["held"] is None else f"; amplitude held: {document['held']}"
+        told.append(Table(POINT_COLUMNS, rows, f"the torsion lags the lever by 90°{held}"))
+    return told + [moved_sentence(track) for track in tracks if track["point"] is None]
+
+
+def point_row(track: Mapping[str, Any]) -> list[str]:
+    """Return the row of a tracked motion at one pretension, by `POINT_COLUMNS`."""
+    point = track["point"]
+    half = 0.5 * (point["frequency_hz"]["interval90"][1] - point["frequency_hz"]["interval90"][0])
+    return [
+        f"{track['pretension_mm']:g}",
+        f"{track['amplitude_deg']:g}",
+        pair(point["frequency_hz"]["value"], half),
+        number(point["predicted_hz"]),
+        *(shown(point[name]) for name in ("torsion_deg", "lever_deg", "damping_ratio")),
+        fixed(track["lock_cycles"], 0),
+        number(point["phase_error_deg"], 2),
+    ]
+
+
+def moved_sentence(track: Mapping[str, Any]) -> str:
+    """Return what is told of a tracked motion whose pretension moved, or that gave no point."""
+    turns = track["turns"]
+    lock = "never locked" if track["lock_cycles"] is None else f"locked after {fixed(track['lock_cycles'], 0)} turns"
+    lost = f"lost {track['lock_losses']} times" if track["lock_losses"] else "never lost"
+    error = (
+        ""
+        if track["phase_error_deg"] is None
+        else f", phase error {number(track['phase_error_deg'], 2)}° (root mean square)"
+    )
+    way = (
+        f"{number(turns['pretension_mm'][0], 3)} to {number(turns['pretension_mm'][-1], 3)} mm, "
+        f"{number(turns['frequency_hz'][0])} to {number(turns['frequency_hz'][-1])} Hz"
+    )
+    follow = track["follow"]
+    after = (
+        ""
+        if follow is None
+        else (
+            f"; followed {follow['from_hz']:g} to {follow['to_hz']:g} Hz in {follow['duration_s']:g} s to within "
+            f"{number(follow['rms_error_hz'], 2)} Hz (root mean square), "
+            f"{number(follow['largest_error_hz'], 2)} Hz at most"
+        )
+    )
+    return f"{way}: {lock}, {lost}{error}{after}"

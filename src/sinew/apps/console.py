@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -63,6 +64,26 @@ def print_told(told: Iterable[Table | str]) -> None:
 def remark(sentence: str) -> None:
     """Print a remark on stderr, where it does not disturb what a pipe reads."""
     sys.stderr.write(f"sinew: {' '.join(sentence.split())}\n")
+
+
+def one_key(question: str) -> str:
+    """Ask on stderr and return the one key that is pressed on stdin, in lower case; "" where either is no terminal.
+
+    What was typed before the question does not answer it.
+    """
+    if not (sys.stdin.isatty() and sys.stderr.isatty()):
+        return ""
+    import termios
+    import tty
+
+    here = sys.stdin.fileno()
+    before = termios.tcgetattr(here)
+    remark(question)
+    try:
+        tty.setcbreak(here, termios.TCSAFLUSH)
+        return os.read(here, 1).decode("ascii", "replace").lower()
+    finally:
+        termios.tcsetattr(here, termios.TCSADRAIN, before)
 
 
 @contextmanager

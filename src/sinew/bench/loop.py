@@ -170,14 +170,18 @@ class Loop:
         self._due += (1 + skipped) * self.period
         return began
 
+    def refuse_stopped(self, paused: float) -> None:
+        """Raise PauseError if motors were stopped by their watchdogs while the computer paused for some time [s]."""
+        stopped = [motor.name for motor in self._rig.motors if motor.watchdog_tripped()]
+        if stopped:
+            raise PauseError(
+                f"the computer paused for {1e3 * paused:.0f} ms, longer than the bus watchdog allows, and "
+                f"{', '.join(stopped)} stopped; end other programs, or lower sample_hz"
+            )
+
     def _check_pace(self, late: float) -> None:
         if late > WATCHDOG_S - self.period:
-            stopped = [motor.name for motor in self._rig.motors if motor.watchdog_tripped()]
-            if stopped:
-                raise PauseError(
-                    f"the computer paused for {1e3 * late:.0f} ms, longer than the bus watchdog allows, and "
-                    f"{', '.join(stopped)} stopped; end other programs, or lower sample_hz"
-                )
+            self.refuse_stopped(late)
         share = sum(self._late) / len(self._late)
         if len(self._late) < _MISSED_WINDOW or share <= _MISSED_MOST:
             return

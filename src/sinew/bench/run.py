@@ -121,7 +121,8 @@ class RunReport:
     is_complete: every group of the plan is recorded. sentence: what ended it. stop: how the rig was left.
     groups_done, groups: of the plan, those of earlier attempts included. loop: of the cycles. pretensions: as they came
     out, in order. tracks: the last state of the law of each tracking group of this run, by its index in the plan.
-    pauses: what was said of each pause of the computer after which the run went on by itself.
+    pauses: what was said of each pause of the computer after which the run went on by itself. is_paused: whether one
+    ended it, so that nothing is wrong with the bench and the run can be gone on with at once.
     halted_s: from the request that ended the run until all motors were frozen [s]; None where there was none.
     reads: how a cycle asked all devices in the end; wire_s: how long its bytes were on the wire [s].
     """
@@ -135,6 +136,7 @@ class RunReport:
     pretensions: list[events.Pretensioned] = field(default_factory=list)
     tracks: dict[int, events.Track] = field(default_factory=dict)
     pauses: list[str] = field(default_factory=list)
+    is_paused: bool = False
     halted_s: float | None = None
     reads: Reads | None = None
     wire_s: float = 0.0
@@ -187,6 +189,7 @@ class Runner:
         self._index = -1
         self._attempt = 0
         self._kept: list[Sample] = []
+        self._stepped = 0.0
         self._may_hold = False  # motors that were never under torque are left without
         self._guard = Guard(rig.spec)
         self.steering = steering or Steering(clock.now)
@@ -243,7 +246,7 @@ class Runner:
             report.sentence = str(refusal)
             raise
         except (BenchError, HardwareError, FileError) as trouble:
-            report.sentence = str(trouble)
+            report.sentence, report.is_paused = str(trouble), isinstance(trouble, PauseError)
         except KeyboardInterrupt:
             report.sentence = "interrupted"
         except BaseException as fault:
@@ -280,13 +283,13 @@ class Runner:
                 self._say(events.Frozen.of(after_ms=1e3 * self.report.halted_s))
 
     def _run_through_pauses(self) -> None:
-        """Run all groups; after a pause of the computer that let the watchdogs trip, as often as the rig allows,
-        bring it to rest and go on from the last whole group."""
+        """Run all groups; after a pause of the computer that let the watchdogs trip, as often as the bench's limits
+        allow, bring it to rest and go on from the last whole group."""
         while True:
             try:
                 self._run_all(self._journal.finished_groups())
             except PauseError as pause_:
-                most = self._rig.spec.limits.most_resumes
+                most = self._rig.spec.limits.most_resumes(is_emulated=self._is_emulated())
                 if len(self.report.pauses) >= most:
                     if most == 0:
                         raise
@@ -296,6 +299,13 @@ class Runner:
                 self._stand_after(str(pause_), most)
             else:
                 return
+
+    def _is_emulated(self) -> bool:
+        """Return whether the bench says that it is emulated; one that does not answer is taken for real."""
+        try:
+            return self._rig.imu.is_emulated()
+        except HardwareError:
+            return False
 
     def _stand_after(self, why: str, most: int) -> None:
         """Mark a hole, have all motors stand until the joint rests, let go, and get ready to pull the tendons anew.
@@ -397,11 +407,13 @@ class Runner:
         """Configure the motors, put them under power where they are, bring the lever to zero, pull to contact."""
         rig, loop = self._rig, self._loop
         self._begin_from_known_state()
+        self._stepped = self._clock.now()
         for motor in rig.motors:
-            self.steering.check()
+            self._step()
             prepare_goal(motor)
             self._may_hold = True
             _under_torque(motor)
+        self._step()
         angles = tuple(motor.angle() for motor in rig.tendons)
         loop.watch = Watch(origin=angles, goals=angles)
         loop.restart()
@@ -420,8 +432,9 @@ class Runner:
         self.at.state = "changing the mode"
         angles = list(contact.angles)
         if mode != "position-with-current-limit":
+            self._stepped = self._clock.now()
             for index, motor in enumerate(self._rig.tendons):
-                self.steering.check()
+                self._step()
                 before = motor.angle()
                 motor.torque_off()
                 self._rig.prepare_tendon(motor, mode)
@@ -433,6 +446,7 @@ class Runner:
                     prepare_goal(motor)
                 _under_torque(motor)
             self._rig.set_tendon_mode(mode)
+            self._step()
         self._note_registers(self._look_at_registers("the mode was set"))
         goals = tuple(motor.angle() for motor in self._rig.tendons)
         by_current = mode == "current"
@@ -441,6 +455,13 @@ class Runner:
         )
         self._loop.restart()
         return Contact(tuple(angles), contact.current)
+
+    def _step(self) -> None:
+        """Look whether the run is to end, between steps that have no cycle, and whether the computer paused in one."""
+        self.steering.check()
+        if (took := self._clock.now() - self._stepped) > WATCHDOG_S:
+            self._loop.refuse_stopped(took)
+        self._stepped = self._clock.now()
 
     def _begin_from_known_state(self) -> None:
         """Bring every register that matters to what the run needs, whatever was there, while nothing has torque.

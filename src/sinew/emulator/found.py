@@ -45,19 +45,20 @@ def found_bench(
     unloaded: bool = False,
     in_space: bool = False,
     unbuilt: Unbuilt | None = None,
+    tells_supply: bool = False,
 ) -> FaultyRig:
     """Return an emulated bench that is ready to answer. Raises SpecError for a fault of what the rig does not have, or
     a joint in space without its masses.
 
     baud: what the devices are set to; else the rig's. unloaded: motors on the table, without the joint. in_space: a
     joint with a heavy head, which bends and sways; one that was cast bent is always that. unbuilt: what is wrong with
-    it; `unbuilt.Hands` makes it so, and puts it right.
+    it; `unbuilt.Hands` makes it so, and puts it right. tells_supply: as of `EmulatedRig`.
     """
     rig = rig if unbuilt is None else unbuilt.spec
     plant = _plant(rig, start, unloaded, in_space)
     if unbuilt is not None:
         plant.place_lever(unbuilt.lever)
-    bench = Faults(faults, seed).attach(EmulatedRig(rig, plant, seed=seed, baud=baud))
+    bench = Faults(faults, seed).attach(EmulatedRig(rig, plant, seed=seed, baud=baud, tells_supply=tells_supply))
     bench.advance(_WARM_UP)
     bench.rig.motion()
     return bench

@@ -128,7 +128,8 @@ class EmulatedRig:
     seed: of the sensor's noise, bias and crystal. tendon_counts: encoder readings of the tendon motors at the start.
     baud: what the devices are set to [1/s]; None: the wiring's, which the master has. firmware: of the motors.
     return_delay: register return_delay_time of the motors, in 2 µs; a factory-new motor has 250.
-    imu_ppm: error of the sensor's crystal [1e-6]; None: drawn. trips: who was stopped by its bus watchdog, and when.
+    imu_ppm: error of the sensor's crystal [1e-6]; None: drawn. tells_supply: whether the motors' registers of current
+    tell the supply's; nobody knows of the real ones. trips: who was stopped by its bus watchdog, and when.
     Raises SpecError for a sensor that is not emulated, or a baud that the motors do not have.
     """
 
@@ -143,6 +144,7 @@ class EmulatedRig:
         firmware: int = 47,
         return_delay: int = 250,
         imu_ppm: float | None = None,
+        tells_supply: bool = False,
     ) -> None:
         wiring = spec.wiring
         baud = wiring.baud if baud is None else baud
@@ -164,7 +166,15 @@ class EmulatedRig:
         for index, device in enumerate(ids):
             horn = Horn(self.mechanics, index, signs[index], zeros[index])
             table, code = MOTORS[SERVOS[models[index]].number], BAUD_RATES.index(baud)
-            motor = Motor(table, horn, device_id=device, baud_code=code, firmware=firmware, supply=self.supply)
+            motor = Motor(
+                table,
+                horn,
+                device_id=device,
+                baud_code=code,
+                firmware=firmware,
+                supply=self.supply,
+                tells_supply=tells_supply,
+            )
             motor.registers["return_delay_time"] = return_delay
             self.motors[device] = motor
         self._motors = tuple(self.motors.values())

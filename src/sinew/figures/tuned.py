@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from sinew.analysis.tracked import POINT_COLUMNS, moved_sentence, point_row
 from sinew.figures.page import Caption, Table, pictures, write_page
 from sinew.figures.predicted import label_outer, shortened
 from sinew.figures.style import (
@@ -23,7 +24,9 @@ from sinew.figures.style import (
     new_figure,
     note_panel,
     pretension_colours,
+    save_figure,
 )
+from sinew.measure.errors import RecordingError
 from sinew.solve.branch import Branch
 from sinew.tune.gait import BoutGait, GaitTarget
 
@@ -36,10 +39,13 @@ def draw_tracking(tracks: Sequence[Mapping[str, Any]], expected: Sequence[Mappin
     """Return frequency and phase error of tracked motions over time, and torsion over frequency beside the prediction.
 
     tracks, expected: as in the document of `sinew track`. Colour is the pretension; of one that moves, its begin.
+    Raises RecordingError where there is no track.
     """
+    if not tracks:
+        raise RecordingError("there is no tracked motion to draw; track one to its end")
     figure = new_figure(5.0)
     panels = figure.subplot_mosaic([["frequency", "backbone"], ["phase", "backbone"]], width_ratios=(1.1, 1.0))
-    pretensions = [one["pretension_mm"] for one in expected]
+    pretensions = sorted({one["pretension_mm"] for one in expected or tracks})
     colours = {mm: tuple(colour) for mm, colour in zip(pretensions, pretension_colours(pretensions), strict=True)}
     moves = any(track["point"] is None for track in tracks)
     for track in tracks:
@@ -106,6 +112,51 @@ def _draw_expected(axes: Axes, one: Mapping[str, Any], colour: Any) -> None:
         rotation=90,
         color=colour,
         fontsize=8.0,
+    )
+
+
+_TRACKING = {
+    "tracking": Caption(
+        "Tracked motions",
+        "Frequency and phase error over time, turn by turn; where the joint resonated, with 90 % intervals, beside the "
+        "backbone that was predicted.",
+        "Drive frequency and phase error over time, and torsion over frequency with the predicted backbone.",
+    )
+}
+
+
+def save_tracking(document: Mapping[str, Any], folder: Path) -> list[Path]:
+    """Write the figure of tracked motions as tracking.png and tracking.pdf, and return where they are.
+
+    document: of `sinew.analysis.tracked.tracking_document`.
+    """
+    return save_figure(draw_tracking(document["tracks"], document["expected"]), folder, "tracking", ("png", "pdf"))
+
+
+def write_tracking_page(path: Path, document: Mapping[str, Any], figures: Sequence[Path], rebuild: str) -> Path:
+    """Write the page of tracked motions, atomically, and return its path.
+
+    document: of `sinew.analysis.tracked.tracking_document`. figures: the PNGs among them are put into the page.
+    rebuild: the command that makes all of this again. Raises FileError where the folder cannot be written.
+    """
+    tracks = document["tracks"]
+    points = [point_row(track) for track in tracks if track["point"] is not None]
+    moved = [moved_sentence(track) for track in tracks if track["point"] is None]
+    count = f"{len(tracks)} motion{'s' * (len(tracks) != 1)}"
+    tables = [
+        Table("Points of the backbone", list(POINT_COLUMNS), points, "The torsion lags the measured lever by 90°.")
+    ]
+    return write_page(
+        path,
+        "prediction.html",
+        title="A tracked resonance",
+        about=f"{count}, {sum(len(track['turns']['time_s']) for track in tracks)} turns of the drive.",
+        lead=" ".join(f"{sentence[:1].upper()}{sentence[1:]}." for sentence in moved),
+        tables=tables if points else [],
+        pictures=pictures(figures, _TRACKING),
+        validity=[],
+        rebuild=rebuild,
+        origins=[],
     )
 
 

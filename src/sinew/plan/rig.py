@@ -385,6 +385,8 @@ class Repeatability(Settings):
     guide_friction: Annotated[Parameter, not_negative("1")]
 
 
+_EMULATED_RESUMES = 10
+
 TORSO_ROLL_DEG = 40.0
 """How far the paper's torso rolls, either way (Fig. 11) [deg]."""
 
@@ -397,7 +399,7 @@ class Limits(Settings):
     tilt_deg: how far the head may lean away from the pose that was asked for, level where none was.
     bend_deg: how far that pose may be bent; None: 40°, as far as the paper's torso rolls.
     resumes_after_pause: how often a run goes on by itself after the computer paused for longer than the motors wait;
-    None: three times where the rig declares release, never where it declares hold.
+    None: ten times on an emulated bench, never on a real one, which stops for somebody to look.
     """
 
     pretension_mm: Window
@@ -421,12 +423,11 @@ class Limits(Settings):
         """How far the head may be asked to bend [deg]."""
         return TORSO_ROLL_DEG if self.bend_deg is None else self.bend_deg
 
-    @property
-    def most_resumes(self) -> int:
-        """How often a run goes on by itself after a pause of the computer."""
+    def most_resumes(self, *, is_emulated: bool) -> int:
+        """Return how often a run goes on by itself after a pause of the computer, on an emulated or a real bench."""
         if self.resumes_after_pause is not None:
             return self.resumes_after_pause
-        return 3 if self.safe_state == "release" else 0
+        return _EMULATED_RESUMES if is_emulated else 0
 
 
 class BusSensor(Settings):

@@ -7,14 +7,15 @@ devices: whoever runs it tells it each cycle what was measured and asks it what 
 import cmath
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.optimize import brentq
 
 from sinew.analysis.signal.signals import DelayBudget, torsion_chain
+from sinew.analysis.tracked import ENTER_DEG, LEAVE_DEG, PATIENCE, frequency_on_backbone
 from sinew.measure import events
 from sinew.measure.arrays import Array
 from sinew.measure.errors import SpecError
@@ -331,10 +332,10 @@ class LockRule:
     """enter, leave: phase errors [rad] below which, over `cycles` of the drive, a lock begins, and above which, over as
     many, it ends. patience: cycles without a phase after which it ends as well."""
 
-    enter: float = math.radians(6.0)
-    leave: float = math.radians(30.0)
+    enter: float = math.radians(ENTER_DEG)
+    leave: float = math.radians(LEAVE_DEG)
     cycles: float = 1.0
-    patience: float = 4.0
+    patience: float = PATIENCE
 
 
 class Lock:
@@ -577,8 +578,26 @@ class ExpectedBackbone:
 
     def frequency_at(self, torsion: float) -> float:
         """Return the predicted resonance [Hz] at an amplitude of the torsion [rad]; NaN beyond the curve."""
-        inside = self.torsion[0] <= torsion <= self.torsion[-1] * 1.02
-        return float(np.interp(torsion, self.torsion, self.frequency_hz)) if inside else float("nan")
+        return frequency_on_backbone(self.torsion, self.frequency_hz, torsion)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as JSON holds it, angles in degrees, all to seven digits."""
+        curves = {
+            "frequency_hz": self.frequency_hz,
+            "torsion_deg": np.degrees(self.torsion),
+            "lever_deg": np.degrees(self.lever),
+            "command_deg": np.degrees(self.command),
+            "damping_ratio": self.damping_ratio,
+        }
+        along = {name: [float(f"{value:.7g}") for value in curve] for name, curve in curves.items()}
+        return {"pretension_mm": self.pretension_mm, **along}
+
+    @classmethod
+    def from_json(cls, row: Mapping[str, Any]) -> "ExpectedBackbone":
+        """Return what `to_json` gave."""
+        curves = ("frequency_hz", "damping_ratio", "command_deg", "lever_deg", "torsion_deg")
+        frequency, damping, *angles = (np.array(row[name], dtype=float) for name in curves)
+        return cls(float(row["pretension_mm"]), frequency, damping, *(np.radians(angle) for angle in angles))
 
 
 def expect_backbones(

@@ -4,12 +4,12 @@ import shlex
 import shutil
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from sinew.apps.console import option, require_folder
+from sinew.apps.console import one_key, option, require_folder
 from sinew.measure.estimate import finite
 
 if TYPE_CHECKING:
@@ -217,6 +217,17 @@ def on_signals(
     return signals_to(handle, names)
 
 
+def goes_on_by_key(document: Mapping[str, Any]) -> bool:
+    """Return whether a run that a pause of the computer ended is to go on: whoever sits at the terminal presses r.
+
+    document: of `run_document`. The bench is at rest in its safe state for as long as that takes; nobody is asked where
+    it is not, or where there is no terminal.
+    """
+    if not (document["paused"] and document["is_safe"]):
+        return False
+    return one_key("the computer paused, the bench is at rest: press r to go on, any other key to end") == "r"
+
+
 def run_document(
     report: "RunReport", plan: "Plan", spec: "RigSpec", recording: Path | None, journal: Path
 ) -> dict[str, Any]:
@@ -234,6 +245,7 @@ def run_document(
         "left": report.stop.sentence(),
         "frozen_ms": None if report.halted_s is None else round(1e3 * report.halted_s, 1),
         "pauses": list(report.pauses),
+        "paused": report.is_paused,
         "groups": report.groups,
         "groups_done": report.groups_done,
         "pretensions": pretensions,
@@ -256,11 +268,16 @@ def run_document(
     }
 
 
+def print_pauses(document: Mapping[str, Any]) -> None:
+    """Print how often a run went on by itself, if it did."""
+    if pauses := document["pauses"]:
+        print(f"went on by itself after {len(pauses)} pause{'s' * (len(pauses) > 1)} of the computer")
+
+
 def print_run(document: dict[str, Any]) -> None:
     done = f"; {document['groups_done']} of {document['groups']} groups are recorded"
     print(f"{document['ended']}{'' if document['complete'] else done}")
-    if pauses := document["pauses"]:
-        print(f"went on by itself after {len(pauses)} pause{'s' * (len(pauses) > 1)} of the computer")
+    print_pauses(document)
     print(document["left"])
     cycles = document["cycles"]
     print(

@@ -42,6 +42,9 @@ def emulate(
     unbuilt: Annotated[
         str | None, option("WHAT", "Wired or set wrongly, drawn by --seed: all, or some of the words below.")
     ] = None,
+    supply_current: Annotated[
+        bool, flag("--supply-current", "Registers of current tell the supply's, not the motors'.")
+    ] = False,
     for_s: Annotated[float | None, option("S", "End after so much emulated time.", "--for", min=0.0)] = None,
     socket: Annotated[
         bool, flag("--socket", "A socket, not a terminal: for Sinew alone; keeps time on a busy computer.")
@@ -83,7 +86,17 @@ def emulate(
     if truth is not None:
         require_file(truth)
     wrong = None if unbuilt is None else draw_unbuilt(rig_, parse_kinds(unbuilt), seed)
-    bench = found_bench(rig_, start, seed, faults, baud=baud, unloaded=unloaded, in_space=in_space, unbuilt=wrong)
+    bench = found_bench(
+        rig_,
+        start,
+        seed,
+        faults,
+        baud=baud,
+        unloaded=unloaded,
+        in_space=in_space,
+        unbuilt=wrong,
+        tells_supply=supply_current,
+    )
     shared = hands = None
     try:
         shared = None if own_time else ClockSocket(link)

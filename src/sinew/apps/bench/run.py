@@ -3,7 +3,7 @@
 import shlex
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from sinew.apps.bench import bench_run
 from sinew.apps.bench.run_control import keeping_time, listening, showing
@@ -31,6 +31,10 @@ def run(
     the port is lost, their own bus watchdog stops them. A run that was cut off goes on at its first unfinished group
     with --resume.
 
+    Where the computer paused for so long that the motors stopped themselves, an emulated bench is brought to rest and
+    the run goes on by itself from its last whole group; a real one is left in its safe state, and on a terminal one
+    key, r, goes on. The rig may say how often a run goes on by itself (limits.resumes_after_pause).
+
     Ctrl-\\ is the emergency stop: all motors are frozen at once, within 0.2 s, then brought to the declared state. The
     run takes commands (pause, resume, hold, release, stop, emergency) at the socket that DIR/control names.
 
@@ -40,48 +44,58 @@ def run(
 
     Exit status: 0 complete, 1 stopped early, 2 refused before anything moved.
     """
-    from sinew.bench.preflight import refuse_unready
-    from sinew.bench.run import Runner
-    from sinew.bench.stops import Steering
     from sinew.plan.toml import load_plan, load_rig
 
     plan_, spec = load_plan(plan), load_rig(rig)
     words = ["sinew", "run", plan, "--rig", rig, "--port", port, "--out", str(out)]
     bench_run.refuse_unfit_folder(out, resume)
-    bench_run.await_port(port, wait)
+    while True:
+        bench_run.await_port(port, wait)
+        document = _run_once(plan_, spec, port, out, words, resume)
+        if json:
+            print_json(document)
+        else:
+            bench_run.print_run(document)
+        if not document["complete"]:
+            end = f"{document['ended']}; " if json else ""
+            remark(f"{end}go on with: {shlex.join([*words, '--resume'])}")
+        if json or not bench_run.goes_on_by_key(document):
+            return 0 if document["complete"] and document["is_safe"] else 1
+        resume = True
+
+
+def _run_once(plan: "Plan", spec: "RigSpec", port: str, out: Path, words: list[str], resume: bool) -> dict[str, Any]:
+    """Run a plan, or what is left of it, and return how it ended, as JSON holds it."""
+    from sinew.bench.preflight import refuse_unready
+    from sinew.bench.run import Runner
+    from sinew.bench.stops import Steering
+
     with ExitStack() as signals:
         with (
             bench_run.open_rig(port, spec) as (bench, clock),
             listening(out, steering := Steering(clock.now)) as control,
         ):
             # What the bench lacks is said at once; the runner looks again, for the preview takes a while.
-            refuse_unready(bench, clock, plan_, torque_may_be_on=resume)
-            tension, held, expected = _refuse_unfit_plan(plan_, spec, out)
+            refuse_unready(bench, clock, plan, torque_may_be_on=resume)
+            tension, held, expected = _refuse_unfit_plan(plan, spec, out)
             told = {"source": bench_run.source_of(bench), "expected": expected}
             with (
                 keeping_time(),
-                bench_run.run_journal(out, plan_, spec, words, resume, **told) as journal,
+                bench_run.run_journal(out, plan, spec, words, resume, **told) as journal,
                 showing() as screen,
             ):
                 runner = control.runner = Runner(
-                    bench, clock, plan_, journal, tension, held=held, listener=screen, steering=steering
+                    bench, clock, plan, journal, tension, held=held, listener=screen, steering=steering
                 )
                 signals.enter_context(bench_run.on_signals(steering.request_stop, steering.request_emergency))
                 report = runner.run(resume=resume)
                 bench_run.close_journal(journal, report)
             statistics = bench.bus.statistics
         recording = bench_run.convert_journal(out, report)
-    document = bench_run.run_document(report, plan_, spec, recording, out / bench_run.JOURNAL)
+    document = bench_run.run_document(report, plan, spec, recording, out / bench_run.JOURNAL)
     document["doubts"] = bench_run.recording_doubts(recording, spec)
     document["bus"] = {name: getattr(statistics, name) for name in statistics.__dataclass_fields__}
-    if json:
-        print_json(document)
-    else:
-        bench_run.print_run(document)
-    if not report.is_complete:
-        end = f"{report.sentence}; " if json else ""
-        remark(f"{end}go on with: {shlex.join([*words, '--resume'])}")
-    return 0 if report.is_complete and document["is_safe"] else 1
+    return document
 
 
 def stop(

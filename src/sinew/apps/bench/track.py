@@ -1,6 +1,8 @@
 """`sinew track`: a joint kept in resonance, on a bench or on the emulated one."""
 
+import json as jsonlib
 import math
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from pathlib import Path
@@ -12,13 +14,9 @@ from sinew.apps import console
 from sinew.apps.bench import bench_run
 from sinew.apps.bench.run_control import keeping_time, listening, showing
 from sinew.apps.console import Json, Seed, flag, option
-from sinew.measure.errors import RecordingError, SpecError
-from sinew.measure.estimate import finite, fixed, number, pair, shown
+from sinew.measure.errors import FileError, SpecError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from sinew.hardware.bus import Clock
     from sinew.hardware.rig import Rig as HardwareRig
     from sinew.plan.plan import Held, Plan, Track
@@ -36,8 +34,10 @@ def track(
     pretension: Annotated[
         str | None, option("MM,...|FROM:TO", "Pretensions, or one that moves; else 4.", "--pretension-mm")
     ] = None,
-    amplitude: Annotated[str, option("DEG,...", "Amplitudes that are held.", "--amplitude-deg")] = "20",
-    hold: Annotated[str, option("command|lever|torsion", "Of what they are: half of peak to peak.")] = "command",
+    amplitude: Annotated[str | None, option("DEG,...", "Amplitudes that are held; else 20.", "--amplitude-deg")] = None,
+    hold: Annotated[
+        str | None, option("command|lever|torsion", "Of what they are, half of peak to peak; else command.")
+    ] = None,
     duration: Annotated[
         float | None, option("S", "Of each; else 10, moving 30.", "--duration-s", min=3.0, max=3600.0)
     ] = None,
@@ -50,6 +50,7 @@ def track(
     out: Annotated[Path, option("DIR", "Folder for journal, recording, figure.")] = Path("out/track"),
     fault: Annotated[list[str] | None, option("SPEC", "With --emulate: as of `sinew emulate`.")] = None,
     seed: Seed = 0,
+    resume: Annotated[bool, flag("--resume", "Go on with the interrupted tracking in --out.")] = False,
     wait: bench_run.Wait = 0.0,
     json: Json = False,
 ) -> int:
@@ -59,29 +60,62 @@ def track(
     FROM:TO the pretension moves, within --duration-s, while the lock is kept. With --follow-hz a slower loop moves it
     within that range, or 0:12, so that the resonance follows a frequency.
 
-    Samples, journal, limits and the end in the rig's safe state are those of `sinew run`. Exit status: 0 complete, 1
-    stopped early, 2 refused before anything moved.
+    Samples, journal, limits and the end in the rig's safe state are those of `sinew run`. Motions that were cut off,
+    by a killed process too, are measured with --resume; what was to be tracked is in the journal then, and not said
+    again. Exit status: 0 complete, 1 stopped early, 2 refused before anything moved.
     """
     from sinew.plan.toml import load_rig
 
     _require_one_bench(port, emulate=emulate, has_faults=bool(fault))
     spec = load_rig(rig)
-    bench_run.refuse_unfit_folder(out, resume=False)
-    plan, expected = track_plan(spec, pretension, amplitude, hold, duration, start, follow)
-    where = ["--emulate", "--seed", str(seed)] if emulate else ["--port", str(port)]
+    bench_run.refuse_unfit_folder(out, resume)
     asked = {"--pretension-mm": pretension, "--amplitude-deg": amplitude, "--hold": hold, "--duration-s": duration}
     asked |= {"--from-hz": start, "--follow-hz": follow}
-    words = ["sinew", "track", rig, *where, *_options(asked, fault or ()), "--out", str(out)]
-    with ExitStack() as stack:
-        bench = _emulated(spec, seed, fault or []) if port is None else _real(port, spec, wait)
-        document = _run(bench, plan, spec, expected, out, words, stack, virtual=port is None)
-    document |= found_tracks(document, plan, spec, expected)
-    write_found(document, out)
-    if json:
-        console.print_json(document)
+    if resume:
+        plan, expected = _begun_plan(out, asked)
     else:
-        print_found(document)
-    return 0 if document["complete"] and document["is_safe"] else 1
+        plan, expected = track_plan(spec, pretension, amplitude or "20", hold or "command", duration, start, follow)
+    where = ["--emulate", "--seed", str(seed)] if emulate else ["--port", str(port)]
+    words = ["sinew", "track", rig, *where, *_options(asked, fault or ()), "--out", str(out)]
+    go_on = shlex.join(["sinew", "track", rig, *where, "--out", str(out), "--resume"])
+    while True:
+        with ExitStack() as stack:
+            bench = _emulated(spec, seed, fault or []) if port is None else _real(port, spec, wait)
+            document = _run(bench, plan, spec, expected, out, words, stack, virtual=port is None, resume=resume)
+        document |= found_tracks(document, plan, spec, expected)
+        write_found(document, out)
+        if json:
+            console.print_json(document)
+        else:
+            print_found(document)
+        if not document["complete"]:
+            console.remark(f"{document['ended'] + '; ' if json else ''}go on with: {go_on}")
+        if json or not bench_run.goes_on_by_key(document):
+            return 0 if document["complete"] and document["is_safe"] else 1
+        resume = True
+
+
+def _begun_plan(folder: Path, asked: Mapping[str, object]) -> "tuple[Plan, tuple[ExpectedBackbone, ...]]":
+    """Return the plan of the tracking that was begun in a folder, and the backbones that were expected of it.
+
+    Raises SpecError where options ask for another, FileError where the folder holds no tracking.
+    """
+    from sinew.analysis.tracked import BACKBONES_ATTRIBUTE
+    from sinew.bench.record.journal_reader import JournalReader
+    from sinew.plan.toml import parse_plan
+    from sinew.tune.track import ExpectedBackbone
+
+    if given := [name for name, value in asked.items() if value is not None]:
+        raise SpecError(f"found {given[0]} beside --resume, which goes on with what was begun; leave it out")
+    with JournalReader(folder / bench_run.JOURNAL) as journal:
+        plan, told = parse_plan(journal.plan_toml), journal.attrs.get(BACKBONES_ATTRIBUTE)
+    if plan.track is None or told is None:
+        raise FileError(
+            f"the journal in {folder} is not one that this `sinew track` can go on with: found "
+            f"{'a plan without [track]' if plan.track is None else 'no predicted backbones in it'}; "
+            f"{'go on by `sinew run --resume`' if plan.track is None else 'track anew in another folder'}"
+        )
+    return plan, tuple(ExpectedBackbone.from_json(row) for row in jsonlib.loads(str(told)))
 
 
 def _require_one_bench(port: str | None, *, emulate: bool, has_faults: bool) -> None:
@@ -124,8 +158,10 @@ def _run(
     signals: ExitStack,
     *,
     virtual: bool,
+    resume: bool,
 ) -> dict[str, Any]:
     """Run a plan that tracks and return how it ended, as JSON holds it."""
+    from sinew.analysis.tracked import BACKBONES_ATTRIBUTE
     from sinew.bench.preflight import refuse_unready
     from sinew.bench.run import Runner
     from sinew.bench.stops import Steering
@@ -134,12 +170,13 @@ def _run(
     held = tensions(plan, spec)
     bench_run.refuse_full_disk(out, plan, sum(group.duration_s for group in plan.groups()))
     with bench as (rig, clock), listening(out, steering := Steering(clock.now, can_pause=False)) as control:
-        refuse_unready(rig, clock, plan)
+        refuse_unready(rig, clock, plan, torque_may_be_on=resume)
         pace = nullcontext() if virtual else keeping_time()
-        told = {"source": bench_run.source_of(rig)}
+        backbones = jsonlib.dumps([one.to_json() for one in expected])
+        told = {"source": bench_run.source_of(rig), BACKBONES_ATTRIBUTE: backbones}
         with (
             pace,
-            bench_run.run_journal(out, plan, spec, words, False, **told) as journal,
+            bench_run.run_journal(out, plan, spec, words, resume, **told) as journal,
             showing(tracking=True) as screen,
         ):
             runner = control.runner = Runner(
@@ -153,12 +190,10 @@ def _run(
                 law=lambda group, time: planned_tracker(group, plan, spec, expected, time),
             )
             signals.enter_context(bench_run.on_signals(steering.request_stop, steering.request_emergency))
-            report = runner.run()
+            report = runner.run(resume=resume)
             bench_run.close_journal(journal, report)
     recording = bench_run.convert_journal(out, report)
-    document = bench_run.run_document(report, plan, spec, recording, out / bench_run.JOURNAL)
-    document["laws"] = [report.tracks[index] for index in sorted(report.tracks)]
-    return document
+    return bench_run.run_document(report, plan, spec, recording, out / bench_run.JOURNAL)
 
 
 # The options of `sinew track` become a plan, and what the rig is expected to do.
@@ -306,184 +341,37 @@ def _refuse_beyond_limits(
 
 # What tracking found is told: points of the backbone, how well the phase was held, how well followed.
 
-_DIGITS = {"time_s": 4, "frequency_hz": 5, "phase_error_deg": 3, "lever_deg": 3, "torsion_deg": 3, "pretension_mm": 3}
-
 
 def found_tracks(
-    document: dict[str, Any], plan: "Plan", rig: "RigSpec", expected: "Sequence[ExpectedBackbone]"
+    document: Mapping[str, Any], plan: "Plan", rig: "RigSpec", expected: "Sequence[ExpectedBackbone]"
 ) -> dict[str, Any]:
     """Return what the recording that a run's document names says of every tracked motion, as JSON holds it."""
-    import numpy as np
-
-    from sinew.analysis.tracked import tracked_turns
+    from sinew.analysis.tracked import tracking_document
     from sinew.measure.files.netcdf import load_recording
 
-    laws, tracks = document.pop("laws"), []
-    if document["recording"] is not None and laws:
-        recording = load_recording(Path(document["recording"]))
-        segments = np.flatnonzero(recording["kind"].values == "tracking")
-        for segment, law in zip(segments.tolist(), laws, strict=False):
-            turns = tracked_turns(recording, segment, rig)
-            amplitude = float(recording["amplitude_deg"].values[segment])
-            columns = {str(name): turns[name].values for name in turns}
-            for name in ("phase_error", "lever", "torsion"):
-                columns[f"{name}_deg"] = np.degrees(columns.pop(f"{name}_rad"))
-            track: dict[str, Any] = {
-                "pretension_mm": float(recording["pretension_mm"].values[segment]),
-                "amplitude_deg": amplitude,
-                "lock_cycles": law.lock_cycles,
-                "lock_losses": law.lock_losses,
-                "phase_error_deg": _held_error(columns, law.lock_cycles),
-                "point": None,
-                "follow": None,
-            }
-            if plan.track is not None and plan.track.pretension_to_mm is None:
-                track["point"] = _point(turns, rig, expected)
-            elif plan.track is not None and plan.track.wanted_hz is not None:
-                track["follow"] = _followed(columns, plan)
-            track["turns"] = {name: np.round(columns[name], digits).tolist() for name, digits in _DIGITS.items()}
-            tracks.append(track)
+    if document["recording"] is not None:
+        return tracking_document(load_recording(Path(document["recording"])), rig)
     held = plan.track.held if plan.track is not None else None
-    return {"held": held, "expected": [_expected(one) for one in expected], "tracks": tracks}
-
-
-def _held_error(columns: "dict[str, NDArray[np.float64]]", lock_cycles: float | None) -> float | None:
-    """Return the root mean square of the phase error from the lock on [deg]; the lock itself counts two turns more."""
-    import numpy as np
-
-    if lock_cycles is None:
-        return None
-    held = columns["phase_error_deg"][int(lock_cycles) + 2 :]
-    return float(np.sqrt(np.mean(held**2))) if held.size else None
-
-
-def _point(turns: Any, rig: "RigSpec", expected: "Sequence[ExpectedBackbone]") -> dict[str, Any] | None:
-    from sinew.analysis.tracked import tracked_point
-
-    try:
-        point = tracked_point(turns, rig)
-    except RecordingError:
-        return None
-    near = min(expected, key=lambda one: abs(one.pretension_mm - point.pretension_mm))
-    return {
-        "pretension_mm": point.pretension_mm,
-        "frequency_hz": point.frequency_hz.to_json(),
-        "torsion_deg": point.torsion_deg.to_json(),
-        "lever_deg": point.lever_deg.to_json(),
-        "damping_ratio": point.damping_ratio.to_json(),
-        "phase_error_deg": point.phase_error_deg,
-        "turns": point.turns,
-        "predicted_hz": finite(near.frequency_at(math.radians(point.torsion_deg.value))),
-    }
-
-
-def _followed(columns: "dict[str, NDArray[np.float64]]", plan: "Plan") -> dict[str, float]:
-    """Return how far the resonance was from the wanted frequency while that moved."""
-    import numpy as np
-
-    track = plan.track
-    assert track is not None
-    assert track.wanted_hz is not None
-    times = (track.lead_s, track.lead_s + track.duration_s)
-    time, hertz = columns["time_s"], columns["frequency_hz"]
-    moving = (time >= times[0]) & (time <= times[1])
-    off = (hertz - np.interp(time, times, track.wanted_hz))[moving]
-    return {
-        "from_hz": track.wanted_hz[0],
-        "to_hz": track.wanted_hz[1],
-        "begin_s": track.lead_s,
-        "duration_s": track.duration_s,
-        "rms_error_hz": float(np.sqrt(np.mean(off**2))),
-        "largest_error_hz": float(np.abs(off).max()),
-    }
-
-
-def _expected(one: "ExpectedBackbone") -> dict[str, Any]:
-    import numpy as np
-
-    return {
-        "pretension_mm": one.pretension_mm,
-        "frequency_hz": one.frequency_hz.tolist(),
-        "torsion_deg": np.degrees(one.torsion).tolist(),
-        "lever_deg": np.degrees(one.lever).tolist(),
-        "command_deg": np.degrees(one.command).tolist(),
-        "damping_ratio": one.damping_ratio.tolist(),
-    }
+    return {"held": held, "expected": [one.to_json() for one in expected], "tracks": []}
 
 
 def write_found(document: dict[str, Any], folder: Path) -> None:
     """Write track.json, and the figure of the tracked motions where there is one."""
     if not document["tracks"]:
         return
-    from sinew.figures.style import save_figure
-    from sinew.figures.tuned import draw_tracking
+    from sinew.figures.tuned import save_tracking
 
-    save_figure(draw_tracking(document["tracks"], document["expected"]), folder, "tracking", ("png", "pdf"))
+    save_tracking(document, folder)
     console.write_json(document, folder / "track.json")
 
 
 def print_found(document: dict[str, Any]) -> None:
     """Print how the run ended, and what was found."""
+    from sinew.analysis.tracked import tracking_told
+
     done = f"; {document['groups_done']} of {document['groups']} groups are recorded"
     print(f"{document['ended']}{'' if document['complete'] else done}")
+    bench_run.print_pauses(document)
     print(document["left"])
-    tracks = document["tracks"]
-    if any(track["point"] is not None for track in tracks):
-        columns = (
-            "pretension/mm",
-            "held/°",
-            "resonance/Hz",
-            "predicted/Hz",
-            "torsion/°",
-            "lever/°",
-            "damping",
-            "lock/turns",
-            "error/°",
-        )
-        rows = [_row(track) for track in tracks if track["point"] is not None]
-        console.print_table(columns, rows, f"the torsion lags the lever by 90°; amplitude held: {document['held']}")
-    for track in tracks:
-        if track["point"] is None:
-            print(_moved(track))
+    console.print_told(tracking_told(document))
     print(document["recording"] or "no group is whole, so there is no recording")
-
-
-def _row(track: dict[str, Any]) -> tuple[str, ...]:
-    point = track["point"]
-    half = 0.5 * (point["frequency_hz"]["interval90"][1] - point["frequency_hz"]["interval90"][0])
-    predicted = point["predicted_hz"]
-    return (
-        f"{track['pretension_mm']:g}",
-        f"{track['amplitude_deg']:g}",
-        pair(point["frequency_hz"]["value"], half),
-        number(predicted),
-        *(shown(point[name]) for name in ("torsion_deg", "lever_deg", "damping_ratio")),
-        fixed(track["lock_cycles"], 1),
-        number(point["phase_error_deg"], 2),
-    )
-
-
-def _moved(track: dict[str, Any]) -> str:
-    turns = track["turns"]
-    lock = "never locked" if track["lock_cycles"] is None else f"locked after {fixed(track['lock_cycles'], 1)} turns"
-    lost = f"lost {track['lock_losses']:.0f} times" if track["lock_losses"] else "never lost"
-    error = (
-        ""
-        if track["phase_error_deg"] is None
-        else f", phase error {number(track['phase_error_deg'], 2)}° (root mean square)"
-    )
-    way = (
-        f"{number(turns['pretension_mm'][0], 3)} to {number(turns['pretension_mm'][-1], 3)} mm, "
-        f"{number(turns['frequency_hz'][0])} to {number(turns['frequency_hz'][-1])} Hz"
-    )
-    follow = track["follow"]
-    after = (
-        ""
-        if follow is None
-        else (
-            f"; followed {follow['from_hz']:g} to {follow['to_hz']:g} Hz in {follow['duration_s']:g} s to within "
-            f"{number(follow['rms_error_hz'], 2)} Hz (root mean square), "
-            f"{number(follow['largest_error_hz'], 2)} Hz at most"
-        )
-    )
-    return f"{way}: {lock}, {lost}{error}{after}"

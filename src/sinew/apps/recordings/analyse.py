@@ -55,7 +55,8 @@ def analyse(
 
     A ring-down gives frequency and damping with intervals, by the paper's method and by a direct fit; a sweep gives
     the table of gain and phase, and from six frequencies on the resonance; a broadband record (chirp, noise,
-    multisine) and one of hammer blows (impact) give their frequency response with coherence, and the modes in it.
+    multisine) and one of hammer blows (impact) give their frequency response with coherence, and the modes in it. A
+    resonance that was tracked gives where it was, with what lag, and its figure.
     Without --kind it is found out which of these a table holds, and said with the reason. A time that is the only one
     by its name, and a response that is the only other column of numbers, need not be named; `sinew look` tells what is
     in a file.
@@ -120,6 +121,10 @@ def _write(found: "Analysed", folder: Path) -> None:
     if found.dataset is not None:
         save_dataset(found.dataset, folder / "results.nc")
     console.write_json(found.document, folder / "analysis.json")
+    if found.document.get("tracking"):
+        from sinew.figures.tuned import save_tracking
+
+        save_tracking(found.document["tracking"], folder)
     if found.document["kind"] in ("broadband", "impact"):
         from sinew.figures.response import draw_broadband
         from sinew.figures.style import save_figure

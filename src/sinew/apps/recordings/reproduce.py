@@ -101,7 +101,8 @@ def report(
     """Write figures, summary and report of a recording anew, from the files in its folder.
 
     Results that were made from another recording or with another rig are made anew. A recording that names no rig
-    needs none: then nothing is said of stiffness and damping constants, and sensors are taken as perfect.
+    needs none: then nothing is said of stiffness and damping constants, and sensors are taken as perfect. A recording
+    of a resonance that was tracked gives its table and figure, on a page.
     """
     from sinew.analysis.analysed import recording_rig
     from sinew.measure.files.netcdf import load_recording
@@ -112,6 +113,9 @@ def report(
     recording = load_recording(folder / "recording.nc")
     rig_ = recording_rig(recording, rig)
     console.require_folder(folder)
+    if set(map(str, recording["kind"].values)) <= {"tracking", "idle"}:
+        _report_tracking(recording, rig, folder, json=json)
+        return
     results = stored.stored_results(folder / "results.nc", recording, rig_)
     before = {} if results is None else stored.stored_times(folder / "summary.json")
     if results is None:
@@ -127,6 +131,22 @@ def report(
         _rebuild(recording, folder, rig),
     )
     _show(_write_pages(campaign, folder, began=began, wall_s=before.get("wall_s")), folder, json=json)
+
+
+def _report_tracking(recording: "xr.Dataset", rig: str | None, folder: Path, *, json: bool) -> None:
+    """Write table, figure and page of a recording of nothing but tracked motions."""
+    from sinew.analysis.analysed import analyse
+    from sinew.figures.tuned import save_tracking, write_tracking_page
+
+    found = analyse(recording, rig)
+    document = found.document["tracking"]
+    figures = save_tracking(document, folder / "figures")
+    page = write_tracking_page(folder / "report.html", document, figures, _rebuild(recording, folder, rig))
+    if json:
+        console.print_json(found.document)
+        return
+    console.print_told(found.told())
+    print(f"report: {page}")
 
 
 def _rebuild(recording: "xr.Dataset", folder: Path, rig: str | None) -> str:

@@ -17,6 +17,7 @@ from sinew.bench.record.journal_reader import JournalReader, Stretch
 from sinew.bench.record.sample import Sample
 from sinew.measure.arrays import Array, robust_std
 from sinew.measure.errors import RecordingError
+from sinew.measure.events import Hole
 from sinew.measure.files.netcdf import provenance, save_recording
 from sinew.measure.recording import REGISTERS_ATTRIBUTE, Segment, build_recording
 from sinew.measure.schema import SPATIAL_SEGMENTS
@@ -211,8 +212,9 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
     out; a sensor with a node of its own that gave no answer leaves only its own value unknown, NaN. Time counts from
     the first run; those that resumed it follow after as long as the computer's calendar says.
     Attributes beside those of `provenance`, and those given to the journal: `started` (date), `runs`, `left_out_rows`,
-    `left_out_groups` (found to have too many holes), `registers` (see `sinew.measure.recording.read_registers`), and
-    the journal's statistics.
+    `left_out_groups` (found to have too many holes), `pauses` (JSON: what was said of each pause of the computer after
+    which a run went on by itself; only where there was one), `registers` (see
+    `sinew.measure.recording.read_registers`), and the journal's statistics.
     Raises FileError where it is no journal, RecordingError where no group is whole.
     """
     with JournalReader(path) as journal:
@@ -226,6 +228,8 @@ def recording_from_journal(path: Path, groups: Collection[int] | None = None) ->
         asked = plan.groups()  # of a segment a journal keeps what a straight one says; the plan knows pose and drive
         segments = [_in_space(s.asked, asked[index]) for index in whole for s in finished[index]]
         given: dict[str, Any] = {**journal.attrs, **journal.counts()}
+        if holes := [str(event) for _, event in journal.events() if isinstance(event, Hole)]:
+            given["pauses"] = json.dumps(holes)
         if registers := journal.registers():
             given[REGISTERS_ATTRIBUTE] = json.dumps([{"run": run, **state} for run, state in registers.items()])
         attrs = provenance(

@@ -121,6 +121,7 @@ class Motor(Device):
         baud_code: int = 1,
         firmware: int = 47,
         supply: float = 12,
+        tells_supply: bool = False,
     ) -> None:
         super().__init__(ControlTable(rows), firmware)
         registers = self.registers
@@ -131,6 +132,7 @@ class Motor(Device):
         self.supply = supply
         self.loses: set[str] = set()
         self._servo = Servo(registers, horn)
+        self._servo.tells_supply = tells_supply
         self._deaf_until = -math.inf
         self._started = 0.0
         self._watchdog_due = math.inf

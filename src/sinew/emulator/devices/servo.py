@@ -177,7 +177,8 @@ class Servo:
     turns only from when it was started), plus the homing offset. In reverse mode all of them, speeds and efforts
     included, are inverted (the manual says so of positions; of the others it is assumed).
 
-    is_on: whether the torque is. is_held: whether it was stopped, and waits for another goal.
+    is_on: whether the torque is. is_held: whether it was stopped, and waits for another goal. tells_supply: whether its
+    register of the current tells the supply's and not the motor's.
     """
 
     def __init__(self, registers: ControlTable, horn: Horn) -> None:
@@ -186,7 +187,7 @@ class Servo:
         self.is_on = False
         self._turns = 0.0
         self._next_step = math.inf
-        self.is_held = False
+        self.is_held = self.tells_supply = False
 
     @property
     def due(self) -> float:
@@ -295,6 +296,7 @@ class Servo:
         """Bring the present registers up to date."""
         registers, sign = self._registers, self.sign
         motion, position, profile = self._horn.motion(), self.position(), self._profile
+        current = motion.current * abs(motion.duty) if self.tells_supply else motion.current
         speed = registers.memory[_MODE] == VELOCITY_MODE
         _PRESENT.pack_into(
             registers.memory,
@@ -303,7 +305,7 @@ class Servo:
             self.is_moving(),
             self._status(position),
             _clip(sign * motion.duty * FULL_DUTY_COUNTS, 16),
-            _clip(sign * motion.current / registers.rows["present_current"].scale, 16),
+            _clip(sign * current / registers.rows["present_current"].scale, 16),
             _clip(sign * motion.speed / SPEED_LSB, 32),
             _clip(position, 32),
             _clip(profile.position if speed else profile.speed / _COUNTS_PER_SPEED, 32),
