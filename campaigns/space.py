@@ -225,13 +225,19 @@ def straight_rows() -> Iterator[Row]:
             )
 
 
-def weightless(lanes: SpaceLanes, pretension_mm: float) -> SpaceLanes:
-    """Return the same lanes without gravity and, but for a thousandth, the rod's own inertia; at rest anew."""
+def weightless(
+    lanes: SpaceLanes, pretension_mm: float, *, weight: float = 0.0, rod_inertia: float = 1e-3
+) -> SpaceLanes:
+    """Return the same lanes with shares of gravity and of the rod's own inertia, without unless said; at rest anew.
+
+    A thousandth of the rod's inertia is left, so that its own modes have one.
+    """
     rod = lanes.space.rod
     light = rod._replace(
-        line_mass=1e-3 * rod.line_mass, line_inertia=jax.tree.map(lambda one: 1e-3 * one, rod.line_inertia)
+        line_mass=rod_inertia * rod.line_mass,
+        line_inertia=jax.tree.map(lambda one: rod_inertia * one, rod.line_inertia),
     )
-    space = lanes.space._replace(rod=light, weight=0 * lanes.space.weight)
+    space = lanes.space._replace(rod=light, weight=weight * lanes.space.weight)
     one = jax.tree.map(lambda leaf: leaf[0], space)._replace(added=np.zeros((18, 18)))
     there, rest = bend(one, RIG.tendons.first_contact_tension.value, 1e-3 * pretension_mm, np.zeros(2))
     added = slow_down(linear_equations(rest.q, there), there).added

@@ -9,7 +9,7 @@ import pytest
 
 from sinew.mechanics.space import Space
 from sinew.plan.toml import load_rig
-from sinew.predict.bent import INPUTS, OUTPUTS, response, servo_speed, spinal_engine, state_space
+from sinew.predict.bent import INPUTS, OUTPUTS, SLOW_HZ, driven, response, servo_speed, spinal_engine, state_space
 from sinew.predict.linear import linear_joints
 from sinew.predict.modes import Asked, Finder
 from sinew.solve.spatial import Linear, patterns, slow_down
@@ -65,19 +65,21 @@ def test_a_straight_joint_without_weight_is_the_torsional_one(finder: Finder) ->
 def test_the_engine_is_what_a_simulation_of_the_same_drive_gives(finder: Finder) -> None:
     linear, space = finder.linear(MM, 30)
     q = finder.at(MM, 30).coordinates
-    asked = ((2.6597, 1e-3), (4.38854, 2e-4))  # away from the resonance of torsion, and at it
-    lanes = [driven_in_pitch(linear, space, hz, pull) for hz, pull in asked]
-    both = jax.tree.map(lambda *leaves: np.stack(leaves), *lanes)
-    for (hz, pull), seen in zip(asked, swing(both, np.stack([q, q]), [1600, 1600], 5e-3), strict=True):
+    # Away from the resonance of torsion, and at it; there with a lever that is locked, and one that its motor holds.
+    asked = ((2.6597, 1e-3, False), (4.38854, 2e-4, False), (4.38854, 2e-4, True))
+    lanes = [driven_in_pitch(linear, space, hz, pull, held=held) for hz, pull, held in asked]
+    every = jax.tree.map(lambda *leaves: np.stack(leaves), *lanes)
+    for (hz, pull, held), seen in zip(asked, swing(every, np.stack([q] * 3), [1600] * 3, 5e-3), strict=True):
         torsion, pitch = (amplitude(angle, hz) for angle in angles(seen.rotations))
-        moved = np.abs(response(linear, space, q, [hz], torsion)[0, :, 1]) * pull
-        assert moved[:2] == pytest.approx([torsion, pitch], rel=0.02)
+        moved, lever = driven(linear, space, q, hz, pull * np.eye(len(INPUTS))[1], held=held)
+        found = [*np.abs(moved[:2]), abs(lever)]
+        assert found == pytest.approx([torsion, pitch, amplitude(seen.lever, hz)], rel=0.02)
 
 
-def driven_in_pitch(linear: Linear, space: Space, hz: float, pull: float) -> Any:
-    """Return a lane whose tendons are driven [m] while the lever stays where it is."""
+def driven_in_pitch(linear: Linear, space: Space, hz: float, pull: float, *, held: bool) -> Any:
+    """Return a lane whose tendons are driven [m] while the lever stays where it is, or where its motor holds it."""
     slowed = slow_down(linear, space)
-    joint = slowed.rod.joint._replace(omega=np.float64(math.tau * hz), amplitude=0.0, prescribed=1.0)
+    joint = slowed.rod.joint._replace(omega=np.float64(math.tau * hz), amplitude=0.0, prescribed=float(not held))
     lane = slowed._replace(rod=slowed.rod._replace(joint=joint), pulls=pull * patterns(space)[1])
     return jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), lane)
 
@@ -108,7 +110,16 @@ def test_tendons_twist_a_bent_head_at_resonance_and_hardly_when_slow(finder: Fin
     rig = load_rig("paper")
     torsion = finder.at(MM, 30).of("torsion")
     assert torsion is not None
-    slow, resonant = (spinal_engine(finder, rig, MM, 30, hz) for hz in (0.05, torsion.frequency_hz))
+    slow, resonant = (spinal_engine(finder, rig, MM, 30, hz) for hz in (SLOW_HZ, torsion.frequency_hz))
     assert slow.per_tilt < 2e-3
     assert resonant.per_tilt > 100 * slow.per_tilt
     assert resonant.take_up * 2 * math.pi * torsion.frequency_hz < servo_speed(rig, 0.0)
+
+
+def test_a_motor_that_gives_way_takes_twist_from_the_engine(finder: Finder) -> None:
+    rig = load_rig("paper")
+    hz = finder.at(MM, 30).torsion_hz()
+    held, locked = (spinal_engine(finder, rig, MM, 30, hz, locked=locked) for locked in (False, True))
+    assert locked.give == 0
+    assert 0 < held.give < 0.2 * held.torsion
+    assert held.torsion < 0.8 * locked.torsion

@@ -69,6 +69,12 @@ def test_a_chord_keeps_clear_of_an_oval_on_its_flat_side_only() -> None:
     assert any("reaches to 35.0 mm at tendon 1, 3" in one.sentence for one in found.findings)
 
 
+def test_the_outline_of_an_oval_is_its_ellipse() -> None:
+    oval = design_rig(RIG, Design(section=ellipse_section(0.070, 0.040), name="oval"))
+    y, z = oval.outline(np.linspace(0, 2 * np.pi, 50)).T
+    np.testing.assert_allclose(np.hypot(y / 0.035, z / 0.020), 1, atol=0.005)  # a hull's edges lie a little inside
+
+
 def test_an_oval_is_strained_less_where_it_bends_over_its_flat_side() -> None:
     oval = design_rig(RIG, Design(section=ellipse_section(0.070, 0.040), name="oval"))
     q = np.zeros((6, 3))

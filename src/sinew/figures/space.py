@@ -89,14 +89,16 @@ def _poses(space: Space, coordinates: Array) -> tuple[Array, Array]:
 def joint_lines(rig: RigSpec, space: Space, rotations: Array, positions: Array) -> list[_Line]:
     """Return the lines that draw a joint: rings and edges of the silicone, tendons, plate, lever.
 
-    rotations (section, 3, 3), positions (section, 3): of the rod. The lever is as long as its inertia says.
+    rotations (section, 3, 3), positions (section, 3): of the rod. The lever is as long as its inertia says. Rings have
+    the outline of the section's hull.
     """
-    radius = 0.5 * rig.silicone.diameter.value
     angles = np.linspace(0, 2 * np.pi, _ROUND)
     ring = np.stack([np.zeros(_ROUND), np.cos(angles), np.sin(angles)], axis=1)
+    surface = np.column_stack([np.zeros(_ROUND), rig.outline(angles)])
+    radius = 0.5 * rig.silicone.diameter.value
     turned = np.concatenate([np.eye(3)[None], rotations])
     placed = np.concatenate([np.zeros((1, 3)), positions])
-    rings = np.einsum("nij,rj->nri", turned, radius * ring) + placed[:, None]
+    rings = np.einsum("nij,rj->nri", turned, surface) + placed[:, None]
     head, centre = rotations[-1], positions[-1]
     lines = [_Line(one, "silicone") for one in rings]
     lines += [_Line(rings[:, k], "silicone") for k in range(0, _ROUND - 1, 3)]

@@ -4,12 +4,16 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from sinew.mechanics.parameters import Parameters
 from sinew.mechanics.tendons import cos_sin
 
 SLIDING_SPEED = 0.05
 """Speed over which gear friction turns round [rad/s]; Coulomb friction is regularised as tanh(ω/ω_s)."""
+
+
+_SMALLEST = 1e-9  # rad: the law is linear there
 
 
 def commanded_angle(time_s: jax.Array, p: Parameters) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -50,6 +54,22 @@ def horn_torque(duty_now: jax.Array, speed: jax.Array, p: Parameters) -> jax.Arr
     the speed. Friction is taken out of that line, so both data-sheet points are met.
     """
     return electrical_torque(duty_now, speed, p) - gear_friction(speed, p)
+
+
+_AROUND = np.arange(128) * (2 * np.pi / 128)
+
+
+def holding_stiffness(amplitude: float, omega: float, p: Parameters) -> complex:
+    """Return the stiffness [N m/rad] with which the motor holds its horn where the command is zero, complex.
+
+    Minus the torque's fundamental over the angle's in a swing of the horn by an amplitude [rad] at ω [rad/s]: of the
+    laws above as they stand, so that what creeps below `SLIDING_SPEED` loses as much as in the motion in time.
+    """
+    amplitude = max(amplitude, _SMALLEST)
+    angle, speed = amplitude * np.sin(_AROUND), amplitude * omega * np.cos(_AROUND)
+    torque = np.asarray(horn_torque(duty(jnp.asarray(-angle), p), jnp.asarray(speed), p))
+    first = torque @ np.exp(-1j * _AROUND) * 2 / _AROUND.size  # of cos and -i sin
+    return complex(-1j * first / amplitude)
 
 
 def motor_current(duty_now: jax.Array, speed: jax.Array, p: Parameters) -> jax.Array:

@@ -578,6 +578,21 @@ class RigSpec(Settings):
         along = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
         return 1e-3 * np.max(along @ np.array(hull).T, axis=-1)  # type: ignore[no-any-return]
 
+    def outline(self, direction: Array) -> Array:
+        """Return the points (n, 2) of the silicone's surface in directions (n,) from y towards z [rad], along y and z
+        [m]; of a section that is not round those of its hull, else of the circle around it."""
+        rays = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
+        hull = None if self.section is None else self.section.hull_mm
+        if hull is None:
+            return np.asarray(0.5 * self.silicone.diameter.value * rays, dtype=np.float64)
+        corners = 1e-3 * np.array(hull)
+        edges = np.roll(corners, -1, axis=0) - corners
+        across = np.stack([edges[:, 1], -edges[:, 0]], axis=-1)
+        away = np.einsum("ei,ei->e", across, corners)
+        across *= np.sign(away)[:, None]  # outwards, however the corners go round
+        share = np.max(rays @ (across / np.abs(away)[:, None]).T, axis=-1)
+        return np.asarray(rays / share[:, None], dtype=np.float64)
+
     def parameters(self) -> Iterator[tuple[str, Parameter]]:
         """Yield (dotted name, parameter) of every parameter."""
         for part_name in type(self).model_fields:

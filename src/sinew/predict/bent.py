@@ -25,6 +25,7 @@ import scipy.linalg
 
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import SpecError
+from sinew.mechanics.drive import holding_stiffness
 from sinew.mechanics.rod import rod_poses
 from sinew.mechanics.silicone import glassy_factor, relaxation_times
 from sinew.mechanics.space import Space
@@ -103,45 +104,91 @@ def response(
     frequency_hz: Array | Sequence[float],
     swing: float | None = None,
     outputs: Array | None = None,
+    give: float | None = None,
 ) -> Complexes:
     """Return outputs by inputs of all coordinates at frequencies [Hz], (f, output, input).
 
     swing: amplitude of the torsion [rad] at which the guides slip, with spring and loss of their fundamental; where
-    None they hold. outputs: slopes of other outputs than `OUTPUTS` by the coordinates (output, 18).
+    None they hold. outputs: slopes of other outputs than `OUTPUTS` by the coordinates (output, 18). give: amplitude
+    [rad] by which the lever gives way where its motor holds it, beside what the input moves; where None it is locked.
     """
-    seen, at = _seen(linear, space, q), linear.around
-    twist = np.outer(at.by_torsion, at.by_torsion)
-    guides = 0j
-    if swing is not None:
-        spring, loss = space.rod.joint.guides.fundamental(float(at.tension.sum()), np.asarray(swing))
-        guides = complex(float(spring) - linear.guides, float(loss))
+    seen = _seen(linear, space, q)
     found = []
     for hz in np.atleast_1d(frequency_hz):
-        omega = 2 * math.pi * float(hz)
-        storage, loss_ = linear.stiffness(omega, space)
-        dynamic = storage + 1j * loss_ + guides * twist - omega**2 * linear.mass
+        omega = math.tau * float(hz)
+        dynamic = _held(linear, space, omega) + _given(linear, space, omega, swing, give)
         forces = np.column_stack([-(omega**2) * seen.lever, seen.forces])
         found.append((seen.outputs if outputs is None else outputs) @ np.linalg.solve(dynamic, forces))
     return np.array(found)
 
 
-_MOST_STEPS, _ENOUGH = 30, 1e-6
+def _held(linear: Linear, space: Space, omega: float) -> Complexes:
+    """Return the dynamic stiffness (18, 18) of guides that hold and a lever that is locked, at ω [rad/s]."""
+    storage, loss = linear.stiffness(omega, space)
+    return np.asarray(storage + 1j * loss - omega**2 * linear.mass, dtype=np.complex128)
+
+
+def _given(linear: Linear, space: Space, omega: float, swing: float | None, give: float | None) -> Complexes:
+    """Return what guides that slip and a lever that gives way add to the dynamic stiffness (18, 18); see `response`."""
+    at = linear.around
+    more = np.zeros_like(linear.mass, dtype=np.complex128)
+    if swing is not None:
+        spring, loss = space.rod.joint.guides.fundamental(float(at.tension.sum()), np.asarray(swing))
+        more += complex(float(spring) - linear.guides, float(loss)) * np.outer(at.by_torsion, at.by_torsion)
+    if give is not None:
+        more -= omega**2 * np.outer(linear.lever_row, _given_way(linear, space, omega, give))
+    return more
+
+
+def _given_way(linear: Linear, space: Space, omega: float, give: float) -> Complexes:
+    """Return the lever's angle by the coordinates (18,) where its motor holds it in a command that stands still.
+
+    Of the lever and the rotor, I_s θ¨ + m·x¨ = -Z θ with the motor's stiffness Z at an amplitude [rad].
+    """
+    joint = space.rod.joint
+    inertia = float(space.lever_tensor[0]) + float(joint.armature)
+    stiffness = holding_stiffness(give, omega, joint)
+    return np.asarray(omega**2 * linear.lever_row / (stiffness - omega**2 * inertia), dtype=np.complex128)
+
+
+_MOST_STEPS, _ENOUGH = 100, 1e-6
+
+
+class Driven(NamedTuple):
+    """What a drive moves: outputs (output,), and the lever's angle where its motor holds it [rad]."""
+
+    moved: Complexes
+    lever: complex
 
 
 def driven(
-    linear: Linear, space: Space, q: Array, frequency_hz: float, drive: Array, outputs: Array | None = None
-) -> Complexes:
-    """Return outputs (output,) at a frequency where the guides slip in the very torsion that comes of the drive.
+    linear: Linear,
+    space: Space,
+    q: Array,
+    frequency_hz: float,
+    drive: Array,
+    outputs: Array | None = None,
+    *,
+    held: bool = False,
+) -> Driven:
+    """Return what moves at a frequency where the guides slip in the very torsion that comes of the drive.
 
-    drive: amplitude of each of `INPUTS`, (5,). outputs: as of `response`, the torsion first.
+    drive: amplitude of each of `INPUTS`, (5,). outputs: as of `response`, the torsion first. held: the lever is held by
+    its motor, which gives way by what its own torque line and its gear's friction make of that amplitude; else locked.
     """
-    torsion = 0.0
+    omega, seen = math.tau * frequency_hz, _seen(linear, space, q)
+    rows = seen.outputs if outputs is None else outputs
+    holding = _held(linear, space, omega)
+    force = np.column_stack([-(omega**2) * seen.lever, seen.forces]) @ drive
+    torsion, give = 0.0, 0.0
     for _ in range(_MOST_STEPS):
-        moved: Complexes = response(linear, space, q, [frequency_hz], torsion, outputs)[0] @ drive
-        before, torsion = torsion, float(abs(moved[0]))
-        if abs(torsion - before) <= _ENOUGH * torsion:
+        given = give if held else None
+        x = np.linalg.solve(holding + _given(linear, space, omega, torsion, given), force)
+        lever = complex(_given_way(linear, space, omega, give) @ x) if held else 0j
+        before, torsion, give = (torsion, give), float(abs(rows[0] @ x)), abs(lever)
+        if math.hypot(torsion - before[0], give - before[1]) <= _ENOUGH * torsion:
             break
-    return moved
+    return Driven(rows @ x, lever)
 
 
 def state_space(linear: Linear, space: Space, q: Array, shapes: int = SHAPES) -> StateSpace:
@@ -262,11 +309,16 @@ def bent_document(joint: BentJoint) -> dict[str, Any]:
 
 # The spinal engine: tendons drive a bent head sideways, and it twists.
 
+SLOW_HZ = 0.1
+"""What is called slow of the engine [Hz]: a period of ten seconds. A joint that is cast straight twists a sixth as far
+yet when it is driven over hours; at 0.1 Hz most of the little that it does is the silicone's memory."""
+
 
 class Engine(NamedTuple):
     """What sideways drive of the tendons gives at one frequency. take_up: of each tendon, largest amplitude that the
     motors' speed allows [m]; torsion, tilt: amplitudes of the head's torsion and of its tilt across [rad]; per_tilt:
-    torsion over tilt; lag: of the torsion behind the tilt [rad]."""
+    torsion over tilt; lag: of the torsion behind the tilt [rad]; give: amplitude of the lever, which its motor holds
+    [rad]."""
 
     frequency_hz: float
     take_up: float
@@ -274,6 +326,7 @@ class Engine(NamedTuple):
     tilt: float
     per_tilt: float
     lag: float
+    give: float
 
 
 def servo_speed(rig: RigSpec, tension: float) -> float:
@@ -325,11 +378,14 @@ def driven_findings(
     yield from (Finding("refuse", sentence) for _, sentence in worst.values())
 
 
-def spinal_engine(finder: Finder, rig: RigSpec, pretension_mm: float, bend_deg: float, frequency_hz: float) -> Engine:
+def spinal_engine(
+    finder: Finder, rig: RigSpec, pretension_mm: float, bend_deg: float, frequency_hz: float, *, locked: bool = False
+) -> Engine:
     """Return what the tendons give that drive a bent head sideways, as fast as their motors can.
 
     The motors move their cable ends by A sin Ωt in the pattern across the bend; A is that at which the fastest of them
-    reaches the speed that its torque line leaves at its rest tension. Guides slip at the torsion that comes of it.
+    reaches the speed that its torque line leaves at its rest tension. Guides slip at the torsion that comes of it, and
+    the lever's motor, which holds it, gives way; locked: it does not, as if its gear stuck.
     """
     linear, space = finder.linear(pretension_mm, bend_deg)
     q = finder.at(pretension_mm, bend_deg).coordinates
@@ -345,7 +401,9 @@ def spinal_engine(finder: Finder, rig: RigSpec, pretension_mm: float, bend_deg: 
     take_up = min(limits) / (2 * math.pi * frequency_hz)
     drive = np.zeros(len(INPUTS))
     drive[1:3] = take_up * across
-    moved = driven(linear, space, q, frequency_hz, drive)
+    moved, lever = driven(linear, space, q, frequency_hz, drive, held=not locked)
     tilt = complex(out_of_plane(finder.direction, bend_deg) @ moved[1:3])
     ratio = complex(moved[0]) / tilt
-    return Engine(frequency_hz, take_up, float(abs(moved[0])), abs(tilt), abs(ratio), float(-np.angle(ratio)))
+    return Engine(
+        frequency_hz, take_up, float(abs(moved[0])), abs(tilt), abs(ratio), float(-np.angle(ratio)), abs(lever)
+    )

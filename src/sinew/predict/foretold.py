@@ -1,18 +1,20 @@
 """What a plan with a bent or swaying head is expected to show, by the linear joint.
 
-Small motion about the rest pose: the guides slip in the torsion that comes of it, but tendons do not stiffen in a large
-swing, nothing happens at twice the frequency, the drive reaches what it reaches against a held head, and a tendon that
-goes slack in the swing is told and not followed. Held against the twin it is a guide, no verdict.
+Small motion about the rest pose: the guides slip in the torsion that comes of it, the drive reaches what it reaches
+against a head that swings like that, and the lever's motor gives way where tendons drive; but tendons do not stiffen in
+a large swing, nothing happens at twice the frequency, and a tendon that goes slack in the swing is told and not
+followed. Held against the twin it is a guide, no verdict; `sinew.predict.coupled` follows large swings.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from sinew.measure.arrays import Array
+from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import SpecError
-from sinew.plan.check import Preview
+from sinew.plan.check import drive_reach
 from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.predict.bent import INPUTS, driven
@@ -26,7 +28,7 @@ _NOTHING = 1e-9  # of the motion: what rounding makes of a direction in which th
 class Foretold(NamedTuple):
     """What the sweep should give at a pretension [mm] and a frequency [Hz].
 
-    drive: amplitude of the drive's motion, the lever's against a held head [deg] or of the tendons [mm].
+    drive: amplitude of the drive's motion, the lever's against the swinging head [deg] or of the tendons [mm].
     torsion_deg, across_deg, in_plane_deg: amplitudes of the torsion and of the tilt across the bend and in its plane.
     highest_n, lowest_n: tension of a tendon over the swing; what torsion adds to it grows with its square and is not
     in it.
@@ -42,45 +44,45 @@ class Foretold(NamedTuple):
     lowest_n: float
 
 
-def foretell(plan: Plan, rig: RigSpec, preview: Preview) -> tuple[Foretold, ...]:
+def foretell(plan: Plan, rig: RigSpec) -> tuple[Foretold, ...]:
     """Return what the sweep of a plan is expected to show, a row for each pretension and frequency.
 
-    preview: its check, of whose drive the amplitudes are. Nothing of a plan without a sweep, and nothing at a
-    pretension without a stable pose.
+    Nothing of a plan without a sweep, and nothing at a pretension without a stable pose.
     """
     if plan.sweep is None:
         return ()
     bend_deg, azimuth_deg = plan.rest_pose.bend_and_azimuth_deg
     finder = Finder(rig, Asked(plan.pretension.pretension_mm, (bend_deg,), azimuth_deg, plan.pretension.mode))
-    if plan.sweep.amplitude_mm is None:
-        amplitudes = np.radians(preview.drive_amplitude_deg)
-    else:
-        amplitudes = np.full(len(plan.sweep.frequency_hz), 1e-3 * plan.sweep.amplitude_mm)
+    by_tendons = plan.sweep.amplitude_mm is not None
+    asked = 1e-3 * plan.sweep.amplitude_mm if by_tendons else math.radians(plan.sweep.amplitude_deg)
     rows = []
     for mm in plan.pretension.pretension_mm:
         try:
             finder.linear(mm, bend_deg)
         except SpecError:  # the check says that there is no pose
             continue
-        rows += [
-            _at(finder, mm, bend_deg, hz, plan.sweep.drive, float(amplitude))
-            for hz, amplitude in zip(plan.sweep.frequency_hz, amplitudes, strict=True)
-        ]
+        rows += [_at(finder, rig, mm, bend_deg, hz, plan.sweep.drive, asked) for hz in plan.sweep.frequency_hz]
     return tuple(rows)
 
 
-def _at(finder: Finder, mm: float, bend_deg: float, hz: float, drive: str, amplitude: float) -> Foretold:
-    """Return the row of one frequency; amplitude: of the drive [rad] or [m]."""
+def _at(finder: Finder, rig: RigSpec, mm: float, bend_deg: float, hz: float, drive: str, asked: float) -> Foretold:
+    """Return the row of one frequency; asked: amplitude of the lever's command [rad] or of the tendons [m]."""
     linear, space = finder.linear(mm, bend_deg)
     at, q = linear.around, finder.rest(mm, bend_deg)[1].q
     stiffness = float(space.rod.joint.stiffness)
     pulled = np.zeros(len(at.tension))
     if drive != "lever":
         pulled = stiffness * patterns(space)[1 if drive == "pitch" else 2]
-    rows = np.vstack([at.by_torsion, at.by_tilt, stiffness * at.by_span])
-    inputs = amplitude * np.eye(len(INPUTS))[INPUTS.index(_INPUT_OF[drive])]
-    moved = driven(linear, space, q, hz, inputs, rows)
-    swing: Array = np.abs(moved[3:] + amplitude * pulled)
+    # Last the head's turn about the lever's axis, by which it takes torque from the lever.
+    rows = np.vstack([at.by_torsion, at.by_tilt, stiffness * at.by_span, linear.lever_row / rig.inertia.lever.value])
+    one = np.eye(len(INPUTS))[INPUTS.index(_INPUT_OF[drive])]
+
+    def moves(amplitude: float) -> Complexes:
+        return driven(linear, space, q, hz, amplitude * one, rows, held=drive != "lever").moved
+
+    amplitude = asked if drive != "lever" else _reached(moves, rig, asked, hz)
+    moved = moves(amplitude)
+    swing: Array = np.abs(moved[3:-1] + amplitude * pulled)
     out = math.degrees(abs(out_of_plane(finder.direction, bend_deg) @ moved[1:3]))
     within = math.degrees(abs(finder.direction @ moved[1:3]))
     least = _NOTHING * math.degrees(float(np.max(np.abs(moved[:3]))))
@@ -96,6 +98,25 @@ def _at(finder: Finder, mm: float, bend_deg: float, hz: float, drive: str, ampli
     )
 
 
+_MOST_STEPS, _ENOUGH = 60, 1e-4
+
+
+def _reached(moves: Callable[[float], Complexes], rig: RigSpec, command: float, hz: float) -> float:
+    """Return the lever's amplitude [rad] that the drive reaches against the very head that it swings.
+
+    moves: what a lever of some amplitude moves, the head's turn about its axis last.
+    """
+    lever = drive_reach(rig, command, hz).amplitude_rad
+    for _ in range(_MOST_STEPS):
+        if lever == 0:
+            break
+        before, turned = lever, complex(moves(lever)[-1])
+        lever = 0.5 * (lever + drive_reach(rig, command, hz, turned / lever).amplitude_rad)
+        if abs(lever - before) <= _ENOUGH * lever:
+            break
+    return lever
+
+
 def sentences_of(rows: tuple[Foretold, ...], plan: Plan) -> list[str]:
     """Return for each pretension what is expected where the head twists most; of a drive by tendons their tensions."""
     told = []
@@ -107,13 +128,10 @@ def sentences_of(rows: tuple[Foretold, ...], plan: Plan) -> list[str]:
         slack = f"; a tendon goes slack in the swing at {least.frequency_hz:g} Hz" if least.lowest_n <= 0 else ""
         pulls = f"; tensions {max(least.lowest_n, 0):.0f} to {max(row.highest_n for row in mine):.0f} N{slack}"
         if not by_tendons:
-            pulls = f": {top.torsion_deg / top.drive:.2g}° a degree of the lever, if it reaches {top.drive:.2g}° there"
+            pulls = f": {top.torsion_deg / top.drive:.2g}° a degree of the lever, which reaches {top.drive:.2g}° there"
         told.append(
             f"expected at {mm:g} mm: at most {top.torsion_deg:.2g}° of torsion, at {top.frequency_hz:g} Hz, and there "
             f"a tilt of {top.across_deg:.2g}° across the bend, {top.in_plane_deg:.2g}° in its plane{pulls}"
         )
-    linear = (
-        "what is expected is linear: right for small swings, too much for large ones; a lever reaches less where the "
-        "joint resonates"
-    )
+    linear = "what is expected is linear: right for small swings, a guide for large ones, which sinew predict follows"
     return [*told, linear] if told else []

@@ -46,7 +46,7 @@ def expected_of(plan: Plan, rig: RigSpec, preview: Preview) -> tuple[Foretold, .
     nor of a refused one, nor of one that tracks."""
     if not plan.is_spatial or preview.refusals or plan.track is not None or rig.space is None:
         return ()
-    return foretell(plan, rig, preview)
+    return foretell(plan, rig)
 
 
 def held_preview(

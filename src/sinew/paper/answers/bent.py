@@ -15,7 +15,7 @@ from sinew.measure.estimate import Estimate
 from sinew.paper.answers.answer import Answer, Cell, in_words
 from sinew.plan.rig import RigSpec
 from sinew.predict.band import estimate_of_deviations
-from sinew.predict.bent import Engine, response, servo_speed, spinal_engine
+from sinew.predict.bent import SLOW_HZ, Engine, response, servo_speed, spinal_engine
 from sinew.predict.modes import Asked, Finder, across_of, draw_spatial, out_of_plane
 
 RESONANCE = "bent-resonance"
@@ -211,20 +211,19 @@ def _coupling(nominal: Finder, aside: Finder, couplings: Sequence[Array], names:
 # Is there a spinal engine?
 
 
-def _best(finder: Finder, rig: RigSpec, p: float, b: float) -> Engine:
+def _best(finder: Finder, rig: RigSpec, p: float, b: float, *, locked: bool = False) -> Engine:
     """Return the engine at the frequency where it twists most."""
     hz = finder.at(p, b).torsion_hz()
     found = minimize_scalar(
-        lambda f: -spinal_engine(finder, rig, p, b, float(f)).torsion,
+        lambda f: -spinal_engine(finder, rig, p, b, float(f), locked=locked).torsion,
         bounds=(0.85 * hz, 1.05 * hz),
         method="bounded",
         options={"xatol": 1e-3 * hz},
     )
-    return spinal_engine(finder, rig, p, b, float(found.x))
+    return spinal_engine(finder, rig, p, b, float(found.x), locked=locked)
 
 
 _ENGINE_BENDS = _BEND_DEG[1:]
-_SLOW_HZ = 0.1
 
 
 def _engines(rig: RigSpec, finder: Finder) -> Array:
@@ -233,7 +232,7 @@ def _engines(rig: RigSpec, finder: Finder) -> Array:
     rows = []
     p = max(_PRETENSION_MM)
     for b in _ENGINE_BENDS:
-        best, slow = _best(finder, rig, p, b), spinal_engine(finder, rig, p, b, _SLOW_HZ)
+        best, slow = _best(finder, rig, p, b), spinal_engine(finder, rig, p, b, SLOW_HZ)
         rows.append((math.degrees(best.torsion), best.frequency_hz, best.per_tilt, slow.per_tilt))
     return np.array(rows).T
 
@@ -246,7 +245,7 @@ def _engine(
     bent = _engines(recast, Finder(recast, nominal.asked))
     assert recast.space is not None
     for i, b in enumerate(_ENGINE_BENDS):
-        best = _best(nominal, rig, p, b)
+        best, locked = _best(nominal, rig, p, b), _best(nominal, rig, p, b, locked=True)
         found = [_over([one[k] for one in engines], i) for k in range(4)]
         rows.append(
             {
@@ -259,6 +258,8 @@ def _engine(
                 "take_up_mm": 1e3 * best.take_up,
                 "tilt_deg": math.degrees(best.tilt),
                 "lag_deg": math.degrees(best.lag),
+                "lever_deg": math.degrees(best.give),
+                "locked_twist_deg": math.degrees(locked.torsion),
                 "recast_twist_deg": float(bent[0][i]),
                 "recast_frequency_hz": float(bent[1][i]),
                 "recast_twist_per_tilt": float(bent[2][i]),
@@ -281,9 +282,13 @@ def _engine(
         (
             f"Tendons that drive a head sideways, bent by {_ENGINE_BENDS[-1]:g}° at {p:g} mm, twist it by "
             f"{in_words(twist)} degrees at {in_words(hz, 1, 'Hz')}, as far as their motors' speed lets them.",
-            f"Slowly, a tilt of one degree across twists it by {in_words(slow)} degrees only: the rod's geometry gives "
-            f"nothing. At resonance it twists by {in_words(per)} degrees a degree: the head turns with the tilt about "
-            "an axis that leans, its inertia twists the rod, and the torsion amplifies that by its 1/(2D).",
+            f"Slowly, at {SLOW_HZ:g} Hz, a tilt of one degree across twists it by {in_words(slow)} degrees only: the "
+            f"rod's geometry gives nothing. At resonance it twists by {in_words(per)} degrees a degree: the head turns "
+            "with the tilt about an axis that leans, its inertia twists the rod, and the torsion amplifies that by its "
+            "1/(2D).",
+            f"The lever's motor holds it and gives way by {last['lever_deg']:.2g}° there, which takes energy; a gear "
+            f"that sticks would leave {last['locked_twist_deg']:.2g}° of twist. Which of the two a gear does that "
+            "moves so slowly nobody has measured.",
             f"The motors take up {1e3 * speed:.3g} mm/s under the tendons' tension, by the torque line at 12 V; "
             f"that is {last['take_up_mm']:.2g} mm at the resonance. The guides' friction is in it at that twist; the "
             "losses of tendons that run through guides while the head tilts are not known and not in it.",
