@@ -41,8 +41,8 @@ from sinew.predict.bent import SLOW_HZ, servo_speed, spinal_engine
 from sinew.predict.modes import Asked, Finder, PoseModes, out_of_plane
 from sinew.predict.poses.pose import Asked as AskedPose
 from sinew.predict.poses.pose import slack_bend
-from sinew.solve.march import STEPS_PER_SAMPLE
 from sinew.solve.spatial import linear_equations, modes, settle
+from sinew.solve.swing import swing_steps
 from sinew.twin.cache import configure
 from sinew.twin.parameters import Effects, space_from_rig
 from sinew.twin.simulate import lane_parameters, simulate_tracks
@@ -207,8 +207,8 @@ def energy_rows() -> Iterator[Row]:
     """Yield the energy balance of bent runs of five seconds, over the energy put in."""
     for hz, where in ((2.0, "below"), (3.7, "at"), (5.5, "above")):
         lanes = space_lanes([steady(hz, 6.0, pose=bent(20))], RIG)
-        found = energy_residual(lanes, steps=STEPS_PER_SAMPLE)
-        finer = energy_residual(lanes, steps=2 * STEPS_PER_SAMPLE) if found > 1e-6 else 0.0
+        found = energy_residual(lanes)
+        finer = energy_residual(lanes, steps=2 * swing_steps(lanes.space, 1 / SAMPLE_HZ)) if found > 1e-6 else 0.0
         yield judged(
             f"energy balance of 5 s bent by 20°, {where} resonance, {hz:g} Hz",
             "1e-6",

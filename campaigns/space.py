@@ -34,7 +34,7 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
 from sinew.solve.march import runge_kutta_samples
 from sinew.solve.spatial import Mode, bend, linear_equations, modes, settle, slow_down
-from sinew.solve.swing import Swing, swing
+from sinew.solve.swing import Swing, swing, swing_steps
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 from sinew.twin.space import SpaceLanes, space_lanes, swing_lanes
@@ -114,12 +114,13 @@ def _energies(
     return runge_kutta_samples(slope, zero, (state, jnp.zeros(2)), sample_s, samples, steps, room)[1]
 
 
-def energy_residual(lanes: SpaceLanes, lane: int = 0, seconds: float = 5.0, steps: int = 4) -> float:
+def energy_residual(lanes: SpaceLanes, lane: int = 0, seconds: float = 5.0, steps: int | None = None) -> float:
     """Return the largest (energy change + lost - given) over the energy put in up to the end of a run.
 
     What the drive and the tendons put in is their power where it is positive; energies are summed up with the motion
-    by the same RK4.
+    by the same RK4. steps: between samples, else as many as the twin takes.
     """
+    steps = steps or swing_steps(lanes.space, 1 / SAMPLE_HZ)
     one = jax.tree.map(lambda leaf: jnp.asarray(leaf[lane]), lanes.space)
     state = space_at_rest(jnp.asarray(lanes.q[lane]), one)
     samples = int(seconds * SAMPLE_HZ)
@@ -260,11 +261,12 @@ def energy_rows() -> Iterator[Row]:
     """Yield the energy balance of bent runs of five seconds."""
     for hz, where in ((3.7, "at resonance"), (2.0, "below"), (5.5, "above")):
         lanes = space_lanes([steady(hz, 6.0, pose=bent(20))], RIG)
-        for steps in (4, 8):
+        own = swing_steps(lanes.space, 1 / SAMPLE_HZ)
+        for steps in (own, 2 * own):
             found = energy_residual(lanes, steps=steps)
-            fact = "1e-6" if steps == 4 else "falls with the step"
+            fact = "1e-6" if steps == own else "falls with the step"
             yield Row(
-                f"energy balance of 5 s, 20°, 6 mm, {where}, {5 / steps:g} ms", f"{found:.2g}", fact, found < 1e-6
+                f"energy balance of 5 s, 20°, 6 mm, {where}, {5 / steps:.3g} ms", f"{found:.2g}", fact, found < 1e-6
             )
 
 

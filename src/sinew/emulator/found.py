@@ -70,9 +70,7 @@ def _plant(rig: RigSpec, start: Start, unloaded: bool, in_space: bool) -> Plant:
     if unloaded:
         return Unloaded(rig.tendons.count, rig)
     from sinew.emulator.joint_plant import JointPlant  # JAX: half a second
-    from sinew.twin.cache import compute_inline
 
-    compute_inline()
     bends = in_space or (rig.space is not None and rig.space.rest_bend_deg != 0)
     return JointPlant(rig, slack_m=start.slack, rest_tilt=start.tilt, in_space=bends)
 

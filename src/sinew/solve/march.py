@@ -10,6 +10,7 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array
@@ -104,23 +105,25 @@ def runge_kutta_samples(
 
     slope: returns the derivative and what is seen there. steps: of each sample. A slope that is long to compile, which
     stands four times in `runge_kutta` and once more in what is seen, stands here once: a turn of the loop is one
-    evaluation, and what is seen is of the first one of a sample.
+    evaluation, and what is seen is of the first one of a sample. The loop carries a state as one vector: with an array
+    for each of its parts a fifth of the loop's kernels moved them about.
     """
     step_s = sample_s / steps
     first = jax.eval_shape(slope, start_s, state)[1]
+    flat, parts = ravel_pytree(state)
     kept = jax.tree.map(lambda leaf: jnp.zeros((room + 1, *leaf.shape), leaf.dtype), first)
 
-    def turn(n: jax.Array, carry: tuple[S, S, S, K]) -> tuple[S, S, S, K]:
+    def turn(n: jax.Array, carry: tuple[jax.Array, jax.Array, jax.Array, K]) -> tuple[jax.Array, ...]:
         begun, here, gone, rows = carry
         stage, step = n % 4, n // 4
-        rate_here, seen = slope(start_s + (step + jnp.asarray(STAGE_TIMES)[stage]) * step_s, here)
+        rate_here, seen = slope(start_s + (step + jnp.asarray(STAGE_TIMES)[stage]) * step_s, parts(here))
         row = jnp.where(n % (4 * steps) == 0, step // steps, room)
         rows = jax.tree.map(lambda r, one: jax.lax.dynamic_update_index_in_dim(r, one, row, axis=0), rows, seen)
-        return *next_stage(stage, begun, gone, rate_here, step_s), rows
+        return *next_stage(stage, begun, gone, ravel_pytree(rate_here)[0], step_s), rows
 
-    nothing = jax.tree.map(jnp.zeros_like, state)
-    state, _, _, kept = jax.lax.fori_loop(0, samples * steps * 4, turn, (state, state, nothing, kept))
-    return state, jax.tree.map(lambda leaf: leaf[:room], kept)
+    carry = (flat, flat, jnp.zeros_like(flat), kept)
+    end, _, _, kept = jax.lax.fori_loop(0, samples * steps * 4, turn, carry)
+    return parts(end), jax.tree.map(lambda leaf: leaf[:room], kept)
 
 
 def _step(time_s: jax.Array, state: State, step_s: jax.Array, p: Parameters) -> State:

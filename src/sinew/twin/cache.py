@@ -25,6 +25,13 @@ _TURN_BYTES = 50_000  # of ours some 20 000: derivatives of one Runge-Kutta step
 def configure() -> None:
     """Switch JAX to double precision on the CPU and to the persistent compilation cache; once per process.
 
+    What is computed is computed in the thread that asks for it, and cores share the work by batches, which threads of
+    ours ask for. JAX's own way is to hand every program to a pool and every small kernel of it, some hundred in one
+    slope of the joint in space, from thread to thread of another one: two thirds of the processor's time went into
+    that, 154 µs for a slope instead of 52. And a loop that keeps time with a priority of its own does not wait for
+    threads that have none: beside two busy programs on two cores, the slowest of 1500 steps of the emulated joint took
+    1 ms instead of 27. How many threads JAX makes is NPROC's to say, and a user's own stays.
+
     Loops of small steps are compiled whole. XLA does that by itself up to 1024 bytes in a turn, and calls every
     operation of a larger one by itself: the derivatives of a simulated oscillation took ten times as long. The option
     has no other door than the environment; XLA reads it when it first computes, and a version that does not know it
@@ -33,7 +40,8 @@ def configure() -> None:
     flags = os.environ.get("XLA_FLAGS", "")
     if _WHOLE_LOOP not in flags:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_extra_options={_WHOLE_LOOP}={_TURN_BYTES}".strip()
-    settings: dict[str, object] = {"jax_enable_x64": True}
+    os.environ.setdefault("NPROC", "1")
+    settings: dict[str, object] = {"jax_enable_x64": True, "jax_cpu_enable_async_dispatch": False}
     folder = cache_folder()
     with contextlib.suppress(OSError):  # a read-only home costs a compilation each time, nothing else
         folder.mkdir(parents=True, exist_ok=True)
@@ -42,12 +50,3 @@ def configure() -> None:
         settings["jax_persistent_cache_min_entry_size_bytes"] = 0
     for name, value in settings.items():
         jax.config.update(name, value)  # type: ignore[no-untyped-call]
-
-
-def compute_inline() -> None:
-    """Have JAX compute in the calling thread instead of in a pool's; to be called before the first computation.
-
-    A loop that keeps time with a priority of its own does not wait for threads that have none: beside two busy
-    programs on two cores, the slowest of 1500 steps of the emulated joint took 1 ms instead of 27.
-    """
-    jax.config.update("jax_cpu_enable_async_dispatch", False)  # type: ignore[no-untyped-call]

@@ -71,10 +71,9 @@ def _begin(lane: str) -> None:
     resource.setrlimit(resource.RLIMIT_DATA, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     threading.Thread(target=_end_with_the_maker, daemon=True).start()
     if lane != "light":
-        from sinew.twin.cache import compute_inline, configure
+        from sinew.twin.cache import configure
 
         configure()
-        compute_inline()
 
 
 def _end_with_the_maker() -> None:
