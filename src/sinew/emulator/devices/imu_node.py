@@ -135,10 +135,6 @@ class ImuNode(Board):
         registers["who_am_i"], registers["filter_delay"] = MPU_9250, FILTER_DELAYS_US[MPU_9250]
         registers["sample_period"] = round(SAMPLE_PERIOD * 1e6)
 
-    @property
-    def knows_fast_reads(self) -> bool:
-        return True
-
     def clock(self, now: float) -> float:
         """Return the time by the node's own clock [s]."""
         return now * self._rate + self._phase
