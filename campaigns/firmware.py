@@ -1,8 +1,8 @@
 """The IMU node's firmware on a line's bad days: seeded streams under sanitizers, and what its image takes.
 
-`python -m campaigns.firmware --streams 1000000 --out out/campaigns/firmware.json`: streams of whole, damaged and spliced
-packets against the firmware compiled here with address and undefined-behaviour sanitizers; after each the node must
-answer a ping. Beside it the size of the image for a Cortex-M7, where there is a compiler for it.
+`python -m campaigns.firmware --streams 1000000 --out out/campaigns/firmware.json`: streams of whole, damaged and
+spliced packets against the firmware compiled here with address and undefined-behaviour sanitizers; after each the node
+must answer a ping. Beside it the size of the image for a Cortex-M7, where there is a compiler for it.
 """
 
 import argparse

@@ -116,13 +116,17 @@ public:
         for (uint32_t at = 0; at < packets; ++at) send(arriving());
         if (chance_.below(4) == 0) pass(static_cast<int32_t>(chance_.below(3000)));
         ++streams_;
-        if (!answers_ping()) fail("does not answer a ping");
+        if (answers_ping()) return;
+        // A packet that lost just its last byte FF takes the first of the ping's header for it: nobody can tell.
+        ++shared_;
+        if (!lacks_ff_ || !answers_ping()) fail("does not answer a ping");
     }
 
     void report() const {
         std::printf("{\"streams\": %" PRIu64 ", \"packets\": %" PRIu64 ", \"damaged\": %" PRIu64 ", \"bytes\": %" PRIu64
-                    ", \"bytes_said\": %" PRIu64 ", \"restarts\": %" PRIu64 ", \"failures\": 0}\n",
-                    streams_, packets_, damaged_, bytes_, board_.bytes_said, restarts_);
+                    ", \"bytes_said\": %" PRIu64 ", \"restarts\": %" PRIu64 ", \"shared\": %" PRIu64
+                    ", \"failures\": 0}\n",
+                    streams_, packets_, damaged_, bytes_, board_.bytes_said, restarts_, shared_);
     }
 
 private:
@@ -199,6 +203,7 @@ private:
 
     Bytes arriving() {
         ++packets_;
+        lacks_ff_ = false;
         Bytes wire = instruction();
         const uint32_t kind = chance_.below(10);
         if (kind == 0) {  // what another answers
@@ -217,7 +222,10 @@ private:
         if (kind > 5) return wire;
         ++damaged_;
         const size_t at = chance_.below(static_cast<uint32_t>(wire.size()));
-        if (kind == 3) wire.resize(at);
+        if (kind == 3) {
+            lacks_ff_ = at + 1 == wire.size() && wire.back() == 0xFF;
+            wire.resize(at);
+        }
         if (kind == 4) wire[at] = static_cast<uint8_t>(wire[at] ^ 1u << chance_.below(8));
         if (kind == 5) wire.insert(wire.begin() + static_cast<std::ptrdiff_t>(at), chance_.of(kPieces));
         return wire;
@@ -267,7 +275,10 @@ private:
     }
 
     [[noreturn]] void fail(const char* what) {
-        std::fprintf(stderr, "stream %" PRIu64 ": the node %s\n", streams_, what);
+        std::fprintf(stderr, "stream %" PRIu64 ": the node %s (id %u, baud %u, now %u, said", streams_, what, node_->id(),
+                     node_->baud(), board_.now_us);
+        for (const uint8_t byte : board_.said) std::fprintf(stderr, " %02x", byte);
+        std::fprintf(stderr, ")\n");
         std::exit(1);
     }
 
@@ -277,7 +288,8 @@ private:
     std::unique_ptr<Node> node_;
     std::unique_ptr<Chip> chip_;
     std::unique_ptr<Slave> slave_;
-    uint64_t streams_ = 0, packets_ = 0, damaged_ = 0, bytes_ = 0, restarts_ = 0;
+    uint64_t streams_ = 0, packets_ = 0, damaged_ = 0, bytes_ = 0, restarts_ = 0, shared_ = 0;
+    bool lacks_ff_ = false;
 };
 
 }  // namespace
