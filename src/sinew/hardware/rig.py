@@ -336,8 +336,10 @@ class Rig:
             reply = replies[device.id]
             if not reply.ok:
                 yield Lack(device.name, *_WHY[reply.outcome])
+            elif there is None and objection:
+                yield Lack(device.name, "impossible", objection)
             elif there is None:
-                yield Lack(device.name, *(("impossible", objection) if objection else ("stale", _LATE)))
+                yield Lack(device.name, "stale", _LATE)
         for sensor in self.sensors:
             if not replies[sensor.id].ok:
                 yield Lack(sensor.name, *_WHY[replies[sensor.id].outcome])
