@@ -65,6 +65,7 @@ peers: $(VENV)/.runtime ## make .venv-peers with what `make bench` compares with
 
 campaign: $(VENV)/.dev ## 500 runs of the emulated bench in which something goes wrong: fault x outcome (about 15 min)
 	$(BIN)/python -m campaigns.faults --runs 500 --seed 0 --workers 2 --out out/campaigns/faults.json
+	$(BIN)/python -m campaigns.hostile --runs 300 --seed 0 --workers 2 --out out/campaigns/hostile.json
 
 docs: $(VENV)/.dev ## the documentation as HTML in docs/_build
 	$(BIN)/python -m sphinx -q -W --keep-going -n -b html docs docs/_build

@@ -102,7 +102,7 @@ class SensorBounds:
         self, rates: tuple[float, float, float], forces: tuple[int, int, int], counter: int, clock: int
     ) -> str:
         """Return why a sample cannot be true; empty where it can. clock: of the board as it answered [µs]."""
-        if forces == (0, 0, 0):
+        if forces == (0, 0, 0) and (counter or self._counter):  # a board that has no sample yet tells nothing but zeros
             return "it tells no acceleration at all, as in free fall"
         if self._counter is not None:
             since = (counter - self._counter) % _WRAP

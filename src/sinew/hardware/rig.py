@@ -306,14 +306,15 @@ class Rig:
         imu = self._imu_reading(replies, time)
         asked = self._presents[turn]
         fresh = drive if asked is self._drive_present else tendons[turn]
-        climate = asked.climate(replies[asked.id], time) if fresh is not None else None
+        told_climate = fresh is not None and not replies[asked.id].rivals
+        climate = asked.climate(replies[asked.id], time) if told_climate else None
         replies |= {sensor.id: sensor.ask() for sensor in self.sensors}
         told = tuple([sensor.value(replies[sensor.id]) for sensor in self.sensors])
         faults = tuple([reply for reply in replies.values() if not reply.ok])
         lacks: tuple[Lack, ...] = ()
         if faults or climate is None or imu is None or drive is None or None in tendons:
             lacks = tuple(self._lacks(replies, (*tendons, drive, imu)))
-            if fresh is not None and climate is None:
+            if told_climate and climate is None:
                 lacks += (Lack(asked.name, "impossible", asked.climate_objection),)
             self.stale.update([lack.name for lack in lacks if lack.why == "stale"])
             self.impossible.update([lack.name for lack in lacks if lack.why == "impossible"])
@@ -335,8 +336,10 @@ class Rig:
             reply = replies[device.id]
             if not reply.ok:
                 yield Lack(device.name, *_WHY[reply.outcome])
+            elif there is None and objection:
+                yield Lack(device.name, "impossible", objection)
             elif there is None:
-                yield Lack(device.name, *(("impossible", objection) if objection else ("stale", _LATE)))
+                yield Lack(device.name, "stale", _LATE)
         for sensor in self.sensors:
             if not replies[sensor.id].ok:
                 yield Lack(sensor.name, *_WHY[replies[sensor.id].outcome])
