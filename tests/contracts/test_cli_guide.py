@@ -28,6 +28,16 @@ def test_only_one_step_and_all_from_one_on_exclude_each_other(capsys: pytest.Cap
     assert "found --step and --from, expected one of them" in said
 
 
+def test_a_step_without_a_guide_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    said = refused(capsys, "doctor", "--port", "bench", "--step", "lever")
+    assert "found --step or --from without --guide" in said
+
+
+def test_a_guide_that_is_told_a_baud_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    said = refused(capsys, "doctor", "--port", "bench", "--guide", "my.toml", "--baud", "57600")
+    assert "found --fix or --baud with --guide" in said
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 4])
 def test_a_bench_that_is_built_wrongly_is_led_to_its_first_run(seed: int) -> None:

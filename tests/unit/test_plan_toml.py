@@ -105,7 +105,7 @@ RIG_FAULTS = {
     "unknown origin": (
         'origin = "paper"',
         'origin = "guess"',
-        "expected 'paper', 'data sheet', 'calibrated' or 'assumed'",
+        "expected 'paper', 'data sheet', 'measured', 'calibrated' or 'assumed'",
     ),
     "not a number": (
         "value = 14.7,",

@@ -72,7 +72,10 @@ _command("import", epilog="Example: sinew import decay.csv --time t_s --response
 )
 _command(epilog="Example: sinew export run/recording.nc --to mat --out run/recording.mat")(convert.export)
 _command(epilog="Example: sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1")(emulate.emulate)
-_command(epilog="Example: sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix")(doctor.doctor)
+_command(
+    epilog="Example: sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix"
+    "\n\nExample: sinew doctor --port /dev/ttyUSB0 --guide my-rig.toml"
+)(doctor.doctor)
 _command(epilog="Example: sinew run short --rig paper --port /dev/ttyUSB0 --out out/bench")(run.run)
 _command(epilog="Example: sinew track paper --emulate --pretension-mm 0,4,8,12 --out out/backbone")(track.track)
 _command(epilog="Example: sinew serve --emulate --runs runs")(serve.serve)

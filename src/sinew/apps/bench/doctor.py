@@ -54,8 +54,13 @@ def doctor(
     """
     from sinew.bench.doctor import apply_fixes, list_fixes
     from sinew.hardware.serial_port import find_latency_timer
+    from sinew.measure.errors import SpecError
     from sinew.plan.toml import load_rig
 
+    if guide is None and (step is not None or start is not None):
+        raise SpecError("found --step or --from without --guide, expected the rig file that the guide writes")
+    if guide is not None and (fix or baud is not None):
+        raise SpecError("found --fix or --baud with --guide, which sets bauds and settings itself; leave one out")
     port = port or _only_port()
     if guide is not None:
         from sinew.apps.bench.guide import guide as lead

@@ -53,6 +53,8 @@ def guide(
             raise SpecError(f"found {flag} {name}, expected one of {', '.join(names)}")
     if step is not None and start is not None:
         raise SpecError("found --step and --from, expected one of them: only that step, or all from that one on")
+    if Path(port).is_socket():
+        raise SpecError(f"{port} is a socket, which has no baud to set; leave --socket out of `sinew emulate`")
     require_file(out)
     spec = load_rig(out if out.exists() else rig)
     first = names.index(step or start or names[0])
