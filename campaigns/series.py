@@ -36,7 +36,7 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, PULSE
 from sinew.plan.toml import load_rig, parse_plan
 
-TRACKED = ("--pretension-mm", "4", "--amplitude-deg", "10,20", "--duration-s", "4")
+TRACKED = ("--pretension-mm", "4", "--amplitude-deg", "10, 20", "--duration-s", "4")
 """What every other series tracks: one group at rest, two tracked motions."""
 
 PLAN = """

@@ -40,7 +40,7 @@ def emulate(
         bool, flag("--in-space", "A head with mass on a rod that bends and sways: for plans with a [pose].")
     ] = False,
     supply_current: Annotated[
-        bool, flag("--supply-current", "Registers of current tell the supply's, not the motors'.")
+        bool, flag("--supply-current", "The drive's register of current tells its supply's.")
     ] = False,
     for_s: Annotated[float | None, option("S", "End after so much emulated time.", "--for", min=0.0)] = None,
     socket: Annotated[
