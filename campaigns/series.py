@@ -36,8 +36,8 @@ from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, P_GAIN_LSB, PULSE
 from sinew.plan.toml import load_rig, parse_plan
 
-TRACKED = ("--pretension-mm", "4", "--amplitude-deg", "10,20", "--duration-s", "4")
-"""What every other series tracks: one group at rest, two tracked motions."""
+TRACKED = ("--pretension-mm", "4", "--amplitude-deg", "10, 20", "--duration-s", "8")
+"""What every other series tracks: one group at rest, two tracked motions, long enough for a point of the backbone."""
 
 PLAN = """
 name = "killed"
@@ -61,8 +61,8 @@ repeats = 1
 """
 """Everything that a bench does, as short as that goes: four groups."""
 
-LONGEST_S = 17.0
-"""From opening the journal to the end of a run nobody kills, about [s]."""
+LONGEST_S, LONGEST_TRACK_S = 17.0, 27.0
+"""From opening the journal to the end of a run nobody kills, and of one that tracks, about [s]."""
 
 _PATIENCE_S = 90.0
 _UNTIL_STOPPED_S = 0.3
@@ -180,7 +180,7 @@ class _Trial:
         """Start the run, or go on with it, and kill it at a random moment; return None where it ended before."""
         resume = self._journal.exists()
         sessions = _sessions(self._journal)
-        wait = self._moments.uniform(0.0, LONGEST_S)
+        wait = self._moments.uniform(0.0, LONGEST_TRACK_S if self._tracks else LONGEST_S)
         command = self._command(self._out, resume)
         with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
             _until(lambda: _sessions(self._journal) > sessions or process.poll() is not None, "the run begins")

@@ -79,12 +79,13 @@ def locks(out: Path) -> int:
 @pytest.mark.slow
 def test_tracking_through_a_terminal_that_was_killed_is_completed_by_resuming(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    asked = ["--pretension-mm", "4", "--amplitude-deg", "10,20", "--duration-s", "6"]
+    asked = ["--pretension-mm", "4", "--amplitude-deg", "10, 20", "--duration-s", "8"]
     with playing(tmp_path, "--seed", "3") as bench:
         where = ["track", "paper", "--port", bench.port, "--out", str(out)]
         with subprocess.Popen([SINEW, *where, *asked], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as process:
             try:
-                until(lambda: locks(out) == 2, PATIENCE, "the second motion does not lock")
+                until(lambda: locks(out) == 2 or process.poll() is not None, PATIENCE, "the second does not lock")
+                assert process.poll() is None, "it ended by itself"
             finally:
                 process.kill()
         told = finished([SINEW, *where, "--resume", "--json"], PATIENCE)

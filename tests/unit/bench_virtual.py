@@ -40,8 +40,10 @@ def virtual_bench(
     slack_m: Sequence[float] = SLACK_M,
     rest_tilt: tuple[float, float] = (0.0, 0.0),
     seed: int = 0,
+    tells_supply: bool = False,
 ) -> VirtualBench:
-    emulated = EmulatedRig(spec, plant or JointPlant(spec, slack_m=slack_m, rest_tilt=rest_tilt), seed=seed)
+    plant = plant or JointPlant(spec, slack_m=slack_m, rest_tilt=rest_tilt)
+    emulated = EmulatedRig(spec, plant, seed=seed, tells_supply=tells_supply)
     port = VirtualPort(emulated)
     bus = Bus(port, port, BusTiming(spec.wiring.baud, latency=1e-3 * spec.wiring.latency_ms), retries=2)
     return VirtualBench(spec, emulated, port, Rig(bus, port, spec))

@@ -12,6 +12,7 @@ from sinew.measure.errors import RecordingError
 from sinew.measure.estimate import Estimate, finite, number, pair, span
 from sinew.measure.recording import segment_slices
 from sinew.measure.told import Table
+from sinew.plan.servo import FULL_DUTY_COUNTS
 
 # A brushed motor on a full bridge sees the mean voltage u = δV and carries i = (δV - k ω - v sgn δ)/R, with v for what
 # brushes and bridge drop. The supply then carries δ i. What is read is taken for
@@ -32,6 +33,8 @@ NEAR = 0.25
 """How far from 0 or 1 the interval of s may reach for a verdict: a law in between is neither."""
 
 _FEWEST = 200
+_FEWEST_LOADS, _DRAWS = 4, 200
+_MODEL_STD = 0.05  # of a motor that swings: on emulated benches s was off by 0.01 (motor's) and 0.06 (supply's)
 _LEAST_COUNTS = 5.0  # a reading below so many counts tells little but its rounding
 _EXPONENTS = np.linspace(-0.5, 1.5, 101)
 
@@ -40,8 +43,9 @@ _EXPONENTS = np.linspace(-0.5, 1.5, 101)
 class CurrentSense:
     """Whose current a motor's register tells.
 
-    motor: its name. exponent: s, 0 for the motor's current, 1 for the supply's. duty: from the smallest to the largest,
-    5 % of the samples left out on either side. misfit: root mean square of what is left over that of the readings.
+    motor: its name. exponent: s, 0 for the motor's current, 1 for the supply's. duty: from the smallest to the largest;
+    of a motor that moves 5 % of the samples are left out on either side. samples: of one that stands, loads.
+    misfit: root mean square of what is left over that of the readings.
     whose: the verdict. why: its reason.
     """
 
@@ -75,36 +79,73 @@ def sense_currents(recording: xr.Dataset, count_a: float) -> list[CurrentSense]:
     slices = segment_slices(recording)
     time = np.asarray(recording["time_s"].values, dtype=float)
     supply = recording["supply_v"].values.astype(float) if "supply_v" in recording else np.ones(time.size)
+    kinds = recording["kind"].values
+    resting = [where for where, kind in zip(slices, kinds, strict=True) if kind == "idle"]
     found = []
     for motor, columns in _motors(recording):
         current, duty, angle = (column.astype(float) for column in columns)
         speed, inside = _speed(time, angle, slices)
-        used = inside & (np.abs(current) >= _LEAST_COUNTS * count_a) & (duty != 0)
-        found.append(sense_current(motor, current[used], duty[used], speed[used], supply[used]))
+        if motor == "drive":
+            rows = np.stack([current, duty, speed, supply])[:, inside]
+            used = (np.abs(rows[0]) >= _LEAST_COUNTS * count_a) & (rows[1] != 0)
+            found.append(sense_moving(motor, *rows[:, used]))
+        else:
+            means = [[column[where].mean() for column in (current, duty, supply)] for where in resting]
+            found.append(sense_standing(motor, *np.array(means).reshape(-1, 3).T, count_a))
     if not found:
         raise RecordingError("found no motor with both current and duty, expected a recording of a bench; record one")
     return found
 
 
-def sense_current(motor: str, current: Array, duty: Array, speed: Array, supply: Array) -> CurrentSense:
-    """Return whose current a register tells.
+def sense_moving(motor: str, current: Array, duty: Array, speed: Array, supply: Array) -> CurrentSense:
+    """Return whose current the register of a motor that moves tells.
 
     current: as read [A]. duty: -1..1. speed: of the horn [rad/s]. supply [V]. All of shape (n,), in order of time.
     """
     count = current.size
     if count < _FEWEST:
-        why = f"{count} samples carry a current worth reading, expected {_FEWEST}; load the motor more"
-        nothing = Estimate(math.nan, math.nan, math.nan, math.nan)
-        return CurrentSense(motor, nothing, (math.nan, math.nan), math.nan, count, "undetermined", why)
-    products = _products(current, duty, speed, supply)
+        return _unknown(
+            motor, count, f"{count} samples carry a current worth reading, expected {_FEWEST}; move it more"
+        )
+    products = _products(current, duty, speed, supply, BLOCKS)
     whole = products.sum(axis=1)
     s, misfit = _best(whole)
     left = [_best(whole - products[:, block])[0] for block in range(BLOCKS)]
     std = math.sqrt((BLOCKS - 1) / BLOCKS * float(np.sum((np.array(left) - np.mean(left)) ** 2)))
-    exponent = Estimate.student(s, std, BLOCKS - 1)
+    exponent = Estimate.student(s, math.hypot(std, _MODEL_STD), BLOCKS - 1)
     low, high = (float(end) for end in np.quantile(np.abs(duty), (0.05, 0.95)))
     whose, why = _verdict(exponent, (low, high))
     return CurrentSense(motor, exponent, (low, high), misfit, count, whose, why)
+
+
+def sense_standing(motor: str, current: Array, duty: Array, supply: Array, count_a: float) -> CurrentSense:
+    """Return whose current the register of a motor that stands under several loads tells.
+
+    current: as read [A], duty, supply [V]: means under each load, (loads,). count_a: unit of the current [A].
+    Where nothing moves nothing dithers: what the registers round off stays, up to half a count, and is the
+    uncertainty of s, by drawing it.
+    """
+    pulls = np.abs(current) >= _LEAST_COUNTS * count_a
+    current, duty, supply = current[pulls], duty[pulls], supply[pulls]
+    loads = current.size
+    if loads < _FEWEST_LOADS:
+        return _unknown(motor, loads, f"it stood under {loads} loads worth reading, expected {_FEWEST_LOADS}; set more")
+    chance, still = np.random.default_rng(0), np.zeros(loads)
+    s, misfit = _best(_products(current, duty, still, supply, 1)[:, 0])
+    drawn = []
+    for _ in range(_DRAWS):
+        off = chance.uniform(-0.5, 0.5, (2, loads))
+        told = (current + count_a * off[0], duty + off[1] / FULL_DUTY_COUNTS)
+        drawn.append(_best(_products(*told, still, supply, 1)[:, 0])[0])
+    exponent = Estimate.normal(s, float(np.std(drawn, ddof=1)))
+    ends = (float(np.abs(duty).min()), float(np.abs(duty).max()))
+    whose, why = _verdict(exponent, ends)
+    return CurrentSense(motor, exponent, ends, misfit, loads, whose, why)
+
+
+def _unknown(motor: str, count: int, why: str) -> CurrentSense:
+    nothing = Estimate(math.nan, math.nan, math.nan, math.nan)
+    return CurrentSense(motor, nothing, (math.nan, math.nan), math.nan, count, "undetermined", why)
 
 
 def _verdict(exponent: Estimate, duty: tuple[float, float]) -> tuple[Whose, str]:
@@ -120,7 +161,7 @@ def _verdict(exponent: Estimate, duty: tuple[float, float]) -> tuple[Whose, str]
     return "undetermined", f"{ends}, which is neither 0, the motor's, nor 1, the supply's"
 
 
-def _products(current: Array, duty: Array, speed: Array, supply: Array) -> Array:
+def _products(current: Array, duty: Array, speed: Array, supply: Array, blocks: int) -> Array:
     """Return the products of the columns of the law and the reading, summed over each block, for every exponent.
 
     Shape (exponent, block, 4, 4); the last row and column are the reading's.
@@ -129,8 +170,8 @@ def _products(current: Array, duty: Array, speed: Array, supply: Array) -> Array
     columns /= np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
     rows = np.concatenate([columns, current[:, None]], axis=1)
     weights = np.abs(duty)[:, None] ** _EXPONENTS
-    found = np.empty((_EXPONENTS.size, BLOCKS, 4, 4))
-    for block, mine in enumerate(np.array_split(np.arange(current.size), BLOCKS)):
+    found = np.empty((_EXPONENTS.size, blocks, 4, 4))
+    for block, mine in enumerate(np.array_split(np.arange(current.size), blocks)):
         for place, weight in enumerate(weights[mine].T):
             weighed = rows[mine] * np.stack([weight] * 3 + [np.ones_like(weight)], axis=1)
             found[place, block] = weighed.T @ weighed

@@ -128,8 +128,9 @@ class EmulatedRig:
     seed: of the sensor's noise, bias and crystal. tendon_counts: encoder readings of the tendon motors at the start.
     baud: what the devices are set to [1/s]; None: the wiring's, which the master has. firmware: of the motors.
     return_delay: register return_delay_time of the motors, in 2 µs; a factory-new motor has 250.
-    imu_ppm: error of the sensor's crystal [1e-6]; None: drawn. tells_supply: whether the motors' registers of current
-    tell the supply's; nobody knows of the real ones. trips: who was stopped by its bus watchdog, and when.
+    imu_ppm: error of the sensor's crystal [1e-6]; None: drawn. trips: who was stopped by its bus watchdog, and when.
+    tells_supply: whether the drive's register of current tells its supply's, which nobody knows of the real ones; the
+    tendons' hold by theirs.
     Raises SpecError for a sensor that is not emulated, or a baud that the motors do not have.
     """
 
@@ -173,7 +174,7 @@ class EmulatedRig:
                 baud_code=code,
                 firmware=firmware,
                 supply=self.supply,
-                tells_supply=tells_supply,
+                tells_supply=tells_supply and device == wiring.drive_id,
             )
             motor.registers["return_delay_time"] = return_delay
             self.motors[device] = motor

@@ -43,7 +43,7 @@ def emulate(
         str | None, option("WHAT", "Wired or set wrongly, drawn by --seed: all, or some of the words below.")
     ] = None,
     supply_current: Annotated[
-        bool, flag("--supply-current", "Registers of current tell the supply's, not the motors'.")
+        bool, flag("--supply-current", "The drive's register of current tells its supply's.")
     ] = False,
     for_s: Annotated[float | None, option("S", "End after so much emulated time.", "--for", min=0.0)] = None,
     socket: Annotated[
