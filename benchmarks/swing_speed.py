@@ -8,6 +8,7 @@ takes the largest step of a few with which it is stable. How fast the head swing
 is the same joint.
 
 Seconds are those of a core, added up over what a process uses, so that a busy computer is no fault of the code.
+XLA has one thread, SoRoMoX's as ours: with more both take longer.
 """
 
 import importlib.util

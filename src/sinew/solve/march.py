@@ -113,7 +113,9 @@ def runge_kutta_samples(
     flat, parts = ravel_pytree(state)
     kept = jax.tree.map(lambda leaf: jnp.zeros((room + 1, *leaf.shape), leaf.dtype), first)
 
-    def turn(n: jax.Array, carry: tuple[jax.Array, jax.Array, jax.Array, K]) -> tuple[jax.Array, ...]:
+    def turn(
+        n: jax.Array, carry: tuple[jax.Array, jax.Array, jax.Array, K]
+    ) -> tuple[jax.Array, jax.Array, jax.Array, K]:
         begun, here, gone, rows = carry
         stage, step = n % 4, n // 4
         rate_here, seen = slope(start_s + (step + jnp.asarray(STAGE_TIMES)[stage]) * step_s, parts(here))
