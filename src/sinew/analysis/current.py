@@ -90,8 +90,10 @@ def sense_currents(recording: xr.Dataset, count_a: float) -> list[CurrentSense]:
             used = (np.abs(rows[0]) >= _LEAST_COUNTS * count_a) & (rows[1] != 0)
             found.append(sense_moving(motor, *rows[:, used]))
         else:
-            means = (np.array([column[where].mean() for where in resting]) for column in (current, duty, supply))
-            found.append(sense_standing(motor, *means, count_a))
+            amps, share, volts = (
+                np.array([column[where].mean() for where in resting]) for column in (current, duty, supply)
+            )
+            found.append(sense_standing(motor, amps, share, volts, count_a))
     if not found:
         raise RecordingError("found no motor with both current and duty, expected a recording of a bench; record one")
     return found
