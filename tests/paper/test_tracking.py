@@ -39,7 +39,7 @@ def expected() -> Expected:
     return expected_at((0.0, 3.0, 6.0, 9.0, 12.0))
 
 
-@pytest.mark.parametrize("index", [0, 2, 4])
+@pytest.mark.parametrize("index", [0, *(pytest.param(index, marks=pytest.mark.long) for index in (2, 4))])
 def test_it_locks_within_ten_turns_from_a_fifth_off_and_stays(expected: Expected, index: int) -> None:
     rows = list(lock_rows(expected[index : index + 1], [SEED]))
     assert broken(rows) == []
@@ -47,7 +47,7 @@ def test_it_locks_within_ten_turns_from_a_fifth_off_and_stays(expected: Expected
     assert max(row.error_deg for row in rows) < MOST_ERROR_DEG
 
 
-@pytest.mark.parametrize("index", [0, 4])
+@pytest.mark.parametrize("index", [pytest.param(0, marks=pytest.mark.long), 4])
 def test_the_backbone_by_lock_is_the_backbone_by_prediction(expected: Expected, index: int) -> None:
     one, rig = expected[index], load_rig("paper")
     found = tracked(track_plan(one.pretension_mm, None, 10.0), [one], seed=SEED)
@@ -61,6 +61,7 @@ def test_the_backbone_by_lock_is_the_backbone_by_prediction(expected: Expected, 
     assert point.torsion_deg.value == pytest.approx(found.torsion_deg[late].mean(), rel=5e-3)
 
 
+@pytest.mark.long
 def test_a_weak_drive_is_tracked_on_the_same_backbone(expected: Expected) -> None:
     one = expected[2]
     found = tracked(track_plan(one.pretension_mm, None, 10.0, amplitude_deg=(6.0,)), [one], seed=SEED)

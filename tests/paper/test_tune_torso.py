@@ -18,6 +18,7 @@ SHAPES = ["circle", "annulus", "ellipse"]
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_three_distinct_joints_are_proposed_and_the_twin_confirms_each_at_both_ends() -> None:
     found = design_joints(RIG, TARGET, SILICONES, SHAPES, Effort(starts=16, exact=6, proposals=3, seed=1000))
     proposals = [found.evaluated[i] for i in found.chosen]
@@ -35,6 +36,7 @@ def test_three_distinct_joints_are_proposed_and_the_twin_confirms_each_at_both_e
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.filterwarnings(
     "ignore::ResourceWarning", "ignore::DeprecationWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
 )

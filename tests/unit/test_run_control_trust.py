@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -41,7 +42,12 @@ def runs(tmp_path: Path) -> Path:
 @pytest.fixture
 def victim(runs: Path) -> Iterator["subprocess.Popen[bytes]"]:
     """Give a process of ours that is no run, though it names the folder of one."""
-    with subprocess.Popen([*SLEEP, str(runs / "planted" / "journal.sqlite")]) as process:
+    command = [*SLEEP, str(runs / "planted" / "journal.sqlite")]
+    with subprocess.Popen(command) as process:
+        end = time.monotonic() + 10
+        while psutil.Process(process.pid).cmdline() != command:  # the system names its arguments after it has begun
+            assert time.monotonic() < end
+            time.sleep(0.001)
         yield process
         process.kill()
 
