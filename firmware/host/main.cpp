@@ -6,8 +6,8 @@
 //
 // The pipe. To the node: 'B' time_ns byte_ns count bytes (the first byte has come whole at time_ns + byte_ns), 'A' time_ns
 // (let time pass), 'C' six counts (what the chip reads from now on), 'F' 0|1 (the chip is frozen), 'P' (the power goes and
-// comes back), 'D' us (the board does nothing else for so long). From the node after each: baud, time until it has
-// something to do (UINT64_MAX: never), number of bursts, then of each its start, how many and which bytes. Little endian.
+// comes back), 'D' us (the board does nothing else for so long). From the node after each: baud, when it has something
+// to do on the line (UINT64_MAX: never), number of bursts, then of each its start, how many and which bytes. Little endian.
 #include "../node/chip.h"
 #include "../node/node.h"
 #include "../node/slave.h"
@@ -123,7 +123,7 @@ public:
         for (;;) {
             obey(take<char>());
             give(board_.baud);
-            give(due());
+            give(due_on_line());
             give(static_cast<uint32_t>(board_.spoken.size()));
             for (const Burst& burst : board_.spoken) {
                 give(burst.start_ns);
@@ -168,11 +168,14 @@ private:
         board_.now_ns = std::max(board_.now_ns, until);
     }
 
+    uint64_t due_on_line() {
+        const uint32_t left = made_->slave.due_in(board_.micros());
+        return left == UINT32_MAX ? kNever : board_.now_ns / 1000 * 1000 + left * 1000ull;
+    }
+
     uint64_t due() {
         if (board_.now_ns < deaf_until_) return deaf_until_;
-        uint64_t next = kNever;
-        const uint32_t left = made_->slave.due_in(board_.micros());
-        if (left != UINT32_MAX) next = board_.now_ns / 1000 * 1000 + left * 1000ull;
+        const uint64_t next = due_on_line();
         const auto until_sample = static_cast<int32_t>(still_.next_us() - board_.micros());
         const uint64_t sample = (board_.now_ns / 1000 + (until_sample > 0 ? until_sample : 1)) * 1000ull;
         return std::min(next, sample);

@@ -3,6 +3,7 @@
 A party is asked by instructions, beside which other devices of the line may answer; it gives what a master hears.
 """
 
+import math
 import select
 import socket
 import struct
@@ -180,9 +181,12 @@ class Burst:
     data: bytes
 
 
+_NEVER = 2**64 - 1
+
+
 class NodeProcess:
     """The firmware at the other end of a pipe, in virtual time [s]. baud: that it listens at [1/s]. due: when it has
-    something to do [s]."""
+    something to do on the line [s]."""
 
     def __init__(self, program: Path, *options: str) -> None:
         self.process = subprocess.Popen(
@@ -228,7 +232,7 @@ class NodeProcess:
         self.process.stdin.write(what)
         self.process.stdin.flush()
         self.baud, due, count = struct.unpack("<IQI", self._take(16))
-        self.due = due * 1e-9
+        self.due = math.inf if due == _NEVER else due * 1e-9
         bursts = []
         for _ in range(count):
             start, size = struct.unpack("<QI", self._take(12))
