@@ -90,8 +90,10 @@ def sense_currents(recording: xr.Dataset, count_a: float) -> list[CurrentSense]:
             used = (np.abs(rows[0]) >= _LEAST_COUNTS * count_a) & (rows[1] != 0)
             found.append(sense_moving(motor, *rows[:, used]))
         else:
-            means = [[column[where].mean() for column in (current, duty, supply)] for where in resting]
-            found.append(sense_standing(motor, *np.array(means).reshape(-1, 3).T, count_a))
+            held, at, volts = (
+                np.array([column[where].mean() for where in resting]) for column in (current, duty, supply)
+            )
+            found.append(sense_standing(motor, held, at, volts, count_a))
     if not found:
         raise RecordingError("found no motor with both current and duty, expected a recording of a bench; record one")
     return found
