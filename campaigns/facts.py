@@ -240,7 +240,8 @@ def swing_rows() -> Iterator[Row]:
     rigs = [RIG] * len(SWUNG) + [RIG.with_values({"tendons.first_contact_tension": one}) for one in CONTACTS]
     at = [finder(ACROSS, changes=(("tendons.first_contact_tension", one),)).at(12.0, 30.0) for one in CONTACTS]
     shift = [one.torsion_hz() / finder(ACROSS).at(12.0, 30.0).torsion_hz() for one in at]
-    swung_at = [*SWUNG, *((*SWUNG[-1][:3], SWUNG[-1][3] * share) for share in shift)]
+    angle, azimuth, p, hz = SWUNG[-1]
+    swung_at = [*SWUNG, *((angle, azimuth, p, hz * share) for share in shift)]
     # a pretension and a repeat have one pose
     groups = [
         [replace(steady(hz, p, a, bent(angle, azimuth)), repeat=i) for a in DRIVEN]

@@ -53,8 +53,8 @@ def foretell(plan: Plan, rig: RigSpec) -> tuple[Foretold, ...]:
         return ()
     bend_deg, azimuth_deg = plan.rest_pose.bend_and_azimuth_deg
     finder = Finder(rig, Asked(plan.pretension.pretension_mm, (bend_deg,), azimuth_deg, plan.pretension.mode))
-    tendon_mm = plan.sweep.amplitude_mm
-    asked = math.radians(plan.sweep.amplitude_deg) if tendon_mm is None else 1e-3 * tendon_mm
+    tendons_mm = plan.sweep.amplitude_mm
+    asked = math.radians(plan.sweep.amplitude_deg) if tendons_mm is None else 1e-3 * tendons_mm
     rows = []
     for mm in plan.pretension.pretension_mm:
         try:
