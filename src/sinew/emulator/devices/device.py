@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 from sinew.hardware import codec as ask
 from sinew.hardware.codec import BROADCAST, Instruction, Status
-from sinew.hardware.registers import Register, RegisterTable
+from sinew.hardware.registers import BAUD_RATES, Register, RegisterTable
+from sinew.plan.servo import RETURN_DELAY_LSB
 
 # Error numbers of the protocol (e-Manual, "DYNAMIXEL Protocol 2.0", Error).
 DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = 4, 5, 6, 7
@@ -191,6 +192,11 @@ class Device(ABC):
         """Whether it takes part in fast sync and bulk reads."""
         return False
 
+    @property
+    def is_locked(self) -> bool:
+        """Whether registers that are kept without power may not be written."""
+        return False
+
     @abstractmethod
     def hears(self, now: float) -> bool:
         """Return whether it listens to packets of this protocol at a time [s]; without power it does not."""
@@ -210,6 +216,10 @@ class Device(ABC):
     @abstractmethod
     def carry_out(self, instruction: Instruction, now: float) -> int:
         """Do what an instruction other than ping, read and write asks; return 0 or the error number."""
+
+    @abstractmethod
+    def restart(self, now: float) -> None:
+        """Start anew: registers as at power-on, deaf for a while."""
 
     def obey(self, instruction: Instruction, now: float) -> Status | None:
         """Carry out an instruction to this device, or to all; return its answer, None where it is silent.
@@ -240,7 +250,7 @@ class Device(ABC):
 
     def admit(self, address: int, data: bytes) -> tuple[int, list[Part]]:
         """Return (0, what a write would store), or (error number, nothing)."""
-        return self.registers.parts(address, data, locked=False)
+        return self.registers.parts(address, data, locked=self.is_locked)
 
     def register(self, instruction: Instruction) -> int:
         """Keep a reg write until `act`; return 0 or the error number."""
@@ -267,13 +277,53 @@ class Device(ABC):
         return Status(self.id if sender is None else sender, number | 0x80 * self.alert, data)
 
 
-def kept_by_reset(instruction: Instruction) -> tuple[str, ...] | None:
-    """Return the registers that a factory reset leaves as they are; None if it asks nothing sensible.
+class RegisterSet(Device):
+    """A device whose registers say who it is and how it answers, at a motor's addresses; it can be reset."""
 
-    All devices on a line must not get the same id at once.
-    """
-    keep = {b"\xff": (), b"\x01": ("id",), b"\x02": ("id", "baud_rate")}.get(instruction.params)
-    return None if instruction.id == BROADCAST and not keep else keep
+    @property
+    def id(self) -> int:
+        return self.registers.memory[7]
+
+    @property
+    def baud(self) -> int:
+        return BAUD_RATES[self.registers.memory[8]]
+
+    @property
+    def return_delay(self) -> float:
+        return self.registers.memory[9] * RETURN_DELAY_LSB
+
+    @property
+    def status_return_level(self) -> int:
+        return self.registers.memory[68]
+
+    @property
+    def alert(self) -> bool:
+        return self.registers.memory[70] != 0
+
+    def carry_out(self, instruction: Instruction, now: float) -> int:
+        match instruction.code:
+            case ask.REG_WRITE:
+                return self.register(instruction)
+            case ask.ACTION:
+                return self.act(now)
+            case ask.REBOOT:
+                self.restart(now)
+                return 0
+            case ask.FACTORY_RESET:
+                return self._reset(instruction, now)
+        return INSTRUCTION
+
+    def _reset(self, instruction: Instruction, now: float) -> int:
+        """Put the registers back, but not the id of all devices on a line at once."""
+        keep = {b"\xff": (), b"\x01": ("id",), b"\x02": ("id", "baud_rate")}.get(instruction.params)
+        if keep is None or (instruction.id == BROADCAST and not keep):
+            return DATA_RANGE
+        if self.is_locked:
+            return ACCESS
+        self.registers.reset(keep)
+        self.registers["firmware_version"] = self.firmware
+        self.restart(now)
+        return 0
 
 
 _START_TIME = 0.3
@@ -312,7 +362,6 @@ class Board(Device):
         self.is_powered = on
 
     def restart(self, now: float) -> None:
-        """Start anew: registers as at power-on, deaf for a while."""
         self._deaf_until = now + _START_TIME
         self._pending = None
         self.registers.restart()

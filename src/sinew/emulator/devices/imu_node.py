@@ -16,10 +16,8 @@ from typing import cast
 
 import numpy as np
 
-from sinew.emulator.devices.device import DATA_RANGE, INSTRUCTION, Board, ControlTable, kept_by_reset
+from sinew.emulator.devices.device import Board, ControlTable, RegisterSet
 from sinew.emulator.plant import Mechanics
-from sinew.hardware import codec as ask
-from sinew.hardware.codec import Instruction
 from sinew.hardware.registers import (
     BAUD_RATES,
     EMULATED_FIRMWARE,
@@ -29,7 +27,6 @@ from sinew.hardware.registers import (
     sensor_table,
 )
 from sinew.plan.rig import BusSensor, Imu
-from sinew.plan.servo import RETURN_DELAY_LSB
 
 SAMPLE_PERIOD = 5e-3
 """Time between two samples, by the node's own clock [s]."""
@@ -40,7 +37,7 @@ _DRAWN_AT_ONCE = 512  # samples' noise; drawing it one by one would take most of
 Vector = tuple[float, float, float]
 
 
-class ImuNode(Board):
+class ImuNode(RegisterSet, Board):
     """The sensor.
 
     spec: range, noise and bias of the chip. axes: the chip's axes that point along x, y and z of the head.
@@ -80,53 +77,12 @@ class ImuNode(Board):
         self._begin()
 
     @property
-    def id(self) -> int:
-        return self.registers.memory[7]
-
-    @property
-    def baud(self) -> int:
-        return BAUD_RATES[self.registers.memory[8]]
-
-    @property
-    def return_delay(self) -> float:
-        return self.registers.memory[9] * RETURN_DELAY_LSB
-
-    @property
-    def status_return_level(self) -> int:
-        return self.registers.memory[68]
-
-    @property
-    def alert(self) -> bool:
-        return self.registers.memory[70] != 0
-
-    @property
     def knows_fast_reads(self) -> bool:
         return True
-
-    def carry_out(self, instruction: Instruction, now: float) -> int:
-        match instruction.code:
-            case ask.REG_WRITE:
-                return self.register(instruction)
-            case ask.ACTION:
-                return self.act(now)
-            case ask.REBOOT:
-                self.restart(now)
-                return 0
-            case ask.FACTORY_RESET:
-                return self._reset(instruction, now)
-        return INSTRUCTION
 
     def restart(self, now: float) -> None:
         super().restart(now)
         self._begin()
-
-    def _reset(self, instruction: Instruction, now: float) -> int:
-        keep = kept_by_reset(instruction)
-        if keep is None:
-            return DATA_RANGE
-        self.registers.reset(keep)
-        self.restart(now)
-        return 0
 
     def _begin(self) -> None:
         """Tell what the board is and how it samples, and have taken nothing yet."""

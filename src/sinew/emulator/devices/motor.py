@@ -11,15 +11,12 @@ import math
 from dataclasses import dataclass
 
 from sinew.emulator.devices.device import (
-    ACCESS,
     DATA_LIMIT,
     DATA_RANGE,
-    INSTRUCTION,
     RESULT_FAIL,
     ControlTable,
-    Device,
     Part,
-    kept_by_reset,
+    RegisterSet,
 )
 from sinew.emulator.devices.servo import MODES, Servo, goal_of, reset_for_mode
 from sinew.emulator.plant import Horn
@@ -27,7 +24,6 @@ from sinew.hardware import codec as ask
 from sinew.hardware.codec import Instruction
 from sinew.hardware.motor import FAST_READS_FROM
 from sinew.hardware.registers import (
-    BAUD_RATES,
     ELECTRICAL_SHOCK,
     OVERHEATING,
     OVERLOAD,
@@ -36,7 +32,7 @@ from sinew.hardware.registers import (
     WATCHDOG_TRIPPED,
     RegisterTable,
 )
-from sinew.plan.servo import COUNTS_PER_VOLT, RETURN_DELAY_LSB, SERVOS, WATCHDOG_LSB
+from sinew.plan.servo import COUNTS_PER_VOLT, SERVOS, WATCHDOG_LSB
 from sinew.plan.servo import Servo as DataSheet
 
 # A motor grows warm, and notices that it is too warm, overloaded or badly fed.
@@ -104,7 +100,7 @@ _PRESENT = range(120, 148)
 _INDIRECT_START = 168
 
 
-class Motor(Device):
+class Motor(RegisterSet):
     """One motor: registers, power, bus watchdog and protection around a `Servo`.
 
     rows: of its model. horn: what it moves. device_id, baud_code: registers id and baud_rate as set before. firmware:
@@ -140,26 +136,6 @@ class Motor(Device):
         self._begin()
 
     @property
-    def id(self) -> int:
-        return self.registers.memory[7]
-
-    @property
-    def baud(self) -> int:
-        return BAUD_RATES[self.registers.memory[8]]
-
-    @property
-    def return_delay(self) -> float:
-        return self.registers.memory[9] * RETURN_DELAY_LSB
-
-    @property
-    def status_return_level(self) -> int:
-        return self.registers.memory[68]
-
-    @property
-    def alert(self) -> bool:
-        return self.registers.memory[_ERRORS] != 0
-
-    @property
     def knows_fast_reads(self) -> bool:
         return self.firmware >= FAST_READS_FROM
 
@@ -167,6 +143,10 @@ class Motor(Device):
     def torque(self) -> bool:
         """Whether the torque is on."""
         return self.registers.memory[_TORQUE] != 0
+
+    @property
+    def is_locked(self) -> bool:
+        return self.torque
 
     @property
     def is_tripped(self) -> bool:
@@ -239,19 +219,9 @@ class Motor(Device):
         return number
 
     def carry_out(self, instruction: Instruction, now: float) -> int:
-        match instruction.code:
-            case ask.REG_WRITE:
-                return self.register(instruction)
-            case ask.ACTION:
-                return self.act(now)
-            case ask.REBOOT:
-                self.restart(now)
-                return 0
-            case ask.FACTORY_RESET:
-                return self._reset(instruction, now)
-            case ask.CLEAR:
-                return self._clear(instruction.params)
-        return INSTRUCTION
+        if instruction.code == ask.CLEAR:
+            return self._clear(instruction.params)
+        return super().carry_out(instruction, now)
 
     def _begin(self) -> None:
         reset_for_mode(self.registers)
@@ -259,7 +229,7 @@ class Motor(Device):
         self._servo.forget_turns()
 
     def admit(self, address: int, data: bytes) -> tuple[int, list[Part]]:
-        number, parts = self.registers.parts(address, data, locked=self.torque)
+        number, parts = super().admit(address, data)
         for row, count in parts:
             if objection := self._objection(row.name, count):
                 return objection, []
@@ -328,18 +298,6 @@ class Motor(Device):
             memory[_TORQUE] = 0
             self._servo.turn_off()
             self._watchdog_due = math.inf
-
-    def _reset(self, instruction: Instruction, now: float) -> int:
-        """Put the registers to what they are from the factory, and start anew."""
-        keep = kept_by_reset(instruction)
-        if keep is None:
-            return DATA_RANGE
-        if self.torque:
-            return ACCESS
-        self.registers.reset(keep)
-        self.registers["firmware_version"] = self.firmware
-        self.restart(now)
-        return 0
 
     def _clear(self, params: bytes) -> int:
         if params != _CLEAR_TURNS:
