@@ -42,8 +42,8 @@ def test_a_room_that_was_loaded_first_does_not_hide_the_function_of_its_name() -
     assert {"tune", "predict", "identify", "measure"} & set(run(code).split()) == {"measure"}
 
 
-def test_importing_sinew_takes_less_than_0_15_s() -> None:
-    code = "import time; t = time.perf_counter(); import sinew; print(time.perf_counter() - t)"
+def test_importing_sinew_takes_the_processor_less_than_0_15_s() -> None:
+    code = "import time; t = time.process_time(); import sinew; print(time.process_time() - t)"
     assert min(float(run(code)) for _ in range(3)) < 0.15
 
 
