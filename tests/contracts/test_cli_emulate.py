@@ -132,6 +132,7 @@ def test_the_truth_has_the_keys_of_the_reference(served: Served) -> None:
         "instructions",
         "group_reads",
         "faults",
+        "unbuilt",
     }
 
 
@@ -150,6 +151,7 @@ def test_its_line_as_json_has_the_keys_of_the_reference(link: Path) -> None:
         "tilt_deg",
         "slack_mm",
         "faults",
+        "unbuilt",
         "clock",
     }
 

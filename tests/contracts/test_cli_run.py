@@ -57,7 +57,7 @@ def test_the_json_has_the_keys_of_the_reference(whole: Whole) -> None:
             "groups",
             "groups_done",
         ),
-        *("pretensions", "cycles", "wire", "journal", "recording", "bus", "doubts"),
+        *("ended_by_pause", "pretensions", "cycles", "wire", "journal", "recording", "bus", "doubts"),
     }
 
 

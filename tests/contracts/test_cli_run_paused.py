@@ -6,6 +6,8 @@ The bench is the emulator's in virtual time, and the whole command runs in this 
 import json
 import os
 import pty
+import select
+import tty
 from pathlib import Path
 
 import pytest
@@ -84,7 +86,9 @@ def test_what_was_typed_before_the_question_does_not_answer_it(monkeypatch: pyte
         monkeypatch.setattr("sys.stdin", keyboard)
         monkeypatch.setattr("sys.stderr", screen)
         monkeypatch.setattr(screen, "isatty", lambda: True, raising=False)
+        tty.setcbreak(slave)
         os.write(master, b"r")
+        assert select.select([slave], [], [], 10)[0]  # what is written arrives a moment later
         monkeypatch.setattr(console, "remark", lambda _: None)
         flushed = console.os.read
         monkeypatch.setattr(console.os, "read", lambda *given: (os.write(master, b"Q"), flushed(*given))[1])

@@ -223,7 +223,7 @@ def goes_on_by_key(document: Mapping[str, Any]) -> bool:
     document: of `run_document`. The bench is at rest in its safe state for as long as that takes; nobody is asked where
     it is not, or where there is no terminal.
     """
-    if not (document["paused"] and document["is_safe"]):
+    if not (document["ended_by_pause"] and document["is_safe"]):
         return False
     return one_key("the computer paused, the bench is at rest: press r to go on, any other key to end") == "r"
 
@@ -245,7 +245,7 @@ def run_document(
         "left": report.stop.sentence(),
         "frozen_ms": None if report.halted_s is None else round(1e3 * report.halted_s, 1),
         "pauses": list(report.pauses),
-        "paused": report.is_paused,
+        "ended_by_pause": report.is_paused,
         "groups": report.groups,
         "groups_done": report.groups_done,
         "pretensions": pretensions,
