@@ -56,7 +56,7 @@ def test_the_recording_says_what_pose_was_asked_for(beside: Beside) -> None:
 @pytest.mark.parametrize(
     ("fault", "says"),
     [  # in its swing, while it is levelled, while it is bent
-        ("unplug@21", "port is gone"),
+        ("unplug@19", "port is gone"),
         ("imu-freeze@12", "IMU repeats one sample"),
         ("overload:motor=2@9.5", "tendon 2"),
     ],

@@ -101,7 +101,10 @@ def test_the_accelerometer_of_a_bent_head_feels_what_its_chip_does(beside: Besid
     torque = drive.duty_torque * (standing - going)
     turning = -lever * torque / (head * lever + rotor * (head + lever))
     force[:, 2] += chip[1] * turning
-    assert np.abs(beside.seen[6:9].T - force).max() < 0.1 * chip[1] * np.abs(turning).max()
+    # Where the lever turns round, its gears' friction does so within a step: in each march in a step of its own.
+    goes = np.abs(np.gradient(swing_.lever, 5e-3)[1:]) > 0.5
+    assert np.mean(goes) > 0.9
+    assert np.abs(beside.seen[6:9].T - force)[goes].max() < 0.1 * chip[1] * np.abs(turning).max()
 
 
 def test_motors_without_a_joint_do_not_bend() -> None:

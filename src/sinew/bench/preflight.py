@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from sinew.hardware.bus import Clock, Outcome, Reply
 from sinew.hardware.imu import ImuReading
 from sinew.hardware.motor import Motor
-from sinew.hardware.rig import Rig
+from sinew.hardware.rig import Rig, wire_s
 from sinew.measure.errors import TROUBLES, PortError, StartError
 from sinew.measure.units import STANDARD_GRAVITY
 from sinew.plan.plan import Plan, require_motors
-from sinew.plan.rig import Limits
+from sinew.plan.rig import Limits, RigSpec
 
 _LISTEN_S = 0.06
 _ATTEMPTS = 3
@@ -44,6 +44,13 @@ def refuse_unready(rig: Rig, clock: Clock, plan: Plan, *, torque_may_be_on: bool
 
 MOST_ON_WIRE = 0.8
 """Share of a cycle that may be bytes on the wire."""
+
+
+def wire_times(plan: Plan, rig: RigSpec) -> dict[str, float]:
+    """Return how long a cycle of a plan is on the wire, with plain and with fast reads, and how long it may be [ms]."""
+    mode = plan.pretension.mode
+    times = wire_s(rig, mode, "plain"), wire_s(rig, mode, "fast"), MOST_ON_WIRE / plan.sample_hz
+    return {name: round(1e3 * time, 3) for name, time in zip(("plain_ms", "fast_ms", "limit_ms"), times, strict=True)}
 
 
 def _refuse_slow_bus(rig: Rig, plan: Plan) -> None:

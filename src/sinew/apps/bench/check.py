@@ -19,6 +19,7 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     limit of the rig that the plan would break. Ends with status 2 if there is one. Of a bent or swaying head it says
     what the sweep should give, by the linear joint.
     """
+    from sinew.bench.preflight import wire_times
     from sinew.plan.check import refuse_beyond_limits  # pydantic and scipy: not for --help
     from sinew.plan.toml import load_plan, load_rig
     from sinew.predict.foretold import sentences_of
@@ -27,7 +28,7 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
     plan_, rig_ = load_plan(plan), load_rig(rig)
     preview = preview_plan(plan_, rig_, swing=True)
     expected = expected_of(plan_, rig_, preview)
-    told = told_preview(plan_, rig_, preview, expected) | {"wire": _wire(plan_, rig_)}
+    told = told_preview(plan_, rig_, preview, expected) | {"wire": wire_times(plan_, rig_)}
     if json:
         console.print_json(told)
     else:
@@ -37,19 +38,6 @@ def check(plan: PlanArgument, rig: Rig = "paper", json: Json = False) -> int:
             print(sentence)
     refuse_beyond_limits(preview)
     return 0
-
-
-def _wire(plan: "Plan", rig: "RigSpec") -> dict[str, Any]:
-    """Return how long a cycle is on the wire, with plain and with fast reads, and how long it may be [ms]."""
-    from sinew.bench.preflight import MOST_ON_WIRE
-    from sinew.hardware.rig import wire_s
-
-    mode = plan.pretension.mode
-    return {
-        "plain_ms": round(1e3 * wire_s(rig, mode, "plain"), 3),
-        "fast_ms": round(1e3 * wire_s(rig, mode, "fast"), 3),
-        "limit_ms": round(1e3 * MOST_ON_WIRE / plan.sample_hz, 3),
-    }
 
 
 def _print_wire(plan: "Plan", rig: "RigSpec", wire: dict[str, Any]) -> None:

@@ -306,6 +306,7 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     that breaks a limit is an answer, with `ok` false. Raises SpecError where a text is no plan or no rig, or the plan
     drives as no bench does.
     """
+    from sinew.bench.preflight import wire_times
     from sinew.plan.plan import require_motors
     from sinew.plan.toml import parse_plan, parse_rig
     from sinew.predict.preview import held_preview, preview_plan, told_preview
@@ -314,4 +315,5 @@ def preview_document(plan_toml: str, rig_toml: str, swing: bool = True) -> dict[
     require_motors(plan, "the bench")
     preview = held_preview(plan, rig)[0] if plan.is_spatial else preview_plan(plan, rig, swing=swing)
     warnings = [finding.sentence for finding in preview.findings if finding.severity == "warn"]
-    return {**told_preview(plan, rig, preview), "refusals": list(preview.refusals), "warnings": warnings}
+    told = told_preview(plan, rig, preview) | {"wire": wire_times(plan, rig)}
+    return {**told, "refusals": list(preview.refusals), "warnings": warnings}
