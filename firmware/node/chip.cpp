@@ -117,7 +117,7 @@ void Chip::take(uint32_t now_us) {
         sample.acceleration[axis] = big_endian(acceleration + 2 * axis);
         sample.gyro[axis] = big_endian(gyro + 2 * axis);
     }
-    taken_us_ = now_us;
+    taken_us_ = clock_.micros();  // who was held up between looking and taking has not found the chip silent
     node_.take(sample, now_us);
     if (!works_) {
         works_ = true;

@@ -156,6 +156,7 @@ def test_without_numpyro_a_posterior_is_refused_before_anything_is_computed(
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_shipped_rig_is_what_the_command_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert list_shipped("rigs") == ["curved", "paper"]
     document = answered(capsys, "calibrate", "paper", "--paper", "--out", str(tmp_path / "paper.toml"))

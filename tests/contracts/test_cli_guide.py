@@ -39,7 +39,7 @@ def test_a_guide_that_is_told_a_baud_is_refused(capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 4])
+@pytest.mark.parametrize("seed", [0, pytest.param(4, marks=pytest.mark.long)])
 def test_a_bench_that_is_built_wrongly_is_led_to_its_first_run(seed: int) -> None:
     verdict = try_seed(seed)
     assert verdict.wrong == []

@@ -78,12 +78,14 @@ def moved(expected: Expected) -> list[tuple[Row, Tracked]]:
     return list(moving(expected, SEED))
 
 
+@pytest.mark.long
 def test_it_keeps_the_lock_from_0_to_12_mm_and_back(moved: list[tuple[Row, Tracked]]) -> None:
     rows = [row for row, _ in moved]
     assert broken(rows) == []
     assert [row.losses for row in rows] == [0, 0]
 
 
+@pytest.mark.long
 def test_the_resonance_follows_a_commanded_frequency_across_the_band(expected: Expected) -> None:
     rows = list(follow_rows(expected, SEED))
     assert broken(rows) == []
@@ -115,6 +117,7 @@ def test_whatever_ends_it_the_motors_are_safe(expected: Expected, fault: str, se
     assert found.is_safe
 
 
+@pytest.mark.long
 def test_the_whole_curve_takes_less_than_a_fifth_of_a_stepped_sweeps_time(
     expected: Expected, moved: list[tuple[Row, Tracked]]
 ) -> None:

@@ -58,6 +58,7 @@ def test_a_run_that_finds_the_joint_swinging_waits_until_it_rests() -> None:
     assert result.outcome == "right", result
 
 
+@pytest.mark.long
 def test_a_run_behind_every_end_measures_what_the_twin_says(tmp_path: Path) -> None:
     for said, off in one_after_the_other(tmp_path):
         assert set(off) == {"gain", "phase", "D"}, said

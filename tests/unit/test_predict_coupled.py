@@ -87,6 +87,7 @@ def predicted(rig: RigSpec, amplitude_deg: float) -> PredictedBent:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_small_swing_is_that_of_the_linear_equations(rig: RigSpec) -> None:
     (one,) = predicted(rig, 0.02).curves
     finder = Finder(rig, Asked((MM,), (BEND,), 90.0))
