@@ -49,7 +49,7 @@ def real(run_here: RunHere, monkeypatch: pytest.MonkeyPatch) -> RunHere:
 def test_a_real_bench_stops_in_its_safe_state_and_says_how_to_go_on(real: RunHere) -> None:
     told = real("--json")
     document = json.loads(told.out)
-    keys = ("complete", "paused", "is_safe", "pauses")
+    keys = ("complete", "ended_by_pause", "is_safe", "pauses")
     assert [told.status, *(document[key] for key in keys)] == [1, False, True, True, []]
     assert document["ended"].startswith("the computer paused for 1")
     assert told.err.endswith("--resume\n")
