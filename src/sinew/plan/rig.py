@@ -345,6 +345,10 @@ class Drive(Settings):
         return winding_resistance(self.nominal_voltage.value, self.stall_current.value)
 
 
+NODE_HZ = 200.0
+"""How often the OpenCR's stock library takes the sample that its readings are means of [Hz]."""
+
+
 class Imu(Settings):
     """Gyroscope and accelerometer on the head plate.
 

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.optimize import brentq
 
-from sinew.analysis.signal.signals import DelayBudget, torsion_chain
+from sinew.analysis.signal.signals import sensor_budget, torsion_chain
 from sinew.analysis.tracked import ENTER_DEG, LEAVE_DEG, PATIENCE, frequency_on_backbone
 from sinew.measure import events
 from sinew.measure.arrays import Array
@@ -635,14 +635,7 @@ def resonance_slope(backbones: Sequence[ExpectedBackbone], held: Held, amplitude
 
 # A plan's tracking, and what is expected of the rig, become the drive law of one motion.
 
-_NODE_HZ = 200.0
 _OUTER_SHARE = 0.2  # of the phase loop's crossover
-
-
-def sensor_budget(rig: RigSpec) -> DelayBudget:
-    """Return the delays of a rig's sensor at its own rate."""
-    imu = rig.imu
-    return DelayBudget(_NODE_HZ, imu.low_pass.value, imu.residual_delay.value, imu.average_samples)
 
 
 def planned_tracker(

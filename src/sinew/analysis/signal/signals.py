@@ -15,7 +15,7 @@ from sinew.measure.doors import as_dataset
 from sinew.measure.errors import RecordingError, TimeError
 from sinew.measure.recording import Segment, iterate_segments
 from sinew.measure.schema import SAMPLE_VARIABLES, Excitation, SegmentKind
-from sinew.plan.rig import RigSpec
+from sinew.plan.rig import NODE_HZ, RigSpec
 
 # The delay budget: what the sensors' chain does to torsion and drive before they are recorded.
 
@@ -74,6 +74,12 @@ def delay_budget(recording: xr.Dataset, rig: RigSpec | None) -> DelayBudget:
         rig.imu.delay_std.value,
         2.0 * math.pi / rig.drive.counts_per_turn.value,
     )
+
+
+def sensor_budget(rig: RigSpec) -> DelayBudget:
+    """Return the delays of a rig's sensor at its own rate."""
+    imu = rig.imu
+    return DelayBudget(NODE_HZ, imu.low_pass.value, imu.residual_delay.value, imu.average_samples)
 
 
 def torsion_chain(budget: DelayBudget, frequency_hz: ArrayLike) -> NDArray[np.complex128]:

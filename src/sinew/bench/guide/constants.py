@@ -2,18 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import savgol_filter
 
-from sinew.analysis.signal.signals import DelayBudget, torsion_chain
+from sinew.analysis.signal.signals import sensor_budget, torsion_chain
 from sinew.bench.guide.moves import LeverMove, Numbers
 from sinew.plan.rig import RigSpec
-
-SAMPLE_PERIOD = 5e-3
-"""Time between two samples of the node [s], over which it averages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +25,7 @@ class Found:
 
 _SMOOTH = 9  # samples, to both sides alike: no delay
 _LEAST_SHARE = 0.02  # of a value, what goals in steps leave whatever the fit says: up to 3 % on the emulator
+_SLOW_HZ = 0.1  # so slow that the sensor's chain is late by one time at all that the lever does
 _TURNS_S = 0.12  # after the lever has turned round; until then its motor accelerates it
 
 
@@ -63,9 +61,7 @@ def drive_no_load_speed(moves: Sequence[LeverMove], spec: RigSpec, friction: flo
 
 def _delay_s(spec: RigSpec) -> float:
     """Return by how much the sensor's chain is late at low frequency [s]."""
-    imu = spec.imu
-    low_pass = math.sqrt(2) / (math.tau * imu.low_pass.value)
-    return imu.residual_delay.value + low_pass + 0.5 * (imu.average_samples - 1) * SAMPLE_PERIOD
+    return -float(np.angle(torsion_chain(sensor_budget(spec), _SLOW_HZ))) / (math.tau * _SLOW_HZ)
 
 
 def _gathered(moves: Sequence[LeverMove], delay: float) -> tuple[Numbers, Numbers, Numbers, Numbers]:
@@ -135,8 +131,7 @@ def answer_to(move: LeverMove, spec: RigSpec) -> Answer:
     omega = math.tau * frequency
     inside = (move.gyro_time > start + 0.05) & (move.gyro_time < stop)
     times, gyro = move.gyro_time[inside], move.gyro[inside]
-    imu = spec.imu
-    budget = DelayBudget(1 / SAMPLE_PERIOD, imu.low_pass.value, average_samples=imu.average_samples)
+    budget = replace(sensor_budget(spec), residual_delay_s=0.0)
     chain = 1j * omega * torsion_chain(budget, frequency)
     whole = spec.inertia.head.value + spec.inertia.lever.value
     usual = math.sqrt(spec.silicone.stiffness(0.0) / whole)

@@ -26,9 +26,9 @@ from sinew.hardware.registers import (
     OPENCR_NODE,
     sensor_table,
 )
-from sinew.plan.rig import BusSensor, Imu
+from sinew.plan.rig import NODE_HZ, BusSensor, Imu
 
-SAMPLE_PERIOD = 5e-3
+SAMPLE_PERIOD = 1 / NODE_HZ
 """Time between two samples, by the node's own clock [s]."""
 
 _READINGS = struct.Struct("<9h")
