@@ -28,7 +28,7 @@ from sinew.apps.bench.run_control import keeping_time
 from sinew.bench.group import Swing
 from sinew.bench.guard import Guard, Watch
 from sinew.bench.loop import WATCHDOG_S, Loop, LoopStatistics
-from sinew.bench.pretension import MotorMap, pull_to_contact, set_pretension
+from sinew.bench.pretension import Held, MotorMap, pull_to_contact, set_pretension
 from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Sample
 from sinew.bench.stops import stop
@@ -116,10 +116,12 @@ def _put_under_power(loop: Loop, rig: Rig, tension_n: float) -> None:
     loop.watch = Watch(origin=angles, goals=angles)
     loop.restart()
     contact = pull_to_contact(loop, rig)
-    motors = MotorMap(rig.spec, MODE, contact, {PRETENSION_MM: tension_n})
-    loop.watch.limit = (tension_n + LIMIT_RESERVE_N) * motors.newton
+    held = Held.upright(PRETENSION_MM, tension_n, len(rig.tendons))
+    motors = MotorMap(rig.spec, MODE, contact, {PRETENSION_MM: held})
+    limit = (tension_n + LIMIT_RESERVE_N) * motors.newton
+    loop.watch.limit = (limit,) * len(rig.tendons)
     for tendon in rig.tendons:
-        tendon.limit_output(loop.watch.limit)
+        tendon.limit_output(limit)
     set_pretension(loop, motors, PRETENSION_MM, 0.0, (0.0, 0.0))
 
 

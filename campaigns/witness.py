@@ -24,7 +24,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from sinew.emulator.devices.imu_node import SAMPLE_PERIOD
-from sinew.emulator.plant import Law, Motion, Plant
+from sinew.emulator.plant import HornMotion, Law, Motion, Plant
 from sinew.measure.arrays import Array
 from sinew.plan.rig import RigSpec
 
@@ -91,6 +91,10 @@ class Witness:
         self._seen.extend(motion.acceleration)
         self._newest = motion.time
         return motion
+
+    def horn(self, motor: int) -> HornMotion:
+        motion = self.motion()
+        return (*motion.tendons, motion.drive)[motor]
 
     def truth(self, spec: RigSpec) -> "Truth":
         """Return what was seen."""

@@ -71,6 +71,10 @@ class StandIn:
         slack = (0.0,) * len(tendons)
         return Motion(self.time, drive, tuple(tendons), slack, gyro=self.gyro, acceleration=self.acceleration)
 
+    def horn(self, motor: int) -> HornMotion:
+        motion = self.motion()
+        return (*motion.tendons, motion.drive)[motor]
+
     @staticmethod
     def _speed(law: Law, angle: float, dt: float) -> float:
         if law.kind == "position":

@@ -192,6 +192,11 @@ class Held:
         """Return what holds a rest pose that was found."""
         return cls(tuple((1e3 * rest.take_up).tolist()), tuple(rest.at.tension.tolist()))
 
+    @classmethod
+    def upright(cls, pretension_mm: float, tension_n: float, count: int) -> "Held":
+        """Return what holds the plate level: `count` tendons alike."""
+        return cls((pretension_mm,) * count, (tension_n,) * count)
+
 
 @dataclass(frozen=True, slots=True)
 class Contact:

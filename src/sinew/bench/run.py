@@ -180,7 +180,7 @@ class Runner:
                 f"plan {plan.name} asks for {plan.rest_pose.words()}, expected what holds it; see `sinew run`"
             )
         count = rig.spec.tendons.count
-        upright = {mm: Held((mm,) * count, (tension,) * count) for mm, tension in tension_n.items()}
+        upright = {mm: Held.upright(mm, tension, count) for mm, tension in tension_n.items()}
         self._held = upright if held is None else dict(held)
         self._listener = listener
         self._law = law

@@ -273,12 +273,11 @@ class JointPlant:
             self._ticks += ticks
 
     def motion(self) -> Motion:
-        late = self._until - self._ticks * TICK_S
-        head = self._body.head(self._seen, late)
+        head = self._body.head(self._seen, self._until - self._ticks * TICK_S)
         return Motion(
             time=self._until,
-            drive=self._drive_motion(late),
-            tendons=tuple(self._tendon_motion(i, late) for i in range(self.count)),
+            drive=self.horn(self.count),
+            tendons=tuple(self.horn(i) for i in range(self.count)),
             tension=self.tension,
             torsion=head.torsion,
             torsion_rate=head.torsion_rate,
@@ -286,6 +285,10 @@ class JointPlant:
             gyro=head.gyro,
             acceleration=head.acceleration,
         )
+
+    def horn(self, motor: int) -> HornMotion:
+        late = self._until - self._ticks * TICK_S
+        return self._tendon_motion(motor, late) if motor < self.count else self._drive_motion(late)
 
     @property
     def pretension(self) -> float:

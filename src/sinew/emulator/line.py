@@ -182,7 +182,10 @@ class Line:
                 self._carry_out(packet, now)
 
     def _listeners(self, now: float) -> list[Device]:
-        return [device for device in self.devices if device.baud == self.host_baud and device.hears(now)]
+        return [device for device in self.devices if self._does_hear(device, now)]
+
+    def _does_hear(self, device: Device, now: float) -> bool:
+        return device.baud == self.host_baud and device.hears(now)
 
     def _carry_out(self, instruction: Instruction, now: float) -> None:
         self.instructions += 1
@@ -254,8 +257,11 @@ class Line:
     def _speakers(self, device_id: int, fast: bool, now: float) -> list[Device]:
         return [
             device
-            for device in self._listeners(now)
-            if device.id == device_id and device.status_return_level >= 1 and (device.knows_fast_reads or not fast)
+            for device in self.devices
+            if device.id == device_id
+            and self._does_hear(device, now)
+            and device.status_return_level >= 1
+            and (device.knows_fast_reads or not fast)
         ]
 
     def _take(self, turn: _Turn, now: float) -> None:

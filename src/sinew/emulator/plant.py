@@ -101,6 +101,10 @@ class Plant(Protocol):
         """Return the state at the time last advanced to."""
         ...
 
+    def horn(self, motor: int) -> HornMotion:
+        """Return one motor of that state, without the others."""
+        ...
+
 
 # The devices meet the mechanics: one plant, moved on only when somebody looks or pushes.
 
@@ -116,6 +120,7 @@ class Mechanics:
         self.time = 0.0
         self._at = -1.0
         self._motion: Motion | None = None
+        self._horns: dict[int, HornMotion] = {}
 
     def go_to(self, time: float) -> None:
         """Let the devices be at a time [s], not before the present one."""
@@ -127,6 +132,7 @@ class Mechanics:
             self.plant.advance(self.time)
             self._at = self.time
         self._motion = None
+        self._horns.clear()
         return self.plant
 
     def motion(self) -> Motion:
@@ -134,6 +140,14 @@ class Mechanics:
         if self._motion is None or self._at != self.time:
             self._motion = self.catch_up().motion()
         return self._motion
+
+    def horn(self, index: int) -> HornMotion:
+        """Return how one horn moves at `time`."""
+        if self._at != self.time:
+            self.catch_up()
+        if index not in self._horns:
+            self._horns[index] = self.plant.horn(index)
+        return self._horns[index]
 
 
 class Horn:
@@ -153,8 +167,7 @@ class Horn:
 
     def motion(self) -> HornMotion:
         """Return how the horn moves at present, in the plant's sense."""
-        motion = self._mechanics.motion()
-        return motion.tendons[self.index] if self.index < len(motion.tendons) else motion.drive
+        return self._mechanics.horn(self.index)
 
     def counts_of(self, angle: float) -> float:
         """Return the encoder's counts, turns and fractions included, at an angle [rad] of the plant."""
@@ -288,12 +301,13 @@ class Unloaded:
         self._time = max(self._time, until)
 
     def motion(self) -> Motion:
-        *tendons, drive = (self._motion(horn) for horn in self._horns)
+        *tendons, drive = (self.horn(motor) for motor in range(len(self._horns)))
         return Motion(
             self._time, drive, tuple(tendons), (0.0,) * len(tendons), acceleration=(STANDARD_GRAVITY, 0.0, 0.0)
         )
 
-    def _motion(self, horn: _FreeHorn) -> HornMotion:
+    def horn(self, motor: int) -> HornMotion:
+        horn = self._horns[motor]
         angle, speed = horn.at(self._time)
         full = horn.no_load_speed * horn.supply
         duty = 0.0 if horn.law.kind == "off" or full <= 0 else max(-1.0, min(1.0, speed / full))

@@ -401,6 +401,8 @@ _TOGETHER = 0.2e-3
 """How long a byte waits for one that is due soon, to be sent in one go [s]."""
 _SPARE = 0.3e-3
 """How long there must be nothing to do [s] for work to be done ahead."""
+_AHEAD = 1e-3
+"""How far the answers to an instruction are worked out before their time [s]."""
 _LARGEST_STEP = 0.25
 """How much emulated time passes at once [s]; where the computer took longer, the emulated time is held up."""
 _BACKLOG = 4096
@@ -637,8 +639,8 @@ class PtyServer:
         if behind > 0:
             self._hold_up(behind)
             now -= behind
-        self._reached = now = max(now, self._reached)
-        self._rig.advance(now)
+        self._reached = max(now, self._reached)
+        self._rig.advance(self._reached)
         return now
 
     def _now(self) -> float:
@@ -675,4 +677,14 @@ class PtyServer:
         baud = port.baud()
         if baud:
             self._rig.line.host_baud = baud
-            self._rig.receive(data, self._heard)
+            self._rig.receive(data, self._reached)
+            self._answer_ahead(self._heard + _AHEAD * self._speed)
+
+    def _answer_ahead(self, until: float) -> None:
+        """Work out by `until` [s] what follows from what was heard, so that each answer is there when its time comes.
+
+        On a half-duplex line nobody speaks meanwhile; who does all the same is heard after what was worked out.
+        """
+        while self._reached <= (due := self._rig.line.due) <= until:
+            self._reached = due
+            self._rig.advance(due)
