@@ -310,13 +310,13 @@ def _set_up(guide: Guide) -> list[Finding]:
         fixes = [fix for fix in list_fixes(findings) if fix.register not in _WINDOW]
         if not fixes:
             return [finding for finding in findings if finding.severity != "note"]
-        if not guide.person.agrees(f"write {len(fixes)} settings to motors whose torque is off"):
+        told = ", ".join(sorted({fix.register for fix in fixes}))
+        if not guide.person.agrees(f"write {len(fixes)} settings ({told}) to motors whose torque is off"):
             return [*findings, Finding("fault", "motors", "settings are as they were", "written", "repeat this step")]
         written = apply_fixes(rig, clock, fixes, guide.timer)
         if refused := [finding for finding in written if finding.severity != "ok"]:
             return refused
         left = [finding for finding in examine_motors(rig, roll) if finding.severity in ("ok", "warning", "fault")]
-    told = ", ".join(sorted({fix.register for fix in fixes}))
     return [*left, Finding("ok", "motors", f"{len(fixes)} settings written: {told}")]
 
 
