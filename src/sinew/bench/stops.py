@@ -200,7 +200,7 @@ class StopReport:
             who = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
             return f"{self.declared} is not confirmed by {who} ({self.failed[0][1]}); switch the supply off"
         if self.declared == "hold":
-            return "hold: all motors stand still with limited current; `sinew stop --state release` lets go"
+            return "hold: all motors stand still with limited current; `sinew stop --port PORT --state release` lets go"
         return "release: tension let down, torque off on all motors"
 
 

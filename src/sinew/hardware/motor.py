@@ -155,7 +155,7 @@ class Motor:
         if self.torque_is_on():
             raise DeviceError(
                 f"{self._who()} has its torque on, expected off {purpose}; "
-                "make sure that nothing falls, then `sinew stop --state release`"
+                "make sure that nothing falls, then `sinew stop --port PORT --state release`"
             )
 
     def arm_watchdog(self, seconds: float) -> None:
