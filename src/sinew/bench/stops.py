@@ -175,7 +175,8 @@ class StopReport:
     declared: hold or release. reached: names of the motors that confirmed it. failed: (name, sentence) of the others.
     port_lost: the port is gone, so nobody could be asked; the bus watchdog has stopped the motors.
     frozen: names of the motors that stood frozen, or had no torque, after the first stage; frozen_s: how long that
-    took [s]. took_s: until all was done [s].
+    took [s]. took_s: until all was done [s]. cut: names of the tendon motors that lost their torque without having let
+    their tension down, for they took no goal, as one does not that its bus watchdog has stopped.
     """
 
     declared: str
@@ -185,6 +186,7 @@ class StopReport:
     frozen: frozenset[str] = frozenset()
     frozen_s: float = 0.0
     took_s: float = 0.0
+    cut: list[str] = field(default_factory=list)
 
     @property
     def is_safe(self) -> bool:
@@ -196,12 +198,20 @@ class StopReport:
         if self.port_lost:
             return "the port is gone: the motors' bus watchdog has stopped them where they are; switch the supply off"
         if self.failed:
-            names = [name for name, _ in self.failed]
-            who = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+            who = _listed([name for name, _ in self.failed])
             return f"{self.declared} is not confirmed by {who} ({self.failed[0][1]}); switch the supply off"
         if self.declared == "hold":
             return "hold: all motors stand still with limited current; `sinew stop --port PORT --state release` lets go"
+        if self.cut:
+            return (
+                f"release: torque off on all motors; {_listed(self.cut)} took no goal, as behind a bus watchdog, so "
+                "what friction holds of the tension stays until somebody turns the pulley"
+            )
         return "release: tension let down, torque off on all motors"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def stop(
@@ -293,6 +303,7 @@ def _ramp_down(report: StopReport, rig: Rig, clock: Clock, must_freeze: Callable
             return True
         except HardwareError:
             continue
+    begun = list(ramps)
     speed = RAMP_SPEED / rig.spec.tendons.pulley_radius.value
     slack = _SLACK_COUNTS * rig.spec.tendons.current_lsb.value
     start = clock.now()
@@ -305,16 +316,18 @@ def _ramp_down(report: StopReport, rig: Rig, clock: Clock, must_freeze: Callable
         except PortError:
             report.port_lost = True
             return True
+    report.cut += [ramp.motor.name for ramp in begun if ramp.was_refused]
     return True
 
 
 @dataclass(slots=True)
 class _Ramp:
-    """A tendon on its way to slackness, from an angle [rad] or a current [A]."""
+    """A tendon on its way to slackness, from an angle [rad] or a current [A]. was_refused: its motor takes no goal."""
 
     motor: TendonServo
     start: float
     by_current: bool
+    was_refused: bool = False
 
     def step(self, elapsed: float, speed: float, slack: float) -> bool:
         """Take a step; return whether the tendon is slack, or its motor does not take part."""
@@ -326,6 +339,7 @@ class _Ramp:
             self.motor.set_goal_angle(self.start - speed * elapsed)
             return self.motor.current() <= slack
         except TROUBLES:
+            self.was_refused = True
             return True
 
 

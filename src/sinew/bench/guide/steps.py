@@ -546,7 +546,10 @@ def _no_pull(rig: Rig, index: int, pull: Pull) -> Finding:
         found = f"its horn went {1e3 * pull.turned:.1f} mm of cable at {milliampere:.0f} mA"
         return Finding("fault", f"motor {motor.id}", found, "a horn that turns", "is the pulley blocked? free it")
     found = f"no cable pulls within {1e3 * pull.turned:.0f} mm either way at {milliampere:.0f} mA"
-    advice = "is its cable on the pulley and through the guide? take up its slack by hand, then repeat this step"
+    advice = (
+        "is its cable on the pulley and through the guide? take up its slack by hand, or let it off where a move that "
+        "was cut short left it taut, then repeat this step"
+    )
     return Finding("fault", f"motor {motor.id}", found, "a head that leans", advice)
 
 
