@@ -140,7 +140,7 @@ def test_one_false_answer_moves_no_horn_and_leaves_no_motor_unlimited(register: 
     bench = powered()
     before = bench.emulated.states()
     liars = lie_once(bench, register, count)
-    turned = {device: 0.0 for device in before}
+    turned = dict.fromkeys(before, 0.0)
 
     def look(_report: object) -> None:
         for device, motor in bench.emulated.states().items():
