@@ -25,7 +25,7 @@ def curve(pretension_mm: float, torsion_deg: float, twice_deg: float) -> Coupled
         return harmonics
 
     at_hz = 3.0 + 0.1 * pretension_mm
-    none = np.zeros((HZ.size, 0))
+    none: Any = np.zeros((HZ.size, 0))
     row: Any = np.zeros(HZ.size)
     tension = np.tile([[20.0, 60.0]], (HZ.size, 4, 1))
     torsion, twice, across = waves(1, torsion_deg, at_hz), waves(2, twice_deg, at_hz + 0.4), waves(1, 5.0, at_hz)
@@ -42,7 +42,9 @@ def found(*pretensions_mm: float) -> PredictedBent:
 
 def test_each_line_of_the_waterfall_rises_from_its_pretension_by_its_own_share_of_the_highest() -> None:
     torsion = draw_waterfall(found(0.0, 12.0)).axes[0]
-    upper, lower = (np.asarray(line.get_ydata(), dtype=float) for line in torsion.lines if len(line.get_xdata()) > 2)
+    upper, lower = (
+        np.asarray(line.get_ydata(), dtype=float) for line in torsion.lines if np.size(line.get_xdata()) > 2
+    )
     assert np.nanmax(lower) / (np.nanmax(upper) - 12.0) == pytest.approx(30.0 / 42.0, rel=1e-3)
 
 
