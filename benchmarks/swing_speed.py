@@ -7,7 +7,8 @@ do not have. SoRoMoX has the same strains; MuJoCo has rigid pieces on six spring
 takes the largest step of a few with which it is stable. How fast the head swings to and fro in torsion tells that it
 is the same joint.
 
-Seconds are those of a core, added up over what a process uses, so that a busy computer is no fault of the code.
+Seconds are those of a core, added up over what a process uses, so that a busy computer is no fault of the code. A
+first call traces and compiles too; of ours what is kept is not done again: begin with an empty folder SINEW_CACHE.
 XLA has one thread, SoRoMoX's as ours: with more both take longer.
 """
 
@@ -42,10 +43,12 @@ WANTED = 10.0
 
 class Swung(NamedTuple):
     """How fast a simulation was. speed: simulated seconds per second of a core, of all lanes together; torsion: of the
-    head at the samples [rad]."""
+    head at the samples [rad]; first_s: seconds of a core
+    that the first call took, with tracing and compiling."""
 
     speed: float
     torsion: Array
+    first_s: float | None = None
 
     @property
     def frequency_hz(self) -> float:
@@ -99,9 +102,11 @@ def ours(space: Space, lanes: int) -> Swung:
             torsion.append(np.arctan2(columns[:, 5] - columns[:, 7], columns[:, 4] + columns[:, 8]))
         return time.process_time() - begin, np.concatenate(torsion)
 
+    begin = time.process_time()
     run()
+    first = time.process_time() - begin
     seconds, torsion = run()
-    return Swung(lanes * SECONDS / seconds, torsion)
+    return Swung(lanes * SECONDS / seconds, torsion, first)
 
 
 def chain_xml(asked: dict[str, Any], step_s: float) -> str:
@@ -151,7 +156,8 @@ def mujocos(asked: dict[str, Any], step_s: float) -> Swung:
 
 def _row(name: str, found: Swung, fastest: float | None = None) -> None:
     beside = "" if fastest is None else f", ours {fastest / found.speed:6.1f} times"
-    print(f"  {name:52} {found.speed:9.3f} simulated s per s of a core, {found.frequency_hz:.4f} Hz{beside}")
+    made = "" if found.first_s is None else f", first call {found.first_s:.1f} s"
+    print(f"  {name:52} {found.speed:9.3f} simulated s per s of a core, {found.frequency_hz:.4f} Hz{beside}{made}")
 
 
 def main() -> None:
@@ -187,7 +193,7 @@ def main() -> None:
             print(f"  {name}: skipped, {error}")
             continue
         lanes = more.get("lanes", 1)
-        found = Swung(lanes * SECONDS / told["seconds"], np.array(told["torsion"]))
+        found = Swung(lanes * SECONDS / told["seconds"], np.array(told["torsion"]), told["compiled_s"])
         _row(f"{name}, {1e3 * told['step_s']:g} ms" if "step_s" in told else name, found, own[1].speed)
         if more["peer"] == "soromox":
             print(f"    (wanted: ours at least {WANTED:g} times; with {swing.LANES} lanes "

@@ -60,15 +60,17 @@ def test_the_joint_is_drawn_in_space_where_the_browser_can(launch: Callable[...,
 
 def test_a_bent_joint_is_drawn_as_an_even_rod_between_its_plates(launch: Callable[..., Any], shown: Served) -> None:
     torsion, pitch, roll, nearer = 0.6, -0.3, 0.2, 0.06
+    around = 2 * np.pi * np.arange(28) / 28
+    outline = np.column_stack([0.3 * np.cos(around), 0.2 * np.sin(around)])
     browser = launch(*IN_SPACE)
     page = browser.new_page()
     page.set_default_timeout(120_000)
     page.goto(shown.link)
     page.wait_for_function(f"{FIND_SCENE} return scene(); }}")
     drawn = page.evaluate(
-        f"""async ([torsion, pitch, roll, nearer]) => {{
+        f"""async ([torsion, pitch, roll, nearer, outline]) => {{
       const {{ Joint }} = await import("/sinew/joint.js"), found = ({FIND_SCENE} return scene(); }})();
-      const shape = {{ length: 1, radius: 0.3, circle: 0.34, plate: 0.5, lever: 0.7, tendons: 4 }};
+      const shape = {{ length: 1, outline, circle: 0.34, plate: 0.5, lever: 0.7, tendons: 4 }};
       const joint = await Joint.build(found, shape), began = performance.now();
       for (let k = 0; k < 100; k++) joint.pose(torsion, 0.1, [0, 0, 0, 0], [pitch, roll], nearer);
       const spent_ms = (performance.now() - began) / 100;
@@ -78,11 +80,11 @@ def test_a_bent_joint_is_drawn_as_an_even_rod_between_its_plates(launch: Callabl
         for (let k = 0; k < 28; k++) for (let c = 0; c < 3; c++) mean[c] += points[3 * (29 * ring + k) + c] / 28;
         sections.push(mean);
       }}
-      const chord = joint.tendons[0].scale.y;
+      const chord = joint.tendons[0].scale.y, surface = Array.from(points.slice(0, 3 * 28));
       const head = joint.head.position.toArray(), turn = joint.head.quaternion.toArray();
-      return {{ head, turn, sections, chord, spent_ms }};
+      return {{ head, turn, sections, surface, chord, spent_ms }};
     }}""",
-        [torsion, pitch, roll, nearer],
+        [torsion, pitch, roll, nearer, outline.tolist()],
     )
     browser.close()
 
@@ -98,6 +100,8 @@ def test_a_bent_joint_is_drawn_as_an_even_rod_between_its_plates(launch: Callabl
     expected = np.array([long * place(1 - ring / 14) for ring in range(15)])
     guide = head.apply([0.34, 0.0, 0.0]) + expected[0]
     assert np.allclose(drawn["sections"], expected, atol=1e-5)
+    surface = head.inv().apply(np.reshape(drawn["surface"], (28, 3)) - expected[0])
+    assert np.allclose((surface[:, 0] / 0.3) ** 2 + (surface[:, 1] / 0.2) ** 2, 1.0, atol=1e-5)
     assert np.allclose(drawn["head"], expected[0], atol=1e-9)
     assert (Rotation.from_quat(drawn["turn"]).inv() * head).magnitude() < 1e-9
     assert drawn["chord"] == pytest.approx(np.linalg.norm(guide - [0.34, 0.0, 0.0]), abs=1e-9)

@@ -19,6 +19,8 @@ from sinew.plan.plan import Plan
 from sinew.plan.pose import Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, load_plan
+from sinew.predict.joints.design import Design, design_rig
+from sinew.predict.joints.section import rectangle_section
 
 RATE_HZ = 200.0
 BENT = load_plan("bent")
@@ -89,6 +91,12 @@ def test_an_upright_head_has_the_traces_that_it_had() -> None:
     keys = [one.key for one in LiveChannels(RIG).channels]
     assert not {"pitch", "roll", "shortening"} & set(keys)
     assert drawn_rig(RIG)["pose"] is None
+
+
+def test_a_flat_joint_is_drawn_with_its_own_outline() -> None:
+    flat = design_rig(RIG, Design(section=rectangle_section(0.06, 0.03)))
+    outline = 1e3 * RIG.silicone.length.value * np.array(drawn_rig(flat)["shape"]["outline"])
+    assert np.abs(outline).max(axis=0) == pytest.approx([30.0, 15.0], abs=1e-3)
 
 
 def test_the_plates_come_together_by_the_take_up_less_what_the_cables_stretch() -> None:

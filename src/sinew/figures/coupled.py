@@ -1,15 +1,26 @@
-"""Figure of a bent joint's response: torsion, tilt and tensions over frequency, a colour for each pretension."""
+"""Figures of a bent joint's response: torsion, tilt and tensions over frequency, a colour for each pretension; over
+some pretensions also a waterfall of torsion and sway."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from sinew.figures.style import GREY, INK, in_style, new_figure, note_panel, pretension_bar, pretension_colours
-from sinew.measure.arrays import Array, Mask
-from sinew.predict.coupled import Coupled, PredictedBent
+from sinew.figures.style import (
+    GREY,
+    INK,
+    in_style,
+    new_figure,
+    note_panel,
+    pretension_bar,
+    pretension_colours,
+    save_figure,
+)
+from sinew.measure.arrays import Array, Complexes, Mask
+from sinew.predict.coupled import Coupled, Motions, PredictedBent
 
 _DASHES = (0, (2, 1.5))
 
@@ -66,3 +77,78 @@ def _curve(panels: tuple[Axes, Axes, Axes, Axes], one: Coupled, colour: Sequence
         _line(pulls, hz, row, stable, colour)
     if one.branch.folds == ():  # a band over a curve that folds back would cover itself
         pulls.fill_between(hz, low, high, color=colour, alpha=0.12, linewidth=0)
+
+
+_ROOM = 1.4  # of the highest crest, in steps of pretension
+
+_RISING: dict[str, Callable[[Motions], Complexes]] = {
+    "torsion of the head, f": lambda seen: seen.torsion[:, 1],
+    "tilt in the plane of the bend, 2f": lambda seen: seen.in_plane[:, 2],
+}
+
+
+@in_style
+def draw_waterfall(found: PredictedBent) -> Figure:
+    """Return torsion at f and tilt in the plane at 2f over frequency, each curve on the line of its pretension."""
+    figure = new_figure(4.6)
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    pretensions = np.array([one.pretension_mm for one in found.curves])
+    step = float(np.ptp(pretensions)) / max(pretensions.size - 1, 1) or 1.0
+    curves = sorted(
+        zip(found.curves, pretension_colours(pretensions), strict=True), key=lambda one: -one[0].pretension_mm
+    )
+    for axes, letter, (title, of) in zip(panels, "ab", _RISING.items(), strict=True):
+        rows = [np.degrees(np.abs(of(one.seen))) for one, _ in curves]
+        scale = _ROOM * step / (max(float(row.max(initial=0.0)) for row in rows) or 1.0)
+        for (one, colour), row in zip(curves, rows, strict=True):  # the lower lines in front
+            _rise(axes, one, scale * row, row, tuple(colour))
+        axes.set(xlabel="frequency in Hz", xlim=found.band_hz, yticks=pretensions)
+        axes.set_ylim(pretensions.min() - 0.1 * step, pretensions.max() + (_ROOM + 0.25) * step)
+        axes.grid(visible=False, axis="y")
+        note_panel(axes, letter, title)
+    panels[0].set_ylabel("pretension in mm")
+    if any(not one.branch.stable.all() for one in found.curves):
+        figure.legend(
+            handles=[Line2D([], [], color=INK, linestyle=_DASHES, label="not stable")], loc="outside lower center"
+        )
+    told = f"{found.pose.words()}, lever commanded {found.amplitude_deg:g}°; numbers: highest of each curve"
+    figure.suptitle(told, fontsize=8.5, x=0.01, ha="left")
+    return figure
+
+
+def _rise(axes: Axes, one: Coupled, raised: Array, row_deg: Array, colour: Sequence[float]) -> None:
+    """Draw a curve on the line of its pretension, by as much above it as `raised` says, its crest named in degrees."""
+    hz, base = one.branch.frequency_hz, one.pretension_mm
+    axes.axhline(base, color=GREY, linewidth=0.5)
+    if hz.size == 0:
+        return
+    if one.branch.folds == ():
+        axes.fill_between(hz, base, base + raised, color=colour, alpha=0.18, linewidth=0)
+    _line(axes, hz, base + raised, one.branch.stable, colour)
+    top = int(np.argmax(row_deg))
+    place = (hz[top], base + raised[top])
+    axes.annotate(
+        f"{row_deg[top]:.2g}°",
+        place,
+        (0, 3),
+        textcoords="offset points",
+        ha="center",
+        fontsize=7.5,
+        annotation_clip=False,
+    )
+
+
+_FEWEST = 3  # pretensions of a waterfall
+
+
+def write_bent(found: PredictedBent, path: Path) -> list[Path]:
+    """Write the figure of a bent joint's response, beside it the waterfall where there are three pretensions or more,
+    with `-waterfall` behind the name, and return the paths. Raises FileError where the folder cannot be written."""
+    figures = {"": draw_bent(found)}
+    if len(found.curves) >= _FEWEST:
+        figures["-waterfall"] = draw_waterfall(found)
+    return [
+        file
+        for ending, figure in figures.items()
+        for file in save_figure(figure, path.parent, f"{path.stem}{ending}", (path.suffix[1:],))
+    ]

@@ -37,19 +37,23 @@ from sinew.plan.toml import parse_plan, parse_rig
 # A rig becomes what a page draws of it: its shape, its traces, the limit of its tendons.
 
 
+_SIDES = 28
+"""Points around a section of the silicone; some go along each axis, where a flat section has its ends."""
+
+
 def drawn_rig(rig: RigSpec, pose: Pose = STRAIGHT) -> dict[str, Any]:
     """Return what a page draws of a rig, for JSON.
 
-    `shape`: lengths in those of the silicone, and the number of tendons; `length_mm` of the silicone; `labels` of the
-    traces by key; `sensors`: key and label of those with a node of their own; `tension_limit_n` [N]; `pose`: in words,
-    None of an upright head, which is drawn upright.
+    `shape`: lengths in those of the silicone, the number of tendons, and the points (y, z) of the silicone's surface
+    around a section; `length_mm` of the silicone; `labels` of the traces by key; `sensors`: key and label of those with
+    a node of their own; `tension_limit_n` [N]; `pose`: in words, None of an upright head, which is drawn upright.
     """
     length = rig.silicone.length.value
     circle = rig.tendons.head_radius.value / length
     radius = 0.5 * rig.silicone.diameter.value / length
     shape = {
         "length": 1.0,
-        "radius": radius,
+        "outline": (rig.outline(np.linspace(0, 2 * np.pi, _SIDES, endpoint=False)) / length).tolist(),
         "circle": max(circle, radius + 0.04),  # tendons that run inside the silicone would not be seen
         "plate": max(circle, radius) + 0.16,
         "lever": 1.2 * max(circle, radius) + 0.3,

@@ -309,16 +309,15 @@ def _predict_bent(
             progress=progress,
         )
     if out is not None:
-        from sinew.figures.coupled import draw_bent
-        from sinew.figures.style import save_figure
+        from sinew.figures.coupled import write_bent
 
-        save_figure(draw_bent(found), out.parent, out.stem, (out.suffix[1:],))
+        written = write_bent(found, out)
     if json:
         console.print_json(found.document())
         return
     console.print_told(found.told())
     if out is not None:
-        print(f"wrote {out}")
+        print(f"wrote {', '.join(map(str, written))}")
 
 
 def _predict_fit(asked: predict_fit.AskedOfFit, out: Path | None, *, json: bool) -> None:

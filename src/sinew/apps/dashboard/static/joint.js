@@ -7,7 +7,7 @@
 
 import { css } from "./scope.js";
 
-const RINGS = 14, SIDES = 28;
+const RINGS = 14;
 
 function mixed(THREE, share) {
   const [low, mid, high] = ["--low", "--mid", "--high"].map((name) => new THREE.Color(css(name)));
@@ -15,7 +15,8 @@ function mixed(THREE, share) {
 }
 
 export class Joint {
-  // shape: {length, radius, circle, plate, lever, tendons}, in units of the silicone's length.
+  // shape: {length, outline, circle, plate, lever, tendons}, in units of the silicone's length; outline: points [right,
+  // back] around a section, evenly by angle.
   static async build(component, shape) {
     const { THREE } = await import("nicegui-scene");
     return new Joint(THREE, component, shape);
@@ -67,15 +68,20 @@ export class Joint {
   remove() { this.component.scene.remove(this.root); }
 
   twisting() {
-    const { THREE, shape } = this;
-    const geometry = new THREE.CylinderGeometry(shape.radius, shape.radius, shape.length, SIDES, RINGS, true).rotateX(Math.PI / 2);
+    const { THREE, shape } = this, sides = shape.outline.length;
+    const geometry = new THREE.CylinderGeometry(1, 1, shape.length, sides, RINGS, true).rotateX(Math.PI / 2);
     geometry.translate(0, 0, shape.length / 2);
     this.rest = geometry.attributes.position.array.slice();
     this.normals = geometry.attributes.normal.array.slice();
+    const point = (k) => shape.outline[(k + sides) % sides];
     const colours = [], light = new THREE.Color("#e9dfc9"), dark = new THREE.Color("#bfa877");
     for (let i = 0; i < this.rest.length; i += 3) {
-      const around = Math.atan2(this.rest[i + 1], this.rest[i]) / (2 * Math.PI) * SIDES;
-      const colour = Math.round(around) % 4 === 0 ? dark : light;
+      const k = Math.round(Math.atan2(this.rest[i + 1], this.rest[i]) / (2 * Math.PI) * sides);
+      const [before, here, after] = [point(k - 1), point(k), point(k + 1)];
+      const along = [after[0] - before[0], after[1] - before[1]], long = Math.hypot(...along);
+      this.rest.set(here, i);
+      this.normals.set([along[1] / long, -along[0] / long, 0], i);
+      const colour = k % 4 === 0 ? dark : light;
       colours.push(colour.r, colour.g, colour.b);
     }
     geometry.setAttribute("color", new THREE.Float32BufferAttribute(colours, 3));
@@ -113,10 +119,10 @@ export class Joint {
   // Puts every ring of the silicone where its section is; a ring's points lie behind one another.
   bend(section, long) {
     const { THREE, shape, rest, normals } = this, { position, normal } = this.silicone.geometry.attributes;
-    const point = new THREE.Vector3();
+    const point = new THREE.Vector3(), sides = shape.outline.length;
     for (let ring = 0; ring <= RINGS; ring++) {
-      const first = ring * (SIDES + 1), { turn, place } = section(rest[3 * first + 2] / shape.length);
-      for (let i = first; i <= first + SIDES; i++) {
+      const first = ring * (sides + 1), { turn, place } = section(rest[3 * first + 2] / shape.length);
+      for (let i = first; i <= first + sides; i++) {
         point.set(rest[3 * i], rest[3 * i + 1], 0).applyQuaternion(turn).addScaledVector(place, long).toArray(position.array, 3 * i);
         point.fromArray(normals, 3 * i).applyQuaternion(turn).toArray(normal.array, 3 * i);
       }
