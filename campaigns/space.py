@@ -231,11 +231,11 @@ def weightless(
 ) -> SpaceLanes:
     """Return the same lanes with shares of gravity and of the rod's own inertia, without unless said; at rest anew.
 
-    A thousandth of the rod's inertia is left, so that its own modes have one.
+    A thousandth of the rod's inertia is left, so that its own modes have one; its mass stays where it has weight.
     """
     rod = lanes.space.rod
     light = rod._replace(
-        line_mass=rod_inertia * rod.line_mass,
+        line_mass=max(weight, rod_inertia) * rod.line_mass,
         line_inertia=jax.tree.map(lambda one: rod_inertia * one, rod.line_inertia),
     )
     space = lanes.space._replace(rod=light, weight=weight * lanes.space.weight)
