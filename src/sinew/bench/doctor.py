@@ -11,14 +11,14 @@ import numpy as np
 
 from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
-from sinew.hardware.imu import ImuReading
+from sinew.hardware.imu import ImuReading, NodeTold
 from sinew.hardware.motor import FAST_READS_FROM, Identity, Motor, name_hardware_errors
-from sinew.hardware.registers import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
+from sinew.hardware.registers import BAUD_RATES, CHIPS, IMUS, MOTORS, WATCHDOG_TRIPPED
 from sinew.hardware.rig import Rig
 from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
 from sinew.measure.errors import TROUBLES, DeviceError, HardwareError, PortError
 from sinew.measure.units import STANDARD_GRAVITY
-from sinew.plan.rig import Limits
+from sinew.plan.rig import Imu, Limits
 
 # It is said what the doctor found: one fact, how bad it is, and what to do.
 
@@ -432,6 +432,34 @@ def judge_imu(samples: Sequence[ImuReading], axes: tuple[str, ...], *, is_whole:
         advice = "restart its board while the head is still: it takes its zero then"
         findings.append(Finding("warning", "IMU", found, f"within {math.degrees(_LARGEST_BIAS):g} °/s", advice))
     return findings + _gravity_findings(force, axes)
+
+
+def examine_chip(rig: Rig) -> list[Finding]:
+    """Return what is to be said about the sensor's chip and its filter, as its node tells them. Raises PortError."""
+    return [judge_chip(rig.imu.told(), rig.spec.imu)]
+
+
+def judge_chip(told: NodeTold | None, imu: Imu) -> Finding:
+    """Return what is to be said about a chip; a delay that was measured at the bench is believed more than its chip's.
+
+    told: None of a node that tells nothing. imu: what the rig assumes.
+    """
+    if told is None:
+        found = "its firmware tells neither chip nor lost samples"
+        advice = "nothing needs to be done: runs count no lost samples; Sinew's own firmware tells both"
+        return Finding("note", "IMU", found, "chip and filter delay", advice)
+    assumed, std = imu.filter_delay, imu.delay_std.value
+    expected = f"{1e3 * assumed:.2f} ± {1e3 * std:.2g} ms, as the rig has it"
+    found = f"{CHIPS.get(told.chip, 'an unknown chip')} (0x{told.chip:02X}), late by {1e3 * told.filter_delay:.2f} ms"
+    if told.chip not in CHIPS:
+        advice = "measure its delay with `sinew doctor --guide FILE --step constants`, by lever steps"
+        return Finding("warning", "IMU", found, " or ".join(CHIPS.values()), advice)
+    if abs(told.filter_delay - assumed) <= std:
+        return Finding("ok", "IMU", found)
+    if imu.residual_delay.origin == "measured":
+        return Finding("note", "IMU", found, expected, "nothing needs to be done: the rig's was measured at the bench")
+    advice = "set imu.low_pass and imu.residual_delay of the rig to this chip's, or phases are wrong by the difference"
+    return Finding("warning", "IMU", found, expected, advice)
 
 
 def _sample_rate(counters: Sequence[int]) -> float:
