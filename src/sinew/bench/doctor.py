@@ -9,12 +9,13 @@ from typing import Literal
 
 import numpy as np
 
+from sinew.bench.preflight import MOST_ON_WIRE
 from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
 from sinew.hardware.imu import ImuReading, NodeTold
 from sinew.hardware.motor import FAST_READS_FROM, Identity, Motor, name_hardware_errors
 from sinew.hardware.registers import BAUD_RATES, CHIPS, IMUS, MOTORS, WATCHDOG_TRIPPED
-from sinew.hardware.rig import Rig
+from sinew.hardware.rig import ReadKind, Rig
 from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
 from sinew.measure.errors import TROUBLES, DeviceError, HardwareError, PortError
 from sinew.measure.units import STANDARD_GRAVITY
@@ -510,6 +511,22 @@ def examine_loop(times: LoopTimes, wanted_hz: float) -> list[Finding]:
         return [Finding("ok", "loop", found)]
     advice = "return delay 0, latency timer 1 ms, a higher baud, fewer programs on the computer; or a lower sample_hz"
     return [Finding("warning", "loop", found, f"{wanted_hz:g} Hz", advice)]
+
+
+def examine_wire(rig: Rig, wanted_hz: float) -> list[Finding]:
+    """Return how long a cycle's bytes are on the wire, with plain and with fast reads; nobody is asked.
+
+    wanted_hz: cycles a plan asks for [1/s]. It is at most so long: in a mode that is set, goals take fewer bytes.
+    """
+    kinds: tuple[ReadKind, ...] = ("plain", "fast") if rig.imu.is_grouped else ("plain",)  # the shorter one last
+    times: dict[str | None, float] = {kind: rig.wire_s(kind) for kind in kinds}
+    told = ", ".join(f"{1e3 * time:.2f} ms with {kind} reads" for kind, time in times.items())
+    found = f"{told}, of the {1e3 / wanted_hz:.2f} ms of a cycle at {wanted_hz:g} Hz and {rig.spec.wiring.baud} baud"
+    wanted = rig.spec.wiring.reads
+    if times[wanted if wanted in times else kinds[-1]] <= MOST_ON_WIRE / wanted_hz:
+        return [Finding("ok", "wire", found)]
+    advice = "raise the baud (rig key wiring.baud and the motors' baud_rate) or lower sample_hz"
+    return [Finding("warning", "wire", found, f"up to {1e3 * MOST_ON_WIRE / wanted_hz:.2f} ms", advice)]
 
 
 def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:
