@@ -8,10 +8,12 @@ the pages whose pictures stand in the documentation and copies these; `make pict
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,29 +51,40 @@ def steps(page: str) -> list[Step]:
 
 
 def run_page(page: str, folder: Path) -> Iterator[tuple[Step, "subprocess.CompletedProcess[str]"]]:
-    """Run the steps of a page in a folder, and yield each with what came of it."""
+    """Run the steps of a page in a folder, and yield each with what came of it.
+
+    What a line leaves running behind & is ended behind the last step.
+    """
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "MPLBACKEND": "agg"}
     script: list[str] = []
-    for step in steps(page):
-        if step.language == "python":
-            # A later block sees the names of the earlier ones, as in one session.
-            script.append(step.text)
-            command = [sys.executable, "-W", "error", "-c", "\n".join(script)]
-        else:
-            command = ["bash", "-ceu", step.text]
-        yield (
-            step,
-            subprocess.run(
+    begun: list[int] = []
+    try:
+        for step in steps(page):
+            stays = step.language == "console" and step.text.rstrip().endswith("&")
+            if step.language == "python":
+                # A later block sees the names of the earlier ones, as in one session.
+                script.append(step.text)
+                command = [sys.executable, "-W", "error", "-c", "\n".join(script)]
+            else:
+                command = ["bash", "-ceu", step.text]
+            with subprocess.Popen(
                 command,
                 cwd=folder,
                 env=environment,
                 stdin=subprocess.DEVNULL,
-                capture_output=True,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
                 text=True,
-                check=False,
-            ),
-        )
+                start_new_session=stays,
+            ) as process:
+                begun += [process.pid] * stays
+                out, err = process.communicate()
+            yield step, subprocess.CompletedProcess(command, process.returncode, out, err)
+    finally:
+        for group in begun:
+            with suppress(ProcessLookupError):  # it may have ended by itself
+                os.killpg(group, signal.SIGTERM)
 
 
 def draw_pictures(pictures: Path) -> list[Path]:

@@ -183,6 +183,11 @@ def test_after_a_kill_the_next_one_turns_the_link_over(link: Path) -> None:
     assert (left, finished("--unloaded", "--link", str(link), "--for", "0.1").returncode) == (True, 0)
 
 
+def test_a_bench_that_ends_by_itself_says_so(link: Path) -> None:
+    done = finished("--unloaded", "--link", str(link), "--for", "0.1")
+    assert f"{link} ended after 0.1 s, as --for says" in done.stderr
+
+
 def test_a_watchdog_that_trips_when_its_master_leaves_is_in_the_truth(link: Path, tmp_path: Path) -> None:
     truth = tmp_path / "truth.json"
     with started("--unloaded", "--link", str(link), "--truth", str(truth)) as (process, _):

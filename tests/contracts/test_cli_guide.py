@@ -38,6 +38,12 @@ def test_a_guide_that_is_told_a_baud_is_refused(capsys: pytest.CaptureFixture[st
     assert "found --fix or --baud with --guide" in said
 
 
+def test_a_port_that_is_not_there_is_refused_before_any_step(capsys: pytest.CaptureFixture[str]) -> None:
+    said = refused(capsys, "doctor", "--port", "no-bench", "--guide", "my.toml", "--yes")
+    assert "cannot open no-bench" in said
+    assert "`sinew emulate`" in said
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, pytest.param(4, marks=pytest.mark.long)])
 def test_a_bench_that_is_built_wrongly_is_led_to_its_first_run(seed: int) -> None:

@@ -6,9 +6,11 @@ what the reader sees. A page that takes long says `<!-- test: slow -->`, one tha
 one that runs a bench says `<!-- test: realtime -->`.
 """
 
+import sys
 from pathlib import Path
 
 import pytest
+from tests.patience import until
 from tools.pages import Step, run_page, steps
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,3 +37,12 @@ def test_a_page_runs_from_top_to_bottom(page: Path, tmp_path: Path) -> None:
 def test_a_page_is_taken_apart_in_the_order_of_reading() -> None:
     page = "```python\na = 1\n```\ntext\n```console\n$ sinew check plan.toml \\\n    --json\nsaid\n$ make test\n```\n"
     assert steps(page) == [Step("python", "a = 1\n"), Step("console", "sinew check plan.toml      --json")]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals of Linux")
+def test_what_a_page_leaves_running_ends_with_it(tmp_path: Path) -> None:
+    page = "```console\n$ sinew emulate --link bench --unloaded > log 2>&1 &\n```\n"
+    bench = tmp_path / "bench"
+    was_there = [until(bench.exists, 60.0) for _ in run_page(page, tmp_path)]
+    gone = until(lambda: not bench.is_symlink(), 60.0)
+    assert (was_there, gone) == ([True], True)

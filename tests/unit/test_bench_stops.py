@@ -7,6 +7,9 @@ from tests.unit.bench_virtual import VirtualBench, set_going, virtual_bench
 
 from sinew.bench.stops import STAND_S, stop
 from sinew.emulator.plant import Unloaded
+from sinew.hardware.believable import STATE
+from sinew.hardware.codec import Decoder, Status, encode
+from sinew.hardware.registers import lay_out
 from sinew.plan.plan import TendonMode
 from sinew.plan.toml import load_rig
 
@@ -105,3 +108,49 @@ def test_a_bench_without_torque_is_released_at_once() -> None:
     began = bench.port.now()
     report = stop(bench.rig, bench.port, "release")
     assert (report.is_safe, bench.port.now() - began < 0.5) == (True, True)
+
+
+def lie_once(bench: VirtualBench, register: str, count: int) -> set[int]:
+    """Have every motor's first answer about its state tell another count of one register; return who has lied."""
+    tables = {motor.id: motor.table for motor in bench.rig.motors}
+    liars: set[int] = set()
+
+    def disturb(at: float, data: bytes) -> list[tuple[float, bytes]]:
+        (packet,) = Decoder().feed(data)
+        assert isinstance(packet, Status)
+        layout = lay_out(tables[packet.id], STATE) if packet.id in tables else None
+        if layout is None or packet.id in liars or len(packet.params) != layout.length:
+            return [(at, data)]
+        liars.add(packet.id)
+        row, params = tables[packet.id][register], bytearray(packet.params)
+        place = row.address - layout.address
+        params[place : place + row.size] = count.to_bytes(row.size, "little")
+        return [(at, encode(Status(packet.id, packet.error, bytes(params))))]
+
+    bench.emulated.line.disturb_up = disturb
+    return liars
+
+
+@pytest.mark.parametrize("state", ["hold", "release"])
+@pytest.mark.parametrize(
+    ("register", "count"),
+    [("torque_enable", 0), ("present_position", 0), ("profile_velocity", 1 << 18), ("bus_watchdog", 255)],
+)
+def test_one_false_answer_moves_no_horn_and_leaves_no_motor_unlimited(register: str, count: int, state: str) -> None:
+    bench = powered()
+    before = bench.emulated.states()
+    liars = lie_once(bench, register, count)
+    turned = dict.fromkeys(before, 0.0)
+
+    def look(_report: object) -> None:
+        for device, motor in bench.emulated.states().items():
+            turned[device] = max(turned[device], abs(motor.angle - before[device].angle))
+
+    report = stop(bench.rig, bench.port, state, look)
+    look(report)
+    after = bench.emulated.states()
+    assert liars == set(before)
+    assert report.is_safe
+    assert all(not motor.torque or motor.is_limited for motor in after.values())
+    tendons = list(turned)[:-1]  # the drive is on its way to 30°; a release lets 0.02 m/s of cable go while one pulls
+    assert max(turned[device] for device in tendons) < math.radians(15.0)

@@ -1,6 +1,7 @@
 """The pseudo-terminal in front of an emulated bench: a bench that only notes what it is asked stands behind it."""
 
 import fcntl
+import math
 import struct
 import termios
 from collections.abc import Iterator
@@ -21,7 +22,14 @@ TIOCGEXCL = 0x80045440  # of Linux; the module termios does not have it
 
 @dataclass
 class Line:
+    """`work`: when it has something to do [s]."""
+
     host_baud: int = 9600
+    work: list[float] = field(default_factory=list)
+
+    @property
+    def due(self) -> float:
+        return min(self.work, default=math.inf)
 
 
 @dataclass
@@ -49,6 +57,7 @@ class Bench:
 
     def advance(self, now: float) -> None:
         self.time = now
+        self.line.work = [when for when in self.line.work if when > now]
 
     def catch_up(self) -> None:
         pass
@@ -129,6 +138,20 @@ def test_bytes_that_are_due_a_tenth_of_a_millisecond_apart_are_sent_together(ser
         served.at(0.01015)
         served.at(0.01030)
         assert (held, come(master)) == (b"", b"onetwo")
+
+
+def test_answers_are_worked_out_before_their_time_and_sent_at_it(served: Served) -> None:
+    served.bench.line.work = [0.0014, 0.0016, 0.0030]
+    with opened(served) as master:
+        master.write(b"x")
+        served.at(0.0010)
+        worked_out = served.bench.time
+        served.bench.due = [(0.0016, b"answer")]
+        served.at(0.0012)
+        early = master.read(10)
+        served.at(0.0017)
+        served.at(0.0019)
+        assert (worked_out, early, come(master)) == (0.0016, b"", b"answer")
 
 
 def test_bytes_that_are_due_later_hold_nothing_up(served: Served) -> None:

@@ -219,7 +219,7 @@ def _summary(motor: Motor, identity: Identity, counts: Mapping[str, int]) -> Fin
 def _state_findings(motor: Motor, counts: Mapping[str, int]) -> Iterator[Finding]:
     torque = bool(counts["torque_enable"])
     if torque:
-        advice = "end the program that uses it; make sure that nothing falls, then `sinew stop --state release`"
+        advice = "end what uses it; make sure that nothing falls, then `sinew stop --port PORT --state release`"
         yield Finding("fault", motor.name, "torque on", "off", advice)
     if errors := name_hardware_errors(counts["hardware_error_status"]):
         fix = None if torque else Fix(motor.name, "reboot", counts["hardware_error_status"], 0)

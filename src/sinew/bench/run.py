@@ -434,7 +434,7 @@ class Runner:
             self._may_hold = True
             _under_torque(motor)
         self._step()
-        angles = tuple(motor.angle() for motor in rig.tendons)
+        angles = rig.stand()
         loop.watch = Watch(origin=angles, goals=angles)
         loop.restart()
         lever, begin = rig.drive.angle(), loop.due
@@ -468,7 +468,7 @@ class Runner:
             self._rig.set_tendon_mode(mode)
             self._step()
         self._note_registers(self._look_at_registers("the mode was set"))
-        goals = tuple(motor.angle() for motor in self._rig.tendons)
+        goals = self._rig.stand()
         by_current = mode == "current"
         self._loop.watch = Watch(
             origin=tuple(angles), goals=(contact.current,) * len(angles) if by_current else goals, by_current=by_current

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal
 
+from sinew.hardware.believable import GOALS, STATE, contradiction, state_objection
 from sinew.hardware.bus import Clock
 from sinew.hardware.motor import Motor, TendonServo
 from sinew.hardware.registers import CURRENT_MODE, CURRENT_POSITION_MODE, WATCHDOG_TRIPPED, encode_raw
@@ -37,12 +38,6 @@ TENDON_HOLD_SHARE = 0.8
 DRIVE_HOLD_SHARE = 0.2
 """Output of a frozen drive, of its full one."""
 
-_GOALS = ("goal_pwm", "goal_current", "goal_velocity", "profile_acceleration", "profile_velocity", "goal_position")
-_ASKED = (
-    "operating_mode", "pwm_limit", "current_limit", "velocity_limit", "torque_enable", "bus_watchdog",
-    *_GOALS, "present_current", "present_position",
-)  # fmt: skip
-
 _MARGIN, _UNSURE = 1.3, 3  # of a pull that is read from the current: as a factor, and in counts
 
 Counts = dict[str, int]
@@ -63,38 +58,62 @@ def freeze(rig: Rig, clock: Clock) -> Frozen:
     goal. Raises PortError.
     """
     start = clock.now()
-    frozen, told = Frozen(), dict[str, Counts]()
+    frozen, told, before, then = Frozen(), dict[str, Counts](), dict[str, Counts](), start
     pending: Sequence[Motor] = rig.motors
-    while pending and clock.now() - start < FREEZE_MOST_S:
-        found = rig.ask_at_once(pending, _ASKED)
-        there = {motor.name for motor in pending if motor.name in found and _stays(found[motor.name], told, motor)}
+    while pending and (now := clock.now()) - start < FREEZE_MOST_S:
+        found = rig.ask_at_once(pending, STATE)
+        sure = {
+            motor.name
+            for motor in pending
+            if motor.name in found and _agree(motor, before.get(motor.name), found[motor.name], now - then)
+        }
+        there = {
+            motor.name
+            for motor in pending
+            if motor.name in found and _stays(found[motor.name], told.get(motor.name), motor.name in sure)
+        }
         if there:
             frozen.names |= there
             frozen.took_s = clock.now() - start
         pending = [motor for motor in pending if motor.name not in there]
-        told |= {
-            m.name: _acceptable(found[m.name] | _standing(rig, m, found[m.name])) for m in pending if m.name in found
-        }
+        fresh = [(motor, found[motor.name]) for motor in pending if motor.name in sure]
+        told |= {motor.name: _acceptable(counts | _standing(rig, motor, counts)) for motor, counts in fresh}
         _tell(rig, [motor for motor in pending if motor.name in told], told)
+        before, then = found, now
     return frozen
+
+
+def _agree(motor: Motor, before: Counts | None, again: Counts, passed_s: float) -> bool:
+    """Return whether a second answer bears out the first: what a motor is told hangs on it."""
+    return (
+        before is not None
+        and not state_objection(motor.table, again)
+        and not contradiction(motor.table, before, again, passed_s)
+    )
 
 
 def freeze_alone(rig: Rig, motor: Motor) -> None:
     """Have one motor stay where it is with limited output. Raises DeviceError, PortError."""
-    goals = _standing(rig, motor, motor.get_counts(_ASKED))
+    goals = _standing(rig, motor, motor.state())
     for name in sorted(goals, key=lambda name: name != "goal_position"):
         motor.set_count(name, goals[name])
+    found = motor.state()
+    if others := [name for name in goals if found[name] != goals[name]]:
+        name = others[0]
+        raise DeviceError(f"{motor.name} has {found[name]} in {name}, expected the {goals[name]} just written")
 
 
-def _stays(found: Counts, told: Mapping[str, Counts], motor: Motor) -> bool:
+def _stays(found: Counts, told: Counts | None, is_sure: bool) -> bool:
+    """Return whether a motor stays where it is: it has no torque or its watchdog has stopped it, if that is sure, or it
+    has the goals that it was told."""
     if not found["torque_enable"] or found["bus_watchdog"] == WATCHDOG_TRIPPED:
-        return True
-    return motor.name in told and all(found[name] == told[motor.name][name] for name in _GOALS)
+        return is_sure
+    return told is not None and all(found[name] == told[name] for name in GOALS)
 
 
 def _tell(rig: Rig, motors: Sequence[Motor], told: Mapping[str, Counts]) -> None:
     if motors:
-        data = {m.id: b"".join(encode_raw(m.table[name], told[m.name][name]) for name in _GOALS) for m in motors}
+        data = {m.id: b"".join(encode_raw(m.table[name], told[m.name][name]) for name in GOALS) for m in motors}
         rig.bus.sync_write(motors[0].table["goal_pwm"].address, data)
 
 
@@ -111,12 +130,9 @@ def _standing(rig: Rig, motor: Motor, counts: Counts) -> Counts:
         drive = rig.drive
         # Where it has swung beyond its window, its end is the nearest goal that it takes.
         goal = max(drive.goal_angle.low, min(present, drive.goal_angle.high))
-        return {"goal_pwm": _most(motor, "goal_pwm", DRIVE_HOLD_SHARE, counts["pwm_limit"]), "goal_position": goal}
+        return _limits(rig, motor, counts) | {"goal_position": goal}
     hold = TENDON_HOLD_SHARE * rig.spec.limits.tendon_current_a
-    limits = {
-        "goal_pwm": _most(motor, "goal_pwm", motor.standstill_duty(hold), counts["pwm_limit"]),
-        "goal_current": _most(motor, "goal_current", hold, counts["current_limit"]),
-    }
+    limits = _limits(rig, motor, counts)
     mode, asked = counts["operating_mode"], counts["goal_current"]
     pull = max(0, motor.sign * counts["present_current"])
     if mode == CURRENT_MODE:  # one whose cable is off draws next to nothing, and would run on
@@ -131,6 +147,24 @@ def _standing(rig: Rig, motor: Motor, counts: Counts) -> Counts:
         return goals | {"goal_pwm": limits["goal_pwm"]}
     # One that pulls at its limit, on its way to a goal far ahead, would jerk if the limit were wider for a moment.
     return goals | {"goal_current": limits["goal_current"] if ahead <= give else asked}
+
+
+def _limits(rig: Rig, motor: Motor, counts: Counts) -> Counts:
+    """Return the most output that a motor is left with, by register."""
+    if not isinstance(motor, TendonServo):
+        return {"goal_pwm": _most(motor, "goal_pwm", DRIVE_HOLD_SHARE, counts["pwm_limit"])}
+    hold = TENDON_HOLD_SHARE * rig.spec.limits.tendon_current_a
+    return {
+        "goal_pwm": _most(motor, "goal_pwm", motor.standstill_duty(hold), counts["pwm_limit"]),
+        "goal_current": _most(motor, "goal_current", hold, counts["current_limit"]),
+    }
+
+
+def _is_limited(rig: Rig, motor: Motor, counts: Counts) -> bool:
+    """Return whether a motor that runs with some registers is left with no more output than that."""
+    by_current = counts["operating_mode"] in (CURRENT_MODE, CURRENT_POSITION_MODE)
+    register = "goal_current" if by_current and isinstance(motor, TendonServo) else "goal_pwm"
+    return abs(counts[register]) <= _limits(rig, motor, counts)[register]
 
 
 def _most(motor: Motor, register: str, quantity: float, limit: int) -> int:
@@ -175,7 +209,8 @@ class StopReport:
     declared: hold or release. reached: names of the motors that confirmed it. failed: (name, sentence) of the others.
     port_lost: the port is gone, so nobody could be asked; the bus watchdog has stopped the motors.
     frozen: names of the motors that stood frozen, or had no torque, after the first stage; frozen_s: how long that
-    took [s]. took_s: until all was done [s].
+    took [s]. took_s: until all was done [s]. cut: names of the tendon motors that lost their torque without having let
+    their tension down, for they took no goal, as one does not that its bus watchdog has stopped.
     """
 
     declared: str
@@ -185,6 +220,7 @@ class StopReport:
     frozen: frozenset[str] = frozenset()
     frozen_s: float = 0.0
     took_s: float = 0.0
+    cut: list[str] = field(default_factory=list)
 
     @property
     def is_safe(self) -> bool:
@@ -196,12 +232,20 @@ class StopReport:
         if self.port_lost:
             return "the port is gone: the motors' bus watchdog has stopped them where they are; switch the supply off"
         if self.failed:
-            names = [name for name, _ in self.failed]
-            who = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+            who = _listed([name for name, _ in self.failed])
             return f"{self.declared} is not confirmed by {who} ({self.failed[0][1]}); switch the supply off"
         if self.declared == "hold":
-            return "hold: all motors stand still with limited current; `sinew stop --state release` lets go"
+            return "hold: all motors stand still with limited current; `sinew stop --port PORT --state release` lets go"
+        if self.cut:
+            return (
+                f"release: torque off on all motors; {_listed(self.cut)} took no goal, as behind a bus watchdog, so "
+                "what friction holds of the tension stays until somebody turns the pulley"
+            )
         return "release: tension let down, torque off on all motors"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def stop(
@@ -293,6 +337,7 @@ def _ramp_down(report: StopReport, rig: Rig, clock: Clock, must_freeze: Callable
             return True
         except HardwareError:
             continue
+    begun = list(ramps)
     speed = RAMP_SPEED / rig.spec.tendons.pulley_radius.value
     slack = _SLACK_COUNTS * rig.spec.tendons.current_lsb.value
     start = clock.now()
@@ -305,16 +350,18 @@ def _ramp_down(report: StopReport, rig: Rig, clock: Clock, must_freeze: Callable
         except PortError:
             report.port_lost = True
             return True
+    report.cut += [ramp.motor.name for ramp in begun if ramp.was_refused]
     return True
 
 
 @dataclass(slots=True)
 class _Ramp:
-    """A tendon on its way to slackness, from an angle [rad] or a current [A]."""
+    """A tendon on its way to slackness, from an angle [rad] or a current [A]. was_refused: its motor takes no goal."""
 
     motor: TendonServo
     start: float
     by_current: bool
+    was_refused: bool = False
 
     def step(self, elapsed: float, speed: float, slack: float) -> bool:
         """Take a step; return whether the tendon is slack, or its motor does not take part."""
@@ -326,6 +373,7 @@ class _Ramp:
             self.motor.set_goal_angle(self.start - speed * elapsed)
             return self.motor.current() <= slack
         except TROUBLES:
+            self.was_refused = True
             return True
 
 
@@ -335,12 +383,13 @@ def _holds_current(motor: TendonServo) -> bool:
 
 def _stay(rig: Rig, motor: Motor, frozen: Container[str]) -> None:
     """Have a motor stay frozen when nobody speaks any more; freeze it, if it is not."""
-    if motor.watchdog_tripped():
+    state = motor.state()
+    if state["bus_watchdog"] == WATCHDOG_TRIPPED:
         return  # it stands still already; clearing the watchdog would let it run to its old goal
-    if motor.name not in frozen:
+    if motor.name not in frozen or not _is_limited(rig, motor, state):
         freeze_alone(rig, motor)
     motor.disarm_watchdog()
-    if not motor.torque_is_on():
+    if not state["torque_enable"]:
         raise DeviceError(f"{motor.name} has no torque, expected it to hold; has it shut down, or did its supply fail?")
 
 

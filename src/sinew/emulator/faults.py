@@ -377,7 +377,7 @@ class FaultyRig:
 
     def catch_up(self) -> None:
         """Move the mechanics on to the present: they lag until somebody needs them, and it takes a while."""
-        self.rig.motion()
+        self.rig.mechanics.catch_up()
 
 
 def _refuse_unknown_part(spec: FaultSpec, rig: EmulatedRig) -> None:

@@ -6,8 +6,9 @@ the last one can be told, and is no reading. The bounds are wide: what a bench e
 """
 
 import math
+from collections.abc import Mapping
 
-from sinew.hardware.registers import RegisterTable
+from sinew.hardware.registers import MODES, RegisterTable
 from sinew.plan.rig import RigSpec
 from sinew.plan.servo import FULL_DUTY_COUNTS, SERVOS
 
@@ -22,6 +23,41 @@ _SETTLED = 5  # readings that followed from one another; before that the first o
 _BLOW = 5.0  # rad/s: that a hammer gives the head between two samples; assumed
 _AHEAD_US = 2000  # µs by which a sample may be dated after the clock of its answer
 _WRAP = 1 << 32
+
+GOALS = ("goal_pwm", "goal_current", "goal_velocity", "profile_acceleration", "profile_velocity", "goal_position")
+STATE = (
+    "operating_mode", "pwm_limit", "current_limit", "velocity_limit", "torque_enable", "bus_watchdog",
+    *GOALS, "present_current", "present_position",
+)  # fmt: skip
+"""The registers that say how a motor runs and where it stands, by address."""
+
+_LIMITS = ("pwm_limit", "current_limit", "velocity_limit")
+_MOVING = ("present_current", "present_position")  # of a state, without anybody's doing
+
+
+def state_objection(table: RegisterTable, counts: Mapping[str, int]) -> str:
+    """Return why the registers of `STATE` cannot be those of a motor; empty where they can."""
+    if counts["operating_mode"] not in MODES:
+        return f"there is no operating_mode {counts['operating_mode']}"
+    for name in (*_LIMITS, "torque_enable", *GOALS):
+        row = table[name]
+        if not row.lowest <= counts[name] <= row.highest:
+            return f"{name} is {counts[name]}, expected {row.lowest} to {row.highest}"
+    return "" if any(counts[name] for name in _LIMITS) else "all its limits are zero"
+
+
+def contradiction(table: RegisterTable, before: Mapping[str, int], again: Mapping[str, int], passed_s: float) -> str:
+    """Return why two answers about `STATE`, one a time [s] after the other, are not both true; empty where they may be.
+
+    What a motor does not change by itself must be the same, and the horn where it can have come to.
+    """
+    for name in STATE:
+        if name not in _MOVING and before[name] != again[name]:
+            return f"{name} is {before[name]} and then {again[name]}"
+    moved = abs(again["present_position"] - before["present_position"])
+    if moved > _FASTEST * SERVOS[table.model].no_load_speed / table["present_position"].scale * passed_s + _FLICKER:
+        return f"present_position is {before['present_position']} and {1e3 * passed_s:.0f} ms later {moved} off"
+    return ""
 
 
 class MotorBounds:
@@ -48,6 +84,11 @@ class MotorBounds:
         """Begin anew: the next position may be any."""
         self._position, self._time, self._followed = 0, math.nan, 0
         self._warmth, self._warm_at = 0.0, math.nan
+
+    def begin(self, position: int, time: float) -> None:
+        """Hold the next position against one that was seen twice, at a host time [s]."""
+        self.forget()
+        self._position, self._time, self._followed = position, time, _SETTLED
 
     def objection(self, duty: int, current: int, speed: int, position: int, time: float) -> str:
         """Return why counts of the present registers at a host time [s] cannot be true; empty where they can."""

@@ -330,7 +330,7 @@ def prepare_goal(motor: Motor) -> None:
 
     Raises DeviceError, naming the register, where it keeps another: it would jump when its torque comes on.
     """
-    row, present = motor.table["goal_position"], motor.get_count("present_position")
+    row, present = motor.table["goal_position"], motor.state()["present_position"]
     if isinstance(motor, DriveServo) and not motor.lowest_count <= present <= motor.highest_count:
         return  # it takes no goal out there, and sets its own as the torque comes on
     motor.set_count("goal_position", present)

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from sinew.hardware.believable import STATE, contradiction, state_objection
 from sinew.hardware.bus import Bus, Outcome, Reply
 from sinew.hardware.registers import (
     CURRENT_MODE,
@@ -31,6 +32,9 @@ RETRIES = 3
 
 FAST_READS_FROM = 45
 """Firmware from which an X430 motor knows the fast reads of several devices."""
+
+_LOOKS = 6
+"""How many answers about one state are held against one another before nobody is believed."""
 
 _OUT_OF_RANGE = 4
 _ADVICE = {
@@ -84,11 +88,32 @@ class Motor:
 
         Raises DeviceError, or RegisterError for another order.
         """
+        return self._counts_at(registers)[0]
+
+    def state(self) -> dict[str, int]:
+        """Return the registers of `STATE` as two answers in succession have them.
+
+        What a motor is told by its own words hangs on them: a single answer may be false. Raises DeviceError where
+        answers go on contradicting one another, or cannot be true.
+        """
+        before, then = self._counts_at(STATE)
+        for _ in range(_LOOKS):
+            again, now = self._counts_at(STATE)
+            why = state_objection(self.table, again) or contradiction(self.table, before, again, now - then)
+            if not why:
+                return again
+            before, then = again, now
+        raise DeviceError(
+            f"{self._who()} does not tell one state: {why}; check the cable, and that no other device has its id"
+        )
+
+    def _counts_at(self, registers: Sequence[str]) -> tuple[dict[str, int], float]:
+        """Return counts as `get_counts`, and when they had come [s, of the bus's clock]."""
         layout = lay_out(self.table, registers)
         reply = self.bus.read(self.id, layout.address, layout.length, retries=RETRIES)
         if not reply.ok:
             raise self._trouble("cannot read", self.table[registers[0]], reply)
-        return dict(zip(registers, layout.unpack.unpack(reply.data), strict=True))
+        return dict(zip(registers, layout.unpack.unpack(reply.data), strict=True)), reply.at
 
     def set(self, register: str, value: float) -> None:
         """Store a quantity [unit of the register]. Raises DeviceError, or RegisterError where it cannot hold that."""
@@ -155,7 +180,7 @@ class Motor:
         if self.torque_is_on():
             raise DeviceError(
                 f"{self._who()} has its torque on, expected off {purpose}; "
-                "make sure that nothing falls, then `sinew stop --state release`"
+                "make sure that nothing falls, then `sinew stop --port PORT --state release`"
             )
 
     def arm_watchdog(self, seconds: float) -> None:
@@ -291,7 +316,7 @@ class TendonServo(Motor):
 
     def angle(self) -> float:
         """Return the angle of the horn [rad], from the encoder's zero and over all turns. Raises DeviceError."""
-        return self.sign * self.get("present_position")
+        return self.sign * self.state()["present_position"] * self.table["present_position"].scale
 
     def current(self) -> float:
         """Return the current [A]. Raises DeviceError."""
@@ -351,7 +376,7 @@ class DriveServo(Motor):
 
     def angle(self) -> float:
         """Return the lever's angle against the head [rad]. Raises DeviceError."""
-        return self.sign * (self.get_count("present_position") - self.zero) * self.table["present_position"].scale
+        return self.sign * (self.state()["present_position"] - self.zero) * self.table["present_position"].scale
 
     def set_goal_angle(self, angle: float) -> None:
         """Tell the motor an angle [rad]. Raises DeviceError, or RegisterError beyond its window."""

@@ -192,7 +192,8 @@ def lay_out(table: RegisterTable, names: Sequence[str]) -> Layout:
 # Baud [1/s] by the count of the register baud_rate.
 BAUD_RATES = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 # Values of the register operating_mode.
-CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE, PWM_MODE = 0, 1, 3, 4, 5, 16
+MODES = 0, 1, 3, 4, 5, 16
+CURRENT_MODE, VELOCITY_MODE, POSITION_MODE, EXTENDED_POSITION_MODE, CURRENT_POSITION_MODE, PWM_MODE = MODES
 # Bits of the registers hardware_error_status and shutdown.
 HARDWARE_ERRORS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
 VOLTAGE, OVERHEATING, _, ELECTRICAL_SHOCK, OVERLOAD = (1 << bit for bit in HARDWARE_ERRORS)

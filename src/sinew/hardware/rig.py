@@ -440,6 +440,18 @@ class Rig:
             present.forget()
         self.imu.forget()
 
+    def stand(self) -> tuple[float, ...]:
+        """Return where the tendons' horns stand [rad], each told twice; the next reading is held against it.
+
+        Raises DeviceError.
+        """
+        angles = []
+        for motor, present in zip(self.tendons, self._tendon_presents, strict=True):
+            angles.append(motor.angle())
+            count = round(motor.sign * angles[-1] / motor.table["present_position"].scale)
+            present.bounds.begin(count, self.clock.now())
+        return tuple(angles)
+
     def pace(self, period: float) -> None:
         """Expect to be read in cycles of so long [s]: what is older than that is stale."""
         for present in self._presents:

@@ -92,7 +92,9 @@ def _others(path: str) -> str:
     if re.fullmatch(r"(?i)(\\\\\.\\)?com\d+", path):
         return f"COM ports are those of Windows, here they are called {_found() or '/dev/ttyUSB0 or the like'}"
     found = _found()
-    return f"there is {found}" if found else "no adapter is plugged in (none at /dev/ttyUSB*, ttyACM* or cu.usb*)"
+    there = f"there is {found}" if found else "no adapter is plugged in (none at /dev/ttyUSB*, ttyACM* or cu.usb*)"
+    emulated = "; an emulated bench is there while `sinew emulate` runs, under the path that its --link names"
+    return there if path.startswith("/dev/") else there + emulated
 
 
 def _found(devices: Path = Path("/dev")) -> str:

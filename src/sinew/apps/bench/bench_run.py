@@ -282,8 +282,8 @@ def print_run(document: dict[str, Any]) -> None:
     print(document["left"])
     cycles = document["cycles"]
     print(
-        f"{cycles['cycles']} cycles, {cycles['missed']} deadlines missed, {cycles['incomplete']} lack an answer; "
-        f"latest begin {cycles['worst_late_ms']:.1f} ms after its deadline"
+        f"{cycles['cycles']} cycles, {cycles['missed']} skipped for lateness, {cycles['incomplete']} lack an answer; "
+        f"the latest began {cycles['worst_late_ms']:.1f} ms late"
     )
     wire = document["wire"]
     print(f"{wire['cycle_ms']:.2f} ms of each {wire['period_ms']:.2f} ms on the wire, {wire['reads']} reads", end="")

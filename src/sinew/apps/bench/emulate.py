@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from sinew.apps.bench.bench_run import signals_to
 from sinew.apps.bench.run_control import keeping_time
-from sinew.apps.console import Json, Rig, Seed, flag, option, require_file, write_json
+from sinew.apps.console import Json, Rig, Seed, flag, option, remark, require_file, write_json
 
 if TYPE_CHECKING:
     from sinew.emulator.faults import FaultyRig
@@ -116,7 +116,10 @@ def emulate(
             said = _description(rig_, bench, server, start, unloaded, seed, speed)
             said["unbuilt"] = None if wrong is None else list(wrong.kinds)
             _say_ready(said | {"clock": None if shared is None else str(shared.link)}, as_json=json)
-            server.run(math.inf if for_s is None else bench.time + for_s)
+            end = math.inf if for_s is None else bench.time + for_s
+            server.run(end)
+        if bench.time >= end:
+            remark(f"{link} ended after {for_s:g} s, as --for says; the next one knows nothing of what was done here")
     finally:
         server.close()
     if truth is not None:

@@ -50,7 +50,7 @@ def moving(rig: Rig, clock: Clock, motors: Sequence[Motor], check: Callable[[], 
     rig.set_tendon_mode("position-with-current-limit")
     tilt = TiltEstimator(rig.spec, RATE_HZ)
     loop = Loop(rig, clock, Guard(rig.spec), tilt, 1 / RATE_HZ, lambda _: None, check)
-    angles = tuple(motor.angle() for motor in rig.tendons)
+    angles = rig.stand()
     loop.watch = Watch(origin=angles, goals=angles)
     try:
         for motor in motors:

@@ -312,13 +312,13 @@ def _set_up(guide: Guide) -> list[Finding]:
         fixes = [fix for fix in list_fixes(findings) if fix.register not in _WINDOW]
         if not fixes:
             return [finding for finding in findings if finding.severity != "note"]
-        if not guide.person.agrees(f"write {len(fixes)} settings to motors whose torque is off"):
+        told = ", ".join(sorted({fix.register for fix in fixes}))
+        if not guide.person.agrees(f"write {len(fixes)} settings ({told}) to motors whose torque is off"):
             return [*findings, Finding("fault", "motors", "settings are as they were", "written", "repeat this step")]
         written = apply_fixes(rig, clock, fixes, guide.timer)
         if refused := [finding for finding in written if finding.severity != "ok"]:
             return refused
         left = [finding for finding in examine_motors(rig, roll) if finding.severity in ("ok", "warning", "fault")]
-    told = ", ".join(sorted({fix.register for fix in fixes}))
     return [*left, Finding("ok", "motors", f"{len(fixes)} settings written: {told}")]
 
 
@@ -548,7 +548,10 @@ def _no_pull(rig: Rig, index: int, pull: Pull) -> Finding:
         found = f"its horn went {1e3 * pull.turned:.1f} mm of cable at {milliampere:.0f} mA"
         return Finding("fault", f"motor {motor.id}", found, "a horn that turns", "is the pulley blocked? free it")
     found = f"no cable pulls within {1e3 * pull.turned:.0f} mm either way at {milliampere:.0f} mA"
-    advice = "is its cable on the pulley and through the guide? take up its slack by hand, then repeat this step"
+    advice = (
+        "is its cable on the pulley and through the guide? take up its slack by hand, or let it off where a move that "
+        "was cut short left it taut, then repeat this step"
+    )
     return Finding("fault", f"motor {motor.id}", found, "a head that leans", advice)
 
 
