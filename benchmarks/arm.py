@@ -115,7 +115,7 @@ def _until(share: float) -> Array:
     """Return the matrix from coefficients on the rod to those on its beginning, a share of it (term, term)."""
     points = np.polynomial.legendre.leggauss(TERMS)[0]
     inside = np.polynomial.legendre.legvander(share * (points + 1) - 1, TERMS - 1)
-    return np.linalg.solve(np.polynomial.legendre.legvander(points, TERMS - 1), inside)
+    return np.asarray(np.linalg.solve(np.polynomial.legendre.legvander(points, TERMS - 1), inside), dtype=float)
 
 
 def markers_of(q: jax.Array, poses: Rod) -> jax.Array:
@@ -124,7 +124,7 @@ def markers_of(q: jax.Array, poses: Rod) -> jax.Array:
     placed = []
     for s, across, aside in MARKERS:
         share = min(s / length, 1.0)
-        scale = np.array([share] * 3 + [1.0] * 3)[:, None]
+        scale = jnp.array([share] * 3 + [1.0] * 3)[:, None]
         part = poses._replace(joint=poses.joint._replace(length=jnp.asarray(share * length)))
         rotations, positions = rod_poses(scale * (q @ _until(share).T), part)
         offset = jnp.array([max(s - length, 0.0), across, aside])
@@ -199,7 +199,8 @@ def fitted(poses: Sequence[Pose], starts: dict[str, Array]) -> float:
     def cost(log_modulus: float) -> float:
         return float(np.sum(missed(poses, float(np.exp(log_modulus)), starts) ** 2))
 
-    found = scipy.optimize.minimize_scalar(cost, bounds=np.log([1e5, 1e6]), method="bounded", options={"xatol": 1e-3})
+    low, high = np.log([1e5, 1e6]).tolist()
+    found = scipy.optimize.minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-3})
     return float(np.exp(found.x))
 
 

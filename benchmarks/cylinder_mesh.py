@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from skfem import Basis, ElementHex1, ElementHex2, ElementQuad1, ElementQuad2, MeshHex1, MeshHex2, MeshQuad, MeshQuad2
 
-from benchmarks.solid import Array, Energy, Indices, Solid
+from benchmarks.solid import Energy, Indices, Solid
+from sinew.measure.arrays import Array
 
 ANGLE = 1
 """Kind of the unknowns that are rotations, in the axisymmetric cylinder."""

@@ -4,7 +4,8 @@ The workers run on the same machine. All are warmed up first, so that no compili
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from sinew.measure.errors import how_to_install
 from sinew.plan.toml import dump_rig, load_rig
@@ -16,6 +17,9 @@ from sinew.tune.proposal import propose
 
 STARTS, EXACT, WORKERS = 64, 8, 2
 TARGET = DesignTarget((0.7, 1.1), 7.0, 0.25)
+
+_Task = TypeVar("_Task")
+_Result = TypeVar("_Result")
 
 
 def main(_: Sequence[str] = ()) -> None:
@@ -42,7 +46,7 @@ def main(_: Sequence[str] = ()) -> None:
     except ImportError:
         print(f"  two workers: skipped, dask.distributed is not installed; install it: {how_to_install('cluster')}")
         return
-    with LocalCluster(  # type: ignore[no-untyped-call]
+    with LocalCluster(
         n_workers=WORKERS, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
     ) as cluster:
         address = cluster.scheduler_address
@@ -58,7 +62,9 @@ def main(_: Sequence[str] = ()) -> None:
           f"{'the same numbers' if same else 'OTHER NUMBERS'}")  # fmt: skip
 
 
-def _timed(function, tasks, scheduler):  # type: ignore[no-untyped-def]
+def _timed(
+    function: Callable[[_Task], _Result], tasks: Sequence[_Task], scheduler: str | None
+) -> tuple[list[_Result], float]:
     begin = time.perf_counter()
     return run_tasks(function, tasks, scheduler), time.perf_counter() - begin
 

@@ -50,7 +50,7 @@ def held_head() -> Space:
     joint = space.rod.joint._replace(mode=np.float64(POSITION))  # type: ignore[arg-type]
     none = np.float64(0.0)
     rod = space.rod._replace(joint=joint, line_mass=none, line_inertia=(none, none, none))  # type: ignore[arg-type]
-    return space._replace(rod=rod, cable_end=float(joint.free_span) - TAKE_UPS)  # type: ignore[arg-type]
+    return space._replace(rod=rod, cable_end=float(joint.free_span) - TAKE_UPS)
 
 
 def head_xml(space: Space) -> str:
@@ -149,7 +149,11 @@ def mujoco_state(flat: Array, motion: Motion, space: Space) -> Any:
 
 def resting(space: Space) -> Array:
     """Return the coordinates (6,) at which the head rests on springs and tendons."""
-    found = scipy.optimize.root(lambda flat: np.asarray(_slope(flat, space)), np.zeros(6), tol=1e-13)
+
+    def slope(flat: Array) -> Array:
+        return np.asarray(_slope(flat, space))
+
+    found = scipy.optimize.root(slope, np.zeros(6), tol=1e-13)
     return np.asarray(found.x)
 
 

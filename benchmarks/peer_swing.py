@@ -66,7 +66,8 @@ def _soromox(asked: dict[str, Any]) -> dict[str, Any]:
                 save_ts=jnp.arange(0.0, asked["seconds"], asked["sample_s"]),
                 max_steps=2 * round(asked["seconds"] / steps_s[-1]),
             )
-            return rolled.y[:, 0]  # the mean twist: the head's torsion while the rod bends little
+            torsion: jax.Array = rolled.y[:, 0]  # the mean twist: the head's torsion while the rod bends little
+            return torsion
 
         return jax.vmap(one)(states)
 

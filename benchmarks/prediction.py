@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -133,7 +134,7 @@ def _joint() -> None:
     for name, pretensions in (("one pretension", [6.0]), (f"{PRETENSIONS.size} pretensions", PRETENSIONS.tolist())):
         problem = joint_problem(rig, pretensions, 20.0, BAND_HZ)
         predict(problem, BAND_HZ, RESOLUTION)
-        least, median, done = _median_of(3, lambda problem=problem: predict(problem, BAND_HZ, RESOLUTION))
+        least, median, done = _median_of(3, partial(predict, problem, BAND_HZ, RESOLUTION))
         points = sum(branch.frequency_hz.size for branch in done.branches)
         print(f"  {name:20} {median * 1e3:8.0f} ms, at best {least * 1e3:.0f}; {points} points")
         print(f"    {done.harmonics} harmonics, error estimate {done.error_estimate:.1e}")

@@ -48,10 +48,10 @@ def bare(head: bool) -> Bare:
     density = float(space.rod.line_mass) / (np.pi * radius**2)
     elastic = joint._replace(prony_shares=tuple(0.0 * g for g in joint.prony_shares))
     rod = space.rod._replace(joint=elastic, shear=joint.axial_rigidity)
-    space = space._replace(rod=rod, weight=np.zeros(3))
+    space = space._replace(rod=rod, weight=jnp.zeros(3))
     if not head:
-        none = {"head_mass": 0.0, "lever_mass": 0.0, "head_tensor": np.zeros(3), "lever_tensor": np.zeros(3)}
-        space = space._replace(**none)
+        mass, tensor = jnp.zeros(()), jnp.zeros(3)
+        space = space._replace(head_mass=mass, lever_mass=mass, head_tensor=tensor, lever_tensor=tensor)
     return Bare(jax.tree.map(lambda leaf: np.asarray(leaf, dtype=float), space), shear_modulus, radius, density)
 
 
@@ -82,7 +82,7 @@ def own_frequencies(space: Space) -> dict[str, float]:
 
 def own_tip(space: Space, acceleration: float) -> Array:
     """Return (position [m], rotation about z [rad]) of the tip that rests under a weight towards -y (4,)."""
-    q, _ = settle(np.asarray(straight()), space._replace(weight=np.array([0.0, -acceleration, 0.0])))
+    q, _ = settle(np.asarray(straight()), space._replace(weight=jnp.array([0.0, -acceleration, 0.0])))
     return _tip(q, space)
 
 
@@ -99,9 +99,13 @@ def linear_tip(space: Space, acceleration: float) -> Array:
     axial, shear = 3 * float(joint.axial_rigidity) * length, float(rod.shear) * length
     rows = np.array([float(joint.torsional_rigidity) / length, *bends, axial, shear, shear])
     stiffness = (rows[:, None] / (2 * np.arange(terms) + 1)).ravel()
-    loaded = space._replace(weight=np.array([0.0, -acceleration, 0.0]))
-    slope = jax.jit(lambda flat: stiffness * flat + jax.grad(weight_energy)(flat.reshape(6, terms), loaded).ravel())
-    found = scipy.optimize.root(lambda flat: np.asarray(slope(flat)), np.zeros(6 * terms), tol=1e-13)
+    loaded = space._replace(weight=jnp.array([0.0, -acceleration, 0.0]))
+    pulled = jax.jit(lambda flat: stiffness * flat + jax.grad(weight_energy)(flat.reshape(6, terms), loaded).ravel())
+
+    def slope(flat: Array) -> Array:
+        return np.asarray(pulled(flat))
+
+    found = scipy.optimize.root(slope, np.zeros(6 * terms), tol=1e-13)
     return _tip(found.x.reshape(6, terms), space)
 
 

@@ -17,8 +17,9 @@ from scipy.sparse import bmat, csr_matrix
 from scipy.sparse.linalg import splu
 
 from benchmarks.cylinder_mesh import Cylinder, eighth_of_cylinder
-from benchmarks.solid import Array, balance, settled
+from benchmarks.solid import Indices, balance, settled
 from benchmarks.solid_cylinder import DIAMETER_M, LENGTH_M
+from sinew.measure.arrays import Array
 from sinew.mechanics.rod import SHEAR_FACTOR, Rod, rod_energy, rod_poses, straight
 from sinew.mechanics.silicone import compressive_load
 from sinew.plan.toml import load_rig
@@ -38,8 +39,8 @@ _PLANE = (2, 3, 4)
 class Ends(NamedTuple):
     """Where a compressed cylinder is held (sideways on average only): unknowns at its upper end."""
 
-    across: Array
-    along: Array
+    across: Indices
+    along: Indices
     mean: Array
 
 
@@ -85,7 +86,11 @@ def tilting(cylinder: Cylinder, ends: Ends, stretch: float) -> float:
     row = np.zeros(cylinder.solid.total)
     row[ends.across] = ends.mean
     rows = matrix[free]
-    whole = bmat([[rows[:, free], csr_matrix(row[free][:, None])], [csr_matrix(row[free]), None]]).tocsc()
+    blocks: list[list[csr_matrix | None]] = [
+        [rows[:, free], csr_matrix(row[free][:, None])],
+        [csr_matrix(row[free]), None],
+    ]
+    whole = bmat(blocks).tocsc()
     moved[free] = splu(whole).solve(np.append(-(rows @ moved), 0.0))[:-1]
     return 8 * float(moved @ (matrix @ moved))
 
@@ -109,15 +114,16 @@ def sway(cylinder: Cylinder, ends: Ends, stretch: float) -> float:
 def unit_rod(length: float) -> Rod:
     """Return our rod of radius 1 m and shear modulus 1 Pa, elastic."""
     rod = space_from_rig(load_rig("paper")).rod
-    area, moment = np.pi, np.pi / 4
+    area, moment, zero = np.pi, jnp.asarray(np.pi / 4), jnp.zeros(())
     joint = rod.joint._replace(
-        length=np.float64(length),
-        torsional_rigidity=np.float64(2 * moment),
-        axial_rigidity=np.float64(area),
-        warping_rigidity=np.float64(0.0),
+        length=jnp.asarray(length),
+        torsional_rigidity=jnp.asarray(2 * moment),
+        axial_rigidity=jnp.asarray(area),
+        warping_rigidity=zero,
     )
-    return rod._replace(joint=joint, rest_bend=(np.float64(0), np.float64(0)), bending=(moment, moment),
-                        shear=np.float64(SHEAR_FACTOR * area))  # fmt: skip
+    return rod._replace(
+        joint=joint, rest_bend=(zero, zero), bending=(moment, moment), shear=jnp.asarray(SHEAR_FACTOR * area)
+    )
 
 
 def _spread(flat: jax.Array) -> jax.Array:

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.cylinder_mesh import ANGLE, Cylinder, axisymmetric_cylinder, eighth_of_cylinder
-from benchmarks.solid import Array, Indices, balance, held_stiffness, settled
+from benchmarks.solid import Indices, balance, held_stiffness, settled
+from sinew.measure.arrays import Array
 
 DIAMETER_M, LENGTH_M = 0.056, 0.095
 SLENDERNESS = (0.5, 1.0, LENGTH_M / DIAMETER_M, 3.0, 5.0)

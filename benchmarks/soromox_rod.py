@@ -73,7 +73,7 @@ def main() -> None:
                 pulled = np.asarray(tip(q))[:3, :3].T @ np.array([0.0, -a * head["mass"], 0.0])
                 turned = np.cross([head["height"], 0.0, 0.0], pulled)
                 hung = np.asarray(jacobian(q)).T @ np.concatenate([turned, pulled])
-                return stiffness @ q + a * np.asarray(weight(q)) - hung
+                return np.asarray(stiffness @ q + a * np.asarray(weight(q)) - hung)
 
             found = scipy.optimize.root(lacking, np.zeros(straight.size), tol=1e-13)
             pose = np.asarray(tip(found.x))

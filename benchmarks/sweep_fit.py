@@ -10,7 +10,7 @@ import importlib.util
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -115,12 +115,12 @@ def main(_: Sequence[str] = ()) -> None:
     for noise, label in ((NOISE, "0.3° of noise"), (0.0, "no noise")):
         records = [sweep_record(1000 + seed, noise) for seed in (SEEDS if noise else range(1))]
         print(f" {label}")
-        print(_line("sinew", [_timed(lambda r=r: by_sinew(r)) for r in records]))
+        print(_line("sinew", [_timed(partial(by_sinew, r)) for r in records]))
         if not peer:
             print("  PySINDy is not installed: skipped")
             continue
         windows = WINDOWS if noise else (0, *WINDOWS)
-        tried = {window: [_timed(lambda r=r, w=window: by_pysindy(r, w)) for r in records] for window in windows}
+        tried = {window: [_timed(partial(by_pysindy, r, window)) for r in records] for window in windows}
         best = min(tried, key=lambda w: np.median([max(row.values()) for row, _ in tried[w]]))
         print(_line("PySINDy, window 11 (its own)", tried[11]))
         print(_line(f"PySINDy, window {best} (its best)", tried[best]))

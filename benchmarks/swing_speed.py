@@ -53,7 +53,7 @@ class Swung(NamedTuple):
         x = self.torsion
         down = [i for i in range(1, x.size - 1) if x[i] * x[i + 1] <= 0][:2]
         at = [i + x[i] / (x[i] - x[i + 1]) for i in down]
-        return 0.5 / ((at[1] - at[0]) * SAMPLE_S)
+        return float(0.5 / ((at[1] - at[0]) * SAMPLE_S))
 
 
 def cylinder_head(space: Space) -> dict[str, float]:
@@ -86,7 +86,7 @@ def ours(space: Space, lanes: int) -> Swung:
     q = np.repeat(np.asarray(straight())[None], lanes, axis=0)
 
     def run() -> tuple[float, Array]:
-        states = jax.vmap(space_at_rest)(q, many)
+        states = jax.vmap(space_at_rest)(jax.numpy.asarray(q), many)
         rate = np.zeros_like(q)
         rate[:, 0, 0], rate[:, 2, 0] = SPIN, SWAY
         states = states._replace(q_rate=jax.numpy.asarray(rate))
@@ -140,7 +140,8 @@ def mujocos(asked: dict[str, Any], step_s: float) -> Swung:
         data.qvel[6 * index + 3] = asked["spin"] / PIECES
         data.qvel[6 * index + 5] = asked["sway"] / PIECES
     head = model.body("head").id
-    torsion, begin = [], time.process_time()
+    torsion: list[float] = []
+    begin = time.process_time()
     for _ in range(round(SECONDS / SAMPLE_S)):
         matrix = data.xmat[head].reshape(3, 3) if torsion else np.eye(3)
         torsion.append(float(np.arctan2(matrix[2, 1] - matrix[1, 2], matrix[1, 1] + matrix[2, 2])))

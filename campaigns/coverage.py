@@ -128,7 +128,11 @@ def paper_damping(t: Array, angle: Array, reading: PaperReading = PAPER_READINGS
     index = np.sort(np.concatenate([find_peaks(s * y, height=floor, distance=distance)[0] for s in (1.0, -1.0)]))
     size = np.abs(y[index])
     first = np.array([float(size.max()), 2.0])
-    rate = least_squares(lambda p: p[0] * np.exp(-p[1] * t[index]) - size, first, method="lm").x[1]
+
+    def off(p: Array) -> Array:
+        return np.asarray(p[0] * np.exp(-p[1] * t[index]) - size)
+
+    rate = least_squares(off, first, method="lm").x[1]
     spacing = np.diff(t[index])
     omega = float(np.mean(np.pi / spacing)) if reading.mean_of_rates else float(np.pi / spacing.mean())
     return float(rate) / omega

@@ -1,4 +1,4 @@
-"""Nasty decays with a known truth: `python -m campaigns.decays --seeds N`.
+"""Nasty decays with a known truth: `python -m campaigns.decays --seeds 25`.
 
 Eighteen kinds of free decay as others record them, N seeds of each: short and very long ones, several modes, a strike,
 a pendulum, drag, dry friction, clipping, a sensor that freezes or wraps, a gyroscope, an accelerometer, whole numbers,

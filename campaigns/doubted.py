@@ -176,11 +176,11 @@ def main() -> None:
             for hint in ("", expected):
                 hits, kinds = 0, Counter[str]()
                 for seed in range(seeds):
-                    found = {one.kind for one in doubts(spoil(rig, plan, seed).assign_attrs(expected=hint), rig)}
-                    kinds.update(found)
-                    hits += bool(found & wanted)
-                told = ", ".join(f"{kind} {n}" for kind, n in sorted(kinds.items())) or "nothing"
-                print(f"{mode}, {name}{', foretold' if hint else ''}: {hits} of {seeds} ({told})", flush=True)
+                    told = {one.kind for one in doubts(spoil(rig, plan, seed).assign_attrs(expected=hint), rig)}
+                    kinds.update(told)
+                    hits += bool(told & wanted)
+                counts = ", ".join(f"{kind} {n}" for kind, n in sorted(kinds.items())) or "nothing"
+                print(f"{mode}, {name}{', foretold' if hint else ''}: {hits} of {seeds} ({counts})", flush=True)
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ def struck(
     response = np.zeros(fine.size)
     for hertz, damping, gain in modes:
         w = 2 * np.pi * hertz
-        top, bottom, _ = signal.cont2discrete(([gain * w**2], [1, 2 * damping * w, w**2]), fine[1], "foh")
+        top, bottom, _ = signal.cont2discrete(([[gain * w**2]], [1, 2 * damping * w, w**2]), fine[1], "foh")
         response += signal.lfilter(top.ravel(), bottom, force)
     force, response = force[::FINER], response[::FINER]
     force = force + force_noise * np.abs(force).max() * rng.standard_normal(force.size)

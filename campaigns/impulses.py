@@ -118,14 +118,14 @@ def run_trial(joint: Joint, seed: int, model: str = "auto") -> Outcome:
     fit = found.fit
     assert fit is not None
     law = fit.model.law
-    wanted = {"linear": Cubic, "dry friction": DryFriction, "hardening": Cubic}[joint]
+    own: dict[Joint, type[Cubic | DryFriction]] = {"linear": Cubic, "dry friction": DryFriction, "hardening": Cubic}
     inside: tuple[bool, ...] = ()
     if fit.model.name == "linear" and joint == "linear":
         told = (fit.natural_frequency_hz, fit.damping_ratio, fit.parameters["inertia_kg_m2"])
         true = (truth.frequency_hz, truth.damping_ratio, INERTIA)
         inside = tuple(one.low <= at <= one.high for one, at in zip(told, true, strict=True))
     nonlinear = fit.model.name not in ("linear", "loss-factor")
-    return Outcome(truth, seed, fit.model.name, nonlinear, law.has(wanted), inside)
+    return Outcome(truth, seed, fit.model.name, nonlinear, law.has(own[joint]), inside)
 
 
 def table(outcomes: Sequence[Outcome]) -> str:

@@ -119,6 +119,7 @@ def clean_decay(scenario: Scenario, omega: float = OMEGA) -> tuple[Array, Array]
         span = (begin, time[-1] + 1.0)
         end = solve_ivp(rate, span, state, rtol=1e-9, atol=1e-11, max_step=0.02, dense_output=True, events=turning)
         upto = int(np.searchsorted(time, end.t[-1], "right"))
+        assert end.sol is not None  # `dense_output` asks for it
         motion[done:upto] = end.sol(time[done:upto])[0]
         begin, state, done = end.t[-1], np.array([end.y[0, -1], 0.0]), upto
     return time, motion

@@ -8,6 +8,7 @@ found, how often it is refused, and how often it is wrong. Seeded.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,8 @@ from sinew.measure.read import read
 
 Columns = tuple[Array, Array | None, Array]
 """Time [s], drive or None, response."""
+SPACINGS: tuple[Literal["linear", "logarithmic"], ...] = ("linear", "logarithmic")
+"""Of the frequencies of a chirp."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ class Joint:
         response = np.zeros(drive.size)
         for hertz, damping, gain in self.modes:
             w = 2 * np.pi * hertz
-            parts = [gain * w**2], [1, 2 * damping * w, w**2]
+            parts = [[gain * w**2]], [1, 2 * damping * w, w**2]
             top, bottom, _ = signal.cont2discrete(parts, 1 / self.sample_hz, "foh")
             response += signal.lfilter(top.ravel(), bottom, drive)
         return response
@@ -73,8 +76,11 @@ def let_go(joint: Joint) -> Columns:
         t,
         None,
         sum(
-            g * np.exp(-2 * np.pi * f * d * t) * np.cos(2 * np.pi * f * t + joint.rng.uniform(0, 6))
-            for f, d, g in joint.modes
+            (
+                g * np.exp(-2 * np.pi * f * d * t) * np.cos(2 * np.pi * f * t + joint.rng.uniform(0, 6))
+                for f, d, g in joint.modes
+            ),
+            start=np.zeros(t.size),
         ),
     )
 
@@ -125,7 +131,7 @@ def chirped(joint: Joint) -> Columns:
     t = joint.times(joint.rng.uniform(60, 200) / joint.modes[0][0])
     ends = joint.modes[0][0] * np.array([joint.rng.uniform(0.15, 0.6), joint.rng.uniform(1.6, 4.0)])
     first, last = ends if joint.rng.uniform() < 0.7 else ends[::-1]
-    drive = signal.chirp(t, first, t[-1], last, str(joint.rng.choice(["linear", "logarithmic"])))
+    drive = signal.chirp(t, first, t[-1], last, SPACINGS[joint.rng.choice(len(SPACINGS))])
     return t, drive, joint.respond(drive)
 
 

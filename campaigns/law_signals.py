@@ -8,6 +8,7 @@ reversal; a decay is let go after a drive that stops or after a long hold, so it
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -160,7 +161,7 @@ class _Joint:
     def _with_reversals(self, time: Array, start: Array) -> Array:
         """Integrate from reversal to reversal; between them it may rest, as long as the friction holds."""
 
-        def reversal(t: float, y: Array, sign: float) -> float:
+        def reversal(t: float, y: Array) -> float:
             return float(y[1])
 
         reversal.terminal = True  # type: ignore[attr-defined]
@@ -178,12 +179,13 @@ class _Joint:
                 t += small
             reversal.direction = -sign  # type: ignore[attr-defined]
             done = solve_ivp(
-                self.rate, (t, float(time[-1])), y, "DOP853", events=reversal, args=(sign,),
+                partial(self.rate, sign=sign), (t, float(time[-1])), y, "DOP853", events=reversal,
                 rtol=1e-9, atol=1e-11, max_step=0.05, dense_output=True,
             )  # fmt: skip
             end = float(done.t[-1])
             mine = (time >= t - 1e-6) & (time <= end)
             if mine.any():
+                assert done.sol is not None  # `dense_output` asks for it
                 out[mine] = done.sol(time[mine]).T
             t, y = end, np.array([done.y[0, -1], 0.0])
             out[time > end] = y

@@ -115,11 +115,18 @@ class PlainJoint:
         return np.asarray(1 / np.sqrt(np.array(rows)[:, None] / (2 * np.arange(3) + 1))).ravel()
 
 
+def _stretched(spans: Array, ends: Array | None) -> Array:
+    """Return how far tendons are stretched [m] whose motors hold positions; raises ValueError without their ends."""
+    if ends is None:
+        raise ValueError("found neither cable ends nor tensions, expected one of them; name what the motors hold")
+    return np.maximum(spans - ends, 0.0)
+
+
 def held_energy(joint: PlainJoint, x: Array, ends: Array | None, tension: Array | None) -> float:
     """Return the energy [J] with motors that hold positions (ends [m]) or currents (tension [N])."""
     if tension is not None:
         return joint.body(x) + float(tension @ joint.spans(x))
-    taut = np.maximum(joint.spans(x) - ends, 0.0)
+    taut = _stretched(joint.spans(x), ends)
     return joint.body(x) + 0.5 * joint.stiffness * float(taut @ taut)
 
 
@@ -196,7 +203,7 @@ def judge(seed: int, rig: RigSpec, asked: Asked, posed: Posed) -> Trial:
     ours = joint.shape(q.ravel())[2]
     apart = float(np.degrees(np.linalg.norm(Rotation.from_matrix(turned @ ours.T).as_rotvec())))
     spans = joint.spans(found.x)
-    pulls = tension if tension is not None else joint.stiffness * np.maximum(spans - ends, 0.0)
+    pulls = tension if tension is not None else joint.stiffness * _stretched(spans, ends)
     apart_n = float(np.max(np.abs(pulls - posed.rest.at.tension)))
     ok = apart < TILT_DEG and apart_n < TENSION_N
     return Trial(seed, words, "found", ok, "" if ok else "the minimiser came to another pose", apart, apart_n)

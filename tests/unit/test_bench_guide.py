@@ -118,6 +118,15 @@ def test_a_guide_that_was_broken_off_is_begun_again_without_harm(question: int) 
     assert sorted(device for device, _ in table.motors()) == [1, 2, 3, 4, 5]
 
 
+def test_a_window_about_the_middle_of_an_attempt_before_is_no_fault() -> None:
+    table = OnTheTable("ids")
+    drive = list(table.emulated.motors.values())[-1]
+    drive.registers["min_position_limit"], drive.registers["max_position_limit"] = 2650, 4000
+    person = Somebody(table.hands)
+    assert table.lead(person, STEPS[: [step.name for step in STEPS].index("settings") + 1])
+    assert not [told for told in person.told if told.severity == "fault"]
+
+
 def test_a_missing_board_is_a_fault_that_says_what_to_do() -> None:
     table = OnTheTable("ids")
     table.emulated.imu.set_power(False, 0.0)

@@ -308,6 +308,8 @@ def _set_up(guide: Guide) -> list[Finding]:
         roll = call_roll(rig)
         if not roll.is_complete:
             return roll.findings
+        if not rig.drive.torque_is_on():
+            widen_window(rig)  # an attempt that was broken off left one about its middle
         findings = examine_motors(rig, roll)
         fixes = [fix for fix in list_fixes(findings) if fix.register not in _WINDOW]
         if not fixes:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-import pandas as pd  # type: ignore[import-untyped,unused-ignore]
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 

@@ -1,0 +1,128 @@
+"""Commands of benchmarks and campaigns that pages, docstrings and the Makefile name: each is one that still parses."""
+
+import argparse
+import contextlib
+import importlib
+import inspect
+import io
+import re
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NoReturn
+from unittest import mock
+
+import pytest
+from benchmarks.__main__ import PARTS
+
+ROOT = Path(__file__).resolve().parents[2]
+NAMED = re.compile(
+    r"`python -m (?P<quoted>(?:benchmarks|campaigns\.)[^`]*)`"
+    r"|^(?:\$ |\t\S*| {4})python -m (?P<line>(?:benchmarks|campaigns\.)(?:\S| (?! ))*)",
+    re.MULTILINE,
+)
+"""Within a sentence, where it may go on in the next line; or a line of its own, up to a remark after two spaces."""
+
+
+class ParsedError(Exception):
+    """The parser took the command line: as far as a command goes here."""
+
+
+def named_in(text: str) -> Iterator[str]:
+    """Yield the commands that a text names, as what follows `python -m`."""
+    for found in NAMED.finditer(text):
+        yield " ".join((found["quoted"] or found["line"]).split())
+
+
+def named_commands() -> dict[str, str]:
+    """Return where each command is named, the last place of several."""
+    texts = [ROOT / "Makefile", *ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+    texts += [
+        path for room in ("benchmarks", "campaigns", "src", "tests", "tools") for path in (ROOT / room).rglob("*.py")
+    ]
+    texts = [path for path in texts if path != Path(__file__) and "_build" not in path.parts]
+    return {
+        line: path.relative_to(ROOT).as_posix() for path in texts for line in named_in(path.read_text(encoding="utf-8"))
+    }
+
+
+def only_parse(parser: argparse.ArgumentParser, arguments: Sequence[str] | None = None) -> NoReturn:
+    """Parse and do no more: stands for `ArgumentParser.parse_args`."""
+    _, rest = parser.parse_known_args(arguments)
+    if rest:
+        parser.error(f"unrecognized arguments: {' '.join(rest)}")
+    raise ParsedError
+
+
+def refusal(line: str) -> str:
+    """Return why `python -m LINE` would be refused; empty where its parser takes it."""
+    name, *words = shlex.split(line)
+    if name == "benchmarks":
+        part, *words = words or ["", *words]
+        if part not in ("", *PARTS):
+            return f"no benchmark {part}"
+        if not words:
+            return ""
+        main = PARTS[part]
+    else:
+        try:
+            module = importlib.import_module(name)
+        except ModuleNotFoundError as missing:
+            return str(missing)
+        if '__name__ == "__main__"' not in inspect.getsource(module):
+            return f"{name} is no command"
+        main = module.main
+    if "parse_args(" not in inspect.getsource(main):
+        return "no options are parsed" if words else ""
+    said = io.StringIO()
+    with (
+        mock.patch.object(argparse.ArgumentParser, "parse_args", only_parse),
+        mock.patch.object(sys, "argv", [name, *words]),
+        contextlib.redirect_stderr(said),
+    ):
+        try:
+            main(*[words] * len(inspect.signature(main).parameters))
+        except ParsedError:
+            return ""
+        except SystemExit:
+            return said.getvalue().strip().rpartition("\n")[2]
+    return "it ran and parsed nothing"
+
+
+def test_every_command_that_is_named_is_taken_by_its_parser() -> None:
+    refused = {f"{where}: {line}": refusal(line) for line, where in named_commands().items()}
+    assert {line: why for line, why in refused.items() if why} == {}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "benchmarks buss",
+        "benchmarks bus --second-hand 20",
+        "benchmarks rod --fast",
+        "campaigns.emergency --run",
+        "campaigns.emergency --runs many",
+        "campaigns.gone",
+        "campaigns.walker",
+    ],
+)
+def test_a_command_that_is_none_is_refused(line: str) -> None:
+    assert refusal(line) != ""
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("seen by `python -m campaigns.forced --seeds 100\n--draws 60` too", "campaigns.forced --seeds 100 --draws 60"),
+        ("bench:\n\t$(BIN)/python -m benchmarks\n", "benchmarks"),
+        ("```console\n$ python -m benchmarks bus --seconds 20\n```", "benchmarks bus --seconds 20"),
+        ("    python -m campaigns.same_numbers record out    (there)\n", "campaigns.same_numbers record out"),
+    ],
+)
+def test_a_command_is_found_wherever_it_is_named(text: str, line: str) -> None:
+    assert [*named_in(text)] == [line]
+
+
+def test_the_commands_of_pages_and_makefile_are_among_those_that_are_tried() -> None:
+    assert {"benchmarks", "campaigns.energy --first 1200 --pretension-mm 0 3 6 9 12"} <= named_commands().keys()
