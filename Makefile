@@ -60,7 +60,7 @@ bench: $(VENV)/.dev ## speed beside solve_ivp, MuJoCo and pyHarm-os, in one run;
 	-@test -e .venv-peers/.peers || $(MAKE) --no-print-directory peers
 	$(BIN)/python -m benchmarks
 
-peers: $(VENV)/.runtime ## make .venv-peers with what `make bench` compares with and .venv cannot hold
+peers: $(VENV)/.runtime ## make .venv-peers with what `make bench` compares with and .venv cannot hold, and a master of the bus in Rust
 	@sh tools/peers.sh
 
 campaign: $(VENV)/.dev ## 500 runs of the emulated bench in which something goes wrong: fault x outcome (about 15 min)

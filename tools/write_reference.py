@@ -99,6 +99,7 @@ What belongs to which kind of segment: [decision 5](../decisions/0005-segments.m
 | `pauses` | of a bench: JSON, what was said of each pause of the computer after which the run went on by itself |
 | `register_checks` | of a bench: how often they were read again after a group and found the same |
 | `readings_stale`, `readings_impossible` | of a bench: left out as of an earlier cycle, or as what cannot be true |
+| `samples_lost` | of a bench: samples that the IMU's board did not read; absent where it does not count them |
 | `content_hash` | SHA-256 over names, dimensions, values and attributes, checked on reading |
 | `Conventions`, `featureType` | what CF readers look for |
 

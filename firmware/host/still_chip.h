@@ -14,7 +14,8 @@ namespace sinew {
 class StillChip final : public Spi {
 public:
     // who_am_i: kMpu9250, kIcm20648, or another for no chip at all.
-    StillChip(Clock& clock, uint8_t who_am_i) : clock_(clock), who_am_i_(who_am_i), period_us_(period()) {}
+    StillChip(Clock& clock, uint8_t who_am_i)
+        : clock_(clock), who_am_i_(who_am_i), period_us_(period()), next_us_(clock.micros()) {}
 
     Sample sample{{-1, 253, 300}, {16384, -1000, 2000}};  // FF FF FD 00 at first: rates that need stuffing
     // As a fault, no sample gets ready any more.
@@ -67,7 +68,7 @@ private:
     Clock& clock_;
     uint8_t who_am_i_;
     uint32_t period_us_;
-    uint32_t next_us_ = 0;
+    uint32_t next_us_;
     uint8_t bank_ = 0;
     std::array<std::array<uint8_t, 128>, 4> banks_{};
 };

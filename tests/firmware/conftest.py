@@ -1,36 +1,24 @@
-"""The firmware built once for all its tests; where a compiler or QEMU is missing, they are skipped and say so."""
+"""The firmware built once for all its tests."""
 
-import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.firmware.built import built
 from tests.firmware.parties import AnyNode, EmulatedNode, HostNode, QemuNode
-from tools.build_firmware import BuildError, build_host, build_qemu
-
-
-def _built(build: Callable[[Path], Path], folder: Path, *tools: str) -> Path:
-    for tool in tools:
-        if shutil.which(tool) is None:
-            pytest.skip(f"there is no {tool}: the firmware is not tried this way")
-    return build(folder)
+from tools.build_firmware import build_host, build_qemu
 
 
 @pytest.fixture(scope="session")
 def host_program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the firmware for this computer."""
-    return _built(build_host, tmp_path_factory.mktemp("host"), "g++")
+    return built(build_host, tmp_path_factory.mktemp("host"), "g++")
 
 
 @pytest.fixture(scope="session")
 def qemu_image(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the firmware for a Cortex-M7."""
-    try:
-        return _built(build_qemu, tmp_path_factory.mktemp("qemu"), "arm-none-eabi-g++", "qemu-system-arm")
-    except BuildError as trouble:
-        if "No such file" in str(trouble):
-            pytest.skip("the cross compiler's C++ library is not there: libstdc++-arm-none-eabi-newlib")
-        raise
+    return built(build_qemu, tmp_path_factory.mktemp("qemu"), "arm-none-eabi-g++", "qemu-system-arm")
 
 
 @pytest.fixture(scope="module")

@@ -362,6 +362,19 @@ class QemuNode:
         self._restart(Instruction(BROADCAST, ask.FACTORY_RESET, b"\1"))
         self.baud = BAUD
 
+    @property
+    def line(self) -> socket.socket:
+        """What the node says."""
+        return self._uart
+
+    def tell(self, packet: bytes, *, restarts: bool) -> None:
+        """Have an instruction played to the node; one that it may restart of, until it has, or for two seconds."""
+        self._read_trace()
+        self._send(packet)
+        said, stop = b"", time.monotonic() + 2.0
+        while restarts and not said.endswith(b"ready\n") and time.monotonic() < stop:
+            said += self._listen(self._trace, stop)
+
     def _send(self, data: bytes) -> None:
         """Have bytes played to the node, at its baud."""
         self._trace.sendall(struct.pack("<H", len(data)))

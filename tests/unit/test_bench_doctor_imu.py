@@ -6,9 +6,9 @@ import pytest
 from tests.unit.bench_ward import Ward
 from tests.unit.emulator_stand_in import paper_rig
 
-from sinew.bench.doctor import examine_imu, judge_imu, listen_to_imu
+from sinew.bench.doctor import Finding, examine_chip, examine_imu, judge_chip, judge_imu, listen_to_imu
 from sinew.hardware.bus import BusTiming
-from sinew.hardware.imu import ImuReading
+from sinew.hardware.imu import ImuReading, NodeTold
 from sinew.hardware.rig import Rig
 
 AXES = ("+x", "+y", "+z")
@@ -112,3 +112,37 @@ def test_the_advised_axes_do_put_x_up() -> None:
     axes = tuple(advice[advice.index("[") + 1 : advice.index("]")].replace('"', "").split(", "))
     ward.rigged = Rig(ward.bus, ward.port, paper_rig(imu_axes=axes))
     assert [f.severity for f in examine_imu(ward.rigged, ward.port, 0.3)] == ["ok"]
+
+
+def chip_found(chip: int, delay_ms: float, origin: str = "data sheet") -> Finding:
+    """Return what is said of a chip where the rig assumes 5.9 ms, within 0.5 ms."""
+    imu = paper_rig().imu
+    residual = imu.residual_delay.model_copy(update={"origin": origin})
+    return judge_chip(NodeTold(0, chip, 1e-3 * delay_ms), imu.model_copy(update={"residual_delay": residual}))
+
+
+def test_the_chip_is_named_with_its_delay(ward: Ward) -> None:
+    (finding,) = examine_chip(ward.rigged)
+    assert (finding.severity, finding.found) == ("ok", "MPU-9250 (0x71), late by 5.90 ms")
+
+
+@pytest.mark.parametrize(("delay_ms", "severity"), [(6.39, "ok"), (6.41, "warning"), (5.41, "ok"), (3.109, "warning")])
+def test_a_delay_that_differs_by_more_than_the_rigs_uncertainty_is_a_warning(delay_ms: float, severity: str) -> None:
+    assert chip_found(0xE0, delay_ms).severity == severity
+
+
+def test_a_delay_that_was_measured_is_believed_more_than_the_chips() -> None:
+    assert chip_found(0xE0, 3.109, "measured").severity == "note"
+
+
+def test_an_unknown_chip_is_a_warning() -> None:
+    finding = chip_found(0x12, 5.9)
+    assert (finding.severity, finding.found.partition(",")[0]) == ("warning", "an unknown chip (0x12)")
+
+
+@pytest.mark.parametrize("how", ["no such registers", "silence"])
+def test_a_board_of_older_firmware_is_a_note(ward: Ward, how: str) -> None:
+    ward.rig.imu.registers["who_am_i"] = 0
+    if how == "silence":
+        ward.rig.line.disturb_up = lambda now, data: []
+    assert [finding.severity for finding in examine_chip(ward.rigged)] == ["note"]

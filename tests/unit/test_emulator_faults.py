@@ -249,6 +249,12 @@ def test_a_frozen_sensor_has_no_new_sample() -> None:
     assert stamps[0] == stamps[1] < stamps[2]
 
 
+def test_a_board_loses_a_share_of_the_samples_and_counts_them() -> None:
+    bench = Bench("imu-lose:share=25%@1-2")
+    lost = [bench.at(at).read(200, OPENCR_NODE["lost_samples"]) for at in (0.9, 2.1, 3.0)]
+    assert lost == [0, 50, 50]
+
+
 def test_a_stuck_tendon_stays_where_it_is() -> None:
     bench = Bench("stuck-tendon:tendon=1@0-2")
     bench.write(1, "torque_enable", 1)

@@ -147,6 +147,16 @@ def test_the_microseconds_wrap_at_32_bits() -> None:
     assert node.get("sample_time")[0] < 3.0
 
 
+@pytest.mark.parametrize(
+    ("low_pass", "residual_ms", "told"), [(41.0, 0.4103, (0x71, 5.9e-3)), (72.4, 0.0, (0xE0, 3.109e-3))]
+)
+def test_the_node_is_the_chip_whose_filter_is_the_rigs(
+    low_pass: float, residual_ms: float, told: tuple[int, float]
+) -> None:
+    node = Node(chip(low_pass=low_pass, residual_delay=1e-3 * residual_ms))
+    assert node.get("who_am_i", "filter_delay") == pytest.approx(told, rel=1e-3)
+
+
 def test_the_bias_is_drawn_once_and_stays() -> None:
     node = Node(chip(gyro_bias=0.1), seed=3)
     node.run(0.1)

@@ -9,16 +9,17 @@ from typing import Literal
 
 import numpy as np
 
+from sinew.bench.preflight import MOST_ON_WIRE
 from sinew.hardware.bus import Bus, Clock, Outcome
 from sinew.hardware.configuration import Post, Setting, answer_everything, read_counts, unfit_settings
-from sinew.hardware.imu import ImuReading
+from sinew.hardware.imu import ImuReading, NodeTold
 from sinew.hardware.motor import FAST_READS_FROM, Identity, Motor, name_hardware_errors
-from sinew.hardware.registers import BAUD_RATES, IMUS, MOTORS, WATCHDOG_TRIPPED
-from sinew.hardware.rig import Rig
+from sinew.hardware.registers import BAUD_RATES, CHIPS, IMUS, MOTORS, WATCHDOG_TRIPPED
+from sinew.hardware.rig import ReadKind, Rig
 from sinew.hardware.serial_port import WANTED_MS, LatencyTimer
 from sinew.measure.errors import TROUBLES, DeviceError, HardwareError, PortError
 from sinew.measure.units import STANDARD_GRAVITY
-from sinew.plan.rig import Limits
+from sinew.plan.rig import Imu, Limits
 
 # It is said what the doctor found: one fact, how bad it is, and what to do.
 
@@ -434,6 +435,34 @@ def judge_imu(samples: Sequence[ImuReading], axes: tuple[str, ...], *, is_whole:
     return findings + _gravity_findings(force, axes)
 
 
+def examine_chip(rig: Rig) -> list[Finding]:
+    """Return what is to be said about the sensor's chip and its filter, as its node tells them. Raises PortError."""
+    return [judge_chip(rig.imu.told(), rig.spec.imu)]
+
+
+def judge_chip(told: NodeTold | None, imu: Imu) -> Finding:
+    """Return what is to be said about a chip; a delay that was measured at the bench is believed more than its chip's.
+
+    told: None of a node that tells nothing. imu: what the rig assumes.
+    """
+    if told is None:
+        found = "its firmware tells neither chip nor lost samples"
+        advice = "nothing needs to be done: runs count no lost samples; Sinew's own firmware tells both"
+        return Finding("note", "IMU", found, "chip and filter delay", advice)
+    assumed, std = imu.filter_delay, imu.delay_std.value
+    expected = f"{1e3 * assumed:.2f} ± {1e3 * std:.2g} ms, as the rig has it"
+    found = f"{CHIPS.get(told.chip, 'an unknown chip')} (0x{told.chip:02X}), late by {1e3 * told.filter_delay:.2f} ms"
+    if told.chip not in CHIPS:
+        advice = "measure its delay with `sinew doctor --guide FILE --step constants`, by lever steps"
+        return Finding("warning", "IMU", found, " or ".join(CHIPS.values()), advice)
+    if abs(told.filter_delay - assumed) <= std:
+        return Finding("ok", "IMU", found)
+    if imu.residual_delay.origin == "measured":
+        return Finding("note", "IMU", found, expected, "nothing needs to be done: the rig's was measured at the bench")
+    advice = "set imu.low_pass and imu.residual_delay of the rig to this chip's, or phases are wrong by the difference"
+    return Finding("warning", "IMU", found, expected, advice)
+
+
 def _sample_rate(counters: Sequence[int]) -> float:
     """Return the rate [1/s] at which counters [µs] were taken, of which some may be missing."""
     steps = np.array([(after - before) % 2**32 for before, after in pairwise(counters)], dtype=float)
@@ -482,6 +511,22 @@ def examine_loop(times: LoopTimes, wanted_hz: float) -> list[Finding]:
         return [Finding("ok", "loop", found)]
     advice = "return delay 0, latency timer 1 ms, a higher baud, fewer programs on the computer; or a lower sample_hz"
     return [Finding("warning", "loop", found, f"{wanted_hz:g} Hz", advice)]
+
+
+def examine_wire(rig: Rig, wanted_hz: float) -> list[Finding]:
+    """Return how long a cycle's bytes are on the wire, with plain and with fast reads; nobody is asked.
+
+    wanted_hz: cycles a plan asks for [1/s]. It is at most so long: in a mode that is set, goals take fewer bytes.
+    """
+    kinds: tuple[ReadKind, ...] = ("plain", "fast") if rig.imu.is_grouped else ("plain",)  # the shorter one last
+    times: dict[str | None, float] = {kind: rig.wire_s(kind) for kind in kinds}
+    told = ", ".join(f"{1e3 * time:.2f} ms with {kind} reads" for kind, time in times.items())
+    found = f"{told}, of the {1e3 / wanted_hz:.2f} ms of a cycle at {wanted_hz:g} Hz and {rig.spec.wiring.baud} baud"
+    wanted = rig.spec.wiring.reads
+    if times[wanted if wanted in times else kinds[-1]] <= MOST_ON_WIRE / wanted_hz:
+        return [Finding("ok", "wire", found)]
+    advice = "raise the baud (rig key wiring.baud and the motors' baud_rate) or lower sample_hz"
+    return [Finding("warning", "wire", found, f"up to {1e3 * MOST_ON_WIRE / wanted_hz:.2f} ms", advice)]
 
 
 def examine_bus(rig: Rig, times: LoopTimes | None) -> list[Finding]:

@@ -125,6 +125,7 @@ class RunReport:
     ended it, so that nothing is wrong with the bench and the run can be gone on with at once.
     halted_s: from the request that ended the run until all motors were frozen [s]; None where there was none.
     reads: how a cycle asked all devices in the end; wire_s: how long its bytes were on the wire [s].
+    lost_samples: of the sensor, which its board did not read during the run; None where the board does not count them.
     """
 
     groups: int
@@ -140,6 +141,7 @@ class RunReport:
     halted_s: float | None = None
     reads: Reads | None = None
     wire_s: float = 0.0
+    lost_samples: int | None = None
 
 
 _ATTEMPTS = 3
@@ -200,6 +202,7 @@ class Runner:
         self.at = Progress(len(self._groups), sum(group.duration_s for group in self._groups))
         self._health = Health(self._loop, rig.bus, self.at)
         self.report = RunReport(len(self._groups))
+        self._lost_before: int | None = None
 
     def _new_loop(self) -> Loop:
         tilt = TiltEstimator(self._rig.spec, self._plan.sample_hz)
@@ -229,6 +232,7 @@ class Runner:
         self.steering.has_begun = True  # before it is looked at: whoever asks later finds motors that may move
         if (halt := self.steering.halt) is not None:
             raise StartError(f"{halt.reason}; nothing has moved")
+        self._lost_before = self._lost_samples()
         done = self._journal.finished_groups()
         report.groups_done = len(done)
         try:
@@ -256,10 +260,26 @@ class Runner:
             report.is_complete = report.groups_done == report.groups
             report.stop = self._stop()
             report.loop = self._loop.statistics
+            report.lost_samples = self._lost_since()
             report.reads, report.wire_s = self._rig.reads, self._rig.wire_s()
             self._count(report.loop)
             self._say(events.Ended.of(why=report.sentence, left=report.stop.sentence()))
         return report
+
+    def _lost_samples(self) -> int | None:
+        """Return how many samples the sensor's board says to have lost since its start; None where it cannot."""
+        try:
+            told = self._rig.imu.told()
+        except HardwareError:
+            return None
+        return None if told is None else told.lost_samples
+
+    def _lost_since(self) -> int | None:
+        """Return how many samples the board lost in this run; of one that has started anew, since then."""
+        before, now = self._lost_before, self._lost_samples()
+        if before is None or now is None:
+            return None
+        return now - before if now >= before else now
 
     def _stop(self) -> StopReport:
         """Bring the rig to the state that was asked for, or to its declared one."""
@@ -612,6 +632,8 @@ class Runner:
         """Leave in the journal how cycles and bus have fared; a journal that takes nothing has been complained of."""
         numbers = {f"cycles_{name}": getattr(loop, name) for name in ("missed", "incomplete")} | {"cycles": loop.cycles}
         numbers |= {"readings_stale": loop.stale, "readings_impossible": loop.impossible}
+        if self.report.lost_samples is not None:
+            numbers["samples_lost"] = self.report.lost_samples
         statistics = self._rig.bus.statistics
         numbers["register_checks"] = self._checks
         numbers |= {f"bus_{name}": getattr(statistics, name) for name in statistics.__dataclass_fields__}

@@ -79,6 +79,7 @@ FAULT_KINDS: dict[str, FaultKind] = {
     "overload": FaultKind({"motor": _MOTOR}, "overload:motor=2@5"),
     "overheat": FaultKind({"motor": _MOTOR, "rate": FaultKey(_HEATING, 0.0, 1000.0, 20.0)}, "overheat:motor=3@5"),
     "imu-freeze": FaultKind({}, "imu-freeze@4-4.5"),
+    "imu-lose": FaultKind({"share": FaultKey(_CHANCE, 0.0, 1.0, 0.01)}, "imu-lose:share=5%@4-9"),
     "stuck-tendon": FaultKind({"tendon": _TENDON}, "stuck-tendon:tendon=1@4"),
     "slip-tendon": FaultKind(
         {"tendon": _TENDON, "by": FaultKey(_LENGTH, 0.0, 0.1, 1e-3)}, "slip-tendon:tendon=2,by=1mm@4", at_once=True
@@ -87,8 +88,8 @@ FAULT_KINDS: dict[str, FaultKind] = {
 }
 """Every kind of fault: its keys and an example."""
 
-DRAWN_KINDS = tuple(kind for kind in FAULT_KINDS if kind != "push")
-"""Kinds that `random_fault` draws: what breaks. A push breaks nothing, it only moves the head."""
+DRAWN_KINDS = tuple(kind for kind in FAULT_KINDS if kind not in ("push", "imu-lose"))
+"""Kinds that `random_fault` draws: what breaks. A push only moves the head, a lost sample is only counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,6 +311,8 @@ class Faults:
             rig.set_supply(min(self._values("brown-out", "to"), default=self._nominal))
         elif spec.kind == "imu-freeze":
             rig.imu.frozen = "imu-freeze" in kinds
+        elif spec.kind == "imu-lose":
+            rig.imu.loses = max(self._values("imu-lose", "share"), default=0.0)
         elif spec.kind == "stuck-tendon":
             tendon = spec.value("tendon")
             rig.stick(int(tendon) - 1, tendon in self._values("stuck-tendon", "tendon"))

@@ -136,6 +136,20 @@ _WRAP = 1 << 32
 _REFRESH = 0.02  # s; how often TurtleBot3's firmware writes its table
 
 Vector = tuple[float, float, float]
+_TOLD = lay_out(OPENCR_NODE, ("lost_samples", "who_am_i", "filter_delay"))
+
+
+@dataclass(frozen=True, slots=True)
+class NodeTold:
+    """What the node tells of itself, asked outside of cycles.
+
+    lost_samples: those that the chip made and the board did not read, since its start. chip: its WHO_AM_I.
+    filter_delay: by how much its gyroscope is late [s].
+    """
+
+    lost_samples: int
+    chip: int
+    filter_delay: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,6 +206,17 @@ class Imu:
     def is_emulated(self) -> bool:
         """Return whether the node says of itself that it is emulated. Raises DeviceError if nobody answers."""
         return self.is_grouped and self.identify().firmware == EMULATED_FIRMWARE
+
+    def told(self) -> NodeTold | None:
+        """Return what the node tells of its chip and of samples that it lost; None of one whose firmware has no such
+        registers, or does not answer. Raises PortError."""
+        if not self.is_grouped:
+            return None
+        reply = self.bus.read(self.id, _TOLD.address, _TOLD.length, retries=RETRIES)
+        if not reply.ok:
+            return None
+        lost, chip, delay = _TOLD.unpack.unpack(reply.data)
+        return NodeTold(lost, chip, delay * _MICROSECOND) if chip else None
 
     def read(self) -> ImuReading:
         """Return the newest sample, asked for alone. Raises DeviceError if there is no fresh answer."""

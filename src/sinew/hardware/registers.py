@@ -351,6 +351,7 @@ EMULATED_FIRMWARE = 0xEE
 # assumed.
 MPU_9250, ICM_20648 = 0x71, 0xE0
 FILTER_DELAYS_US = {MPU_9250: 5_900, ICM_20648: 3_109}
+CHIPS = {MPU_9250: "MPU-9250", ICM_20648: "ICM-20648"}
 # Bit of the node's hardware_error_status: the chip does not answer, or has stopped.
 SENSOR_ERROR = 1 << 3
 

@@ -373,6 +373,11 @@ class Imu(Settings):
     dead_band: int = Field(ge=0, le=64)
     delay_std: Annotated[Parameter, not_negative("s")]
 
+    @property
+    def filter_delay(self) -> float:
+        """Return by how much the chip's filter is late at low frequency [s]: √2/(2π f), and what is beyond."""
+        return math.sqrt(2.0) / (2.0 * math.pi * self.low_pass.value) + self.residual_delay.value
+
 
 class Bus(Settings):
     """Time of the samples. stamp_jitter: standard deviation of the host's stamps; drive_delay: age of the drive's

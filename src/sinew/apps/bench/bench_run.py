@@ -255,6 +255,7 @@ def run_document(
             "incomplete": cycles.incomplete,
             "stale": cycles.stale,
             "impossible": cycles.impossible,
+            "samples_lost": report.lost_samples,
             "worst_late_ms": 1e3 * cycles.worst_late_s,
         },
         "wire": {
@@ -292,6 +293,8 @@ def print_run(document: dict[str, Any]) -> None:
             f"{left_out} readings are left out: {cycles['stale']} came late, of an earlier cycle, "
             f"{cycles['impossible']} cannot be true"
         )
+    if lost := cycles["samples_lost"]:
+        print(f"{lost} samples of the IMU are lost: its board did not read them in time; restart it, or flash it anew")
     for one in document.get("doubts", []):
         print(f"DOUBT: {one['sentence']}")
     print(document["recording"] or "no group is whole, so there is no recording")

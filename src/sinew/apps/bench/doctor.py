@@ -125,16 +125,24 @@ def _examine(port: str, spec: "RigSpec", wiring_baud: int, timer: "LatencyTimer 
 
 
 def _examine_present(bench: "HardwareRig", clock: "Clock", roll: Any) -> "list[Finding]":
-    from sinew.bench.doctor import examine_bus, examine_imu, examine_loop, examine_motors, time_loop
+    from sinew.bench.doctor import (
+        examine_bus,
+        examine_chip,
+        examine_imu,
+        examine_loop,
+        examine_motors,
+        examine_wire,
+        time_loop,
+    )
 
     findings = examine_motors(bench, roll)
     times = None
     if bench.imu.name in roll.present:
-        findings += examine_imu(bench, clock)
+        findings += examine_chip(bench) + examine_imu(bench, clock)
     if roll.is_complete:
         times = time_loop(bench, clock)
         findings += examine_loop(times, _SAMPLE_HZ)
-    return findings + examine_bus(bench, times)
+    return findings + examine_wire(bench, _SAMPLE_HZ) + examine_bus(bench, times)
 
 
 def _may_write(fixes: "Sequence[Fix]", yes: bool) -> bool:

@@ -64,8 +64,9 @@ def emulate(
     programs, and with --own-time, the bench keeps real time.
 
     SPEC is KIND[:key=value,...][@START[-STOP]], times in emulated seconds. To packets, each with probability p: drop,
-    flip, duplicate, truncate, delay (by=20ms). To the bench: unplug, brown-out (to=5V), imu-freeze, overload (motor=2),
-    overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm), push (torque=0.5).
+    flip, duplicate, truncate, delay (by=20ms). To the bench: unplug, brown-out (to=5V), imu-freeze, imu-lose
+    (share=5%), overload (motor=2), overheat (motor=3,rate=20), stuck-tendon (tendon=1), slip-tendon (tendon=2,by=1mm),
+    push (torque=0.5).
 
     WHAT is what `sinew doctor --guide` is there for: new (motors out of the box, none plugged in), ids, double (two
     with one id), baud, tendons (two swapped), pulls (pulleys wound the other way), lever (reversed), zero, board

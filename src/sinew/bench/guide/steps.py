@@ -16,9 +16,11 @@ from sinew.bench.doctor import (
     apply_fixes,
     call_roll,
     examine_bus,
+    examine_chip,
     examine_imu,
     examine_loop,
     examine_motors,
+    examine_wire,
     frame_from,
     list_fixes,
     listen_to_imu,
@@ -599,9 +601,9 @@ def _examine_all(guide: Guide) -> list[Finding]:
         if not roll.is_complete:
             return roll.findings
         _await_rest(rig, clock)
-        findings = examine_motors(rig, roll) + examine_imu(rig, clock, 1.0)
+        findings = examine_motors(rig, roll) + examine_chip(rig) + examine_imu(rig, clock, 1.0)
         times = time_loop(rig, clock)
-        findings += examine_loop(times, 200.0) + examine_bus(rig, times)
+        findings += examine_loop(times, 200.0) + examine_wire(rig, 200.0) + examine_bus(rig, times)
     return [finding for finding in findings if finding.severity != "note"]
 
 

@@ -5,7 +5,8 @@ behind the chip's low-pass, with bias and noise, clipped, in whole LSB, and zero
 at the node's rate, and drawn before the mean, as it is in the twin, there coloured by the chip's low-pass. A reading
 appears `residual_delay` after the moment it belongs to, with the time of its appearance. Roll and pitch are those of
 the accelerometer alone; yaw stays 0. What the board answers on the line is what `firmware/` answers
-(tests/firmware holds both to one contract); its readings are averaged as those of the stock firmware.
+(tests/firmware holds both to one contract); its readings are averaged as those of the stock firmware. It tells the
+delay of the rig's filter, and is that of the known chips whose own is nearest.
 """
 
 import math
@@ -22,7 +23,6 @@ from sinew.hardware.registers import (
     BAUD_RATES,
     EMULATED_FIRMWARE,
     FILTER_DELAYS_US,
-    MPU_9250,
     OPENCR_NODE,
     sensor_table,
 )
@@ -43,7 +43,8 @@ class ImuNode(RegisterSet, Board):
     spec: range, noise and bias of the chip. axes: the chip's axes that point along x, y and z of the head.
     ppm: how much faster than the host's its crystal is [1e-6]; None: drawn, standard deviation 20.
     due: when the next sample is to be taken [s].
-    frozen: as a fault, the readings and their time stand still, while the clock goes on.
+    frozen: as a fault, the readings and their time stand still, while the clock goes on. loses: as a fault, the share
+    of the samples that the board does not read, evenly; it counts them.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class ImuNode(RegisterSet, Board):
         super().__init__(ControlTable(OPENCR_NODE), firmware, device_id, baud)
         self._spec, self._mechanics, self._rng = spec, mechanics, rng
         self.frozen = False
+        self.loses = self._owed = 0.0
         self._rate = 1 + 1e-6 * (float(rng.normal(0, 20)) if ppm is None else ppm)
         self._phase = float(rng.uniform(0, 0.5))
         self._count = int(self._phase / SAMPLE_PERIOD) + 1
@@ -88,7 +90,9 @@ class ImuNode(RegisterSet, Board):
         """Tell what the board is and how it samples, and have taken nothing yet."""
         registers = self.registers
         registers["firmware_version"] = self.firmware
-        registers["who_am_i"], registers["filter_delay"] = MPU_9250, FILTER_DELAYS_US[MPU_9250]
+        delay = round(1e6 * self._spec.filter_delay)
+        registers["filter_delay"] = min(delay, 0xFFFF)
+        registers["who_am_i"] = min(FILTER_DELAYS_US, key=lambda chip: abs(FILTER_DELAYS_US[chip] - delay))
         registers["sample_period"] = round(SAMPLE_PERIOD * 1e6)
 
     def clock(self, now: float) -> float:
@@ -109,6 +113,11 @@ class ImuNode(RegisterSet, Board):
         self._count += 1
         self.due = self._time_of_sample()
         if self.frozen or not self.is_powered:
+            return
+        self._owed += self.loses
+        if self._owed >= 1.0:
+            self._owed -= 1.0
+            self.registers["lost_samples"] = (self.registers["lost_samples"] + 1) & 0xFFFF_FFFF
             return
         motion, spec = self._mechanics.motion(), self._spec
         noise = self._next_noise()
