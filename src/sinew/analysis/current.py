@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
+from scipy.optimize import linprog
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
@@ -33,10 +34,12 @@ NEAR = 0.25
 """How far from 0 or 1 the interval of s may reach for a verdict: a law in between is neither."""
 
 _FEWEST = 200
-_FEWEST_LOADS, _DRAWS = 4, 200
+_FEWEST_LOADS = 4
 _MODEL_STD = 0.05  # of a motor that swings: on emulated benches s was off by 0.01 (motor's) and 0.06 (supply's)
 _LEAST_COUNTS = 5.0  # a reading below so many counts tells little but its rounding
 _EXPONENTS = np.linspace(-0.5, 1.5, 101)
+_TRIED = np.linspace(-0.5, 1.5, 81)  # of a motor that stands
+_NINETY_FIVE = 1.645  # standard deviations of a normal
 
 
 @dataclass(frozen=True)
@@ -124,25 +127,37 @@ def sense_standing(motor: str, current: Array, duty: Array, supply: Array, count
     """Return whose current the register of a motor that stands under several loads tells.
 
     current: as read [A], duty, supply [V]: means under each load, (loads,). count_a: unit of the current [A].
-    Where nothing moves nothing dithers: what the registers round off stays, up to half a count, and is the
-    uncertainty of s, by drawing it.
+    Where nothing moves nothing dithers: what the registers round off stays, up to half a count of each. The interval
+    holds every s with which some R and v explain all loads within that, or within twice the least that is left where
+    the law itself leaves more.
     """
     pulls = np.abs(current) >= _LEAST_COUNTS * count_a
     current, duty, supply = current[pulls], duty[pulls], supply[pulls]
     loads = current.size
     if loads < _FEWEST_LOADS:
         return _unknown(motor, loads, f"it stood under {loads} loads worth reading, expected {_FEWEST_LOADS}; set more")
-    chance, still = np.random.default_rng(0), np.zeros(loads)
-    s, misfit = _best(_products(current, duty, still, supply, 1)[:, 0])
-    drawn = []
-    for _ in range(_DRAWS):
-        off = chance.uniform(-0.5, 0.5, (2, loads))
-        told = (current + count_a * off[0], duty + off[1] / FULL_DUTY_COUNTS)
-        drawn.append(_best(_products(*told, still, supply, 1)[:, 0])[0])
-    exponent = Estimate.normal(s, float(np.std(drawn, ddof=1)))
+    _, misfit = _best(_products(current, duty, np.zeros(loads), supply, 1)[:, 0])
+    left = np.array([_left_over(s, current, duty, supply, count_a) for s in _TRIED])
+    best = int(np.argmin(left))
+    low, high = (float(end) for end in _TRIED[left <= max(1.0, 2.0 * left[best])][[0, -1]])
+    exponent = Estimate(float(_TRIED[best]), (high - low) / (2 * _NINETY_FIVE), low, high)
     ends = (float(np.abs(duty).min()), float(np.abs(duty).max()))
     whose, why = _verdict(exponent, ends)
     return CurrentSense(motor, exponent, ends, misfit, loads, whose, why)
+
+
+def _left_over(s: float, current: Array, duty: Array, supply: Array, count_a: float) -> float:
+    """Return the largest part of a reading that R and v, as well as they can, leave unexplained with an exponent, in
+    what the registers may have rounded off."""
+    weight = np.abs(duty) ** s
+    columns = weight[:, None] * np.stack([duty * supply, np.sign(duty)], axis=1)
+    (slope, drop), *_ = np.linalg.lstsq(columns, current, rcond=None)
+    by_duty = np.abs(weight * ((1 + s) * slope * supply + s * drop / np.abs(duty)))
+    rounded = 0.5 * (count_a + by_duty / FULL_DUTY_COUNTS)
+    sides = np.vstack([np.column_stack([columns, -rounded]), np.column_stack([-columns, -rounded])])
+    free = [(None, None), (None, None), (0.0, None)]
+    found = linprog([0.0, 0.0, 1.0], sides, np.concatenate([current, -current]), bounds=free)
+    return math.inf if found.x is None else float(found.x[2])
 
 
 def _unknown(motor: str, count: int, why: str) -> CurrentSense:
