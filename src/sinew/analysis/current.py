@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 from sinew.measure.arrays import Array
 from sinew.measure.errors import RecordingError
-from sinew.measure.estimate import Estimate, finite, number, pair, span
+from sinew.measure.estimate import NORMAL_90, Estimate, finite, number, pair, span
 from sinew.measure.recording import segment_slices
 from sinew.measure.told import Table
 from sinew.plan.servo import FULL_DUTY_COUNTS
@@ -38,8 +38,6 @@ _FEWEST_LOADS = 4
 _MODEL_STD = 0.05  # of a motor that swings: on emulated benches s was off by 0.01 (motor's) and 0.06 (supply's)
 _LEAST_COUNTS = 5.0  # a reading below so many counts tells little but its rounding
 _EXPONENTS = np.linspace(-0.5, 1.5, 101)
-_TRIED = np.linspace(-0.5, 1.5, 81)  # of a motor that stands
-_NINETY_FIVE = 1.645  # standard deviations of a normal
 
 
 @dataclass(frozen=True)
@@ -137,10 +135,10 @@ def sense_standing(motor: str, current: Array, duty: Array, supply: Array, count
     if loads < _FEWEST_LOADS:
         return _unknown(motor, loads, f"it stood under {loads} loads worth reading, expected {_FEWEST_LOADS}; set more")
     _, misfit = _best(_products(current, duty, np.zeros(loads), supply, 1)[:, 0])
-    left = np.array([_left_over(s, current, duty, supply, count_a) for s in _TRIED])
+    left = np.array([_left_over(s, current, duty, supply, count_a) for s in _EXPONENTS])
     best = int(np.argmin(left))
-    low, high = (float(end) for end in _TRIED[left <= max(1.0, 2.0 * left[best])][[0, -1]])
-    exponent = Estimate(float(_TRIED[best]), (high - low) / (2 * _NINETY_FIVE), low, high)
+    low, high = (float(end) for end in _EXPONENTS[left <= max(1.0, 2.0 * left[best])][[0, -1]])
+    exponent = Estimate(float(_EXPONENTS[best]), (high - low) / (2 * NORMAL_90), low, high)
     ends = (float(np.abs(duty).min()), float(np.abs(duty).max()))
     whose, why = _verdict(exponent, ends)
     return CurrentSense(motor, exponent, ends, misfit, loads, whose, why)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Literal
 
-from sinew.hardware.believable import GOALS, STATE, contradiction, state_objection
+from sinew.hardware.believable import GOALS, STATE, contradiction
 from sinew.hardware.bus import Clock
 from sinew.hardware.motor import Motor, TendonServo
 from sinew.hardware.registers import CURRENT_MODE, CURRENT_POSITION_MODE, WATCHDOG_TRIPPED, encode_raw
@@ -65,7 +65,9 @@ def freeze(rig: Rig, clock: Clock) -> Frozen:
         sure = {
             motor.name
             for motor in pending
-            if motor.name in found and _agree(motor, before.get(motor.name), found[motor.name], now - then)
+            if motor.name in found
+            and motor.name in before
+            and not contradiction(motor.table, before[motor.name], found[motor.name], now - then)
         }
         there = {
             motor.name
@@ -81,15 +83,6 @@ def freeze(rig: Rig, clock: Clock) -> Frozen:
         _tell(rig, [motor for motor in pending if motor.name in told], told)
         before, then = found, now
     return frozen
-
-
-def _agree(motor: Motor, before: Counts | None, again: Counts, passed_s: float) -> bool:
-    """Return whether a second answer bears out the first: what a motor is told hangs on it."""
-    return (
-        before is not None
-        and not state_objection(motor.table, again)
-        and not contradiction(motor.table, before, again, passed_s)
-    )
 
 
 def freeze_alone(rig: Rig, motor: Motor) -> None:

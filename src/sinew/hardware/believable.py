@@ -35,7 +35,7 @@ _LIMITS = ("pwm_limit", "current_limit", "velocity_limit")
 _MOVING = ("present_current", "present_position")  # of a state, without anybody's doing
 
 
-def state_objection(table: RegisterTable, counts: Mapping[str, int]) -> str:
+def _state_objection(table: RegisterTable, counts: Mapping[str, int]) -> str:
     """Return why the registers of `STATE` cannot be those of a motor; empty where they can."""
     if counts["operating_mode"] not in MODES:
         return f"there is no operating_mode {counts['operating_mode']}"
@@ -49,8 +49,10 @@ def state_objection(table: RegisterTable, counts: Mapping[str, int]) -> str:
 def contradiction(table: RegisterTable, before: Mapping[str, int], again: Mapping[str, int], passed_s: float) -> str:
     """Return why two answers about `STATE`, one a time [s] after the other, are not both true; empty where they may be.
 
-    What a motor does not change by itself must be the same, and the horn where it can have come to.
+    They must be a motor's, what it does not change by itself the same, and the horn where it can have come to.
     """
+    if why := _state_objection(table, again):
+        return why
     for name in STATE:
         if name not in _MOVING and before[name] != again[name]:
             return f"{name} is {before[name]} and then {again[name]}"

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from sinew.hardware.believable import STATE, contradiction, state_objection
+from sinew.hardware.believable import STATE, contradiction
 from sinew.hardware.bus import Bus, Outcome, Reply
 from sinew.hardware.registers import (
     CURRENT_MODE,
@@ -99,7 +99,7 @@ class Motor:
         before, then = self._counts_at(STATE)
         for _ in range(_LOOKS):
             again, now = self._counts_at(STATE)
-            why = state_objection(self.table, again) or contradiction(self.table, before, again, now - then)
+            why = contradiction(self.table, before, again, now - then)
             if not why:
                 return again
             before, then = again, now
