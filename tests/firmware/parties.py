@@ -357,10 +357,13 @@ class QemuNode:
                 time.sleep(0.02)
 
     def renew(self) -> None:
-        """Bring the node to what it is from the factory, and start it anew."""
+        """Bring the node to what it is from the factory, start it anew, and wait for its first sample."""
         self._send(encode(ask.write(BROADCAST, 7, bytes((NODE,)))))
         self._restart(Instruction(BROADCAST, ask.FACTORY_RESET, b"\1"))
         self.baud = BAUD
+        stop = time.monotonic() + self._PATIENCE
+        while get(self, "samples") == 0:
+            assert time.monotonic() < stop, "the firmware in QEMU takes no sample"
 
     @property
     def line(self) -> socket.socket:
