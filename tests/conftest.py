@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+os.environ.setdefault("NPROC", "1")  # tests run beside one another: a core for each is enough
 settings.register_profile("sinew", deadline=None, derandomize=True)  # a busy computer is no fault of the code
 settings.register_profile("random", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "sinew"))

@@ -358,8 +358,19 @@ def space_derivative(time_s: jax.Array, state: SpaceState, space: Space) -> tupl
     return after, moved, felt
 
 
-def _by_cholesky(mass: jax.Array, right: jax.Array) -> jax.Array:
-    return jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(mass), right)
+def _eliminated(mass: jax.Array, right: jax.Array) -> jax.Array:
+    """Return the solution of a system with a mass matrix by Gauss-Jordan elimination, which needs no pivots there.
+
+    A call to LAPACK would send the whole program to JAX's one thread, where two of them wait for one another.
+    """
+    count = mass.shape[0]
+
+    def eliminate(k: jax.Array, table: jax.Array) -> jax.Array:
+        row = table[k] / table[k, k]
+        return (table - table[:, k, None] * row).at[k].set(row)
+
+    table = jax.lax.fori_loop(0, count, eliminate, jnp.concatenate([mass, right], axis=1))
+    return jnp.asarray(table)[:, count:]
 
 
 def free_acceleration(
@@ -369,7 +380,7 @@ def free_acceleration(
     space: Space,
     given: jax.Array | float = 0.0,
     prescribed: jax.Array | bool = False,
-    solved: Callable[[jax.Array, jax.Array], jax.Array] = _by_cholesky,
+    solved: Callable[[jax.Array, jax.Array], jax.Array] = _eliminated,
 ) -> tuple[jax.Array, jax.Array]:
     """Return accelerations (of the coordinates (18,), of the lever [rad/s²]) under generalised forces.
 

@@ -234,9 +234,10 @@ def in_batches(
     """Return what is kept of every lane, (channel, sample).
 
     run: returns (sample, lane, channel) of a batch of `size` lanes, given by number, and the number of samples of the
-    longest. samples: of each lane. Lanes are sorted by length and the last batch is filled up; all cores work.
+    longest. samples: of each lane. Lanes are sorted by length, the longest first, so that no core is left with one of
+    them at the end, and the last batch is filled up; all cores work.
     """
-    order = np.argsort(samples, kind="stable")
+    order = np.argsort(samples, kind="stable")[::-1]
     batches = [order[i : i + size] for i in range(0, order.size, size)]
     total, done = float(np.sum(samples)) * sample_s, 0.0
     rows: dict[int, Array] = {}

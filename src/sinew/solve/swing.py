@@ -16,7 +16,7 @@ from sinew.mechanics.drive import commanded_angle, duty
 from sinew.mechanics.space import Motion, Pull, Space, SpaceState, cable_ends, space_at_rest, space_derivative
 from sinew.solve.march import Progress, in_batches, runge_kutta_samples, steps_per_sample
 
-LANES = 16
+LANES = 8
 """Lanes in one batch."""
 
 CHUNK = 256

@@ -21,6 +21,17 @@ _WHOLE_LOOP = "xla_cpu_small_while_loop_byte_threshold"
 _TURN_BYTES = 50_000  # of ours some 20 000: derivatives of one Runge-Kutta step in eight directions
 
 
+def use_all_cores() -> None:
+    """Do what `configure` does, for work in many large batches: they run on every core, where JAX has not computed yet.
+
+    A program of hundreds of small kernels, such as a batch of joints in space, does not stay in the thread that asks;
+    with a pool of one thread two of them take turns. A pool of all cores is for them alone, as one program by itself
+    takes a half longer in it. A user's own NPROC stays.
+    """
+    os.environ.setdefault("NPROC", str(os.cpu_count() or 1))
+    configure()
+
+
 @cache
 def configure() -> None:
     """Switch JAX to double precision on the CPU and to the persistent compilation cache; once per process.
@@ -30,7 +41,7 @@ def configure() -> None:
     slope of the joint in space, from thread to thread of another one: two thirds of the processor's time went into
     that, 169 µs for a slope instead of 63. And a loop that keeps time with a priority of its own does not wait for
     threads that have none: beside two busy programs on two cores, the slowest of 1500 steps of the emulated joint took
-    1 ms instead of 27. How many threads JAX makes is NPROC's to say, and a user's own stays.
+    1 ms instead of 27. How many threads JAX makes is NPROC's to say, and a user's own stays; see `use_all_cores`.
 
     Loops of small steps are compiled whole. XLA does that by itself up to 1024 bytes in a turn, and calls every
     operation of a larger one by itself: the derivatives of a simulated oscillation took ten times as long. The option

@@ -21,7 +21,7 @@ from sinew.plan.rig import LIMIT_RESERVE_N, Imu, RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_plan, load_rig
 from sinew.solve.march import LANES, Progress, Track, integrate
 from sinew.solve.rest import set_pretension
-from sinew.twin.cache import configure
+from sinew.twin.cache import configure, use_all_cores
 from sinew.twin.parameters import Effects, from_rig
 from sinew.twin.sensors import Moved, read_sensors
 from sinew.twin.space import join_swings, space_lanes, swing_lanes
@@ -141,6 +141,7 @@ def _move(
     """
     mode, hz = plan.pretension.mode, plan.sample_hz
     if plan.is_spatial:
+        use_all_cores()
         bent = space_lanes(groups, rig, mode=mode, effects=effects, rng=rng)
         swings = swing_lanes(bent, groups, hz, progress=progress)
         return join_swings(swings, bent, rig.imu), bent.space.joint

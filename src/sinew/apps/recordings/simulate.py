@@ -24,11 +24,14 @@ def simulate(
     from sinew.plan.check import refuse_beyond_limits
     from sinew.plan.toml import load_plan, load_rig
     from sinew.predict.preview import preview_plan
+    from sinew.twin.cache import use_all_cores
     from sinew.twin.parameters import Effects
     from sinew.twin.simulate import simulate as run
 
     plan_, rig_ = load_plan(plan), load_rig(rig)
     effects = Effects().without(*(without or ()))
+    if plan_.is_spatial:
+        use_all_cores()
     preview = preview_plan(plan_, rig_)
     refuse_beyond_limits(preview)
     console.require_file(out)
