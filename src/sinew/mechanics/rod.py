@@ -91,7 +91,7 @@ def _section_energy(strains: jax.Array, rod: Rod) -> jax.Array:
     """Return the relaxed energy per length at each node [J/m]. strains: less those at rest (node, 6), per metre."""
     stretch = 1 + strains[:, 3]
     axial = rod.joint.axial_rigidity * (stretch**2 + 2 / stretch - 3)
-    others = strains[:, jnp.array([0, 1, 2, 4, 5])]
+    others = jnp.concatenate([strains[:, :3], strains[:, 4:]], axis=1)
     stiff = jnp.stack(_stiffnesses(stretch, rod), axis=1)
     return 0.5 * (axial + jnp.sum(stiff * others**2, axis=1))
 
@@ -175,10 +175,16 @@ def _magnus(length: jax.Array, first: jax.Array, second: jax.Array) -> _Pair:
 
 def _way(turn: jax.Array, move: jax.Array) -> _Pair:
     """Return (rotation, displacement) of the exponential on SE(3) of a twist (turn, move)."""
-    sine, cosine, third = _coefficients(turn @ turn)
+    sine, cosine, _ = _coefficients(turn @ turn)
     k = hat(turn)
-    square = k @ k
-    return jnp.eye(3) + sine * k + cosine * square, move + cosine * (k @ move) + third * (square @ move)
+    return jnp.eye(3) + sine * k + cosine * (k @ k), _carried(turn, move)
+
+
+def _carried(turn: jax.Array, vector: jax.Array) -> jax.Array:
+    """Return V(turn) v: the mean of v over all turns from none to the whole."""
+    _, cosine, third = _coefficients(turn @ turn)
+    across = jnp.cross(turn, vector)
+    return vector + cosine * across + third * jnp.cross(turn, across)
 
 
 def _compose(matrices: jax.Array, moves: jax.Array) -> _Pair:
@@ -202,18 +208,31 @@ def rod_poses(q: jax.Array, rod: Rod) -> tuple[jax.Array, jax.Array]:
 
 class Sections(NamedTuple):
     """Sections at the nodes and the end, and how coordinates move them, in frame B; s: of node + 1 sections, c: of
-    coordinates. turned (s, 3, 3), places [m] (s, 3); spins (s, 3, c): angular velocity by coordinates' rates; moves
-    (s, 3, c): that of the point of the section which is at the foot now [m].
+    coordinates, of which the first half are curvatures. turned (s, 3, 3), places [m] (s, 3); turns (s, 3, c/2):
+    angular velocity by the rates of curvatures; shifts (s, 3, c/2): that of the point of the section which is at the
+    foot now [m]. Tangents do not turn sections, and shift them by length times turns.
     """
 
     turned: jax.Array
     places: jax.Array
-    spins: jax.Array
-    moves: jax.Array
+    turns: jax.Array
+    shifts: jax.Array
+    length: jax.Array
+
+    @property
+    def spins(self) -> jax.Array:
+        """Angular velocity by the rates of all coordinates: (s, 3, c)."""
+        return jnp.concatenate([self.turns, jnp.zeros_like(self.turns)], axis=2)
+
+    @property
+    def moves(self) -> jax.Array:
+        """Velocity of the point of the section which is at the foot now by all coordinates' rates [m]: (s, 3, c)."""
+        return jnp.concatenate([self.shifts, self.length * self.turns], axis=2)
 
     def velocities(self, points: jax.Array, section: NDArray[np.intp]) -> jax.Array:
         """Return the velocity by coordinates' rates of points (point, 3) [m] fixed to sections: (point, 3, c)."""
-        return self.moves[section] + _across(points, self.spins[section])
+        turns = self.turns[section]
+        return jnp.concatenate([self.shifts[section] + _across(points, turns), self.length * turns], axis=2)
 
 
 class Rates(NamedTuple):
@@ -245,27 +264,31 @@ def _across(points: jax.Array, spins: jax.Array) -> jax.Array:
     return jnp.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=-2)
 
 
-def _tangent(turn: jax.Array, move: jax.Array) -> jax.Array:
-    """Return the matrix (6, 6) from the rate of a twist to the velocity of its exponential, in the frame it starts
-    from: [[V, 0], [∂d/∂ω + d̂ V, V]], of displacement d = V v."""
+def _tangent(turn: jax.Array, move: jax.Array) -> _Pair:
+    """Return the blocks V and ∂d/∂ω + d̂ V (3, 3) of the matrix [[V, 0], [∂d/∂ω + d̂ V, V]] from the rate of a twist to
+    the velocity of its exponential, in the frame it starts from; displacement d = V v."""
     _, cosine, third = _coefficients(turn @ turn)
     k = hat(turn)
     left = jnp.eye(3) + cosine * k + third * (k @ k)
-    by_turn = jax.jacfwd(lambda w: _way(w, move)[1])(turn)
-    below = by_turn + hat(left @ move) @ left
-    return jnp.concatenate([jnp.concatenate([left, jnp.zeros((3, 3))], axis=1), jnp.concatenate([below, left], axis=1)])
+    by_turn = jax.jacfwd(_carried)(turn, move)
+    return left, by_turn + hat(left @ move) @ left
+
+
+def _velocity(turn: jax.Array, move: jax.Array, turn_rate: jax.Array, move_rate: jax.Array) -> jax.Array:
+    """Return the velocity (6,) of a way's end, in the frame it starts from, at the rate of its twist: `_tangent`'s
+    matrix times it."""
+    spin = _carried(turn, turn_rate)
+    end, speed = jax.jvp(_carried, (turn, move), (turn_rate, move_rate))
+    return jnp.concatenate([spin, speed + jnp.cross(end, spin)])
 
 
 def _by_strains(length: jax.Array, first: jax.Array, second: jax.Array) -> _Pair:
-    """Return the derivatives (6, 6) of a way's twist by the strains at its two points: those of `_magnus`."""
+    """Return how a way's twist depends on the strains at its two points, of `_magnus`: A, B (point, 3, 3) of
+    [[A, 0], [B, A]]."""
     share = np.sqrt(3.0) / 12 * length**2
-    half, none = 0.5 * length * jnp.eye(3), jnp.zeros((3, 3))
-    one, other = half - share * hat(second[:3]), half + share * hat(first[:3])
-
-    def rows(diagonal: jax.Array, below: jax.Array) -> jax.Array:
-        return jnp.concatenate([jnp.concatenate([diagonal, none], axis=1), jnp.concatenate([below, diagonal], axis=1)])
-
-    return rows(one, -share * hat(second[3:])), rows(other, share * hat(first[3:]))
+    half = 0.5 * length * jnp.eye(3)
+    diagonal = jnp.stack([half - share * hat(second[:3]), half + share * hat(first[:3])])
+    return diagonal, share * jnp.stack([-hat(second[3:]), hat(first[3:])])
 
 
 def move_rod(q: jax.Array, q_rate: jax.Array, rod: Rod) -> tuple[Sections, Rates]:
@@ -276,42 +299,44 @@ def move_rod(q: jax.Array, q_rate: jax.Array, rod: Rod) -> tuple[Sections, Rates
     """
     g = grid(q.shape[1])
     steps = jnp.asarray(g.steps)
-    first, second = _ends(q, rod)
-    twists = jax.vmap(_magnus)(steps, first, second)
+    strains = _ends(q, rod)
+    rates = tuple(jnp.einsum("wpt,st->pws", g.within, q_rate))
+    twists, speeds = jax.jvp(lambda *at: jax.vmap(_magnus)(steps, *at), strains, rates)
     turned, places = _compose(*jax.vmap(_way)(*twists))
 
-    rates = jnp.einsum("wpt,st->pws", g.within, q_rate)
-    one, other = jax.vmap(_by_strains)(steps, first, second)
-    speed = jnp.einsum("wij,wj->wi", one, rates[0]) + jnp.einsum("wij,wj->wi", other, rates[1])
     still = 2 * np.sqrt(3.0) / 12 * steps[:, None] ** 2
     w1, v1, w2, v2 = rates[0][:, :3], rates[0][:, 3:], rates[1][:, :3], rates[1][:, 3:]
-    surge = still * jnp.concatenate([jnp.cross(w1, w2), jnp.cross(w1, v2) - jnp.cross(w2, v1)], axis=1)
-    tangent, tangent_rate = jax.jvp(jax.vmap(_tangent), twists, (speed[:, :3], speed[:, 3:]))
-    own = jnp.einsum("wij,wj->wi", tangent, speed)
-    own_rate = jnp.einsum("wij,wj->wi", tangent_rate, speed) + jnp.einsum("wij,wj->wi", tangent, surge)
+    surges = still * jnp.cross(w1, w2), still * (jnp.cross(w1, v2) - jnp.cross(w2, v1))
+    own, own_rate = jax.jvp(jax.vmap(_velocity), (*twists, *speeds), (*speeds, *surges))
 
     # into frame B: Ad(G) of where each way starts
     start = jnp.concatenate([jnp.eye(3)[None], turned[:-1]])
     origin = jnp.concatenate([jnp.zeros((1, 3)), places[:-1]])
 
-    def in_base(columns: jax.Array) -> jax.Array:
-        spins = start @ columns[:, :3]
-        return jnp.concatenate([spins, start @ columns[:, 3:] - _across(origin, spins)], axis=1)
+    def in_base(spins: jax.Array, moves: jax.Array) -> _Pair:
+        spins = start @ spins
+        return spins, start @ moves - _across(origin, spins)
 
-    vectors = in_base(jnp.stack([own, own_rate], axis=2))
-    velocity = jnp.cumsum(vectors[:, :, 0], axis=0)
-    before = velocity - vectors[:, :, 0]
-    spin, drift = before[:, :3], before[:, 3:]
+    vectors = jnp.concatenate(
+        in_base(*(jnp.stack([own[:, part], own_rate[:, part]], axis=2) for part in (slice(3), slice(3, 6)))), axis=1
+    )
     now, bias = vectors[:, :, 0], vectors[:, :, 1]
+    velocity = jnp.cumsum(now, axis=0)
+    before = velocity - now
+    spin, drift = before[:, :3], before[:, 3:]
     bracket = jnp.concatenate(
         [jnp.cross(spin, now[:, :3]), jnp.cross(spin, now[:, 3:]) + jnp.cross(drift, now[:, :3])], axis=1
     )
     velocity_rate = jnp.cumsum(bias + bracket, axis=0)
 
-    pair = in_base(tangent @ jnp.concatenate([one, other], axis=2)).reshape(steps.size, 6, 2, 6)
-    by = jnp.einsum("wipk,wpt->wikt", pair, g.within).reshape(steps.size, 6, q.size)
-    by = jnp.cumsum(by, axis=0)
+    # [[V, 0], [Q, V]] [[A, 0], [B, A]]: tangents move sections as curvatures turn them.
+    left, below = in_base(*jax.vmap(_tangent)(*twists))
+    diagonal, under = jax.vmap(_by_strains)(steps, *strains)
+    turns = left[:, None] @ diagonal
+    columns = jnp.concatenate([turns, below[:, None] @ diagonal + left[:, None] @ under], axis=2)
+    terms = sum(columns[:, p, :, :, None] * g.within[:, p, None, None] for p in range(2))
+    by = jnp.cumsum(jnp.asarray(terms).reshape(steps.size, 6, q.size // 2), axis=0)
     length = rod.joint.length
-    sections = Sections(turned, length * places, by[:, :3], length * by[:, 3:])
+    sections = Sections(turned, length * places, by[:, :3], length * by[:, 3:], length)
     moving = Rates(velocity[:, :3], length * velocity[:, 3:], velocity_rate[:, :3], length * velocity_rate[:, 3:])
     return sections, moving

@@ -241,10 +241,11 @@ def motion_of(q: jax.Array, q_rate: jax.Array, lever: jax.Array, lever_rate: jax
     own = jnp.concatenate([share[:, None, None] * jnp.diag(jnp.stack(space.rod.line_inertia)), tensor[None]])
     tensors = sections.turned @ own @ jnp.swapaxes(sections.turned, 1, 2)
 
-    velocities = sections.velocities(points, section)
-    rows = jnp.concatenate([velocities, sections.spins]).reshape(-1, q.size)
-    momenta = jnp.concatenate([masses[:, None, None] * velocities, tensors @ sections.spins]).reshape(-1, q.size)
-    mass = momenta.T @ rows
+    velocities = sections.velocities(points, section).reshape(-1, q.size)
+    turns = sections.turns.reshape(-1, q.size // 2)
+    momenta = (tensors @ sections.turns).reshape(turns.shape)
+    mass = (jnp.repeat(masses, 3)[:, None] * velocities).T @ velocities
+    mass = mass.at[: q.size // 2, : q.size // 2].add(momenta.T @ turns)
 
     # The lever turns against the head: L = I ω + I_l (ω + θ̇ e_x), its tensor turning with it.
     spin, spin_bias = rates.spin[-1] @ head, rates.spin_bias[-1] @ head
@@ -258,7 +259,8 @@ def motion_of(q: jax.Array, q_rate: jax.Array, lever: jax.Array, lever_rate: jax
     gyration = jnp.concatenate([rod_gyration, (head @ head_gyration)[None]])
     torques = jnp.einsum("bij,bj->bi", tensors, rates.spin_bias) + gyration
     forces = masses[:, None] * rates.acceleration(points, section)
-    bias = jnp.concatenate([forces, torques]).ravel() @ rows
+    bias = forces.ravel() @ velocities
+    bias = bias.at[: q.size // 2].add(torques.ravel() @ turns)
 
     lever_row = space.lever_tensor[0] * (head[:, 0] @ sections.spins[-1])
     lever_bias = (lever_tensor @ spin_bias + turning + jnp.cross(spin, lever_momentum))[0]
@@ -361,16 +363,14 @@ def space_derivative(time_s: jax.Array, state: SpaceState, space: Space) -> tupl
 def _eliminated(mass: jax.Array, right: jax.Array) -> jax.Array:
     """Return the solution of a system with a mass matrix by Gauss-Jordan elimination, which needs no pivots there.
 
-    A call to LAPACK would send the whole program to JAX's one thread, where two of them wait for one another.
+    A call to LAPACK would send the whole program to JAX's one thread, where two of them wait for one another. The
+    coupled balance, which is differentiated, has its own: `solve.balance.solve`.
     """
-    count = mass.shape[0]
-
-    def eliminate(k: jax.Array, table: jax.Array) -> jax.Array:
-        row = table[k] / table[k, k]
-        return (table - table[:, k, None] * row).at[k].set(row)
-
-    table = jax.lax.fori_loop(0, count, eliminate, jnp.concatenate([mass, right], axis=1))
-    return jnp.asarray(table)[:, count:]
+    table = jnp.concatenate([mass, right], axis=1)
+    for k in range(mass.shape[0]):
+        row = table[k, 1:] / table[k, 0]
+        table = (table[:, 1:] - table[:, :1] * row).at[k].set(row)
+    return table
 
 
 def free_acceleration(

@@ -235,10 +235,10 @@ def in_batches(
 
     run: returns (sample, lane, channel) of a batch of `size` lanes, given by number, and the number of samples of the
     longest. samples: of each lane. Lanes are sorted by length, the longest first, so that no core is left with one of
-    them at the end, and the last batch is filled up; all cores work.
+    them at the end, and shared out evenly over as few batches as hold them, which are filled up; all cores work.
     """
     order = np.argsort(samples, kind="stable")[::-1]
-    batches = [order[i : i + size] for i in range(0, order.size, size)]
+    batches = np.array_split(order, -(-order.size // size))
     total, done = float(np.sum(samples)) * sample_s, 0.0
     rows: dict[int, Array] = {}
 
