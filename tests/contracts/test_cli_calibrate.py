@@ -165,6 +165,7 @@ def test_the_shipped_rig_is_what_the_command_writes(tmp_path: Path, capsys: pyte
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_hidden_rig_is_found_from_a_recording_of_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of nine 90 % intervals fewer than six hold the truth once in a hundred times, were they independent."""
     hidden = load_rig("paper").with_values({TENSION: 11.0, "silicone.loss_factor": 0.1, "tendons.guide_friction": 5e-3})

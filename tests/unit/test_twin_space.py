@@ -1,5 +1,7 @@
 """The twin in space: its motion against the torsional twin, its energy and its linear equations; its sensors."""
 
+import os
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -22,12 +24,23 @@ from sinew.measure.attitude import swing_of
 from sinew.measure.errors import SpecError
 from sinew.plan.pose import STRAIGHT
 from sinew.solve.march import runge_kutta, runge_kutta_samples
-from sinew.twin.cache import configure
+from sinew.twin.cache import configure, use_all_cores
 from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters, simulate_tracks
 from sinew.twin.space import space_lanes, swing_lanes
 
 configure()
+
+
+@pytest.mark.parametrize("own", [None, "3"])
+def test_plans_in_space_ask_for_all_cores_and_a_users_own_number_stays(
+    own: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NPROC", "3")
+    if own is None:
+        monkeypatch.delenv("NPROC")
+    use_all_cores()
+    assert os.environ["NPROC"] == (own or str(os.cpu_count()))
 
 
 def test_evaluations_in_a_loop_give_the_steps_of_runge_kutta() -> None:
