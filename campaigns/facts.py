@@ -20,6 +20,7 @@ from benchmarks import rod
 from benchmarks.peers import PeerSilentError
 
 from campaigns.space import (
+    ASSUMED,
     RIG,
     SAMPLE_HZ,
     bent,
@@ -95,16 +96,6 @@ def sway_ratio(at: Finder, pretension_mm: float, bend_deg: float = 0.0) -> float
 
 
 Changes = tuple[tuple[str, float], ...]
-
-ASSUMED = {
-    name: (max(one.bounds[0], 0.4) if name == "inertia.head_mass" else one.bounds[0], one.bounds[1])
-    for name, one in RIG.parameters()
-    if one.origin == "assumed"
-    and one.bounds[0] < one.bounds[1]
-    and (name.startswith("space.") or name == "inertia.head_mass")
-}
-"""What is assumed of head, lever and rod, and the bounds of it; a head of less than 0.4 kg would hardly weigh more
-than the lever on it."""
 
 
 def over_bounds(of: Callable[[Changes], Array]) -> dict[str, Array]:

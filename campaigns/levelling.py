@@ -19,6 +19,7 @@ import numpy as np
 
 from campaigns.bent import run_bent, shortened
 from campaigns.options import campaign_parser
+from campaigns.space import ASSUMED
 from sinew.bench.pretension import LEVEL_MEMORY_S, LEVEL_RATE, Contact, Held, MotorMap
 from sinew.measure.arrays import Array, Complexes
 from sinew.measure.errors import SpecError
@@ -35,8 +36,6 @@ from sinew.solve.spatial import patterns
 MODES: tuple[TendonMode, ...] = ("position", "position-with-current-limit", "current")
 PRETENSIONS_MM = (0.0, 2.0, 6.0, 12.0)
 BENDS_DEG = (0.0, 10.0, 20.0, 30.0)
-ASSUMED = ("inertia.head_mass", "space.head_height", "space.head_across", "space.lever_mass", "space.lever_height")
-"""What the paper does not determine of the head, with bounds in the rig."""
 
 _HZ = np.concatenate([np.geomspace(0.02, 1.0, 60), np.geomspace(1.0, 40.0, 1500)])
 _SWAYS_HZ = 1.0  # beyond it lies no crossover, but every sway
@@ -158,7 +157,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     rig, rows = load_rig("paper"), []
     rigs = [("as it is", rig)]
     if asked.bounds:
-        ends = [(name, end) for name in ASSUMED for end in dict(rig.parameters())[name].bounds]
+        ends = [(name, end) for name, bounds in ASSUMED.items() for end in bounds]
         rigs += [(f"{name} {end:g}", rig.with_values({name: end})) for name, end in ends]
     for said, one in rigs:
         found = list(margins(one))

@@ -40,6 +40,17 @@ from sinew.twin.simulate import lane_parameters, simulate_tracks
 from sinew.twin.space import SpaceLanes, space_lanes, swing_lanes
 
 RIG = load_rig("paper")
+
+ASSUMED = {
+    name: (max(one.bounds[0], 0.4) if name == "inertia.head_mass" else one.bounds[0], one.bounds[1])
+    for name, one in RIG.parameters()
+    if one.origin == "assumed"
+    and one.bounds[0] < one.bounds[1]
+    and (name.startswith("space.") or name == "inertia.head_mass")
+}
+"""What is assumed of head, lever and rod, and the bounds of it; a head of less than 0.4 kg would hardly weigh more
+than the lever on it."""
+
 SAMPLE_HZ = 200.0
 ELASTIC = Effects().without("silicone_loss", "guide_friction", "drive_dynamics")
 """Nothing is lost and the lever follows its command: what linear equations know."""
