@@ -1,5 +1,6 @@
 """Figures of the bent joint's response: the waterfall over pretensions."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,15 @@ def test_each_line_of_the_waterfall_rises_from_its_pretension_by_its_own_share_o
         np.asarray(line.get_ydata(), dtype=float) for line in torsion.lines if np.size(line.get_xdata()) > 2
     )
     assert np.nanmax(lower) / (np.nanmax(upper) - 12.0) == pytest.approx(30.0 / 42.0, rel=1e-3)
+
+
+def test_a_curve_is_parted_where_points_were_left_out() -> None:
+    whole = found(0.0, 12.0)
+    parted = [replace(one, branch=replace(one.branch, holes=np.array([40]))) for one in whole.curves]
+    for axes in draw_waterfall(replace(whole, curves=tuple(parted))).axes:
+        drawn = [np.asarray(line.get_ydata(), dtype=float) for line in axes.lines if np.size(line.get_xdata()) > 2]
+        assert [np.flatnonzero(np.isnan(row)).tolist() for row in drawn] == [[40], [40]]
+        assert all(len(band.get_paths()) == 2 for band in axes.collections)
 
 
 def test_a_waterfall_is_written_beside_the_curves_of_three_pretensions_and_not_of_one(tmp_path: Path) -> None:

@@ -19,18 +19,32 @@ from sinew.figures.style import (
     pretension_colours,
     save_figure,
 )
-from sinew.measure.arrays import Array, Complexes, Mask
+from sinew.measure.arrays import Array, Complexes
 from sinew.predict.coupled import Coupled, Motions, PredictedBent
+from sinew.solve.branch import Branch
 
 _DASHES = (0, (2, 1.5))
 
 
-def _line(axes: Axes, x: Array, y: Array, stable: Mask, colour: Sequence[float]) -> None:
+def _parted(row: Array, branch: Branch) -> Array:
+    """Return numbers along a curve with a NaN where points were left out."""
+    return np.insert(row, branch.holes, np.nan)
+
+
+def _line(axes: Axes, y: Array, branch: Branch, colour: Sequence[float]) -> None:
     """Draw a curve, dashed where the motion is not stable."""
-    for keep, style in ((stable, "-"), (~stable, _DASHES)):
+    for keep, style in ((branch.stable, "-"), (~branch.stable, _DASHES)):
         if keep.any():
             wide = keep | np.roll(keep, 1) & (np.arange(keep.size) > 0)  # so that the parts meet
-            axes.plot(x, np.where(wide, y, np.nan), color=colour, linestyle=style, linewidth=1.2)
+            shown = _parted(np.where(wide, y, np.nan), branch)
+            axes.plot(_parted(branch.frequency_hz, branch), shown, color=colour, linestyle=style, linewidth=1.2)
+
+
+def _band(axes: Axes, low: Array, high: Array, branch: Branch, colour: Sequence[float], alpha: float) -> None:
+    """Fill what lies between two rows along a curve; over one that folds back it would cover itself."""
+    if branch.folds == ():
+        x, below, above = (_parted(row, branch) for row in (branch.frequency_hz, low, high))
+        axes.fill_between(x, below, above, color=colour, alpha=alpha, linewidth=0)
 
 
 @in_style
@@ -65,18 +79,17 @@ def draw_bent(found: PredictedBent) -> Figure:
 
 def _curve(panels: tuple[Axes, Axes, Axes, Axes], one: Coupled, colour: Sequence[float]) -> None:
     torsion, across, twice, pulls = panels
-    hz, stable, seen, peak = one.branch.frequency_hz, one.branch.stable, one.seen, one.peak
+    seen, peak = one.seen, one.peak
     tops = (None,) * 3 if peak is None else (peak.torsion, peak.across, peak.twice)
     rows = (np.abs(seen.torsion[:, 1]), np.abs(seen.across[:, 1]), np.abs(seen.in_plane[:, 2]))
     for axes, row, top in zip((torsion, across, twice), rows, tops, strict=True):
-        _line(axes, hz, np.degrees(row), stable, colour)
+        _line(axes, np.degrees(row), one.branch, colour)
         if peak is not None and top is not None:
             axes.plot(peak.frequency_hz, np.degrees(top), "o", color=colour, mfc="white", markersize=4.5)
     low, high = seen.tension[:, :, 0].min(axis=1), seen.tension[:, :, 1].max(axis=1)
     for row in (low, high):
-        _line(pulls, hz, row, stable, colour)
-    if one.branch.folds == ():  # a band over a curve that folds back would cover itself
-        pulls.fill_between(hz, low, high, color=colour, alpha=0.12, linewidth=0)
+        _line(pulls, row, one.branch, colour)
+    _band(pulls, low, high, one.branch, colour, 0.12)
 
 
 _ROOM = 1.4  # of the highest crest, in steps of pretension
@@ -122,9 +135,8 @@ def _rise(axes: Axes, one: Coupled, raised: Array, row_deg: Array, colour: Seque
     axes.axhline(base, color=GREY, linewidth=0.5)
     if hz.size == 0:
         return
-    if one.branch.folds == ():
-        axes.fill_between(hz, base, base + raised, color=colour, alpha=0.18, linewidth=0)
-    _line(axes, hz, base + raised, one.branch.stable, colour)
+    _band(axes, np.full(hz.size, base), base + raised, one.branch, colour, 0.18)
+    _line(axes, base + raised, one.branch, colour)
     top = int(np.argmax(row_deg))
     place = (hz[top], base + raised[top])
     axes.annotate(

@@ -258,8 +258,8 @@ def draw_shapes(found: Modes) -> Figure | None:
     low_at, high_at = corners.min(axis=0), corners.max(axis=0)
     room = 0.04 * float(np.max(high_at - low_at))
     wide, high = high_at - low_at + 2 * room
-    # As high as the drawings need, with a line for what pose it is, two for what mode, and one for the key.
-    figure = new_figure(WIDTH_IN / count * high / wide + 0.8)
+    # As high as the drawings need, with two lines for what pose it is, two for what mode, and one for the key.
+    figure = new_figure(WIDTH_IN / count * high / wide + 0.95)
     panels = figure.subplots(1, count, squeeze=False)[0]
     for axes, mode, three in zip(panels, pose.modes, drawn, strict=False):
         low, rest, up = three
@@ -275,7 +275,7 @@ def draw_shapes(found: Modes) -> Figure | None:
         axes.axis("off")
         note_panel(axes, "", f"{mode.frequency_hz:.3g} Hz\n{mode.kind}")
     bent = f"bent by {pose.bend_deg:g}°" if pose.bend_deg else "straight"
-    figure.suptitle(f"{pose.pretension_mm:g} mm, {bent}", fontsize=8.5, x=0.01, ha="left")
+    figure.suptitle(f"{pose.pretension_mm:g} mm, {bent}\n", fontsize=8.5, x=0.01, ha="left")
     handles = [Line2D([], [], color=_COLOURS[part], label=part) for part in _COLOURS]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     return figure

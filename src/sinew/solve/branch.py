@@ -37,6 +37,7 @@ class Branch:
     one, and of the frequency [1], the larger of both. What is left after it is smaller.
     motion: amplitudes of all coordinates in their units as `solve.balance` orders them, of `waves` harmonics, (n, m);
     empty where it is not kept.
+    holes: where points before one were left out, as they could not be refined: indices, ascending.
     complete: whether the curve reaches an end of the band. message: how it ended, in words.
     """
 
@@ -55,6 +56,7 @@ class Branch:
     message: str
     motion: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     waves: int = 0
+    holes: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp), repr=False)
 
     @property
     def stable(self) -> Mask:

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sinew.measure.arrays import Array, wrapped_lag
 from sinew.solve.balance import Equations, Lane, Size, embedded, orders, slices, unknowns
@@ -138,6 +139,7 @@ def _branch(
     fine: Size,
     curve: Curve,
     seen: Examination,
+    part: NDArray[np.intp],
     marks: list[tuple[Guess, Located]],
     enough: float,
 ) -> Branch:
@@ -146,7 +148,7 @@ def _branch(
     response, drive = scale[equations.response], 1.0 if equations.drive is None else scale[equations.drive]
     count, status = seen.frequency.size, int(curve.status[lane])
     kept: dict[int, list[Mark]] = {FOLD: [], PEAK: [], QUARTER: []}
-    told = [ENDS[status]]
+    told, lost = [ENDS[status]], 0
     missing = int(curve.number[lane]) - count
     if missing:
         told.append(
@@ -166,7 +168,9 @@ def _branch(
             kept[PEAK].append(Mark(*where))
             told.append("its peak was interpolated")
         else:
-            told.append("a marked point could not be located")
+            lost += 1
+    if lost:
+        told.append(f"{lost} of its folds, peaks and quarters could not be located")
     largest = float(np.max(seen.half_range, initial=0.0)) or 1.0
     error = np.maximum(np.abs(seen.range_change) / largest, np.abs(seen.frequency_change))
     return Branch(
@@ -185,6 +189,7 @@ def _branch(
         message="; ".join(told),
         motion=seen.motion[:, :-1] * _scales(problem, lane, fine),
         waves=fine.harmonics,
+        holes=np.flatnonzero(np.diff(part) > 1) + 1,
     )
 
 
@@ -212,7 +217,10 @@ def _resolved(problem: Problem, window: Array, resolution: Resolution, size: Siz
     for (lane, guess), place in zip(found, places, strict=True):
         marks[lane].append((guess, place))
     enough = resolution.search.enough
-    return [_branch(i, problem, fine, curve, one, marks[i], enough) for i, one in enumerate(each)]
+    return [
+        _branch(i, problem, fine, curve, one, part, marks[i], enough)
+        for i, (part, one) in enumerate(zip(parts, each, strict=True))
+    ]
 
 
 def predict(problem: Problem, band_hz: Sequence[float], resolution: Resolution) -> Prediction:
