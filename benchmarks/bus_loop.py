@@ -3,8 +3,12 @@
 `sinew emulate` plays the paper's rig in a process of its own: five motors and the sensor, with every byte's time on the
 wire, and the joint behind. First the bench's own loop swings the pretensioned joint (`--hz`, `--baud`, `--reads`):
 goals of all motors, present values of all devices, guard, tilt, journal. Then, in turns so that both see the same
-computer, at each of `--bauds` the bare bus, with plain and with fast reads, and dynamixel-sdk tell the same goals and
-ask for the same registers at the same rate.
+computer, at each of `--bauds` a loop that does nothing keeps time, and the bare bus with plain and fast reads and
+dynamixel-sdk tell the same goals and ask for the same registers at the same rate.
+
+The emulator is a Python program and thinks for longer than any motor, which at 400 Hz is what would be measured. With
+`--devices compiled` a small program answers in its place (bus_player.cpp; needs g++): registers in memory, springs for
+tendons, each byte's time on the wire, no joint.
 """
 
 import argparse
@@ -21,6 +25,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from tools.build_firmware import BuildError, build_program
 
 from benchmarks.sdk_bus import SdkMaster
 from sinew.apps.bench.bench_run import open_rig
@@ -33,6 +38,8 @@ from sinew.bench.record.journal import Journal
 from sinew.bench.record.sample import Sample
 from sinew.bench.stops import stop
 from sinew.bench.tilt import TiltEstimator
+from sinew.emulator.plant import Unloaded
+from sinew.emulator.rig import EmulatedRig
 from sinew.hardware.bus import MonotonicClock
 from sinew.hardware.rig import ReadKind, Rig, wire_s
 from sinew.measure.arrays import Array
@@ -40,6 +47,7 @@ from sinew.measure.errors import BenchError, HardwareError
 from sinew.measure.recording import Segment
 from sinew.plan.plan import Plan, Pretension, Sweep, TendonMode
 from sinew.plan.rig import LIMIT_RESERVE_N, RigSpec
+from sinew.plan.servo import PULSE
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, save_rig
 from sinew.twin.simulate import rest_tension
 
@@ -48,6 +56,7 @@ BAUDS = (1_000_000, 4_500_000)
 KINDS: tuple[ReadKind, ...] = ("plain", "fast")
 PRETENSION_MM, FREQUENCY_HZ, AMPLITUDE_DEG = 6.0, 3.6, 20.0
 MODE: TendonMode = "position-with-current-limit"
+SLACK_COUNTS = 100  # of a compiled motor's turn, before its tendon pulls
 TURNS = 4  # of bare bus and SDK, one after the other
 WANTED_MISSED = 0.1  # percent
 PATIENCE_S = 60.0
@@ -86,6 +95,58 @@ def _emulated(spec: RigSpec, folder: Path) -> Iterator[tuple[str, int]]:
             yield link, process.pid
         finally:
             process.terminate()
+
+
+def _described(spec: RigSpec) -> str:
+    """Return a rig's devices as bus_player.cpp reads them: tendons slack, the lever at its zero, the head upright."""
+    tendons, wiring = spec.tendons, spec.wiring
+    emulated = EmulatedRig(spec, Unloaded(tendons.count, spec), imu_ppm=0.0)
+    emulated.advance(1.0)
+    contact = tendons.first_contact_tension.value
+    stiffness = (float(rest_tension([PRETENSION_MM], spec)[0]) - contact) / (1e-3 * PRETENSION_MM)
+    per_count = tendons.current(stiffness * PULSE * tendons.pulley_radius.value) / tendons.current_lsb.value
+    lines = [f"baud {wiring.baud}"]
+    for index, (device, motor) in enumerate(emulated.motors.items()):
+        registers = motor.registers
+        motor.refresh(0, registers.rows.size, 1.0)
+        start = registers["goal_position"] = registers["present_position"]
+        at = {row.name: row.address for row in registers.rows}
+        lines += [f"device {device} {registers.memory.hex()}", f"tick {at['realtime_tick']}"]
+        lines.append(f"follows {at['goal_position']} {at['present_position']}")
+        if index < tendons.count:
+            sign = wiring.tendon_pull[index]
+            spring = f"{start + sign * SLACK_COUNTS} {sign * per_count:.6g}"
+            lines.append(f"pulls {at['present_current']} {at['goal_current']} {spring}")
+    imu = emulated.imu.registers
+    at = {row.name: row.address for row in imu.rows}
+    lines += [f"device {wiring.imu_id} {imu.memory.hex()}", f"clock {at['clock']}"]
+    lines += [f"samples {at['sample_time']} {at['samples']} {imu['sample_period']}", "run"]
+    return "\n".join(lines) + "\n"
+
+
+@contextmanager
+def _compiled(spec: RigSpec, folder: Path) -> Iterator[tuple[str, int]]:
+    """Give the port of a bench that bus_player.cpp plays, and its process id."""
+    player = folder / "bus-player"
+    if not player.exists():
+        try:
+            build_program([Path(__file__).with_name("bus_player.cpp")], player)
+        except BuildError as trouble:
+            raise SystemExit(str(trouble)) from trouble
+    with subprocess.Popen([player], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdin is not None
+            assert process.stdout is not None
+            process.stdin.write(_described(spec))
+            process.stdin.flush()
+            if not select.select([process.stdout], [], [], PATIENCE_S)[0]:
+                raise SystemExit(f"bus_player was not ready within {PATIENCE_S:g} s")
+            yield process.stdout.readline().strip(), process.pid
+        finally:
+            process.terminate()
+
+
+DEVICES = {"emulated": _emulated, "compiled": _compiled}
 
 
 def _cpu_seconds(process: int) -> float:
@@ -175,6 +236,12 @@ def _paced(cycle: Callable[[float], bool], count: int, period: float) -> tuple[l
     return took, missed, failed
 
 
+def _bare_clock(count: int, period: float) -> tuple[list[float], int, int]:
+    """Time nothing at all, by the bench's own priority: what the computer itself does not keep."""
+    with keeping_time():
+        return _paced(lambda _: True, count, period)
+
+
 def _bare_bus(port: str, spec: RigSpec, count: int, period: float) -> tuple[list[float], int, int]:
     """Time Sinew's bus alone: goals in one packet, present values of all devices in one transaction, decoded."""
     with open_rig(port, spec) as (rig, clock), keeping_time():
@@ -234,17 +301,17 @@ def _load() -> str:
     return " ".join(f"{load:.1f}" for load in os.getloadavg())
 
 
-def _report_loop(port: str, emulator: int, spec: RigSpec, seconds: float, hz: float, folder: Path) -> None:
+def _report_loop(port: str, player: int, spec: RigSpec, seconds: float, hz: float, folder: Path) -> None:
     """Print how the bench's loop fared."""
-    load, began, computed = _load(), time.monotonic(), _cpu_seconds(emulator)
+    load, began, computed = _load(), time.monotonic(), _cpu_seconds(player)
     busy, late, statistics, wire = _time_loop(port, spec, seconds, hz, folder)
-    share = (_cpu_seconds(emulator) - computed) / (time.monotonic() - began)
+    share = (_cpu_seconds(player) - computed) / (time.monotonic() - began)
     missed = 100 * statistics.missed / (statistics.cycles + statistics.missed)
     print(
         f"bench loop: {statistics.cycles} cycles at {hz:g} Hz and {spec.wiring.baud} baud, load average before {load}, "
         f"after {_load()}"
     )
-    print(f"  {wire}; the emulator took {100 * share:.0f} % of a core")
+    print(f"  {wire}; those who answer took {100 * share:.0f} % of a core")
     _print_histogram("time a cycle took", busy, [0, 1, 1.5, 2, 2.5, 3, 3.5, 4, 4.5, 5, 7.5, 10])
     _print_histogram("begin after its deadline", late, [0, 0.05, 0.1, 0.2, 0.5, 1, 2, 5])
     print(f"  cycle      {_quantiles(busy)}")
@@ -256,12 +323,13 @@ def _report_loop(port: str, emulator: int, spec: RigSpec, seconds: float, hz: fl
     )
 
 
-def _report_peer(baud: int, seconds: float, hz: float, folder: Path) -> None:
+def _report_peer(baud: int, seconds: float, hz: float, folder: Path, devices: str) -> None:
     """Print bare bus and SDK beside each other at one speed of the bus."""
     count, period = max(1, round(seconds / TURNS * hz)), 1 / hz
     plain, fast = _rig(baud, "plain"), _rig(baud, "fast")
-    with _emulated(plain, folder) as (port, _):
+    with DEVICES[devices](plain, folder) as (port, _):
         runs: dict[str, Callable[[], tuple[list[float], int, int]]] = {
+            "nothing at all": lambda: _bare_clock(count, period),
             "sinew's bus, plain": lambda: _bare_bus(port, plain, count, period),
             "sinew's bus, fast": lambda: _bare_bus(port, fast, count, period),
             "dynamixel-sdk, GroupSyncRead": lambda: _sdk(port, plain, count, period, "sync"),
@@ -296,20 +364,22 @@ def main(arguments: Sequence[str] = ()) -> None:
     parser.add_argument("--reads", choices=("plain", "fast"), default="plain", help="of the bench's loop (plain)")
     parser.add_argument("--peer-seconds", type=float, help="of bare bus and SDK each (as --seconds); 0: leave them out")
     parser.add_argument("--bauds", type=int, nargs="+", default=BAUDS, help="of bare bus and SDK (1000000 4500000)")
+    parser.add_argument("--devices", choices=list(DEVICES), default="emulated", help="who answers (emulated)")
     options = parser.parse_args(arguments)
     spec = _rig(options.baud, options.reads)
-    print("six devices on an emulated bus, `sinew emulate` in a process of its own")
+    said = "`sinew emulate`" if options.devices == "emulated" else "bus_player.cpp, which has no joint,"
+    print(f"six devices on a bus of {said} in a process of its own")
     with tempfile.TemporaryDirectory() as name:
         if options.seconds:
-            with _emulated(spec, Path(name)) as (port, emulator):
+            with DEVICES[options.devices](spec, Path(name)) as (port, player):
                 try:
-                    _report_loop(port, emulator, spec, options.seconds, options.hz, Path(name))
+                    _report_loop(port, player, spec, options.seconds, options.hz, Path(name))
                 except (BenchError, HardwareError) as trouble:
                     told = f"the bench's loop was stopped at a load average of {_load()}: {trouble}"
                     raise SystemExit(told) from trouble
         seconds = options.seconds if options.peer_seconds is None else options.peer_seconds
         for baud in options.bauds if seconds else ():
-            _report_peer(baud, seconds, options.hz, Path(name))
+            _report_peer(baud, seconds, options.hz, Path(name), options.devices)
 
 
 if __name__ == "__main__":

@@ -44,6 +44,11 @@ def build_qemu(out: Path) -> Path:
     return _compile(CROSS, (*flags, *links), [*node_sources(), ROOT / "qemu/main.cpp"], out / "imu-node-m7.elf")
 
 
+def build_program(sources: list[Path], program: Path) -> Path:
+    """Return a program for this computer that is made of sources and the portable part."""
+    return _compile("g++", ("-O2", *WARNINGS), [*node_sources(), *sources], program)
+
+
 def image_size(image: Path) -> dict[str, int]:
     """Return what an image takes, in bytes: text (code and constants), data, bss."""
     said = subprocess.run(["arm-none-eabi-size", image], check=True, capture_output=True, text=True).stdout
