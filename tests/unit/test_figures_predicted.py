@@ -67,6 +67,12 @@ def test_a_stable_curve_is_one_stretch_and_a_point_is_none() -> None:
     assert stretches([True]) == []
 
 
+def test_no_line_leads_over_points_that_are_missing() -> None:
+    """Of six points the fourth and the second have none before them; the first stands alone then and is no line."""
+    assert stretches([True] * 6, [3]) == [(slice(0, 3), True), (slice(3, 6), True)]
+    assert stretches([True, True, True, False, False, False], [1, 3]) == [(slice(1, 3), True), (slice(3, 6), False)]
+
+
 def test_between_its_folds_a_curve_is_read_on_the_upper_branch() -> None:
     one = Curves("", (0.0,), (bent(0.0),), float(np.degrees(1.0)))
     found = upper_gain(one, np.array([2.5, 3.2, 4.0]))[0]

@@ -114,16 +114,17 @@ def draw_gains(axes: Axes, curves: Curves) -> Axes:
     return axes
 
 
-def stretches(stable: ArrayLike) -> list[tuple[slice, bool]]:
+def stretches(stable: ArrayLike, holes: ArrayLike = ()) -> list[tuple[slice, bool]]:
     """Return (points, whether they are stable) of each stretch of a curve; a line between two stretches belongs to the
-    unstable one."""
+    unstable one, and none leads to a point of `holes` (see `Branch`) from the one before."""
     flags = np.asarray(stable, dtype=bool)
-    solid = flags[:-1] & flags[1:]
-    if not solid.size:
+    lines = (flags[:-1] & flags[1:]).astype(int)
+    if not lines.size:
         return []
-    edges = np.flatnonzero(np.diff(solid)) + 1
-    begins, ends = np.concatenate([[0], edges]), np.concatenate([edges, [solid.size]])
-    return [(slice(int(a), int(b) + 1), bool(solid[a])) for a, b in zip(begins, ends, strict=True)]
+    lines[np.asarray(holes, dtype=np.intp) - 1] = -1
+    edges = np.flatnonzero(np.diff(lines)) + 1
+    begins, ends = np.concatenate([[0], edges]), np.concatenate([edges, [lines.size]])
+    return [(slice(int(a), int(b) + 1), bool(lines[a])) for a, b in zip(begins, ends, strict=True) if lines[a] >= 0]
 
 
 def upper_gain(curves: Curves, frequency_hz: Array) -> Array:
@@ -134,7 +135,7 @@ def upper_gain(curves: Curves, frequency_hz: Array) -> Array:
     out = np.full((len(curves.branches), frequency_hz.size), np.nan)
     for row, branch in zip(out, curves.branches, strict=True):
         gain = curves.gain(branch.amplitude)
-        for part, is_stable in stretches(branch.stable):
+        for part, is_stable in stretches(branch.stable, branch.holes):
             if is_stable:
                 _raise_to(row, frequency_hz, branch.frequency_hz[part], gain[part])
     return out
@@ -151,7 +152,7 @@ def _raise_to(row: Array, frequency_hz: Array, at_hz: Array, gain: Array) -> Non
 
 
 def _draw_line(axes: Axes, branch: Branch, values: Array, colour: Array) -> None:
-    for part, is_stable in stretches(branch.stable):
+    for part, is_stable in stretches(branch.stable, branch.holes):
         look = _STABLE if is_stable else _UNSTABLE
         axes.plot(branch.frequency_hz[part], values[part], color=colour, **look)
 

@@ -37,7 +37,7 @@ class Branch:
     one, and of the frequency [1], the larger of both. What is left after it is smaller.
     motion: amplitudes of all coordinates in their units as `solve.balance` orders them, of `waves` harmonics, (n, m);
     empty where it is not kept.
-    holes: where points before one were left out, as they could not be refined: indices, ascending.
+    holes: indices of the points, ascending, before which others are missing, because they could not be refined.
     complete: whether the curve reaches an end of the band. message: how it ended, in words.
     """
 

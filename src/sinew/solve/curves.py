@@ -170,7 +170,7 @@ def _branch(
         else:
             lost += 1
     if lost:
-        told.append(f"{lost} of its folds, peaks and quarters could not be located")
+        told.append(f"{lost} of its folds, peaks and places where it lags by 90° could not be located")
     largest = float(np.max(seen.half_range, initial=0.0)) or 1.0
     error = np.maximum(np.abs(seen.range_change) / largest, np.abs(seen.frequency_change))
     return Branch(
