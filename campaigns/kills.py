@@ -50,8 +50,8 @@ def violations(series: Sequence[Series]) -> list[str]:
         found += [f"{where}: {wrong}" for wrong in kill.wrong]
         if kill.heard_ms > MOST_STOPPED_MS:
             found.append(f"{where}: motors stopped {kill.heard_ms:.1f} ms after the last instruction")
-        if kill.missing is not None and kill.missing > MOST_MISSING:
-            found.append(f"{where}: {kill.missing} samples are missing")
+        if kill.missing is not None and kill.missing > MOST_MISSING * kill.over:
+            found.append(f"{where}: {kill.missing} samples are missing of {kill.over} kills")
         if not kill.is_sound:
             found.append(f"{where}: the journal makes no valid recording")
     found += [f"series {one.number} was not completed" for one in series if not one.is_complete]
@@ -69,8 +69,8 @@ def table(series: Sequence[Series]) -> str:
     lines.append(f"  from the last instruction  {_spread([kill.heard_ms for kill in under])} ms")
     lines.append(f"  from the kill              {_spread([kill.stopped_ms for kill in under])} ms")
     lines.append(f"  the lever went on by       {_spread([kill.turned_deg for kill in under])}°")
-    missing = [kill.missing for kill in kills if kill.missing is not None]
-    lines.append(f"samples missing in the journal {_spread(missing)} of at most {MOST_MISSING}")
+    missing = [kill.missing / kill.over for kill in kills if kill.missing is not None]
+    lines.append(f"samples missing in the journal for each kill {_spread(missing)} of at most {MOST_MISSING}")
     sound = sum(kill.is_sound for kill in kills)
     lines.append(f"journal sound, and its recording valid: {sound} of {len(kills)}")
     complete = sum(one.is_complete for one in series)

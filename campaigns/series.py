@@ -80,8 +80,9 @@ class Kill:
     motors: name to (torque on, watchdog tripped, standing still), over the wire 0.3 s later.
     heard_ms: from the last instruction to the last motor's stop; stopped_ms: from the kill to that. turned_deg: how far
     the lever went after it was stopped. All three NaN where no motor was under a watchdog.
-    missing: samples, at most, of cycles since the kill before that the journal does not have: reads of all devices that
-    passed on the wire, those of the look before a start among them, less samples; None where no watchdog tripped.
+    missing: samples, at most, of cycles that the journal does not have: reads of all devices that passed on the wire,
+    those of the look before a start among them, less samples; since the kill before at which a watchdog tripped, and
+    None where none did. over: how many kills that is.
     is_sound: whether the journal's finished groups make a valid recording. groups: finished.
     """
 
@@ -96,6 +97,7 @@ class Kill:
     turned_deg: float = math.nan
     samples: int = 0
     missing: int | None = None
+    over: int = 0
     is_sound: bool = False
     groups: int = 0
     wrong: list[str] = field(default_factory=list)
@@ -315,9 +317,10 @@ class _Trial:
     def _hold_against(self, truth: dict[str, Any]) -> None:
         """Find the watchdogs that each kill let trip, and count what the journal lacks."""
         zero, self.series.slipped_s = truth["clock_s_at_zero"], truth["slipped_s"]
-        lost = 0
+        lost = over = 0
         drive = self._spec.wiring.drive_id
         for kill in self.series.kills:
+            over += 1
             since = [(zero + trip["tripped_s"] - kill.at_s, trip) for trip in truth["watchdog_trips"]]
             trips = [trip for after, trip in since if 0 < after < 2 * _UNTIL_STOPPED_S]
             if not trips:
@@ -327,6 +330,7 @@ class _Trial:
             kill.turned_deg = max((trip["turned_deg"] for trip in trips if trip["id"] == drive), default=math.nan)
             missing = max(trip["group_reads"] for trip in trips) - kill.samples
             kill.missing, lost = missing - lost, missing
+            kill.over, over = over, 0
 
 
 def _phase(connection: sqlite3.Connection) -> str:

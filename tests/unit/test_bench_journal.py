@@ -5,10 +5,12 @@ import resource
 import sqlite3
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import astuple
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -101,6 +103,35 @@ def test_committed_samples_can_be_read_while_the_run_goes_on(tmp_path: Path) -> 
         journal.flush()
         with JournalReader(tmp_path / "journal.sqlite") as reader:
             assert reader.last_sample() == 1
+
+
+def test_samples_are_committed_while_the_disk_still_syncs_a_group(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The sync is held up until a sample after it has been flushed, which fails if it waits for the sync."""
+    begun, synced, connect = threading.Event(), threading.Event(), sqlite3.connect
+
+    def hold() -> int:
+        begun.set()
+        return int(synced.wait(60.0))
+
+    def held(*args: Any, **options: Any) -> sqlite3.Connection:
+        connection = connect(*args, **options)
+        connection.create_function("hold", 0, hold)
+        return connection
+
+    monkeypatch.setattr("sinew.bench.record.journal._CHECKPOINT", "SELECT hold()")
+    monkeypatch.setattr(sqlite3, "connect", held)
+    with create(tmp_path) as journal:
+        write_group(journal, 1, cycles(PLAN.groups()[1], 1000.0, Node()))
+        assert begun.wait(60.0)
+        journal.append(sample())
+        journal.flush()
+        with JournalReader(tmp_path / "journal.sqlite") as reader:
+            last = reader.last_sample()
+        synced.set()
+    with JournalReader(tmp_path / "journal.sqlite") as reader:
+        assert last == reader.last_sample()
 
 
 def test_a_closed_journal_is_one_file_and_its_lock(tmp_path: Path) -> None:

@@ -52,9 +52,9 @@ class Journal:
     """The live record of a run. Made by `Journal.create` or `Journal.open`; one run at a time writes to a file.
 
     The calls of the control thread return at once: `append`, `begin_segment`, `end_segment`, `finish_group`, `event`
-    and `count` never wait for the disk. A killed process loses the samples of 0.1 s and one commit, half a second at
-    most; a power cut, those since the last finished group. If the disk fails, or takes nothing for five seconds, the
-    next call raises FileError.
+    and `count` never wait for the disk. A killed process loses the samples of 0.1 s and one commit; the first commit
+    after a checkpoint waits for the disk to sync. A power cut loses those since the last finished group. If the disk
+    fails, or takes nothing for five seconds, the next call raises FileError.
     """
 
     def __init__(self, path: Path, lock: int, session: int, columns: tuple[str, ...], counts: tuple[int, int]) -> None:
@@ -300,8 +300,14 @@ STALL_S = 5.0
 
 _START_S = 10.0
 _CHECKPOINT = "PRAGMA wal_checkpoint(PASSIVE)"
+_PAGES = 32768
+"""With so many pages waiting for a checkpoint (128 MiB) the writer makes one itself, as the file would grow on."""
 
 Row = tuple[Any, ...]
+
+
+def _in_words(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def cannot_write(path: Path, error: object) -> FileError:
@@ -310,6 +316,38 @@ def cannot_write(path: Path, error: object) -> FileError:
         f"cannot write the journal {path}: {error}; see that the folder may be written and its disk has space, "
         "then start the run again (with --resume where it had begun)"
     )
+
+
+class _Checkpoints:
+    """Makes checkpoints in a thread of its own, as the disk may take seconds to sync and rows must not wait for it.
+
+    One that is asked for while one is made is made after it. failed: told what went wrong, in words.
+    """
+
+    def __init__(self, path: Path, failed: Callable[[str], None]) -> None:
+        self._path, self._failed = path, failed
+        self._asked, self._closing = threading.Event(), False
+        self._thread = threading.Thread(target=self._run, name="journal checkpoints", daemon=True)
+        self._thread.start()
+
+    def ask(self) -> None:
+        """Have one made; returns at once."""
+        self._asked.set()
+
+    def close(self) -> None:
+        """Return when none is made any more."""
+        self._closing = True
+        self._asked.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            with closing(sqlite3.connect(self._path, isolation_level=None, timeout=STALL_S)) as connection:
+                while self._asked.wait() and not self._closing:
+                    self._asked.clear()
+                    connection.execute(_CHECKPOINT).fetchall()
+        except Exception as error:  # whatever it is, the control thread must hear of it
+            self._failed(_in_words(error))
 
 
 class BatchWriter:
@@ -389,17 +427,21 @@ class BatchWriter:
             connection = sqlite3.connect(self._path, isolation_level=None, timeout=STALL_S)
             connection.execute("PRAGMA journal_mode = WAL")
             connection.execute("PRAGMA synchronous = NORMAL")
+            connection.execute(f"PRAGMA wal_autocheckpoint = {_PAGES}")
+            checkpoints = _Checkpoints(self._path, self._fail)
             self._ready.set()
             while True:
                 self._wake.wait(BATCH_S)
                 self._wake.clear()
                 last = self._closing
-                self._commit(connection)
+                if self._commit(connection):
+                    checkpoints.ask()
                 if last:
+                    checkpoints.close()
                     connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
                     return
         except Exception as error:  # whatever it is, the control thread must hear of it
-            self._error = " ".join(str(error).split()) or type(error).__name__
+            self._fail(_in_words(error))
         finally:
             self._ready.set()
             if connection is not None:
@@ -407,8 +449,12 @@ class BatchWriter:
             with self._advanced:
                 self._advanced.notify_all()
 
-    def _commit(self, connection: sqlite3.Connection) -> None:
-        """Write all rows that wait, in one transaction; rows of one statement that follow each other go together."""
+    def _fail(self, why: str) -> None:
+        self._error = why
+
+    def _commit(self, connection: sqlite3.Connection) -> bool:
+        """Write all rows that wait, in one transaction, and return whether a checkpoint was asked for; rows of one
+        statement that follow each other go together."""
         waiting = self._waiting()
         if waiting:
             connection.execute("BEGIN IMMEDIATE")
@@ -424,8 +470,7 @@ class BatchWriter:
         with self._advanced:
             self._committed += len(waiting)
             self._advanced.notify_all()
-        if any(statement == _CHECKPOINT for statement, _ in waiting):
-            connection.execute(_CHECKPOINT).fetchall()
+        return any(statement == _CHECKPOINT for statement, _ in waiting)
 
     def _waiting(self) -> list[tuple[str, Row]]:
         rows: list[tuple[str, Row]] = []
