@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 from benchmarks import (
     arm,
+    bent_speed,
     broadband_speed,
     bus_loop,
     design,
@@ -29,6 +30,7 @@ PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "design": design.main,
     "solid": lambda _: solid_cylinder.main(),
     "rod": lambda _: rod.main(),
+    "bent": lambda _: bent_speed.main(),
     "swing": lambda _: swing_speed.main(),
     "arm": arm.main,
 }

@@ -23,6 +23,7 @@ from campaigns.space import (
     ASSUMED,
     RIG,
     SAMPLE_HZ,
+    STIFFNESS,
     bent,
     energy_residual,
     gains,
@@ -240,7 +241,6 @@ def swing_rows() -> Iterator[Row]:
     exact = Effects().without("drive_dynamics")
     lanes = _joined([space_lanes(mine, rig, effects=exact) for mine, rig in zip(groups, rigs, strict=True)])
     every = swing_lanes(lanes, [one for mine in groups for one in mine], SAMPLE_HZ)
-    stiffness = 1 / (1 / RIG.tendons.cable_stiffness.value + 1 / RIG.tendons.servo_stiffness.value)
     coupling, gyro, swung, twice, pulls = [], [], [], [], []
     for index, (angle, azimuth, _, hz) in enumerate(swung_at):
         swings = every[len(DRIVEN) * index : len(DRIVEN) * (index + 1)]
@@ -253,7 +253,7 @@ def swing_rows() -> Iterator[Row]:
         gyro.append(100 * (abs(turned[1]) / (2 * np.pi * hz * size) - 1))
         swung.append(np.degrees(size))
         twice.append(np.degrees(abs(inside[2])))
-        tension = stiffness * np.maximum(swings[best].stretch[:, begins:], 0)
+        tension = STIFFNESS * np.maximum(swings[best].stretch[:, begins:], 0)
         pulls.append((tension.min(), tension.max()))
     where = f"in swings of {listed(np.array(swung[:3]), 0, ', ')}° at 6 mm and {swung[3]:.0f}° at 12 mm"
     yield judged(

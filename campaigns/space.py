@@ -32,6 +32,7 @@ from sinew.plan.plan import Group
 from sinew.plan.pose import STRAIGHT, Pose
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import load_rig
+from sinew.predict.coupled import predict_bent
 from sinew.solve.march import runge_kutta_samples
 from sinew.solve.spatial import Mode, bend, linear_equations, modes, settle, slow_down
 from sinew.solve.swing import Swing, swing, swing_steps
@@ -50,6 +51,9 @@ ASSUMED = {
 }
 """What is assumed of head, lever and rod, and the bounds of it; a head of less than 0.4 kg would hardly weigh more
 than the lever on it."""
+
+STIFFNESS = 1 / (1 / RIG.tendons.cable_stiffness.value + 1 / RIG.tendons.servo_stiffness.value)
+"""Of a tendon, cable and servo [N/m]."""
 
 SAMPLE_HZ = 200.0
 ELASTIC = Effects().without("silicone_loss", "guide_friction", "drive_dynamics")
@@ -360,9 +364,7 @@ def swing_rows() -> Iterator[Row]:
             f"{expected:.4f} ({100 * (expected - 1):+.1f} %)",
             abs(share - expected) < 0.01,
         )
-        pulled = RIG.tendons
-        stiffness = 1 / (1 / pulled.cable_stiffness.value + 1 / pulled.servo_stiffness.value)
-        tension = stiffness * np.maximum(swings[best].stretch[:, group.sample_counts(SAMPLE_HZ)[0] :], 0)
+        tension = STIFFNESS * np.maximum(swings[best].stretch[:, group.sample_counts(SAMPLE_HZ)[0] :], 0)
         fact = "1.1° (±30 %), 35-134 N" if (angle, pretension) == (30.0, 12.0) else ""
         twice = np.degrees(abs(parts[1][2]))
         yield Row(
@@ -373,12 +375,50 @@ def swing_rows() -> Iterator[Row]:
         )
 
 
+def balance_rows() -> Iterator[Row]:
+    """Yield points of a curve by harmonic balance, below, at and above its top, beside simulations; servo and guides
+    are on."""
+    pose, pretension, drive_deg = bent(20.0), 6.0, 20.0
+    (one,) = predict_bent(
+        RIG, pretension, bend_deg=20.0, azimuth_deg=90.0, amplitude_deg=drive_deg, band_hz=(3.3, 3.9)
+    ).curves
+    hz, swung = one.branch.frequency_hz, np.abs(one.seen.torsion[:, 1])
+    top = int(np.argmax(swung))
+    near = [int(np.argmin(np.abs(hz - hz[top] * share))) for share in (0.945, 1.0, 1.025)]
+    groups = [steady(float(hz[i]), pretension, drive_deg, pose, settle_s=5.0) for i in near]
+    for i, group, seen in zip(near, groups, swing_lanes(space_lanes(groups, RIG), groups, SAMPLE_HZ), strict=True):
+        begin = group.sample_counts(SAMPLE_HZ)[0]
+        torsion, inside, outside, _ = (harmonics(x, hz[i]) for x in head_of(seen, pose, begin))
+        lag = -np.angle(torsion[1] / harmonics(seen.lever[begin:], hz[i])[1])
+        told, tilt = one.seen.torsion[i, 1], one.seen.across[i, 1]
+        off = [100 * (abs(a) / abs(b) - 1) for a, b in ((told, torsion[1]), (tilt, outside[1]))]
+        late = np.degrees(one.lag[i] - lag)
+        tension = STIFFNESS * np.maximum(seen.stretch[:, begin:], 0)
+        told_n = one.seen.tension[i]
+        yield Row(
+            f"harmonic balance over simulation, 6 mm, 20° across, command 20°, {hz[i]:.3f} Hz",
+            f"torsion {np.degrees(abs(told)):.2f}°, {off[0]:+.2f} %; tilt across {off[1]:+.2f} %; lag {late:+.2f}°",
+            "within 0.5 %, 0.5 %, 0.5°",
+            max(map(abs, off)) < 0.5 and abs(late) < 0.5,
+        )
+        twice = [np.degrees(abs(x)) for x in (one.seen.in_plane[i, 2], inside[2])]
+        yield Row(
+            "  in the plane at 2f; tensions",
+            f"{twice[0]:.3f}° / {twice[1]:.3f}°; {told_n.min():.1f}-{told_n.max():.1f} / "
+            f"{tension.min():.1f}-{tension.max():.1f} N",
+            "within 3 %, 0.5 N",
+            abs(twice[0] / twice[1] - 1) < 0.03
+            and max(abs(told_n.min() - tension.min()), abs(told_n.max() - tension.max())) < 0.5,
+        )
+
+
 ROWS = {
     "straight": straight_rows,
     "energy": energy_rows,
     "modes": mode_rows,
     "pose": pose_rows,
     "swing": swing_rows,
+    "balance": balance_rows,
 }
 
 

@@ -79,7 +79,7 @@ def test_a_joint_that_does_not_move_pulls_its_tendons_as_at_rest(rig: RigSpec, a
     assert np.abs(seen.tension[0] - rest[:, None]).max() < 1e-6 * rest.max()
 
 
-# Curves: each takes the compiler half a minute.
+# Curves: each is compiled anew.
 
 
 def predicted(rig: RigSpec, amplitude_deg: float) -> PredictedBent:
