@@ -3,20 +3,17 @@
 import jax
 import numpy as np
 import pytest
+from benchmarks.solid_bending import EXACT_LOADS
 
 from sinew.mechanics.column import SHORTEST, column_load, column_stretch
 from sinew.mechanics.silicone import compressive_load
-
-EXACT = {0.05: 0.01861, 0.10: 0.07572, 0.15: 0.17566, 0.20: 0.32732, 0.25: 0.54749, 0.296: 0.83658, 0.35: 1.33637}
-"""N/(G A) at which a neo-Hookean cylinder between lubricated plates that may move aside buckles, by radius over length:
-the incremental equations solved exactly."""
 
 
 def euler_share(radius_over_length: float) -> float:
     return 3 * np.pi**2 * radius_over_length**2 / 4
 
 
-@pytest.mark.parametrize(("radius", "load"), EXACT.items())
+@pytest.mark.parametrize(("radius", "load"), EXACT_LOADS.items())
 def test_the_column_buckles_as_the_exact_cylinder_within_2_3_percent(radius: float, load: float) -> None:
     assert column_load(euler_share(radius), 1.0) == pytest.approx(load, rel=0.023)
 
