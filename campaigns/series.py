@@ -65,6 +65,7 @@ LONGEST_S, LONGEST_TRACK_S = 17.0, 27.0
 """From opening the journal to the end of a run nobody kills, and of one that tracks, about [s]."""
 
 _PATIENCE_S = 90.0
+_SAMPLE_HZ = 200.0
 _UNTIL_STOPPED_S = 0.3
 _MOST_OFF = 0.01  # of the predicted resonance
 _RESUMES = 12  # a busy computer stops runs, too
@@ -80,9 +81,10 @@ class Kill:
     motors: name to (torque on, watchdog tripped, standing still), over the wire 0.3 s later.
     heard_ms: from the last instruction to the last motor's stop; stopped_ms: from the kill to that. turned_deg: how far
     the lever went after it was stopped. All three NaN where no motor was under a watchdog.
-    missing: samples, at most, of cycles that the journal does not have: reads of all devices that passed on the wire,
-    those of the look before a start among them, less samples; since the kill before at which a watchdog tripped, and
-    None where none did. over: how many kills that is.
+    missing: samples, at most, that the journal does not have: the fewer of cycles from its newest sample to the kill
+    and of reads of all devices that passed on the wire (those of the look before a start among them, while the head
+    comes to rest) less samples, since the kill before at which a watchdog tripped; None where none did. over: how many
+    kills that is. cycles: those to the kill, None where this start took no sample.
     is_sound: whether the journal's finished groups make a valid recording. groups: finished.
     """
 
@@ -98,6 +100,7 @@ class Kill:
     samples: int = 0
     missing: int | None = None
     over: int = 0
+    cycles: int | None = None
     is_sound: bool = False
     groups: int = 0
     wrong: list[str] = field(default_factory=list)
@@ -225,7 +228,12 @@ class _Trial:
         with closing(sqlite3.connect(f"{self._journal.as_uri()}?mode=ro", uri=True)) as connection:
             (verdict,) = connection.execute("PRAGMA integrity_check").fetchone()
             kill.samples, span = connection.execute("SELECT count(*), 1 + max(id) - min(id) FROM samples").fetchone()
+            (newest,) = connection.execute(
+                "SELECT max(time_s) FROM samples WHERE session = (SELECT max(id) FROM sessions)"
+            ).fetchone()
             kill.phase = _phase(connection)
+        if newest is not None:
+            kill.cycles = math.ceil((kill.at_s - newest) * _SAMPLE_HZ)
         if verdict != "ok":
             kill.wrong.append(f"the journal is damaged: {verdict}")
         if kill.samples != (span or 0):
@@ -330,6 +338,8 @@ class _Trial:
             kill.turned_deg = max((trip["turned_deg"] for trip in trips if trip["id"] == drive), default=math.nan)
             missing = max(trip["group_reads"] for trip in trips) - kill.samples
             kill.missing, lost = missing - lost, missing
+            if kill.cycles is not None:
+                kill.missing = min(kill.missing, kill.cycles)
             kill.over, over = over, 0
 
 
