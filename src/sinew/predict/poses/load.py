@@ -140,18 +140,11 @@ def carried_mass(
 def carried_by_bounds(
     rig: RigSpec, carried: Carried, pretension_mm: float, bend_deg: float, azimuth_deg: float = 0.0
 ) -> Estimate:
-    """Return the largest mass with what the bounds of the rig's assumed masses make of it, along the tangent."""
-    if carried.ends not in MARGINS or carried.mass == 0:
+    """Return the largest mass with what the bounds of the rig's assumed masses make of it, each rig loaded anew."""
+    if carried.ends not in MARGINS:
         return Estimate.normal(carried.mass, math.nan)
-    step = 0.02 * carried.mass
-    index = MARGINS.index(carried.ends)
-
-    def margin(one: RigSpec, mass: float) -> float:
-        return float(_Loaded(one, pretension_mm, bend_deg, azimuth_deg, PAYLOAD_HEIGHT).margins(mass)[index])
-
-    slope = (margin(rig, carried.mass + step) - margin(rig, carried.mass - step)) / (2 * step)
-    left = with_bounds(rig, lambda one: np.array([margin(one, carried.mass)]))[0]
-    return at_least_zero(Estimate.normal(carried.mass, abs(left.std / slope)))
+    (found,) = with_bounds(rig, lambda one: np.array([carried_mass(one, pretension_mm, bend_deg, azimuth_deg).mass]))
+    return at_least_zero(found)
 
 
 class _Loaded:
