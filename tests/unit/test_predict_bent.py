@@ -1,12 +1,17 @@
 """The bent joint linear: against all coordinates, the torsional joint, and a simulation; the spinal engine."""
 
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 import pytest
+from scipy import io
 
+from sinew.apps.cli import main
+from sinew.measure.arrays import Complexes
 from sinew.mechanics.space import Space
 from sinew.plan.toml import load_rig
 from sinew.predict.bent import INPUTS, OUTPUTS, SLOW_HZ, driven, response, servo_speed, spinal_engine, state_space
@@ -38,9 +43,34 @@ def test_few_shapes_are_right_to_a_hundredth_below_the_sways(finder: Finder) -> 
     q = finder.at(MM, 30).coordinates
     low = FREQUENCIES[:4]
     whole, found = response(linear, space, q, low), state_space(linear, space, q).response(low)
+    assert off(found, whole) < 0.01
+
+
+def off(found: Complexes, whole: Complexes) -> float:
+    """Return the largest difference of responses (frequency, output, input), of what is not all but nothing."""
     largest = np.abs(whole).max(axis=0)
     heard = largest > 1e-6 * largest.max(axis=0)
-    assert (np.abs(found - whole).max(axis=0)[heard] / largest[heard]).max() < 0.01
+    return float((np.abs(found - whole).max(axis=0)[heard] / largest[heard]).max())
+
+
+def test_files_of_a_bent_joint_give_its_response_to_other_programs(finder: Finder, tmp_path: Path) -> None:
+    """Each file is read anew; the response is worked out from its matrices here, and by python-control where it is."""
+    assert main(["transfer", "paper", "--pretension-mm", "12", "--bend-deg", "30", "--out", str(tmp_path)]) == 0
+    linear, space = finder.linear(MM, 30)
+    whole = response(linear, space, finder.at(MM, 30).coordinates, FREQUENCIES[:4])
+    (told,) = json.loads((tmp_path / "transfer.json").read_text(encoding="utf-8"))["space"]
+    struct = io.loadmat(tmp_path / "transfer.mat")["space"][0, 0]
+    assert [str(cell[0]) for cell in struct["inputs"].ravel()] == told["inputs"] == list(INPUTS)
+    assert [str(cell[0]) for cell in struct["outputs"].ravel()] == told["outputs"] == list(OUTPUTS)
+    for a, b, c, d in ([np.array(told[key]) for key in "abcd"], [struct[key][0, 0] for key in "ABCD"]):
+        found = [c @ np.linalg.solve(2j * np.pi * hz * np.eye(len(a)) - a, b) + d for hz in FREQUENCIES[:4]]
+        assert off(np.array(found), whole) < 0.01
+    try:
+        import control
+    except ImportError:
+        return
+    theirs = control.ss(*(told[key] for key in "abcd"))(2j * np.pi * FREQUENCIES[:4])
+    assert np.moveaxis(theirs, -1, 0) == pytest.approx(np.array(found), rel=1e-9)
 
 
 def test_a_straight_joint_without_weight_is_the_torsional_one(finder: Finder) -> None:
