@@ -140,6 +140,20 @@ def test_a_plan_beyond_a_limit_of_the_rig_is_refused(run_here: RunHere, tmp_path
     assert not run_here.out.parent.exists()
 
 
+@pytest.mark.parametrize(
+    ("bend_deg", "words"),
+    [(20, ("tendon 4 would be slack", "bend")), (50, ("50°", "the rig allows 40°"))],
+    ids=["slack", "beyond the rig"],
+)
+def test_a_pose_that_the_joint_cannot_take_is_refused_and_nothing_is_touched(
+    bend_deg: float, words: tuple[str, ...], run_here: RunHere, tmp_path: Path
+) -> None:
+    path = tmp_path / "bent.toml"
+    path.write_text(f"{TINY}\n[pose]\nbend_deg = {bend_deg}\nazimuth_deg = 90\n")
+    replace(run_here, plan=str(path)).refused(words)
+    assert not run_here.out.parent.exists()
+
+
 @pytest.mark.slow
 def test_one_broken_reading_of_the_imu_is_no_refusal(
     plan: str, out: Path, port: WatchedPort, capsys: pytest.CaptureFixture[str]

@@ -1,6 +1,7 @@
 """Poses of a joint that bends: what they say of slack, limits, chords and buckling, and their commands."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -15,10 +16,13 @@ from sinew.plan.toml import load_plan, load_rig
 from sinew.predict.joints.design import Design, design_rig, section_of, shear_modulus_of
 from sinew.predict.joints.section import ellipse_section
 from sinew.predict.poses.pose import Asked, find_pose, surface_strain
+from sinew.predict.poses.workspace import VERDICTS, map_workspace
 from sinew.predict.preview import preview_plan
 from sinew.twin.parameters import space_from_rig
 
 RIG = load_rig("paper")
+ROLL = float(np.degrees(Pose(bend_deg=20, azimuth_deg=0).swing_rad[1]))
+"""Of a bend of 20° towards y."""
 
 
 @pytest.mark.parametrize(("pretension_mm", "bend_deg"), [(0.0, 5.7), (6.0, 29.5)])
@@ -133,6 +137,34 @@ def test_a_coarse_workspace_of_the_papers_joint_is_alike_on_all_sides(capsys: py
     verdict = json.loads(capsys.readouterr().out)["maps"][0]["verdict"]
     assert verdict == [row[::-1] for row in verdict] == verdict[::-1]
     assert verdict[4][4] == 0
+
+
+@pytest.mark.slow
+def test_a_cell_of_the_workspace_is_refused_by_just_the_limit_that_its_pose_breaks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The pose of the cell is found by itself; each limit is set just beyond what it needs, and just short of that."""
+    posed = find_pose(RIG, Asked(6.0, Pose(bend_deg=20, azimuth_deg=0)), outlook=False)
+    assert posed.rest is not None
+    pull, take_up = posed.rest.at.tension.max(), 1e3 * posed.rest.take_up
+
+    def verdict(pretension_mm: float = 6.0, **limits: object) -> str:
+        rig = RIG.model_copy(update={"limits": RIG.limits.model_copy(update=limits)})
+        found = map_workspace(rig, [pretension_mm], step_deg=20.0)
+        (cell,) = np.argwhere((found.pitch_deg[:, None] ** 2 + (found.roll_deg - ROLL) ** 2) < 1e-9)
+        return VERDICTS[found.verdict[0][tuple(cell)]]
+
+    assert verdict() == "reached"
+    for more, said in ((1e-2, "reached"), (-1e-2, "over tension")):
+        assert verdict(tension_n=pull + more) == said
+    for more, said in ((1e-3, "reached"), (-1e-3, "over travel")):
+        assert verdict(tendon_travel_mm=(take_up.min() - 1, take_up.max() + more)) == said
+        assert verdict(tendon_travel_mm=(take_up.min() - more, take_up.max() + 1)) == said
+    for more, said in ((1e-5, "reached"), (-1e-5, "over strain")):
+        monkeypatch.setattr(sys.modules[map_workspace.__module__], "STRAIN", posed.strain + more)
+        assert verdict() == said
+    monkeypatch.undo()
+    assert verdict(0.0) == "slack"  # from 5.7° on
 
 
 @pytest.mark.slow
