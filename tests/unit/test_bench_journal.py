@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.patience import finished
+from tests.patience import finished, until
 from tests.unit.bench_journal import PLAN, PLAN_TEXT, RIG_TEXT, Node, cycles, write_group, written
 
 from sinew.bench.record.journal import Journal
@@ -132,6 +132,19 @@ def test_samples_are_committed_while_the_disk_still_syncs_a_group(
         synced.set()
     with JournalReader(tmp_path / "journal.sqlite") as reader:
         assert last == reader.last_sample()
+
+
+def test_a_group_that_cannot_be_synced_is_told_by_the_calls_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sinew.bench.record.journal._CHECKPOINT", "SELECT broken()")
+    journal = create(tmp_path)
+    write_group(journal, 1, cycles(PLAN.groups()[1], 1000.0, Node()), finish=False)
+    journal.finish_group(1)
+    with pytest.raises(FileError, match="no such function: broken"):
+        until(lambda: journal.append(sample()))
+    journal.close()
+    assert not any(thread.name.startswith("journal") for thread in threading.enumerate())
 
 
 def test_a_closed_journal_is_one_file_and_its_lock(tmp_path: Path) -> None:

@@ -335,10 +335,10 @@ class _Checkpoints:
         self._asked.set()
 
     def close(self) -> None:
-        """Return when none is made any more."""
+        """Return when none is made any more, or one takes longer than a journal may to close. May be called again."""
         self._closing = True
         self._asked.set()
-        self._thread.join()
+        self._thread.join(CLOSE_S)
 
     def _run(self) -> None:
         try:
@@ -417,12 +417,15 @@ class BatchWriter:
         if self._told:
             return
         if self._thread.is_alive():
-            raise cannot_write(self._path, f"{self._put_count - self._committed} rows still wait after {timeout_s:g} s")
+            left = self._put_count - self._committed
+            what = f"{left} rows still wait" if left else "the disk still syncs its rows"
+            raise cannot_write(self._path, f"{what} after {timeout_s:g} s")
         if self._error is not None:
             raise cannot_write(self._path, self._error)
 
     def _run(self) -> None:
         connection: sqlite3.Connection | None = None
+        checkpoints: _Checkpoints | None = None
         try:
             connection = sqlite3.connect(self._path, isolation_level=None, timeout=STALL_S)
             connection.execute("PRAGMA journal_mode = WAL")
@@ -444,10 +447,12 @@ class BatchWriter:
             self._fail(_in_words(error))
         finally:
             self._ready.set()
-            if connection is not None:
-                connection.close()
             with self._advanced:
                 self._advanced.notify_all()
+            if checkpoints is not None:
+                checkpoints.close()
+            if connection is not None:
+                connection.close()
 
     def _fail(self, why: str) -> None:
         self._error = why
