@@ -24,9 +24,9 @@ LATERAL = 6e-3  # moment of head and of lever about any axis across [kg m²]
 def bare(rig: RigSpec) -> Space:
     """Return a joint whose cables are slack, without weight and memory, its rod light and its head a round body."""
     space = space_from_rig(rig)
-    shares = tuple(np.zeros_like(one) for one in space.rod.joint.prony_shares)
+    shares = tuple(0 * np.asarray(one) for one in space.rod.joint.prony_shares)
     rod = space.rod._replace(
-        joint=space.rod.joint._replace(prony_shares=shares),
+        joint=space.rod.joint._replace(prony_shares=shares),  # type: ignore[arg-type]
         line_mass=np.asarray(1e-8),  # type: ignore[arg-type]
         line_inertia=(np.asarray(1e-12),) * 3,  # type: ignore[arg-type]
     )
