@@ -76,6 +76,7 @@ pictures: reproduce ## the pictures of README and docs, from the figures of `mak
 	$(BIN)/python tools/copy_pictures.py $(OUT)/figures docs/pictures
 	$(BIN)/python tools/pages.py docs/pictures
 	$(BIN)/sinew modes paper --out docs/pictures/space.png
+	$(BIN)/sinew film $(OUT)/recording.nc --kind sweep --pretension-mm 4 --frames-per-s 10 --out docs/pictures/sweep.webp
 
 reference: $(VENV)/.runtime ## write the generated pages of docs/reference anew
 	$(BIN)/python tools/write_reference.py

@@ -17,7 +17,7 @@ from sinew import __version__
 from sinew.apps.bench import check, doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
 from sinew.apps.joints import calibrate, design, joint, modes, pose, predict, transfer, tune
-from sinew.apps.recordings import analyse, convert, current, gait, identify, reproduce, simulate
+from sinew.apps.recordings import analyse, convert, current, film, gait, identify, reproduce, simulate
 from sinew.measure.errors import SinewError
 
 app = typer.Typer(
@@ -71,6 +71,7 @@ _command("import", epilog="Example: sinew import decay.csv --time t_s --response
     convert.import_
 )
 _command(epilog="Example: sinew export run/recording.nc --to mat --out run/recording.mat")(convert.export)
+_command(epilog="Example: sinew film run/recording.nc --kind sweep --pretension-mm 6 --out run/sweep.mp4")(film.film)
 _command(epilog="Example: sinew emulate --rig paper --link /tmp/bench --fault unplug@60 --seed 1")(emulate.emulate)
 _command(
     epilog="Example: sinew doctor --port /dev/ttyUSB0 --rig rigs/paper.toml --fix"
