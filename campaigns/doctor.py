@@ -26,13 +26,12 @@ import numpy as np
 
 from campaigns.options import asked_seeds, spread_trials, trial_parser
 from sinew.bench.doctor import Finding
-from sinew.bench.guide.steps import STEPS, Guide, Step, lead, turned_frame
+from sinew.bench.guide import STEPS, Guide, Step, lead, turned_frame
 from sinew.bench.record.journal import Journal
 from sinew.bench.run import Runner
 from sinew.emulator.faults import FaultyRig
-from sinew.emulator.found import VirtualPort, drawn_start, found_bench
+from sinew.emulator.found import Hands, Unbuilt, VirtualPort, draw_unbuilt, drawn_start, found_bench
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.unbuilt import Hands, Unbuilt, draw_unbuilt
 from sinew.hardware.bus import Bus, BusTiming, Clock
 from sinew.hardware.registers import BAUD_RATES
 from sinew.hardware.rig import Rig

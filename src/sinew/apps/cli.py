@@ -14,10 +14,10 @@ from typing import Annotated
 import typer
 
 from sinew import __version__
-from sinew.apps.bench import check, doctor, emulate, run, serve, track
+from sinew.apps.bench import doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
-from sinew.apps.joints import calibrate, design, joint, modes, pose, predict, transfer, tune
-from sinew.apps.recordings import analyse, convert, current, gait, identify, reproduce, simulate
+from sinew.apps.joints import calibrate, design, pose, predict, transfer
+from sinew.apps.recordings import analyse, convert, gait, identify, reproduce, simulate
 from sinew.measure.errors import SinewError
 
 app = typer.Typer(
@@ -29,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 _command = partial(app.command, cls=NumbersCommand)
-_command(epilog="Example: sinew check plans/paper.toml --rig rigs/paper.toml")(check.check)
+_command(epilog="Example: sinew check plans/paper.toml --rig rigs/paper.toml")(simulate.check)
 _command(epilog="Example: sinew simulate short --rig paper --out run/recording.nc --without guide_friction")(
     simulate.simulate
 )
@@ -38,7 +38,7 @@ _command(
     epilog="Example: sinew analyse chirp.csv --kind broadband --time t_s --response phi:deg --drive u:N*m --out chirp"
     "\n\nExample: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json"
 )(analyse.analyse)
-_command(epilog="Example: sinew current out/bench/recording.nc")(current.current)
+_command(epilog="Example: sinew current out/bench/recording.nc")(analyse.current)
 _command(epilog="Example: sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json")(
     identify.identify
 )
@@ -53,11 +53,11 @@ _command(epilog="Example: sinew transfer rigs/paper.toml --pretension-mm 0,4,8 -
     transfer.transfer
 )
 _command(epilog="Example: sinew modes rigs/paper.toml --pretension-mm 0,6,12 --bend-deg 0,10,20 --out out/modes.html")(
-    modes.modes
+    pose.modes
 )
-_command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(joint.joint)
+_command(epilog="Example: sinew joint --section circle --outer-mm 60 --out sixty.toml")(design.joint)
 _command(epilog="Example: sinew compare paper ring.toml --pretension-mm 0,6,12 --out out/compared")(predict.compare)
-_command(epilog="Example: sinew tune rigs/paper.toml --resonance-hz 3.2,3.6,4 --yaw-deg 7 --json")(tune.tune)
+_command(epilog="Example: sinew tune rigs/paper.toml --resonance-hz 3.2,3.6,4 --yaw-deg 7 --json")(design.tune)
 _command(epilog="Example: sinew pose paper --pretension-mm 6 --bend-deg 20 --azimuth-deg 90 --out bent.png")(pose.pose)
 _command(epilog="Example: sinew workspace paper --pretension-mm 0,6,12 --step-deg 4 --out workspace.png")(
     pose.workspace

@@ -97,8 +97,7 @@ def _from_paper(
 ) -> dict[str, Any]:
     from sinew.identify.joint.calibration import with_intervals
     from sinew.paper.numbers import FREE, TARGETS, find_ranges, fit_paper
-    from sinew.paper.posterior import paper_posterior
-    from sinew.paper.sampler import require_sampler
+    from sinew.paper.posterior import paper_posterior, require_sampler
     from sinew.plan.toml import load_rig, save_rig
     from sinew.twin.cache import configure
 

@@ -33,7 +33,7 @@ def look(
     Text in any dialect (preambles, units below the header, decimal commas, no header at all), LabVIEW .lvm, MATLAB
     .mat, HDF5, TDMS, UFF 58, Excel, Parquet, MCAP.
     """
-    from sinew.measure.look import look as find
+    from sinew.measure.read import look as find
 
     found = find(file, run=run, columns=columns, rate_hz=rate)
     if json:

@@ -328,7 +328,7 @@ def _chain(text: str | None) -> tuple[str, ...]:
 def _write(found: "Identified", asked: _Asked, out: Path) -> Path:
     """Write fit.json, figures and fit.html into a folder and return the path of the page."""
     from sinew.apps.recordings.stored import hash_file
-    from sinew.figures.fit.page import draw_identified, write_fit_page
+    from sinew.figures.fit import draw_identified, write_fit_page
     from sinew.figures.style import save_figure
     from sinew.measure.files.netcdf import provenance
 
