@@ -40,8 +40,8 @@ from sinew.plan.plan import Plan
 from sinew.plan.rig import RigSpec
 from sinew.plan.toml import dump_plan, dump_rig, load_rig, parse_plan
 
-PLAN = """
-name = "first of all"
+ONE_MOTION = """
+name = "{name}"
 sample_hz = 200
 [pretension]
 pretension_mm = [4]
@@ -49,10 +49,13 @@ rest_s = 0.3
 [sweep]
 frequency_hz = [3.2]
 amplitude_deg = 20
-settle_s = 1
-periods = 3
+settle_s = {settle_s}
+periods = {periods}
 repeats = 1
 """
+"""A plan of one motion, without its name and how long it takes."""
+
+PLAN = ONE_MOTION.format(name="first of all", settle_s=1, periods=3)
 """What runs behind the guide."""
 
 SCENES: tuple[tuple[str, ...], ...] = (

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -136,8 +136,7 @@ class Channel:
     is_rate: bool = False
 
 
-@dataclass(frozen=True)
-class RestPose:
+class RestPose(NamedTuple):
     """The pose that was asked for: bend and azimuth [rad], zero of an upright head; see `sinew.plan.pose`."""
 
     bend: float

@@ -50,13 +50,10 @@ def calibrate(
         document = _from_paper(rig, out, beside[0] if ranges else None, beside[1] if posterior else None, seed, command)
     else:
         document = _from_recordings(rig, files, out, free, command)
-    if json:
-        console.print_json(document)
-    else:
-        from sinew.identify.joint.calibration import calibration_told
+    from sinew.identify.joint.calibration import calibration_told
 
-        made = f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"
-        console.print_told([*calibration_told(document), made])
+    made = f"{document['rig']}: rig {document['name']}, calibrated from {document['before']}"
+    console.print_result(document, calibration_told(document), made, json=json)
 
 
 def _refuse_mixture(files: list[Path], free: str | None, *, paper: bool, extras: bool) -> None:

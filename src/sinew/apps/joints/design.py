@@ -78,12 +78,7 @@ def design(
         words += [w for flag, value in (("--shape", shape), ("--material", material)) if value for w in (flag, value)]
         words += ["--starts", str(starts), "--exact", str(exact), "--proposals", str(proposals), "--seed", str(seed)]
         write_design(found, document, out, shlex.join([*words, "--out", str(out)]))
-    if json:
-        console.print_json(document)
-    else:
-        console.print_told(found.told())
-        if out is not None:
-            print(f"page: {out / 'design.html'}")
+    console.print_result(document, found.told(), f"page: {out / 'design.html'}" if out else "", json=json)
 
 
 def read_gait(path: Path) -> tuple[tuple[float, float], float]:
@@ -280,7 +275,4 @@ def tune(
         found = run(
             rig, wanted, amplitude_deg=amplitude, yaw_deg=yaw, mode=held, bands=bands, seed=seed, progress=progress
         )
-    if json:
-        console.print_json(found.document())
-    else:
-        console.print_told(found.told())
+    console.print_result(found.document(), found.told(), json=json)

@@ -82,12 +82,7 @@ def _tell(found: "Posed | Workspace", figure: "Figure | None" = None, out: Path 
         from sinew.figures.style import save_figure
 
         save_figure(figure, out.parent, out.stem, (out.suffix[1:],))
-    if json:
-        console.print_json(found.document())
-        return
-    console.print_told(found.told())
-    if figure is not None:
-        print(f"wrote {out}")
+    console.print_result(found.document(), found.told(), f"wrote {out}" if figure is not None else "", json=json)
 
 
 def _check_picture(out: Path | None) -> None:
@@ -188,9 +183,4 @@ def modes(
         from sinew.figures.space import write_modes
 
         document["file"] = str(write_modes(found, out))
-    if json:
-        console.print_json(document)
-    else:
-        console.print_told(found.told())
-        if out is not None:
-            print(f"wrote {out}")
+    console.print_result(document, found.told(), f"wrote {out}" if out else "", json=json)

@@ -445,16 +445,12 @@ def _predict_bent(
             band_hz=asked.band_hz,
             progress=progress,
         )
+    written = ""
     if out is not None:
         from sinew.figures.space import write_bent
 
-        written = write_bent(found, out)
-    if json:
-        console.print_json(found.document())
-        return
-    console.print_told(found.told())
-    if out is not None:
-        print(f"wrote {', '.join(map(str, written))}")
+        written = f"wrote {', '.join(map(str, write_bent(found, out)))}"
+    console.print_result(found.document(), found.told(), written, json=json)
 
 
 def _predict_fit(asked: AskedOfFit, out: Path | None, *, json: bool) -> None:
@@ -464,12 +460,7 @@ def _predict_fit(asked: AskedOfFit, out: Path | None, *, json: bool) -> None:
     document = {"fit": asked.file, **found.document()}
     if out is not None:
         write_forced(found, document, out, shlex.join([*asked.words(), "--out", str(out)]))
-    if json:
-        console.print_json(document)
-        return
-    console.print_told(found.told())
-    if out is not None:
-        print(f"written: {out}")
+    console.print_result(document, found.told(), f"written: {out}" if out else "", json=json)
 
 
 def _oscillator(

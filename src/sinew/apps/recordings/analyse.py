@@ -7,20 +7,7 @@ from typing import TYPE_CHECKING, Annotated, cast
 import typer
 
 from sinew.apps import console
-from sinew.apps.console import (
-    ColumnDrive,
-    ColumnResponse,
-    Columns,
-    ColumnTime,
-    Gaps,
-    Json,
-    Rate,
-    Run,
-    Settle,
-    Start,
-    Stop,
-    option,
-)
+from sinew.apps.console import Json, option
 from sinew.measure.errors import SpecError
 
 if TYPE_CHECKING:
@@ -31,16 +18,16 @@ if TYPE_CHECKING:
 def analyse(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A table of any lab, or a recording of Sinew (NetCDF).")],
     kind: Annotated[str | None, option(console.KINDS, "What a CSV file holds; without it, auto finds out.")] = None,
-    time: ColumnTime = None,
-    response: ColumnResponse = None,
-    drive: ColumnDrive = None,
-    start: Start = None,
-    stop: Stop = None,
-    gaps: Gaps = "refuse",
-    run: Run = None,
-    columns: Columns = None,
-    rate: Rate = None,
-    settle: Settle = None,
+    time: console.ColumnTime = None,
+    response: console.ColumnResponse = None,
+    drive: console.ColumnDrive = None,
+    start: console.Start = None,
+    stop: console.Stop = None,
+    gaps: console.Gaps = "refuse",
+    run: console.Run = None,
+    columns: console.Columns = None,
+    rate: console.Rate = None,
+    settle: console.Settle = None,
     from_hz: Annotated[float | None, option("HZ", "Broadband, impact: seek modes from here on; else found.")] = None,
     to_hz: Annotated[float | None, option("HZ", "Broadband, impact: seek modes up to here; else found.")] = None,
     modes: Annotated[int | None, option("N", "How many modes; else as many as show.")] = None,
@@ -90,10 +77,7 @@ def analyse(
     )
     if out is not None:
         _write(found, out)
-    if json:
-        console.print_json(found.document)
-    else:
-        console.print_told(found.told())
+    console.print_result(found.document, found.told(), json=json)
     for note in found.notes:
         console.remark(note)
 
@@ -157,7 +141,4 @@ def current(
     if used is None:
         raise SpecError(f"{file} names no rig, expected one for the unit of the current; name it with --rig")
     found = sense_currents(recording, used.tendons.current_lsb.value)
-    if json:
-        console.print_json({"motors": [one.to_json() for one in found]})
-    else:
-        console.print_told(currents_told(found))
+    console.print_result({"motors": [one.to_json() for one in found]}, currents_told(found), json=json)

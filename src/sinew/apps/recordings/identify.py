@@ -115,15 +115,11 @@ def identify(
         chain=chain,
     )
     found = _find_stepped(asked) if kind == "stepped" else _find(asked)
+    written = ""
     if out is not None:
         with console.progress_bar("draw"):
-            page = _write(found, asked, out)
-    if json:
-        console.print_json(found.document)
-        return
-    console.print_told(found.told())
-    if out is not None:
-        print(f"page: {page}")
+            written = f"page: {_write(found, asked, out)}"
+    console.print_result(found.document, found.told(), written, json=json)
 
 
 @dataclass(frozen=True)
