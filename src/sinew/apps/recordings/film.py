@@ -38,7 +38,5 @@ def film(
             speed=speed,
             progress=progress,
         )
-    if json:
-        console.print_json({"film": str(out), "kind": kind, "frames": count, "lasts_s": count / frames})
-    else:
-        print(f"{out}: {count} frames, {count / frames:.1f} s")
+    document = {"film": str(out), "kind": kind, "frames": count, "lasts_s": count / frames}
+    console.print_result(document, [f"{out}: {count} frames, {count / frames:.1f} s"], json=json)
