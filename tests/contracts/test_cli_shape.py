@@ -15,9 +15,9 @@ from sinew.apps.cli import app, main
 
 SINEW = Path(sys.executable).with_name("sinew")
 COMMANDS = (
-    "analyse", "answer", "calibrate", "check", "compare", "current", "design", "doctor", "emulate", "export", "film", "gait",
-    "identify", "import", "joint", "look", "modes", "pose", "predict", "report", "reproduce", "run", "serve",
-    "simulate", "stop", "track", "transfer", "tune", "workspace",
+    "analyse", "answer", "calibrate", "check", "compare", "current", "design", "doctor", "emulate", "export",
+    "film", "gait", "identify", "import", "joint", "look", "modes", "pose", "predict", "report", "reproduce",
+    "run", "serve", "simulate", "stop", "track", "transfer", "tune", "workspace",
 )  # fmt: skip
 
 
