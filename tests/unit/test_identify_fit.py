@@ -216,6 +216,11 @@ def test_a_constant_output_is_refused() -> None:
         fit(make_record(TIME, np.ones_like(TIME)), "linear")
 
 
+def test_a_fit_to_no_record_is_refused() -> None:
+    with pytest.raises(SpecError, match="no record to fit"):
+        fit([], "linear")
+
+
 def test_an_unknown_model_is_refused_with_the_names_there_are() -> None:
     with pytest.raises(SpecError, match="loss-factor"):
         fit(decay_record(0.1), "quartic")
