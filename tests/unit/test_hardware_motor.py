@@ -7,6 +7,8 @@ from tests.unit.hardware_line import Line, ManualClock, Slave
 from sinew.emulator.devices.motor import Motor as EmulatedMotor
 from sinew.hardware.believable import STATE, contradiction
 from sinew.hardware.bus import Bus, BusTiming
+from sinew.hardware.codec import READ
+from sinew.hardware.configuration import answer_everything
 from sinew.hardware.motor import RETRIES, Motor, name_hardware_errors
 from sinew.hardware.registers import (
     XH430_W350,
@@ -196,3 +198,11 @@ def test_a_motor_that_says_another_goal_than_before_though_nobody_wrote_contradi
     assert contradiction(motor.table, before, before | {"present_current": 5}, 0.01) == ""
     told = contradiction(motor.table, before, before | {"goal_velocity": 5}, 0.01)
     assert told == f"goal_velocity is {before['goal_velocity']} and then 5"
+
+
+def test_a_motor_that_answers_everything_is_only_asked_whether_it_does() -> None:
+    slave = Slave(3)
+    slave.memory[68] = 2  # status return level
+    motor, line = alone(slave)
+    answer_everything(motor)
+    assert {packet.code for packet in line.sent} == {READ}
