@@ -23,7 +23,7 @@ from scipy import signal
 import sinew as sn
 from sinew.measure.attitude import swing_of
 from sinew.measure.errors import SpecError
-from sinew.mechanics.space import Motion, Pull, space_at_rest, state_rate
+from sinew.mechanics.space import Motion, Pull, free_acceleration, space_at_rest, state_rate
 from sinew.plan.pose import STRAIGHT
 from sinew.solve.march import runge_kutta, runge_kutta_samples
 from sinew.twin.cache import configure, use_all_cores
@@ -72,6 +72,20 @@ def test_the_gyroscope_in_space_is_butterworths_low_pass() -> None:
 
     gain, poles = signal.butter(2, float(space.rod.joint.low_pass_omega), analog=True)
     assert [rate(1, 0, 0), -rate(0, 1, 0), -rate(0, 0, 1)] == pytest.approx([gain[-1], poles[2], poles[1]])
+
+
+@pytest.mark.parametrize("prescribed", [False, True])
+def test_a_prescribed_lever_accelerates_as_it_is_told_and_another_by_its_servo(prescribed: bool) -> None:
+    space, coupling = space_from_rig(RIG), 1e-6
+    inertia = float(space.lever_tensor[0] + space.rod.joint.armature)
+    row, mass, zero = jnp.eye(18)[0] * coupling, 1e-3 * jnp.eye(18), jnp.zeros(())
+    moved = Motion(mass, row, None, zero, None, None, None, None)
+    joint, lever = free_acceleration(
+        jnp.zeros(18), jnp.asarray(0.1), moved, space._replace(added=0.0), 7.0, prescribed, jnp.linalg.solve
+    )
+    # m q̈ + c θ̈ = 0, c q̈ + I θ̈ = 0.1
+    expected = 7.0 if prescribed else 0.1 / (inertia - coupling**2 / 1e-3)
+    assert [float(lever), float(joint[0])] == pytest.approx([expected, -coupling * expected / 1e-3])
 
 
 def test_tendons_that_hold_a_tension_are_not_driven() -> None:
