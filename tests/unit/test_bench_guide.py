@@ -9,13 +9,11 @@ import pytest
 from tests.unit.emulator_stand_in import paper_rig
 
 from sinew.bench.doctor import Finding
-from sinew.bench.guide.devices import OpenRig, look_around
-from sinew.bench.guide.moves import Pull
-from sinew.bench.guide.steps import STEPS, Guide, Step, arrange, lead, turned_frame
-from sinew.emulator.found import VirtualPort
+from sinew.bench.guide import STEPS, Guide, OpenRig, Step, arrange, lead, look_around, turned_frame
+from sinew.bench.guide_moves import Pull
+from sinew.emulator.found import Hands, VirtualPort, draw_unbuilt
 from sinew.emulator.plant import Unloaded
 from sinew.emulator.rig import EmulatedRig
-from sinew.emulator.unbuilt import Hands, draw_unbuilt
 from sinew.hardware.bus import Bus, BusTiming, Clock
 from sinew.hardware.registers import BAUD_RATES
 from sinew.hardware.rig import Rig
@@ -166,7 +164,7 @@ def test_a_port_that_knows_no_baud_is_refused_and_one_that_knows_the_rigs_is_not
 def test_what_a_tendon_did_is_told_under_its_number(monkeypatch: pytest.MonkeyPatch) -> None:
     table = OnTheTable()
     leans = [(-math.sin(turn), math.cos(turn)) for turn in np.radians([0.0, 90.0, 180.0, 270.0])]
-    monkeypatch.setattr("sinew.bench.guide.steps.pull_tendon", lambda _, __, index: Pull(1, lean=leans[index]))
+    monkeypatch.setattr("sinew.bench.guide.pull_tendon", lambda _, __, index: Pull(1, lean=leans[index]))
     person = Somebody(table.hands)
     step = next(step for step in STEPS if step.name == "tendons")
     assert table.lead(person, [step])
