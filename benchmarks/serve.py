@@ -69,7 +69,14 @@ def served(runs: Path, *options: str) -> Iterator[tuple[psutil.Process, float]]:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     begin = time.perf_counter()
-    command = [str(Path(sys.executable).with_name("sinew")), "serve", "--http", f"127.0.0.1:{port}", "--runs", str(runs)]
+    command = [
+        str(Path(sys.executable).with_name("sinew")),
+        "serve",
+        "--http",
+        f"127.0.0.1:{port}",
+        "--runs",
+        str(runs),
+    ]
     process = subprocess.Popen([*command, *options], stdout=subprocess.DEVNULL)
     try:
         while not _is_answered(f"http://127.0.0.1:{port}/"):
@@ -145,7 +152,9 @@ def main(words: Sequence[str] = ()) -> None:
     """Print what the start, the rest and the work of a dashboard cost."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks serve")
     parser.add_argument("--rest", type=float, default=10.0, help="how long nobody asks for anything [s]")
-    parser.add_argument("--after", type=float, default=70.0, help="how long after the last call the workers are counted [s]")
+    parser.add_argument(
+        "--after", type=float, default=70.0, help="how long after the last call the workers are counted [s]"
+    )
     parser.add_argument("--times", type=int, default=3, help="how often it is begun")
     parser.add_argument("--only", choices=("start", "rest", "work"), help="one of the three; else all")
     asked = parser.parse_args(words)

@@ -171,6 +171,7 @@ def serving(runs: Path, **settings: Any) -> Iterator[Served]:
         httpx.Client(base_url=f"http://127.0.0.1:{port + 1}", headers=origin, timeout=PATIENCE, verify=False) as client,
     ):
         try:
+            steward.await_bench(threading.Event())
             served = Served(steward, steward.settings.access, client, bench)
             yield served
         finally:

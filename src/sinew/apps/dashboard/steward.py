@@ -104,14 +104,15 @@ class BenchEmulator:
 
         Raises FileError where it does not get ready.
         """
-        out, self._announced = self._announced, None
+        process, out, self._announced = self._process, self._announced, None
         if out is None:
             return
+        end = time.monotonic() + _READY_S
         with out:
-            end = time.monotonic() + _READY_S
-            while not over.is_set() and not select.select([out], [], [], _LOOK_S)[0] and time.monotonic() < end:
-                pass
-            if over.is_set() or (select.select([out], [], [], 0.0)[0] and out.readline()):
+            while not (comes := select.select([out], [], [], _LOOK_S)[0]) and time.monotonic() < end:
+                if over.is_set():
+                    return
+            if (comes and out.readline()) or self._process is not process:  # the last: it was begun anew meanwhile
                 return
         self.close()
         raise FileError(f"the emulator does not get ready: {self.last_words()}; see {self._folder / _LOG}")

@@ -59,7 +59,6 @@ POOLS = {"quick": Size(1, 45.0), "sketch": Size(1, 600.0), "heavy": Size(2, 45.0
 """The pools by name. Who thinks for a minute about a slider finds it warm: to compile anew takes some seconds."""
 
 
-
 CALLS = {
     "shelf": Call(f"{_WORK}.runs", "quick", _SHORT_S),
     "read_shelf": Call(f"{_WORK}.runs", "quick", _SHORT_S),
