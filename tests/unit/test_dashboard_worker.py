@@ -167,7 +167,8 @@ def test_closing_ends_the_processes(worker: Worker) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(CALLS))
-def test_every_call_is_a_function_with_a_docstring(name: str) -> None:
+def test_every_call_is_a_function_with_a_docstring_and_has_a_pool(name: str) -> None:
     import importlib
 
+    assert CALLS[name].pool in POOLS
     assert getattr(importlib.import_module(CALLS[name].module), name).__doc__

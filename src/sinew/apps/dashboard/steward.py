@@ -8,7 +8,6 @@ import asyncio
 import fcntl
 import json
 import select
-import signal
 import socket
 import subprocess
 import threading
