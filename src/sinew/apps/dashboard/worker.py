@@ -19,7 +19,6 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
-from heapq import heappop, heappush
 from multiprocessing import get_context, parent_process
 from typing import Any, NamedTuple, Protocol
 
@@ -56,8 +55,7 @@ class Size(NamedTuple):
 
 
 POOLS = {"quick": Size(1, 45.0), "sketch": Size(1, 600.0), "heavy": Size(2, 45.0)}
-"""The pools by name. Who thinks for a minute about a slider finds it warm: to compile anew takes some seconds."""
-
+"""The pools by name. Who thinks for a minute about a slider finds it warm."""
 
 CALLS = {
     "shelf": Call(f"{_WORK}.runs", "quick", _SHORT_S),
@@ -76,17 +74,13 @@ CALLS = {
 """What can be called, by name."""
 
 
-def _begin(pool: str) -> None:
-    """Prepare a process: low priority, so much memory, JAX as everywhere, an end with whoever made it."""
+def _begin() -> None:
+    """Prepare a process: low priority, so much memory, an end with whoever made it."""
     os.nice(_NICE)
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
     most = _MOST_DATA + _DATA_OF_A_CORE * (os.cpu_count() or 1)
     resource.setrlimit(resource.RLIMIT_DATA, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
     threading.Thread(target=_end_with_the_maker, daemon=True).start()
-    if pool != "quick":
-        from sinew.twin.cache import configure
-
-        configure()
 
 
 def _end_with_the_maker() -> None:
@@ -122,8 +116,8 @@ class _Request:
 class _Place:
     """The place of one process in a pool, taken by one call at a time."""
 
-    def __init__(self, pool: str) -> None:
-        self._pool = pool
+    def __init__(self, idle_s: float) -> None:
+        self._idle_s = idle_s
         self._executor: ProcessPoolExecutor | None = None
         self._idle: asyncio.TimerHandle | None = None
 
@@ -149,7 +143,7 @@ class _Place:
             ) from None
         finally:
             if self.is_taken:
-                self._idle = asyncio.get_running_loop().call_later(POOLS[self._pool].idle_s, self.end)
+                self._idle = asyncio.get_running_loop().call_later(self._idle_s, self.end)
 
     def end(self) -> None:
         """End the process at once, whatever it does."""
@@ -164,8 +158,7 @@ class _Place:
 
     def _submit(self, request: _Request) -> "Future[Any]":
         if self._executor is None:
-            context = get_context("spawn")
-            self._executor = ProcessPoolExecutor(1, context, initializer=_begin, initargs=(self._pool,))
+            self._executor = ProcessPoolExecutor(1, get_context("spawn"), initializer=_begin)
         return self._executor.submit(_run, CALLS[request.name].module, request.name, request.arguments)
 
     def _forget_idle(self) -> None:
@@ -177,10 +170,11 @@ class _Place:
 class _Pool:
     """A few places, and whose turn it is. The first that is free is taken: it is the warmest."""
 
-    def __init__(self, name: str) -> None:
-        self.places = [_Place(name) for _ in range(POOLS[name].processes)]
-        self._free = list(range(len(self.places)))
-        self._turn = asyncio.Semaphore(len(self.places))
+    def __init__(self, size: Size) -> None:
+        self.places = [_Place(size.idle_s) for _ in range(size.processes)]
+        self._free = asyncio.PriorityQueue[int]()
+        for number in range(size.processes):
+            self._free.put_nowait(number)
         self._keys: dict[str, tuple[asyncio.Lock, _Request]] = {}
 
     def put(self, request: _Request, key: str) -> asyncio.Lock:
@@ -192,14 +186,13 @@ class _Pool:
     async def serve(self, request: _Request, key: str | None, lock: asyncio.Lock | None) -> Any:
         """Return what a request's function says, when it is its turn; None where nobody wants it by then."""
         try:
-            async with lock or nullcontext(), self._turn:
-                if not request.is_wanted or not self._is_newest(request, key):
-                    return None
-                place = heappop(self._free)
+            async with lock or nullcontext():
+                number = await self._free.get()
                 try:
-                    return await self.places[place].run(request)
+                    is_wanted = request.is_wanted and self._is_newest(request, key)
+                    return await self.places[number].run(request) if is_wanted else None
                 finally:
-                    heappush(self._free, place)
+                    self._free.put_nowait(number)
         finally:
             if key is not None and self._is_newest(request, key):
                 del self._keys[key]
@@ -212,7 +205,7 @@ class Worker:
     """Runs the functions of `CALLS` in other processes; for one event loop."""
 
     def __init__(self) -> None:
-        self._pools = {name: _Pool(name) for name in POOLS}
+        self._pools = {name: _Pool(size) for name, size in POOLS.items()}
         self._tasks: set[asyncio.Task[Any]] = set()
 
     def warm_up(self) -> None:
