@@ -136,11 +136,13 @@ async def _work(folder: Path, rest_s: float) -> None:
     here = psutil.Process()
     try:
         for name, arguments in _calls(folder).items():
-            begin = time.perf_counter()
+            begin, before = time.perf_counter(), {each: _busy_s([each]) for each in here.children(recursive=True)}
             await worker.call(name, *arguments)
-            seconds = time.perf_counter() - begin
-            held = [memory_mb(each) for each in here.children(recursive=True)]
-            print(f"  {name:<20} {seconds:6.2f} s; then {len(held)} processes with {sum(held):5.0f} MB")
+            seconds, those = time.perf_counter() - begin, here.children(recursive=True)
+            busy = sum(_busy_s([each]) - before.get(each, 0.0) for each in those)
+            held = sum(map(memory_mb, those))
+            told = f"{seconds:6.2f} s, {busy:6.2f} s of a core; then {len(those)} processes with {held:5.0f} MB"
+            print(f"  {name:<20} {told}", flush=True)
         await asyncio.sleep(rest_s)
         held = [memory_mb(each) for each in here.children(recursive=True)]
         print(f"  {rest_s:g} s later: {len(held)} processes with {sum(held):5.0f} MB")
