@@ -59,7 +59,7 @@ def by_role(root: psutil.Process) -> dict[str, list[psutil.Process]]:
 
 def _busy_s(processes: Sequence[psutil.Process]) -> float:
     """Return how long a core was busy with some processes [s]."""
-    return sum(each.cpu_times().user + each.cpu_times().system for each in processes)
+    return float(sum(each.cpu_times().user + each.cpu_times().system for each in processes))
 
 
 @contextmanager
@@ -144,8 +144,8 @@ async def _work(folder: Path, rest_s: float) -> None:
             told = f"{seconds:6.2f} s, {busy:6.2f} s of a core; then {len(those)} processes with {held:5.0f} MB"
             print(f"  {name:<20} {told}", flush=True)
         await asyncio.sleep(rest_s)
-        held = [memory_mb(each) for each in here.children(recursive=True)]
-        print(f"  {rest_s:g} s later: {len(held)} processes with {sum(held):5.0f} MB")
+        left = here.children(recursive=True)
+        print(f"  {rest_s:g} s later: {len(left)} processes with {sum(map(memory_mb, left)):5.0f} MB")
     finally:
         worker.close()
 

@@ -55,7 +55,7 @@ class Size(NamedTuple):
 
 
 POOLS = {"quick": Size(1, 45.0), "sketch": Size(1, 600.0), "heavy": Size(2, 45.0)}
-"""The pools by name. Who thinks for a minute about a slider finds it warm."""
+"""The pools by name. Who thinks for a minute about a slider finds it warm; to become so again takes 5 s of a core."""
 
 CALLS = {
     "shelf": Call(f"{_WORK}.runs", "quick", _SHORT_S),
