@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from tests.patience import Patience
+from tests.unit.bench_journal import RIG_TEXT
 
 from sinew.apps.dashboard.hub import Hub, Live, Results, Ring
 from sinew.apps.dashboard.pages.curves import Curve, options_of
@@ -109,7 +110,7 @@ def results_with(work: Any) -> Results:
         return {}
 
     hub = Hub(Path("runs"), status)
-    hub.live = Live("run", 0.0, 1, {}, (), Ring(1, 10), dump_plan(load_plan("short")), "", 3)
+    hub.live = Live("run", 0.0, 1, {}, (), Ring(1, 10), dump_plan(load_plan("short")), RIG_TEXT, 3)
     return Results(hub, work, Path("runs"))
 
 

@@ -189,7 +189,7 @@ def test_events_segment_and_health_are_told(runs: Path) -> None:
         asyncio.run(hub.tick(0.04))
         said = json.loads(state_of(hub))["live"]
     assert (said["health"]["cycles"], said["health"]["temperature_c"]) == (7, {"drive": 31.0})
-    assert [tuple(event[1:]) for event in said["events"]] == [
+    assert [tuple(event[1:3]) for event in said["events"]] == [
         ("note", "first contact at 43 mA"), *2 * [("warning", "the lever went 3°")]
     ]  # fmt: skip
     assert said["doubts"] == ["the lever went 3°"]
