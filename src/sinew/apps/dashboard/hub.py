@@ -32,9 +32,10 @@ from sinew.measure.attitude import gyro_share, quaternion, tilt_from
 from sinew.measure.errors import FileError, SinewError
 from sinew.measure.estimate import finite
 from sinew.measure.events import Contact, Doubted, Ended, Event, Frozen, Health, Severity
+from sinew.plan.plan import Plan
 from sinew.plan.pose import STRAIGHT, Pose
 from sinew.plan.rig import RigSpec
-from sinew.plan.toml import dump_plan, dump_rig, parse_plan, parse_rig
+from sinew.plan.toml import parse_plan, parse_rig
 
 # A rig becomes what a page draws of it: its shape, its traces, the limit of its tendons.
 
@@ -593,7 +594,7 @@ class Results:
     async def run(self) -> None:
         """Follow the hub until cancelled."""
         epoch, done = 0, -1
-        foretold: tuple[str, str] | None = None
+        foretold: tuple[Plan, RigSpec] | None = None
         looked: tuple[str, float] | None = None
         predicting: asyncio.Task[None] | None = None
         while True:
@@ -601,10 +602,10 @@ class Results:
             run = begins or live
             if run is not None and (run.name, run.started) != looked:
                 looked = (run.name, run.started)
-                texts = dump_plan(parse_plan(run.plan_toml)), dump_rig(parse_rig(run.rig_toml))
+                asked = parse_plan(run.plan_toml), parse_rig(run.rig_toml)
                 self.measured, self.damping, self.notes, self.trouble = [], [], [], ""
-                if texts != foretold:
-                    foretold = texts
+                if asked != foretold:
+                    foretold = asked
                     self.predicted, self.basis, self.remark = [], "", ""
                     if predicting is not None:
                         predicting.cancel()
