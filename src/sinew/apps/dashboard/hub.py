@@ -263,9 +263,9 @@ _MOST_ROWS = 4000
 
 @dataclass(frozen=True)
 class News:
-    """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events with
-    their numbers, and when each was (see `JournalReader.event_times`); the segment that was begun last, or None; how many groups are finished; where the tendon motors stood
-    at first contact [rad], where that is among the events."""
+    """What a journal has that it had not: rows by column, as `JournalReader.samples` gives them; events with their
+    numbers, and when each was (see `JournalReader.event_times`); the segment that was begun last, or None; how many
+    groups are finished; where the tendon motors stood at first contact [rad], where that is among the events."""
 
     rows: dict[str, Array]
     events: list[tuple[int, Event]]
@@ -384,9 +384,9 @@ class Live:
     name: of its folder; started: when, as the steward has it. rig: what a page draws of it. epoch: rises whenever
     another run is followed. ring: row 0 is the time since the first sample that was seen [s], the others the channels.
     played: how many samples the viewers may see. latest: what there is to say of the newest of them. health: what the
-    run told of itself last. events: the newest, see `Told`. readings: what alarms are about. doubts: what the run doubts of itself.
-    source: what was measured where that is no real bench, else None. seen: when the newest sample came [s since 1970];
-    None where that is not known, which is as long as all came from before.
+    run told of itself last. events: the newest, see `Told`. readings: what alarms are about. doubts: what the run
+    doubts of itself. source: what was measured where that is no real bench, else None. seen: when the newest sample
+    came [s since 1970]; None where that is not known, which is as long as all came from before.
     """
 
     name: str
@@ -401,8 +401,8 @@ class Live:
     played: int = 0
     latest: dict[str, Any] = field(default_factory=dict)
     health: dict[str, Any] = field(default_factory=dict)
-    events: deque["Told"] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
-    readings: "Readings" = field(default_factory=lambda: Readings())
+    events: deque[Told] = field(default_factory=lambda: deque(maxlen=_MOST_EVENTS))
+    readings: Readings = field(default_factory=Readings)
     doubts: list[str] = field(default_factory=list)
     source: str | None = None
     seen: float | None = None

@@ -117,7 +117,7 @@ class JournalReader:
         return [(number, read_event(kind, text)) for number, kind, text in rows]
 
     def event_times(self, after: int = 0) -> dict[int, tuple[float, float]]:
-        """Return by number when every event after a number was: [s since 1970], and [s] since its run began to write."""
+        """Return by number when every event after a number was: [s since 1970], and [s] since its session began."""
         rows = self._connection.execute(
             "SELECT events.id, events.date, sessions.date FROM events JOIN sessions ON sessions.id = events.session "
             "WHERE events.id > ?",

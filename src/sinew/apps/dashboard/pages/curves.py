@@ -302,9 +302,9 @@ def _summarised(curve: Curve) -> str:
     most, at = max(known)
     form = "line" if curve.is_line else f"{len(known)} point{'s' * (len(known) != 1)}"
     low, high = min(x for _, x in known), max(x for _, x in known)
-    said = f"{curve.name}: {form} from {number(low, 3)} to {number(high, 3)}, largest {number(most, 3)} at {number(at, 3)}"
+    where = f"from {number(low, 3)} to {number(high, 3)}, largest {number(most, 3)} at {number(at, 3)}"
     missed = [f"{curve.x[i]:g} by {curve.verdicts[i].sentence}" for i in curve.misses]  # type: ignore[union-attr]
-    return said + (f"; missed the prediction at {'; at '.join(missed)}" if missed else "")
+    return f"{curve.name}: {form} {where}" + (f"; missed the prediction at {'; at '.join(missed)}" if missed else "")
 
 
 def table_of(what: str, curves: Sequence[Curve], x_name: str) -> str:
