@@ -18,6 +18,7 @@ LEAST_SHARE, LEAST_LAG_DEG = 0.10, 10.0
 """Without a band: how far a gain, as a share of the predicted one, and a lag may be off whatever its own interval."""
 
 _BEYOND = 0.01  # of a frequency: how far outside a predicted curve its end still counts
+_PLAINLY = 10.0  # times its uncertainty: from here on a tenth of it tells nothing
 _UNITS = {"gain": "", "phase": "°"}
 
 
@@ -102,7 +103,10 @@ def _difference(what: str, one: float, other: float) -> float:
 
 def _in_words(what: str, off: float, predicted: float, half: float) -> str:
     by = f"{100 * off / abs(predicted):+.0f} %" if what == "gain" and predicted else f"{off:+.0f}{_UNITS[what]}"
-    return typeset(f"{by}, {abs(off) / half:.1f} of its uncertainty" if half > 0 else by)
+    if not half > 0:
+        return typeset(by)
+    times = abs(off) / half
+    return typeset(f"{by}, {times:.{0 if times >= _PLAINLY else 1}f} of its uncertainty")
 
 
 # The points of a run, each with what is said of it.

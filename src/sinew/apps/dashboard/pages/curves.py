@@ -14,11 +14,11 @@ from sinew.measure.estimate import interval, number, span, typeset
 # and markers have no common divisor, so no pair of them comes twice among 42.
 _COLOURS = tuple(f"var(--series-{i + 1})" for i in range(6))
 _DASHES: tuple[str | list[int], ...] = ("solid", [9, 4], [3, 3], [12, 4, 3, 4], [16, 4], [8, 3, 2, 3, 2, 3])
-_SYMBOLS = (
+_SYMBOLS = (  # outlines keep their shape in a legend, where names of shapes are stretched
     "circle",
-    "rect",
-    "triangle",
-    "diamond",
+    "path://M0,0L9,0L9,9L0,9Z",  # a square
+    "path://M5,0L10,9L0,9Z",  # a triangle
+    "path://M5,0L10,5L5,10L0,5Z",  # a diamond
     "path://M0,0L10,0L5,9Z",  # a triangle on its tip
     "path://M3.5,0L6.5,0L6.5,3.5L10,3.5L10,6.5L6.5,6.5L6.5,10L3.5,10L3.5,6.5L0,6.5L0,3.5L3.5,3.5Z",  # a plus
     "path://M5,0L6.2,3.4L9.8,3.5L6.9,5.7L8,9.1L5,7.1L2,9.1L3.1,5.7L0.2,3.5L3.8,3.4Z",  # a star
@@ -245,7 +245,8 @@ def _series(curve: Curve, number: int) -> list[dict[str, Any]]:
         ]
         bars = {"type": "custom", ":renderItem": _WHISKER, "data": whiskers, "encode": {"x": 0, "y": [1, 2]}, "z": 3}
         scatter = {"type": "scatter", "name": curve.name, "symbol": symbol, "symbolSize": 8, "itemStyle": style, "z": 4}
-        missed = {"symbol": _MISS, "symbolSize": 12, "itemStyle": {"color": "var(--bad)"}}
+        missed: dict[str, Any] = {"symbol": _MISS, "symbolSize": 13}
+        missed["itemStyle"] = {"color": "var(--bad)", "borderColor": colour, "borderWidth": 1.5}
         data = [
             {"value": point, "said": _said(curve, i), **(missed if i in curve.misses else {})}
             for i, point in enumerate(points)

@@ -157,10 +157,12 @@ def _curves(site: Site) -> None:
         phase = Curves("phase")
     with card("Measured against predicted", 12):
         verdict = ui.label(_NOT_YET).props("id=sinew-verdict role=status").classes("text-bold")
-        missed = ui.element("ul").props('id=sinew-misses aria-live=polite aria-label="Values that miss the prediction"')
+        missed = ui.element("ul").props(
+            'id=sinew-misses tabindex=0 aria-live=polite aria-label="Values that miss the prediction"'
+        )
         missed.classes("sinew-misses")
         basis, note = (ui.label().classes("sinew-soft").props(f"id=sinew-{name}") for name in ("basis", "remark"))
-        damping, wrong = ui.label(), ui.label().classes("sinew-bad").props("role=status")
+        damping, wrong = ui.label().props("id=sinew-damping"), ui.label().classes("sinew-bad").props("role=status")
     seen = -1
     lines: dict[str, ui.element] = {}
 
