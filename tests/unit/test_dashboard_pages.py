@@ -47,7 +47,8 @@ def test_a_band_is_one_polygon_there_and_back() -> None:
 
 def test_one_pretension_has_one_colour_however_it_is_shown() -> None:
     curves = [Curve("p", [1], [1], is_line=True, number=3), Curve("m", [1], [1], [0], [2], number=3)]
-    colours = {series["itemStyle"]["color"] for series in drawn(*curves)["series"] if "itemStyle" in series}
+    styles = [series["itemStyle"] for series in drawn(*curves)["series"] if "itemStyle" in series]
+    colours = {style.get("borderColor", style["color"]) for style in styles}
     assert len(colours) == 1
 
 

@@ -576,7 +576,7 @@ class Results:
     `pretension_mm`, `frequency_hz`, and `gain`, `phase` as {"value", "std", "interval90"}, each point with its verdict
     (see `sinew.apps.dashboard.judgement.judged`). damping: of ring-downs. basis: what the prediction rests on.
     remark: what is to be said of the prediction and its band. notes: on groups that could not be analysed. trouble: why
-    something is missing. version: rises with every change.
+    something is missing. is_predicting: whether a prediction was ever asked for. version: rises with every change.
     """
 
     hub: Hub
@@ -588,6 +588,7 @@ class Results:
     basis: str = ""
     remark: str = ""
     notes: list[str] = field(default_factory=list)
+    is_predicting: bool = False
     version: int = 0
     trouble: str = ""
 
@@ -606,7 +607,7 @@ class Results:
                 self.measured, self.damping, self.notes, self.trouble = [], [], [], ""
                 if asked != foretold:
                     foretold = asked
-                    self.predicted, self.basis, self.remark = [], "", ""
+                    self.predicted, self.basis, self.remark, self.is_predicting = [], "", "", True
                     if predicting is not None:
                         predicting.cancel()
                     predicting = asyncio.create_task(self._predict(run.plan_toml, run.rig_toml))

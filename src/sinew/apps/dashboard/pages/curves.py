@@ -256,8 +256,13 @@ def _series(curve: Curve, number: int) -> list[dict[str, Any]]:
             {**scatter, "data": data, "tooltip": tooltip},
             {**bars, "name": curve.name, "itemStyle": style, "silent": True, "clip": True},
         ]
-    line = {"type": "line", "name": curve.name, "showSymbol": False, "itemStyle": style, "silent": True}
-    line["symbol"] = f"empty{symbol[0].upper()}{symbol[1:]}"
+    hollow = {
+        "color": "var(--card)",
+        "borderColor": colour,
+        "borderWidth": 2,
+    }  # so that none is taken for a measurement
+    line = {"type": "line", "name": curve.name, "showSymbol": False, "symbol": symbol, "itemStyle": hollow}
+    line["silent"] = True
     made: list[dict[str, Any]] = []
     stable = curve.is_stable or [True] * len(points)
     for wanted, pattern in ((True, dash), (False, _UNSTABLE)):
@@ -268,8 +273,8 @@ def _series(curve: Curve, number: int) -> list[dict[str, Any]]:
     places = [place for place in places if 0 < place < len(points) and points[place][1] is not None]
     if places:
         spots = [points[place] for place in places]
-        marker = {"type": "scatter", "name": curve.name, "symbol": line["symbol"], "symbolSize": 8, "data": spots}
-        made.append({**marker, "itemStyle": style, "silent": True, "z": 2})
+        marker = {"type": "scatter", "name": curve.name, "symbol": symbol, "symbolSize": 8, "data": spots}
+        made.append({**marker, "itemStyle": hollow, "silent": True, "z": 2})
     if curve.low:
         made += _band(curve, colour)
     return made

@@ -4,7 +4,7 @@ from typing import Any
 
 from nicegui import ui
 
-from sinew.apps.dashboard.hub import drawn_rig
+from sinew.apps.dashboard.hub import Results, drawn_rig
 from sinew.apps.dashboard.judgement import misses, tally
 from sinew.apps.dashboard.pages.curves import Curves
 from sinew.apps.dashboard.pages.frame import Site, card, choice, empty, framed, live_card, quantity, script
@@ -184,7 +184,7 @@ def _curves(site: Site) -> None:
             for curves in (gain, phase):
                 curves.show(site.results.predicted, site.results.measured)
             list_misses()
-            verdict.set_text(tally(site.results.measured) or (_PREDICTED if site.results.predicted else _NOT_YET))
+            verdict.set_text(_verdict(site.results))
             basis.set_text(site.results.basis)
             note.set_text(site.results.remark)
             damping.set_text(_in_words(site.results.damping))
@@ -195,7 +195,15 @@ def _curves(site: Site) -> None:
 
 
 _NOT_YET = "No prediction yet: it comes as soon as a run begins."
-_PREDICTED = "Nothing is measured yet; the lines are the prediction."
+
+
+def _verdict(results: Results) -> str:
+    """Return how measured and predicted compare, or what is waited for."""
+    if results.predicted:
+        return tally(results.measured) or "Nothing is measured yet; the lines are the prediction."
+    if results.trouble or results.remark:
+        return "There is no prediction to hold this run against."
+    return "The prediction is being computed." if results.is_predicting else _NOT_YET
 
 
 def _in_words(damping: list[dict[str, Any]]) -> str:
