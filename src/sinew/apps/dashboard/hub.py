@@ -25,7 +25,7 @@ from sinew.apps.bench.bench_run import JOURNAL
 from sinew.apps.dashboard.judgement import judged
 from sinew.apps.dashboard.operators import unlinked
 from sinew.apps.dashboard.worker import Work
-from sinew.bench.record.journal_reader import JournalReader, Stretch
+from sinew.bench.record.journal import JournalReader, Stretch
 from sinew.bench.tilt import TiltEstimator
 from sinew.measure.arrays import Array
 from sinew.measure.attitude import gyro_share, quaternion, tilt_from
