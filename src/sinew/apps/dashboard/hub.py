@@ -87,8 +87,10 @@ MISSED_LIMIT = 5
 def alarm_limits(rig: RigSpec) -> dict[str, dict[str, float | None]]:
     """Return where the alarm of each reading begins, `limit`, and what the rig allows, `rig`."""
     allowed = {"temperature": rig.limits.temperature_c, "tension": rig.limits.tension_n, "tilt": rig.limits.tilt_deg}
-    limits = {name: {"limit": round(ALARM_SHARE * most, 3), "rig": most} for name, most in allowed.items()}
-    return {**limits, "missed": {"limit": float(MISSED_LIMIT), "rig": None}}
+    limits: dict[str, dict[str, float | None]] = {"missed": {"limit": float(MISSED_LIMIT), "rig": None}}
+    for name, most in allowed.items():
+        limits[name] = {"limit": round(ALARM_SHARE * most, 3), "rig": most}
+    return limits
 
 
 # The samples of a journal become what the oscilloscope shows, in the units of a screen.

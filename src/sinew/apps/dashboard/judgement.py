@@ -66,7 +66,8 @@ def judge(what: str, curve: dict[str, Any], frequency_hz: float, estimate: dict[
         edge = _difference(what, band[1], predicted) if off > 0 else -_difference(what, band[0], predicted)
         half = math.hypot(own, max(0.0, edge))
         misses = abs(off) > half
-    return Verdict(predicted, *(band or (None, None)), off, half, bool(misses), _in_words(what, off, predicted, half))
+    first, last = band or (None, None)
+    return Verdict(predicted, first, last, off, half, bool(misses), _in_words(what, off, predicted, half))
 
 
 def _motions(curve: dict[str, Any], what: str, at: float) -> list[float]:
