@@ -13,16 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sinew.apps.dashboard.alarms import Readings, alarm_limits
 from sinew.apps.dashboard.hub import (
     MOST_MESSAGE,
     Channel,
     Hub,
     Live,
     LiveChannels,
-    Readings,
     Ring,
     View,
-    alarm_limits,
     frame_of,
     state_of,
 )
@@ -280,12 +279,29 @@ def test_tensions_are_currents_in_newtons() -> None:
 
 
 def test_a_peak_is_told_for_a_second_and_then_is_over() -> None:
-    readings = Readings()
-    readings.take(10.0, np.array([[1.0, 90.0, 2.0], [3.0, 3.0, np.nan]]), np.array([0.1, -8.0, np.nan]))
-    readings.take(10.5, np.array([[1.0], [3.0]]), np.array([0.2]))
-    assert readings.document() == {"tension": (90.0, "tendon 1"), "tilt": (8.0, "head plate")}
-    readings.take(11.2, np.array([[1.0], [3.0]]), np.array([0.2]))
-    assert readings.document() == {"tension": (3.0, "tendon 2"), "tilt": (0.2, "head plate")}
+    tendons = load_rig("paper").tendons
+
+    def traces(first: list[float], tilt: list[float]) -> dict[str, Any]:
+        rest = {f"tendon_{i + 1}_current": np.full(len(first), 0.1) for i in range(1, tendons.count)}
+        return {"tendon_1_current": np.array(first), **rest, "tilt": np.array(tilt)}
+
+    readings = Readings(tendons)
+    readings.take(10.0, traces([0.05, 0.9, np.nan], [0.1, -8.0, np.nan]))
+    readings.take(10.5, traces([0.05], [0.2]))
+    peak, low = (round(float(tendons.tension(current)), 1) for current in (0.9, 0.1))
+    assert readings.document() == {"tension": (peak, "tendon 1"), "tilt": (8.0, "head plate")}
+    readings.take(11.2, traces([0.05], [0.2]))
+    assert readings.document() == {"tension": (low, "tendon 2"), "tilt": (0.2, "head plate")}
+
+
+def test_the_tilt_of_a_bent_head_is_counted_from_its_pose() -> None:
+    tendons = load_rig("paper").tendons
+    readings = Readings(tendons)
+    currents = {f"tendon_{i + 1}_current": np.array([0.1]) for i in range(tendons.count)}
+    readings.take(
+        0.0, {**currents, "tilt": np.array([30.0]), "in_plane": np.array([3.0]), "out_of_plane": np.array([-4.0])}
+    )
+    assert readings.document()["tilt"] == (5.0, "head plate")
 
 
 def test_the_hottest_motor_and_the_cycles_missed_within_a_minute_are_read() -> None:

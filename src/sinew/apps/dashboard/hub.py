@@ -22,6 +22,7 @@ import orjson
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from sinew.apps.bench.bench_run import JOURNAL
+from sinew.apps.dashboard.alarms import Readings, alarm_limits
 from sinew.apps.dashboard.judgement import judged
 from sinew.apps.dashboard.operators import unlinked
 from sinew.apps.dashboard.worker import Work
@@ -75,22 +76,6 @@ def drawn_rig(rig: RigSpec, pose: Pose = STRAIGHT) -> dict[str, Any]:
         "alarms": alarm_limits(rig),
         "pose": None if pose.is_straight else pose.words(),
     }
-
-
-ALARM_SHARE = 0.9
-"""Of a rig's limit, at which its alarm begins unless somebody sets it elsewhere: before the bench stops."""
-
-MISSED_LIMIT = 5
-"""Cycles missed within a minute, beyond which their alarm begins; no rig has a limit for them."""
-
-
-def alarm_limits(rig: RigSpec) -> dict[str, dict[str, float | None]]:
-    """Return where the alarm of each reading begins, `limit`, and what the rig allows, `rig`."""
-    allowed = {"temperature": rig.limits.temperature_c, "tension": rig.limits.tension_n, "tilt": rig.limits.tilt_deg}
-    limits: dict[str, dict[str, float | None]] = {"missed": {"limit": float(MISSED_LIMIT), "rig": None}}
-    for name, most in allowed.items():
-        limits[name] = {"limit": round(ALARM_SHARE * most, 3), "rig": most}
-    return limits
 
 
 # The samples of a journal become what the oscilloscope shows, in the units of a screen.
@@ -158,14 +143,6 @@ class LiveChannels:
         """Take notice of where the tendon motors stood at first contact [rad], (tendon,)."""
         if self._bent is not None:
             self._bent.contact = angles
-
-    def alarming(self, traces: Array) -> tuple[Array, Array]:
-        """Return of some traces the tension of each tendon [N], (tendon, n), and the tilt away from the pose [deg]."""
-        keys = [channel.key for channel in self.channels]
-        tilt = traces[4 + self._tendons]
-        if self._bent is not None:
-            tilt = np.hypot(traces[keys.index("in_plane")], traces[keys.index("out_of_plane")])
-        return np.fmax(0.0, traces[4 : 4 + self._tendons]) * self._force, tilt
 
     def tensions(self, traces: Array) -> list[float]:
         """Return the tension of each tendon [N] at the newest row of some traces, from its motor's current."""
@@ -319,8 +296,6 @@ _STATUS_S = 0.5
 _KEPT = 24_000  # samples: a minute at 400 Hz
 _PLAY_S = 0.12  # a journal gets its rows ten times a second; they are played out evenly
 _MOST_EVENTS = 200
-_READINGS_S = 1.0  # how long a reading of an alarm holds on to its largest value: no frame to a page is later
-_MISSED_S = 60.0
 _MOST_DOUBTS = 8
 _GAP_S = 60.0  # between samples: what lies before was another session of the run
 
@@ -330,53 +305,6 @@ Status = dict[str, Any]
 Told = tuple[int, Severity | Literal["stop"], str, float | None, float | None]
 """An event as a page gets it: number, severity ("stop" of what ended a run early), sentence, when [s since 1970], and
 how long after the run, or its resumption, began [s]."""
-
-
-class Readings:
-    """What alarms are about: the largest value of each within the last second, so that no peak slips between frames.
-
-    Values are (largest, of which part), by reading: tension [N], tilt [deg] away from the pose, temperature [°C], and
-    cycles missed within the last minute.
-    """
-
-    def __init__(self) -> None:
-        self._peaks: deque[tuple[float, Array, float]] = deque()
-        self._missed: deque[tuple[float, int]] = deque()
-        self._celsius: dict[str, float] = {}
-
-    def take(self, now: float, tension_n: Array, tilt_deg: Array) -> None:
-        """Take new samples of the tendons' tension (tendon, n) and of the tilt (n,). now: [s], of any clock."""
-        self._peaks.append((now, np.fmax.reduce(tension_n, axis=1), float(np.fmax.reduce(np.abs(tilt_deg)))))
-        while self._peaks[0][0] < now - _READINGS_S:
-            self._peaks.popleft()
-
-    def take_health(self, now: float, health: Health) -> None:
-        """Take what a run told of itself."""
-        self._celsius = dict(health.temperature_c)
-        if self._missed and health.missed < self._missed[-1][1]:
-            self._missed.clear()  # the run began anew
-        self._missed.append((now, health.missed))
-        while self._missed[0][0] < now - _MISSED_S:
-            self._missed.popleft()
-
-    def document(self) -> dict[str, tuple[float, str]]:
-        """Return the readings that there are."""
-        found: dict[str, tuple[float, str]] = {}
-        if self._peaks:
-            tension = np.fmax.reduce([peak for _, peak, _ in self._peaks], axis=0)
-            if np.isfinite(tension).any():
-                tendon = int(np.nanargmax(tension))
-                found["tension"] = round(float(tension[tendon]), 1), f"tendon {tendon + 1}"
-            tilt = float(np.fmax.reduce([tilt for _, _, tilt in self._peaks]))
-            if math.isfinite(tilt):
-                found["tilt"] = round(tilt, 2), "head plate"
-        known = {name: value for name, value in self._celsius.items() if math.isfinite(value)}
-        if known:
-            hottest = max(known, key=lambda name: known[name])
-            found["temperature"] = known[hottest], hottest
-        if self._missed:
-            found["missed"] = float(self._missed[-1][1] - self._missed[0][1]), "within a minute"
-        return found
 
 
 @dataclass
@@ -503,6 +431,7 @@ class Hub:
         texts = tail.plan_toml, tail.rig_toml
         self.live = Live(run["name"], started, self._epoch, drawn, channels, ring, *texts, groups)
         self.live.source, self.live.seen = tail.source, run.get("ended")
+        self.live.readings = Readings(rig.tendons)
 
     def _take(self, live: Live, news: News) -> None:
         assert self._channels is not None
@@ -553,7 +482,7 @@ class Hub:
         if self._tail is not None and rows["id"][-1] > self._tail.found:
             live.seen = wall_clock()
             fresh = traces[:, rows["id"] > self._tail.found]
-            live.readings.take(monotonic(), *self._channels.alarming(fresh))
+            live.readings.take(monotonic(), dict(zip((one.key for one in live.channels), fresh, strict=True)))
 
 
 # A run's curve grows: each recorded group analysed, beside what was predicted for the plan.
