@@ -107,7 +107,7 @@ def test_after_the_end_values_are_grey_and_say_how_old_they_are(opened: Open, st
     stage.until("over")
     page.wait_for_function("document.body.dataset.stale === 'true'")
     page.wait_for_function("/^[3-9] s ago$/.test(document.querySelector('.sinew-age').textContent)")
-    assert page.locator(".sinew-live").count() == page.locator(".sinew-live.stale").count() == 4
+    assert page.locator(".sinew-live").count() == page.locator(".sinew-live.stale").count() == 5
     assert "grayscale(1)" in page.evaluate("getComputedStyle(document.getElementById('sinew-scope')).filter")
 
 

@@ -120,7 +120,7 @@ def _alarms_card() -> None:
         f'<td id="sinew-most-{key}">–</td><td id="sinew-alarm-state-{key}">quiet</td></tr>'
         for key, label, unit in _READINGS
     )
-    with card("Alarms", 4):
+    with live_card("Alarms", 4):
         ui.html(
             '<div class="sinew-scrolls" tabindex="0" role="region" aria-label="Limits of the alarms">'
             "<table><thead><tr>"
