@@ -17,7 +17,7 @@ from typing import cast
 
 import numpy as np
 
-from sinew.emulator.devices.device import Board, ControlTable, RegisterSet
+from sinew.emulator.device import Board, ControlTable, RegisterSet
 from sinew.emulator.plant import Mechanics
 from sinew.hardware.registers import (
     BAUD_RATES,

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from sinew.figures.style import ACCENT, GREEN, GREY, INK, MARKERS, RED, few, in_style, new_figure, note_panel
-from sinew.identify.choice.held_out import HeldOut, Split
+from sinew.identify.choice.comparison import HeldOut, Split
 from sinew.identify.joint.fit import JointFit
 from sinew.identify.oscillator.backbone import Backbone
 from sinew.identify.oscillator.fitted import Fit, Swing

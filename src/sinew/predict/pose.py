@@ -250,7 +250,7 @@ def find_pose(rig: RigSpec, asked: Asked, *, outlook: bool = True) -> Posed:
 
     >>> import sinew as sn
     >>> from sinew.plan.pose import Pose
-    >>> from sinew.predict.poses.pose import Asked, find_pose
+    >>> from sinew.predict.pose import Asked, find_pose
     >>> asked = Asked(6.0, Pose(bend_deg=20, azimuth_deg=0))
     >>> bool(find_pose(sn.load_rig("paper"), asked, outlook=False).rest.taut)
     True
