@@ -33,7 +33,7 @@ from sinew.twin.parameters import Effects
 from sinew.twin.simulate import lane_parameters
 
 RESOLUTION = Resolution(
-    ((Size(7, 64), Size(19, 256)), (Size(19, 128), Size(39, 512))),
+    ((Size(7, 64), Size(19, 128)), (Size(19, 128), Size(39, 512))),
     5e-3,
     Stride(first=0.02, most=0.1, correction=1e-2, tolerance=1e-4),
     Search(nudge=2e-2, enough=5e-3),
