@@ -38,7 +38,11 @@ RESOLUTION = Resolution(
     Stride(first=0.02, most=0.1, correction=1e-2, tolerance=1e-4),
     Search(nudge=2e-2, enough=5e-3),
 )
-"""Waves for a rig's joint; the tolerance is far below what a rig repeats to."""
+"""Waves for a rig's joint; the tolerance is far below what a rig repeats to.
+
+128 samples of half a period put the paper's peak at 6 mm within 4e-5 in frequency and 1e-4 in amplitude of 39 harmonics
+on 512; twice as many are no nearer, and take twice the time.
+"""
 
 _TIMES = tuple(float(tau) for tau in relaxation_times())
 _TORSION = Coordinate("torsion", "odd", 2, _TIMES)
