@@ -163,7 +163,7 @@ def look(
     >>> import sinew as sn
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = pathlib.Path(folder) / "swing.csv"
-    ...     lines = [f"{i / 100:.2f};{(-1) ** (i // 20) * 0.97 ** i:.4f}".replace(".", ",") for i in range(200)]
+    ...     lines = [f"{i / 100:.2f};{(-1) ** (i // 20) * 0.97**i:.4f}".replace(".", ",") for i in range(200)]
     ...     _ = file.write_text("Zeit;Winkel (deg)\\n" + "\\n".join(lines))
     ...     found = sn.look(file).document
     >>> found["format"], round(found["time"]["rate_hz"]), found["columns"][1]["unit"]
