@@ -93,7 +93,8 @@ class _Servos(NamedTuple):
         held = torque <= self.friction
         phasor = np.where(held, 1j, self.load * theta + 1j * self.friction)
         theta = np.where(held, 0.0, theta)
-        return theta, theta + phasor / np.abs(phasor) * x * self.error_limit
+        command = theta + phasor / np.abs(phasor) * x * self.error_limit
+        return np.asarray(theta, dtype=float), np.asarray(command, dtype=complex)
 
 
 def drive_reach(rig: RigSpec, command_rad: float, frequency_hz: float, head: complex = 0.0) -> Reach:
