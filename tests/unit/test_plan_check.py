@@ -4,10 +4,11 @@ import math
 import re
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sinew.measure.errors import SpecError
-from sinew.plan.check import Preview, check_plan, refuse_beyond_limits
+from sinew.plan.check import Preview, check_plan, drive_reach, drive_reaches, refuse_beyond_limits
 from sinew.plan.plan import Plan
 from sinew.plan.toml import load_plan, load_rig
 
@@ -164,3 +165,10 @@ def test_a_refused_plan_raises_its_first_refusal_and_counts_the_others() -> None
 
 def test_a_plan_within_the_limits_passes() -> None:
     refuse_beyond_limits(check_plan(load_plan("short"), RIG))
+
+
+def test_the_drive_asked_of_many_groups_at_once_says_what_it_says_of_each() -> None:
+    rig, command, hertz = load_rig("paper"), np.radians([2.0, 20.0, 60.0]), np.array([0.5, 3.0, 7.0])
+    head = np.array([0.0, 2.0 * np.exp(-1.5j), 0.3 * np.exp(-3.0j)])
+    each = [drive_reach(rig, *asked) for asked in zip(command.tolist(), hertz.tolist(), head.tolist(), strict=True)]
+    assert drive_reaches([rig] * 3, command, hertz, head) == each
