@@ -17,7 +17,7 @@ from sinew import __version__
 from sinew.apps.bench import check, doctor, emulate, run, serve, track
 from sinew.apps.console import NumbersCommand
 from sinew.apps.joints import calibrate, design, joint, modes, pose, predict, transfer, tune
-from sinew.apps.recordings import analyse, convert, current, gait, identify, reproduce, simulate
+from sinew.apps.recordings import analyse, convert, current, gait, identify, reproduce, runs, simulate
 from sinew.measure.errors import SinewError
 
 app = typer.Typer(
@@ -38,6 +38,10 @@ _command(
     epilog="Example: sinew analyse chirp.csv --kind broadband --time t_s --response phi:deg --drive u:N*m --out chirp"
     "\n\nExample: sinew analyse decay.csv --kind ring-down --time t_s --response angle:deg --json"
 )(analyse.analyse)
+_command(
+    epilog='Example: sinew runs runs --search "f_r>3.2 pretension=6 tag:aged"'
+    "\n\nExample: sinew runs runs --search pretension=6 --trend f_r --out ageing.svg"
+)(runs.runs)
 _command(epilog="Example: sinew current out/bench/recording.nc")(current.current)
 _command(epilog="Example: sinew identify a.csv --time t_s --input u:N*m --output phi:deg --excitation torque --json")(
     identify.identify

@@ -174,10 +174,11 @@ def _trend(
         unit = f"{about.unit} a month".strip()
         over = f"over {days.size} runs in {number(np.ptp(days) / DAYS_OF_A_MONTH, 2)} months"
         if _is_off_zero(slope):
-            ends = span(*sorted((abs(slope.low), abs(slope.high))), unit)
-            sentence = f"{name} {changes} by {number(abs(slope.value), 2)} {unit} (90 %: {ends}), {over}."
+            ends = span(*sorted((abs(slope.low), abs(slope.high))))
+            sentence = f"{name} {changes} by {number(abs(slope.value), 2)} {unit} (90 %: {ends}), {over}: not zero."
         else:
-            sentence = f"{name} does not change beyond its uncertainty: {span(slope.low, slope.high, unit)}, {over}."
+            ends = span(slope.low, slope.high, unit)
+            sentence = f"{name} does not change beyond its uncertainty: {ends} (90 %), {over}; zero is among it."
     return Trend(quantity, rig, source, pretension_mm, runs, started, values, line, sentence)
 
 

@@ -49,7 +49,10 @@ class Call(NamedTuple):
 CALLS = {
     "shelf": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "read_shelf": Call(f"{_WORK}.runs", "light", _SHORT_S),
-    "list_runs": Call(f"{_WORK}.runs", "light", _SHORT_S),
+    "look_at_runs": Call(f"{_WORK}.runs", "light", _SHORT_S),
+    "list_bin": Call(f"{_WORK}.runs", "light", _SHORT_S),
+    "run_trends": Call(f"{_WORK}.runs", "light", _SHORT_S),
+    "run_differences": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "measured_so_far": Call(f"{_WORK}.results", "light", _SHORT_S),
     "preview_document": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),
     "design_curves": Call(f"{_WORK}.design", "curves", 2 * _SHORT_S),

@@ -42,6 +42,68 @@ def look_at_runs(runs: Path | str, query: str = "", most: int | None = None) -> 
         return {"runs": index.search(query, most=most), "count": index.count(query), "left": left}
 
 
+def run_trends(runs: Path | str, query: str, quantity: str) -> list[dict[str, Any]]:
+    """Return how a quantity changed over the runs that a query finds.
+
+    Of each rig, source and pretension `title`, `sentence`, `started` (ISO 8601), `values` (as JSON holds estimates),
+    `line`: None, or `started` of both its ends and there `value`, `low`, `high`. Raises SpecError for a query that is none.
+    """
+    from sinew.analysis.history.trend import trends
+
+    with index_of(runs) as index:
+        index.refresh(most_s=_READING_S)
+        found = trends(index.search(query), quantity)
+    rows = []
+    for one in found:
+        line = None
+        if one.line is not None:
+            days = one.days[[0, -1]] if one.days.size < _LINE_POINTS else one.days[:: one.days.size // _LINE_POINTS]
+            middle, half = one.line.at(days), one.line.half(days)
+            line = {"days": days.tolist(), "value": middle.tolist()}
+            line |= {"low": (middle - half).tolist(), "high": (middle + half).tolist()}
+        points = {"days": one.days.tolist(), "runs": list(one.runs), "values": [value.to_json() for value in one.values]}
+        rows.append({"title": one.title, "sentence": one.sentence, **points, "line": line})
+    return rows
+
+
+_LINE_POINTS = 30
+
+
+def run_differences(runs: Path | str, first: str, others: list[str]) -> dict[str, Any]:
+    """Return `{"rows", "sentences"}`: in what some runs differ from a first one, each quantity at each pretension.
+
+    rows: `run`, `pretension_mm`, `quantity`, `first`, `other`, `difference` (estimates as JSON), `ratio` (difference over
+    its combined standard deviation), `is_significant`, `sentence`. Only the index is read.
+    """
+    from sinew.analysis.history.search import QUANTITIES
+    from sinew.analysis.history.trend import by_chance, differences
+
+    with index_of(runs) as index:
+        index.refresh(most_s=_READING_S)
+        known = {row["name"]: row for row in index.search() if row["name"] in {first, *others}}
+    rows, sentences = [], []
+    for name in others:
+        if name not in known or first not in known or name == first:
+            continue
+        found = differences(known[first], known[name], list(QUANTITIES))
+        if found:
+            sentences.append(f"{name} against {first}: {by_chance(found)}")
+        rows += [
+            {
+                "run": name,
+                "pretension_mm": one.pretension_mm,
+                "quantity": one.quantity,
+                "first": one.first.to_json(),
+                "other": one.other.to_json(),
+                "difference": one.difference.to_json(),
+                "is_significant": one.is_significant,
+                "sentence": one.sentence,
+            }
+            for one in found
+        ]
+    return {"rows": rows, "sentences": sentences}
+
+
 def index_of(runs: Path | str) -> RunIndex:
     """Return the index of a folder of runs, to be closed. Raises FileError where it is no folder."""
     return RunIndex(Path(runs).absolute(), _look, read_run)
