@@ -82,7 +82,12 @@ def synthetic_results(months: float, random: np.random.Generator) -> xr.Dataset:
     centres = {"resonance_hz": (resonance, 0.006), "gain_peak": (gain.mean(-1).max(1), 0.04)}
     for name, (value, std) in centres.items():
         own, low, high = schema.companions(name)
-        known |= {name: value, own: np.full(2, std * np.sqrt(_REPEATS)), low: value - 1.69 * std, high: value + 1.69 * std}
+        known |= {
+            name: value,
+            own: np.full(2, std * np.sqrt(_REPEATS)),
+            low: value - 1.69 * std,
+            high: value + 1.69 * std,
+        }
     rows = {
         name: row
         for name, row in schema.RESULT_VARIABLES.items()
@@ -148,7 +153,7 @@ def measure(folder: str) -> None:
         print(spent("refresh, nothing changed", index.refresh, 3))
         hard = "f_r>2.9 pretension=6 tag:aged D<0.1 move"
         print(len(spent(f"search {hard}", lambda: index.search(hard), 5)), "runs found")  # type: ignore[arg-type]
-        print(len(spent("search for nothing: all runs", lambda: index.search(), 3)), "runs found")  # type: ignore[arg-type]
+        print(len(spent("search for nothing: all runs", index.search, 3)), "runs found")  # type: ignore[arg-type]
         runs = index.search()
         spent("differences of two runs", lambda: differences(runs[0], runs[1]), 3)
     spent("trend, from opening the index on", lambda: trends(list_runs(folder, "pretension=6"), "resonance_hz"), 3)

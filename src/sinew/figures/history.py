@@ -39,7 +39,7 @@ def draw_trends(found: Sequence[Trend]) -> Figure:
             axes.fill_between(dates, middle - half, middle + half, color=colour, alpha=0.2, lw=0)
     about = QUANTITIES[found[0].quantity] if found else None
     if about is not None:
-        axes.set_ylabel(f"{about.called[0]}{f' in {about.unit}' if about.unit else ''}")
+        axes.set_ylabel(about.head(" in "))
         axes.legend(loc="best")
     locator = AutoDateLocator()
     axes.xaxis.set_major_locator(locator)
@@ -62,7 +62,9 @@ def save_trends(found: Sequence[Trend], path: Path) -> None:
 def write_trend_page(path: Path, found: Sequence[Trend], picture: Path) -> Path:
     """Write the page of some trends. picture: PNG of the drawing. Raises FileError."""
     sentences = [f"{one.title}: {one.sentence}" for one in found]
-    caption = Caption("Over months", "Each run with its 90 % interval; lines with their 90 % bands.", " ".join(sentences))
+    caption = Caption(
+        "Over months", "Each run with its 90 % interval; lines with their 90 % bands.", " ".join(sentences)
+    )
     return write_page(
         path,
         "prediction.html",
@@ -79,6 +81,6 @@ def write_trend_page(path: Path, found: Sequence[Trend], picture: Path) -> Path:
 
 def _table(one: Trend) -> Table:
     about = QUANTITIES[one.quantity]
-    head = ["run", "begin", f"{about.called[0]}{f' in {about.unit}' if about.unit else ''}"]
+    head = ["run", "begin", about.head(" in ")]
     rows = [[name, at[:10], str(value)] for name, at, value in zip(one.runs, one.started, one.values, strict=True)]
     return Table(one.title, head, rows, "Value and 90 % interval.")

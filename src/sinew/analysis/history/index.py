@@ -42,13 +42,14 @@ Look = Callable[[Path], str | None]
 
 Read = Callable[[Path], dict[str, Any]]
 """Returns what a run is and found: the columns of the index by name, `tags` (list) and `found`, a list of
-`{"pretension_mm", quantity: {"value", "std", "interval90"}}`; whatever it raises becomes a row with the state damaged."""
+`{"pretension_mm", quantity: {"value", "std", "interval90"}}`; whatever it raises becomes a row, with the state
+damaged."""
 
 
 @dataclass(frozen=True)
 class Refreshed:
-    """What a refresh did. read: folders that were new or had changed. kept: that had not. gone: rows whose folder is not
-    there any more. left: folders that were not read in the time that there was, or are beyond the most that there may be.
+    """What a refresh did. read: folders that were new or had changed. kept: that had not. gone: rows whose folder is
+    there no more. left: folders that were not read in the time there was, or are beyond the most that there may be.
     """
 
     read: int
@@ -100,9 +101,11 @@ class RunIndex:
         with self._lock:
             known = {name: (stamp, state) for name, stamp, state in self._all("SELECT name, stamp, state FROM runs")}
         gone = [name for name in known if name not in found]
-        wanted = [
-            name for name, stamp in found.items() if known.get(name, ("", ""))[0] != stamp or known[name][1] == _UNDER_WAY
-        ]
+        wanted = []
+        for name, stamp in found.items():
+            before, state = known.get(name, ("", ""))
+            if before != stamp or state == _UNDER_WAY:
+                wanted.append(name)
         done = 0
         for start in range(0, len(wanted), _BATCH):
             rows = []
@@ -154,9 +157,7 @@ class RunIndex:
                 kept |= {key: _short(value) for key, value in kept.items() if isinstance(value, str)}
                 numbers = [row.get(one) for one in _NUMBERS]
                 values = [*(texts[one] for one in _RUN), *numbers, json.dumps(kept)]
-                self._connection.execute(
-                    f"INSERT OR REPLACE INTO runs VALUES ({', '.join('?' * len(values))})", values
-                )
+                self._connection.execute(f"INSERT OR REPLACE INTO runs VALUES ({', '.join('?' * len(values))})", values)
                 self._connection.executemany(_INSERT_FOUND, [_found_row(name, one) for one in _bounded(row)])
 
     def _forget(self, names: Sequence[str]) -> None:

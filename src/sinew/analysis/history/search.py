@@ -24,6 +24,10 @@ class Quantity(NamedTuple):
     unit: str
     called: tuple[str, ...]
 
+    def head(self, between: str = " / ") -> str:
+        """Return the head of a column of it: its name and its unit."""
+        return f"{self.called[0]}{between}{self.unit}" if self.unit else self.called[0]
+
 
 QUANTITIES: Mapping[str, Quantity] = {
     "resonance_hz": Quantity("frequency of the largest fundamental", "Hz", ("f_r", "fr")),
@@ -222,7 +226,9 @@ def _half_a_digit(text: str) -> float:
 
 def _add_date(query: Query, key: str, sign: str, value: str) -> None:
     if not _DATE.fullmatch(value):
-        raise SpecError(f"found {key} with {value!r} in the search, expected a date, as in {key}>=2026-03 or {key}=2026")
+        raise SpecError(
+            f"found {key} with {value!r} in the search, expected a date, as in {key}>=2026-03 or {key}=2026"
+        )
     # A begin starts with its date: what is later than all of a month is greater than the month and a letter behind it.
     last = f"{value}~"
     if sign in ("=", "!="):

@@ -167,7 +167,8 @@ def _trend(
     about = QUANTITIES[quantity]
     name = f"{about.called[0]} at {number(pretension_mm)} mm"
     if line is None:
-        sentence = f"{name}: {days.size} runs, too few for a line; {FEWEST_RUNS} of two days are needed."
+        count = f"{days.size} run{'s' if days.size != 1 else ''}"
+        sentence = f"{name}: {count}, too few for a line; {FEWEST_RUNS} of two days are needed."
     else:
         slope = line.slope.times(DAYS_OF_A_MONTH)
         changes = "rises" if slope.value > 0 else "falls"

@@ -19,7 +19,7 @@ def runs(
     trend: Annotated[str | None, option("QUANTITY", "How f_r, D, gain or another one changed over months.")] = None,
     most: Annotated[int, option("N", "So many runs are listed, the newest.", "--most", min=1)] = 50,
     analyse: Annotated[bool, flag("--analyse", "Analyse first what has no results yet; takes seconds each.")] = False,
-    out: Annotated[Path | None, option("FILE", "With --trend: a drawing, .svg, .png or .pdf, or a page, .html.")] = None,
+    out: Annotated[Path | None, option("FILE", "With --trend: .svg, .png or .pdf, or a page, .html.")] = None,
     json: Json = False,
 ) -> None:
     """List the runs of a folder, search them by words and numbers, and say what has changed over months.
@@ -39,7 +39,9 @@ def runs(
         if quantity is None:
             raise SpecError("--out draws a trend; name what with --trend, as in --trend f_r")
         if out.suffix not in ENDINGS:
-            raise SpecError(f"--out is {out}, expected a name that ends with {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
+            raise SpecError(
+                f"--out is {out}, expected a name that ends with {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
+            )
         console.require_file(out)
     if not folder.is_dir():
         raise FileError(f"there is no folder {folder}; name one that holds folders of runs")
@@ -78,7 +80,9 @@ def _tell_runs(found: Sequence[Mapping[str, Any]], count: int, search: str, json
     if json:
         console.print_json({"search": search, "count": count, "runs": list(map(_document, found))})
         return
-    heads = [f"{QUANTITIES[one].called[0]}{f'/{QUANTITIES[one].unit}' if QUANTITIES[one].unit else ''}" for one in COMMON]
+    heads = [
+        f"{QUANTITIES[one].called[0]}{f'/{QUANTITIES[one].unit}' if QUANTITIES[one].unit else ''}" for one in COMMON
+    ]
     rows = []
     for run in found:
         first = [run["name"], (run.get("started") or "–")[:16], run.get("rig") or "–", run.get("plan") or "–"]

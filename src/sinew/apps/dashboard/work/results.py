@@ -133,7 +133,10 @@ def read_found(folder: Path) -> dict[str, Any]:
         else:
             about = about or results.attrs
             told |= {"found": _found(document, results), "analysed": True, "remark": ""}
-    said = {"source": str(about.get("source", "")), **{one: name_in(str(about.get(one, ""))) for one in ("rig", "plan")}}
+    said = {
+        "source": str(about.get("source", "")),
+        **{one: name_in(str(about.get(one, ""))) for one in ("rig", "plan")},
+    }
     said["started"] = str(about.get("started", ""))
     return told | {key: value for key, value in said.items() if value}
 

@@ -12,7 +12,15 @@ from typing import Any, cast
 
 from sinew.analysis.history.index import RunIndex
 from sinew.apps.bench.bench_run import JOURNAL
-from sinew.apps.dashboard.operators import SHELVES, RefusedError, held_inside, is_run_name, open_inside, require_run_name, unlinked
+from sinew.apps.dashboard.operators import (
+    SHELVES,
+    RefusedError,
+    held_inside,
+    is_run_name,
+    open_inside,
+    require_run_name,
+    unlinked,
+)
 from sinew.bench.record.journal_reader import is_being_written, summarise_journal
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.events import Event, Pretensioned
@@ -45,8 +53,9 @@ def look_at_runs(runs: Path | str, query: str = "", most: int | None = None) -> 
 def run_trends(runs: Path | str, query: str, quantity: str) -> list[dict[str, Any]]:
     """Return how a quantity changed over the runs that a query finds.
 
-    Of each rig, source and pretension `title`, `sentence`, `started` (ISO 8601), `values` (as JSON holds estimates),
-    `line`: None, or `started` of both its ends and there `value`, `low`, `high`. Raises SpecError for a query that is none.
+    Of each rig, source and pretension `title`, `sentence`, `days` since 1970, `runs`, `values` (estimates as JSON holds
+    them), `line`: None, or its own `days` and there `value` and the 90 % band's `low` and `high`.
+    Raises SpecError for a query that is none.
     """
     from sinew.analysis.history.trend import trends
 
@@ -61,7 +70,11 @@ def run_trends(runs: Path | str, query: str, quantity: str) -> list[dict[str, An
             middle, half = one.line.at(days), one.line.half(days)
             line = {"days": days.tolist(), "value": middle.tolist()}
             line |= {"low": (middle - half).tolist(), "high": (middle + half).tolist()}
-        points = {"days": one.days.tolist(), "runs": list(one.runs), "values": [value.to_json() for value in one.values]}
+        points = {
+            "days": one.days.tolist(),
+            "runs": list(one.runs),
+            "values": [value.to_json() for value in one.values],
+        }
         rows.append({"title": one.title, "sentence": one.sentence, **points, "line": line})
     return rows
 
@@ -72,8 +85,8 @@ _LINE_POINTS = 30
 def run_differences(runs: Path | str, first: str, others: list[str]) -> dict[str, Any]:
     """Return `{"rows", "sentences"}`: in what some runs differ from a first one, each quantity at each pretension.
 
-    rows: `run`, `pretension_mm`, `quantity`, `first`, `other`, `difference` (estimates as JSON), `ratio` (difference over
-    its combined standard deviation), `is_significant`, `sentence`. Only the index is read.
+    rows: `run`, `pretension_mm`, `quantity`, `first`, `other`, `difference` (estimates as JSON), `is_significant`,
+    `sentence`. Only the index is read.
     """
     from sinew.analysis.history.search import QUANTITIES
     from sinew.analysis.history.trend import by_chance, differences
@@ -258,7 +271,7 @@ def rename_run(runs: Path, name: str, to: str) -> str:
 
 
 def bin_run(runs: Path, name: str) -> str:
-    """Put a run into the bin, under its name or one with a number behind it, and return a sentence. Raises RefusedError."""
+    """Put a run into the bin, its name with a number behind it if need be; return a sentence. Raises RefusedError."""
     folder, place = _ended(runs, name), _bin(runs)
     kept = name
     for number in range(2, 1000):
