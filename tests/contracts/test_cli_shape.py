@@ -16,7 +16,7 @@ from sinew.apps.cli import app, main
 SINEW = Path(sys.executable).with_name("sinew")
 COMMANDS = (
     "analyse", "answer", "calibrate", "check", "compare", "current", "design", "doctor", "emulate", "export", "gait",
-    "identify", "import", "joint", "look", "modes", "pose", "predict", "report", "reproduce", "run", "serve",
+    "identify", "import", "joint", "look", "modes", "pose", "predict", "report", "reproduce", "run", "runs", "serve",
     "simulate", "stop", "track", "transfer", "tune", "workspace",
 )  # fmt: skip
 
