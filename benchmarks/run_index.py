@@ -14,6 +14,7 @@ import time
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -99,10 +100,15 @@ def synthetic_results(months: float, random: np.random.Generator) -> xr.Dataset:
         unit = "rad" if row.unit == "*" else row.unit
         variables[name] = (row.dims, values, {"units": unit, "long_name": row.meaning})
     made = xr.Dataset(variables, {name: schema.result_axis(name, values) for name, values in axes.items()})
-    names = {"rig": 'name = "bench"\n', "plan": 'name = "weekly"\n'}
-    more = {"schema": schema.RESULTS_SCHEMA, "recording_hash": "0" * 64, "response_unit": "rad", "drive_unit": "rad"}
+    rig, plan = 'name = "bench"\n', 'name = "weekly"\n'
+    more: dict[str, Any] = {
+        "schema": schema.RESULTS_SCHEMA,
+        "recording_hash": "0" * 64,
+        "response_unit": "rad",
+        "drive_unit": "rad",
+    }
     more |= {"resonance_notes": "", "doubts": "[]", "effects_off": "", "recording_versions": ""}
-    return schema.validate_results(made.assign_attrs(provenance("bench", **names, **more)))
+    return schema.validate_results(made.assign_attrs(provenance("bench", rig=rig, plan=plan, **more)))
 
 
 _LEFT_OUT = {

@@ -23,7 +23,7 @@ def draw_trends(found: Sequence[Trend]) -> Figure:
     figure = new_figure(3.6)
     axes = figure.subplots()
     shown = found[:_MOST_LINES]
-    colours = pretension_colours([one.pretension_mm for one in shown]) if shown else []
+    colours: Any = pretension_colours([one.pretension_mm for one in shown]) if shown else []
     for place, (one, colour) in enumerate(zip(shown, colours, strict=True)):
         dates: Any = np.array([datetime.fromisoformat(at) for at in one.started])
         values = np.array([value.value for value in one.values])
@@ -41,9 +41,9 @@ def draw_trends(found: Sequence[Trend]) -> Figure:
     if about is not None:
         axes.set_ylabel(about.head(" in "))
         axes.legend(loc="best")
-    locator = AutoDateLocator()
+    locator: Any = AutoDateLocator()  # type: ignore[no-untyped-call]
     axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     return figure
 
 

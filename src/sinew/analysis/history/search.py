@@ -200,7 +200,7 @@ def _compared(column: str, key: str, sign: str, value: str, is_set: bool = False
     if dots:
         if sign != "=":
             raise SpecError(f"found {key}{sign}{value} in the search, expected a range as {key}=LOW..HIGH")
-        return f"{column} BETWEEN ? AND ?", sorted([_number(key, low), _number(key, high)])
+        return f"{column} BETWEEN ? AND ?", [*sorted((_number(key, low), _number(key, high)))]
     number = _number(key, value)
     if sign not in ("=", "!="):
         return f"{column} {sign} ?", [number]

@@ -175,7 +175,8 @@ def _trend(
         unit = f"{about.unit} a month".strip()
         over = f"over {days.size} runs in {number(np.ptp(days) / DAYS_OF_A_MONTH, 2)} months"
         if _is_off_zero(slope):
-            ends = span(*sorted((abs(slope.low), abs(slope.high))))
+            near, far = sorted((abs(slope.low), abs(slope.high)))
+            ends = span(near, far)
             sentence = f"{name} {changes} by {number(abs(slope.value), 2)} {unit} (90 %: {ends}), {over}: not zero."
         else:
             ends = span(slope.low, slope.high, unit)

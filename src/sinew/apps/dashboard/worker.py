@@ -51,6 +51,7 @@ CALLS = {
     "read_shelf": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "look_at_runs": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "run_summary": Call(f"{_WORK}.runs", "light", _SHORT_S),
+    "kept_results": Call(f"{_WORK}.results", "light", _SHORT_S),
     "list_bin": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "run_trends": Call(f"{_WORK}.runs", "light", _SHORT_S),
     "run_differences": Call(f"{_WORK}.runs", "light", _SHORT_S),

@@ -64,7 +64,7 @@ def _address(names: list[str], search: str = "") -> str:
     return f"/runs?{urlencode(asked)}" if asked else "/runs"
 
 
-async def _command(name: str, **more: object) -> bool:
+async def _command(name: str, /, **more: object) -> bool:
     """Have this browser give a command at the steering port, with its own ticket; return whether it was carried out."""
     told = f"return (await Sinew.command({json.dumps(name)}, {json.dumps(more)})).ok"
     return bool(await ui.run_javascript(told, timeout=_COMMAND_S))
@@ -109,8 +109,8 @@ class _List:
                 self._quantity.on_value_change(self._draw_trend)
                 self._trend = ui.element("div").classes("w-full").props("data-trend")
             self._bin = ui.element("div").classes("span-12")
-        await self._refresh()
         self._field.on_value_change(self._searched)
+        await self._refresh()
 
     def _made_table(self) -> ui.table:
         table = ui.table(
@@ -131,8 +131,8 @@ class _List:
 
     async def _searched(self) -> None:
         self._search = self._field.value or ""
-        await self._refresh()
         ui.run_javascript(f"history.replaceState(null, '', {json.dumps(_address(self._opened, self._search))})")
+        await self._refresh()
 
     async def _refresh(self) -> None:
         """Fill table, trend and bin anew."""
@@ -271,7 +271,9 @@ async def _open(site: Site, names: list[str]) -> None:
     found: list[tuple[str, dict[str, Any]]] = []
     for name in names:
         try:
-            found.append((name, await site.work.call("run_results", str(site.runs / name))))
+            folder = str(site.runs / name)
+            kept = await site.work.call("kept_results", folder)
+            found.append((name, kept or await site.work.call("run_results", folder)))
         except SinewError as trouble:
             found.append((name, {"trouble": str(trouble)}))
     about = {}
@@ -280,7 +282,7 @@ async def _open(site: Site, names: list[str]) -> None:
             about[name] = await site.work.call("run_summary", str(site.runs / name))
         except SinewError:
             continue
-    compared = {"rows": [], "sentences": []}
+    compared: dict[str, Any] = {"rows": [], "sentences": []}
     if len(names) > 1:
         compared = await site.work.call("run_differences", str(site.runs), names[0], names[1:])
     place.clear()

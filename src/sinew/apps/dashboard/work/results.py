@@ -41,24 +41,46 @@ def run_results(folder: Path | str) -> dict[str, Any]:
     Raises SinewError where there is no recording, or it cannot be analysed.
     """
     folder = unlinked(Path(folder))
-    journal, recording = folder / JOURNAL, folder / RECORDING
+    journal = folder / JOURNAL
     if is_being_written(journal):
         found = LiveResults(journal, most_at_once=10**6).update()
         return {**found, "parameters": list(_of_decays(found["damping"])), "document": None, "doubts": []}
-    is_alone = not recording.exists() and not journal.exists() and (folder / RESULTS).is_file()
-    about = (folder / RESULTS if is_alone else recording_of(folder)).stat()
-    stamp = [_VERSION, about.st_size, about.st_mtime_ns]
-    kept = folder / CACHE / _RESULTS
+    kept = kept_results(folder)
+    if kept is None:
+        recording_of(folder)
+        kept = _keep(folder, _document(results_of(folder)[1]))
+    return kept
+
+
+def kept_results(folder: Path | str) -> dict[str, Any] | None:
+    """Return what `run_results` does where it is known without analysing or reading a recording, else None."""
+    folder = unlinked(Path(folder))
+    if is_being_written(folder / JOURNAL) or (made_from := _made_from(folder)) is None:
+        return None
     with suppress(OSError, ValueError, KeyError, TypeError):
-        stored = json.loads(kept.read_text(encoding="utf-8"))
-        if stored["stamp"] == stamp:
+        stored = json.loads((folder / CACHE / _RESULTS).read_text(encoding="utf-8"))
+        if stored["stamp"] == made_from:
             return dict(stored["results"])
-    results = _document(_stored(folder) or results_of(folder)[1])
+    results = _stored(folder)
+    return None if results is None else _keep(folder, _document(results))
+
+
+def _made_from(folder: Path) -> list[int] | None:
+    """Return what tells one recording from another, or results where there is nothing else; None without either."""
+    is_alone = not (folder / RECORDING).exists() and not (folder / JOURNAL).exists()
+    with suppress(OSError):
+        about = (folder / (RESULTS if is_alone else RECORDING)).stat()
+        return [_VERSION, about.st_size, about.st_mtime_ns]
+    return None
+
+
+def _keep(folder: Path, results: dict[str, Any]) -> dict[str, Any]:
+    """Write down what was found, for the next time, and return it."""
     with suppress(SinewError, OSError):
         from sinew.apps.console import write_json
 
-        kept.parent.mkdir(exist_ok=True)
-        write_json({"stamp": stamp, "results": results}, kept)
+        (folder / CACHE).mkdir(exist_ok=True)
+        write_json({"stamp": _made_from(folder), "results": results}, folder / CACHE / _RESULTS)
     return results
 
 
