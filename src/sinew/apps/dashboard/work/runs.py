@@ -21,7 +21,7 @@ from sinew.apps.dashboard.operators import (
     require_run_name,
     unlinked,
 )
-from sinew.bench.record.journal_reader import is_being_written, summarise_journal
+from sinew.bench.record.journal import is_being_written, summarise_journal
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.measure.events import Event, Pretensioned
 from sinew.plan.plan import Plan
