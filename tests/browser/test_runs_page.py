@@ -91,6 +91,7 @@ def test_a_run_is_noted_renamed_put_away_and_taken_back(opened: Open, lab: Serve
     page.fill("[data-tags]", "tendon second")
     page.click("[data-keep]")
     page.wait_for_selector("text=notes and tags of run-0002 are kept")
+    page.wait_for_selector(f"{ROWS}:has-text('tendon second')")
     page.fill("[data-name]", "mended")
     page.click("[data-rename]")
     page.wait_for_url("**/runs?open=mended")

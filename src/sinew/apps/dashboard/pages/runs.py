@@ -1,6 +1,7 @@
 """The page of past runs: searched, noted, named, put away; opened, laid over one another, compared and downloaded."""
 
 import json
+from collections.abc import Awaitable, Callable
 from typing import Any
 from urllib.parse import urlencode
 
@@ -53,9 +54,10 @@ def add_runs_pages(site: Site) -> None:
             ui.add_body_html(f'<script type="module" src="/sinew/runs.js?{site.version}"></script>')
             if names:
                 ui.link("All runs", "/runs")
-            await _open(site, chosen) if names else await ui.context.client.connected()
+            listed = _List(site, chosen, search)
+            await _open(site, chosen, listed.refresh) if names else await ui.context.client.connected()
             if chosen or not names:
-                await _List(site, chosen, search).show()
+                await listed.show()
 
 
 def _address(names: list[str], search: str = "") -> str:
@@ -84,6 +86,7 @@ class _List:
 
     def __init__(self, site: Site, opened: list[str], search: str) -> None:
         self._site, self._opened, self._search = site, opened, search
+        self._is_shown = False
 
     async def show(self) -> None:
         """Draw it, and fill it with what the search finds."""
@@ -110,7 +113,8 @@ class _List:
                 self._trend = ui.element("div").classes("w-full").props("data-trend")
             self._bin = ui.element("div").classes("span-12")
         self._field.on_value_change(self._searched)
-        await self._refresh()
+        self._is_shown = True
+        await self.refresh()
 
     def _made_table(self) -> ui.table:
         table = ui.table(
@@ -132,10 +136,12 @@ class _List:
     async def _searched(self) -> None:
         self._search = self._field.value or ""
         ui.run_javascript(f"history.replaceState(null, '', {json.dumps(_address(self._opened, self._search))})")
-        await self._refresh()
+        await self.refresh()
 
-    async def _refresh(self) -> None:
-        """Fill table, trend and bin anew."""
+    async def refresh(self) -> None:
+        """Fill table, trend and bin anew, once they are drawn."""
+        if not self._is_shown:
+            return
         work, runs = self._site.work, str(self._site.runs)
         try:
             found = await work.call("look_at_runs", runs, self._search, _MOST_ROWS, key=f"runs {id(self)}")
@@ -200,11 +206,11 @@ class _List:
             if not await _command("bin", name=name):
                 break
         self._table.selected = []
-        await self._refresh()
+        await self.refresh()
 
     async def _restore(self, name: str) -> None:
         await _command("restore", name=name)
-        await self._refresh()
+        await self.refresh()
 
 
 def _attribute(text: str) -> str:
@@ -259,7 +265,8 @@ def _trend_options(found: list[dict[str, Any]], name: str) -> dict[str, Any]:
     return options
 
 
-async def _open(site: Site, names: list[str]) -> None:
+async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[None]]) -> None:
+    """Draw what some runs found. changed: is called when notes of one have changed."""
     if not names:
         empty("No run has that name.")
         return
@@ -295,13 +302,13 @@ async def _open(site: Site, names: list[str]) -> None:
             _coupling(name, results.get("document") or {})
         for name, _ in found:
             if name in about:
-                _about(about[name])
+                _about(about[name], changed)
         for name, _ in found:
             _downloads(name)
 
 
-def _about(run: dict[str, Any]) -> None:
-    """Show what a run was and why it ended, with its name, notes and tags to be changed."""
+def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
+    """Show what a run was and why it ended, with name, notes and tags to be changed; `changed` hears of the last two."""
     name = run["name"]
 
     async def rename() -> None:
@@ -309,7 +316,8 @@ def _about(run: dict[str, Any]) -> None:
             ui.navigate.to(_address([to.value]))
 
     async def note() -> None:
-        await _command("note", name=name, notes=notes.value or "", tags=(tags.value or "").split())
+        if await _command("note", name=name, notes=notes.value or "", tags=(tags.value or "").split()):
+            await changed()
 
     async def put_away() -> None:
         if await _command("bin", name=name):
