@@ -308,7 +308,7 @@ async def _open(site: Site, names: list[str], changed: Callable[[], Awaitable[No
 
 
 def _about(run: dict[str, Any], changed: Callable[[], Awaitable[None]]) -> None:
-    """Show what a run was and why it ended, with name, notes and tags to be changed; `changed` hears of the last two."""
+    """Show what a run was and why it ended, with name, notes and tags to be changed."""
     name = run["name"]
 
     async def rename() -> None:
