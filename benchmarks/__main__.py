@@ -14,6 +14,7 @@ from benchmarks import (
     recording_speed,
     rod,
     run_index,
+    serve,
     solid_cylinder,
     sweep_fit,
     swing_speed,
@@ -35,6 +36,7 @@ PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "swing": lambda _: swing_speed.main(),
     "arm": arm.main,
     "runs": run_index.main,
+    "serve": serve.main,
 }
 
 
