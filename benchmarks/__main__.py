@@ -13,6 +13,7 @@ from benchmarks import (
     prediction,
     recording_speed,
     rod,
+    run_index,
     serve,
     solid_cylinder,
     sweep_fit,
@@ -34,6 +35,7 @@ PARTS: dict[str, Callable[[Sequence[str]], None]] = {
     "bent": lambda _: bent_speed.main(),
     "swing": lambda _: swing_speed.main(),
     "arm": arm.main,
+    "runs": run_index.main,
     "serve": serve.main,
 }
 

@@ -150,7 +150,7 @@ def test_two_runs_are_laid_over_one_another(opened: Open, shown: Served) -> None
     for name in ("soft", "stiff"):
         page.locator("tr", has_text=name).locator("[role=checkbox]").first.click()
     page.click("#sinew-open")
-    page.wait_for_url("**/runs/*,*")
+    page.wait_for_url("**/runs?open=*&open=*")
     page.wait_for_selector("a[data-kind=csv]")
     legend = page.locator(".nicegui-echart").first.inner_text()
     assert "soft, 2 mm" in legend
@@ -160,7 +160,7 @@ def test_two_runs_are_laid_over_one_another(opened: Open, shown: Served) -> None
 def test_a_row_opens_its_run_and_its_numbers_have_units_and_intervals(opened: Open, shown: Served) -> None:
     page = opened(shown, "/runs")
     page.locator("td", has_text="soft").first.click()
-    page.wait_for_url("**/runs/soft")
+    page.wait_for_url("**/runs?open=soft")
     row = page.locator("tr", has_text="frequency of the largest fundamental").first
     assert " Hz (" in row.inner_text()
 
@@ -168,8 +168,8 @@ def test_a_row_opens_its_run_and_its_numbers_have_units_and_intervals(opened: Op
 def test_a_search_leaves_what_fits(opened: Open, shown: Served) -> None:
     page = opened(shown, "/runs")
     page.fill("input[type=search]", "stiff")
-    page.wait_for_function("document.querySelectorAll('tbody tr').length === 1")
-    assert "stiff" in page.locator("tbody tr").inner_text()
+    page.wait_for_function("document.querySelectorAll('#sinew-runs tbody tr').length === 1")
+    assert "stiff" in page.locator("#sinew-runs tbody tr").inner_text()
 
 
 def test_a_recording_is_downloaded_whole(opened: Open, shown: Served, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.contracts.serving import RIG, TOKEN, Page, Served, free_port, plan, serving
 from tests.patience import LONG_S
+from tests.unit.dashboard_journal import run_folder
 
 from sinew.apps.dashboard.access import Access
 
@@ -224,6 +225,36 @@ def test_a_number_that_was_passed_or_is_none_is_refused(served: Served, operator
 def test_a_ticket_that_was_never_given_is_refused(served: Served, operator: Page) -> None:
     told = {"ticket": "made-up", "number": 1, "command": "take"}
     assert operator.client.post("/command", json=told).status_code == 403
+
+
+KEEPING = [("rename", {"to": "other"}), ("bin", {}), ("note", {"notes": "x", "tags": []})]
+
+
+@pytest.mark.parametrize(("command", "more"), KEEPING)
+def test_who_does_not_operate_changes_no_run_on_the_disk(served: Served, command: str, more: dict[str, object]) -> None:
+    if not (served.runs / "kept").exists():
+        run_folder(served.runs / "kept", [0])
+    served.operator()
+    assert served.page().says(command, name="kept", **more).status_code == 403
+    assert not (served.runs / "kept" / "notes.json").exists()
+
+
+def test_an_operator_notes_renames_puts_away_and_takes_back_a_run(served: Served, operator: Page) -> None:
+    run_folder(served.runs / "first", [0])
+    said = [
+        operator.says("note", name="first", notes="x", tags=["aged"]),
+        operator.says("rename", name="first", to="second"),
+        operator.says("bin", name="second"),
+        operator.says("restore", name="second"),
+    ]
+    assert [answer.status_code for answer in said] == [200] * 4
+    assert (served.runs / "second" / "notes.json").exists()
+
+
+@pytest.mark.parametrize("command", ["rename", "bin", "restore", "note"])
+@pytest.mark.parametrize("name", ["../x", ".bench", "rigs", "", "none"])
+def test_a_name_that_is_no_run_is_not_touched(operator: Page, command: str, name: str) -> None:
+    assert operator.says(command, name=name, to="other").status_code in (404, 422)
 
 
 @pytest.mark.parametrize(

@@ -44,6 +44,7 @@ from sinew.apps.dashboard.run_desk import (
     end_process,
     sinew_command,
 )
+from sinew.apps.dashboard.work.runs import bin_run, note_run, rename_run, restore_run
 from sinew.measure.errors import FileError, SinewError, SpecError
 from sinew.plan.toml import load_rig
 
@@ -305,10 +306,27 @@ class SteeringCommand(BaseModel):
 
     ticket: Annotated[str, Field(max_length=64)]
     number: Annotated[int, Field(ge=1, le=2**53)]
-    command: Literal["take", "give", "start", "continue", "pause", "resume", "hold", "release", "stop"]
+    command: Literal[
+        "take",
+        "give",
+        "start",
+        "continue",
+        "pause",
+        "resume",
+        "hold",
+        "release",
+        "stop",
+        "rename",
+        "bin",
+        "restore",
+        "note",
+    ]
     plan: _Text | None = None
     rig: _Text | None = None
     name: _Text | None = None
+    to: _Text | None = None
+    notes: _Text | None = None
+    tags: Annotated[list[_Text], Field(max_length=100)] | None = None
 
 
 class Helm(Protocol):
@@ -329,6 +347,9 @@ class Helm(Protocol):
 
     def tell(self, command: str) -> str:
         """Tell the run something. Raises RefusedError."""
+
+    def keep(self, command: SteeringCommand) -> str:
+        """Rename, note, put away or take back a run that has ended. Raises RefusedError."""
 
     def emergency(self) -> Awaitable[Outcome]:
         """Bring the bench to rest at once."""
@@ -420,6 +441,8 @@ class _Desk:
             if command.name is None:
                 raise RefusedError(422, "found no name; expected that of the run to go on with")
             return await asyncio.to_thread(self._helm.go_on, command.name)
+        if command.command in ("rename", "bin", "restore", "note"):
+            return await asyncio.to_thread(self._helm.keep, command)
         if command.command != "start":
             return await asyncio.to_thread(self._helm.tell, command.command)
         if command.plan is None or command.rig is None or command.name is None:
@@ -563,6 +586,17 @@ class Steward:
     def go_on(self, name: str) -> str:
         """Go on with a run that ended early, and return a sentence. Raises RefusedError."""
         return self._desk.go_on(name, self._free_bench)
+
+    def keep(self, command: SteeringCommand) -> str:
+        """Rename, note, put away or take back a run that has ended, and return a sentence. Raises RefusedError."""
+        name, run = command.name or "", self._desk.run
+        if command.command == "note":
+            return note_run(self._runs, name, command.notes or "", command.tags or [])
+        if run is not None and run.name == name:
+            raise RefusedError(409, f"the run {name} is under way; end it first")
+        if command.command == "rename":
+            return rename_run(self._runs, name, command.to or "")
+        return (bin_run if command.command == "bin" else restore_run)(self._runs, name)
 
     def _free_bench(self, specs: Specs) -> Way:
         """Return the way to the bench, where a run can begin on it. Raises RefusedError.

@@ -60,7 +60,12 @@ POOLS = {"quick": Size(1, 45.0), "sketch": Size(1, 600.0), "heavy": Size(2, 45.0
 CALLS = {
     "shelf": Call(f"{_WORK}.runs", "quick", _SHORT_S),
     "read_shelf": Call(f"{_WORK}.runs", "quick", _SHORT_S),
-    "list_runs": Call(f"{_WORK}.runs", "quick", _SHORT_S),
+    "look_at_runs": Call(f"{_WORK}.runs", "quick", _SHORT_S),
+    "run_summary": Call(f"{_WORK}.runs", "quick", _SHORT_S),
+    "kept_results": Call(f"{_WORK}.results", "quick", _SHORT_S),
+    "list_bin": Call(f"{_WORK}.runs", "quick", _SHORT_S),
+    "run_trends": Call(f"{_WORK}.runs", "quick", _SHORT_S),
+    "run_differences": Call(f"{_WORK}.runs", "quick", _SHORT_S),
     "measured_so_far": Call(f"{_WORK}.results", "quick", _SHORT_S),
     "preview_document": Call(f"{_WORK}.design", "heavy", 2 * _SHORT_S),
     "design_curves": Call(f"{_WORK}.design", "heavy", 2 * _SHORT_S),

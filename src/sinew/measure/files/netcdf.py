@@ -6,7 +6,7 @@ import os
 import platform
 import tempfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -223,6 +223,33 @@ def load_dataset(path: Path | str) -> xr.Dataset:
     if claimed is not None and claimed != content_hash(dataset):
         raise FileError(f"{path} does not match its own content hash: it was changed after Sinew wrote it")
     return upgrade_results(dataset)
+
+
+def load_part(path: Path | str, names: Collection[str]) -> xr.Dataset:
+    """Return some variables of a NetCDF file with its attributes, in today's shape; those that are absent are left out.
+
+    names: may be empty, for the attributes alone. Nothing else is read, so neither content hash nor schema are checked.
+    Raises FileError where the file is absent, damaged, or declares more than `sinew.measure.doors.most_bytes` for them.
+    """
+    import netCDF4
+
+    path = as_path(path)
+    if not is_netcdf(path):
+        raise FileError(f"{path} is not a NetCDF file; expected a recording or results that Sinew wrote")
+    try:
+        with netCDF4.Dataset(path, "r") as opened:
+            opened.set_auto_mask(False)
+            attrs = {name: opened.getncattr(name) for name in opened.ncattrs()}
+            found = {name: opened.variables[name] for name in names if name in opened.variables}
+            if sum(8 * math.prod(one.shape) for one in found.values()) > most_bytes():
+                raise FileError(f"{path} declares more numbers than there is memory for; write it anew")
+            parts = {
+                name: (one.dimensions, one[:], {"units": str(getattr(one, "units", ""))}) for name, one in found.items()
+            }
+    except (OSError, ValueError, RuntimeError, LookupError, AttributeError, TypeError) as error:
+        reason = " ".join(str(error).split())
+        raise FileError(f"{path} is a damaged NetCDF file ({reason}); copy or write it anew") from error
+    return upgrade_results(xr.Dataset(parts, attrs=attrs))
 
 
 def save_recording(recording: xr.Dataset, path: Path | str) -> None:
